@@ -13,12 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.live.device import Capability, DeviceCounters, FingerCommand, GloveDevice, GloveInfo
-from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.ipc.session_memory import add_memory_options, attached
 from hhsim.live.ipc.status import WatchdogSetup
-from hhsim.live.loop.process import Ending, run_session
 from hhsim.live.loop.watchdog import watch
-from hhsim.live.pose.registry import make_pose_source
 from hhsim.live.shared_memory import read_setup
 
 FIST = 0.9
@@ -85,6 +81,12 @@ def main() -> None:
 
 
 def run_loop(glove: LoggingGlove, arguments: list[str]) -> None:
+    # The watchdog does without the numerics that these load.
+    from hhsim.live.ipc.config import LiveSetup
+    from hhsim.live.ipc.session_memory import add_memory_options, attached
+    from hhsim.live.loop.process import Ending, run_session
+    from hhsim.live.pose.registry import make_pose_source
+
     parser = argparse.ArgumentParser()
     add_memory_options(parser)
     options = parser.parse_args(arguments)

@@ -1,5 +1,6 @@
 """A session whose rings a test fills itself: ticks of the real solver, samples that are numbered."""
 
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from hhsim.live.ipc.status import Stage
 from hhsim.live.loop.loop import loop_options
 from hhsim.live.pose.registry import PoseConfig
 from hhsim.live.shared_memory import SharedRing
-from hhsim.scene.scene import make_scene
+from hhsim.scene.scene import Scene, make_scene
 from hhsim.scene.script import parse_script
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
@@ -51,11 +52,16 @@ FACTS: dict[str, Any] = {
 }
 
 
+@cache
+def grasp() -> Scene:
+    """A bumpy ball and how a hand closes on it."""
+    script = parse_script(SCRIPT, name="short", where="short")
+    return make_scene(sphere(0.076, 3), bumpy_ball(200), HandModel.default(), script)
+
+
 def make_setup(record: Path | None, options: SolverOptions | None = None) -> LiveSetup:
     """A session on a bumpy ball; the object's own frame is not the world's."""
-    scene = make_scene(
-        sphere(0.076, 3), bumpy_ball(200), HandModel.default(), parse_script(SCRIPT, name="short", where="short")
-    )
+    scene = grasp()
     return LiveSetup(
         mesh=scene.mesh,
         tree=scene.tree,
@@ -71,8 +77,7 @@ def make_setup(record: Path | None, options: SolverOptions | None = None) -> Liv
 
 def solved_ticks(setup: LiveSetup) -> Records:
     """700 ticks as the loop publishes them: a grasp."""
-    scene = make_scene(setup.mesh, setup.tree, setup.hand, parse_script(SCRIPT, name="short", where="short"))
-    ticks = scene.ticks
+    ticks = grasp().ticks
     solver = HandSolver(setup.hand, setup.tree.arrays(), loop_options(setup.options, setup.rate))
     rows = np.zeros(700, LIVE_TICK)
     for i, row in enumerate(rows):

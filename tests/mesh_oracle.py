@@ -70,17 +70,29 @@ def to_line(x: Array, p: Array, q: Array) -> Array:
     return np.asarray(np.linalg.norm(off - (off * unit).sum(axis=-1)[..., None] * unit, axis=-1))
 
 
-def to_triangle(x: Array, corners: Array) -> Array:
-    """The same to triangles, shape (..., 3, 3)."""
+def from_triangles(corners: Array) -> Callable[[Array], Array]:
+    """What gives distances [m] of points to triangles, shape (..., 3, 3)."""
     a, b, c = corners[..., 0, :], corners[..., 1, :], corners[..., 2, :]
-    sides = np.minimum(np.minimum(to_segment(x, a, b), to_segment(x, b, c)), to_segment(x, c, a))
     normal = np.cross(b - a, c - a)
     size = np.linalg.norm(normal, axis=-1)
     normal = normal / np.where(size > 0.0, size, 1.0)[..., None]
-    inside = size > 0.0
-    for p, q in ((a, b), (b, c), (c, a)):
-        inside = inside & ((np.cross(normal, q - p) * (x - p)).sum(axis=-1) > 0.0)
-    return np.where(inside, np.abs(((x - a) * normal).sum(axis=-1)), sides)
+    sides = ((a, b), (b, c), (c, a))
+    inward = [np.cross(normal, q - p) for p, q in sides]
+
+    def distance(x: Array) -> Array:
+        beside = [to_segment(x, p, q) for p, q in sides]
+        inside = size > 0.0
+        for (p, _), across in zip(sides, inward):
+            inside = inside & ((across * (x - p)).sum(axis=-1) > 0.0)
+        above = np.abs(((x - a) * normal).sum(axis=-1))
+        return np.where(inside, above, np.minimum(np.minimum(beside[0], beside[1]), beside[2]))
+
+    return distance
+
+
+def to_triangle(x: Array, corners: Array) -> Array:
+    """Distances [m] of points x, shape (..., 3), to triangles, shape (..., 3, 3)."""
+    return from_triangles(corners)(x)
 
 
 def along_axes(cones: Cones, distance: Callable[[Array], Array]) -> Array:
@@ -88,20 +100,20 @@ def along_axes(cones: Cones, distance: Callable[[Array], Array]) -> Array:
 
     Args:
         cones: n of them.
-        distance: Of points (n, 3), the i-th to the i-th thing: convex.
+        distance: Of points (k, n, 3), the i-th of each row to the i-th thing: convex.
     """
 
     def value(share: Array) -> Array:
         radius = cones.radius_a + share * (cones.radius_b - cones.radius_a)
-        return np.asarray(distance(cones.a + share[:, None] * (cones.b - cones.a)) - radius)
+        return np.asarray(distance(cones.a + share[..., None] * (cones.b - cones.a)) - radius)
 
     shares = np.linspace(0.0, 1.0, SAMPLES)
-    sampled = np.array([value(np.full(len(cones.a), s)) for s in shares])
+    sampled = value(np.repeat(shares[:, None], len(cones.a), axis=1))
     best, at = sampled.min(axis=0), sampled.argmin(axis=0)
     low, high = shares[np.maximum(at - 1, 0)], shares[np.minimum(at + 1, SAMPLES - 1)]
     for _ in range(SECTIONS):
         first, second = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
-        left, right = value(first), value(second)
+        left, right = value(np.stack([first, second]))
         best = np.minimum(best, np.minimum(left, right))
         low, high = np.where(left > right, first, low), np.where(left > right, high, second)
     return np.asarray(best)

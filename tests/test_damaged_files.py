@@ -45,9 +45,9 @@ class Kind(NamedTuple):
 
 
 RESULT_COMMANDS = (
-    "replay FILE --json",
-    "verify FILE --every 200 --json",
     "report FILE --out page.html",
+    "verify FILE --every 200 --json",
+    "replay FILE --json",
     "view FILE --rerun out.rrd --every 10",
     "import FILE --out taken.h5",
     "replay cube FILE --level 2 --out again.h5",
@@ -143,7 +143,12 @@ def test_a_damaged_file_is_refused_in_time_and_in_one_line(
 
 @pytest.mark.parametrize(
     ("kind",),
-    sampled([(kind,) for kind in KINDS], lambda place, case: case[0].name not in ("result.h5", "ball.stl")),
+    sampled(
+        [(kind,) for kind in KINDS],
+        lambda place, case: (
+            case[0] not in (KINDS[3], *(kind for kind in KINDS if kind.name in ("result.h5", "ball.stl")))
+        ),
+    ),
     ids=lambda kind: f"{kind.name}-{'sealed' if kind.sealed else 'bare'}",
 )
 def test_the_sound_file_goes_through(

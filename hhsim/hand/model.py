@@ -33,6 +33,7 @@ of a *right* hand (x from thumb to little finger, y to the fingers, z out of the
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
 from pathlib import Path
 from typing import Any, Literal
@@ -233,6 +234,10 @@ class HandModel:
             palm_reach=np.array([np.linalg.norm(center, axis=1).max()]),
         )
 
+    @cached_property
+    def _arrays(self) -> HandArrays:
+        return self.arrays()
+
     def joints(
         self, position: ArrayLike, orientation: ArrayLike, flexion: ArrayLike, abduction: ArrayLike
     ) -> FloatArray:
@@ -251,7 +256,7 @@ class HandModel:
         quaternion_to_matrix(_array("orientation", orientation, (4,)), rotation)
         joints = np.empty((5, 4, 3))
         forward_kinematics(
-            self.arrays(),
+            self._arrays,
             _array("position", position, (3,)),
             rotation,
             _array("flexion", flexion, (5, 3)),

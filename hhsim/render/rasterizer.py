@@ -85,20 +85,34 @@ def frame(points: FloatArray, rotation: FloatArray, shape: tuple[int, int], marg
 
 def shade(surface: Surface, camera: Camera) -> Layer:
     """Light a surface."""
-    rows, columns = OVERSAMPLING * camera.shape[0], OVERSAMPLING * camera.shape[1]
-    scale = rows / camera.height
-    points = (surface.points - camera.center) @ camera.rotation.T
-    screen = np.stack([points[:, 0] * scale + 0.5 * columns, 0.5 * rows - points[:, 1] * scale], axis=1)
-    # Single precision and one component after another: what is done at every pixel is most of the work.
-    normals = np.ascontiguousarray((camera.rotation @ surface.normals.T).astype(np.float32))
-    faces = surface.faces[(normals[2] > 0.0)[surface.faces].any(axis=1)]
-    depth, weight, face = rasterise(screen, points[:, 2], faces, (rows, columns))
+    normals, faces = _towards_viewer(surface, camera)
+    depth, weight, face = _rasterised(surface, faces, camera)
     there = face[face >= 0]
     corners = [faces[:, k][there] for k in range(3)]
     normal = _interpolated(normals, corners, weight)
     normal /= np.maximum(np.sqrt(np.einsum("ip,ip->p", normal, normal)), 1e-12)
     colors = np.ascontiguousarray(surface.colors.T.astype(np.float32))
     return lit(depth, normal.T, _interpolated(colors, corners, weight).T, camera)
+
+
+def depth_of(surface: Surface, camera: Camera) -> FloatArray:
+    """How near a surface is to the viewer, without lighting it: the depth of its layer."""
+    return _rasterised(surface, _towards_viewer(surface, camera)[1], camera)[0]
+
+
+def _towards_viewer(surface: Surface, camera: Camera) -> tuple[Image, IntArray]:
+    """Normals as the camera has them, shape (3, vertices), and the faces that are not turned away."""
+    # Single precision and one component after another: what is done at every pixel is most of the work.
+    normals = np.ascontiguousarray((camera.rotation @ surface.normals.T).astype(np.float32))
+    return normals, surface.faces[(normals[2] > 0.0)[surface.faces].any(axis=1)]
+
+
+def _rasterised(surface: Surface, faces: IntArray, camera: Camera) -> tuple[FloatArray, FloatArray, IntArray]:
+    rows, columns = OVERSAMPLING * camera.shape[0], OVERSAMPLING * camera.shape[1]
+    scale = rows / camera.height
+    points = (surface.points - camera.center) @ camera.rotation.T
+    screen = np.stack([points[:, 0] * scale + 0.5 * columns, 0.5 * rows - points[:, 1] * scale], axis=1)
+    return rasterise(screen, points[:, 2], faces, (rows, columns))
 
 
 def _interpolated(values: Image, corners: Sequence[IntArray], weight: FloatArray) -> Image:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from hhsim.bench.paper.run import SceneRun
 from hhsim.hand.fingers import FINGERS
 from hhsim.mesh.mesh import Mesh
-from hhsim.render.rasterizer import blend, frame, look_from, shade
+from hhsim.render.rasterizer import blend, depth_of, frame, look_from, shade
 from hhsim.render.replay_figure import GHOST, STONE, behind
 from hhsim.render.triangle_soup import hand_surface, joined, mesh_surface, painted, round_cone_surface
 from hhsim.render.viewpoint import View
@@ -68,7 +68,7 @@ def best_view(run: SceneRun, mesh: Mesh, moment: int = 0) -> FloatArray:
     for elevation, azimuth in product(ELEVATIONS, AZIMUTHS):
         towards = View(azimuth, elevation).towards
         camera = frame(both.points, look_from(towards), TRIAL)
-        skin, stone, tip = (shade(surface, camera).depth for surface in (whole, body, tips))
+        skin, stone, tip = (depth_of(surface, camera) for surface in (whole, body, tips))
         pads = float((tip > np.maximum(skin - 1e-3, stone)).sum()) if named else 0.0
         seen = pads + 0.2 * min(float((skin > stone).sum()), 1.5 * float((stone > skin).sum()))
         if seen > most:

@@ -105,12 +105,11 @@ def _split(center: FloatArray, members: IntArray, groups: int, capacity: int) ->
     if groups == 1:
         return [members]
     left = groups // 2
-    count = int(
-        np.clip(round(len(members) * left / groups), len(members) - (groups - left) * capacity, left * capacity)
-    )
-    points = center[members] - center[members].mean(axis=0)
-    _, axes = np.linalg.eigh(points.T @ points)
-    order = np.argsort(points @ axes[:, 2], kind="stable")
+    least, most = len(members) - (groups - left) * capacity, left * capacity
+    count = min(max(round(len(members) * left / groups), least), most)
+    points = center[members]
+    points -= np.add.reduce(points) / len(points)
+    order = (points @ np.linalg.eigh(points.T @ points)[1][:, 2]).argsort(kind="stable")
     return _split(center, members[order[:count]], left, capacity) + _split(
         center, members[order[count:]], groups - left, capacity
     )

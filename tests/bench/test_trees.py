@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from conftest import Run
 
+from hhsim.bench import trees
 from hhsim.bench.table import load_table
 from hhsim.bench.trees import (
     TreesOptions,
@@ -19,10 +20,20 @@ from hhsim.bench.trees import (
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.trees.published_results import BARS, EXTENT, REFERENCES
+from hhsim.verify.tree_checks import referee
 from tools.build_catalogue import CUP_WALL
 
 SMALL = ("bench", "trees", "--object", "cube", "--spheres", "8")
 FEW = TreesOptions(objects=("cube",), spheres=(8, 60), points=3_000)
+
+
+@pytest.fixture
+def few_points(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The command has no option for the samples that a tree is measured at."""
+    few = {"mesh_points": 3_000, "sphere_points": 3_000}
+    monkeypatch.setattr(
+        "hhsim.verify.tree_checks.referee", lambda *built, **options: referee(*built, **{**options, **few})
+    )
 
 
 @pytest.fixture(scope="module")
@@ -109,7 +120,7 @@ def test_what_cannot_be_run_is_refused() -> None:
         TreesOptions(objects=("bunyn",))
 
 
-def test_the_command_writes_three_files(run: Run, tmp_path: Path) -> None:
+def test_the_command_writes_three_files(run: Run, tmp_path: Path, few_points: None) -> None:
     answer = run(*SMALL, "--out", "a.h5", "--size", "50")
     assert answer.code == 0, answer.err
     assert "certified" in answer.out and "(toolkit 2004, medial)" in answer.out
@@ -123,11 +134,12 @@ def test_the_command_writes_three_files(run: Run, tmp_path: Path) -> None:
     assert "protrusion_max [m]" in (tmp_path / "a.csv").read_text().splitlines()[0]
 
 
-def test_the_command_as_json_and_a_missed_bar(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from hhsim.bench import trees as bench_trees
+def test_the_command_as_json_and_a_missed_bar(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, few_points: None
+) -> None:
     from hhsim.trees.published_results import Bar
 
-    monkeypatch.setattr(bench_trees, "BARS", {("cube", 8): Bar(1e-6, 1e-9)})
+    monkeypatch.setattr(trees, "BARS", {("cube", 8): Bar(1e-6, 1e-9)})
     answer = run(*SMALL, "--json", "--time-limits", "--out", "b.h5", "--plot", "b.svg")
     assert answer.code == 1
     document = json.loads(answer.out)

@@ -33,35 +33,36 @@ def kernel_caches(root: Path, *modules: str, **environment: str) -> dict[str, st
     return dict(zip(modules, found[1:], strict=True))
 
 
-def kernel_cache(root: Path, module: str = "tick.block", **environment: str) -> str:
-    """The same of one module."""
-    return kernel_caches(root, module, **environment)[module]
-
-
 @pytest.fixture
 def copy(tmp_path: Path) -> Path:
     shutil.copytree(PACKAGE, tmp_path / "hhsim", ignore=shutil.ignore_patterns("__pycache__"))
     return tmp_path
 
 
-def test_an_edit_of_a_kernel_makes_all_that_call_it_stale(copy: Path) -> None:
-    before = kernel_cache(copy)
-    assert kernel_cache(copy) == before
-    for name in ("round_cone_distance.py", "tick/tick.py"):
-        source = copy / "hhsim" / "kernels" / name
-        source.write_text(source.read_text().replace("[m]", "[metres]", 1))
-        after = kernel_cache(copy)
-        assert after != before
+WATCHED = (
+    *("round_cone_distance", "contact.detection", "contact.penetration", "cover.greedy_cover"),
+    *("tick.block", "tick.tick"),
+)
+EDITS = {
+    "kernels/round_cone_distance.py": {*WATCHED} - {"cover.greedy_cover"},
+    "kernels/contact/detection.py": {"contact.detection", "contact.penetration", "tick.block", "tick.tick"},
+    "kernels/tick/tick.py": {"tick.block", "tick.tick"},
+    # The tick imports neither the surface nor the method: both are declared for the types that it is given.
+    "kernels/surfaces/spheres.py": {"contact.detection", "contact.penetration", "tick.block", "tick.tick"},
+    "kernels/tick/progressive.py": {"tick.block", "tick.tick"},
+    "metrics/metrics.py": set(),
+}
+"""Which of the modules that are watched an edit of a file makes stale."""
+
+
+def test_an_edit_makes_the_kernels_stale_that_call_it_and_no_others(copy: Path) -> None:
+    before = kernel_caches(copy, *WATCHED)
+    for name, stale in EDITS.items():
+        source = copy / "hhsim" / name
+        source.write_text(source.read_text() + "\n# one more line\n")
+        after = kernel_caches(copy, *WATCHED)
+        assert {module for module, folder in before.items() if after[module] != folder} == stale, name
         before = after
-
-
-def test_an_edit_of_a_kernel_keeps_those_that_do_not_call_it(copy: Path) -> None:
-    before = kernel_caches(copy, "round_cone_distance", "contact.detection", "cover.greedy_cover", "tick.tick")
-    source = copy / "hhsim" / "kernels" / "contact" / "detection.py"
-    source.write_text(source.read_text() + "\n# one more line\n")
-    after = kernel_caches(copy, *before)
-    stale = {module for module, folder in before.items() if after[module] != folder}
-    assert stale == {"contact.detection", "tick.tick"}
 
 
 FORMS = (
@@ -111,17 +112,13 @@ def planted(root: Path, answer: int, cache: Path | None = None) -> list[str]:
     return found.stdout.splitlines()
 
 
-def test_an_edit_of_a_callee_two_packages_away_compiles_the_caller_anew(copy: Path) -> None:
+def test_an_edit_of_a_callee_two_packages_away_compiles_the_caller_anew(copy: Path, tmp_path: Path) -> None:
     assert planted(copy, 40) == ["42 0"] * len(FORMS)
-    assert planted(copy, 40) == ["42 1"] * len(FORMS), "not taken from the cache"
-    assert planted(copy, 50) == ["52 0"] * len(FORMS), "the callee of before"
-
-
-def test_another_checkout_of_the_same_sources_runs_what_is_compiled(copy: Path, tmp_path: Path) -> None:
-    assert planted(copy, 40) == ["42 0"] * len(FORMS)
+    # Another checkout of the same sources runs what is compiled.
     other = tmp_path / "elsewhere"
     shutil.copytree(PACKAGE, other / "hhsim", ignore=shutil.ignore_patterns("__pycache__"))
-    assert planted(other, 40, cache=copy / "cache") == ["42 1"] * len(FORMS)
+    assert planted(other, 40, cache=copy / "cache") == ["42 1"] * len(FORMS), "not taken from the cache"
+    assert planted(copy, 50) == ["52 0"] * len(FORMS), "the callee of before"
 
 
 @pytest.mark.parametrize("path", sorted((PACKAGE / "kernels").rglob("*.py")), ids=lambda path: path.stem)
@@ -132,19 +129,6 @@ def test_the_digest_follows_every_kernel_that_a_module_takes_a_function_from(pat
     homes = {getattr(value, "__module__", None) for value in vars(loaded).values()}
     used = {home for home in homes if isinstance(home, str) and home.startswith("hhsim.kernels.")} - {module}
     assert used <= set(imported_kernels(module))
-
-
-def test_an_edit_of_an_implementation_makes_the_callers_of_its_generic_kernel_stale(copy: Path) -> None:
-    # The tick imports neither the surface nor the method: both are declared for the types that it is given.
-    modules = ("tick.block", "contact.penetration", "round_cone_distance")
-    edits = {"surfaces/spheres.py": {"tick.block", "contact.penetration"}, "tick/progressive.py": {"tick.block"}}
-    before = {module: kernel_cache(copy, module) for module in modules}
-    for name, stale in edits.items():
-        source = copy / "hhsim" / "kernels" / name
-        source.write_text(source.read_text() + "\n# one more line\n")
-        after = {module: kernel_cache(copy, module) for module in modules}
-        assert {module for module in modules if after[module] != before[module]} == stale
-        before = after
 
 
 class Metres(NamedTuple):
@@ -219,16 +203,12 @@ def test_what_is_compiled_for_a_foreign_type_lies_apart(copy: Path) -> None:
     assert found(2.0) == "2.0 0\n", "the surface of before"
 
 
-def test_an_edit_elsewhere_keeps_the_compiled_kernels(copy: Path) -> None:
-    before = kernel_cache(copy)
-    source = copy / "hhsim" / "metrics" / "metrics.py"
-    source.write_text(source.read_text() + "\n# one more line\n")
-    assert kernel_cache(copy) == before
-
-
 def test_checked_and_unchecked_kernels_are_kept_apart(copy: Path) -> None:
-    assert kernel_cache(copy, NUMBA_BOUNDSCHECK="1") != kernel_cache(copy)
-    assert kernel_cache(copy, NUMBA_CPU_NAME="generic") != kernel_cache(copy)
+    usual, checked, generic = (
+        kernel_caches(copy, "tick.block", **how)["tick.block"]
+        for how in ({}, {"NUMBA_BOUNDSCHECK": "1"}, {"NUMBA_CPU_NAME": "generic"})
+    )
+    assert checked != usual != generic
 
 
 def test_the_named_cache_folder_wins(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

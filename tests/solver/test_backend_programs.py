@@ -1,8 +1,11 @@
 """Other QP solvers behind the same tick: the same graphic hand."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from sampled import sampled
 from sphere_scenes import Motion, bumpy_ball, random_targets, record_clearance, still, straight_line
 
 from hhsim.errors import UnknownNameError
@@ -35,8 +38,10 @@ def run(motion: Motion, method: str, qp: str) -> TickRecord:
     return HandSolver(HAND, BALL.arrays(), SolverOptions(method=method, qp=qp)).run(*motion)
 
 
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize(
+    ("backend", "method"),
+    sampled(product(BACKENDS, METHODS), lambda place, case: (case[0] == BACKENDS[0]) == (case[1] == METHODS[0])),
+)
 def test_another_solver_gives_the_same_graphic_hand_over_a_grasp(backend: str, method: str) -> None:
     motion = grasp()
     ours, theirs = run(motion, method, "active-set"), run(motion, method, backend)
@@ -51,7 +56,7 @@ def test_another_solver_gives_the_same_graphic_hand_over_a_grasp(backend: str, m
     np.testing.assert_allclose(theirs.phalanx[-1], ours.phalanx[-1], atol=2e-2 * size)
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", sampled(METHODS, lambda place, method: method == "coupled"))
 def test_another_solver_never_penetrates_either(method: str) -> None:
     record = run(random_targets(HAND, 100, 0, hold=20), method, "quadprog")
     assert record_clearance(HAND, BALL, record).min() >= -1e-6

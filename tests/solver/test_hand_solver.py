@@ -60,7 +60,7 @@ def assert_sound(hand: HandModel, tree: SphereTree, record: TickRecord) -> Array
     ("leaves", "seed", "sweep"),
     sampled(
         [(300, 0, False), (300, 1, True), (1200, 2, False), (1200, 3, True), (4000, 4, False), (4000, 5, True)],
-        lambda place, case: place in (1, 2),
+        lambda place, case: place == 1,
     ),
 )
 def test_random_hands_never_penetrate(method: str, leaves: int, seed: int, sweep: bool) -> None:

@@ -5,11 +5,13 @@ G (q_g - q_h) = Σ λ_i ∇d_i with d_i >= ε, ε the clearance that contacts ke
 force: nothing of the solver under test is in it.
 """
 
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from sampled import sampled
 from scipy.optimize import NonlinearConstraint, brentq, minimize, nnls
 from scipy.spatial.transform import Rotation
 from sphere_scenes import Motion, brute_pairs, sphere_tree, still, straight_line
@@ -188,7 +190,7 @@ def test_a_fingertip_on_a_face_with_a_hand_that_does_not_bend(method: str, depth
     np.testing.assert_allclose(answer.record.phalanx[-1, 1, 2], answer.force, atol=FORCE * depth)
 
 
-@pytest.mark.parametrize("depth", [1e-3, 4e-3, 7e-3])
+@pytest.mark.parametrize("depth", sampled([1e-3, 4e-3, 7e-3], lambda place, depth: depth != 4e-3))
 def test_a_fingertip_pressed_into_a_face(depth: float) -> None:
     tree, goal = face_ahead(depth)
     answer = hold(tree, goal, -0.05 * AHEAD)
@@ -234,8 +236,10 @@ def test_in_the_papers_order_a_finger_bends_before_the_palm_moves(depth: float) 
     np.testing.assert_allclose(answer.force, -force * AHEAD, atol=FORCE * force)
 
 
-@pytest.mark.parametrize("depth", [1e-3, 6e-3])
-@pytest.mark.parametrize("radius", [0.02, 0.05])
+@pytest.mark.parametrize(
+    ("depth", "radius"),
+    sampled(product((1e-3, 6e-3), (0.02, 0.05)), lambda place, case: case in ((1e-3, 0.05), (6e-3, 0.02))),
+)
 def test_a_finger_on_a_sphere(depth: float, radius: float) -> None:
     flexion = np.zeros((5, 3))
     flexion[2] = [0.3, 0.3, 0.2]

@@ -91,12 +91,15 @@ def test_a_hand_waits_for_its_first_sound_sample_where_that_is(value: float) -> 
     assert record_clearance(HAND, tree, record).min() > 0.0
 
 
-@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(
-    "limits",
+    ("method", "limits"),
     sampled(
-        [{"budget": 5000}, {"budget": 20000}, {"linearisations": 1}, {"linearisations": 3}],
-        lambda place, _: place in (0, 2),
+        [
+            (method, limits)
+            for limits in ({"budget": 5000}, {"budget": 20000}, {"linearisations": 1}, {"linearisations": 3})
+            for method in METHODS
+        ],
+        lambda place, case: case in (("coupled", {"budget": 5000}), ("progressive", {"linearisations": 1})),
     ),
 )
 def test_any_budget_gets_there_in_the_end(method: str, limits: dict[str, int]) -> None:

@@ -7,6 +7,7 @@ import sys
 import textwrap
 import threading
 import time
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +35,8 @@ from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 
-METHODS = pytest.mark.parametrize("method", methods_that("takes_threads"))
+THREADED = methods_that("takes_threads")
+METHODS = pytest.mark.parametrize("method", THREADED)
 
 
 @pytest.fixture(scope="module")
@@ -67,12 +69,15 @@ def run(hand: HandModel, tree: SphereTree, motion: Motion, worth: int = 0, **opt
     return TickRecord(*(np.concatenate(pair) for pair in zip(first, second))), posted(solver)
 
 
-@METHODS
 @pytest.mark.parametrize(
-    ("name", "script"),
+    ("method", "name", "script"),
     sampled(
-        [(name, script) for name in ("cup", "bunny") for script in ("grasp", "whole-hand", "slide")],
-        lambda place, case: case in (("cup", "grasp"), ("bunny", "whole-hand"), ("bunny", "slide")),
+        [
+            (*case, script)
+            for case in product(THREADED, ("cup", "bunny"))
+            for script in ("grasp", "whole-hand", "slide")
+        ],
+        lambda place, case: case in (("coupled", "cup", "grasp"), ("progressive", "bunny", "whole-hand")),
     ),
 )
 def test_any_number_of_threads_gives_the_same_bytes(hand: HandModel, method: str, name: str, script: str) -> None:
@@ -89,7 +94,7 @@ def test_any_number_of_threads_gives_the_same_bytes(hand: HandModel, method: str
 
 
 @METHODS
-@pytest.mark.parametrize("leaves", [300, 3000])
+@pytest.mark.parametrize("leaves", sampled([300, 3000], lambda place, leaves: leaves == 300))
 def test_random_targets_give_the_same_bytes(hand: HandModel, method: str, leaves: int) -> None:
     tree = bumpy_ball(leaves)
     motion = random_targets(hand, 900, seed=leaves, hold=30, sweep=True)
@@ -100,7 +105,7 @@ def test_random_targets_give_the_same_bytes(hand: HandModel, method: str, leaves
         assert tasks > 100
 
 
-@METHODS
+@pytest.mark.parametrize("method", sampled(THREADED, lambda place, method: method == "progressive"))
 def test_a_file_says_with_how_many_threads_and_holds_the_same(hand: HandModel, method: str, tmp_path: Path) -> None:
     mesh = load_object("bunny").mesh
     scene = make_scene(mesh, cached_sphere_tree(mesh, TreeOptions(level=3)), hand, load_script("grasp"), rate=250.0)

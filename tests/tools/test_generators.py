@@ -123,7 +123,7 @@ def test_cup_holds_something_and_its_handle_has_a_hole_for_a_finger() -> None:
     hollow = np.array([[axis, 0.0, 0.0], [axis + 0.03, 0.0, 0.02], [axis, 0.0, mesh.bounds[1, 2] - 1e-4]])
     assert not other.contains(hollow).any()
     # Along +x at half height: wall, gap, handle. The gap takes a finger of 18 mm.
-    x = np.linspace(axis, mesh.bounds[1, 0] + 0.001, 2000)
+    x = np.linspace(axis, mesh.bounds[1, 0] + 0.001, 800)
     inside = other.contains(np.column_stack([x, np.full_like(x, 1e-5), np.full_like(x, 1e-5)]))
     edges = x[1:][inside[1:] != inside[:-1]]
     assert len(edges) == 4

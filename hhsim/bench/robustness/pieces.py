@@ -76,9 +76,8 @@ def hand_bodies(shape: HandShape, joints: ArrayLike, position: ArrayLike, orient
         for k in range(PHALANGES)
     ]
     centers = palm_spheres(shape.palm_center, position, orientation)
-    return phalanges + [
-        Body(np.stack([place] * 2), np.full(2, size)) for place, size in zip(centers, shape.palm_radius)
-    ]
+    twice = (np.repeat(values[:, None], 2, axis=1) for values in (centers, shape.palm_radius))
+    return phalanges + [Body(*sphere) for sphere in zip(*twice)]
 
 
 def hand_distance(
@@ -115,6 +114,11 @@ class Leaves:
 
     def distances(self, places: Sequence[Body]) -> Array:
         """One a sphere."""
+        if len(self._radius) == 0:
+            return np.zeros((len(places), 0))
+        if places[0].is_sphere:
+            place, size = (np.stack(values)[:, None, 0] for values in zip(*places))
+            return np.asarray(np.linalg.norm(self._center - place, axis=2) - self._radius - size)
         return np.stack([self._of(body) for body in places])
 
     def least(self, *bodies: Body) -> float:
@@ -173,6 +177,8 @@ class Triangles:
 
         A phalanx that lies flat touches along a line, and what is least of it says nothing of its other end.
         """
+        if len(self._corners) == 0:
+            return np.zeros((len(places), 0))
         row, face = (number.ravel() for number in np.indices((len(places), len(self._corners))))
         axes, triangles = _Axes.of(places, row), ready_triangles(self._corners).at(face)
         shares = [np.zeros(len(row))]

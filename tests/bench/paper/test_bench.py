@@ -3,6 +3,7 @@
 import json
 import math
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -226,7 +227,13 @@ def test_what_cannot_be_measured_is_refused(change: dict[str, object], error: ty
         PaperOptions(**change)  # type: ignore[arg-type]
 
 
-def test_the_command_writes_tables_and_pictures_and_says_what_it_missed(run: Run, tmp_path: Path) -> None:
+def test_the_command_writes_tables_and_pictures_and_says_what_it_missed(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("hhsim.render.paper_figures.TILE", 60)
+    monkeypatch.setattr("hhsim.render.scene_thumbnails.AZIMUTHS", (0, 90))
+    # The second run prints what the first one measured.
+    monkeypatch.setattr("hhsim.bench.paper.bench.measure", cache(measure))
     scene = ("--quick", "--object", "hexagonal-prism", "--method", "coupled")
     arguments = (*scene, "--instances", "1", "--repetitions", "1")
     answer = run("bench", "paper", *arguments, "--out", "paper.h5", "--plot", "figures", "--json")

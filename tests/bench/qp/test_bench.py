@@ -1,6 +1,7 @@
 """`hhsim bench qp` on a small scale: the library, the calls of other solvers, the command."""
 
 import json
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,8 +13,9 @@ from conftest import Run
 from pyarrow import parquet
 from qp_problems import contact_programs, degenerate_set
 
+from hhsim.bench.qp import bench, recorded_problems
 from hhsim.bench.qp.backends import ProgramSolver, overhead, prepare
-from hhsim.bench.qp.bench import SAMPLE, Tally, bench_qp, missed_programs
+from hhsim.bench.qp.bench import Tally, bench_qp, missed_programs
 from hhsim.bench.qp.kkt_check import residuals
 from hhsim.bench.qp.recorded_problems import QpBenchOptions, harvest
 from hhsim.bench.table import load_table
@@ -21,9 +23,19 @@ from hhsim.errors import UnknownNameError
 from hhsim.solver.qp import available_backends
 
 SMALL = QpBenchOptions(
-    problems=250, objects=("sphere",), motions=("grasp", "random"), backends=("daqp", "quadprog", "clarabel")
+    problems=100, objects=("sphere",), motions=("grasp", "random"), backends=("daqp", "quadprog", "clarabel")
 )
 ACCURATE = ("clarabel", "daqp", "quadprog")
+SAMPLE = 12
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few() -> Iterator[None]:
+    """A short random motion, and few programs that every solver solves."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(recorded_problems, "RANDOM_TICKS", 600)
+        patch.setattr(bench, "SAMPLE", SAMPLE)
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +44,7 @@ def programs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def rows(programs: Path) -> list[dict[str, Any]]:
+def rows(programs: Path, few: None) -> list[dict[str, Any]]:
     return bench_qp(SMALL, programs)
 
 
@@ -66,7 +78,7 @@ def test_the_programs_are_written_as_qpbenchmark_reads_them(rows: list[dict[str,
     assert len({one["name"] for one in taken}) == len(taken) == SMALL.problems
     solver = ProgramSolver()
     same = harvest(SMALL)
-    for one, program in zip(taken[::25], list(same)[::25], strict=True):
+    for one, program in zip(taken[::10], list(same)[::10], strict=True):
         n = len(one["q"])
         matrices = {key: np.array(one[key]).reshape(-1, n) for key in ("P", "G")}
         problem = qpsolvers.Problem(matrices["P"], np.array(one["q"]), matrices["G"], np.array(one["h"]))

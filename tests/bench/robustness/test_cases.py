@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from sampled import sampled
 from sphere_scenes import Motion, brute_pairs, record_clearance
 
 from hhsim.bench.robustness.acceptance import common_figures
@@ -32,8 +33,10 @@ ON_MESH = {case.name: case for case in hard_cases(ticks=4 * LOOP, surfaces=("mes
 BARE_SPHERES = ("degenerate-spheres", "many-pairs", "too-many-pairs", "touching-at-rest", "wire")
 QUICK = ("sharp-edge", "flat-finger", "many-at-a-vertex")
 """On the mesh, every time; all of them in the soak."""
-MOST_PAIRS = pytest.mark.parametrize("most_pairs", [1.5e7, pytest.param(4e9, marks=pytest.mark.soak)])
+SOME_PAIRS, ALL_PAIRS = 2e6, 4e9
 """Of bodies and spheres that brute force looks at in one run; beyond that it takes every nth tick."""
+BY_BOTH = ("start-inside", "opposed-surfaces", "bad-samples", "all-limits", "stiffness-scale")
+"""By `progressive`, every time; by `coupled` all of them, and by both in the soak."""
 
 
 @cache
@@ -74,9 +77,13 @@ def some_ticks(outcome: Outcome, count: int = 2) -> float:
     return max(0.0, -min(hand_distance(pieces, shape, *pose) for pose in shown))
 
 
-@MOST_PAIRS
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize(
+    ("name", "method", "most_pairs"),
+    sampled(
+        [(name, method, pairs) for name in CASES for method in METHODS for pairs in (SOME_PAIRS, ALL_PAIRS)],
+        lambda place, case: case[2] == SOME_PAIRS and (case[1] == "coupled" or case[0] in BY_BOTH),
+    ),
+)
 def test_every_hard_case_is_passed(name: str, method: str, most_pairs: float) -> None:
     outcomes = [run_scene(run, SolverOptions(method=method)) for run in scenes(name)]
     assert_passed(CASES[name], outcomes, most_pairs)
@@ -85,11 +92,11 @@ def test_every_hard_case_is_passed(name: str, method: str, most_pairs: float) ->
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(
     "name",
-    [name if name in QUICK else pytest.param(name, marks=pytest.mark.soak) for name in ON_MESH],
+    sampled(ON_MESH, lambda place, name: name in QUICK),
 )
 def test_every_hard_case_is_passed_on_the_mesh(name: str, method: str) -> None:
     outcomes = [run_scene(run, SolverOptions(method=method, surface="mesh")) for run in scenes(name)]
-    assert_passed(ON_MESH[name], outcomes, 1.5e7)
+    assert_passed(ON_MESH[name], outcomes, SOME_PAIRS)
 
 
 def test_cases_keep_the_spheres_only_where_they_are_nothing_else() -> None:
@@ -110,7 +117,7 @@ def over_facets(method: str) -> list[Outcome]:
     return [run_scene(run, SolverOptions(method=method, surface="mesh")) for run in pair]
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", sampled(METHODS, lambda place, method: method == "coupled"))
 def test_a_finger_that_slides_over_facets_does_not_stop_at_an_edge(method: str) -> None:
     outcomes = over_facets(method)
     figures = ON_MESH["facets"].judge(outcomes)
@@ -124,7 +131,7 @@ def test_a_finger_that_slides_over_facets_does_not_stop_at_an_edge(method: str) 
         assert (np.linalg.norm(outcome.ticks.total[SLIDE], axis=1) > 0.05).all()
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", sampled(METHODS, lambda place, method: method == "coupled"))
 def test_facets_are_felt_as_they_are(method: str) -> None:
     figures = ON_MESH["facets"].judge(over_facets(method))
     assert all(figure.passed for figure in figures), [figure for figure in figures if not figure.passed]

@@ -137,7 +137,7 @@ def test_on_a_plane_straight_down_is_no_way_and_obliquely_is_one() -> None:
 
 def test_a_plane_of_many_triangles_is_as_free_as_one_of_two() -> None:
     # Whose edges are all around the contact: none of them is in the way of sliding.
-    lines = np.arange(-0.2, 0.2001, 0.004)
+    lines = np.arange(-0.2, 0.2001, 0.008)
     fine = strips_mesh(list(lines), [lines] * (len(lines) - 1))
     hand, pieces = resting(fine, still((0.001, 0.0007, 0.2)), DOWN)
     assert stiff(hand, pieces, (0.0, 0.0, -0.02)) == 0.0

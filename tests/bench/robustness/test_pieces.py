@@ -87,7 +87,7 @@ def test_an_axis_across_an_edge_is_nearest_between_its_ends() -> None:
     assert blade.least(across) == pytest.approx(1e-4, abs=1e-12)
 
 
-@pytest.mark.parametrize("name", ["bunny", "cup"])
+@pytest.mark.parametrize("name", ["bunny", pytest.param("cup", marks=pytest.mark.soak)])
 def test_against_a_library_and_the_kernels(name: str) -> None:
     mesh = load_object(name).mesh
     pieces = pieces_of("mesh", mesh, None)

@@ -192,7 +192,8 @@ def test_files_and_folders(folder: Path, tmp_path: Path) -> None:
         recording_files([empty])
 
 
-def test_the_command(run: Run, folder: Path, tmp_path: Path) -> None:
+def test_the_command(run: Run, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hhsim.scene.recorded_grasp_pose.TURNS", 4)
     where = ("bench", "recorded", "recordings", "--object", "cup", "--ticks", "60", "--out", "t.h5")
     answer = run(*where)
     assert answer.code == 0, answer.err
@@ -208,7 +209,7 @@ def test_the_command(run: Run, folder: Path, tmp_path: Path) -> None:
     assert run("bench", "recorded", "nowhere").code == 2
 
 
-@pytest.mark.parametrize("recording", ["dapg_door_17", "leap_grab"])
+@pytest.mark.parametrize("recording", [pytest.param("dapg_door_17", marks=pytest.mark.soak), "leap_grab"])
 def test_real_hands_stay_out_of_the_cup(shared_data: Path, recording: str) -> None:
     file = shared_data / "recordings" / f"{recording}.npz"
     options = RecordedOptions(ticks=800)

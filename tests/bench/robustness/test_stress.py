@@ -146,7 +146,7 @@ def test_planted_faults_are_counted_kept_and_shrunk(tmp_path: Path) -> None:
         assert not rerun_failure(Path(failure.path), HAND, BALL).failed.any()
 
 
-@pytest.mark.parametrize("method", ["coupled", "progressive"])
+@pytest.mark.parametrize("method", ["coupled", pytest.param("progressive", marks=pytest.mark.soak)])
 def test_on_the_mesh_the_figures_are_of_the_mesh(method: str) -> None:
     figures = run_case(case(method, 1100, surface="mesh"))
     assert (figures.surface, figures.brute_ticks, figures.penetration) == ("mesh", 2, 0.0)

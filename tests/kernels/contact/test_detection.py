@@ -115,7 +115,7 @@ def test_the_contacts_are_exactly_the_pairs_within_the_margin(seed: int, margin:
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 1e-3, 4e-3]))
-@settings(max_examples=15)
+@settings(max_examples=8)
 def test_no_pair_is_ever_missed_while_the_hand_wanders(seed: int, skin: float) -> None:
     random = np.random.default_rng(seed)
     margin = 1e-3
@@ -188,7 +188,7 @@ def test_slack_bounds_what_the_lists_do_not_hold_however_the_hand_came_there(see
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=8)
+@settings(max_examples=5)
 def test_records_say_where_the_surfaces_are_nearest(seed: int) -> None:
     random = np.random.default_rng(seed)
     tree = cloud(random, 300)

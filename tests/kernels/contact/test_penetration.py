@@ -112,7 +112,7 @@ def scenes(draw: st.DrawFn) -> tuple[Array, Array, Array, Array, Array, Array, A
     return phalanx_radius, palm, palm_radius, center, radius, joints, pose
 
 
-@settings(max_examples=40)
+@settings(max_examples=25)
 @given(scenes(), st.sampled_from([0.0, 0.01, FREE]))
 def test_clearances_equal_brute_force(
     scene: tuple[Array, Array, Array, Array, Array, Array, Array], limit: float

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from sampled import sampled
 
 from hhsim.kernels.qp.active_set import new_work
 from hhsim.kernels.qp.qr_update import append, back_substitute, project, remove, resolve, work_dtype
@@ -34,7 +35,7 @@ def factored(work: Any, n: int, k: int) -> tuple[Array, Array]:
     return work.basis[:k, :n].copy(), np.triu(work.column[:k, :k].T)
 
 
-@pytest.mark.parametrize("n", [1, 3, 6, 8, 21, 24, 30])
+@pytest.mark.parametrize("n", sampled([1, 3, 6, 8, 21, 24, 30], lambda place, n: n in (1, 6, 8, 21)))
 def test_factors_survive_a_thousand_updates(n: int) -> None:
     rng = np.random.default_rng(n)
     work = rubbish_work(n)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import trimesh
 from contact_scenes import moved
-from mesh_oracle import Cones, along_axes, to_triangle
+from mesh_oracle import Cones, along_axes, from_triangles
 from numpy.typing import NDArray
 from sampled import sampled
 from scipy.spatial.transform import Rotation
@@ -292,9 +292,10 @@ def least_by_search(motion: Motion, triangles: Array, tick: int = 0) -> Array:
     """Distance [m] of each body to the nearest of a few triangles, shape (15 + palm's spheres,)."""
     cones = bodies(motion, tick)
     count = len(triangles)
-    pairs = Cones(*(np.repeat(values, count, axis=0) for values in cones))
-    many = np.tile(triangles, (len(cones.a), 1, 1))
-    return np.asarray(along_axes(pairs, lambda x: to_triangle(x, many)).reshape(-1, count).min(axis=1))
+    pairs = Cones(*(np.repeat(values[:PALM], count, axis=0) for values in cones))
+    phalanges = along_axes(pairs, from_triangles(np.tile(triangles, (PALM, 1, 1)))).reshape(-1, count)
+    palm = from_triangles(triangles)(cones.a[PALM:, None]) - cones.radius_a[PALM:, None]
+    return np.asarray(np.concatenate([phalanges, palm]).min(axis=1))
 
 
 def pose_of(state: Any) -> Motion:
@@ -591,7 +592,7 @@ def program(rows: Rows, chosen: NDArray[np.bool_], at: Motion, target: Array, op
     )
 
 
-@pytest.mark.parametrize("name", ["cube", "curved", "soup"])
+@pytest.mark.parametrize("name", sampled(["cube", "curved", "soup"], lambda _, name: name != "curved"))
 def test_rows_and_programs_of_real_ticks_against_all_features(name: str) -> None:
     vertices, faces = {"cube": CLOSED["cube"], "curved": finely_curved, "soup": soup}[name]()
     mesh, _ = mesh_features(vertices, faces, closed=name != "soup")

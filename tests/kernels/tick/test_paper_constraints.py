@@ -60,7 +60,7 @@ ANGLES = st.tuples(*[st.floats(-3.1, 3.1)] * 3).map(np.array)
 
 
 @given(SEEDS, ANGLES)
-@settings(max_examples=25)
+@settings(max_examples=15)
 def test_palm_rows_are_the_first_order_of_eq_8_in_position_and_euler_angles(seed: int, angles: Array) -> None:
     _, _, at, state, _ = scene(seed, angles)
     candidates, count = state.candidates, int(state.candidates.count[15])
@@ -91,7 +91,7 @@ def constraint_centres(q: Array, hand_center: Array) -> Array:
 
 
 @given(SEEDS, ANGLES, st.integers(0, 4))
-@settings(max_examples=40)
+@settings(max_examples=25)
 def test_finger_rows_are_the_first_order_of_eq_10_and_13_in_joint_angles(seed: int, angles: Array, f: int) -> None:
     hand, _, at, state, paper = scene(seed, angles)
     state.haptic.flexion[f] = at.flexion[0, f] + [0.1, -0.2, 0.3]
@@ -148,7 +148,7 @@ def test_limit_rows_hold_joints_where_they_may_be() -> None:
 
 
 @given(SEEDS, ANGLES)
-@settings(max_examples=25)
+@settings(max_examples=15)
 def test_contacts_are_points_on_both_surfaces_with_the_round_cones_distance(seed: int, angles: Array) -> None:
     # Within their ranges frustum and spheres are the round cone, whose distance is the least over the axis.
     hand, _, at, state, paper = scene(seed, angles)

@@ -106,7 +106,7 @@ def test_samples_that_come_together_are_no_jump() -> None:
     assert run.texts == []
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), rate=st.sampled_from([60.0, 200.0, 1000.0]))
 def test_no_motion_of_a_glove_makes_a_joint_faster_than_the_limit(seed: int, rate: float) -> None:
     random = np.random.default_rng(seed)

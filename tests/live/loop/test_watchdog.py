@@ -138,8 +138,14 @@ def test_a_loop_that_is_killed_is_spoken_for(guarded: Guarded) -> None:
     assert guarded.lines()[-1].stiffness == -1.0, "its connection is closed"
 
 
-def test_a_loop_that_stands_still_is_spoken_for_until_it_goes_on(guarded: Guarded) -> None:
+def test_a_loop_that_stands_still_is_spoken_for_until_it_goes_on_whatever_signal_the_watchdog_gets(
+    guarded: Guarded,
+) -> None:
     watchdog, loop = guarded.hold()
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        watchdog.send_signal(number)
+        guarded.until_watchdog_lives_on()
+        assert watchdog.poll() is None
     limit = guarded.limit_ns
     stopped = time.monotonic_ns()
     loop.send_signal(signal.SIGSTOP)
@@ -156,17 +162,6 @@ def test_a_loop_that_stands_still_is_spoken_for_until_it_goes_on(guarded: Guarde
 
     guarded.until(lambda: any(line.stiffness > 0.1 for line in since()), "a finger that is held again")
     assert since()[0].stiffness == 0.0, "a loop that stood still frees the fingers before it holds them again"
-    loop.send_signal(signal.SIGINT)
-    assert loop.wait(PATIENCE) == 0
-    assert watchdog.wait(PATIENCE) == 0
-
-
-def test_the_watchdog_outlives_the_loop_whatever_signal_it_gets(guarded: Guarded) -> None:
-    watchdog, loop = guarded.hold()
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        watchdog.send_signal(number)
-        guarded.until_watchdog_lives_on()
-        assert watchdog.poll() is None
     loop.send_signal(signal.SIGINT)
     assert loop.wait(PATIENCE) == 0
     assert watchdog.wait(PATIENCE) == 0

@@ -49,10 +49,9 @@ def glove(tmp_path: Path) -> Iterator[FakeDexmo]:
 
 @pytest.fixture(scope="module")
 def drill(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Drill]:
-    """One session for the faults that it survives, with a recorder and, where there is rerun, a viewer."""
+    """One session for the faults that it survives, with a recorder."""
     folder = tmp_path_factory.mktemp("drill")
-    rerun = str(folder / "session.rrd") if importlib.util.find_spec("rerun") else None
-    with FakeDexmo(folder / "commands.log") as server, Drill(server, folder / "session.h5", rerun) as held:
+    with FakeDexmo(folder / "commands.log") as server, Drill(server, folder / "session.h5") as held:
         yield held
 
 
@@ -175,13 +174,14 @@ def test_watchdog_killed(drill: Drill) -> None:
     assert drill.session.pid(WATCHDOG) not in (None, first)
 
 
-def test_viewer_closed(drill: Drill) -> None:
-    if drill.session.setup.rerun is None:
-        pytest.skip("there is no rerun")
-    drill.grasp()
-    drill.until(lambda: drill.session.memory.status["viewer_ns"] != 0, "viewer")
-    drill.kill(VIEWER)
-    drill.still_holds()
+@pytest.mark.soak
+@pytest.mark.skipif(importlib.util.find_spec("rerun") is None, reason="there is no rerun")
+def test_viewer_closed(glove: FakeDexmo, tmp_path: Path) -> None:
+    with Drill(glove, rerun=str(tmp_path / "session.rrd")) as drill:
+        drill.grasp()
+        drill.until(lambda: drill.session.memory.status["viewer_ns"] != 0, "viewer")
+        drill.kill(VIEWER)
+        drill.still_holds()
     assert any("the viewer was ended by SIGKILL" in text for text in drill.log), drill.log
 
 

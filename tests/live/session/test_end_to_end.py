@@ -23,7 +23,7 @@ from hhsim.scene.script import parse_script
 from hhsim.verify.verify import verify
 from tools.shapes.generators import sphere
 
-TICKS = 1500
+TICKS = 1200
 
 
 @pytest.fixture(scope="module")
