@@ -138,7 +138,8 @@ def test_a_damaged_file_is_refused_in_time_and_in_one_line(
         if kind.sealed and content not in (data, data[:-SIZE]):
             assert answer.code == 2, f"corruption {number} of {kind.name} went through hhsim {command}"
         path.unlink()
-    assert codes[2] > 0, codes
+    # Of texts without a seal six in a row may have a digit changed, and nothing that could be refused.
+    assert codes[2] > 0 or (block > 0 and not kind.sealed), codes
 
 
 @pytest.mark.parametrize(
