@@ -1,7 +1,6 @@
 """Faults planted in the file of an honest result, each with the claim that finds it: shared by the referee's tests."""
 
 import json
-import os
 import shutil
 from collections.abc import Callable
 from dataclasses import asdict
@@ -10,6 +9,7 @@ from typing import Any
 
 import h5py
 import numpy as np
+from sealed_change import changed
 from short_grasp import short_grasp, short_scene
 
 from hhsim.hand.model import Side
@@ -20,7 +20,6 @@ from hhsim.replay.stored_scene import checksums
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import STATIC_COLUMNS
 from hhsim.solver.options import SolverOptions
-from hhsim.system.checksummed_file import seal_file
 from hhsim.trees.options import TreeOptions
 from hhsim.verify.verify import Verification
 
@@ -457,13 +456,9 @@ EVERYWHERE |= {fewer_bodies, renamed_method}
 def planted(source: Path, folder: Path, fault: Callable[[h5py.File], None]) -> Result:
     path = folder / "planted.h5"
     shutil.copy(source, path)
-    with h5py.File(path, "r+") as file:
+    with changed(path) as file:
         fault(file)
         if fault in SEALED:
             static = {column.name: file[column.name][...] for column in STATIC_COLUMNS}
             forge_scene(file, lambda scene: scene.update(checksums=checksums(static)))
-    # A forger seals the file anew.
-    seal_file(path, path.stat().st_size)
-    # A file that was changed a moment ago is hashed again for each column that is read of it.
-    os.utime(path, (0.0, 0.0))
     return load_result(path)

@@ -78,7 +78,9 @@ class HandReferee:
         inside = bool(self.surface.signed_distance(0.5 * (a + b)[None])[0] < 0.0)
         return self._round_cone(a, b, (radius_a, radius_b), limit, inside)
 
-    def _round_cone(self, a: FloatArray, b: FloatArray, radii: tuple[float, float], limit: float, inside: bool) -> float:
+    def _round_cone(
+        self, a: FloatArray, b: FloatArray, radii: tuple[float, float], limit: float, inside: bool
+    ) -> float:
         """The same, where it is known whether the middle of the axis is inside."""
 
         def radius(share: float) -> float:

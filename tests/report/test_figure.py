@@ -6,10 +6,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace as changed
 from pathlib import Path
 
-import h5py
 import matplotlib as mpl
 import numpy as np
 import pytest
+import sealed_change
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -52,7 +52,7 @@ def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
 def edited(result: Result, path: Path, edits: Mapping[str, Callable[[NDArray[np.generic]], object]]) -> Result:
     """A copy of a result in which some datasets of /tick are others."""
     shutil.copy(result.path, path)
-    with h5py.File(path, "r+") as file:
+    with sealed_change.changed(path) as file:
         for name, edit in edits.items():
             values = file["tick"][name][...]
             edit(values)

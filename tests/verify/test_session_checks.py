@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from live_rings import FACTS, ended
 from live_scripted import FIST, FREE, FakeClock, Moment, ScriptedGlove, make_setup
+from sealed_change import changed
 from verify_document import documented_faults
 
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_INPUT_INVALID
@@ -143,7 +144,7 @@ def test_an_honest_session_with_every_mishap_holds(session: Result) -> None:
 def test_a_session_in_the_names_of_the_first_ones_holds(session: Result, tmp_path: Path) -> None:
     path = tmp_path / "first.h5"
     shutil.copy(session.path, path)
-    with h5py.File(path, "r+") as file:
+    with changed(path) as file:
         limits = str(file["live"].attrs["limits"])
         file["live"].attrs["limits"] = limits.replace("watchdog", "guardian")
         summary = file["summary"].attrs
@@ -358,7 +359,7 @@ def test_what_is_forged_in_a_session_is_found_by_name(
 ) -> None:
     path = tmp_path / "forged.h5"
     shutil.copy(session.path, path)
-    with h5py.File(path, "r+") as file:
+    with changed(path) as file:
         fault(file)
     found = {claim.name: claim for claim in verify_session.session_claims(load_result(path))}
     if FAULTS[fault] == "time":
@@ -392,7 +393,7 @@ def test_a_session_whose_recorder_lost_ticks_and_samples_is_judged_by_what_is_le
     found = verify(session, every=50)
     assert failing(found) == set()
 
-    with h5py.File(session.path, "r+") as file:
+    with changed(session.path) as file:
         file["live/tick/command_stiffness"][120, 1] = 0.4
     assert failing(verify(load_result(session.path), every=50)) >= {"command bounds", "stiffness"}
 
@@ -403,7 +404,7 @@ def test_a_dry_run_tells_so_in_every_tick(tmp_path: Path) -> None:
     Recorder(scripted.setup, scripted.memory).run()
     session = load_result(tmp_path / "dry.h5")
     assert failing(verify(session, every=100)) == set()
-    with h5py.File(session.path, "r+") as file:
+    with changed(session.path) as file:
         file["live"].attrs["dry_run"] = 0
     assert "reasons" in failing(verify(load_result(session.path), every=100))
 
@@ -413,7 +414,7 @@ def test_a_session_of_before_the_set_points_were_known_is_not_judged_by_them(ses
 
     path = tmp_path / "old.h5"
     shutil.copy(session.path, path)
-    with h5py.File(path, "r+") as file:
+    with changed(path) as file:
         limits = json.loads(file["live"].attrs["limits"])
         del limits["bend"]
         file["live"].attrs["limits"] = json.dumps(limits)
