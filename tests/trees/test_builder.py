@@ -132,8 +132,8 @@ def test_the_same_bytes_with_any_number_of_threads(name: str) -> None:
 
 def test_more_levels_protrude_less() -> None:
     mesh = mesh_of(SHAPES["box"])
-    bounds = [build_sphere_tree(mesh, TreeOptions(level=level)).errors[-1].bound for level in (1, 2, 3)]
-    assert bounds[0] > 2.0 * bounds[1] > 4.0 * bounds[2]
+    bounds = [error.bound for error in build_sphere_tree(mesh, TreeOptions(level=3)).errors]
+    assert bounds[1] > 2.0 * bounds[2] > 4.0 * bounds[3]
 
 
 def test_centres_lie_inside_and_the_bound_is_theirs() -> None:
@@ -164,13 +164,13 @@ def test_a_level_finer_than_the_leaves_need() -> None:
 @pytest.mark.parametrize("cover", ["outer", "balanced"])
 def test_the_fewest_leaves_within_an_error(cover: str) -> None:
     mesh = mesh_of(SHAPES["torus"])
-    tree = build_sphere_tree(mesh, TreeOptions(max_error=1.5e-3, cover=cover))
+    tree = build_sphere_tree(mesh, TreeOptions(max_error=2.5e-3, cover=cover))
     assert tree.check(mesh) == ()
-    assert max(tree.covers[-1].bound, tree.covers[-1].gap) <= 1.5e-3
-    assert tree.errors[-1].protrusion_max <= 1.5e-3
+    assert max(tree.covers[-1].bound, tree.covers[-1].gap) <= 2.5e-3
+    assert tree.errors[-1].protrusion_max <= 2.5e-3
     assert 8 ** (tree.depth - 1) < tree.leaf_count <= 8**tree.depth
     fewer = build_sphere_tree(mesh, TreeOptions(leaves=int(0.93 * tree.leaf_count), cover=cover))
-    assert fewer.covers[-1].bound > 1.5e-3
+    assert fewer.covers[-1].bound > 2.5e-3
     with pytest.raises(InputError, match="shape: no cover of up to 8 spheres is within 1 mm: 8 are off by up to"):
         build_sphere_tree(mesh, TreeOptions(level=1, max_error=1e-3))
 
@@ -184,8 +184,8 @@ def test_what_none_stands_for() -> None:
 @pytest.mark.parametrize("name", sampled(["box", "torus"], lambda place, name: name == "torus"))
 def test_a_level_is_the_tree_that_is_built_for_it(name: str) -> None:
     mesh = mesh_of(SHAPES[name])
-    fine, coarse = (build_sphere_tree(mesh, TreeOptions(level=level)) for level in (3, 2))
-    cut = at_level(fine, 2)
+    fine, coarse = (build_sphere_tree(mesh, TreeOptions(level=level)) for level in (2, 1))
+    cut = at_level(fine, 1)
     for field in ("center", "radius", "level", "parent"):
         assert getattr(cut, field).tobytes() == getattr(coarse, field).tobytes()
     assert (cut.errors, cut.options, cut.check(mesh)) == (coarse.errors, coarse.options, ())
@@ -280,13 +280,14 @@ def test_options_check_themselves(wrong: dict[str, Any]) -> None:
         TreeOptions(**wrong)
 
 
-def test_real_scan(shared_data: Path) -> None:
+@pytest.mark.parametrize(("level", "bound"), sampled([(2, 6e-3), (3, 2.5e-3)], lambda _, case: case[0] == 2))
+def test_real_scan(shared_data: Path, level: int, bound: float) -> None:
     shape = trimesh.load_mesh(shared_data / "meshes" / "object_sim_stanfordbunny.stl")
     mesh = mesh_of(shape).scaled(0.1 / shape.extents.max())
-    tree = build_sphere_tree(mesh, TreeOptions(level=3))
+    tree = build_sphere_tree(mesh, TreeOptions(level=level))
     assert_sound(tree, mesh)
-    assert 400 < tree.leaf_count <= 512
-    assert tree.errors[-1].bound < 2.5e-3
+    assert 0.78 * 8**level < tree.leaf_count <= 8**level
+    assert tree.errors[-1].bound < bound
 
 
 SIGNATURES = """

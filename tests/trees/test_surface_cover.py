@@ -160,13 +160,13 @@ def test_how_little_512_balls_protrude(name: str) -> None:
 @pytest.mark.parametrize("name", sampled(["bunny", "cube"], lambda place, name: name == "cube"))
 def test_a_motion_and_a_scale_do_not_change_the_cover(name: str) -> None:
     vertices, faces = catalogue_arrays(name)
-    center, radius = build_cover(vertices, faces, 512)
+    center, radius = build_cover(vertices, faces, 128)
     plain = protrusion_bound(build_mesh_bvh(vertices, faces), center, radius)
     rng = np.random.default_rng(11)
     for seed in range(1):
         rotation, scale = Rotation.random(random_state=seed), 10.0 ** rng.uniform(-2.0, 2.0)
         there = scale * rotation.apply(vertices) + scale * rng.normal(size=3)
-        other_center, other_radius = build_cover(there, faces, 512)
+        other_center, other_radius = build_cover(there, faces, 128)
         assert prove_cover(there, faces, other_center, other_radius)[0].size == 0
         bound = protrusion_bound(build_mesh_bvh(there, faces), other_center, other_radius)
         assert bound == pytest.approx(scale * plain, rel=0.02)
@@ -174,6 +174,6 @@ def test_a_motion_and_a_scale_do_not_change_the_cover(name: str) -> None:
 
 def test_the_same_mesh_gives_the_same_bytes() -> None:
     vertices, faces = catalogue_arrays("teapot")
-    first, second = (build_cover(vertices, faces, 300) for _ in range(2))
+    first, second = (build_cover(vertices, faces, 100) for _ in range(2))
     assert first[0].tobytes() == second[0].tobytes()
     assert first[1].tobytes() == second[1].tobytes()
