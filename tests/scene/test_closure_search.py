@@ -242,7 +242,7 @@ SCRIPTS = ("touch", "pinch", "grasp", "whole-hand", "slide", "sequence")
 @pytest.mark.parametrize(
     "tree",
     [
-        pytest.param(tree, id=name, marks=[] if name in ("far ball", "plate", "cluster 0") else [pytest.mark.soak])
+        pytest.param(tree, id=name, marks=[] if name in ("plate", "cluster 0") else [pytest.mark.soak])
         for name, tree in OBJECTS.items()
     ],
 )
