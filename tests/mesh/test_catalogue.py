@@ -29,7 +29,7 @@ def test_names_in_the_order_of_the_paper() -> None:
     assert object_names() == SIMPLE + COMPLEX
 
 
-@pytest.mark.parametrize("name", sampled(SIMPLE + COMPLEX, lambda _, name: name in ("sphere", "cup", "bunny")))
+@pytest.mark.parametrize("name", sampled(SIMPLE + COMPLEX, lambda _, name: name in ("cube", "cup", "bunny")))
 def test_mesh_is_a_sound_solid_of_graspable_size(name: str) -> None:
     mesh = load_object(name).mesh
     other = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)

@@ -84,7 +84,7 @@ def test_levels_cover_and_enclose(name: str, level: int) -> None:
     assert [error.spheres for error in tree.errors] == [len(cover.radius) for cover in tree.covers]
 
 
-@settings(max_examples=5)
+@settings(max_examples=3)
 @given(st.integers(4, 30), st.integers(0, 2**31), st.integers(1, 3), st.sampled_from([2, 3, 8]), st.floats(0.02, 1.0))
 def test_random_convex_meshes(points: int, seed: int, level: int, branching: int, flat: float) -> None:
     rng = np.random.default_rng(seed)
@@ -118,7 +118,7 @@ def test_hierarchy_of_any_balls(count: int, seed: int, shape: tuple[int, int], v
 @pytest.mark.parametrize("name", sampled(["box", "torus"], lambda place, name: name == "box"))
 def test_the_same_bytes_with_any_number_of_threads(name: str) -> None:
     mesh = mesh_of(SHAPES[name])
-    trees = [build_sphere_tree(mesh, TreeOptions(leaves=200), threads=threads) for threads in (1, 3)]
+    trees = [build_sphere_tree(mesh, TreeOptions(leaves=100), threads=threads) for threads in (1, 3)]
     for tree in trees[1:]:
         assert tree.errors == trees[0].errors
         assert tree.center.tobytes() == trees[0].center.tobytes()
@@ -130,10 +130,11 @@ def test_the_same_bytes_with_any_number_of_threads(name: str) -> None:
         build_sphere_tree(mesh, threads=0)
 
 
-def test_more_levels_protrude_less() -> None:
+@pytest.mark.parametrize("level", sampled([2, 3], lambda _, level: level == 2))
+def test_more_levels_protrude_less(level: int) -> None:
     mesh = mesh_of(SHAPES["box"])
-    bounds = [error.bound for error in build_sphere_tree(mesh, TreeOptions(level=3)).errors]
-    assert bounds[1] > 2.0 * bounds[2] > 4.0 * bounds[3]
+    bounds = [error.bound for error in build_sphere_tree(mesh, TreeOptions(level=level)).errors]
+    assert bounds[level - 1] > 2.0 * bounds[level]
 
 
 def test_centres_lie_inside_and_the_bound_is_theirs() -> None:

@@ -22,8 +22,8 @@ from hhsim.verify.verify import verify
 pytest.importorskip("coal", reason="the referee measures with coal: pip install 'hhsim[verify]'")
 
 METHODS = ("coupled", "progressive")
-SOME = (6, 14, 18, 43, 63, 74)
-"""Holes, turned faces, vertices that are not finite, overlaps with slivers, needles, a shell inside."""
+SOME = (14, 18, 43, 63)
+"""Turned faces, vertices that are not finite, overlaps with slivers, needles."""
 
 
 @pytest.mark.parametrize(

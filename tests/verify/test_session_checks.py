@@ -2,7 +2,7 @@
 
 import os
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -63,6 +63,8 @@ SCRIPT = [
     # Longer than the log is silent about a mishap that it has told of.
     *HOLDING * 14,
 ]
+SHORT = SCRIPT[:360]
+"""Its first mishaps."""
 HOLD = 130
 """A tick in which all fingers but the index finger, which touches nothing, are held at their full stiffness."""
 STALE = 80 + 60 + 4 + 60 + 35
@@ -82,13 +84,13 @@ LIVE_CLAIMS = (
 class Scripted:
     """A loop that has run the script on a clock of its own: the same bytes every time."""
 
-    def __init__(self, record: Path, **changes: Any) -> None:
-        given = {"output": OUTPUT, "safety": SafetyLimits(watchdog=False), "duration": 1e-3 * (len(SCRIPT) + 1)}
+    def __init__(self, record: Path, script: Sequence[Moment] = SCRIPT, **changes: Any) -> None:
+        given = {"output": OUTPUT, "safety": SafetyLimits(watchdog=False), "duration": 1e-3 * (len(script) + 1)}
         self.setup: LiveSetup = make_setup(**{**given, "record": record, **changes})
         self.memory = SessionMemory.create()
         clock = FakeClock()
         mishaps = {OVERSLEPT: lambda: clock.oversleep.append(int(3.4 * PERIOD)), FAILED: self.fail_once}
-        glove = ScriptedGlove(clock, SCRIPT, mishaps)
+        glove = ScriptedGlove(clock, script, mishaps)
         pose = FixedPose(PoseConfig())
         self.loop = LiveLoop(self.setup, self.memory, glove, pose, clock=clock)
         self.reason = self.loop.run()
@@ -374,7 +376,7 @@ def test_the_documentation_lists_what_is_forged(repository: Path) -> None:
 
 
 def test_a_session_whose_recorder_lost_ticks_and_samples_is_judged_by_what_is_left(tmp_path: Path) -> None:
-    scripted = Scripted(tmp_path / "gap.h5")
+    scripted = Scripted(tmp_path / "gap.h5", SHORT)
     ticks = RingReader(scripted.memory.ticks).read(10**6)[1]
     samples = RingReader(scripted.memory.samples).read(10**6)[1]
     options = loop_options(scripted.setup.options, scripted.setup.rate)
@@ -399,7 +401,7 @@ def test_a_session_whose_recorder_lost_ticks_and_samples_is_judged_by_what_is_le
 
 
 def test_a_dry_run_tells_so_in_every_tick(tmp_path: Path) -> None:
-    scripted = Scripted(tmp_path / "dry.h5", dry_run=True)
+    scripted = Scripted(tmp_path / "dry.h5", SHORT, dry_run=True)
     ended(scripted.memory, os.getpid())
     Recorder(scripted.setup, scripted.memory).run()
     session = load_result(tmp_path / "dry.h5")

@@ -73,13 +73,13 @@ def honest(tmp_path_factory: pytest.TempPathFactory) -> Result:
 
 
 def test_an_honest_result_holds_in_every_claim(honest: Result) -> None:
-    found = verify(honest, every=5)
+    found = verify(honest, every=10)
     assert failing(found) == set()
     assert {claim.name for claim in found.claims if claim.verdict != HOLDS} == {"summary, rest", *BEYOND_A_FILE}
     claims = {claim.name: claim for claim in found.claims}
     assert claims["depth"].worst <= 1e-9
     assert claims["kinematics"].checked == honest.ticks
-    assert claims["force balance"].checked >= honest.ticks // 5
+    assert claims["force balance"].checked >= honest.ticks // 10
     assert all(claim.why for claim in found.claims if claim.verdict == HOLDS and claim.name != "complete")
 
 
@@ -292,7 +292,7 @@ def test_other_options_hold_too(tmp_path: Path, options: dict[str, Any]) -> None
         assert verdict(found, "forces") == NOT_JUDGED
 
 
-@pytest.fixture(scope="module", params=["coupled", "progressive"])
+@pytest.fixture(scope="module", params=sampled(["coupled", "progressive"], lambda _, method: method == "coupled"))
 def stuck(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Result:
     """Hands that jump through a ball, one linearisation a tick: some ticks find no step that stays outside."""
     hand, mesh, options = HandModel.default(), load_object("sphere").mesh, TreeOptions(level=2)
