@@ -39,7 +39,7 @@ SHAPES = {
     ("name", "spheres"),
     sampled(
         [(name, spheres) for name in SHAPES for spheres in (1, 3, 100)],
-        lambda place, case: case != ("fine sphere", 100),
+        lambda place, case: case not in [("fine sphere", 3), ("fine sphere", 100)],
     ),
 )
 def test_covers_with_the_balls_it_may_have(name: str, spheres: int) -> None:
@@ -53,9 +53,9 @@ def test_covers_with_the_balls_it_may_have(name: str, spheres: int) -> None:
 def test_refinement_beats_the_greedy_start(monkeypatch: pytest.MonkeyPatch) -> None:
     vertices, faces = arrays(SHAPES["box"])
     bvh = build_mesh_bvh(vertices, faces)
-    refined = protrusion_bound(bvh, *build_cover(vertices, faces, 200))
+    refined = protrusion_bound(bvh, *build_cover(vertices, faces, 100))
     monkeypatch.setattr(mesh_cover, "CYCLES", (0, 0))
-    greedy = protrusion_bound(bvh, *build_cover(vertices, faces, 200))
+    greedy = protrusion_bound(bvh, *build_cover(vertices, faces, 100))
     assert refined < 0.8 * greedy
 
 
@@ -101,7 +101,7 @@ def test_where_the_mesh_lies_does_not_matter() -> None:
 def test_size_does_not_matter(scale: float) -> None:
     vertices, faces = arrays(SHAPES["box"])
     large, plain = (
-        protrusion_bound(build_mesh_bvh(points, faces), *build_cover(points, faces, 100))
+        protrusion_bound(build_mesh_bvh(points, faces), *build_cover(points, faces, 50))
         for points in (scale * vertices, vertices)
     )
     assert large == pytest.approx(scale * plain, rel=1e-6)
