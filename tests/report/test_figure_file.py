@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from drawings_alone import leave_charts_undrawn
 from PIL import Image
+from sampled import sampled
 from short_grasp import short_result
 
 from hhsim.errors import InputError, OutputError
@@ -49,7 +50,7 @@ def test_what_is_no_width_is_told(text: str) -> None:
         parse_width(text)
 
 
-@pytest.mark.parametrize("millimetres", [88.0, 180.0])
+@pytest.mark.parametrize("millimetres", sampled([88.0, 180.0], lambda _, width: width == 88.0))
 def test_a_file_is_as_wide_as_it_is_asked_for(series: ReportFigure, tmp_path: Path, millimetres: float) -> None:
     inches = millimetres / 25.4
     for suffix in (".pdf", ".svg", ".png"):
