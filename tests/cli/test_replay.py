@@ -24,6 +24,8 @@ from hhsim.result.reader import load_result
 from hhsim.result.schema import TICK_COLUMNS
 from hhsim.system.checksummed_file import seal_holds
 
+pytestmark = pytest.mark.slow
+
 mended_remark: Callable[..., list[str]] = importlib.import_module("hhsim.cli.replay").mended_remark
 Run = Callable[..., Any]
 MAIN = "from hhsim.cli.main import main; main()"

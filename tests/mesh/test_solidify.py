@@ -30,8 +30,6 @@ from hhsim.trees.builder import build_sphere_tree
 from hhsim.trees.options import TreeOptions
 from tools.shapes.generators import cube, sphere
 
-pytestmark = pytest.mark.slow
-
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 

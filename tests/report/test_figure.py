@@ -34,6 +34,8 @@ from hhsim.report.time_series import series_figure
 from hhsim.report.worst_ticks import worst_ticks
 from hhsim.result.reader import Result, load_result
 
+pytestmark = pytest.mark.slow
+
 HELD = 180
 """A tick of the hold."""
 Chart = Callable[[Mapping[str, Result]], ReportFigure]

@@ -26,6 +26,8 @@ from hhsim.trees.options import BUILDER_VERSION, TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.trees.surface_cover import cover_of
 
+pytestmark = pytest.mark.slow
+
 Array = NDArray[np.float64]
 
 

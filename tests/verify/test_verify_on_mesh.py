@@ -44,8 +44,6 @@ from hhsim.verify.verify import verify
 
 pytest.importorskip("coal", reason="the referee measures with coal: pip install 'hhsim[verify]'")
 
-pytestmark = pytest.mark.slow
-
 
 @pytest.fixture(scope="module")
 def on_mesh(tmp_path_factory: pytest.TempPathFactory) -> Result:

@@ -28,6 +28,8 @@ from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 from tools.shapes.generators import cube
 
+pytestmark = pytest.mark.slow
+
 Run = Callable[..., Any]
 HHSIM = [sys.executable, "-c", "from hhsim.cli.main import main; main()"]
 
