@@ -9,6 +9,7 @@ from typing import Any
 
 import h5py
 import numpy as np
+from sealed_change import changed
 from short_grasp import short_grasp, short_scene
 
 from hhsim.hand.model import Side
@@ -19,7 +20,6 @@ from hhsim.replay.stored_scene import checksums
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import STATIC_COLUMNS
 from hhsim.solver.options import SolverOptions
-from hhsim.system.checksummed_file import seal_file
 from hhsim.trees.options import TreeOptions
 from hhsim.verify.verify import Verification
 
@@ -456,11 +456,9 @@ EVERYWHERE |= {fewer_bodies, renamed_method}
 def planted(source: Path, folder: Path, fault: Callable[[h5py.File], None]) -> Result:
     path = folder / "planted.h5"
     shutil.copy(source, path)
-    with h5py.File(path, "r+") as file:
+    with changed(path) as file:
         fault(file)
         if fault in SEALED:
             static = {column.name: file[column.name][...] for column in STATIC_COLUMNS}
             forge_scene(file, lambda scene: scene.update(checksums=checksums(static)))
-    # A forger seals the file anew.
-    seal_file(path, path.stat().st_size)
     return load_result(path)

@@ -1,5 +1,6 @@
 """A short grasp of a simple object that several test modules replay, so that it is written down once."""
 
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ def short_grasp(hold: float = 0.05, release: float = 0.0) -> Script:
     return parse_script(text, name="short", where="short")
 
 
+@cache
 def short_scene(script: Script, object_name: str = "cylinder", level: int = 2, side: Side = "right") -> Scene:
     """A script with an object of the catalogue, by a tree of a level that is built in no time."""
     mesh = load_object(object_name).mesh

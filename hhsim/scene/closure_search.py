@@ -8,6 +8,7 @@ other and keep hold in a slide, and the hand comes from above or the side. Nothi
 
 import math
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import product
 
 import numpy as np
@@ -86,7 +87,8 @@ def plan_finger_closure(script: Script, hand: HandModel, tree: SphereTree) -> Fi
     return closure
 
 
-def _orientations() -> list[Array]:
+@cache
+def _orientations() -> tuple[Array, ...]:
     """Palm to world: its back in each of the 26 directions to a cube's neighbours, the fingers all round."""
     found: list[Array] = []
     for triple in product((1.0, 0.0, -1.0), repeat=3):
@@ -99,7 +101,7 @@ def _orientations() -> list[Array]:
             angle = 2.0 * math.pi * roll / ROLLS
             y = math.cos(angle) * across + math.sin(angle) * np.cross(z, across)
             found.append(np.column_stack([np.cross(y, z), y, z]))
-    return found
+    return tuple(found)
 
 
 def _tilts() -> list[Array]:
@@ -139,7 +141,7 @@ class _Search(Closer):
 
     def best(self) -> FingerClosure:
         """Every direction at the first aim, then the best directions at every aim, then the best of those tilted."""
-        found = [self._evaluate(rotation, self.aims[0]) for rotation in _orientations()]
+        found = [self._evaluate(rotation.copy(), self.aims[0]) for rotation in _orientations()]
         found += [self._evaluate(leader.rotation, aim) for leader in _leading(found) for aim in self.aims[1:]]
         found += [self._evaluate(leader.rotation @ tilt, leader.aim) for leader in _leading(found) for tilt in _tilts()]
         leaders = _leading(found)

@@ -141,14 +141,15 @@ def _search(
             if body != tip_body:
                 continue
             shift = goal - tip + (travel + depth - size) * direction
-            distance = np.stack(
-                [
-                    body_distances(arrays, nodes, np.ascontiguousarray(p + shift), r, f, b, work)
-                    for p, r, f, b in zip(positions, rotations, flexion, abduction)
-                ]
-            )
-            if distance[0].min() < START_GAP or distance[here, tip_body] > -PRESSED * depth:
+            poses = [
+                (np.ascontiguousarray(p + shift), r, f, b)
+                for p, r, f, b in zip(positions, rotations, flexion, abduction)
+            ]
+            # Most places fail at one of these two moments.
+            first, pressed = (body_distances(arrays, nodes, *poses[i], work) for i in (0, here))
+            if first.min() < START_GAP or pressed[tip_body] > -PRESSED * depth:
                 continue
+            distance = np.stack([body_distances(arrays, nodes, *pose, work) for pose in poses])
             score = float(np.minimum(distance[:, others], WANTED_GAP).mean())
             if best is None or score > best.score + 1e-12:
                 best = _Best(shift, turn, score)

@@ -244,33 +244,32 @@ class _Search:
 
     def _candidates(self) -> Iterator[_Candidate]:
         middle, size = 0.5 * (self.low + self.high), float(np.linalg.norm(self.high - self.low))
+        # No body of a hand reaches farther than its length from its own tips.
+        far = size + 0.3
         gap = np.zeros(BODY_COUNT)
         approaches = list(self._approaches())
         for step in range(TURNS):
             turn = 2.0 * np.pi * step / TURNS
             back = rotation_matrix(quaternion(np.array([0.0, 0.0, turn]))).T
-            for approach, offset in product(approaches, OFFSETS):
-                k = approach.sample
+            palm = back @ self.motion.position[self.grasp.sample]
+            rotation = np.ascontiguousarray(back @ self.rotation[self.grasp.sample])
+            for approach in approaches:
+                flexion, abduction = (
+                    values[approach.sample].copy() for values in (self.motion.flexion, self.motion.abduction)
+                )
                 direction = np.ascontiguousarray(back @ approach.direction)
                 side = across(direction)
-                goal = middle + (np.array(offset) * (np.abs(side) @ (self.high - self.low))) @ side
-                # No body of a hand reaches farther than its length from its own tips.
-                far = size + 0.3
-                here = goal - back @ approach.aim - far * direction
-                travel, body = kernel.advance_hand(
-                    self.hand,
-                    self.nodes,
-                    back @ self.motion.position[self.grasp.sample] + here,
-                    np.ascontiguousarray(back @ self.rotation[self.grasp.sample]),
-                    self.motion.flexion[k].copy(),
-                    self.motion.abduction[k].copy(),
-                    direction,
-                    gap,
-                    2.0 * far,
-                    self.work,
-                )
-                if body >= 0:
-                    yield _Candidate(turn, here + (travel + approach.push) * direction, 0.0)
+                width = np.abs(side) @ (self.high - self.low)
+                aim = back @ approach.aim
+                for offset in OFFSETS:
+                    goal = middle + (np.array(offset) * width) @ side
+                    here = goal - aim - far * direction
+                    start = palm + here
+                    travel, body = kernel.advance_hand(
+                        self.hand, self.nodes, start, rotation, flexion, abduction, direction, gap, 2.0 * far, self.work
+                    )
+                    if body >= 0:
+                        yield _Candidate(turn, here + (travel + approach.push) * direction, 0.0)
 
     def _approaches(self) -> Iterator[_Approach]:
         g, closure = self.grasp.sample, list(self.grasp.fingers)

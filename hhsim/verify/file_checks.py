@@ -25,7 +25,8 @@ SAMPLES = 10_000
 """Random points on the mesh, uniform by area, besides its vertices and the middles of its edges."""
 COVER = 1e-9
 """A point of the mesh this far outside of all leaves [m] is covered: less than any figure is stated to."""
-NEIGHBOURS = 24
+FEW, NEIGHBOURS = 4, 24
+"""Of the spheres nearest to a point, so many are tried first, and so many before all of them are."""
 KNOWN_STATUS = 63
 DURATIONS = ("detect", "palm", "fingers", "force", "total")
 
@@ -225,10 +226,13 @@ def outside_spheres(vertices: FloatArray, faces: IntArray, center: FloatArray, r
     s, t = np.where(s + t > 1.0, 1.0 - s, s), np.where(s + t > 1.0, 1.0 - t, t)
     inner = a[which] + s * (b - a)[which] + t * (c - a)[which]
     points = np.concatenate([vertices[np.unique(faces)], 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a), inner])
-    count = min(NEIGHBOURS, len(radius))
-    away, near = cKDTree(center).query(points, count)
-    away, near = np.reshape(away, (-1, count)), np.reshape(near, (-1, count))
-    out = (away - radius[near]).min(axis=1)
+    tree, out = cKDTree(center), np.ones(len(points))
+    # The nearest few hold most points, and more are dear.
+    for count in sorted({min(FEW, len(radius)), min(NEIGHBOURS, len(radius))}):
+        rest = np.flatnonzero(out > 0.0)
+        away, near = tree.query(points[rest], count)
+        away, near = np.reshape(away, (-1, count)), np.reshape(near, (-1, count))
+        out[rest] = (away - radius[near]).min(axis=1)
     # Of spheres of unlike size, the one that holds a point need not be among the nearest.
     rest = np.flatnonzero(out > 0.0)
     for part in np.array_split(rest, max(1, len(rest) // 1000)):

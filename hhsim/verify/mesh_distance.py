@@ -6,6 +6,7 @@ bound of the minimum, and the place of it an upper one; the piece with the lowes
 """
 
 import heapq
+import math
 from typing import Any
 
 import numpy as np
@@ -60,34 +61,46 @@ class HandReferee:
         """
         found = np.full((len(placed.joints), BODIES), limit)
         for tick in range(len(placed.joints)):
-            for f in range(5):
-                for k in range(3):
-                    ends, radii = placed.joints[tick, f, k : k + 2], shape.phalanx_radius[f, k : k + 2]
-                    found[tick, 3 * f + k] = self.round_cone(ends[0], ends[1], float(radii[0]), float(radii[1]), limit)
+            joints = placed.joints[tick]
             palm = palm_centers(shape.palm_center, placed.position[tick], placed.orientation[tick])
-            found[tick, PALM] = min(limit, float((self.surface.signed_distance(palm) - shape.palm_radius).min()))
+            middles = 0.5 * (joints[:, :3] + joints[:, 1:]).reshape(PALM, 3)
+            # Asked for at once: point by point, what goes with a query takes longer than the query.
+            signed = self.surface.signed_distance(np.concatenate([middles, palm]))
+            for body, inside in enumerate((signed[:PALM] < 0.0).tolist()):
+                f, k = divmod(body, 3)
+                radii = float(shape.phalanx_radius[f, k]), float(shape.phalanx_radius[f, k + 1])
+                found[tick, body] = self._round_cone(joints[f, k], joints[f, k + 1], radii, limit, inside)
+            found[tick, PALM] = min(limit, float((signed[PALM:] - shape.palm_radius).min()))
         return found
 
     def round_cone(self, a: FloatArray, b: FloatArray, radius_a: float, radius_b: float, limit: float) -> float:
         """Signed distance [m] of the hull of two balls to the mesh, or `limit`; see `clearances`."""
+        inside = bool(self.surface.signed_distance(0.5 * (a + b)[None])[0] < 0.0)
+        return self._round_cone(a, b, (radius_a, radius_b), limit, inside)
+
+    def _round_cone(
+        self, a: FloatArray, b: FloatArray, radii: tuple[float, float], limit: float, inside: bool
+    ) -> float:
+        """The same, where it is known whether the middle of the axis is inside."""
+
+        def radius(share: float) -> float:
+            return (1.0 - share) * radii[0] + share * radii[1]
 
         def piece(low: float, high: float) -> tuple[float, float, float]:
             """Of the axis from share `low` to `high`: a lower bound, what is reached somewhere, its own distance."""
             first, last = (1.0 - low) * a + low * b, (1.0 - high) * a + high * b
-            distance, point = self._segment(first, last)
-            where = low + (high - low) * float(
-                np.clip(
-                    (point - first) @ (last - first) / max(float((last - first) @ (last - first)), 1e-300), 0.0, 1.0
-                )
-            )
-            radius = (1.0 - np.array([low, high, where])) * radius_a + np.array([low, high, where]) * radius_b
-            return distance - float(radius.max()), distance - float(radius[2]), distance
+            axis = last - first
+            squared = float(axis @ axis)
+            distance, point = self._segment(first, last, math.sqrt(squared))
+            along = float((point - first) @ axis) / max(squared, 1e-300)
+            where = low + (high - low) * min(max(along, 0.0), 1.0)
+            reached = radius(where)
+            return distance - max(radius(low), radius(high), reached), distance - reached, distance
 
         bound, best, nearest = piece(0.0, 1.0)
-        middle = 0.5 * (a + b)
         # What is deeper inside than the limit is far from the surface too.
-        if nearest <= 0.0 or self.surface.signed_distance(middle[None])[0] < 0.0:
-            return -max(radius_a, radius_b)
+        if nearest <= 0.0 or inside:
+            return -max(radii)
         if bound >= limit:
             return limit
         pieces = [(bound, 0.0, 1.0)]
@@ -101,13 +114,13 @@ class HandReferee:
                 heapq.heappush(pieces, (lower, *half))
         return min(limit, best)
 
-    def _segment(self, first: FloatArray, last: FloatArray) -> tuple[float, FloatArray]:
+    def _segment(self, first: FloatArray, last: FloatArray, length: float) -> tuple[float, FloatArray]:
         """Distance [m] of a segment to the mesh, 0 where it passes through, and the segment's nearest point."""
         self._answer.clear()
         distance = self._coal.distance(
             self.surface.model,
             self._still,
-            self._coal.Capsule(0.0, float(np.linalg.norm(last - first))),
+            self._coal.Capsule(0.0, length),
             self._coal.Transform3s(frame_along(last - first), 0.5 * (first + last)),
             self._request,
             self._answer,

@@ -8,6 +8,7 @@ from typing import Any
 
 import h5py
 import pytest
+from sealed_change import changed
 from short_grasp import short_result
 
 from hhsim.result.writer import state_repeats
@@ -49,10 +50,10 @@ def test_a_time_within_noise_is_called_so(
     run: Run, results: Path, tmp_path: Path, factor: float, expected: str
 ) -> None:
     shutil.copy(results / "coupled.h5", tmp_path / "b.h5")
-    with h5py.File(tmp_path / "b.h5", "r+") as file:
+    with changed(tmp_path / "b.h5") as file:
         file["summary"].attrs["tick_cpu_p50"] = 1e-3
     shutil.copy(tmp_path / "b.h5", tmp_path / "a.h5")
-    with h5py.File(tmp_path / "b.h5", "r+") as file:
+    with changed(tmp_path / "b.h5") as file:
         file["summary"].attrs["tick_cpu_p50"] *= factor
     assert word(run("compare", "a.h5", "b.h5").out, "tick in contact, CPU, p50") == expected
 
@@ -66,7 +67,7 @@ def test_a_time_is_judged_by_what_repeated_runs_differ(
 ) -> None:
     for name, p50, deviation in zip(("a.h5", "b.h5"), (1e-3, 1.2e-3), deviations):
         shutil.copy(results / "coupled.h5", tmp_path / name)
-        with h5py.File(tmp_path / name, "r+") as file:
+        with changed(tmp_path / name) as file:
             file["summary"].attrs["tick_cpu_p50"] = p50
         if deviation is not None:
             times = {"tick_cpu_p50": {"mean": 1.1e-3, "std": deviation}}
@@ -82,7 +83,7 @@ def test_a_time_is_judged_by_what_repeated_runs_differ(
 def test_lag_of_one_alone_is_a_difference(run: Run, results: Path, tmp_path: Path, lags: str) -> None:
     for name in ("a.h5", "b.h5"):
         shutil.copy(results / "coupled.h5", tmp_path / name)
-    with h5py.File(tmp_path / lags, "r+") as file:
+    with changed(tmp_path / lags) as file:
         file["summary"].attrs.update(lag_ticks=2.0, lag_max=0.0268)
     for options in ([], ["--all"]):
         answer = run("compare", str(tmp_path / "a.h5"), str(tmp_path / "b.h5"), *options)
@@ -92,7 +93,7 @@ def test_lag_of_one_alone_is_a_difference(run: Run, results: Path, tmp_path: Pat
 
 def test_a_figure_that_is_not_of_the_ticks_is_named(run: Run, results: Path, tmp_path: Path) -> None:
     shutil.copy(results / "coupled.h5", tmp_path / "b.h5")
-    with h5py.File(tmp_path / "b.h5", "r+") as file:
+    with changed(tmp_path / "b.h5") as file:
         file["tick/force/total"][150:] *= 2.0
     answer = run("compare", str(results / "coupled.h5"), "b.h5")
     told = [line for line in answer.out.splitlines() if "The file says" in line]

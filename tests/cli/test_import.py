@@ -100,7 +100,9 @@ def test_a_left_hand_replays_as_one(run: Run, repository: Path, tmp_path: Path) 
     motion = load_trajectory(tmp_path / "left.h5").placed([1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])
     save_trajectory(motion, tmp_path / "left.h5")
     for options, side in (((), "left"), (("--hand", "right"), "right")):
-        code, _, err = run("replay", "sphere", "left.h5", "--level", "2", "--quiet", "--out", "r.h5", *options)
+        code, _, err = run(
+            "replay", "sphere", "left.h5", "--level", "2", "--rate", "100", "--quiet", "--out", "r.h5", *options
+        )
         assert code == 0, err
         assert load_result(tmp_path / "r.h5").scene["hand"]["side"] == side
 

@@ -16,12 +16,15 @@ import h5py
 import numpy as np
 import pytest
 from recording_samples import smooth_recording
+from sampled import sampled
 
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.recordings.repair import repair
 from hhsim.result.reader import load_result
 from hhsim.result.schema import TICK_COLUMNS
 from hhsim.system.checksummed_file import seal_holds
+
+pytestmark = pytest.mark.slow
 
 mended_remark: Callable[..., list[str]] = importlib.import_module("hhsim.cli.replay").mended_remark
 Run = Callable[..., Any]
@@ -72,7 +75,7 @@ def test_a_replay_prints_a_table_and_writes_every_tick(run: Run, tmp_path: Path,
 
 
 def test_a_replay_on_the_mesh_says_so_and_a_method_of_spheres_refuses_it(run: Run, tmp_path: Path, short: Path) -> None:
-    answer = run("replay", "cube", short.name, "--surface", "mesh")
+    answer = run("replay", "cube", short.name, "--surface", "mesh", "--level", "2")
     assert answer.code == 0, answer.err
     (path,) = (tmp_path / "results").iterdir()
     assert path.name.endswith("-cube-short-coupled-mesh.h5")
@@ -84,7 +87,8 @@ def test_a_replay_on_the_mesh_says_so_and_a_method_of_spheres_refuses_it(run: Ru
 
 
 def test_a_replay_for_machines_is_one_document(run: Run, tmp_path: Path, short: Path) -> None:
-    answer = run("replay", "sphere", short.name, "--method", "progressive", "--out", "run.h5", "--json")
+    command = ("replay", "sphere", short.name, "--method", "progressive", "--level", "2", "--out", "run.h5")
+    answer = run(*command, "--json")
     assert answer.code == 0, answer.err
     document = json.loads(answer.out)
     assert document["result"] == "run.h5"
@@ -94,7 +98,8 @@ def test_a_replay_for_machines_is_one_document(run: Run, tmp_path: Path, short: 
 
 
 def test_the_papers_method_says_whose_forces_and_how_many_linearisations(run: Run, tmp_path: Path, short: Path) -> None:
-    answer = run("replay", "cube", short.name, "--method", "paper", "--out", "run.h5")
+    command = ("replay", "cube", short.name, "--method", "paper", "--level", "2", "--out", "run.h5")
+    answer = run(*command)
     assert answer.code == 0, answer.err
     assert answer.out.startswith("cube, short, paper: 200 ticks\n")
     result = load_result(tmp_path / "run.h5")
@@ -102,7 +107,7 @@ def test_the_papers_method_says_whose_forces_and_how_many_linearisations(run: Ru
     assert (result["work/linearisations"] == 1).all()
     assert result["contacts/candidates"].max() > 0
     assert np.isfinite(result["graphic/joints"]).all()
-    answer = run("replay", "cube", short.name, "--method", "paper", "--force", "kkt", "--out", "run.h5", "--quiet")
+    answer = run(*command, "--force", "kkt", "--quiet")
     assert answer == (0, "", "")
     assert load_result(tmp_path / "run.h5").scene["solver"]["force"] == "kkt"
 
@@ -125,7 +130,19 @@ def test_the_same_input_gives_the_same_bytes_but_for_the_timings(run: Run, tmp_p
 def test_penalty_prints_the_table_and_says_how_stiff_it_is(run: Run, tmp_path: Path, short: Path) -> None:
     depth = {}
     for stiffness in ("1000", "100000"):
-        command = ["replay", "cube", short.name, "--method", "penalty", "--rate", "500", "--out", "run.h5"]
+        command = [
+            "replay",
+            "cube",
+            short.name,
+            "--method",
+            "penalty",
+            "--rate",
+            "500",
+            "--level",
+            "2",
+            "--out",
+            "run.h5",
+        ]
         answer = run(*command, "--penalty-stiffness", stiffness)
         assert answer.code == 0, answer.err
         assert answer.out.startswith("cube, short, penalty: 100 ticks\n")
@@ -160,15 +177,15 @@ def test_what_the_scene_does_not_need_is_left_out_and_told(run: Run, tmp_path: P
 
 
 def test_times_of_several_runs_have_a_mean_and_a_deviation(run: Run, tmp_path: Path, short: Path) -> None:
-    command = ("replay", "cube", short.name, "--level", "2", "--repeat", "3", "--out", "run.h5")
+    command = ("replay", "cube", short.name, "--level", "2", "--repeat", "2", "--out", "run.h5")
     document = json.loads(run(*command, "--json").out)
-    assert document["repeated"]["runs"] == 3
+    assert document["repeated"]["runs"] == 2
     assert document["repeated"]["times"]["tick_cpu_p50"]["mean"] > 0.0
     assert load_result(tmp_path / "run.h5").repeated == document["repeated"]
     assert seal_holds(tmp_path / "run.h5")
     assert load_result(tmp_path / "run.h5").summary["tick_cpu_p50"] == document["tick_cpu_p50"]
     answer = run(*command)
-    assert "times of 3 runs" in answer.out and " ± " in answer.out
+    assert "times of 2 runs" in answer.out and " ± " in answer.out
 
 
 def test_an_older_result_is_replaced_by_a_complete_one(run: Run, tmp_path: Path, short: Path) -> None:
@@ -243,14 +260,20 @@ def write_recording(path: Path) -> None:
     save_trajectory(trajectory, path)
 
 
-@pytest.mark.parametrize("suffix", [".csv", ".h5"])
-def test_a_recording_of_ones_own_is_replayed(run: Run, tmp_path: Path, suffix: str) -> None:
+@pytest.mark.parametrize(
+    ("suffix", "samples"),
+    sampled(
+        [(suffix, samples) for suffix in (".csv", ".h5") for samples in ("interpolate", "hold")],
+        lambda place, _: place in (0, 3),
+    ),
+)
+def test_a_recording_of_ones_own_is_replayed(run: Run, tmp_path: Path, suffix: str, samples: str) -> None:
     write_recording(tmp_path / f"motion{suffix}")
-    for samples in ("interpolate", "hold"):
-        answer = run("replay", "cube", f"motion{suffix}", "--samples", samples, "--out", "run.h5", "--quiet")
-        assert answer == (0, "", "")
-        height = load_result(tmp_path / "run.h5")["haptic/position"][:, 2]
-        assert (len(np.unique(height)) == 50) == (samples == "hold")
+    command = ("replay", "cube", f"motion{suffix}", "--samples", samples, "--level", "2")
+    answer = run(*command, "--out", "run.h5", "--quiet")
+    assert answer == (0, "", "")
+    height = load_result(tmp_path / "run.h5")["haptic/position"][:, 2]
+    assert (len(np.unique(height)) == 50) == (samples == "hold")
 
 
 def test_a_mesh_of_ones_own_is_replayed_and_its_size_doubted(run: Run, tmp_path: Path, short: Path) -> None:
@@ -339,8 +362,8 @@ class Terminal(io.StringIO):
 
 
 def test_a_recording_of_a_bare_hand_gets_its_object_placed(run: Run, tmp_path: Path) -> None:
-    time_ = np.arange(0.0, 1.0, 0.02)
-    flexion = np.interp(time_, [0.0, 0.8], [0.1, 1.0])[:, None, None] * np.ones((1, 5, 3))
+    time_ = np.linspace(0.0, 0.49, 50)
+    flexion = np.interp(time_, [0.0, 0.4], [0.1, 1.0])[:, None, None] * np.ones((1, 5, 3))
     np.savez(
         tmp_path / "fist.npz",
         t=time_,
@@ -349,13 +372,13 @@ def test_a_recording_of_a_bare_hand_gets_its_object_placed(run: Run, tmp_path: P
         flex=flexion,
         abd=np.zeros((50, 5)),
     )
-    answer = run("replay", "cup", "fist.npz", "--place-object", "auto", "--level", "3", "--out", "fist.h5")
+    answer = run("replay", "cup", "fist.npz", "--place-object", "auto", "--level", "2", "--out", "fist.h5")
     assert answer.code == 0, answer.err
     assert "of 50 samples were mended on the way in: hhsim import tells what" in answer.out
     assert "note: object placed where " in answer.out
     placed = load_result(tmp_path / "fist.h5").scene["placement"]
     assert placed["how"] == "closing fingers" and placed["depth"] > 0.0 and len(placed["position"]) == 3
-    answer = run("replay", "cup", "fist.npz", "--place-object", "auto", "--level", "3", "--out", "again.h5", "--json")
+    answer = run("replay", "cup", "fist.npz", "--place-object", "auto", "--level", "2", "--out", "again.h5", "--json")
     document = json.loads(answer.out)
     assert document["placement"] == placed and any("object placed where" in note for note in document["notes"])
     assert document["penetration_max"] <= 1e-6 and document["touching_max"] > 0

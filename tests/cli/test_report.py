@@ -51,8 +51,8 @@ def figures_of(page: Page) -> list[str]:
     return [str(figure.attributes["id"]).removeprefix("figure-") for figure in page.all("figure")]
 
 
-def test_a_report_is_made_and_told(run: Run, tmp_path: Path, short: str) -> None:
-    assert run("replay", "cube", short, "--level", "2", "--out", "coupled.h5", "--quiet").code == 0
+def test_a_report_is_made_and_told(run: Run, tmp_path: Path) -> None:
+    short_result(tmp_path / "coupled.h5")
     answer = run("report", "coupled.h5")
     assert answer.code == 0, answer.err
     (folder,) = (tmp_path / "results").iterdir()
@@ -67,16 +67,13 @@ def test_a_report_is_made_and_told(run: Run, tmp_path: Path, short: str) -> None
     ]
 
 
-def test_several_results_are_told_to_machines(
-    run: Run, tmp_path: Path, short: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_several_results_are_told_to_machines(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # What is drawn is tested elsewhere, and takes time.
     monkeypatch.setattr("hhsim.report.worst_ticks_section.worst_ticks", lambda result: [])
     for picture in ("overview_picture", "held_picture"):
         monkeypatch.setattr(f"hhsim.report.report.{picture}", no_picture)
     for method in ("coupled", "paper"):
-        answer = run("replay", "cube", short, "--level", "2", "--method", method, "--out", f"{method}.h5", "--quiet")
-        assert answer.code == 0, answer.err
+        short_result(tmp_path / f"{method}.h5", method=method)
     answer = run("report", "coupled.h5", "paper.h5", "--out", "both.html", "--json")
     document = json.loads(answer.out)
     assert document["report"] == "both.html"
@@ -127,8 +124,8 @@ def test_a_result_of_the_library_has_no_command(tmp_path: Path) -> None:
     assert "there is no command" in settings_section(report_runs([result]))
 
 
-def test_a_figure_is_a_file_of_its_own(run: Run, tmp_path: Path, short: str) -> None:
-    assert run("replay", "cube", short, "--level", "2", "--out", "x.h5", "--quiet").code == 0
+def test_a_figure_is_a_file_of_its_own(run: Run, tmp_path: Path) -> None:
+    short_result(tmp_path / "x.h5")
     answer = run("report", "x.h5", "--figure", "series", "--width", "88mm", "--out", "fig.pdf")
     assert (answer.code, answer.out) == (0, "Force, time and contacts over the run, 88 mm wide, is in fig.pdf\n"), (
         answer.err
@@ -146,4 +143,4 @@ def test_a_figure_is_a_file_of_its_own(run: Run, tmp_path: Path, short: str) -> 
         assert (answer.code, answer.out) == (2, ""), arguments
         assert message in answer.err
         assert answer.err.count("\n") == 1
-    assert {path.name for path in tmp_path.iterdir()} == {"short.toml", "x.h5", "fig.pdf", "fig.svg"}
+    assert {path.name for path in tmp_path.iterdir()} == {"x.h5", "fig.pdf", "fig.svg"}

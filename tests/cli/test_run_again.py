@@ -7,6 +7,7 @@ from typing import Any
 
 import h5py
 import pytest
+from sealed_change import changed
 
 Run = Callable[..., Any]
 SHORT = 'title = "s"\n[[phase]]\nname = "approach"\nduration = 0.03\n[[phase]]\nname = "grasp"\nduration = 0.05\n'
@@ -45,7 +46,7 @@ def test_a_result_is_run_again_and_every_array_named(run: Run, result: Path) -> 
 
 
 def test_what_differs_is_told_and_exits_1(run: Run, result: Path) -> None:
-    with h5py.File(result, "r+") as file:
+    with changed(result) as file:
         file["tick/force/total"][41, 0] += 1.0
     answer = run("replay", "run.h5")
     assert answer.code == 1
@@ -89,7 +90,7 @@ def test_a_file_that_is_no_result_is_told_what_it_is(run: Run, tmp_path: Path) -
 
 
 def test_an_older_result_says_why_not(run: Run, result: Path) -> None:
-    with h5py.File(result, "r+") as file:
+    with changed(result) as file:
         file.attrs["schema_version"] = 2
     answer = run("replay", "run.h5")
     assert answer.code == 2

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-import h5py
 import numpy as np
 import pytest
 from gate_scene import SUITE, write_suite
+from sealed_change import changed
 
 from hhsim.errors import InputError
 from hhsim.gate.baseline import RecordedScene, load_baseline, write_baseline
@@ -67,7 +67,7 @@ def figures(stored: Path) -> RunFigures:
 
 
 def change_scene(path: Path, change: Callable[[dict[str, Any]], object]) -> None:
-    with h5py.File(path, "r+") as file:
+    with changed(path) as file:
         scene = json.loads(file.attrs["scene"])
         change(scene)
         file.attrs["scene"] = json.dumps(scene)
@@ -95,7 +95,7 @@ def test_a_result_beside_itself_is_the_same(stored: Path, figures: RunFigures) -
 
 
 def test_a_planted_penetration_of_5_um_is_caught_though_the_file_says_there_is_none(result: Path) -> None:
-    with h5py.File(result, "r+") as file:
+    with changed(result) as file:
         force = file["tick/force/fingertip_normal"][...]
         tick, finger = np.unravel_index(np.linalg.norm(force, axis=2).argmax(), force.shape[:2])
         # Against the object's push, that is into it.
@@ -116,7 +116,7 @@ def test_a_planted_penetration_of_5_um_is_caught_though_the_file_says_there_is_n
     [("penetration_depth", 2e-6, "penetration_max"), ("status", 1, "stuck_ticks"), ("status", 2, "lag_ticks")],
 )
 def test_an_error_in_a_single_tick_is_caught(result: Path, dataset: str, value: float, name: str) -> None:
-    with h5py.File(result, "r+") as file:
+    with changed(result) as file:
         file[f"tick/{dataset}"][77] = value
     report = gate_result(load_result(result), TINY, None)
     assert (missed(report), report.exit_code) == ([name], 1)
@@ -124,7 +124,7 @@ def test_an_error_in_a_single_tick_is_caught(result: Path, dataset: str, value: 
 
 @pytest.mark.parametrize("dataset", ["graphic/joints", "graphic/orientation", "penetration_depth"])
 def test_a_hand_that_is_no_number_does_not_pass_as_free(result: Path, dataset: str) -> None:
-    with h5py.File(result, "r+") as file:
+    with changed(result) as file:
         file[f"tick/{dataset}"][77] = math.nan
     report = gate_result(load_result(result), TINY, None)
     assert (missed(report), report.exit_code) == (["penetration_max"], 1)
@@ -133,7 +133,7 @@ def test_a_hand_that_is_no_number_does_not_pass_as_free(result: Path, dataset: s
 
 def test_a_run_that_was_stopped_is_judged_and_said_to_be(result: Path) -> None:
     assert gate_result(load_result(result), TINY, None).notes == ()
-    with h5py.File(result, "r+") as file:
+    with changed(result) as file:
         file.attrs["complete"] = 0
     (note,) = gate_result(load_result(result), TINY, None).notes
     assert "was stopped: only its first 200 ticks" in note
@@ -142,12 +142,12 @@ def test_a_run_that_was_stopped_is_judged_and_said_to_be(result: Path) -> None:
 def test_one_pair_test_more_than_the_slack_is_a_miss(result: Path, figures: RunFigures) -> None:
     allowed = math.floor(0.005 * figures.counters["pair_tests"])
     for more, code in ((allowed, 0), (allowed + 1, 1)):
-        with h5py.File(result, "r+") as file:
+        with changed(result) as file:
             before = int(file["tick/work/pair_tests"][100])
             file["tick/work/pair_tests"][100] = before + more
         report = gate_result(load_result(result), TINY, load_result_of(figures, result))
         assert report.exit_code == code
-        with h5py.File(result, "r+") as file:
+        with changed(result) as file:
             file["tick/work/pair_tests"][100] = before
 
 
@@ -236,7 +236,7 @@ def test_a_number_that_differs_by_a_micrometre_is_another_input(
 ) -> None:
     for shift, found in ((1e-6, [reason]), (0.01 * TOLERANCE, [])):
         shutil.copy(stored, result)
-        with h5py.File(result, "r+") as file:
+        with changed(result) as file:
             values = file[dataset][...]
             values.reshape(-1)[17] += shift
             file[dataset][...] = values
@@ -245,7 +245,7 @@ def test_a_number_that_differs_by_a_micrometre_is_another_input(
 
 
 def test_siblings_in_another_order_are_the_same_tree(result: Path, stored: Path) -> None:
-    with h5py.File(result, "r+") as file:
+    with changed(result) as file:
         for name in ("center", "radius"):
             values = file[f"object/tree/{name}"][...]
             values[[-1, -2]] = values[[-2, -1]]
@@ -309,7 +309,7 @@ def test_what_is_undefined_is_not_missed_unless_the_base_has_it(
 
 
 def test_a_force_that_is_no_number_is_not_taken_for_one_that_is_not_there(result: Path) -> None:
-    with h5py.File(result, "r+") as file:
+    with changed(result) as file:
         file["tick/force/total"][77] = math.nan
     report = gate_result(load_result(result), default_suite(), None)
     assert {"force_step"} <= set(missed(report)) and report.exit_code == 1
@@ -395,7 +395,7 @@ def test_a_figure_has_one_limit_for_all_methods_or_is_not_promised() -> None:
 
 @pytest.mark.parametrize("method", ["progressive", "paper", "penalty"])
 def test_what_a_method_does_not_promise_is_told_and_not_missed(result: Path, method: str) -> None:
-    with h5py.File(result, "r+") as file:
+    with changed(result) as file:
         file["summary"].attrs["tracking_excess"] = 76.5
     change_scene(result, lambda scene: scene["solver"].update(method=method))
     report = gate_result(load_result(result), default_suite(), None)
@@ -404,7 +404,7 @@ def test_what_a_method_does_not_promise_is_told_and_not_missed(result: Path, met
 
 
 def test_a_progressive_result_is_not_held_to_the_energy_of_another_method(result: Path) -> None:
-    with h5py.File(result, "r+") as file:
+    with changed(result) as file:
         file["summary"].attrs["tracking_excess"] = 76.5
     assert "tracking_excess" in missed(gate_result(load_result(result), default_suite(), None))
     change_scene(result, lambda scene: scene["solver"].update(method="progressive"))
@@ -446,7 +446,7 @@ def test_a_figure_that_a_run_does_not_have_is_not_within_its_limit(figures: RunF
 
 
 def test_the_times_of_a_session_are_limited_beside_those_of_scenes(result: Path) -> None:
-    with h5py.File(result, "r+") as file:
+    with changed(result) as file:
         file["summary"].attrs.update({"latency_p99": 3e-3, "missed": 2})
     text = SUITE.replace("stuck_ticks = 0", "stuck_ticks = 0\nlatency_p99 = 2e-3\nmissed = 2")
     suite = parse_suite(text, Path(), "own")

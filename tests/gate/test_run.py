@@ -7,9 +7,9 @@ import shlex
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 from xml.etree import ElementTree
 
 import pytest
@@ -58,6 +58,24 @@ def judged(suite: Path, head: Side, base: Side | None = None) -> GateReport:
     return gate_suite(load_suite(suite), head, base=base, timed=False)
 
 
+@pytest.fixture(scope="module")
+def one_result(suite: Path, this_side: Side) -> tuple[RunFigures, float]:
+    """Figures and time of one replay of the suite's scene by the hhsim that is tested here."""
+    (scene,) = load_suite(suite).scenes
+    # Read to the end before the file is gone.
+    return this_side.replay(scene, suite.parent, lambda result: (run_figures(result), cpu_p50(result)))
+
+
+@dataclass(frozen=True)
+class Known(Side):
+    """A side whose figures are known."""
+
+    known: RunFigures
+
+    def figures(self, scene: GateScene, folder: Path) -> RunFigures:
+        return self.known
+
+
 def test_a_changed_python_runs_the_changed_module_and_no_other(tmp_path: Path) -> None:
     python = changed_python(tmp_path / "other", "hhsim.errors", lambda text: f"{text}CHANGED = True\n")
     for name, expected in ((python, "True"), (this_python(), "False")):
@@ -79,10 +97,13 @@ def test_a_planted_penetration_of_5_um_is_caught(suite: Path, tmp_path: Path) ->
     assert 4.5e-6 < report.missed[0].head < shift
 
 
-def test_other_options_of_a_base_cannot_be_compared(suite: Path, this_side: Side, tmp_path: Path) -> None:
+def test_other_options_of_a_base_cannot_be_compared(
+    suite: Path, this_side: Side, one_result: tuple[RunFigures, float], tmp_path: Path
+) -> None:
     edit = replaced('"skin": 3e-3', '"skin": 4e-3')
     base = find_side("base", changed_python(tmp_path / "other", "hhsim.solver.options", edit))
-    report = judged(suite, this_side, base)
+    head = Known(this_side.name, this_side.python, this_side.version, this_side.package, one_result[0])
+    report = judged(suite, head, base)
     assert (report.verdict, report.exit_code) == ("not comparable", 3)
     assert report.rows[0].reason == "different inputs: skin: 0.004 and 0.003"
 
@@ -113,19 +134,14 @@ class Once(Side):
 
 
 @pytest.fixture
-def one_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every replay of a side after the first is that one again, and so is the reference workload's time.
+def one_run(one_result: tuple[RunFigures, float], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every replay of a side is the same one, and the reference workload's time is one too.
 
     What is tested is what is made of them.
     """
-    whole = Side.replay
-    results: list[tuple[RunFigures, float]] = []
 
     def replay(side: Side, scene: GateScene, folder: Path, read: Callable[[Result], Any]) -> Any:
-        if not results:
-            # Read to the end before the file is gone.
-            results.append(whole(side, scene, folder, lambda result: (run_figures(result), cpu_p50(result))))
-        return results[0][0] if read is run_figures else results[0][1]
+        return one_result[0] if read is run_figures else one_result[1]
 
     monkeypatch.setattr(Side, "replay", replay)
     monkeypatch.setattr("hhsim.gate.machine_calibration.reference_p50", lambda: 1e-6)
@@ -150,9 +166,10 @@ def test_a_side_that_breaks_while_it_is_timed_is_told(
 def test_a_baseline_is_kept_where_not_every_scene_runs(
     run: Run, suite: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    edit = replaced(HAND_LINE, "        raise RuntimeError('planted')\n" + HAND_LINE)
-    python = changed_python(tmp_path / "broken", "hhsim.replay.tick_columns", edit)
-    monkeypatch.setattr("hhsim.gate.run.this_python", lambda: python)
+    def broken(side: Side, *_: Any) -> NoReturn:
+        raise RunFailed("planted", side=side.name, refused=False)
+
+    monkeypatch.setattr(Side, "replay", broken)
     kept = tmp_path / "baseline.json"
     kept.write_text("as it was")
     answer = run("gate", str(suite), "--write-baseline", str(kept), "--json")
@@ -219,16 +236,22 @@ def test_the_shell_example_gates_base_and_head(repository: Path, tmp_path: Path,
     assert (tmp_path / "reports" / "gate.md").read_text().startswith("## ✅ hhsim gate")
 
 
-def test_the_shell_example_says_no(suite: Path, repository: Path, tmp_path: Path) -> None:
-    folder = tmp_path / "strict"
-    folder.mkdir()
-    write_suite(folder).write_text(SUITE + "[scene.limits]\ntracking_palm = 1e-9\n")
-    environment = {**os.environ, "HHSIM": str(hhsim_command(tmp_path))}
+def test_the_shell_example_says_no(repository: Path, tmp_path: Path) -> None:
+    """Without a base no time is judged, and what the gate answers is the script's answer."""
+    gate = tmp_path / "hhsim"
+    gate.write_text('#!/bin/sh\necho "MISSED by $@"\nexit 1\n')
+    gate.chmod(0o755)
+    environment = {**os.environ, "HHSIM": str(gate)}
     environment.pop("BASE_PYTHON", None)
     script = repository / "examples" / "gate.sh"
-    answer = subprocess.run([str(script)], cwd=folder, env=environment, capture_output=True, text=True)
+    answer = subprocess.run([str(script)], cwd=tmp_path, env=environment, capture_output=True, text=True)
     assert answer.returncode == 1, answer.stdout + answer.stderr
-    assert "MISSED" in answer.stdout
+    program, *arguments = answer.stdout.split()[2:]
+    assert program == "gate"
+    context = importlib.import_module("hhsim.cli.gate").command.make_context("gate", list(arguments))
+    assert context.params["base_python"] is None
+    assert (tmp_path / "gate-reports").is_dir()
+    assert "--no-time" in arguments
 
 
 def test_the_github_example_is_yaml_whose_gate_line_the_command_takes(repository: Path) -> None:

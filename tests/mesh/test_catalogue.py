@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from sampled import sampled
 
 from hhsim.errors import InputError, MeshError, UnknownNameError
+from hhsim.mesh import self_intersection
 from hhsim.mesh.catalogue import load_object, object_description, object_names
 from hhsim.mesh.file import read_own_ply, read_triangles
 from hhsim.mesh.mesh import load_mesh
@@ -27,7 +29,7 @@ def test_names_in_the_order_of_the_paper() -> None:
     assert object_names() == SIMPLE + COMPLEX
 
 
-@pytest.mark.parametrize("name", SIMPLE + COMPLEX)
+@pytest.mark.parametrize("name", sampled(SIMPLE + COMPLEX, lambda _, name: name in ("cube", "cup", "bunny")))
 def test_mesh_is_a_sound_solid_of_graspable_size(name: str) -> None:
     mesh = load_object(name).mesh
     other = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
@@ -103,7 +105,10 @@ def test_teapot_is_what_its_steps_make(shared_data: Path) -> None:
     assert made.sha256 == shipped.sha256
 
 
-def test_bunny_has_the_proportions_of_another_copy(shared_data: Path) -> None:
+def test_bunny_has_the_proportions_of_another_copy(shared_data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # Whether that copy is wound soundly is another test's matter.
+    monkeypatch.setattr(self_intersection, "WINDING_WORK", 1e6)
+    monkeypatch.setattr(self_intersection, "FEWEST_SAMPLES", 60)
     shipped = load_object("bunny").mesh
     assert len(shipped.faces) == 3674
     assert shipped.repairs == ()

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from sampled import sampled
 
 from hhsim.errors import InputError, MeshError
+from hhsim.mesh import self_intersection
 from hhsim.mesh.mesh import Mesh, load_mesh
 from hhsim.mesh.repair_log import percent
-from hhsim.mesh.self_intersection import winding_faults
 from tools.shapes.generators import cube, sphere
 
 
@@ -268,12 +268,23 @@ CLEAN = {
 
 
 @pytest.mark.parametrize("file", sampled(CLEAN, lambda place, file: place % 3 == 0))
+@pytest.mark.usefixtures("few_winding_points")
 def test_real_clean_meshes_need_nothing_but_merged_vertices(shared_data: Path, file: str) -> None:
     mesh = load_mesh(shared_data / "meshes" / file, repair=False)
     assert mesh.extent.max() == pytest.approx(CLEAN[file], abs=6e-4)
     assert trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).is_watertight
     assert all(sentence.startswith("merged ") for sentence in mesh.repairs)
     assert len(mesh.repairs) <= 1
+
+
+POINTS = {name: getattr(self_intersection, name) for name in ("WINDING_WORK", "FEWEST_SAMPLES")}
+
+
+@pytest.fixture
+def few_winding_points(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Loading looks at a tenth of the points beside the surface; `assert_sound` looks at all."""
+    for name, value in POINTS.items():
+        monkeypatch.setattr(self_intersection, name, value // 10)
 
 
 def assert_sound(mesh: Mesh) -> trimesh.Trimesh:
@@ -283,11 +294,15 @@ def assert_sound(mesh: Mesh) -> trimesh.Trimesh:
     _, index = np.unique(edges, axis=0, return_inverse=True)
     assert not np.bincount(index.reshape(-1), weights=forward).any()
     assert mesh.volume > 0.0
-    faulty, tested, _, _ = winding_faults(mesh.vertices, mesh.faces)
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in POINTS.items():
+            patch.setattr(self_intersection, name, value)
+        faulty, tested, _, _ = self_intersection.winding_faults(mesh.vertices, mesh.faces)
     assert faulty <= 0.001 * tested
     return other
 
 
+@pytest.mark.usefixtures("few_winding_points")
 def test_teapot_of_four_open_shells_becomes_one_solid(shared_data: Path) -> None:
     mesh = load_mesh(shared_data / "meshes/nasty_teapot_open_shells.obj", size=0.12)
     other = assert_sound(mesh)
@@ -299,6 +314,7 @@ def test_teapot_of_four_open_shells_becomes_one_solid(shared_data: Path) -> None
     assert any("solid there" in warning for warning in mesh.warnings)
 
 
+@pytest.mark.usefixtures("few_winding_points")
 def test_bunny_with_five_holes(shared_data: Path) -> None:
     mesh = load_mesh(shared_data / "meshes/nasty_bunny_5_holes.obj")
     assert_sound(mesh)
@@ -313,6 +329,7 @@ def test_bunny_with_five_holes(shared_data: Path) -> None:
     assert mesh.volume == pytest.approx(clean.volume * ratio, rel=0.02)
 
 
+@pytest.mark.usefixtures("few_winding_points")
 def test_bunny_of_94_components(shared_data: Path) -> None:
     mesh = load_mesh(shared_data / "meshes/nasty_bunny_94_components.ply")
     assert_sound(mesh)
@@ -324,6 +341,7 @@ def test_bunny_of_94_components(shared_data: Path) -> None:
     )
 
 
+@pytest.mark.usefixtures("few_winding_points")
 def test_mug_with_non_manifold_edges(shared_data: Path) -> None:
     mesh = load_mesh(shared_data / "meshes/nasty_ycb_mug_nonmanifold.obj")
     assert_sound(mesh)
@@ -335,6 +353,7 @@ def test_triangle_soup_is_refused(shared_data: Path) -> None:
         load_mesh(shared_data / "meshes/nasty_soup_100_triangles.stl")
 
 
+@pytest.mark.usefixtures("few_winding_points")
 def test_knot_in_millimetres_is_refused_in_metres(shared_data: Path) -> None:
     path = shared_data / "meshes/quadknot.obj"
     with pytest.raises(MeshError, match=r"longest extent 181 m: .*is the file in millimetres\? pass --unit mm"):

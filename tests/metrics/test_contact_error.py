@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+from sealed_change import changed
 from short_grasp import short_grasp, short_scene
 from stress_motion import random_targets
 
@@ -95,8 +96,6 @@ def test_a_run_without_contact_has_none(grasp: Result) -> None:
 def test_an_understated_figure_is_found(grasp: Result, tmp_path: Path) -> None:
     import shutil
 
-    import h5py
-
     from hhsim.verify.contact_error_check import contact_error_claim
     from hhsim.verify.tick_data import JudgedTicks
 
@@ -105,7 +104,7 @@ def test_an_understated_figure_is_found(grasp: Result, tmp_path: Path) -> None:
     assert contact_error_claim(JudgedTicks(grasp, chosen)).verdict == "holds"
     path = tmp_path / "forged.h5"
     shutil.copy(grasp.path, path)
-    with h5py.File(path, "r+") as file:
+    with changed(path) as file:
         file["summary"].attrs["contact_error_max"] *= 0.9
     assert contact_error_claim(JudgedTicks(load_result(path), chosen)).failed
 
@@ -115,8 +114,6 @@ def test_of_a_long_run_the_referee_judges_the_ticks_that_the_figure_is_of(
 ) -> None:
     """The farthest contact may be in a tick that nobody looked at; a figure of the others is still no lie."""
     import shutil
-
-    import h5py
 
     from hhsim.verify.contact_error_check import contact_error_claim
     from hhsim.verify.tick_data import JudgedTicks
@@ -128,11 +125,11 @@ def test_of_a_long_run_the_referee_judges_the_ticks_that_the_figure_is_of(
     assert stated < np.nanmax(every) - 1e-6
     path = tmp_path / "long.h5"
     shutil.copy(grasp.path, path)
-    with h5py.File(path, "r+") as file:
+    with changed(path) as file:
         file["summary"].attrs["contact_error_max"] = stated
     judged = contact_error_claim(JudgedTicks(load_result(path), np.arange(grasp.ticks)))
     assert judged.verdict == "holds" and judged.checked > 0
-    with h5py.File(path, "r+") as file:
+    with changed(path) as file:
         file["summary"].attrs["contact_error_max"] = 0.9 * stated
     assert contact_error_claim(JudgedTicks(load_result(path), np.arange(grasp.ticks))).failed
 

@@ -7,6 +7,7 @@ import h5py
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from sealed_change import changed
 
 from hhsim.errors import OutputError, TrajectoryError
 from hhsim.motion.file import FORMAT, load_trajectory, save_trajectory
@@ -210,7 +211,7 @@ def test_files_that_are_not_there_or_no_trajectories(motion: Trajectory, tmp_pat
 
 def spoil(motion: Trajectory, path: Path, attribute: str, value: object) -> None:
     save_trajectory(motion, path)
-    with h5py.File(path, "r+") as file:
+    with changed(path) as file:
         file.attrs[attribute] = value
 
 
@@ -234,15 +235,15 @@ def test_other_formats_and_newer_schemas_are_named(motion: Trajectory, tmp_path:
 def test_missing_or_bad_datasets_are_named_with_the_file(motion: Trajectory, tmp_path: Path) -> None:
     path = tmp_path / "m.h5"
     save_trajectory(motion, path)
-    with h5py.File(path, "r+") as file:
+    with changed(path) as file:
         del file["flexion"]
     with pytest.raises(TrajectoryError, match=r"m.h5: no dataset flexion; expected one in every"):
         load_trajectory(path)
-    with h5py.File(path, "r+") as file:
+    with changed(path) as file:
         file["flexion"] = np.zeros((50, 15))
     with pytest.raises(TrajectoryError, match=r"m.h5: flexion has shape \(50, 15\); expected \(50, 5, 3\)"):
         load_trajectory(path)
-    with h5py.File(path, "r+") as file:
+    with changed(path) as file:
         del file["flexion"]
         file["flexion"] = np.zeros((50, 5, 3))
         file["time"][7] = 0.0

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from pose_samples import lerobot_bytes, mano_fields, mano_poses, umetrack_lines, umetrack_profile
 from recording_damage import DAMAGES, Damage, damaged_bytes
 from recording_samples import read_as, smooth_recording
+from sampled import sampled
 
 from hhsim.errors import HhsimError
 from hhsim.motion.csv_file import format_csv
@@ -181,7 +182,7 @@ def test_damaged_bytes_of_joint_centres_at_length(form: str, tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("form", FORMS)
-@pytest.mark.parametrize("runs", [30, pytest.param(100, marks=pytest.mark.soak)])
+@pytest.mark.parametrize("runs", sampled([15, 100], lambda _, runs: runs == 15))
 def test_damaged_bytes_of_every_format(form: str, runs: int, tmp_path: Path) -> None:
     data, path = file_of(form), tmp_path / "take.h5"
     options = ReadOptions()

@@ -10,6 +10,8 @@ from recording_samples import smooth_recording
 from hhsim.errors import OutputError
 from hhsim.recordings.recording import Recording
 from hhsim.recordings.repair import repair
+from hhsim.render import import_figure
+from hhsim.render.figure import new_figure
 from hhsim.render.import_figure import COLOURS, draw_import
 
 CLEAN = smooth_recording(120)
@@ -29,7 +31,9 @@ def shows(image: "np.ndarray[tuple[int, int, int], np.dtype[np.float64]]", colou
     return int((np.abs(image[:, :, :3] - wanted).max(axis=2) < 0.02).sum())
 
 
-def test_what_came_in_lies_under_what_went_out_in_our_units(tmp_path: Path) -> None:
+def test_what_came_in_lies_under_what_went_out_in_our_units(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # A smaller sheet: the same panels with fewer pixels.
+    monkeypatch.setattr(import_figure, "new_figure", lambda width, height, **options: new_figure(6, 10, **options))
     clean = picture(CLEAN, tmp_path / "clean.png")
     assert all(shows(clean, colour) > 500 for colour in COLOURS[:3])
     other = replace(

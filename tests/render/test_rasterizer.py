@@ -97,4 +97,5 @@ def test_a_frame_beyond_any_size_is_lit_without_a_blur() -> None:
     size = Camera(look_from((1.0, 0.0, 0.0)), np.zeros(3), 1e300, (4, 6))
     near = replace(size, height=0.04)
     assert np.isfinite(lit(depth, normals, 0.5 * np.ones((24, 3)), size).color).all()
-    np.testing.assert_array_equal(*(lit(depth, normals, np.ones((24, 3)), camera).color for camera in (size, near)))
+    pictures = [lit(depth, normals, np.ones((24, 3)), camera).color for camera in (size, near)]
+    np.testing.assert_array_equal(pictures[0], pictures[1])

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from drawings_alone import leave_charts_undrawn
 
 from hhsim.bench import mesh_size, speed_error_table, threads, trees
 from hhsim.bench.paper import table as paper
@@ -29,6 +30,12 @@ COLUMNS = {
     "trees": trees.COLUMNS,
     "threads": threads.COLUMNS,
 }
+
+
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Charts that the test draws itself, or not at all."""
+    leave_charts_undrawn(monkeypatch)
 
 
 @pytest.mark.parametrize("suite", sorted(CHARTS))
@@ -69,6 +76,7 @@ def test_the_points_are_the_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     np.testing.assert_allclose(np.array(drawn[:2]), np.array(expected, dtype=np.float64))
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_speed_against_error_tells_surfaces_apart_and_older_tables_have_none(tmp_path: Path) -> None:
     row = {"object": "cube", "motion": "all", "stretch": False, "method": "coupled"}
     row |= {"tick_cpu_p50": 1e-5, "mesh_error": 1e-6}
@@ -99,6 +107,7 @@ def test_the_unit_keeps_the_largest_number_at_one_or_more(tmp_path: Path, larges
         assert 1.0 <= largest / found.factor < 1e3 or unit in ("s", "ns")
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("title", sorted({chart.title for chart in CHARTS.values()}))
 @pytest.mark.parametrize(("width", "narrow"), [(7.0, False), (3.6, True)])
 def test_a_title_is_whole(

@@ -6,14 +6,16 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace as changed
 from pathlib import Path
 
-import h5py
 import matplotlib as mpl
 import numpy as np
 import pytest
+import sealed_change
+from drawings_alone import leave_charts_undrawn
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from PIL import Image
+from sampled import sampled
 from short_grasp import short_grasp, short_result
 
 from hhsim.errors import InputError
@@ -32,6 +34,8 @@ from hhsim.report.time_series import series_figure
 from hhsim.report.worst_ticks import worst_ticks
 from hhsim.result.reader import Result, load_result
 
+pytestmark = pytest.mark.slow
+
 HELD = 180
 """A tick of the hold."""
 Chart = Callable[[Mapping[str, Result]], ReportFigure]
@@ -49,10 +53,28 @@ def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(report_pictures, "RENDER_DPI", 50)
 
 
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Charts that the test draws itself."""
+    leave_charts_undrawn(monkeypatch)
+
+
+@pytest.fixture
+def few_pixels(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Charts whose pixels nobody looks at."""
+    monkeypatch.setattr("hhsim.report.figure.DPI", 40)
+
+
+@pytest.fixture(scope="module")
+def alone(result: Result) -> dict[Chart, ReportFigure]:
+    """The charts of the result by what draws them."""
+    return {draw: draw({"A": result}) for draw in CHARTS}
+
+
 def edited(result: Result, path: Path, edits: Mapping[str, Callable[[NDArray[np.generic]], object]]) -> Result:
     """A copy of a result in which some datasets of /tick are others."""
     shutil.copy(result.path, path)
-    with h5py.File(path, "r+") as file:
+    with sealed_change.changed(path) as file:
         for name, edit in edits.items():
             values = file["tick"][name][...]
             edit(values)
@@ -97,8 +119,10 @@ def test_columns_are_those_of_the_file_however_they_are_read(result: Result, mon
 
 
 @pytest.mark.parametrize("draw", CHARTS)
-def test_a_chart_is_the_same_bytes_whatever_the_users_style(result: Result, draw: Chart) -> None:
-    first = draw({"A": result})
+def test_a_chart_is_the_same_bytes_whatever_the_users_style(
+    result: Result, alone: dict[Chart, ReportFigure], draw: Chart
+) -> None:
+    first = alone[draw]
     with mpl.rc_context({"font.size": 30.0, "axes.facecolor": "yellow", "figure.dpi": 50.0}):
         assert draw({"A": result}) == first
     for png, columns in ((first.png, 1400), (first.phone_png, 720)):
@@ -111,6 +135,7 @@ def test_a_chart_is_the_same_bytes_whatever_the_users_style(result: Result, draw
     assert Image.open(io.BytesIO(first.png)).size == (first.width_px, first.height_px)
 
 
+@pytest.mark.usefixtures("few_pixels")
 @pytest.mark.parametrize("draw", CHARTS)
 @pytest.mark.parametrize("ticks", [0, 1])
 def test_a_chart_of_little_or_nothing_is_drawn(result: Result, draw: Chart, ticks: int) -> None:
@@ -120,6 +145,7 @@ def test_a_chart_of_little_or_nothing_is_drawn(result: Result, draw: Chart, tick
         assert "o tick" in alone.alt
 
 
+@pytest.mark.usefixtures("few_pixels")
 @pytest.mark.parametrize("draw", CHARTS)
 def test_a_chart_of_undefined_values_is_drawn(result: Result, draw: Chart, tmp_path: Path) -> None:
     def undefine(values: NDArray[np.generic]) -> None:
@@ -130,28 +156,39 @@ def test_a_chart_of_undefined_values_is_drawn(result: Result, draw: Chart, tmp_p
     assert "nan" not in draw({"A": broken}).alt
 
 
-def test_the_histogram_tells_the_figures_of_the_table(result: Result) -> None:
+def test_the_histogram_tells_the_figures_of_the_table(result: Result, alone: dict[Chart, ReportFigure]) -> None:
     contact = result["contacts/candidates"] > 0
     times = tick_statistics(result["duration/total_cpu"][contact])
-    alt = histogram_figure({"A": result}).alt
+    alt = alone[histogram_figure].alt
     assert f"of {int(contact.sum()):,} ticks in contact" in alt
     for value in (times.p50, times.p99, times.max):
         assert time_text(1e-6 * value) in alt
 
 
-def test_results_side_by_side_are_told_apart(result: Result) -> None:
+def test_results_side_by_side_are_told_apart(result: Result, alone: dict[Chart, ReportFigure]) -> None:
     empty = first_ticks(result, 0)
     for draw in CHARTS:
         both = draw({"A": result, "B": empty})
-        assert both.png != draw({"A": result}).png
+        assert both.png != alone[draw].png
         assert "no tick" in both.alt.lower()
 
 
-@pytest.mark.parametrize("label", ["{}", "{}: paper", "{}: bunny grasp coupled, live session"])
-@pytest.mark.parametrize("results", [1, 2, 4, 8])
-@pytest.mark.parametrize(("width", "narrow"), [(7.0, False), (3.6, True)])
+LEGENDS = [
+    (width, narrow, results, label)
+    for width, narrow in ((7.0, False), (3.6, True))
+    for results in (1, 2, 4, 8)
+    for label in ("{}", "{}: paper", "{}: bunny grasp coupled, live session")
+]
+FEW_LEGENDS = [(1, "{}"), (4, "{}: paper"), (8, "{}: bunny grasp coupled, live session")]
+"""The least, the most, and one between."""
+
+
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize(
+    ("width", "narrow", "results", "label"), sampled(LEGENDS, lambda _, case: case[2:] in FEW_LEGENDS)
+)
 def test_a_legend_covers_neither_its_title_nor_the_curves(
-    result: Result, label: str, results: int, width: float, narrow: bool
+    result: Result, width: float, narrow: bool, results: int, label: str
 ) -> None:
     drawing = series_figure({label.format("ABCDEFGH"[i]): first_ticks(result, 2) for i in range(results)}).drawing
     assert drawing is not None
@@ -177,6 +214,7 @@ def test_no_two_results_have_one_colour_and_one_mark() -> None:
     assert len(styles) == len(RUN_STYLES)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_an_error_of_rounding_does_not_stretch_the_axis(result: Result) -> None:
     def lowest(excess: float) -> float:
         summary = {**result.summary, "tracking_excess": excess}
@@ -190,8 +228,10 @@ def test_an_error_of_rounding_does_not_stretch_the_axis(result: Result) -> None:
     assert lowest(1e-5) < 1e-5
 
 
-def test_a_long_run_becomes_a_band_that_says_so(result: Result, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert "bands" not in series_figure({"A": result}).caption
+def test_a_long_run_becomes_a_band_that_says_so(
+    result: Result, alone: dict[Chart, ReportFigure], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert "bands" not in alone[series_figure].caption
     monkeypatch.setattr(report_series, "AS_THEY_ARE", 100)
     monkeypatch.setattr(report_series, "STRETCHES", 40)
     assert "bands" in series_figure({"A": result}).caption
@@ -247,6 +287,7 @@ def test_the_view_shows_the_marks() -> None:
     assert viewpoint(hand, ball, marks, nothing, hidden) != hidden
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("draw", [series_figure, speed_error_figure])
 def test_the_papers_figures_are_drawn_in_its_scenes_alone(result: Result, draw: Chart) -> None:
     def words(shown: Result) -> set[str]:
@@ -315,8 +356,12 @@ def test_a_tie_is_rounded_alike_whatever_unit_the_time_came_in() -> None:
         assert time_text(1e-6 * micro) == time_text(1e-9 * nanoseconds) == time_text(1e-6 * (1e9 * (1e-9 * micro)))
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("chart", [series_figure, speed_error_figure])
-@pytest.mark.parametrize(("width", "narrow"), [(7.0, False), (6.5, False), (3.6, True), (3.46, True)])
+@pytest.mark.parametrize(
+    ("width", "narrow"),
+    sampled([(7.0, False), (6.5, False), (3.6, True), (3.46, True)], lambda _, case: case[0] in (6.5, 3.46)),
+)
 def test_a_legend_of_long_names_keeps_off_the_title_and_within_the_figure(
     result: Result, chart: Chart, width: float, narrow: bool
 ) -> None:
@@ -325,7 +370,7 @@ def test_a_legend_of_long_names_keeps_off_the_title_and_within_the_figure(
     assert drawing is not None
     with new_figure(width, drawing.height(width, narrow)) as figure:
         drawing.draw(figure, narrow)
-        figure.canvas.draw()
+        figure.draw_without_rendering()
         placed = [legend for axes in figure.axes if (legend := axes.get_legend())] + figure.legends
         boxes = [legend.get_window_extent() for legend in placed]
         titles = [t.get_window_extent() for axes in figure.axes for t in axes.texts if t.get_fontweight() == "bold"]

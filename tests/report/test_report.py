@@ -12,6 +12,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+import sealed_change
 from report_reader import Page, read_page
 from short_grasp import short_grasp, short_scene
 
@@ -91,7 +92,7 @@ def changed(path: Path, folder: Path, change: Change, name: str = "") -> Path:
     """A copy of a result that was changed by hand."""
     copy = folder / (name or path.name)
     shutil.copy(path, copy)
-    with h5py.File(copy, "r+") as file:
+    with sealed_change.changed(copy) as file:
         change(file)
     return copy
 

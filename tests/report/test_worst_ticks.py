@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-import h5py
 import numpy as np
+from sealed_change import changed
 from short_grasp import short_result
 
 from hhsim.report.worst_ticks import worst_ticks
@@ -12,7 +12,7 @@ from hhsim.result.reader import load_result
 
 def test_the_slowest_tick_is_compared_with_the_median_of_the_table(tmp_path: Path) -> None:
     path = short_result(tmp_path / "run.h5").path
-    with h5py.File(path, "r+") as file:
+    with changed(path) as file:
         contact = file["tick/contacts/candidates"][...] > 0
         assert contact.any() and not contact.all()
         # Free space is ten times as quick as contact, and the slowest tick takes 450 µs.

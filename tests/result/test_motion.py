@@ -3,10 +3,10 @@
 import os
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 from live_rings import CHANNELS, ended, make_setup, numbered_samples, pour, solved_ticks
+from sealed_change import changed
 from sphere_scenes import bumpy_ball
 
 from hhsim.errors import TrajectoryError
@@ -144,7 +144,7 @@ def test_a_session_replays_against_another_object(session: Path, tmp_path: Path)
 def test_a_result_that_was_cut_short_is_a_motion_as_far_as_it_goes(session: Path, tmp_path: Path) -> None:
     path = tmp_path / "cut.h5"
     path.write_bytes(session.read_bytes())
-    with h5py.File(path, "r+") as file:
+    with changed(path) as file:
         file.attrs["complete"] = 0
         file["tick/haptic/position"].resize(100, axis=0)
         file["live/sample/flexion"].resize(31, axis=0)
@@ -167,7 +167,7 @@ def test_a_result_that_was_cut_short_is_a_motion_as_far_as_it_goes(session: Path
 def test_what_holds_no_motion_is_told_in_one_line(session: Path, tmp_path: Path, spoil: str, says: str) -> None:
     path = tmp_path / "spoiled.h5"
     path.write_bytes(session.read_bytes())
-    with h5py.File(path, "r+") as file:
+    with changed(path) as file:
         if spoil in ("old", "new"):
             file.attrs["schema_version"] = 2 if spoil == "old" else 4
         elif spoil == "bad":

@@ -13,6 +13,7 @@ import h5py
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from sealed_change import changed
 
 from hhsim.errors import InputError, OutputError
 from hhsim.motion.trajectory import TickPhase
@@ -117,7 +118,7 @@ def test_every_dataset_states_its_units_and_meaning(tmp_path: Path) -> None:
 @pytest.mark.parametrize("version", [1, 2, "three", None])
 def test_another_schema_is_refused_in_one_line(tmp_path: Path, version: object) -> None:
     path = write(tmp_path / "run.h5", [block(50)])
-    with h5py.File(path, "r+") as file:
+    with changed(path) as file:
         del file.attrs["schema_version"]
         if version is not None:
             file.attrs["schema_version"] = version
@@ -163,7 +164,7 @@ def test_tables_of_unequal_length_are_trimmed_to_what_is_whole(tmp_path: Path) -
     path = tmp_path / "run.h5"
     with ResultWriter(path, scene=SCENE, static=static(), tables=EXTRA) as writer:
         writer.append(block(50), extra({LIVE_TICK: 50, LIVE_SAMPLE: 30, LIVE_EVENT: 2}))
-    with h5py.File(path, "r+") as file:
+    with changed(path) as file:
         file["tick/time"].resize(44, axis=0)
         file["live/tick/missed"].resize(41, axis=0)
         file["live/sample/flexion"].resize(20, axis=0)
@@ -340,7 +341,7 @@ def run_limited(script: str, path: Path, limit: int) -> subprocess.CompletedProc
     prelude = f"""
         import resource, signal, sys
         from pathlib import Path
-        sys.path.insert(0, {str(Path(__file__).parent)!r})
+        sys.path[:0] = {[str(Path(__file__).parents[i]) for i in range(2)]!r}
         from test_reader import SCENE, PHASES, block, static
         from hhsim.result.writer import ResultWriter
         path = Path({str(path)!r})
@@ -392,7 +393,7 @@ def test_a_killed_run_leaves_a_readable_file(tmp_path: Path) -> None:
     script = f"""
         import sys
         from pathlib import Path
-        sys.path.insert(0, {str(Path(__file__).parent)!r})
+        sys.path[:0] = {[str(Path(__file__).parents[i]) for i in range(2)]!r}
         from test_reader import SCENE, block, static
         from hhsim.result.writer import ResultWriter
         with ResultWriter(Path({str(path)!r}), scene=SCENE, static=static()) as writer:
@@ -430,7 +431,7 @@ def test_a_file_that_is_being_written_is_told_apart_from_a_broken_one(tmp_path: 
 
 def test_datasets_of_unequal_length_are_trimmed_to_what_all_have(tmp_path: Path) -> None:
     path = write(tmp_path / "run.h5", [block(50)])
-    with h5py.File(path, "r+") as file:
+    with changed(path) as file:
         file["tick/time"].resize(41, axis=0)
     loaded = load_result(path)
     assert loaded.ticks == 41
@@ -450,12 +451,12 @@ def spoil_empty(path: Path) -> None:
 
 
 def spoil_newer(path: Path) -> None:
-    with h5py.File(path, "r+") as file:
+    with changed(path) as file:
         file.attrs["schema_version"] = SCHEMA_VERSION + 1
 
 
 def spoil_format(path: Path) -> None:
-    with h5py.File(path, "r+") as file:
+    with changed(path) as file:
         file.attrs["format"] = "hhsim-tree"
 
 
@@ -465,23 +466,23 @@ def spoil_no_format(path: Path) -> None:
 
 
 def spoil_lacking(path: Path) -> None:
-    with h5py.File(path, "r+") as file:
+    with changed(path) as file:
         del file["tick/force/total"]
 
 
 def spoil_no_ticks(path: Path) -> None:
-    with h5py.File(path, "r+") as file:
+    with changed(path) as file:
         del file["tick"]
 
 
 def spoil_shape(path: Path) -> None:
-    with h5py.File(path, "r+") as file:
+    with changed(path) as file:
         del file["tick/force/total"]
         file["tick/force/total"] = np.zeros((50, 4))
 
 
 def spoil_scene(path: Path) -> None:
-    with h5py.File(path, "r+") as file:
+    with changed(path) as file:
         del file.attrs["scene"]
 
 

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from sampled import sampled
 from scipy.spatial.transform import Rotation
 
 from hhsim.errors import TrajectoryError
@@ -238,47 +239,46 @@ OBJECTS = {
 SCRIPTS = ("touch", "pinch", "grasp", "whole-hand", "slide", "sequence")
 
 
-@pytest.mark.parametrize("hand", [RIGHT, pytest.param(LEFT, marks=pytest.mark.soak)], ids=["right", "left"])
 @pytest.mark.parametrize(
-    "tree",
-    [
-        pytest.param(tree, id=name, marks=[] if name in ("far ball", "plate", "cluster 0") else [pytest.mark.soak])
-        for name, tree in OBJECTS.items()
-    ],
+    ("shape", "name", "side"),
+    sampled(
+        [(shape, name, side) for shape in OBJECTS for name in SCRIPTS for side in ("right", "left")],
+        lambda _, case: case[2] == "right" and case[0] == ("plate" if SCRIPTS.index(case[1]) % 2 else "cluster 0"),
+    ),
 )
-def test_every_script_closes_on_simple_shapes(tree: SphereTree, hand: HandModel) -> None:
+def test_every_script_closes_on_simple_shapes(shape: str, name: str, side: str) -> None:
+    tree, hand = OBJECTS[shape], RIGHT if side == "right" else LEFT
     arrays, nodes = hand.arrays(), tree.arrays()
-    for name in SCRIPTS:
-        script = load_script(name)
-        closure = plan_finger_closure(script, hand, tree)
-        assert closure.reached == script.fingers, name
-        assert closure.missed == ()
-        place = closure.position - script.palm_depth * closure.rotation[:, 2]
-        distance = brute_distances(hand, tree, place, closure.rotation, closure.command, closure.abduction)
-        assert_brute(closure.distance, distance)
-        fingers = distance[:PALM_BODY].reshape(5, 3).min(axis=1)
-        for f, finger in enumerate(FINGERS):
-            if finger in script.fingers:
-                assert fingers[f] < -REACH_DEPTH, (name, finger)
-            else:
-                assert fingers[f] > script.clearance, (name, finger)
-        if script.palm_depth > 0.0:
-            assert distance[PALM_BODY] < 0.0
+    script = load_script(name)
+    closure = plan_finger_closure(script, hand, tree)
+    assert closure.reached == script.fingers, name
+    assert closure.missed == ()
+    place = closure.position - script.palm_depth * closure.rotation[:, 2]
+    distance = brute_distances(hand, tree, place, closure.rotation, closure.command, closure.abduction)
+    assert_brute(closure.distance, distance)
+    fingers = distance[:PALM_BODY].reshape(5, 3).min(axis=1)
+    for f, finger in enumerate(FINGERS):
+        if finger in script.fingers:
+            assert fingers[f] < -REACH_DEPTH, (name, finger)
         else:
-            assert distance[PALM_BODY] >= script.clearance - 1e-9
-            assert distance[PALM_BODY] < script.palm_gap + 0.015
-        # First contact is what it says: nothing lies inside before the fingers are commanded deeper.
-        at_contact = body_distances(
-            arrays, nodes, closure.position, closure.rotation, closure.contact, closure.abduction, make_work()
+            assert fingers[f] > script.clearance, (name, finger)
+    if script.palm_depth > 0.0:
+        assert distance[PALM_BODY] < 0.0
+    else:
+        assert distance[PALM_BODY] >= script.clearance - 1e-9
+        assert distance[PALM_BODY] < script.palm_gap + 0.015
+    # First contact is what it says: nothing lies inside before the fingers are commanded deeper.
+    at_contact = body_distances(
+        arrays, nodes, closure.position, closure.rotation, closure.contact, closure.abduction, make_work()
+    )
+    assert at_contact.min() > -1e-12, name
+    back = np.linspace(0.0, script.start_distance, 30)[:, None] * closure.rotation[:, 2]
+    keep = 0.0 if script.palm_depth > 0.0 else MARGIN
+    for step in back:
+        free = body_distances(
+            arrays, nodes, closure.position + step, closure.rotation, closure.open, closure.abduction, make_work()
         )
-        assert at_contact.min() > -1e-12, name
-        back = np.linspace(0.0, script.start_distance, 30)[:, None] * closure.rotation[:, 2]
-        keep = 0.0 if script.palm_depth > 0.0 else MARGIN
-        for step in back:
-            free = body_distances(
-                arrays, nodes, closure.position + step, closure.rotation, closure.open, closure.abduction, make_work()
-            )
-            assert free.min() >= keep - 1e-12, name
+        assert free.min() >= keep - 1e-12, name
 
 
 def test_a_hand_that_must_not_touch_keeps_its_distance_at_every_stage() -> None:

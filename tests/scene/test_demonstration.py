@@ -49,7 +49,7 @@ def distances(motion: Trajectory, tree: SphereTree) -> np.ndarray[tuple[int, int
     )
 
 
-@pytest.mark.parametrize("name", sampled(object_names(), lambda place, name: place % 3 == 0))
+@pytest.mark.parametrize("name", sampled(object_names(), lambda place, name: place in (0, 9)))
 def test_the_finger_taps_every_object(name: str) -> None:
     tree = object_tree(name)
     motion = TAP.placed(HAND, tree)
@@ -65,7 +65,7 @@ def test_the_finger_taps_every_object(name: str) -> None:
 
 
 def test_the_command_is_as_deep_as_asked_behind_first_contact() -> None:
-    tree = object_tree("cube")
+    tree = cached_sphere_tree(load_object("cube").mesh, TreeOptions(level=2))
     shallow, deep = (place_object(TAP.motion, HAND, tree, Wanted("index", depth)) for depth in (0.006, 0.012))
     tips = forward_kinematics(HAND, *(getattr(TAP.motion, key) for key in POSE)).joints[:, 1, 3]
     main = np.linalg.svd(tips - tips.mean(axis=0))[2][0]
@@ -78,10 +78,8 @@ def test_the_command_is_as_deep_as_asked_behind_first_contact() -> None:
 
 
 def test_placing_is_the_same_every_time() -> None:
-    tree = object_tree("bunny")
-    one, other = TAP.placed(HAND, tree), TAP.placed(HAND, tree)
-    assert one.object_position.tobytes() == other.object_position.tobytes()
-    scene = make_scene(load_object("bunny").mesh, tree, HAND, TAP)
+    tree = object_tree("cup")
+    one, scene = TAP.placed(HAND, tree), make_scene(load_object("cup").mesh, tree, HAND, TAP)
     assert scene.trajectory.object_position.tobytes() == one.object_position.tobytes()
 
 

@@ -134,7 +134,7 @@ def look(motion: Trajectory, tree: SphereTree) -> tuple[Array, Array, Array]:
 
 @pytest.mark.parametrize(
     ("name", "item"),
-    sampled([(name, item) for name in NAMES for item in object_names()], lambda place, case: place % 7 == 0),
+    sampled([(name, item) for name in NAMES for item in object_names()], lambda place, case: place % 11 == 0),
 )
 def test_every_script_does_what_it_says_on_every_object(name: str, item: str) -> None:
     script, tree = load_script(name), object_tree(item)
@@ -171,6 +171,6 @@ def test_every_script_does_what_it_says_on_every_object(name: str, item: str) ->
 
 
 def test_the_same_call_gives_the_same_bytes_on_a_real_object() -> None:
-    one, other = (synthesize(load_script("whole-hand"), HAND, object_tree("cup"), seed=2) for _ in range(2))
+    one, other = (synthesize(load_script("pinch"), HAND, object_tree("cup"), seed=2) for _ in range(2))
     for key in ("time", "position", "orientation", "flexion", "abduction"):
         assert getattr(one, key).tobytes() == getattr(other, key).tobytes()

@@ -115,13 +115,13 @@ def test_a_slide_goes_the_stated_distance_along_the_palm() -> None:
 def test_the_same_arguments_give_the_same_bytes_and_the_seed_only_moves_the_noise() -> None:
     script = load_script("grasp")
     noise = Disturbance(tremor_position=1e-4, tremor_rotation=0.0035, sensor_counts=4096, sensor_noise=0.001)
-    quiet = [bytes_of(synthesize(script, HAND, ball(), seed)) for seed in (0, 0, 5)]
-    assert quiet[0] == quiet[1] == quiet[2]
-    noisy = [synthesize(script, HAND, ball(), seed, disturbance=noise) for seed in (0, 0, 5)]
-    assert bytes_of(noisy[0]) == bytes_of(noisy[1]) != bytes_of(noisy[2])
+    quiet = [bytes_of(synthesize(script, HAND, ball(), seed)) for seed in (0, 5)]
+    assert quiet[0] == quiet[1]
+    noisy = [synthesize(script, HAND, ball(), seed, disturbance=noise) for seed in (0, 5)]
+    assert bytes_of(noisy[0]) != bytes_of(noisy[1])
     assert bytes_of(noisy[0]) == bytes_of(synthesize(replace(script, disturbance=noise), HAND, ball()))
     still = synthesize(script, HAND, ball())
-    excursion = np.linalg.norm(noisy[2].position - still.position, axis=1)
+    excursion = np.linalg.norm(noisy[1].position - still.position, axis=1)
     assert 0.9e-4 < excursion.max() <= 1e-4 * (1 + 1e-9)
 
 

@@ -26,6 +26,8 @@ from hhsim.trees.options import BUILDER_VERSION, TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.trees.surface_cover import cover_of
 
+pytestmark = pytest.mark.slow
+
 Array = NDArray[np.float64]
 
 
@@ -84,7 +86,7 @@ def test_levels_cover_and_enclose(name: str, level: int) -> None:
     assert [error.spheres for error in tree.errors] == [len(cover.radius) for cover in tree.covers]
 
 
-@settings(max_examples=5)
+@settings(max_examples=3)
 @given(st.integers(4, 30), st.integers(0, 2**31), st.integers(1, 3), st.sampled_from([2, 3, 8]), st.floats(0.02, 1.0))
 def test_random_convex_meshes(points: int, seed: int, level: int, branching: int, flat: float) -> None:
     rng = np.random.default_rng(seed)
@@ -118,7 +120,7 @@ def test_hierarchy_of_any_balls(count: int, seed: int, shape: tuple[int, int], v
 @pytest.mark.parametrize("name", sampled(["box", "torus"], lambda place, name: name == "box"))
 def test_the_same_bytes_with_any_number_of_threads(name: str) -> None:
     mesh = mesh_of(SHAPES[name])
-    trees = [build_sphere_tree(mesh, TreeOptions(leaves=200), threads=threads) for threads in (1, 3)]
+    trees = [build_sphere_tree(mesh, TreeOptions(leaves=100), threads=threads) for threads in (1, 3)]
     for tree in trees[1:]:
         assert tree.errors == trees[0].errors
         assert tree.center.tobytes() == trees[0].center.tobytes()
@@ -130,10 +132,11 @@ def test_the_same_bytes_with_any_number_of_threads(name: str) -> None:
         build_sphere_tree(mesh, threads=0)
 
 
-def test_more_levels_protrude_less() -> None:
+@pytest.mark.parametrize("level", sampled([2, 3], lambda _, level: level == 2))
+def test_more_levels_protrude_less(level: int) -> None:
     mesh = mesh_of(SHAPES["box"])
-    bounds = [build_sphere_tree(mesh, TreeOptions(level=level)).errors[-1].bound for level in (1, 2, 3)]
-    assert bounds[0] > 2.0 * bounds[1] > 4.0 * bounds[2]
+    bounds = [error.bound for error in build_sphere_tree(mesh, TreeOptions(level=level)).errors]
+    assert bounds[level - 1] > 2.0 * bounds[level]
 
 
 def test_centres_lie_inside_and_the_bound_is_theirs() -> None:
@@ -164,13 +167,13 @@ def test_a_level_finer_than_the_leaves_need() -> None:
 @pytest.mark.parametrize("cover", ["outer", "balanced"])
 def test_the_fewest_leaves_within_an_error(cover: str) -> None:
     mesh = mesh_of(SHAPES["torus"])
-    tree = build_sphere_tree(mesh, TreeOptions(max_error=1.5e-3, cover=cover))
+    tree = build_sphere_tree(mesh, TreeOptions(max_error=2.5e-3, cover=cover))
     assert tree.check(mesh) == ()
-    assert max(tree.covers[-1].bound, tree.covers[-1].gap) <= 1.5e-3
-    assert tree.errors[-1].protrusion_max <= 1.5e-3
+    assert max(tree.covers[-1].bound, tree.covers[-1].gap) <= 2.5e-3
+    assert tree.errors[-1].protrusion_max <= 2.5e-3
     assert 8 ** (tree.depth - 1) < tree.leaf_count <= 8**tree.depth
     fewer = build_sphere_tree(mesh, TreeOptions(leaves=int(0.93 * tree.leaf_count), cover=cover))
-    assert fewer.covers[-1].bound > 1.5e-3
+    assert fewer.covers[-1].bound > 2.5e-3
     with pytest.raises(InputError, match="shape: no cover of up to 8 spheres is within 1 mm: 8 are off by up to"):
         build_sphere_tree(mesh, TreeOptions(level=1, max_error=1e-3))
 
@@ -184,8 +187,8 @@ def test_what_none_stands_for() -> None:
 @pytest.mark.parametrize("name", sampled(["box", "torus"], lambda place, name: name == "torus"))
 def test_a_level_is_the_tree_that_is_built_for_it(name: str) -> None:
     mesh = mesh_of(SHAPES[name])
-    fine, coarse = (build_sphere_tree(mesh, TreeOptions(level=level)) for level in (3, 2))
-    cut = at_level(fine, 2)
+    fine, coarse = (build_sphere_tree(mesh, TreeOptions(level=level)) for level in (2, 1))
+    cut = at_level(fine, 1)
     for field in ("center", "radius", "level", "parent"):
         assert getattr(cut, field).tobytes() == getattr(coarse, field).tobytes()
     assert (cut.errors, cut.options, cut.check(mesh)) == (coarse.errors, coarse.options, ())
@@ -280,13 +283,14 @@ def test_options_check_themselves(wrong: dict[str, Any]) -> None:
         TreeOptions(**wrong)
 
 
-def test_real_scan(shared_data: Path) -> None:
+@pytest.mark.parametrize(("level", "bound"), sampled([(2, 6e-3), (3, 2.5e-3)], lambda _, case: case[0] == 2))
+def test_real_scan(shared_data: Path, level: int, bound: float) -> None:
     shape = trimesh.load_mesh(shared_data / "meshes" / "object_sim_stanfordbunny.stl")
     mesh = mesh_of(shape).scaled(0.1 / shape.extents.max())
-    tree = build_sphere_tree(mesh, TreeOptions(level=3))
+    tree = build_sphere_tree(mesh, TreeOptions(level=level))
     assert_sound(tree, mesh)
-    assert 400 < tree.leaf_count <= 512
-    assert tree.errors[-1].bound < 2.5e-3
+    assert 0.78 * 8**level < tree.leaf_count <= 8**level
+    assert tree.errors[-1].bound < bound
 
 
 SIGNATURES = """

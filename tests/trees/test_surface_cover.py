@@ -39,7 +39,7 @@ SHAPES = {
     ("name", "spheres"),
     sampled(
         [(name, spheres) for name in SHAPES for spheres in (1, 3, 100)],
-        lambda place, case: case != ("fine sphere", 100),
+        lambda place, case: case not in [("fine sphere", 3), ("fine sphere", 100)],
     ),
 )
 def test_covers_with_the_balls_it_may_have(name: str, spheres: int) -> None:
@@ -53,9 +53,9 @@ def test_covers_with_the_balls_it_may_have(name: str, spheres: int) -> None:
 def test_refinement_beats_the_greedy_start(monkeypatch: pytest.MonkeyPatch) -> None:
     vertices, faces = arrays(SHAPES["box"])
     bvh = build_mesh_bvh(vertices, faces)
-    refined = protrusion_bound(bvh, *build_cover(vertices, faces, 200))
+    refined = protrusion_bound(bvh, *build_cover(vertices, faces, 100))
     monkeypatch.setattr(mesh_cover, "CYCLES", (0, 0))
-    greedy = protrusion_bound(bvh, *build_cover(vertices, faces, 200))
+    greedy = protrusion_bound(bvh, *build_cover(vertices, faces, 100))
     assert refined < 0.8 * greedy
 
 
@@ -101,7 +101,7 @@ def test_where_the_mesh_lies_does_not_matter() -> None:
 def test_size_does_not_matter(scale: float) -> None:
     vertices, faces = arrays(SHAPES["box"])
     large, plain = (
-        protrusion_bound(build_mesh_bvh(points, faces), *build_cover(points, faces, 100))
+        protrusion_bound(build_mesh_bvh(points, faces), *build_cover(points, faces, 50))
         for points in (scale * vertices, vertices)
     )
     assert large == pytest.approx(scale * plain, rel=1e-6)
@@ -160,13 +160,13 @@ def test_how_little_512_balls_protrude(name: str) -> None:
 @pytest.mark.parametrize("name", sampled(["bunny", "cube"], lambda place, name: name == "cube"))
 def test_a_motion_and_a_scale_do_not_change_the_cover(name: str) -> None:
     vertices, faces = catalogue_arrays(name)
-    center, radius = build_cover(vertices, faces, 512)
+    center, radius = build_cover(vertices, faces, 128)
     plain = protrusion_bound(build_mesh_bvh(vertices, faces), center, radius)
     rng = np.random.default_rng(11)
     for seed in range(1):
         rotation, scale = Rotation.random(random_state=seed), 10.0 ** rng.uniform(-2.0, 2.0)
         there = scale * rotation.apply(vertices) + scale * rng.normal(size=3)
-        other_center, other_radius = build_cover(there, faces, 512)
+        other_center, other_radius = build_cover(there, faces, 128)
         assert prove_cover(there, faces, other_center, other_radius)[0].size == 0
         bound = protrusion_bound(build_mesh_bvh(there, faces), other_center, other_radius)
         assert bound == pytest.approx(scale * plain, rel=0.02)
@@ -174,6 +174,6 @@ def test_a_motion_and_a_scale_do_not_change_the_cover(name: str) -> None:
 
 def test_the_same_mesh_gives_the_same_bytes() -> None:
     vertices, faces = catalogue_arrays("teapot")
-    first, second = (build_cover(vertices, faces, 300) for _ in range(2))
+    first, second = (build_cover(vertices, faces, 100) for _ in range(2))
     assert first[0].tobytes() == second[0].tobytes()
     assert first[1].tobytes() == second[1].tobytes()

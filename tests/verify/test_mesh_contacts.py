@@ -25,7 +25,7 @@ def sampled_distance(a: Array, b: Array, first: float, last: float, triangle: Ar
 
 def test_every_triangle_is_as_far_as_samples_of_the_axis_say() -> None:
     random = np.random.default_rng(11)
-    triangles = random.normal(size=(60, 3, 3)) * 0.02 + random.normal(size=(60, 1, 3)) * 0.02
+    triangles = random.normal(size=(30, 3, 3)) * 0.02 + random.normal(size=(30, 1, 3)) * 0.02
     joints = random.normal(size=(2, 5, 4, 3)) * 0.03
     radius = np.sort(random.uniform(0.004, 0.01, (5, 4)), axis=1)[:, ::-1]
     palm = random.normal(size=(2, 3, 3)) * 0.03
@@ -54,7 +54,7 @@ def test_every_triangle_is_as_far_as_samples_of_the_axis_say() -> None:
                     # Deeper, where the axis may go through it, samples are off by their spacing.
                     assert ours.min() <= expected + 1e-12 and ours.min() > expected - 2e-6
                     checked += 1
-    assert checked > 200
+    assert checked > 100
 
 
 def test_what_has_no_area_is_as_far_as_its_longest_side_or_its_corner() -> None:

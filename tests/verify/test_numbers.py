@@ -7,6 +7,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from sealed_change import changed
 from short_grasp import short_result
 
 from hhsim.result.reader import Result, load_result
@@ -41,7 +42,7 @@ def test_a_hand_that_is_nowhere_is_a_false_claim(
     honest: Result, plant: Callable[[h5py.File], None], tmp_path: Path
 ) -> None:
     path = Path(shutil.copy(honest.path, tmp_path / "planted.h5"))
-    with h5py.File(path, "r+") as file:
+    with changed(path) as file:
         plant(file)
     found = verify(load_result(path), every=20)
     false = {claim.name: claim.tick for claim in found.claims if claim.failed}

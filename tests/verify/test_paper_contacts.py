@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from sampled import sampled
 from stress_motion import random_targets
 
 from hhsim.bench.robustness.random_targets import StressOptions
@@ -25,7 +26,10 @@ from hhsim.verify.paper_contacts import on_another_part
 from hhsim.verify.tick_data import JudgedTicks
 
 
-@pytest.mark.parametrize(("name", "level", "seed"), [("sphere", 2, 3), ("cylinder", 2, 3), ("cube", 3, 0)])
+@pytest.mark.parametrize(
+    ("name", "level", "seed"),
+    sampled([("sphere", 2, 3), ("cylinder", 2, 3), ("cube", 3, 0)], lambda place, _: place == 1),
+)
 def test_a_hand_that_jumps_into_the_object_claims_nothing_false(
     tmp_path: Path, name: str, level: int, seed: int
 ) -> None:

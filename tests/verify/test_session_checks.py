@@ -2,7 +2,7 @@
 
 import os
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from live_rings import FACTS, ended
 from live_scripted import FIST, FREE, FakeClock, Moment, ScriptedGlove, make_setup
+from sealed_change import changed
 from verify_document import documented_faults
 
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_INPUT_INVALID
@@ -62,6 +63,8 @@ SCRIPT = [
     # Longer than the log is silent about a mishap that it has told of.
     *HOLDING * 14,
 ]
+SHORT = SCRIPT[:360]
+"""Its first mishaps."""
 HOLD = 130
 """A tick in which all fingers but the index finger, which touches nothing, are held at their full stiffness."""
 STALE = 80 + 60 + 4 + 60 + 35
@@ -81,13 +84,13 @@ LIVE_CLAIMS = (
 class Scripted:
     """A loop that has run the script on a clock of its own: the same bytes every time."""
 
-    def __init__(self, record: Path, **changes: Any) -> None:
-        given = {"output": OUTPUT, "safety": SafetyLimits(watchdog=False), "duration": 1e-3 * (len(SCRIPT) + 1)}
+    def __init__(self, record: Path, script: Sequence[Moment] = SCRIPT, **changes: Any) -> None:
+        given = {"output": OUTPUT, "safety": SafetyLimits(watchdog=False), "duration": 1e-3 * (len(script) + 1)}
         self.setup: LiveSetup = make_setup(**{**given, "record": record, **changes})
         self.memory = SessionMemory.create()
         clock = FakeClock()
         mishaps = {OVERSLEPT: lambda: clock.oversleep.append(int(3.4 * PERIOD)), FAILED: self.fail_once}
-        glove = ScriptedGlove(clock, SCRIPT, mishaps)
+        glove = ScriptedGlove(clock, script, mishaps)
         pose = FixedPose(PoseConfig())
         self.loop = LiveLoop(self.setup, self.memory, glove, pose, clock=clock)
         self.reason = self.loop.run()
@@ -143,7 +146,7 @@ def test_an_honest_session_with_every_mishap_holds(session: Result) -> None:
 def test_a_session_in_the_names_of_the_first_ones_holds(session: Result, tmp_path: Path) -> None:
     path = tmp_path / "first.h5"
     shutil.copy(session.path, path)
-    with h5py.File(path, "r+") as file:
+    with changed(path) as file:
         limits = str(file["live"].attrs["limits"])
         file["live"].attrs["limits"] = limits.replace("watchdog", "guardian")
         summary = file["summary"].attrs
@@ -358,7 +361,7 @@ def test_what_is_forged_in_a_session_is_found_by_name(
 ) -> None:
     path = tmp_path / "forged.h5"
     shutil.copy(session.path, path)
-    with h5py.File(path, "r+") as file:
+    with changed(path) as file:
         fault(file)
     found = {claim.name: claim for claim in verify_session.session_claims(load_result(path))}
     if FAULTS[fault] == "time":
@@ -373,7 +376,7 @@ def test_the_documentation_lists_what_is_forged(repository: Path) -> None:
 
 
 def test_a_session_whose_recorder_lost_ticks_and_samples_is_judged_by_what_is_left(tmp_path: Path) -> None:
-    scripted = Scripted(tmp_path / "gap.h5")
+    scripted = Scripted(tmp_path / "gap.h5", SHORT)
     ticks = RingReader(scripted.memory.ticks).read(10**6)[1]
     samples = RingReader(scripted.memory.samples).read(10**6)[1]
     options = loop_options(scripted.setup.options, scripted.setup.rate)
@@ -392,18 +395,18 @@ def test_a_session_whose_recorder_lost_ticks_and_samples_is_judged_by_what_is_le
     found = verify(session, every=50)
     assert failing(found) == set()
 
-    with h5py.File(session.path, "r+") as file:
+    with changed(session.path) as file:
         file["live/tick/command_stiffness"][120, 1] = 0.4
     assert failing(verify(load_result(session.path), every=50)) >= {"command bounds", "stiffness"}
 
 
 def test_a_dry_run_tells_so_in_every_tick(tmp_path: Path) -> None:
-    scripted = Scripted(tmp_path / "dry.h5", dry_run=True)
+    scripted = Scripted(tmp_path / "dry.h5", SHORT, dry_run=True)
     ended(scripted.memory, os.getpid())
     Recorder(scripted.setup, scripted.memory).run()
     session = load_result(tmp_path / "dry.h5")
     assert failing(verify(session, every=100)) == set()
-    with h5py.File(session.path, "r+") as file:
+    with changed(session.path) as file:
         file["live"].attrs["dry_run"] = 0
     assert "reasons" in failing(verify(load_result(session.path), every=100))
 
@@ -413,7 +416,7 @@ def test_a_session_of_before_the_set_points_were_known_is_not_judged_by_them(ses
 
     path = tmp_path / "old.h5"
     shutil.copy(session.path, path)
-    with h5py.File(path, "r+") as file:
+    with changed(path) as file:
         limits = json.loads(file["live"].attrs["limits"])
         del limits["bend"]
         file["live"].attrs["limits"] = json.dumps(limits)

@@ -20,7 +20,7 @@ from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.verify import tree_checks
 from hhsim.verify.tree_checks import TrueSurface, Verdict, referee, sticking_out
-from tools.shapes.cup import cup
+from tools.shapes.generators import cube
 
 BOX = trimesh.creation.box((0.1, 0.06, 0.04))
 MESH = Mesh(np.asarray(BOX.vertices), np.asarray(BOX.faces), name="box")
@@ -147,11 +147,11 @@ def test_4096_leaves_keep_to_the_bars(name: str, monkeypatch: pytest.MonkeyPatch
 
 def test_another_process_builds_the_same_bytes() -> None:
     program = (
-        "from tools.shapes.cup import cup; from hhsim.trees.builder import *; "
-        "t = build_sphere_tree(cup(0.08, 0.092, 0.0034, 0.032), TreeOptions(level=2)); "
+        "from tools.shapes.generators import cube; from hhsim.trees.builder import *; "
+        "t = build_sphere_tree(cube(0.07), TreeOptions(level=2)); "
         "print(t.center.tobytes().hex(), t.radius.tobytes().hex(), repr(t.errors))"
     )
     theirs = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout
-    ours = build_sphere_tree(cup(0.08, 0.092, 0.0034, 0.032), TreeOptions(level=2))
+    ours = build_sphere_tree(cube(0.07), TreeOptions(level=2))
     assert theirs == f"{ours.center.tobytes().hex()} {ours.radius.tobytes().hex()} {ours.errors!r}\n"
     assert ours.leaf_count > 20

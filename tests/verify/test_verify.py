@@ -27,6 +27,7 @@ from planted_faults import (
     verdict,
     wrong_wrench,
 )
+from sampled import sampled
 from stress_motion import random_targets
 from verify_document import documented_faults
 
@@ -73,17 +74,24 @@ def honest(tmp_path_factory: pytest.TempPathFactory) -> Result:
 
 
 def test_an_honest_result_holds_in_every_claim(honest: Result) -> None:
-    found = verify(honest, every=5)
+    found = verify(honest, every=10)
     assert failing(found) == set()
     assert {claim.name for claim in found.claims if claim.verdict != HOLDS} == {"summary, rest", *BEYOND_A_FILE}
     claims = {claim.name: claim for claim in found.claims}
     assert claims["depth"].worst <= 1e-9
     assert claims["kinematics"].checked == honest.ticks
-    assert claims["force balance"].checked >= honest.ticks // 5
+    assert claims["force balance"].checked >= honest.ticks // 10
     assert all(claim.why for claim in found.claims if claim.verdict == HOLDS and claim.name != "complete")
 
 
-@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.__name__)
+FIRST_OF_ITS_CLAIM = {claim: fault for fault, claim in reversed(FAULTS.items())}
+
+
+@pytest.mark.parametrize(
+    "fault",
+    sampled(FAULTS, lambda _, fault: FIRST_OF_ITS_CLAIM[FAULTS[fault]] is fault),
+    ids=lambda fault: fault.__name__,
+)
 def test_a_planted_fault_is_found_by_name(honest: Result, tmp_path: Path, fault: Callable[[h5py.File], None]) -> None:
     found = verify(planted(honest.path, tmp_path, fault), every=HOLD)
     assert FAULTS[fault] in failing(found)
@@ -183,7 +191,14 @@ def test_an_honest_input_gives_the_same_again(named: Result) -> None:
     }  # fmt: skip
 
 
-@pytest.mark.parametrize("fault", AGAIN, ids=lambda fault: fault.__name__)
+FIRST_ONES = {claim: fault for fault, claim in reversed(AGAIN.items())}
+
+
+@pytest.mark.parametrize(
+    "fault",
+    sampled(AGAIN, lambda _, fault: fault in (*FIRST_ONES.values(), another_motion, renamed_method)),
+    ids=lambda fault: fault.__name__,
+)
 def test_what_the_input_does_not_give_again_is_found(
     named: Result, tmp_path: Path, fault: Callable[[h5py.File], None]
 ) -> None:
@@ -239,7 +254,7 @@ def test_a_depth_set_to_zero_where_the_hand_penetrates_is_found(tmp_path: Path) 
     """Method paper goes in, and says so: its depth is right, until it is set to zero."""
     deep = described_grasp(tmp_path, level=3, method="paper")
     assert deep["penetration_depth"].max() > 1e-8
-    found = verify(deep, every=5)
+    found = verify(deep, every=10)
     assert failing(found) == set()
     assert verdict(found, "depth") == HOLDS
     assert verdict(found, "Eq. 14") == HOLDS
@@ -253,7 +268,7 @@ def test_a_depth_set_to_zero_where_the_hand_penetrates_is_found(tmp_path: Path) 
             file[f"tick/penetration_{name}"][...] = 0.0
         file["summary"].attrs["penetration_max"] = 0.0
 
-    assert failing(verify(planted(deep.path, tmp_path, zeroed), every=5)) == {"depth"}
+    assert failing(verify(planted(deep.path, tmp_path, zeroed), every=40)) == {"depth"}
 
 
 def test_a_sphere_on_a_level_beyond_counting_is_found(honest: Result, tmp_path: Path) -> None:
@@ -280,7 +295,7 @@ def test_a_sphere_on_a_level_beyond_counting_is_found(honest: Result, tmp_path: 
 )
 def test_other_options_hold_too(tmp_path: Path, options: dict[str, Any]) -> None:
     result = described_grasp(tmp_path, **options)
-    found = verify(result, every=5)
+    found = verify(result, every=20)
     assert failing(found) == set()
     if "budget" in options:
         assert (result["status"] & 2).any(), "nothing lags: the test shows nothing"
@@ -288,7 +303,7 @@ def test_other_options_hold_too(tmp_path: Path, options: dict[str, Any]) -> None
         assert verdict(found, "forces") == NOT_JUDGED
 
 
-@pytest.fixture(scope="module", params=["coupled", "progressive"])
+@pytest.fixture(scope="module", params=sampled(["coupled", "progressive"], lambda _, method: method == "coupled"))
 def stuck(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Result:
     """Hands that jump through a ball, one linearisation a tick: some ticks find no step that stays outside."""
     hand, mesh, options = HandModel.default(), load_object("sphere").mesh, TreeOptions(level=2)
@@ -305,7 +320,7 @@ def test_a_run_that_really_gets_stuck_holds(stuck: Result) -> None:
     ticks = np.flatnonzero(stuck["status"] & 1)
     assert len(ticks) >= 5, "nothing is stuck: the test shows nothing"
     assert np.abs(stuck["force/total"][ticks]).max() > 0.1, "a stuck hand bears nothing: the test shows little"
-    found = verify(stuck, every=20)
+    found = verify(stuck, every=100)
     assert failing(found) == set()
     claims = {claim.name: claim for claim in found.claims}
     for name in ("stuck ticks", "stuck forces"):
@@ -343,9 +358,9 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize(("name", "method"), CASES)
+@pytest.mark.parametrize(("name", "method"), sampled(CASES, lambda _, case: ALL or case != ("cup", "coupled")))
 def test_verify_agrees_with_the_replay(tmp_path: Path, name: str, method: str) -> None:
-    found = verify(described_grasp(tmp_path, name, level=3, method=method), every=2 if ALL else 10)
+    found = verify(described_grasp(tmp_path, name, level=3, method=method), every=2 if ALL else 20)
     assert failing(found) == set()
     depth = next(claim for claim in found.claims if claim.name == "depth")
     assert depth.worst <= 1e-9

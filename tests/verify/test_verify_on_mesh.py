@@ -27,6 +27,7 @@ from planted_faults import (
     verdict,
     wider_touch,
 )
+from sampled import sampled
 from stress_motion import random_targets
 
 from hhsim.hand.model import HandModel
@@ -37,11 +38,11 @@ from hhsim.scene.open_scene import open_scene
 from hhsim.scene.scene import make_scene
 from hhsim.solver.options import SolverOptions
 from hhsim.verify.claim import HOLDS
+from hhsim.verify.force_checks import force_claims
+from hhsim.verify.tick_data import JudgedTicks
 from hhsim.verify.verify import verify
 
 pytest.importorskip("coal", reason="the referee measures with coal: pip install 'hhsim[verify]'")
-
-pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
@@ -49,28 +50,29 @@ def on_mesh(tmp_path_factory: pytest.TempPathFactory) -> Result:
     return described_grasp(tmp_path_factory.mktemp("mesh"), surface="mesh")
 
 
-def test_a_hand_that_is_on_its_way_on_the_mesh(tmp_path: Path) -> None:
+@pytest.mark.parametrize("method", sampled(["coupled", "progressive"], lambda _, method: method == "coupled"))
+def test_a_hand_that_is_on_its_way_on_the_mesh(tmp_path: Path, method: str) -> None:
     hand = HandModel.default()
     moved = random_targets(hand, 300, 5)
     names = ("position", "orientation", "flexion", "abduction")
     motion = Trajectory(time=np.arange(300) / 1000.0, **{name: getattr(moved, name) for name in names})
     base = open_scene("cube", "touch", level=3)
     scene = make_scene(base.mesh, base.tree, hand, motion)
-    for method in ("coupled", "progressive"):
-        replay(scene, SolverOptions(method=method, surface="mesh"), tmp_path / "way.h5")
-        result = load_result(tmp_path / "way.h5")
-        assert (np.asarray(result["status"]) & 2 > 0).sum() > 40
-        assert failing(verify(result, every=9)) == set()
+    replay(scene, SolverOptions(method=method, surface="mesh"), tmp_path / "way.h5")
+    result = load_result(tmp_path / "way.h5")
+    assert (np.asarray(result["status"]) & 2 > 0).sum() > 40
+    assert failing(verify(result, every=27)) == set()
 
-        def aside(file: h5py.File) -> None:
-            force, late = file["tick/force/phalanx"], np.flatnonzero(file["tick/status"][...] & 2)
-            size = np.abs(force[...]).sum(axis=(1, 2, 3))
-            looked_at = late[late % 9 == 0]
-            tick = looked_at[size[looked_at].argmax()]
-            finger, phalanx = divmod(int(np.linalg.norm(force[tick], axis=2).argmax()), 3)
-            force[tick, finger, phalanx] = np.roll(force[tick, finger, phalanx], 1)
+    def aside(file: h5py.File) -> None:
+        force, late = file["tick/force/phalanx"], np.flatnonzero(file["tick/status"][...] & 2)
+        size = np.abs(force[...]).sum(axis=(1, 2, 3))
+        looked_at = late[late % 9 == 0]
+        tick = looked_at[size[looked_at].argmax()]
+        finger, phalanx = divmod(int(np.linalg.norm(force[tick], axis=2).argmax()), 3)
+        force[tick, finger, phalanx] = np.roll(force[tick, finger, phalanx], 1)
 
-        assert "force balance" in failing(verify(planted(result.path, tmp_path, aside), every=9))
+    judge = JudgedTicks(planted(result.path, tmp_path, aside), np.arange(0, result.ticks, 9))
+    assert "force balance" in {claim.name for claim in force_claims(judge) if claim.failed}
 
 
 def touched_spheres(file: h5py.File) -> None:
@@ -81,10 +83,11 @@ def touched_spheres(file: h5py.File) -> None:
 ON_MESH = [moved_hand, scaled_force, force_in_the_air, not_the_optimum, uncounted_pair, thicker_finger, swapped_forces]
 ON_MESH += [tangential_force, claimed_depth, fewer_bodies, wider_touch, renamed_method]
 """Faults that geometry finds: of a run on the mesh by distances to its triangles, under the same names."""
+SAME_CLAIM_AS_ANOTHER = (thicker_finger, swapped_forces, tangential_force, wider_touch)
 
 
 def test_an_honest_result_on_the_mesh_holds_in_every_claim(on_mesh: Result) -> None:
-    found = verify(on_mesh, every=10, again=True)
+    found = verify(on_mesh, every=40, again=True)
     assert failing(found) == set()
     for name in (
         "depth",
@@ -104,7 +107,11 @@ def test_an_honest_result_on_the_mesh_holds_in_every_claim(on_mesh: Result) -> N
     assert on_mesh.summary["force_contact_max"] > 1.0
 
 
-@pytest.mark.parametrize("fault", [*ON_MESH, touched_spheres], ids=lambda fault: fault.__name__)
+@pytest.mark.parametrize(
+    "fault",
+    sampled([*ON_MESH, touched_spheres], lambda _, fault: fault not in SAME_CLAIM_AS_ANOTHER),
+    ids=lambda fault: fault.__name__,
+)
 def test_a_planted_fault_of_a_run_on_the_mesh(
     on_mesh: Result, tmp_path: Path, fault: Callable[[h5py.File], None]
 ) -> None:

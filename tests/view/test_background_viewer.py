@@ -110,34 +110,27 @@ def test_the_process_beside_writes_what_this_one_would(result: Result, tmp_path:
 
 
 @linux
-def test_what_the_process_beside_cannot_do_is_told_here(result: Result, tmp_path: Path) -> None:
+def test_what_the_process_beside_cannot_do_is_told_here_and_so_is_its_death(result: Result, tmp_path: Path) -> None:
     body = """
+    def show(viewer):
+        try:
+            viewer.show(result)
+        except Exception as error:
+            print(type(error).__name__, error)
     target.path.parent.rmdir()
-    try:
-        viewer.show(result)
-    except Exception as error:
-        print(type(error).__name__, error)
+    show(viewer)
+    with ViewAhead(parse_target(sys.argv[3])) as other:
+        other.settle()
+        os.kill(other._process.pid, signal.SIGKILL)
+        show(other)
 """
-    folder = tmp_path / "gone"
+    folder, path = tmp_path / "gone", tmp_path / "x.rrd"
     folder.mkdir()
-    answer = forked(body, result.path, folder / "x.rrd")
+    answer = forked(body, result.path, folder / "x.rrd", path)
     assert (answer.returncode, answer.stderr) == (0, "")
-    assert answer.stdout.startswith(f"OutputError there is no folder {folder} for x.rrd")
-
-
-@linux
-def test_a_process_beside_that_dies_is_told(result: Result, tmp_path: Path) -> None:
-    body = """
-    os.kill(viewer._process.pid, signal.SIGKILL)
-    try:
-        viewer.show(result)
-    except Exception as error:
-        print(type(error).__name__, error)
-"""
-    path = tmp_path / "x.rrd"
-    answer = forked(body, result.path, path)
-    assert (answer.returncode, answer.stderr) == (0, "")
-    assert answer.stdout == f"HhsimError nothing went to {path}: the process that shows it ended with code -9\n"
+    failed, died = answer.stdout.splitlines()
+    assert failed.startswith(f"OutputError there is no folder {folder} for x.rrd")
+    assert died == f"HhsimError nothing went to {path}: the process that shows it ended with code -9"
     assert list(tmp_path.iterdir()) == []
 
 

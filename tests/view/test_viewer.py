@@ -7,10 +7,10 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 import pytest
 from rerun_files import SETTINGS, Recording, listening
+from sealed_change import changed
 from short_grasp import short_grasp, short_result
 
 from hhsim.errors import InputError, OutputError
@@ -173,7 +173,7 @@ def test_blocks_join_without_a_seam(result: Result, tmp_path: Path, monkeypatch:
 def test_a_run_that_was_stopped_is_shown_as_far_as_it_went(result: Result, tmp_path: Path) -> None:
     stopped = tmp_path / "stopped.h5"
     shutil.copy(result.path, stopped)
-    with h5py.File(stopped, "r+") as file:
+    with changed(stopped) as file:
         file.attrs["complete"] = 0
         for name in ("graphic/joints", "status"):
             file["tick"][name].resize(120, axis=0)
@@ -187,7 +187,7 @@ def test_a_run_that_was_stopped_is_shown_as_far_as_it_went(result: Result, tmp_p
 def test_fingers_that_the_scene_leaves_out_touch_nothing(result: Result, tmp_path: Path) -> None:
     other = tmp_path / "two.h5"
     shutil.copy(result.path, other)
-    with h5py.File(other, "r+") as file:
+    with changed(other) as file:
         scene = json.loads(file.attrs["scene"])
         scene["solver"]["fingers"] = ["index"]
         file.attrs["scene"] = json.dumps(scene)

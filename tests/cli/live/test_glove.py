@@ -28,6 +28,8 @@ from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 from tools.shapes.generators import cube
 
+pytestmark = pytest.mark.slow
+
 Run = Callable[..., Any]
 HHSIM = [sys.executable, "-c", "from hhsim.cli.main import main; main()"]
 
@@ -78,10 +80,13 @@ def test_a_glove_that_is_not_there_is_told_in_one_line(run: Run, tmp_path: Path)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_session_of_a_simulated_glove_is_one_document_and_one_file(run: Run, tmp_path: Path) -> None:
+def test_a_session_of_a_simulated_glove_and_the_hand_in_a_file_is_one_document_and_one_file(
+    run: Run, tmp_path: Path
+) -> None:
+    (tmp_path / "me.toml").write_text("hand_length = 0.17\n[index]\nlength = [0.040, 0.024, 0.012]\n")
     answer = run(
         *("live", "glove", "cube", "--device", "sim", "--trajectory", "pinch", "--duration", "0.4"),
-        *("--record", "session.h5", "--no-realtime", "--json"),
+        *("--record", "session.h5", "--no-realtime", "--json", "--hand-file", "me.toml", "--hand", "left"),
     )
     assert answer.code == 0, answer.err
     document = json.loads(answer.out)
@@ -94,15 +99,13 @@ def test_a_session_of_a_simulated_glove_is_one_document_and_one_file(run: Run, t
     result = load_result(tmp_path / "session.h5")
     assert result.complete
     assert result.ticks == document["recorded_ticks"] > 0
-    assert [path.name for path in tmp_path.iterdir()] == ["session.h5"]
-
-
-def test_a_session_is_of_the_hand_in_a_file(run: Run, tmp_path: Path) -> None:
-    (tmp_path / "me.toml").write_text("hand_length = 0.17\n[index]\nlength = [0.040, 0.024, 0.012]\n")
-    given = ("live", "glove", "cube", "--duration", "0.1", "--record", "session.h5", "--no-realtime", "--quiet")
-    assert run(*given, "--hand-file", "me.toml", "--hand", "left").code == 0
-    hand = stored_hand(load_result(tmp_path / "session.h5"))
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["me.toml", "session.h5"]
+    hand = stored_hand(result)
     assert (hand.side, hand.hand_length, hand.length[1].tolist()) == ("left", 0.17, [0.040, 0.024, 0.012])
+
+
+def test_a_hand_file_that_is_not_there_is_told_in_one_line(run: Run) -> None:
+    given = ("live", "glove", "cube", "--duration", "0.1", "--record", "session.h5", "--no-realtime", "--quiet")
     assert run(*given, "--hand-file", "nobody.toml").err.startswith("hhsim: error: nobody.toml: no such file")
 
 

@@ -10,6 +10,7 @@ import pytest
 from leap_document import CLEAN, document, packed
 from lz_pack import pack
 from recording_samples import read_as
+from sampled import sampled
 
 from hhsim.errors import HhsimError, TrajectoryError
 from hhsim.motion.sample_flags import SampleFlag, marked
@@ -111,7 +112,8 @@ def test_what_is_no_recording_is_refused(text: str, words: str) -> None:
         read_as("leap", json.dumps(document(count=3)), hand="left")
 
 
-def test_damaged_documents_are_refused_or_mended_and_never_crash() -> None:
+@pytest.mark.parametrize("count", sampled([50, 150], lambda _, count: count == 50))
+def test_damaged_documents_are_refused_or_mended_and_never_crash(count: int) -> None:
     source = random.Random(11)
     base = document()
 
@@ -125,7 +127,7 @@ def test_damaged_documents_are_refused_or_mended_and_never_crash() -> None:
             return [*node[:index], damaged(node[index]), *node[index + 1 :]]
         return source.choice([None, True, -1, 1e308, 10**400, "x", [], {}, [1], {"a": 1}, float("nan")])
 
-    for _ in range(150):
+    for _ in range(count):
         whole = damaged(packed(base) if source.random() < 0.5 else base)
         try:
             repair(read_as("leap", json.dumps(whole)))
