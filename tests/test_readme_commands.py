@@ -41,22 +41,32 @@ def test_every_file_is_there_or_made_by_a_line_before(repository: Path) -> None:
 @pytest.mark.soak
 @pytest.mark.parametrize("own", [True, False], ids=["here", "from nothing"])
 def test_every_line_can_be_pasted(repository: Path, tmp_path: Path, own: bool) -> None:
-    clone = tmp_path / "hhsim"
+    clone, commands_of_own = tmp_path / "clone", tmp_path / "bin"
     subprocess.run(["git", "clone", "--quiet", str(repository), str(clone)], check=True)
     commands = [line for line in lines(repository) if not (own and ENVIRONMENT.match(line))]
     assert len(commands) > 20
+    commands_of_own.mkdir()
     if own:
-        hhsim_command(tmp_path)
-    # One shell, so that an activated environment stays; it ends with the first line that fails.
-    script = "set -e\n" + "".join(f"echo 'PASTED {number}'\n{line}\n" for number, line in enumerate(commands))
+        hhsim_command(commands_of_own)
+    # One shell, so that an activated environment stays.
+    script = "".join(f"echo 'PASTED {number}'\n{line}\necho \"ENDED $?\"\n" for number, line in enumerate(commands))
     answer = subprocess.run(
         ["bash", "-c", script],
         cwd=clone,
-        env={**os.environ, "PATH": f"{tmp_path}:{os.environ['PATH']}", "NO_COLOR": "1"},
+        env={**os.environ, "PATH": f"{commands_of_own}:{os.environ['PATH']}", "NO_COLOR": "1"},
         stdin=subprocess.DEVNULL,
-        capture_output=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
         text=True,
     )
-    reached = answer.stdout.count("PASTED ")
-    assert answer.returncode == 0, f"{commands[reached - 1]}\n{answer.stdout[-2000:]}{answer.stderr[-2000:]}"
-    assert reached == len(commands)
+    printed = answer.stdout.split("PASTED ")[1:]
+    assert len(printed) == len(commands)
+    for line, told in zip(commands, printed):
+        assert told.endswith("ENDED 0\n") or only_late(line, told), f"{line}\n{told[-4000:]}"
+
+
+def only_late(line: str, told: str) -> bool:
+    """Whether a bench ended with 1 for its bars on times alone: on a machine that others use too, they say nothing."""
+    missed = [text for text in told.splitlines() if text.startswith("missed: ")]
+    late = all(re.search(r"^missed: .*tick.*µs, bar .*µs$", text) for text in missed)
+    return line.startswith("hhsim bench ") and told.endswith("ENDED 1\n") and bool(missed) and late
