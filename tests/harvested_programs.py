@@ -9,7 +9,7 @@ from sphere_scenes import Motion, bumpy_ball, prepared
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.linearise import ROW_CAPACITY
 from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.options import SolverOptions
+from hhsim.solver.options import UNLIMITED, SolverOptions
 from hhsim.solver.qp import QpProblem
 
 Array = NDArray[np.float64]
@@ -20,8 +20,11 @@ TICKS = 480
 
 
 def harvest(method: str, motion: Motion, every: int) -> Any:
-    """A solver standing before every `every`-th tick at which pairs are near, its first program prepared."""
-    solver = HandSolver(HAND, TREE.arrays(), SolverOptions(method=method))
+    """A solver standing before every `every`-th tick at which pairs are near, its first program prepared.
+
+    Without a budget, so that the programs are the same whatever work is said to cost.
+    """
+    solver = HandSolver(HAND, TREE.arrays(), SolverOptions(method=method, budget=UNLIMITED))
     for first in range(0, TICKS, every):
         solver.run(*motion.part(first, first + every))
         if first + every < TICKS and prepared(solver, motion, first + every) > 0:

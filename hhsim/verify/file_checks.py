@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.tick.state import (
     STATUS_INPUT_INVALID,
+    UNITS_CONTACT,
     UNITS_LINEARISATION,
     UNITS_NODE_TEST,
     UNITS_PAIR_TEST,
@@ -145,14 +146,17 @@ def _durations(result: Result) -> Claim:
 
 
 def _work(result: Result) -> list[Claim]:
-    """The weighted work against its parts; only how many rows each program but the largest had is not stored."""
+    """The weighted work against its parts; only how much each program but the largest found and kept is not stored."""
     if not never_penetrates(result.scene["solver"]["method"]):
         return []
     work = {name: np.asarray(result[f"work/{name}"], np.int64) for name in ("node_tests", "pair_tests", "units")}
     steps, rows = np.asarray(result["work/linearisations"]), np.asarray(result["work/rows"])
     least = UNITS_LINEARISATION * steps + UNITS_QP_ITERATION * np.asarray(result["work/qp_iterations"])
-    least += UNITS_NODE_TEST * work["node_tests"] + UNITS_PAIR_TEST * work["pair_tests"] + UNITS_ROW * rows
-    most = least + UNITS_ROW * rows * np.maximum(steps - 1, 0)
+    least += UNITS_NODE_TEST * work["node_tests"] + UNITS_PAIR_TEST * work["pair_tests"]
+    # Of a pair there are at most two contacts: a phalanx that lies flat has one at each end.
+    found = 2 * np.asarray(result["contacts/candidates"])
+    most = least + (UNITS_CONTACT * found + UNITS_ROW * rows) * steps
+    least += (UNITS_CONTACT + UNITS_ROW) * rows
     outside = (work["units"] < least) | (work["units"] > most)
     outside |= steps > int(result.scene["solver"]["linearisations"])
     says = "the weighted work is that of its parts, in no more linearisations than are allowed"

@@ -54,6 +54,7 @@ from hhsim.kernels.tick.paper_constraints import (
 from hhsim.kernels.tick.paper_detection import PALM_STACK, detect, finger_is_free, palm_is_free
 from hhsim.kernels.tick.state import (
     STATUS_STUCK,
+    UNITS_CONTACT,
     UNITS_LINEARISATION,
     UNITS_ROW,
     WORK_BODIES,
@@ -330,7 +331,7 @@ def _tick(method: Paper, hand: HandArrays, tree: TreeArrays, state: Record, qp: 
                 near += 1
         state.work[WORK_BODIES] = max(state.work[WORK_BODIES], near)
         state.work[WORK_LINEARISATIONS] += 1
-        state.work[WORK_UNITS] += UNITS_LINEARISATION + UNITS_ROW * rows
+        state.work[WORK_UNITS] += UNITS_LINEARISATION + (UNITS_CONTACT + UNITS_ROW) * rows
         state.step.duration[DURATION_DETECT] += detected - began
         state.step.duration[DURATION_PALM] += solved - detected
         state.step.duration[DURATION_FINGERS] += finished - solved

@@ -79,9 +79,9 @@ from hhsim.kernels.tick.method import tick
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.state import (
     STATUS_CAPACITY_EXCEEDED,
+    UNITS_CONTACT,
     UNITS_LINEARISATION,
     UNITS_QP_ITERATION,
-    UNITS_ROW,
     WORK_BODIES,
     WORK_CANDIDATES,
     WORK_LINEARISATIONS,
@@ -431,7 +431,7 @@ def _tick(method: Penalty, hand: HandArrays, surface: Any, state: Record, qp: Qp
     count = contacts.start[FINGER_COUNT + 1]
     state.work[WORK_CANDIDATES] = count
     state.work[WORK_ROWS] = count
-    state.work[WORK_UNITS] = UNITS_LINEARISATION + UNITS_ROW * count
+    state.work[WORK_UNITS] = UNITS_LINEARISATION + UNITS_CONTACT * count
     for body in range(BODY_COUNT):
         if state.candidates.nearest[body] <= options.margin:
             state.work[WORK_BODIES] += 1

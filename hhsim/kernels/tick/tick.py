@@ -44,6 +44,7 @@ from hhsim.kernels.tick.state import (
     STATUS_INPUT_INVALID,
     STATUS_LAG,
     STATUS_STUCK,
+    UNITS_CONTACT,
     UNITS_LINEARISATION,
     UNITS_NODE_TEST,
     UNITS_PAIR_TEST,
@@ -234,6 +235,7 @@ def prepare(hand: HandArrays, surface: Any, options: TickOptions, state: Record)
     status = find_contacts(surface, hand, state.pose, candidates, reach, state.contacts)
     if status != 0:
         return -1
+    found = state.contacts.start[FINGER_COUNT + 1]
     drop_redundant_contacts(hand, reach, state.contacts, state.excess[:])
     _aim(state)
     state.clipped = False
@@ -243,7 +245,7 @@ def prepare(hand: HandArrays, surface: Any, options: TickOptions, state: Record)
     state.work[WORK_LINEARISATIONS] += 1
     state.work[WORK_CANDIDATES] = max(state.work[WORK_CANDIDATES], pairs)
     state.work[WORK_ROWS] = max(state.work[WORK_ROWS], contacts)
-    state.work[WORK_UNITS] += UNITS_LINEARISATION + UNITS_ROW * contacts
+    state.work[WORK_UNITS] += UNITS_LINEARISATION + UNITS_CONTACT * found + UNITS_ROW * contacts
     if contacts == 0:
         for j in range(DOF):
             state.step.delta[j] = state.problem.target[j]
