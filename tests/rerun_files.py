@@ -55,6 +55,14 @@ class Recording:
         return 1e-9 * np.sort(np.concatenate(found))
 
 
+def _wait_until_written(path: Path) -> None:
+    # What was sent and not yet written is lost where the viewer is ended: not before the file has stopped growing.
+    until, size = time.monotonic() + PATIENCE, -1
+    while path.exists() and path.stat().st_size != size and time.monotonic() < until:
+        size = path.stat().st_size
+        time.sleep(0.3)
+
+
 @contextlib.contextmanager
 def listening(path: Path) -> Iterator[tuple[int, subprocess.Popen[bytes]]]:
     """A viewer without a window that writes what it is sent to a file, which is whole when the `with` is left.
@@ -79,6 +87,7 @@ def listening(path: Path) -> Iterator[tuple[int, subprocess.Popen[bytes]]]:
         yield port, viewer
     finally:
         viewer.send_signal(signal.SIGCONT)
+        _wait_until_written(path)
         viewer.send_signal(signal.SIGINT)
         try:
             viewer.wait(PATIENCE)
