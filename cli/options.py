@@ -139,7 +139,7 @@ class SolverChoice(OptionGroup, heading="Solver"):
         type=COUNT,
         metavar="UNITS",
         help="Work after which a tick begins no further linearisation, 1 to 3 ns a unit: it stays below half of its "
-        "period; what is left is lag, and the next tick goes on. Default: 120 units a microsecond of the period.",
+        "period; what is left is lag, and the next tick goes on. Default: 150 units a microsecond of the period.",
     )
 
     @property

@@ -21,7 +21,7 @@ TOUCH = 1e-5
 
 UNLIMITED = 2**62
 """A budget of work units that no tick uses up."""
-BUDGET_SHARE = 0.12
+BUDGET_SHARE = 0.15
 """Of a tick's period in nanoseconds: the default budget in work units, of which one takes 1 to 3 ns. The linearisation
 under way is finished, so that a tick stays below half of its period."""
 BY_PERIOD: Any = None
