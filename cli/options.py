@@ -138,8 +138,8 @@ class SolverChoice(OptionGroup, heading="Solver"):
     budget: int | None = option(
         type=COUNT,
         metavar="UNITS",
-        help="Work after which a tick begins no further linearisation, 1 to 3 ns a unit: it stays below half of its "
-        "period; what is left is lag, and the next tick goes on. Default: 150 units a microsecond of the period.",
+        help="Work after which a tick begins no further linearisation, 1 to 3 ns a unit; what is left is "
+        "lag, and the next tick goes on. Default: 150 units a microsecond of the period.",
     )
 
     @property

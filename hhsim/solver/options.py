@@ -23,7 +23,7 @@ UNLIMITED = 2**62
 """A budget of work units that no tick uses up."""
 BUDGET_SHARE = 0.15
 """Of a tick's period in nanoseconds: the default budget in work units, of which one takes 1 to 3 ns. The linearisation
-under way is finished, so that a tick stays below half of its period."""
+under way is finished, lists that it gathers included: that may take a tick to 0.6 of its period."""
 BY_PERIOD: Any = None
 """Default of an option whose default depends on the period; no option keeps this value."""
 
