@@ -137,7 +137,7 @@ def _place(error: OSError) -> str:
     """What an error of the system is about, which it does not say where stdout or the compiler's cache is full."""
     if error.filename:
         return str(error.filename)
-    from hhsim.kernels.jit import cache_root
+    from hhsim.kernels.kernel_cache import cache_root
 
     return f"stdout, or the cache in {cache_root()}, for which HHSIM_CACHE_DIR names another folder"
 

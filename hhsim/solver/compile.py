@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from hhsim.hand.model import HandModel
-from hhsim.kernels.jit import JIT_ENABLED, cached_kernels
+from hhsim.kernels.jit import JIT_ENABLED
+from hhsim.kernels.kernel_cache import cached_kernels
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.metrics import penetration

@@ -186,9 +186,10 @@ def _clock() -> Clock:
 
 
 def _kernels() -> Kernels:
-    from hhsim.kernels import jit
+    from hhsim.kernels.jit import JIT_ENABLED
+    from hhsim.kernels.kernel_cache import KERNEL_CACHE, is_cached
 
-    return Kernels(folder=str(jit.KERNEL_CACHE), compiled=jit.is_cached(), jit=jit.JIT_ENABLED)
+    return Kernels(folder=str(KERNEL_CACHE), compiled=is_cached(), jit=JIT_ENABLED)
 
 
 def _requirements() -> list[tuple[str, str]]:

@@ -11,7 +11,7 @@ from importlib.resources import as_file, files
 from pathlib import Path
 
 from hhsim.errors import InputError, OutputError
-from hhsim.kernels.jit import cache_root
+from hhsim.kernels.kernel_cache import cache_root
 from hhsim.mesh.mesh import Mesh
 from hhsim.trees.file import load_tree, save_tree
 from hhsim.trees.hierarchy import at_level

@@ -21,7 +21,7 @@ import pytest
 from numpy.typing import NDArray
 from sphere_scenes import Motion, bumpy_ball, still, straight_line
 
-from hhsim.kernels.jit import cache_root
+from hhsim.kernels.kernel_cache import cache_root
 from hhsim.kernels.tick.state import STATUS_START_INSIDE
 from hhsim.solver.method import METHODS
 from hhsim.trees.file import save_tree
@@ -38,7 +38,6 @@ SCRIPT = textwrap.dedent(
     import numpy as np
     from sphere_scenes import bumpy_ball, random_targets, still
     import hhsim.kernels
-    import hhsim.kernels.jit as jit
     from hhsim.hand.model import HandModel
     from hhsim.metrics.metrics import penetration
     from hhsim.solver.hand_solver import HandSolver

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from hhsim import __version__
-from hhsim.kernels import jit
+from hhsim.kernels import kernel_cache
 from hhsim.system import environment as info
 
 
@@ -20,7 +20,7 @@ def test_everything_is_stated_and_can_be_json() -> None:
     assert again["machine"]["cores"] >= 1
     assert again["machine"]["cpu"]
     assert 0.0 < again["clock"]["resolution"] <= again["clock"]["step"] < 1e-3
-    assert again["kernels"]["folder"] == str(jit.KERNEL_CACHE)
+    assert again["kernels"]["folder"] == str(kernel_cache.KERNEL_CACHE)
 
 
 def test_versions_are_those_of_the_imported_packages() -> None:

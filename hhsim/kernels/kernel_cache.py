@@ -1,0 +1,241 @@
+"""Where compiled kernels are kept, and what makes them stale.
+
+numba's file cache sees edits of the file that holds a function but not of the functions it calls, and would then return
+yesterday's callee. The kernels of a module therefore lie in a folder named by a digest of that module's source, of the
+sources of all kernel modules that it imports, directly or not, of the numba version and of the CPU. Nothing else
+counts: another checkout of the same sources, or the same one installed anew, runs what is there.
+"""
+
+import ast
+import functools
+import hashlib
+import os
+import re
+import stat
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numba
+from numba import types
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
+
+PACKAGE = __name__.rpartition(".")[0]
+"""Whose modules a digest covers."""
+
+SOURCES = Path(__file__).parent
+
+
+def cache_root() -> Path:
+    """Folder for everything hhsim may delete and make again.
+
+    `HHSIM_CACHE_DIR` wins, then `XDG_CACHE_HOME`/hhsim, then ~/.cache/hhsim; where none can be written, a folder of the
+    user's in the system's temporary directory.
+    """
+    named = os.environ.get("HHSIM_CACHE_DIR")
+    if named:
+        root = Path(named)
+    else:
+        base = os.environ.get("XDG_CACHE_HOME")
+        root = (Path(base) if base else Path("~/.cache").expanduser()) / "hhsim"
+    try:
+        root.mkdir(parents=True, exist_ok=True)
+        if os.access(root, os.W_OK):
+            return root
+    except OSError:
+        pass
+    fallback = Path(tempfile.gettempdir()) / f"hhsim-{os.getuid()}"
+    fallback.mkdir(mode=0o700, parents=True, exist_ok=True)
+    state = fallback.lstat()
+    if not stat.S_ISDIR(state.st_mode) or state.st_uid != os.getuid() or state.st_mode & 0o077:
+        # Compiled kernels are run as they are found: never take them from a folder that another user can write.
+        return Path(tempfile.mkdtemp(prefix="hhsim-"))
+    return fallback
+
+
+def source_of(module: str) -> Path | None:
+    """File of a module or package of the kernels by its dotted name; None for what is neither."""
+    if module != PACKAGE and not module.startswith(f"{PACKAGE}."):
+        return None
+    path = SOURCES.joinpath(*module.split(".")[PACKAGE.count(".") + 1 :])
+    found = (path.with_suffix(".py"), path / "__init__.py")
+    return next((file for file in found if file.is_file()), None)
+
+
+def _import_statements(source: str) -> Iterator[ast.stmt]:
+    # The statements alone are parsed: whole modules would cost every start a tenth of a second and more.
+    for found in re.finditer(r"^[ \t]*((?:from|import)[ \t][^\n(]*(?:\([^)]*\))?[^\n]*)", source, re.MULTILINE):
+        try:
+            yield from ast.parse(found.group(1).strip()).body
+        except SyntaxError:  # a line of a docstring
+            continue
+
+
+@functools.cache
+def imported_kernels(module: str) -> tuple[str, ...]:
+    """Modules of the kernels that a module of them imports, in whatever form and wherever in the file."""
+    source = source_of(module)
+    if source is None:
+        return ()
+    package = module if source.name == "__init__.py" else module.rpartition(".")[0]
+    named: list[str] = []
+    for node in _import_statements(source.read_text(encoding="utf-8")):
+        if isinstance(node, ast.Import):
+            named += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            above = package.split(".")[: package.count(".") + 2 - node.level] if node.level else []
+            base = ".".join([*above, *([node.module] if node.module else [])])
+            named += [base, *(f"{base}.{alias.name}" for alias in node.names)]
+    return tuple(dict.fromkeys(name for name in named if source_of(name) is not None))
+
+
+@functools.cache
+def implementing_kernels() -> dict[str, tuple[str, ...]]:
+    """For each module that declares `generic` kernels, the modules that implement them."""
+    found: dict[str, list[str]] = {}
+    for path in sorted(SOURCES.rglob("*.py")):
+        source = path.read_text(encoding="utf-8")
+        generics = set(re.findall(r"^@(\w+)\.of\(", source, re.MULTILINE))
+        if generics:
+            module = ".".join([PACKAGE, *path.relative_to(SOURCES).with_suffix("").parts])
+            for node in _import_statements(source):
+                if isinstance(node, ast.ImportFrom) and not generics.isdisjoint(alias.name for alias in node.names):
+                    found.setdefault(str(node.module), []).append(module)
+    return {module: tuple(others) for module, others in found.items()}
+
+
+@functools.cache
+def module_digest(module: str) -> str:
+    """Digest of all that the compiled kernels of a module depend on."""
+    closure: set[str] = set()
+    waiting = [module]
+    while waiting:
+        name = waiting.pop()
+        if name not in closure:
+            closure.add(name)
+            waiting.extend(imported_kernels(name))
+            waiting.extend(implementing_kernels().get(name, ()))
+    digest = _machine_digest()
+    for name in sorted(closure):
+        source = source_of(name)
+        assert source is not None, f"{name} is no module of {PACKAGE}"
+        digest.update(name.encode())
+        digest.update(source.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _machine_digest() -> "hashlib._Hash":
+    digest = hashlib.sha256(numba.__version__.encode())
+    digest.update(str(numba.config.CPU_NAME or _host_cpu()).encode())
+    digest.update(str(bool(numba.config.BOUNDSCHECK)).encode())
+    return digest
+
+
+@functools.cache
+def _host_cpu() -> str:
+    from llvmlite import binding
+
+    return f"{binding.get_host_cpu_name()} {binding.get_host_cpu_features().flatten()}"
+
+
+KERNEL_CACHE: Path = cache_root() / "kernels"
+"""Where compiled kernels lie, each module's in its own folder."""
+
+_folders: set[Path] = set()
+
+
+def module_cache(module: str) -> Path:
+    """Folder of the compiled kernels of exactly this source of a module, by its dotted name."""
+    return KERNEL_CACHE / f"{module.removeprefix(f'{PACKAGE}.')}-{module_digest(module)}"
+
+
+class _Folder(_CacheLocator):  # type: ignore[misc]
+    """A folder whose name says what its kernels were made of: numba's own stamps, path and time, are not needed."""
+
+    def __init__(self, folder: Path, function: Callable[..., Any]) -> None:
+        self._folder = folder
+        self._line = function.__code__.co_firstlineno
+        self._py_file = function.__code__.co_filename  # for numba's warning of what cannot be cached
+
+    def get_cache_path(self) -> str:
+        return str(self._folder)
+
+    def get_source_stamp(self) -> str:
+        return ""
+
+    def get_disambiguator(self) -> str:
+        return str(self._line)
+
+
+class _Stored(CompileResultCacheImpl):  # type: ignore[misc]
+    """Names the files of one kernel in its folder."""
+
+    def __init__(self, function: Callable[..., Any], folder: Path) -> None:
+        self._locator = _Folder(folder, function)
+        self._lineno = function.__code__.co_firstlineno
+        self._filename_base = self.get_filename_base(function.__qualname__, sys.abiflags)
+
+
+class _FolderCache(FunctionCache):  # type: ignore[misc]
+    """numba's file cache of one kernel, in a given folder."""
+
+    def __init__(self, function: Callable[..., Any], folder: Path) -> None:
+        self._impl_class = functools.partial(_Stored, folder=folder)
+        super().__init__(function)
+
+
+class KernelCache(_FolderCache):
+    """The file cache of one kernel, in numba's place for it.
+
+    What was compiled for a type that is declared outside of the kernels lies apart, in a folder named by that type's
+    source: its edits are seen, and other programs, which do not know the type, never meet it.
+    """
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function, module_cache(function.__module__))
+        _folders.add(Path(self.cache_path))
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Compiled code for a signature, None where there is none."""
+        foreign = self._foreign(sig)
+        return foreign.load_overload(sig, target_context) if foreign else super().load_overload(sig, target_context)
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep compiled code for its signature."""
+        foreign = self._foreign(sig)
+        if foreign:
+            foreign.save_overload(sig, data)
+        else:
+            super().save_overload(sig, data)
+
+    def _foreign(self, sig: Any) -> _FolderCache | None:
+        sources = {source for argument in getattr(sig, "args", sig) for source in _foreign_sources(argument)}
+        if not sources:
+            return None
+        digest = _machine_digest()
+        for source in sorted(sources):
+            digest.update(Path(source).read_bytes())
+        return _FolderCache(self._py_func, Path(self.cache_path) / digest.hexdigest()[:16])
+
+
+def _foreign_sources(argument: types.Type) -> Iterator[str]:
+    """Files outside of the kernels that declare the NamedTuple that a type is, or those in it."""
+    if isinstance(argument, types.NamedTuple | types.NamedUniTuple):
+        module = argument.instance_class.__module__
+        if source_of(module) is None:
+            yield str(sys.modules[module].__file__)
+        for inner in argument.types:
+            yield from _foreign_sources(inner)
+
+
+def cached_kernels() -> int:
+    """How many compiled kernels of the modules imported so far lie in the cache."""
+    return sum(1 for folder in _folders for _ in folder.rglob("*.nbc"))
+
+
+def is_cached() -> bool:
+    """Whether compiled ticks of exactly these sources lie in the cache; if not, the first run compiles."""
+    folder = module_cache(f"{PACKAGE}.tick.tick")
+    return folder.is_dir() and any(folder.rglob("*.nbi"))

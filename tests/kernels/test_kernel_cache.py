@@ -1,0 +1,213 @@
+"""Where compiled kernels go, and what makes them stale."""
+
+import importlib
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import pytest
+
+import hhsim
+from hhsim.kernels.kernel_cache import cache_root, imported_kernels
+
+PACKAGE = Path(hhsim.__file__).parent
+
+
+def kernel_caches(root: Path, *modules: str, **environment: str) -> dict[str, str]:
+    """Folders that a copy of the package under `root` would keep the kernels of these modules in, by their names."""
+    script = "import sys, hhsim.kernels.kernel_cache as cache; print(cache.__file__)\n"
+    script += "for name in sys.argv[1:]: print(cache.module_cache(f'hhsim.kernels.{name}').name)"
+    found = subprocess.run(
+        [sys.executable, "-c", script, *modules],
+        cwd=root,
+        env={**os.environ, "PYTHONPATH": str(root), "HHSIM_CACHE_DIR": str(root / "cache"), **environment},
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout.split()
+    assert Path(found[0]).is_relative_to(root), "not the copy"
+    return dict(zip(modules, found[1:], strict=True))
+
+
+@pytest.fixture
+def copy(tmp_path: Path) -> Path:
+    shutil.copytree(PACKAGE, tmp_path / "hhsim", ignore=shutil.ignore_patterns("__pycache__"))
+    return tmp_path
+
+
+WATCHED = (
+    *("round_cone_distance", "contact.detection", "contact.penetration", "cover.greedy_cover"),
+    *("tick.block", "tick.tick"),
+)
+EDITS = {
+    "kernels/round_cone_distance.py": {*WATCHED} - {"cover.greedy_cover"},
+    "kernels/contact/detection.py": {"contact.detection", "contact.penetration", "tick.block", "tick.tick"},
+    "kernels/tick/tick.py": {"tick.block", "tick.tick"},
+    # The tick imports neither the surface nor the method: both are declared for the types that it is given.
+    "kernels/surfaces/spheres.py": {"contact.detection", "contact.penetration", "tick.block", "tick.tick"},
+    "kernels/tick/progressive.py": {"tick.block", "tick.tick"},
+    "metrics/metrics.py": set(),
+}
+"""Which of the modules that are watched an edit of a file makes stale."""
+
+
+def test_an_edit_makes_the_kernels_stale_that_call_it_and_no_others(copy: Path) -> None:
+    before = kernel_caches(copy, *WATCHED)
+    for name, stale in EDITS.items():
+        source = copy / "hhsim" / name
+        source.write_text(source.read_text() + "\n# one more line\n")
+        after = kernel_caches(copy, *WATCHED)
+        assert {module for module, folder in before.items() if after[module] != folder} == stale, name
+        before = after
+
+
+FORMS = (
+    "from hhsim.kernels.far.callee import callee",
+    "from ..far.callee import callee",
+    "from hhsim.kernels.far import callee as module\ncallee = module.callee",
+    "import hhsim.kernels.far.callee as module\ncallee = module.callee",
+    "from .. import far\nfrom ..far import callee as module\ncallee = module.callee",
+)
+"""How a kernel may come by its callee."""
+
+
+def planted(root: Path, answer: int, cache: Path | None = None) -> list[str]:
+    """What callers whose callee lies two packages away answer, and how many were loaded, in a process of its own."""
+    files = {
+        "far/callee.py": f"from hhsim.kernels.jit import jit\n\n\n@jit\ndef callee():\n    return {answer}\n",
+    }
+    for i, imported in enumerate(FORMS):
+        files[f"middle/between_{i}.py"] = (
+            f"from hhsim.kernels.jit import jit\n{imported}\n\n\n@jit\ndef between():\n    return callee() + 1\n"
+        )
+        files[f"near/caller_{i}.py"] = (
+            "from hhsim.kernels import middle\nfrom hhsim.kernels.jit import jit\n"
+            f"from hhsim.kernels.middle import between_{i} as other\n\nbetween = other.between\n\n\n"
+            "@jit\ndef caller():\n    return between() + 1\n"
+        )
+    for name, text in files.items():
+        path = root / "hhsim" / "kernels" / name
+        path.parent.mkdir(exist_ok=True)
+        (path.parent / "__init__.py").write_text(f'"""The {path.parent.name} ones."""\n')
+        path.write_text(text)
+    # Bytecode would hide an edit within one second.
+    script = (
+        "import importlib\n"
+        f"for i in range({len(FORMS)}):\n"
+        "    caller = importlib.import_module(f'hhsim.kernels.near.caller_{i}').caller\n"
+        "    print(caller(), sum(caller.stats.cache_hits.values()))"
+    )
+    found = subprocess.run(
+        [sys.executable, "-B", "-c", script],
+        cwd=root,
+        env={**os.environ, "PYTHONPATH": str(root), "HHSIM_CACHE_DIR": str(cache or root / "cache")},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return found.stdout.splitlines()
+
+
+def test_an_edit_of_a_callee_two_packages_away_compiles_the_caller_anew(copy: Path, tmp_path: Path) -> None:
+    assert planted(copy, 40) == ["42 0"] * len(FORMS)
+    # Another checkout of the same sources runs what is compiled.
+    other = tmp_path / "elsewhere"
+    shutil.copytree(PACKAGE, other / "hhsim", ignore=shutil.ignore_patterns("__pycache__"))
+    assert planted(other, 40, cache=copy / "cache") == ["42 1"] * len(FORMS), "not taken from the cache"
+    assert planted(copy, 50) == ["52 0"] * len(FORMS), "the callee of before"
+
+
+@pytest.mark.parametrize("path", sorted((PACKAGE / "kernels").rglob("*.py")), ids=lambda path: path.stem)
+def test_the_digest_follows_every_kernel_that_a_module_takes_a_function_from(path: Path) -> None:
+    # By the functions that are there once the module is imported, not by how its imports are written.
+    module = ".".join(["hhsim", *path.relative_to(PACKAGE).with_suffix("").parts]).removesuffix(".__init__")
+    loaded = importlib.import_module(module)
+    homes = {getattr(value, "__module__", None) for value in vars(loaded).values()}
+    used = {home for home in homes if isinstance(home, str) and home.startswith("hhsim.kernels.")} - {module}
+    assert used <= set(imported_kernels(module))
+
+
+def test_what_is_compiled_for_a_foreign_type_lies_apart(copy: Path) -> None:
+    script = (
+        "import numpy as np, surface; from hhsim.kernels.contact.surface import cone_distance\n"
+        "from hhsim.kernels.contact.penetration import HandSurface, PlacedHands, clearances\n"
+        "shape = HandSurface(np.zeros((5, 4)), *np.zeros((4, 1)))\n"
+        "placed = PlacedHands(np.zeros((1, 5, 4, 3)), np.zeros((1, 3)), np.eye(3)[None])\n"
+        "palm, finger = np.empty(1), np.empty((1, 5))\n"
+        "clearances(surface.Level(0.5), shape, placed, 9.0, palm, finger)\n"
+        "print(palm[0], sum(clearances.stats.cache_hits.values()))"
+    )
+    source = (
+        "from typing import NamedTuple\nfrom hhsim.kernels.jit import jit\n"
+        "from hhsim.kernels.contact.surface import cone_distance\n"
+        "class Level(NamedTuple):\n    height: float\n"
+        "@cone_distance.of(Level)\n@jit\ndef away(level, cone, limit, stack):\n    return min(limit, {} + cone.z)\n"
+    )
+
+    def found(offset: float) -> str:
+        (copy / "surface.py").write_text(source.format(offset))
+        environment = {**os.environ, "PYTHONPATH": str(copy), "HHSIM_CACHE_DIR": str(copy / "cache")}
+        return subprocess.run(
+            [sys.executable, "-B", "-c", script], cwd=copy, env=environment, capture_output=True, text=True, check=True
+        ).stdout
+
+    assert found(1.0) == "1.0 0\n"
+    assert found(1.0) == "1.0 1\n", "not taken from the cache"
+    assert found(2.0) == "2.0 0\n", "the surface of before"
+
+
+def test_checked_and_unchecked_kernels_are_kept_apart(copy: Path) -> None:
+    usual, checked, generic = (
+        kernel_caches(copy, "tick.block", **how)["tick.block"]
+        for how in ({}, {"NUMBA_BOUNDSCHECK": "1"}, {"NUMBA_CPU_NAME": "generic"})
+    )
+    assert checked != usual != generic
+
+
+def test_the_named_cache_folder_wins(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("HHSIM_CACHE_DIR", str(tmp_path / "named" / "deep"))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
+    assert cache_root() == tmp_path / "named" / "deep"
+    assert cache_root().is_dir()
+    monkeypatch.delenv("HHSIM_CACHE_DIR")
+    assert cache_root() == tmp_path / "xdg" / "hhsim"
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    assert cache_root() == tmp_path / "home" / ".cache" / "hhsim"
+
+
+def test_where_the_cache_folder_cannot_be_made_a_temporary_one_serves(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    in_the_way = tmp_path / "file"
+    in_the_way.touch()
+    monkeypatch.setenv("HHSIM_CACHE_DIR", str(in_the_way / "below"))
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    assert cache_root() == tmp_path / f"hhsim-{os.getuid()}"
+    assert cache_root().is_dir()
+    assert cache_root().stat().st_mode & 0o077 == 0, "others may read or write it"
+
+
+def test_a_temporary_cache_that_others_can_write_is_not_used(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    in_the_way = tmp_path / "file"
+    in_the_way.touch()
+    monkeypatch.setenv("HHSIM_CACHE_DIR", str(in_the_way / "below"))
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    usual = tmp_path / f"hhsim-{os.getuid()}"
+    usual.mkdir()
+    usual.chmod(0o777)
+    found = cache_root()
+    assert found != usual
+    assert found.stat().st_mode & 0o077 == 0
+    usual.chmod(0o700)
+    assert cache_root() == usual
+
+
+def test_other_packages_keep_their_own_numba_cache_folder() -> None:
+    code = (
+        "import numba as n; old = n.config.CACHE_DIR; import hhsim.kernels.tick.tick; print(n.config.CACHE_DIR == old)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "True\n"
