@@ -14,7 +14,8 @@ import numpy as np
 from numba import types
 from numba.core.typing.templates import AbstractTemplate, infer_global
 
-from hhsim.kernels.kernel_cache import KernelCache, implementing_kernels, source_of
+from hhsim.kernels.callee import Kernel
+from hhsim.kernels.kernel_cache import implementing_kernels, source_of
 
 Record: TypeAlias = Any
 """One record of a structured array; its fields are read and written as attributes."""
@@ -33,11 +34,10 @@ JIT_ENABLED = not numba.config.DISABLE_JIT
 def _compile(function: F, allocates: bool = False, **options: Any) -> F:
     # Without numba's runtime no reference is counted: atomic, once for every array at every call, that was 13 to 62 %
     # of a tick and a fifth of its compilation. What is given to a kernel is held by its caller.
-    compiled = numba.njit(error_model="numpy", nogil=True, _nrt=allocates, **options)(function)
+    options = {"nopython": True, "error_model": "numpy", "nogil": True, "_nrt": allocates, **options}
     # A kernel of somebody else's is compiled in every process: what it calls cannot be followed from here.
-    if JIT_ENABLED and source_of(function.__module__) is not None:
-        compiled._cache = KernelCache(function)
-    return cast(F, compiled)
+    cached = source_of(function.__module__) is not None
+    return cast(F, Kernel(function, options, cached)) if JIT_ENABLED else function
 
 
 def jit(function: F) -> F:
@@ -69,7 +69,7 @@ def jit_vector(function: F) -> F:
 
 
 def jit_once(function: F) -> F:
-    """Make a kernel that has one caller part of it: compiled apart, it would be optimised twice."""
+    """Make a kernel that has one caller part of it, before it is even lowered."""
     return _compile(function, inline="always")
 
 
@@ -135,7 +135,7 @@ def generic(function: Callable[..., Any]) -> GenericKernel:
 
         def _target(self, kind: types.Type) -> types.Dispatcher | None:
             found = table.find(getattr(kind, "instance_class", type(None)))
-            return None if found is None else types.Dispatcher(found)
+            return None if found is None else numba.typeof(found)
 
         def generic(self, args: Any, kws: Any) -> Any:
             target = self._target(args[0])

@@ -169,20 +169,23 @@ class _Folder(_CacheLocator):  # type: ignore[misc]
         return str(self._line)
 
 
-class _Stored(CompileResultCacheImpl):  # type: ignore[misc]
-    """Names the files of one kernel in its folder."""
+class Stored(CompileResultCacheImpl):  # type: ignore[misc]
+    """How a kernel is written and read, and the names of its files in its folder."""
+
+    prefix = ""
 
     def __init__(self, function: Callable[..., Any], folder: Path) -> None:
         self._locator = _Folder(folder, function)
         self._lineno = function.__code__.co_firstlineno
-        self._filename_base = self.get_filename_base(function.__qualname__, sys.abiflags)
+        self._filename_base = self.prefix + self.get_filename_base(function.__qualname__, sys.abiflags)
 
 
 class _FolderCache(FunctionCache):  # type: ignore[misc]
     """numba's file cache of one kernel, in a given folder."""
 
-    def __init__(self, function: Callable[..., Any], folder: Path) -> None:
-        self._impl_class = functools.partial(_Stored, folder=folder)
+    def __init__(self, function: Callable[..., Any], folder: Path, stored: type[Stored]) -> None:
+        self._stored = stored
+        self._impl_class = functools.partial(stored, folder=folder)
         super().__init__(function)
 
 
@@ -193,8 +196,8 @@ class KernelCache(_FolderCache):
     source: its edits are seen, and other programs, which do not know the type, never meet it.
     """
 
-    def __init__(self, function: Callable[..., Any]) -> None:
-        super().__init__(function, module_cache(function.__module__))
+    def __init__(self, function: Callable[..., Any], stored: type[Stored] = Stored) -> None:
+        super().__init__(function, module_cache(function.__module__), stored)
         _folders.add(Path(self.cache_path))
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
@@ -217,7 +220,7 @@ class KernelCache(_FolderCache):
         digest = _machine_digest()
         for source in sorted(sources):
             digest.update(Path(source).read_bytes())
-        return _FolderCache(self._py_func, Path(self.cache_path) / digest.hexdigest()[:16])
+        return _FolderCache(self._py_func, Path(self.cache_path) / digest.hexdigest()[:16], self._stored)
 
 
 def _foreign_sources(argument: types.Type) -> Iterator[str]:

@@ -1,0 +1,124 @@
+"""A kernel as other kernels call it: code that is optimised and translated as part of its caller, and nowhere else.
+
+numba optimises and translates every function with all that it calls, so that what lies ten calls deep is done ten times
+over. That was half of the time to compile a tick. Only what Python calls has to be machine code: a `Kernel` is that,
+and its `Callee` is what numba finds where another kernel names it. The machine code comes out the same.
+
+Customised as numba's documentation describes it (a compiler pipeline of one's own); what goes beyond are the two steps
+that `_CalleeLibrary` leaves out, and what a cache file of a callee holds.
+"""
+
+import functools
+from collections.abc import Callable
+from typing import Any
+
+from llvmlite import binding as llvm
+from numba import types
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler, compile_result
+from numba.core.registry import CPUDispatcher
+
+from hhsim.kernels.kernel_cache import KernelCache, Stored
+
+
+class _CalleeLibrary(JITCodeLibrary):  # type: ignore[misc]
+    """The code of a callee and of what it calls, linked."""
+
+    def _optimize_final_module(self) -> None:
+        """Left to the caller's library."""
+
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()
+        self._finalized = True
+
+
+class _CalleeCompiler(Compiler):  # type: ignore[misc]
+    """numba's compiler, up to the code before it is optimised."""
+
+    def __init__(
+        self, typingctx: Any, targetctx: Any, library: Any, args: Any, return_type: Any, flags: Any, locals: Any
+    ) -> None:
+        flags.no_compile = True
+        library = _CalleeLibrary(targetctx.codegen(), "callee")
+        super().__init__(typingctx, targetctx, library, args, return_type, flags, locals)
+
+
+class _StoredCallee(Stored):
+    """A callee in the cache, as LLVM's bitcode: a new caller need not type and lower it again."""
+
+    prefix = "callee-"
+
+    def reduce(self, data: Any) -> Any:
+        """What is written."""
+        data.library._ensure_finalized()
+        description = data.fndesc
+        description.typemap = description.calltypes = None  # as numba does: they need not be kept, and may not pickle
+        code = data.library._get_module_for_linking().as_bitcode()
+        return data.library.name, code, description, data.environment, data.signature
+
+    def rebuild(self, target_context: Any, payload: Any) -> Any:
+        """What was written, as numba's result of a compilation."""
+        name, code, description, environment, signature = payload
+        library = _CalleeLibrary(target_context.codegen(), name)
+        library._final_module = library._shared_module = llvm.parse_bitcode(code)
+        library._finalized = True
+        return compile_result(
+            typing_context=target_context.typing_context,
+            target_context=target_context,
+            typing_error=None,
+            type_annotation="",
+            library=library,
+            signature=signature,
+            objectmode=False,
+            lifted=(),
+            fndesc=description,
+            environment=environment,
+            metadata=None,
+            reload_init=(),
+            referenced_envs=(),
+        )
+
+
+class Callee(CPUDispatcher):  # type: ignore[misc]
+    """What numba calls where a kernel names another one; Python cannot call it."""
+
+    def __init__(self, function: Callable[..., Any], options: dict[str, Any]) -> None:
+        super().__init__(function, targetoptions=options, pipeline_class=_CalleeCompiler)
+
+    def add_overload(self, cres: Any) -> None:
+        """Keep what was compiled for one signature, and tell numba that callers may link it."""
+        if cres.entry_point is None:
+            cres = cres._replace(entry_point=object())  # by which numba finds it again
+            self.targetctx.insert_user_function(cres.entry_point, cres.fndesc, [cres.library])
+        self.overloads[tuple(cres.signature.args)] = cres
+
+
+class Kernel(CPUDispatcher):  # type: ignore[misc]
+    """A compiled function that Python calls.
+
+    `options` are numba's; `cached` says whether machine code is kept in the folder of the function's module.
+    """
+
+    def __init__(self, function: Callable[..., Any], options: dict[str, Any], cached: bool) -> None:
+        super().__init__(function, targetoptions={**options, "no_cfunc_wrapper": True})
+        self._cached = cached
+        if cached:
+            self._cache = KernelCache(function)
+
+    @functools.cached_property
+    def callee(self) -> Callee:
+        """The same function for other kernels."""
+        options = {**self.targetoptions, "no_cpython_wrapper": True}
+        callee = Callee(self.py_func, options)
+        if self._cached:
+            callee._cache = KernelCache(self.py_func, _StoredCallee)
+        return callee
+
+    @property
+    def _numba_type_(self) -> types.Dispatcher:
+        return types.Dispatcher(self.callee)
+
+    @property
+    def signatures(self) -> tuple[Any, ...]:
+        """The types it was compiled for, for Python and for other kernels."""
+        return tuple(dict.fromkeys([*self.overloads, *self.callee.overloads]))
