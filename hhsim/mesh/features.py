@@ -1,7 +1,7 @@
 """What of a mesh can be touched: its faces, edges and vertices, made ready for contacts.
 
-Any triangles will do: they may enclose nothing, meet three at an edge, lie loose. Vertices at the same place are one;
-triangles without area, and all but one of several on the same corners, are left out.
+Any triangles will do: they may enclose nothing, meet three at an edge, lie loose. Vertices at the same place are one,
+and so are those that rounding has torn apart; triangles without area, and all but one of several on the same corners, are left out.
 """
 
 from typing import NamedTuple
@@ -19,11 +19,14 @@ from hhsim.kernels.mesh.features import (
     face_spheres,
     touchable_vertices,
 )
-from hhsim.mesh.topology import distinct_rows
+from hhsim.mesh.topology import distinct_rows, merged_vertices, undirected_edges
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+SAME_PLACE = 1e-9
+"""Vertices of an open mesh that are closer than this share of its longest extent are one: each copy of an edge would
+else have the normals of a border."""
 FLAT = 1e-8
 """Sine of the angle between two faces under which their edge is none."""
 WITHOUT_AREA = 1e-13
@@ -58,7 +61,7 @@ def mesh_features(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tup
     Raises:
         MeshError: No triangle has an area.
     """
-    place, corners = _along_a_curve(np.asarray(vertices, np.float64), faces)
+    place, corners = _along_a_curve(*_welded(np.asarray(vertices, np.float64), faces))
     kept = np.sort(distinct_rows(np.sort(corners, axis=1))[0])
     repeated = len(faces) - len(kept)
     corners = corners[kept]
@@ -121,6 +124,13 @@ def mesh_features(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tup
 
 CELLS = 10
 """Bits of a place on the curve, along each axis."""
+
+
+def _welded(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
+    vertices, faces = merged_vertices(vertices, faces)
+    if (undirected_edges(faces)[1] != 1).all():
+        return vertices, faces
+    return merged_vertices(vertices, faces, SAME_PLACE * float(np.ptp(vertices, axis=0).max()))
 
 
 def _along_a_curve(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:

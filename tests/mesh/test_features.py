@@ -194,6 +194,24 @@ def test_duplicates_and_triangles_without_area_are_left_out() -> None:
         mesh_features(place, np.array([[0, 3, 1], [2, 2, 1]]), closed=False)
 
 
+def test_copies_that_rounding_has_torn_apart_are_one() -> None:
+    n = 3
+    grid = np.array([[0.01 * i, 0.01 * j, 0.002 * (i % 2)] for i in range(n + 1) for j in range(n + 1)])
+    corner = np.array([(n + 1) * i + j for i in range(n) for j in range(n)])
+    faces = np.concatenate(
+        [np.stack([corner, corner + n + 1, corner + 1], 1), np.stack([corner + 1, corner + n + 1, corner + n + 2], 1)]
+    )
+    whole, _ = mesh_features(grid, faces, closed=False)
+    corners = np.repeat(grid[faces], 8, axis=0)
+    for apart, once in ((1e-12, True), (1e-9, False)):
+        shaken = corners + np.random.default_rng(0).uniform(-apart, apart, corners.shape)
+        mesh, left_out = mesh_features(shaken.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3), closed=False)
+        assert (left_out == (0, 7 * len(faces))) == once
+        assert (len(owned(mesh.face_edge)) == len(owned(whole.face_edge))) == once
+        assert (len(owned(mesh.face_vertex)) == len(owned(whole.face_vertex))) == once
+        assert (len(mesh.wing) == len(whole.wing)) == once
+
+
 def test_three_faces_at_an_edge_and_a_fold() -> None:
     place = np.array([[0.0, 0.0, 0.0], [0.04, 0.0, 0.0], [0.0, 0.03, 0.0], [0.0, -0.03, 0.0], [0.0, 0.0, 0.03]])
     mesh, _ = mesh_features(place, np.array([[0, 1, 2], [0, 1, 3], [0, 1, 4]]), closed=False)

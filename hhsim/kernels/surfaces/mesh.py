@@ -513,9 +513,10 @@ def _into_cone(
     side, over = -1, 0.0
     for w in range(start, stop):
         lean = nx * directions[w, 0] + ny * directions[w, 1] + nz * directions[w, 2]
-        if lean > NEAR_CONE or (lean > 0.0 and side >= 0):
+        if lean > NEAR_CONE or (lean > ALONG and side >= 0):
             return False, side, (nx, ny, nz)
-        if lean > 0.0:
+        # What was brought to the border by the last step stays there: rounding must not choose its curvature.
+        if lean > ALONG:
             side, over = w, lean
     if side >= 0:
         nx, ny, nz = nx - over * directions[side, 0], ny - over * directions[side, 1], nz - over * directions[side, 2]

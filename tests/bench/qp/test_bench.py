@@ -63,7 +63,8 @@ def test_every_solver_has_a_row_for_every_kind(rows: list[dict[str, Any]]) -> No
         mine = [row for row in rows if row["program"] == kind]
         assert [row["solver"] for row in mine] == solvers
         for row in mine:
-            assert 0.0 < row["native_p50"] <= row["native_p99"]
+            # A backend's time is its call's less Python's share: on a busy machine that can be all of it.
+            assert 0.0 <= row["native_p50"] <= row["native_p99"]
             assert 0.0 < row["call_p50"] <= row["call_p99"]
             assert row["residual_max"] < 1e-6
             assert row["missed"] == 0
