@@ -1,7 +1,8 @@
 """What of a mesh can be touched: its faces, edges and vertices, made ready for contacts.
 
 Any triangles will do: they may enclose nothing, meet three at an edge, lie loose. Vertices at the same place are one,
-and so are those that rounding has torn apart; triangles without area, and all but one of several on the same corners, are left out.
+and so are those that rounding has torn apart; triangles without area, and all but one of several on the same corners,
+are left out.
 """
 
 from typing import NamedTuple
@@ -24,7 +25,7 @@ from hhsim.mesh.topology import distinct_rows, merged_vertices, undirected_edges
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-SAME_PLACE = 1e-9
+SAME_PLACE = 1e-10
 """Vertices of an open mesh that are closer than this share of its longest extent are one: each copy of an edge would
 else have the normals of a border."""
 FLAT = 1e-8
