@@ -131,7 +131,14 @@ def _welded(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray
     vertices, faces = merged_vertices(vertices, faces)
     if (undirected_edges(faces)[1] != 1).all():
         return vertices, faces
-    return merged_vertices(vertices, faces, SAME_PLACE * float(np.ptp(vertices, axis=0).max()))
+    welded, corners = merged_vertices(vertices, faces, SAME_PLACE * float(np.ptp(vertices, axis=0).max()))
+    # A sliver as narrow as that has its three corners.
+    return (vertices, faces) if _pointed(corners) > _pointed(faces) else (welded, corners)
+
+
+def _pointed(faces: IntArray) -> int:
+    # How many have two corners in one.
+    return int((faces == np.roll(faces, 1, axis=1)).any(axis=1).sum())
 
 
 def _along_a_curve(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
