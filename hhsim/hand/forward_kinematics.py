@@ -10,6 +10,7 @@ from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.hand import kinematics
 from hhsim.kernels.hand.hand_shape import HandShape
+from hhsim.kernels.jit import as_argument
 
 FloatArray = NDArray[np.float64]
 
@@ -40,11 +41,7 @@ class PlacedHand(NamedTuple):
 def hand_shape(hand: HandModel) -> HandShape:
     """The sizes of a hand model."""
     palm = hand.palm_tree
-    return HandShape(
-        np.ascontiguousarray(hand.radius, np.float64),
-        np.ascontiguousarray(palm.leaf_center, np.float64),
-        np.ascontiguousarray(palm.leaf_radius, np.float64),
-    )
+    return HandShape(as_argument(hand.radius), as_argument(palm.leaf_center), as_argument(palm.leaf_radius))
 
 
 def forward_kinematics(
@@ -52,9 +49,7 @@ def forward_kinematics(
 ) -> PlacedHand:
     """Place a hand by its configuration at each tick, fields as of `hhsim.hand.configuration.HandConfiguration`."""
     arrays = hand.arrays()
-    origin, quaternion, bend, spread = (
-        np.ascontiguousarray(values, np.float64) for values in (position, orientation, flexion, abduction)
-    )
+    origin, quaternion, bend, spread = (as_argument(values) for values in (position, orientation, flexion, abduction))
     rotation = rotation_matrix(quaternion)
     joints = np.empty((len(origin), 5, 4, 3))
     direction, flexion_axis, abduction_axis = np.empty((5, 3, 3)), np.empty((5, 3)), np.empty((5, 3))

@@ -13,6 +13,7 @@ import numba
 import numpy as np
 from numba import types
 from numba.core.typing.templates import AbstractTemplate, infer_global
+from numpy.typing import ArrayLike, NDArray
 
 from hhsim.kernels.callee import Kernel
 from hhsim.kernels.kernel_cache import implementing_kernels, source_of
@@ -25,6 +26,15 @@ as_int64 = cast(Callable[[int], int], np.int64)
 
 as_bool = cast(Callable[[bool], bool], np.bool_)
 """The same for a truth value."""
+
+
+def as_argument(values: ArrayLike) -> NDArray[np.float64]:
+    """An array as kernels are compiled for: of floats, C-contiguous, and writable, whether it is written to or not.
+
+    What is read-only, as in a stored result, is another type to numba, which compiles what takes it once more.
+    """
+    return np.require(values, np.float64, ["C", "W"])
+
 
 F = TypeVar("F", bound=Callable[..., Any])
 

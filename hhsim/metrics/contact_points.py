@@ -9,6 +9,7 @@ from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.kernels.contact.contact_points import find_contact_pairs
 from hhsim.kernels.contact.surface import ContactPoints
 from hhsim.kernels.hand.hand_shape import HandShape
+from hhsim.kernels.jit import as_argument
 from hhsim.system.thread_pool import Workers, ranges, usual_threads
 
 FloatArray = NDArray[np.float64]
@@ -42,6 +43,7 @@ def find_contact_points(
     """
     ticks = np.arange(len(placed.joints)) if chosen is None else np.asarray(chosen, np.int64)
     counted = np.ones(5, np.bool_) if fingers is None else np.asarray(fingers, np.bool_)
+    shape, placed = HandShape(*map(as_argument, shape)), PlacedHand(*map(as_argument, placed))
     threads = usual_threads() if len(ticks) > TICKS_A_THREAD else 1
 
     def found(first: int, end: int) -> ContactPoints:

@@ -17,6 +17,7 @@ from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.contact.penetration import HandSurface, PlacedHands, clearances
+from hhsim.kernels.jit import as_argument
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -131,20 +132,20 @@ def hand_clearance(
 
     To its surface; negative inside. `limit` [m] stands for everything from there on. Arguments as `penetration`.
     """
-    joint_array = np.ascontiguousarray(joints, dtype=np.float64)
+    joint_array = as_argument(joints)
     center = np.ascontiguousarray(np.asarray(palm_center, dtype=np.float64).reshape(-1, 3).T)
     ticks = joint_array.shape[0]
     palm, finger = np.empty(ticks), np.empty((ticks, 5))
     shape = HandSurface(
-        np.ascontiguousarray(phalanx_radius, dtype=np.float64),
+        as_argument(phalanx_radius),
         center[0],
         center[1],
         center[2],
-        np.ascontiguousarray(palm_radius, dtype=np.float64),
+        as_argument(palm_radius),
     )
     placed = PlacedHands(
         joint_array,
-        np.ascontiguousarray(position, dtype=np.float64),
+        as_argument(position),
         rotation_matrix(orientation),
     )
     clearances(surface, shape, placed, float(limit), palm, finger)

@@ -9,6 +9,7 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.penetration import HandSurface, PlacedHands, clearances
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.hand.pose import is_finite_configuration
+from hhsim.kernels.jit import as_argument
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.kernels.tick.method import Coupled
@@ -61,9 +62,7 @@ class HandSolver:
         Raises:
             HhsimError: More pairs were near than the arrays hold.
         """
-        haptic = HapticBlock(
-            *(np.ascontiguousarray(a, np.float64) for a in (position, orientation, flexion, abduction))
-        )
+        haptic = HapticBlock(*(as_argument(values) for values in (position, orientation, flexion, abduction)))
         ticks = len(haptic.position)
         record = tick_record(ticks)
         if ticks == 0:

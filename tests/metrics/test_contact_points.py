@@ -10,10 +10,15 @@ from sphere_scenes import bumpy_ball
 
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
+from hhsim.kernels.contact.contact_points import find_contact_pairs
+from hhsim.kernels.contact.penetration import clearances
 from hhsim.kernels.contact.surface import ContactPoints
+from hhsim.kernels.hand.hand_shape import HandShape
+from hhsim.kernels.jit import JIT_ENABLED
 from hhsim.mesh.features import mesh_features
 from hhsim.metrics.brute_force_distance import palm_spheres, round_cone_distance
 from hhsim.metrics.contact_points import find_contact_points
+from hhsim.metrics.metrics import penetration
 from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
@@ -171,6 +176,24 @@ def test_each_point_lies_on_its_body_with_the_normal_out_of_the_object(
         along = away @ normal
         straight = np.linalg.norm(away - along[:, None] * normal, axis=1) < 1e-9
         assert (straight & (along - tree.leaf_radius <= TOUCH)).any()
+
+
+@pytest.mark.skipif(not JIT_ENABLED, reason="without the compiler there are no signatures")
+def test_what_is_read_only_is_measured_by_the_same_kernels(
+    hand: HandModel, tree: SphereTree, placed: PlacedHand
+) -> None:
+    def measured(shape: HandShape, stored: PlacedHand) -> tuple[bytes, int]:
+        points = find_contact_points(tree.arrays(), shape, stored, TOUCH)
+        depth = penetration(tree.arrays(), *shape, *stored)
+        signatures = find_contact_pairs.signatures, clearances.signatures  # type: ignore[attr-defined]
+        return points.point.tobytes() + depth.depth.tobytes(), sum(map(len, signatures))
+
+    shape = hand_shape(hand)
+    usual = measured(shape, placed)
+    stored = [values.copy() for values in (*shape, *placed)]
+    for values in stored:
+        values.flags.writeable = False
+    assert measured(HandShape(*stored[:3]), PlacedHand(*stored[3:])) == usual
 
 
 def test_fingers_and_ticks_can_be_left_out(

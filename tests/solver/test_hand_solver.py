@@ -21,7 +21,8 @@ from sphere_scenes import (
 
 from hhsim.errors import HhsimError, InputError, UnknownNameError
 from hhsim.hand.model import HandModel
-from hhsim.kernels.tick.block import TickRecord
+from hhsim.kernels.jit import JIT_ENABLED
+from hhsim.kernels.tick.block import TickRecord, run_block
 from hhsim.kernels.tick.state import STATUS_STUCK
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
@@ -169,6 +170,18 @@ def test_the_same_input_gives_the_same_bytes_in_blocks_of_any_size(method: str) 
         for name in kept:
             joined = np.concatenate([getattr(block, name) for block in blocks])
             assert joined.tobytes() == getattr(whole, name).tobytes(), (name, size)
+
+
+@pytest.mark.skipif(not JIT_ENABLED, reason="without the compiler there are no signatures")
+def test_read_only_input_is_solved_by_the_same_kernel() -> None:
+    tree, motion = TREES[300], random_targets(RIGHT, 10, 0)
+    once = HandSolver(RIGHT, tree.arrays(), SolverOptions()).run(*motion)
+    compiled = len(run_block.signatures)  # type: ignore[attr-defined]
+    for values in motion:
+        values.flags.writeable = False
+    again = HandSolver(RIGHT, tree.arrays(), SolverOptions()).run(*motion)
+    assert len(run_block.signatures) == compiled  # type: ignore[attr-defined]
+    np.testing.assert_array_equal(again.position, once.position)
 
 
 def test_no_ticks_are_no_work() -> None:
