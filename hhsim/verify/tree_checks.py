@@ -151,6 +151,7 @@ class TrueSurface:
         self.triangles = mesh.triangles
         self.model = coal_model(mesh)
         self._faces = mesh.faces
+        self._low, self._high = self.triangles.min(axis=(0, 1)), self.triangles.max(axis=(0, 1))
         a, b, c = self.triangles.transpose(1, 0, 2)
         normal = np.cross(b - a, c - a)
         self.normal = normal / np.maximum(np.linalg.norm(normal, axis=1), np.finfo(float).tiny)[:, None]
@@ -181,6 +182,8 @@ class TrueSurface:
         if not self.closed:
             return distance
         outward = ((points - nearest) * self._pseudonormal(nearest, face)).sum(axis=1) >= 0.0
+        # Of a mesh that cuts through itself the nearest face may look the other way.
+        outward |= ((points < self._low) | (points > self._high)).any(axis=1)
         return np.where(outward, distance, -distance)
 
     def _pseudonormal(self, nearest: FloatArray, face: IntArray) -> FloatArray:

@@ -43,6 +43,14 @@ def test_signed_distance_to_a_box_in_closed_form() -> None:
     np.testing.assert_allclose(TrueSurface(MESH).signed_distance(points), expected, atol=1e-12)
 
 
+def test_what_is_beyond_the_box_of_a_mesh_that_cuts_through_itself_is_outside() -> None:
+    smaller = trimesh.creation.box((0.02, 0.02, 0.02))
+    vertices = np.concatenate([MESH.vertices, np.asarray(smaller.vertices) + [0.05, 0.0, 0.0]])
+    mesh = Mesh(vertices, np.concatenate([MESH.faces, np.asarray(smaller.faces)[:, ::-1] + len(MESH.vertices)]))
+    distance = TrueSurface(mesh).signed_distance(np.array([[0.09, 0.0, 0.0], [0.061, 0.005, -0.002]]))
+    np.testing.assert_allclose(distance, [0.03, 0.001], atol=1e-12)
+
+
 @pytest.mark.parametrize("name", ["bunny", "cup"])
 def test_signed_distance_by_brute_force_and_rays(name: str) -> None:
     mesh = load_object(name).mesh

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.jit import jit, jit_allocating
 from hhsim.kernels.kd_tree import STACK
-from hhsim.kernels.mesh.bvh import MeshBvh, closest_on_mesh, outside
+from hhsim.kernels.mesh.bvh import MeshBvh, beyond, closest_on_mesh, outside
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -28,7 +28,7 @@ def _signed_distance(bvh: MeshBvh, x: float, y: float, z: float, stack: Indices,
     """Signed distance [m] of one point, negative inside."""
     triangle, cx, cy, cz, d2, feature = closest_on_mesh(bvh, x, y, z, np.inf, stack, stack_distance2)
     distance = math.sqrt(d2)
-    if triangle >= 0 and not outside(bvh, triangle, feature, x - cx, y - cy, z - cz):
+    if triangle >= 0 and not outside(bvh, triangle, feature, x - cx, y - cy, z - cz) and not beyond(bvh, x, y, z):
         return -distance
     return distance
 

@@ -195,6 +195,16 @@ def outside(bvh: MeshBvh, triangle: int, feature: int, dx: float, dy: float, dz:
     return bool(n[0] * dx + n[1] * dy + n[2] * dz > 0.0)
 
 
+@jit
+def beyond(bvh: MeshBvh, x: float, y: float, z: float) -> bool:
+    """Whether a point lies beyond the box around all triangles: it is outside, also of a mesh that cuts through itself.
+
+    Of such a mesh the nearest triangle may look the other way.
+    """
+    b = bvh.bound[0]
+    return bool(x < b[0] or x > b[3] or y < b[1] or y > b[4] or z < b[2] or z > b[5])
+
+
 @jit_allocating
 def closest_points(bvh: MeshBvh, points: Array, closest_out: Array, signed_distance_out: Array) -> None:
     """Closest points on the mesh [m], shape (n, 3), and signed distances [m], shape (n,), of points, shape (n, 3)."""
@@ -205,7 +215,8 @@ def closest_points(bvh: MeshBvh, points: Array, closest_out: Array, signed_dista
         triangle, x, y, z, d2, feature = closest_on_mesh(bvh, px, py, pz, np.inf, stack, stack_distance2)
         closest_out[i, 0], closest_out[i, 1], closest_out[i, 2] = x, y, z
         distance = math.sqrt(d2)
-        if triangle >= 0 and not outside(bvh, triangle, feature, px - x, py - y, pz - z):
+        inside = triangle >= 0 and not outside(bvh, triangle, feature, px - x, py - y, pz - z)
+        if inside and not beyond(bvh, px, py, pz):
             distance = -distance
         signed_distance_out[i] = distance
 

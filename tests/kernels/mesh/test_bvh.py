@@ -71,6 +71,16 @@ def test_sign_holds_close_to_edges_and_vertices() -> None:
     assert np.array_equal(mesh_signed_distance(bvh, points) > 0.0, outside)
 
 
+def test_what_is_beyond_the_box_of_a_mesh_that_cuts_through_itself_is_outside() -> None:
+    # The nearest face is one of the smaller box, which is wound the other way and sticks out of the larger one.
+    vertices, faces = arrays(trimesh.creation.box((0.1, 0.06, 0.02)))
+    smaller, turned = arrays(trimesh.creation.box((0.02, 0.02, 0.02)))
+    vertices = np.concatenate([vertices, smaller + [0.05, 0.0, 0.0]])
+    bvh = build_mesh_bvh(vertices, np.concatenate([faces, turned[:, ::-1] + 8]))
+    away = np.array([[0.09, 0.0, 0.0], [0.061, 0.005, -0.002]])
+    np.testing.assert_allclose(mesh_signed_distance(bvh, away), [0.03, 0.001], atol=1e-15)
+
+
 def test_limit_hides_what_is_farther() -> None:
     bvh = build_mesh_bvh(*arrays(SHAPES["icosphere"]))
     stack, distance2 = np.empty(STACK, np.int64), np.empty(STACK)

@@ -25,7 +25,7 @@ from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.kernels.mesh.feature_distance import edge_distance, face_distance, line_witness, vertex_distance
 from hhsim.kernels.mesh.features import ALONG, MeshFeatures
-from hhsim.kernels.round_cone_distance import RoundCone
+from hhsim.kernels.round_cone_distance import RoundCone, sphere_cone
 from hhsim.kernels.sphere_tree import STACK_SIZE
 from hhsim.kernels.surfaces.mesh import CROWD, NEAR_CONE, PHALANX_ROOM, SHARES
 from hhsim.kernels.tick.curvature import curvature_product
@@ -371,6 +371,16 @@ def soup_clearance(motion: Motion, mesh: MeshFeatures) -> float:
     """By the distance of a body to all triangles, which has its own test."""
     cones = bodies(motion)
     return float(min(cone_distance(mesh, cones.kernel(i), 0.05, STACK) for i in range(len(cones.a))))
+
+
+def test_what_is_beyond_the_box_of_a_mesh_that_cuts_through_itself_is_outside() -> None:
+    # The nearest face is one of the smaller box, which is wound the other way and sticks out of the larger one.
+    larger, smaller = trimesh.creation.box((0.1, 0.06, 0.02)), trimesh.creation.box((0.02, 0.02, 0.02))
+    vertices = np.concatenate([larger.vertices, smaller.vertices + [0.05, 0.0, 0.0]])
+    faces = np.concatenate([larger.faces, smaller.faces[:, ::-1] + len(larger.vertices)]).astype(np.int64)
+    mesh, _ = mesh_features(np.asarray(vertices, np.float64), faces, closed=True)
+    for x, expected in ((0.4, 0.335), (0.11, 0.045)):
+        assert cone_distance(mesh, sphere_cone(x, 0.0, 0.0, 0.005), 1.0, STACK) == pytest.approx(expected, abs=1e-15)
 
 
 @pytest.mark.parametrize("name", OPEN)
