@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 import trimesh
 from contact_scenes import moved
+from hypothesis import given
+from hypothesis import strategies as st
 from mesh_oracle import Cones, along_axes, from_triangles
 from numpy.typing import NDArray
 from sampled import sampled
@@ -27,7 +29,7 @@ from hhsim.kernels.mesh.feature_distance import edge_distance, face_distance, li
 from hhsim.kernels.mesh.features import ALONG, MeshFeatures
 from hhsim.kernels.round_cone_distance import RoundCone, sphere_cone
 from hhsim.kernels.sphere_tree import STACK_SIZE
-from hhsim.kernels.surfaces.mesh import CROWD, NEAR_CONE, PHALANX_ROOM, SHARES
+from hhsim.kernels.surfaces.mesh import CROWD, NEAR_CONE, PHALANX_ROOM, SHARES, _into_cone
 from hhsim.kernels.tick.curvature import curvature_product
 from hhsim.kernels.tick.state import STATUS_STUCK
 from hhsim.mesh.catalogue import load_object
@@ -371,6 +373,24 @@ def soup_clearance(motion: Motion, mesh: MeshFeatures) -> float:
     """By the distance of a body to all triangles, which has its own test."""
     cones = bodies(motion)
     return float(min(cone_distance(mesh, cones.kernel(i), 0.05, STACK) for i in range(len(cones.a))))
+
+
+@given(st.integers(0, 10_000), st.sampled_from([-1.0, 1.0]), st.floats(1e-17, 1e-12))
+def test_rounding_at_the_border_of_a_normal_cone_does_not_choose_the_curvature(
+    seed: int, sign: float, rounding: float
+) -> None:
+    random = np.random.default_rng(seed)
+    frame = Rotation.random(rng=random).as_matrix()
+    bend = random.uniform(0.1, 2.5)
+    # Of two faces that meet at an edge along the frame's first axis, the border at the first one.
+    wings = np.array([frame[1], np.cos(np.pi - bend) * frame[1] - np.sin(np.pi - bend) * frame[2]])
+    turned = frame[2] + sign * rounding * frame[1]
+    inside, side, normal = _into_cone(wings, 0, 2, *turned)
+    assert inside and side == -1
+    np.testing.assert_array_equal(normal, turned)
+    inside, side, normal = _into_cone(wings, 0, 2, *(frame[2] + 1e-6 * frame[1]))
+    assert inside and side == 0
+    np.testing.assert_allclose(normal, frame[2], atol=1e-12)
 
 
 def test_what_is_beyond_the_box_of_a_mesh_that_cuts_through_itself_is_outside() -> None:
