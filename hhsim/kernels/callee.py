@@ -65,6 +65,7 @@ class _StoredCallee(Stored):
         return compile_result(
             typing_context=target_context.typing_context,
             target_context=target_context,
+            entry_point=object(),
             typing_error=None,
             type_annotation="",
             library=library,
@@ -86,9 +87,12 @@ class Callee(CPUDispatcher):  # type: ignore[misc]
         super().__init__(function, targetoptions=options, pipeline_class=_CalleeCompiler)
 
     def add_overload(self, cres: Any) -> None:
-        """Keep what was compiled for one signature, and tell numba that callers may link it."""
+        """Keep what was compiled for one signature, and tell numba that callers may link it.
+
+        Where machine code would begin there is a mere object, by which numba finds the signature's code again.
+        """
         if cres.entry_point is None:
-            cres = cres._replace(entry_point=object())  # by which numba finds it again
+            cres = cres._replace(entry_point=object())
             self.targetctx.insert_user_function(cres.entry_point, cres.fndesc, [cres.library])
         self.overloads[tuple(cres.signature.args)] = cres
 
