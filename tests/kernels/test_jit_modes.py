@@ -38,6 +38,7 @@ SCRIPT = textwrap.dedent(
     import numpy as np
     from sphere_scenes import bumpy_ball, random_targets, still
     import hhsim.kernels
+    from hhsim.kernels.callee import Kernel
     from hhsim.hand.model import HandModel
     from hhsim.metrics.metrics import penetration
     from hhsim.solver.hand_solver import HandSolver
@@ -75,7 +76,7 @@ SCRIPT = textwrap.dedent(
         signatures = {{}}
         for module in pkgutil.walk_packages(hhsim.kernels.__path__, "hhsim.kernels."):
             for name, kernel in vars(importlib.import_module(module.name)).items():
-                if getattr(kernel, "__module__", "") == module.name and hasattr(kernel, "signatures"):
+                if isinstance(kernel, Kernel) and kernel.__module__ == module.name:
                     kernel_name = f"{{module.name.removeprefix('hhsim.kernels.')}}.{{name}}"
                     signatures[kernel_name] = [str(signature[:1]) for signature in kernel.signatures]
         (folder / "signatures.json").write_text(json.dumps(signatures))
