@@ -1,4 +1,6 @@
-"""Compile what most tests run, side by side in processes: workers then load it instead of each compiling its own.
+"""Compile what most tests run, in two processes side by side: workers then load it instead of each compiling its own.
+
+What comes later in a process finds there what it shares with what came before.
 
 `python tests/compile_kernels.py`; what lies in the cache already is loaded, in a few seconds.
 """
@@ -34,13 +36,8 @@ def ticks(*methods: str, surface: str = "spheres") -> None:
         warm_up(hand, SolverOptions(method=method, surface=surface, threads=threads))
 
 
-def converging() -> None:
-    """The ticks that go from linearisation to linearisation."""
-    ticks("coupled", "progressive")
-
-
 def triangles() -> None:
-    """The same on a mesh."""
+    """What the ticks of all methods that take a mesh run on it."""
     ticks("coupled", "progressive", surface="mesh")
 
 
@@ -59,14 +56,14 @@ def distances() -> None:
     brute_clearance(*leaves, *sizes, joints, motion.position, motion.orientation)
 
 
-def others() -> None:
-    """The builder of trees, the other ticks, and what tests measure by: about as much."""
-    distances()
+def spheres() -> None:
+    """What the ticks of all methods run on spheres, what makes scenes, and what tests measure by."""
+    ticks("coupled", "progressive", "paper", "penalty")
     trees()
-    ticks("paper", "penalty")
+    distances()
 
 
-PARTS = {"converging": converging, "triangles": triangles, "others": others}
+PARTS = {"spheres": spheres, "triangles": triangles}
 
 if __name__ == "__main__":
     if len(sys.argv) > 1:
