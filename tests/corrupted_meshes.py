@@ -65,7 +65,8 @@ def faces_flipped(vertices: FloatArray, faces: IntArray, rng: np.random.Generato
 
 def vertices_jittered(vertices: FloatArray, faces: IntArray, rng: np.random.Generator) -> Triangles:
     size = np.ptp(vertices, axis=0).max() * 10.0 ** rng.uniform(-6.0, -2.0)
-    return vertices + rng.normal(size=vertices.shape) * size, faces
+    with np.errstate(invalid="ignore"):  # where another corruption has left infinite ones
+        return vertices + rng.normal(size=vertices.shape) * size, faces
 
 
 def vertices_unmerged(vertices: FloatArray, faces: IntArray, rng: np.random.Generator) -> Triangles:
