@@ -157,10 +157,11 @@ def test_the_bars_of_sliding_over_facets_can_be_kept() -> None:
 HELD = pytest.mark.xfail(strict=True, reason="a triangle in the plane of a floor holds a finger back at its edge")
 
 
+@pytest.mark.parametrize("seed", [pytest.param(2, marks=pytest.mark.soak), 3])
 @pytest.mark.parametrize("method", [pytest.param("coupled", marks=HELD), "progressive"])
-def test_triangles_in_the_plane_of_a_floor_are_nothing_of_their_own(method: str) -> None:
+def test_triangles_in_the_plane_of_a_floor_are_nothing_of_their_own(method: str, seed: int) -> None:
     case = ON_MESH["overlaps"]
-    result = judge_case(case, case.build(3), SolverOptions(method=method, surface="mesh"))
+    result = judge_case(case, case.build(seed), SolverOptions(method=method, surface="mesh"))
     assert not result.reason and result.penetration == 0.0 and result.unexplained == 0
     assert result.passed, [figure for figure in result.figures if not figure.passed]
 
@@ -172,7 +173,7 @@ def test_triangles_in_the_plane_of_a_floor_are_nothing_of_their_own(method: str)
 def test_other_seeds_are_passed_too(seed: int, method: str, surface: str) -> None:
     for case in hard_cases(ticks=4 * LOOP, surfaces=(surface,)):
         # The facets are the same with every seed.
-        if (case.name, seed) == ("overlaps", 3) or case.name == "facets":
+        if (case.name == "overlaps" and seed > 1) or case.name == "facets":
             continue
         result = judge_case(case, case.build(seed), SolverOptions(method=method, surface=surface))
         assert result.passed, (case.name, result.reason, [figure for figure in result.figures if not figure.passed])
