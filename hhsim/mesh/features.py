@@ -20,7 +20,7 @@ from hhsim.kernels.mesh.features import (
     face_spheres,
     touchable_vertices,
 )
-from hhsim.mesh.topology import distinct_rows, merged_vertices, undirected_edges
+from hhsim.mesh.topology import distinct_rows, merged_vertices
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -62,7 +62,8 @@ def mesh_features(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tup
     Raises:
         MeshError: No triangle has an area.
     """
-    place, corners = _along_a_curve(*_welded(np.asarray(vertices, np.float64), faces))
+    vertices = np.asarray(vertices, np.float64)
+    place, corners = _along_a_curve(*((vertices, faces) if closed else _welded(vertices, faces)))
     kept = np.sort(distinct_rows(np.sort(corners, axis=1))[0])
     repeated = len(faces) - len(kept)
     corners = corners[kept]
@@ -129,8 +130,6 @@ CELLS = 10
 
 def _welded(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
     vertices, faces = merged_vertices(vertices, faces)
-    if (undirected_edges(faces)[1] != 1).all():
-        return vertices, faces
     welded, corners = merged_vertices(vertices, faces, SAME_PLACE * float(np.ptp(vertices, axis=0).max()))
     # A sliver as narrow as that has its three corners.
     return (vertices, faces) if _pointed(corners) > _pointed(faces) else (welded, corners)
