@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Literal
 import click
 from click.core import ParameterSource
 
+from .arguments.object_argument import MeshFile, complete_object
+from .arguments.option_group import GroupedCommand, OptionGroup, option
+from .arguments.options import COUNT, FILE, UNITS, Output, seed
+from .arguments.tree_choice import read_length
 from .console import announce_compilation, number, print_json, print_notes, print_rows, progress
-from .object_argument import MeshFile, complete_object
-from .option_group import GroupedCommand, OptionGroup, option
-from .options import COUNT, FILE, UNITS, Output, seed
-from .tree_choice import read_length
 
 if TYPE_CHECKING:
     from hhsim.trees.options import TreeOptions

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import click
 
-from . import options
-from .comma_list import names
+from .arguments import options
+from .arguments.comma_list import names
 from .console import print_json, progress
 
 

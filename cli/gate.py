@@ -8,10 +8,10 @@ import click
 
 from hhsim.errors import InputError
 
-from . import options
+from .arguments import options
+from .arguments.option_group import OptionGroup, option
+from .arguments.options import FILE
 from .console import announce_compilation, print_json, print_notes, print_table, progress
-from .option_group import OptionGroup, option
-from .options import FILE
 from .run_again import names_a_result
 
 if TYPE_CHECKING:

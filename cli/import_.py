@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .comma_list import number_list
+from .arguments.comma_list import number_list
+from .arguments.option_group import GroupedCommand, OptionGroup, option
+from .arguments.options import FILE, POSITIVE, SIDES, UNITS, Output, Side, metres
 from .console import print_json, print_notes, print_table
-from .option_group import GroupedCommand, OptionGroup, option
-from .options import FILE, POSITIVE, SIDES, UNITS, Output, Side, metres
 
 if TYPE_CHECKING:
     from hhsim.recordings.recording import Recording

@@ -2,7 +2,7 @@
 
 import click
 
-from . import options
+from .arguments import options
 from .console import print_json, print_table
 
 

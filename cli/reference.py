@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import click
 
+from .arguments.option_group import help_sections
 from .lazy_group import LazyGroup
 from .main import hhsim
-from .option_group import help_sections
 
 WIDTH = 120
 BEGIN = """\

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 from click.shell_completion import CompletionItem
 
-from . import options, rerun_option
-from .comma_list import number_list
+from .arguments import options, rerun_option
+from .arguments.comma_list import number_list
+from .arguments.object_argument import MeshFile, complete_object
+from .arguments.option_group import GroupedCommand, option, shared
+from .arguments.options import COUNT, POSITIVE, Side
+from .arguments.tree_choice import TreeOrFile
 from .console import announce_compilation, print_json, print_line, print_notes, print_table, progress
-from .object_argument import MeshFile, complete_object
-from .option_group import GroupedCommand, option, shared
-from .options import COUNT, POSITIVE, Side
 from .run_again import names_a_result, run_again
-from .tree_choice import TreeOrFile
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

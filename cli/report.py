@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from . import options
+from .arguments import options
 from .console import announce_compilation, print_json, progress
 
 DATE = re.compile(r"\d{4}-\d\d-\d\d-\d{6}-")

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import click
 
-from . import options
+from .arguments import options
 from .console import print_json, print_rows
 
 

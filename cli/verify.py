@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from . import options
+from .arguments import options
 from .console import print_json, print_line, print_notes, print_rows, progress
 
 if TYPE_CHECKING:

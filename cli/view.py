@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from . import options
+from .arguments import options
+from .arguments.rerun_option import METAVAR, read_target
 from .console import announce_compilation, print_json, print_notes, progress
-from .rerun_option import METAVAR, read_target
 
 if TYPE_CHECKING:
     from hhsim.view.sink import RerunTarget

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import click
 from click.shell_completion import CompletionItem
 
-from .. import options
+from ..arguments import options
 from ..console import announce_compilation, number, print_json, print_rows, print_table, progress
 from .solvers import Solvers
 

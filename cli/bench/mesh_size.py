@@ -6,10 +6,10 @@ from typing import Any
 
 import click
 
-from ..comma_list import counts
+from ..arguments.comma_list import counts
+from ..arguments.option_group import OptionGroup, option, shared
+from ..arguments.options import Output
 from ..console import announce_compilation, number, print_json, print_notes, print_rows, progress
-from ..option_group import OptionGroup, option, shared
-from ..options import Output
 from .table_document import table_document
 
 

@@ -5,8 +5,8 @@ from typing import Any
 
 import click
 
-from .. import options
-from ..comma_list import names
+from ..arguments import options
+from ..arguments.comma_list import names
 from ..console import announce_compilation, print_json, print_notes, print_table, progress
 
 

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Literal
 
 import click
 
-from .. import options
-from ..comma_list import names
+from ..arguments import options
+from ..arguments.comma_list import names
+from ..arguments.object_argument import MeshSize, complete_object
+from ..arguments.option_group import shared
 from ..console import announce_compilation, number, print_json, print_line, print_rows, progress
-from ..object_argument import MeshSize, complete_object
-from ..option_group import shared
 from .solvers import Solvers
 
 if TYPE_CHECKING:

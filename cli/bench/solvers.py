@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from ..comma_list import names
-from ..option_group import OptionGroup, shared
+from ..arguments.comma_list import names
+from ..arguments.option_group import OptionGroup, shared
 
 if TYPE_CHECKING:
     from hhsim.solver.options import SolverOptions

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .. import options
-from ..comma_list import counts, names
+from ..arguments import options
+from ..arguments.comma_list import counts, names
+from ..arguments.option_group import OptionGroup, option, shared
+from ..arguments.options import COUNT
 from ..console import announce_compilation, number, print_json, print_notes, print_rows, progress
-from ..option_group import OptionGroup, option, shared
-from ..options import COUNT
 from .table_document import table_document
 
 if TYPE_CHECKING:

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Literal
 
 import click
 
-from .. import options
+from ..arguments import options
+from ..arguments.object_argument import MeshSize, complete_object
+from ..arguments.option_group import GroupedCommand, OptionGroup, option
 from ..console import announce_compilation, print_json, print_rows, progress
-from ..object_argument import MeshSize, complete_object
-from ..option_group import GroupedCommand, OptionGroup, option
 from .solvers import Solvers
 
 if TYPE_CHECKING:

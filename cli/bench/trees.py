@@ -7,10 +7,10 @@ from typing import Any
 
 import click
 
-from .. import options
-from ..comma_list import counts, names
+from ..arguments import options
+from ..arguments.comma_list import counts, names
+from ..arguments.option_group import OptionGroup, shared
 from ..console import announce_compilation, number, print_json, print_notes, print_rows, progress
-from ..option_group import OptionGroup, shared
 from .table_document import table_document
 
 

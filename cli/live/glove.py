@@ -9,14 +9,14 @@ import click
 from hhsim.live.devices.registry import find_glove, glove_names
 from hhsim.live.pose.registry import POSES, USUAL_POSE_PORT, PoseConfig
 
-from .. import options
-from ..comma_list import number_list, one_or_five
+from ..arguments import options
+from ..arguments.comma_list import number_list, one_or_five
+from ..arguments.object_argument import MeshFile, complete_object
+from ..arguments.option_group import GroupedCommand, OptionGroup, option, shared
+from ..arguments.rerun_option import METAVAR, read_target
+from ..arguments.tree_choice import TreeChoice
 from ..console import announce_compilation, print_json, print_notes, progress
-from ..object_argument import MeshFile, complete_object
-from ..option_group import GroupedCommand, OptionGroup, option, shared
 from ..replay import complete_trajectory
-from ..rerun_option import METAVAR, read_target
-from ..tree_choice import TreeChoice
 from .glove_settings import GloveChoice, glove_choice
 from .session import run_session
 from .summary import print_summary, summary_json

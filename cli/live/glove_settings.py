@@ -10,7 +10,7 @@ from click.core import ParameterSource
 
 from hhsim.live.devices.registry import Setting, find_glove, glove_names
 
-from ..option_group import OptionGroup, option
+from ..arguments.option_group import OptionGroup, option
 
 
 class GloveChoice(OptionGroup, heading="Glove"):

@@ -17,7 +17,7 @@ Run = Callable[..., Any]
 
 reference: Callable[[], str] = importlib.import_module("hhsim.cli.reference").reference
 COMMANDS: dict[str, Any] = {found.path: found for found in importlib.import_module("hhsim.cli.reference").commands()}
-help_sections: Callable[..., Any] = importlib.import_module("hhsim.cli.option_group").help_sections
+help_sections: Callable[..., Any] = importlib.import_module("hhsim.cli.arguments.option_group").help_sections
 HELP_OPTION = r"(-h,)?--helpShowthismessageandexit\."
 """As a command prints it; which names it has is settled by the first context that click makes of it in a process."""
 

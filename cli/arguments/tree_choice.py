@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
-from .console import Report
+from ..console import Report
 from .option_group import OptionGroup, option
 from .options import FILE
 
