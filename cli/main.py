@@ -23,6 +23,7 @@ COMMANDS = {
     "verify": "Check every claim of a result with independent code.",
     "objects": "List the objects that come with hhsim.",
     "trajectories": "List the trajectories that come with hhsim.",
+    "methods": "List the methods, and test one from outside.",
     "import": "Make a trajectory of a recording of a hand.",
     "bench": "Measure the methods against each other: speed, error, stress.",
     "gate": "Judge a change for CI: errors, work and time, yes or no.",

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from hhsim.errors import HhsimError
+    from hhsim.hand.configuration import HandConfiguration
     from hhsim.hand.model import HandModel
     from hhsim.mesh.mesh import Mesh, load_mesh
     from hhsim.motion.file import load_trajectory, save_trajectory
@@ -29,18 +30,22 @@ if TYPE_CHECKING:
     from hhsim.scene.scene import Scene
     from hhsim.solver.hand_solver import HandSolver
     from hhsim.solver.options import SolverOptions, Stiffness
+    from hhsim.solver.outside_method import MethodScene, TickAnswer
     from hhsim.verify.verify import verify as verify_result
 
 __version__ = "0.1.0"
 __all__ = [
+    "HandConfiguration",
     "HandModel",
     "HandSolver",
     "HhsimError",
     "Mesh",
+    "MethodScene",
     "Result",
     "Scene",
     "SolverOptions",
     "Stiffness",
+    "TickAnswer",
     "Trajectory",
     "load_mesh",
     "load_result",
@@ -51,14 +56,17 @@ __all__ = [
     "verify_result",
 ]
 _PLACES = {
+    "HandConfiguration": "hhsim.hand.configuration.HandConfiguration",
     "HandModel": "hhsim.hand.model.HandModel",
     "HandSolver": "hhsim.solver.hand_solver.HandSolver",
     "HhsimError": "hhsim.errors.HhsimError",
     "Mesh": "hhsim.mesh.mesh.Mesh",
+    "MethodScene": "hhsim.solver.outside_method.MethodScene",
     "Result": "hhsim.result.reader.Result",
     "Scene": "hhsim.scene.scene.Scene",
     "SolverOptions": "hhsim.solver.options.SolverOptions",
     "Stiffness": "hhsim.solver.options.Stiffness",
+    "TickAnswer": "hhsim.solver.outside_method.TickAnswer",
     "Trajectory": "hhsim.motion.trajectory.Trajectory",
     "load_mesh": "hhsim.mesh.mesh.load_mesh",
     "load_result": "hhsim.result.reader.load_result",

@@ -8,6 +8,7 @@ import click
 from hhsim.solver.method import METHODS
 from hhsim.solver.surface import SURFACES
 
+from .method_name import MethodName
 from .option_group import OptionGroup, option, shared
 
 FILE = click.Path(path_type=Path)
@@ -119,9 +120,10 @@ class SolverChoice(OptionGroup, heading="Solver"):
     """How the hand is solved for, wherever it is."""
 
     method: str = option(
-        type=click.Choice(METHODS.names()),
+        type=MethodName(),
         default="coupled",
-        help="; ".join(f"{name}: {known.summary}" for name, known in METHODS.items()) + ".",
+        help="; ".join(f"{name}: {known.summary}" for name, known in METHODS.items())
+        + "; or a method from outside, such as package.module:Class (hhsim methods).",
     )
     surface: str = option(
         type=click.Choice(SURFACES.names()),
@@ -145,7 +147,8 @@ class SolverChoice(OptionGroup, heading="Solver"):
     @property
     def word(self) -> str:
         """For names of files: the method, and a surface that is not the paper's."""
-        return self.method if self.surface == "spheres" else f"{self.method}-{self.surface}"
+        method = self.method.rpartition(":")[2]
+        return method if self.surface == "spheres" else f"{method}-{self.surface}"
 
 
 class Linearising(OptionGroup, heading="Solver"):

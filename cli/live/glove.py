@@ -224,8 +224,11 @@ def command(
     from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
     from hhsim.live.session.scene import make_live_scene
     from hhsim.solver.compile import warm_up
+    from hhsim.solver.method import METHODS
     from hhsim.solver.options import SolverOptions
 
+    if solver.method not in METHODS:
+        raise click.UsageError(f"a glove takes a method of hhsim's own, {', '.join(METHODS)}: not {solver.method}")
     if session.no_record and session.record is not None:
         raise click.UsageError(f"--no-record and --record {session.record} exclude each other")
     device, palm, motion = hand.inputs(glove, session.seed)

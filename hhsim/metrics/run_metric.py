@@ -70,7 +70,7 @@ class RunMetric(Figure):
 
     Attributes:
         place: In the table; those of the same place are in the order of their modules.
-        needs: Datasets of /tick that `compute` reads.
+        needs: Datasets of /tick that `compute` reads, or a run of its own makes anew.
         compute: From the ticks; None for a figure of runs of its own.
         own_run: Why it does not follow from the ticks, or "".
         noise: Of a time, the share by which it may differ from run to run and say nothing; infinite where single ticks

@@ -1,15 +1,19 @@
 """The limits that a run is held to where a project sets none: one for each figure, the same for every method."""
 
+from hhsim.errors import InputError
 from hhsim.metrics.run.registry import judged_metrics
-from hhsim.solver.method import METHODS
+from hhsim.solver.known_methods import find_method
 
 
 def promised(figure: str, method: str) -> bool:
     """Whether a method is held to a figure's limit at all; one that is not known here is held to every limit."""
     metric = judged_metrics().get(figure)
-    if metric is None or metric.judged is None or not metric.judged.promise or method not in METHODS:
+    if metric is None or metric.judged is None or not metric.judged.promise:
         return True
-    return bool(getattr(METHODS[method], metric.judged.promise))
+    try:
+        return bool(getattr(find_method(method), metric.judged.promise))
+    except InputError:
+        return True
 
 
 def default_limits(method: str) -> dict[str, float]:

@@ -121,7 +121,7 @@ def run_again(result: Result, *, progress: Progress | None = None) -> RunAgain:
     surface = stored_surface(result)
     warm_up(hand, options)
     solver = HandSolver(hand, surface, options)
-    columns = TickColumns(surface, hand, options)
+    columns = TickColumns(surface.arrays, hand, options)
     total, notes = _runnable(result)
     tallies = [_Tally(column) for column in COMPARED]
     with interruptible_between() as check_interrupt:

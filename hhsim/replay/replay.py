@@ -21,6 +21,8 @@ from hhsim.scene.motion_catalogue import of_the_paper
 from hhsim.scene.scene import Scene
 from hhsim.solver.compile import warm_up
 from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.known_methods import find_method
+from hhsim.solver.method import EVERYTHING
 from hhsim.solver.options import SolverOptions
 from hhsim.system.deferred_sigint import interruptible_between
 from hhsim.trees.contact_surface import contact_surface
@@ -60,7 +62,7 @@ def replay(
     options = options.at_rate(scene.ticks.rate)
     prepared = warm_up(scene.hand, options)
     surface = contact_surface(options.surface, scene.mesh, scene.tree)
-    solver = HandSolver(scene.hand, surface.arrays, options)
+    solver = HandSolver(scene.hand, surface, options)
     ticks, total = scene.ticks, scene.ticks.tick_count
     motion = scene.trajectory
     static = static_arrays(scene.mesh, scene.tree, scene.hand, motion.object_position, motion.object_orientation)
@@ -71,6 +73,7 @@ def replay(
         "rate": ticks.rate,
         "motion": motion.name,
         "motion_source": motion.source,
+        **_gives(options),
         **describe_scene(scene.mesh, scene.tree, scene.hand, options, static),
     }
     series = TickSeries(total)
@@ -100,3 +103,9 @@ def replay(
         summary = summarise(scene, surface, options, series, prepared, of_paper=of_the_paper(described))
         path = writer.finish(summary.attributes())
     return summary.at(path)
+
+
+def _gives(options: SolverOptions) -> dict[str, list[str]]:
+    """What can be known of the method's ticks, for the file to say where that is not everything."""
+    gives = find_method(options.method).gives
+    return {} if gives == EVERYTHING else {"gives": sorted(gives)}

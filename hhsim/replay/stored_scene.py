@@ -15,7 +15,7 @@ from hhsim.mesh.mesh import Mesh
 from hhsim.result.reader import Result
 from hhsim.scene.scene import all_pairs
 from hhsim.solver.options import UNLIMITED, SolverOptions, Stiffness
-from hhsim.trees.contact_surface import contact_surface
+from hhsim.trees.contact_surface import ContactSurface, contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[Any]
@@ -141,13 +141,13 @@ def stored_tree(result: Result) -> SphereTree:
     return _tree(result, "object/tree")
 
 
-def stored_surface(result: Result) -> Any:
-    """The surface that the hand touched, in the kernels' form, world [m].
+def stored_surface(result: Result) -> ContactSurface:
+    """The surface that the hand touched, world [m].
 
     Raises:
         InputError: Arrays that are no tree, or a surface that this hhsim does not have.
     """
-    return contact_surface(result.surface, stored_mesh(result), stored_tree(result)).arrays
+    return contact_surface(result.surface, stored_mesh(result), stored_tree(result))
 
 
 def stored_hand(result: Result) -> HandModel:

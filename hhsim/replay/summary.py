@@ -17,13 +17,15 @@ from hhsim.kernels.tick.state import STATUS_INPUT_INVALID, STATUS_START_INSIDE
 from hhsim.metrics import metrics
 from hhsim.metrics.contact_error import MOST_CONTACT_ERROR, TouchedObject
 from hhsim.metrics.run.force import TREMBLING
-from hhsim.metrics.run.registry import needed_columns, tick_figures
+from hhsim.metrics.run.registry import known_figures, needed_columns, tick_figures
 from hhsim.metrics.run_ticks import RunTicks
 from hhsim.replay.summary_table import SummaryRow, summary_rows
 from hhsim.replay.tremor_hold import tremor_variation
 from hhsim.replay.verdict import Verdict, run_verdict
 from hhsim.scene.scene import Scene
 from hhsim.solver.compile import WarmUp
+from hhsim.solver.known_methods import find_method
+from hhsim.solver.method import FORCES, RUNS
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.reference_optimum import reference_excess
 from hhsim.trees.contact_surface import ContactSurface
@@ -146,8 +148,9 @@ def summarise(
         ),
     )
     haptic = HandConfiguration.of(ticks)
-    own = figures_of_own_runs(scene.hand, surface.arrays, options, haptic, run)
-    figures = {**tick_figures(run), **own}
+    known = known_figures(find_method(options.method).gives)
+    own = figures_of_own_runs(scene.hand, surface, options, haptic, run)
+    figures = {name: value for name, value in {**tick_figures(run), **own}.items() if name in known}
     return ReplaySummary(
         rows=summary_rows(figures, ticks.rate, of_paper=of_paper),
         notes=(*_notes(scene, options, series["status"]), *surface.notes, *_floating(scene, figures)),
@@ -167,7 +170,7 @@ def figures_of_own_runs(
 
     Args:
         hand: The hand.
-        surface: The object's, world, as the options name it.
+        surface: The object's, world, as `HandSolver` takes it.
         options: Of the solver.
         haptic: The haptic hand of every tick.
         run: The ticks, with those of `GRAPHIC_HAND`.
@@ -179,6 +182,8 @@ def figures_of_own_runs(
     chosen = np.unique(held[np.linspace(0, held.size - 1, min(REFERENCE_TICKS, held.size)).astype(int)])
     excess = reference_excess(hand, surface, options, haptic, graphic, chosen)
     found = {"tracking_excess": 100.0 * metrics.statistics(excess).mean}
+    if not find_method(options.method).gives >= {FORCES, RUNS}:
+        return found
     hold = run.holds[0]
     trembling = tremor_variation(hand, surface, options, haptic.at(hold), graphic.at(hold), run.rate)
     if trembling is not None:

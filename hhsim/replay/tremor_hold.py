@@ -62,7 +62,7 @@ def trembling_hold(
 
     Args:
         hand: The hand.
-        surface: The object's, world frame, as the options name it.
+        surface: The object's, world frame, as `HandSolver` takes it.
         options: Of the solver.
         haptic: Haptic hand at each tick of the hold.
         graphic: Graphic hand at each tick of the hold; the repetition starts from its first one.

@@ -75,7 +75,7 @@ def posed_result(result: Result) -> PosedResult:
         InputError: The file cannot be read, or the arrays of its tree are none.
     """
     static = result.static
-    surface = stored_surface(result)
+    surface = stored_surface(result).arrays
     used = [finger in result.fingers for finger in FINGERS]
     depths = {
         DEPTH: np.empty(result.ticks),

@@ -93,6 +93,10 @@ class Result:
         """What of the object the hand touched: `spheres`, as in every file that does not say, or `mesh`."""
         return str(self.scene.get("solver", {}).get("surface", "spheres"))
 
+    def gives(self, what: str) -> bool:
+        """Whether its method gives something, one of `hhsim.solver.method.EVERYTHING`: hhsim's own give everything."""
+        return what in self.scene.get("gives", [what])
+
     @property
     def rate(self) -> float:
         """Ticks per second [Hz]; 1 kHz where the file does not say."""

@@ -108,11 +108,20 @@ class Column:
     long_name: str
     source: str = ""
 
+    @property
+    def known_by(self) -> str:
+        """What a method must give for it to be known, of `hhsim.solver.method.EVERYTHING`; "" where it is measured."""
+        return next((what for beginning, what in _KNOWN_BY.items() if self.name.startswith(beginning)), "")
+
     def taken(self, record: Mapping[str, NDArray[Any]] | NDArray[Any]) -> NDArray[Any]:
         """Its rows, from the fields of records by name; first axis the record."""
         field, _, part = self.source.partition(".")
         values = record[field]
         return values[:, _PARTS[field].index(part)] if part else values
+
+
+_KNOWN_BY = {"force": "forces", "work/": "work", "duration/": "times", "status": "status", "lag": "status"}
+"""How the names of datasets begin that only some methods can tell."""
 
 
 def _hand(of: str, whose: str, field: str) -> tuple[Column, ...]:
@@ -167,7 +176,12 @@ TICK_COLUMNS: tuple[Column, ...] = (
     Column("force_variation_finger", (5,), "<f8", "%", "one-tick change of each finger's force size; NaN below 0.01 N"),
     Column("duration/detect", (), "<i8", "ns", "wall time of contact detection", "duration.detect"),
     Column(
-        "duration/palm", (), "<i8", "ns", "wall time of the palm's (or the whole hand's) optimisation", "duration.palm"
+        "duration/palm",
+        (),
+        "<i8",
+        "ns",
+        "time of the palm's (or whole hand's) optimisation; of a method from outside, what it reports",
+        "duration.palm",
     ),
     Column("duration/fingers", (), "<i8", "ns", "wall time of the fingers' optimisation", "duration.fingers"),
     Column("duration/force", (), "<i8", "ns", "wall time of the forces", "duration.force"),

@@ -1,7 +1,7 @@
 """Compile, or load from the cache, every kernel that a replay runs, before the first tick is timed."""
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -9,9 +9,11 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.jit import JIT_ENABLED
 from hhsim.kernels.kernel_cache import cached_kernels
 from hhsim.kernels.rotation import quaternion_to_matrix
+from hhsim.kernels.tick.shown_hand import look_at
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.metrics import penetration
 from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.known_methods import find_method
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.sphere_tree import SphereTree
@@ -37,10 +39,14 @@ def warm_up(hand: HandModel, options: SolverOptions) -> WarmUp:
     far = np.full((3, 3), 100.0) + 0.01 * np.eye(3)
     tree = SphereTree(far[:1], np.array([0.01]), np.zeros(1, np.int64), np.full(1, -1))
     surface = contact_surface(options.surface, Mesh(far, np.array([[0, 1, 2]])), tree).arrays
-    solver = HandSolver(hand, surface, options)
+    # A method from outside is not for a scene like this; what is compiled for it is what its hands are measured with.
+    method = find_method(options.method)
+    solver = HandSolver(hand, surface, options if method.compiled else replace(options, method="coupled"))
     orientation = np.array([[1.0, 0.0, 0.0, 0.0]])
     block = solver.run(np.zeros((1, 3)), orientation, np.zeros((1, 5, 3)), np.zeros((1, 5)))
     arrays = hand.arrays()
     palm = np.stack([arrays.palm_x, arrays.palm_y, arrays.palm_z], axis=1)
     penetration(surface, hand.radius, palm, arrays.palm_radius, block.joints, block.position, block.orientation)
+    if not method.compiled:
+        look_at(solver.workspace.hand, surface, solver.workspace.tick_options, solver.workspace.states)
     return WarmUp(time.perf_counter() - began, JIT_ENABLED and cached_kernels() > before)

@@ -14,8 +14,8 @@ from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.kernels.tick.method import Coupled
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_START_INSIDE
+from hhsim.solver.known_methods import find_method
 from hhsim.solver.linearising_engine import LinearisingEngine
-from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.workspace import TickWorkspace, tick_record
 
@@ -30,8 +30,9 @@ class HandSolver:
 
     Args:
         hand: The hand.
-        surface: The object's, world frame: the arrays of a surface of `hhsim.kernels.surfaces`, such as those of a
-            sphere tree; of the one that the options name.
+        surface: The object's, world frame, of the kind that the options name: a
+            `hhsim.trees.contact_surface.ContactSurface`, or its arrays alone, such as those of a sphere tree. A method
+            from outside may need the mesh, which arrays do not have.
         options: Method, stiffness and lengths.
 
     Raises:
@@ -42,7 +43,7 @@ class HandSolver:
         """Allocate the workspaces; nothing is computed yet."""
         self.options = options
         self.workspace = TickWorkspace(hand, surface, options)
-        self.engine = METHODS[options.method].engine(self.workspace)
+        self.engine = find_method(options.method).engine(self.workspace)
         self._started = False
 
     def run(

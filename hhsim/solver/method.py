@@ -12,6 +12,11 @@ from hhsim.registry import Registry
 if TYPE_CHECKING:
     from hhsim.kernels.tick.block import HapticBlock, TickRecord
 
+FORCES, WORK, TIMES, STATUS, RUNS = "forces", "work", "times", "status", "runs"
+EVERYTHING = frozenset((FORCES, WORK, TIMES, STATUS, RUNS))
+"""What can be known of a method's ticks besides the shown hand: the forces, the counters of work, the times, whether a
+tick is stuck or lags, and what runs of its own show (a hold that is repeated by a trembling hand)."""
+
 USUAL: Mapping[str, Any] = {"force": "kkt", "linearisations": 12, "margin": 1e-3}
 """Defaults of the options that a method may set otherwise: force model, linearisations, margin [m]."""
 
@@ -48,6 +53,8 @@ class Method:
             takes any.
         refuses_surfaces: Why it takes no surface but spheres; "" where it takes any.
         defaults: Of the options named in `USUAL`.
+        gives: What can be known of it, of `EVERYTHING`; what cannot has no row in a table.
+        compiled: Whether its ticks run in hhsim's own compiled blocks.
     """
 
     summary: str
@@ -58,12 +65,14 @@ class Method:
     refuses_backends: str = "it solves its own programs and takes no QP solver, not {qp}"
     refuses_surfaces: str = ""
     defaults: Mapping[str, Any] = field(default_factory=lambda: USUAL)
+    gives: frozenset[str] = EVERYTHING
+    compiled: bool = True
 
 
 METHODS: Registry[Method] = Registry(
     "hhsim.solver.methods", "METHOD", "method", first=("coupled", "progressive", "paper", "penalty")
 )
-"""Every method by its name."""
+"""Every method of hhsim's own by its name; `hhsim.solver.known_methods` knows those from outside too."""
 
 
 def methods_that(promise: str) -> tuple[str, ...]:

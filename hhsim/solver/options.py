@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.hand.fingers import BODIES, FINGERS, PHALANGES
-from hhsim.solver.method import METHODS, methods_that
+from hhsim.solver.known_methods import find_method
+from hhsim.solver.method import methods_that
 from hhsim.solver.surface import SURFACES
 
 FORCES = ("kkt", "paper")
@@ -87,7 +88,7 @@ class SolverOptions:
     """Options of the solver; lengths in metres.
 
     Attributes:
-        method: One of `hhsim.solver.method.METHODS`.
+        method: One of `hhsim.solver.known_methods.method_names`, or `package.module:Class`.
         surface: One of `hhsim.solver.surface.SURFACES`: what of the object the hand touches.
         qp: `active-set`, or a backend that qpsolvers offers; `paper` takes no other, `penalty` needs none.
         force: `kkt` (the QP's multipliers) or `paper` (Eq. 14). Default: `paper` for method `paper`, else `kkt`.
@@ -137,7 +138,7 @@ class SolverOptions:
 
     def __post_init__(self) -> None:
         """Refuse unknown names and impossible lengths."""
-        method = METHODS[self.method]
+        method = find_method(self.method)
         for name, value in method.defaults.items():
             if getattr(self, name) is BY_METHOD:
                 object.__setattr__(self, name, value)

@@ -36,7 +36,7 @@ def reference_excess(
 
     Args:
         hand: The hand.
-        surface: The object's, world frame, as the options name it.
+        surface: The object's, world frame, as `HandSolver` takes it.
         options: Those of the method; stiffness and lengths are kept.
         haptic: Haptic hand at every tick.
         graphic: Graphic hand at every tick.

@@ -23,6 +23,7 @@ from hhsim.kernels.tick.tick import rebuild_candidates
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.surface import SURFACES, surface_of
 from hhsim.solver.tick_threads import ThreadTeam
+from hhsim.trees.contact_surface import ContactSurface
 
 FORCE_MODELS = {"kkt": FORCE_KKT, "paper": FORCE_PAPER}
 RELAXATION = 100.0
@@ -54,7 +55,7 @@ class TickWorkspace:
 
     Args:
         model: The hand.
-        surface: The object's, world frame.
+        surface: The object's, world frame: a `ContactSurface`, or its arrays alone.
         options: Method, stiffness and lengths.
 
     Raises:
@@ -62,6 +63,8 @@ class TickWorkspace:
 
     Attributes:
         hand: The hand in the kernels' form.
+        surface: The object's arrays.
+        mesh, tree: What they were made of; None where that was not given.
         tick_options: The options in the kernels' form.
         states: The tick's state, shape (1,).
         qp: Workspace of the active-set solver.
@@ -70,7 +73,10 @@ class TickWorkspace:
 
     def __init__(self, model: HandModel, surface: Any, options: SolverOptions) -> None:
         """Allocate; nothing is computed yet."""
+        made_of = surface if isinstance(surface, ContactSurface) else ContactSurface(surface)
+        surface = made_of.arrays
         self.model = model
+        self.mesh, self.tree = made_of.mesh, made_of.tree
         self.hand = model.arrays()
         self.surface = surface
         self.options = options

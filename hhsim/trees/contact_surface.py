@@ -17,10 +17,13 @@ class ContactSurface(NamedTuple):
     |---|---|
     | arrays | of a surface of `hhsim.kernels.surfaces`, in the frame of mesh and tree |
     | notes | what of the object cannot be touched or is not known, a sentence each |
+    | mesh, tree | what it was made of; None where the object has none |
     """
 
     arrays: Any
     notes: tuple[str, ...] = ()
+    mesh: Mesh | None = None
+    tree: SphereTree | None = None
 
 
 def encloses(mesh: Mesh) -> bool:
@@ -43,7 +46,7 @@ def contact_surface(name: str, mesh: Mesh | None, tree: SphereTree | None) -> Co
     if name not in ("spheres", "mesh"):
         raise InputError(f"no object has the surface '{name}': expected spheres or mesh")
     if name == "spheres" and tree is not None:
-        return ContactSurface(tree.arrays())
+        return ContactSurface(tree.arrays(), (), mesh, tree)
     if name == "spheres" or mesh is None:
         raise InputError(f"this object has no {name}")
     closed = encloses(mesh)
@@ -55,4 +58,4 @@ def contact_surface(name: str, mesh: Mesh | None, tree: SphereTree | None) -> Co
         notes.append(f"{counted(left_out.repeated, 'triangle')} on the same corners as another one left out")
     if not closed:
         notes.append("the triangles enclose nothing: both sides can be touched, and no hand begins inside")
-    return ContactSurface(features, tuple(notes))
+    return ContactSurface(features, tuple(notes), mesh, tree)

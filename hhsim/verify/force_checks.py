@@ -34,7 +34,12 @@ WHY_SLACK = "a millionth, and how far normals turn in the tick's last step, afte
 
 def force_claims(judge: JudgedTicks) -> list[Claim]:
     """What the method and its force model claim of the forces."""
-    claims = [_wrench(judge), _fingertips(judge)]
+    claims = [_wrench(judge)]
+    if not judge.result.gives("work"):
+        given = judge.result.gives("forces")
+        note = "the method is not hhsim's, " + ("and these are what it said" if given else "and said none")
+        return [*claims, Claim("forces", "contact forces follow from the configuration", NOT_JUDGED, note=note)]
+    claims.append(_fingertips(judge))
     method, force = judge.options["method"], judge.options["force"]
     if method == "coupled":
         claims.append(_stationarity(judge))

@@ -5,8 +5,9 @@ from numpy.typing import NDArray
 
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.metrics.run.force import TREMBLING
-from hhsim.metrics.run.registry import run_metrics
+from hhsim.metrics.run.registry import known_figures, run_metrics
 from hhsim.result.reader import Result
+from hhsim.solver.method import EVERYTHING
 from hhsim.verify.claim import NOT_JUDGED, Claim, judged
 from hhsim.verify.contact_error_check import FIGURE as CONTACT_ERROR
 from hhsim.verify.file_checks import follows
@@ -119,7 +120,10 @@ def _summary_claims(result: Result) -> list[Claim]:
 
 def required_figures(result: Result) -> list[str]:
     """What the summary of a complete replay has to have; of a trembling hand only where a hold stands still."""
-    names = list(REQUIRED)
+    known = known_figures([what for what in EVERYTHING if result.gives(what)])
+    names = [name for name in REQUIRED if name in {*known, "ticks"}]
+    if not (result.gives("forces") and result.gives("runs")):
+        return names
     hold = next((phase for phase in result.phases if phase.name == "hold"), None)
     if hold is not None:
         part = slice(hold.first_tick, hold.last_tick + 1)

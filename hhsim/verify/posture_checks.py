@@ -1,8 +1,9 @@
 """Claims of where the hand is: joints, limits, how far behind it is. All ticks are judged."""
 
 import numpy as np
+from numpy.typing import NDArray
 
-from hhsim.verify.claim import Claim, judged
+from hhsim.verify.claim import NOT_CLAIMED, Claim, judged
 from hhsim.verify.kinematics import turn_between
 from hhsim.verify.tick_data import (
     ABDUCTION_HELD,
@@ -16,8 +17,11 @@ from hhsim.verify.tick_data import (
     JudgedTicks,
 )
 
+FloatArray = NDArray[np.float64]
+
 ANGLE = 1e-9
 """Angles that differ by this [rad] are the same."""
+LIMITS = "no joint is beyond its limit"
 WHY_ANGLE = "rounding of the solver's steps"
 
 
@@ -31,14 +35,21 @@ def posture_claims(judge: JudgedTicks) -> list[Claim]:
     return [
         judged("unit quaternions", "orientations are unit", unit, 1e-9, "1", "rounding", ticks=ticks),
         judged("kinematics", says, off, LENGTH, "m", WHY_LENGTH, ticks=ticks),
-        judged(
-            *("joint limits", "no joint is beyond its limit", np.maximum(0.0, beyond), ANGLE, "rad", WHY_ANGLE),
-            ticks=ticks,
-        ),
-        _abduction(judge),
-        _lag(judge),
+        *_of_the_solver(judge, np.maximum(0.0, beyond)),
         *_free(judge),
         *_stuck(judge),
+    ]
+
+
+def _of_the_solver(judge: JudgedTicks, beyond: FloatArray) -> list[Claim]:
+    """What hhsim's own methods claim of every tick, and another's need not."""
+    if not judge.result.gives("status"):
+        note = f"of a method that is not hhsim's; its joints are up to {beyond.max(initial=0.0):.3g} rad beyond"
+        return [Claim("joint limits", LIMITS, NOT_CLAIMED, checked=len(beyond), note=note)]
+    return [
+        judged("joint limits", LIMITS, beyond, ANGLE, "rad", WHY_ANGLE, ticks=judge.numbers),
+        _abduction(judge),
+        _lag(judge),
     ]
 
 

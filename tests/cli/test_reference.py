@@ -183,7 +183,7 @@ def test_the_defaults_that_are_told_are_those_of_the_library() -> None:
         ("hhsim bench papre", "did you mean paper"),
         ("hhsim replay cube pinch never", "unexpected extra argument"),
         ("hhsim replay --metod coupled", "No such option"),
-        ("hhsim replay --method couple", "is not one of"),
+        ("hhsim replay --method couple", "did you mean coupled"),
         ("hhsim replay --threads 0", "not in the range"),
         ("hhsim replay --tremor 1", "expected 2 numbers"),
         ("hhsim verify", "Missing argument"),

@@ -5,11 +5,13 @@ Each module of this package that has `METRICS`, some `RunMetric`s, adds them by 
 
 import importlib
 import pkgutil
+from collections.abc import Collection
 from functools import cache
 
 import hhsim.metrics.run
 from hhsim.metrics.run_metric import RunMetric
 from hhsim.metrics.run_ticks import RunTicks
+from hhsim.result.schema import TICK_COLUMNS
 
 
 @cache
@@ -34,6 +36,16 @@ def run_metrics() -> dict[str, RunMetric]:
 def needed_columns() -> tuple[str, ...]:
     """Datasets of /tick that the figures are computed from."""
     return tuple(dict.fromkeys(name for metric in run_metrics().values() for name in metric.needs))
+
+
+def known_figures(gives: Collection[str]) -> set[str]:
+    """Names of the figures that can be known of a method that `gives` some of `hhsim.solver.method.EVERYTHING`."""
+    by = {column.name: column.known_by for column in TICK_COLUMNS}
+    return {
+        name
+        for name, metric in run_metrics().items()
+        if all(by.get(needed, "") in ("", *gives) for needed in metric.needs)
+    }
 
 
 def tick_figures(run: RunTicks) -> dict[str, float]:

@@ -1,0 +1,32 @@
+"""The option that names a method: one of hhsim's own, of an installed package, or a class in a module."""
+
+import click
+from click.shell_completion import CompletionItem
+
+from hhsim.errors import UnknownNameError
+from hhsim.solver.method import METHODS
+
+
+class MethodName(click.ParamType[str]):
+    """A name that `hhsim methods` lists, or `package.module:Class`."""
+
+    name = "method"
+
+    def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str:
+        """As help texts show it: hhsim's own by name."""
+        return f"[{'|'.join(METHODS.names())}|NAME]"
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Refuse what is no name; what a class is worth shows when it is imported."""
+        if value not in METHODS and ":" not in value:
+            from hhsim.solver.known_methods import method_names
+
+            if value not in method_names():
+                self.fail(str(UnknownNameError("method", value, method_names())), param, ctx)
+        return value
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        """Offer the names."""
+        from hhsim.solver.known_methods import method_names
+
+        return [CompletionItem(name) for name in method_names() if name.startswith(incomplete)]

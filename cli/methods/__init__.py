@@ -1,0 +1,79 @@
+"""`hhsim methods`: the list, and a test of one."""
+
+from collections.abc import Callable
+
+import click
+
+from ..arguments import options
+from ..console import print_json, print_line, print_rows
+from ..lazy_group import LazyGroup
+
+COMMANDS = {"check": "Tell what is wrong with a method from outside."}
+"""What else there is to do with methods, each with its one line."""
+
+
+@options.json
+@click.pass_context
+def _list(context: click.Context, as_json: bool) -> None:
+    """List every method, what it promises, and what can be known of it."""
+    if context.invoked_subcommand is not None:
+        return
+    from hhsim.errors import InputError
+    from hhsim.solver.known_methods import declared_methods, find_method, method_names
+
+    found, broken = {}, {}
+    for name in method_names():
+        try:
+            found[name] = find_method(name)
+        except InputError as error:
+            broken[name] = str(error)
+    yes = {True: "yes", False: "–"}
+    home = {name: entry.dist.name if entry.dist else "?" for name, entry in declared_methods().items()}
+    cells: dict[str, Callable[[str], str]] = {
+        "name": lambda name: name,
+        "what": lambda name: found[name].summary,
+        "from": lambda name: home.get(name, "hhsim"),
+        "never inside": lambda name: yes[found[name].never_penetrates],
+        "nearest": lambda name: yes[found[name].nearest_to_user],
+        "gives": lambda name: "everything" if found[name].compiled else ", ".join(sorted(found[name].gives)),
+    }
+    if as_json:
+        document = [
+            {
+                "name": name,
+                "summary": method.summary,
+                "from": home.get(name, "hhsim"),
+                "never_penetrates": method.never_penetrates,
+                "nearest_to_user": method.nearest_to_user,
+                "gives": sorted(method.gives),
+            }
+            for name, method in found.items()
+        ]
+        print_json({"methods": document, "broken": broken})
+        return
+    print_rows(cells, list(found), words=cells.keys())
+    for why in broken.values():
+        print_line(f"note: {why}")
+
+
+command = LazyGroup(
+    "methods",
+    COMMANDS,
+    module=lambda name: f"methods.{name}",
+    params=_list.__click_params__,  # type: ignore[attr-defined]
+    short_help="List the methods, and test one from outside.",
+    invoke_without_command=True,
+    subcommand_metavar="[check NAME]",
+    help="""List the methods, what each promises, and test one from outside.
+
+    Any of the names goes into hhsim replay --method, and so does package.module:Class: a class of your own, in the
+    current folder or installed. A package declares its methods as entry points of the group "hhsim.methods".
+
+    \b
+    Examples:
+      hhsim methods
+      hhsim methods check my_module:MyMethod
+      hhsim replay bunny grasp --method my_module:MyMethod
+    """,
+    callback=_list,
+)

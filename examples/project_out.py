@@ -1,0 +1,52 @@
+"""A method of one's own, in a minute: the user's hand, moved out of the object along the palm's way.
+
+hhsim methods check project_out:ProjectOut
+hhsim replay sphere grasp --method project_out:ProjectOut
+"""
+
+import numpy as np
+
+import hhsim
+
+
+class ProjectOut:
+    """Shifts the whole hand out of the object's spheres by what its deepest ball is inside, again and again."""
+
+    gives_forces = True
+
+    def __init__(self, scene: hhsim.MethodScene) -> None:
+        """Keep the object's leaf spheres and the balls that stand for the hand."""
+        assert scene.tree is not None
+        self.hand, self.stiffness = scene.hand, scene.options.stiffness.translation
+        self.center, self.radius = scene.tree.leaf_center, scene.tree.leaf_radius
+        palm = scene.hand.palm_tree
+        self.palm_center, self.palm_radius = palm.leaf_center, palm.leaf_radius
+
+    def begin(self, pose: hhsim.HandConfiguration) -> None:
+        """Nothing is kept from tick to tick."""
+
+    def tick(self, haptic: hhsim.HandConfiguration) -> hhsim.TickAnswer:
+        """Push the hand out; the force on the palm is what a spring to the user's hand takes."""
+        joints = self.hand.joints(*haptic).reshape(-1, 3)
+        w, x, y, z = haptic.orientation
+        turn = np.array(
+            [
+                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+            ]
+        )
+        balls = np.concatenate([joints, haptic.position + self.palm_center @ turn.T])
+        sizes = np.concatenate([self.hand.radius.ravel(), self.palm_radius])
+        shift = np.zeros(3)
+        for _ in range(20):
+            moved = balls + shift
+            square = (moved**2).sum(axis=1)[:, None] + (self.center**2).sum(axis=1) - 2.0 * moved @ self.center.T
+            depth = sizes[:, None] + self.radius - np.sqrt(np.maximum(square, 0.0))
+            i, j = np.unravel_index(depth.argmax(), depth.shape)
+            if depth[i, j] <= 0.0:
+                break
+            away = moved[i] - self.center[j]
+            shift += depth[i, j] * away / np.linalg.norm(away)
+        pose = haptic._replace(position=haptic.position + shift)
+        return hhsim.TickAnswer(pose, np.zeros((5, 3, 3)), self.stiffness * shift)

@@ -1,0 +1,33 @@
+"""What there is to know of a shown hand that came from elsewhere: its joints, what it touches, how it is pulled."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.kernels.contact.detection import evaluate, pairs_near
+from hhsim.kernels.hand.kinematics import HandArrays
+from hhsim.kernels.hand.pose import update_kinematics
+from hhsim.kernels.jit import jit
+from hhsim.kernels.tick.force import clear_forces, palm_wrench
+from hhsim.kernels.tick.options import TickOptions
+from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, WORK_BODIES, WORK_CANDIDATES, WORK_TOUCHING
+
+
+@jit
+def look_at(hand: HandArrays, surface: Any, options: TickOptions, states: NDArray[np.void]) -> int:
+    """Take the graphic hand as it stands in the state: its joints, near and touching pairs, and Eq. 1.
+
+    Returns:
+        0, or STATUS_CAPACITY_EXCEEDED: it is so deep inside that not all pairs could be counted.
+    """
+    state = states[0]
+    pose, candidates, work = state.pose, state.candidates, state.work
+    update_kinematics(hand, pose)
+    status = evaluate(hand, pose, surface, options.margin, options.margin, options.skin, candidates, work)
+    work[:] = 0
+    work[WORK_BODIES], work[WORK_CANDIDATES] = pairs_near(surface, hand, candidates, options.margin)
+    _, work[WORK_TOUCHING] = pairs_near(surface, hand, candidates, options.touch)
+    clear_forces(state.forces)
+    palm_wrench(pose, state.haptic, state.stiffness, state.scratch, state.forces)
+    return STATUS_CAPACITY_EXCEEDED if status != 0 else 0

@@ -1,0 +1,207 @@
+"""A conformance test for a method from outside: what a newcomer got wrong, one line each."""
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import HhsimError
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.metrics.metrics import penetration
+from hhsim.scene.open_scene import open_scene
+from hhsim.scene.scene import Scene
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.known_methods import find_method
+from hhsim.solver.method import FORCES
+from hhsim.solver.options import SolverOptions
+from hhsim.trees.contact_surface import contact_surface
+
+Array = NDArray[np.float64]
+
+OBJECT, MOTION = "sphere", "grasp"
+"""The scene: a ball has no edge that could be blamed."""
+OK, WRONG, NOTE = "ok", "wrong", "note"
+FOLLOWS = 1e-3
+"""A hand that touches nothing and is this far from the user's [m] does not follow it."""
+AT_REST = 1e-5
+"""A hand that still moves by this a tick [m] has not come to rest."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that was looked at.
+
+    Attributes:
+        name: Of the thing.
+        verdict: `OK`, `WRONG`, or `NOTE` for what is no fault but worth knowing.
+        says: In a sentence.
+    """
+
+    name: str
+    verdict: str
+    says: str
+
+    def to_json(self) -> dict[str, str]:
+        """As plain values."""
+        return asdict(self)
+
+
+def check_method(name: str) -> Iterator[Finding]:
+    """Put a method through a short grasp of a ball, and look at what a table would be made of.
+
+    Ends where nothing can be said any more: at what cannot be imported, made or run.
+
+    Args:
+        name: As for `hhsim.solver.known_methods.find_method`.
+
+    Yields:
+        What was found, one thing after the other.
+    """
+    try:
+        options = SolverOptions(method=name)
+    except HhsimError as error:
+        yield Finding("import", WRONG, str(error))
+        return
+    method = find_method(name)
+    yield Finding("import", OK, method.summary)
+    scene = open_scene(OBJECT, MOTION)
+    haptic = HandConfiguration.of(scene.ticks).copy()
+    # The way to the object and the closing of the fingers, then a hold.
+    ticks = next(phase.first_tick for phase in scene.ticks.phases if phase.name == "hold") + 200
+    haptic = haptic.part(0, ticks)
+    try:
+        record, again = (_run(scene, options, haptic) for _ in range(2))
+    except HhsimError as error:
+        yield Finding("run", WRONG, str(error))
+        return
+    yield Finding("run", OK, f"{ticks:,} ticks, each with a hand of the right shapes, finite, its quaternion unit")
+    shown = HandConfiguration.of(record)
+    yield _same(record, again)
+    yield _free(record, haptic)
+    yield _bends(scene, shown)
+    yield _rest(record)
+    yield _depth(scene, options, record, promised=method.never_penetrates)
+    yield _touches(record)
+    if FORCES in method.gives:
+        yield _push(record)
+    yield from _times(record)
+
+
+def _run(scene: Scene, options: SolverOptions, haptic: HandConfiguration) -> TickRecord:
+    surface = contact_surface(options.surface, scene.mesh, scene.tree)
+    return HandSolver(scene.hand, surface, options).run(*haptic)
+
+
+def _same(record: TickRecord, again: TickRecord) -> Finding:
+    differ = np.zeros(len(record.position), bool)
+    for field in HandConfiguration._fields:
+        one, other = getattr(record, field), getattr(again, field)
+        differ |= (one != other).reshape(len(one), -1).any(axis=1)
+    if not differ.any():
+        return Finding("repeatable", OK, "a second run gives the same hands, bit for bit")
+    first = int(np.flatnonzero(differ)[0])
+    return Finding(
+        "repeatable",
+        NOTE,
+        f"a second run differs from tick {first:,} on: its results cannot be run again bit for bit",
+    )
+
+
+def _free(record: TickRecord, haptic: HandConfiguration) -> Finding:
+    far = np.flatnonzero(record.work[:, 5] == 0)
+    if far.size == 0:
+        return Finding("free space", WRONG, "the shown hand is never farther than the margin from the object")
+    off = np.linalg.norm(record.position[far] - haptic.position[far], axis=1)
+    worst = float(off.max())
+    if worst <= FOLLOWS:
+        return Finding("free space", OK, f"the shown palm follows the user's to {1e3 * worst:.3g} mm")
+    return Finding("free space", WRONG, f"{_suspicion(record.position[far], haptic.position[far])} (free of contact)")
+
+
+def _suspicion(shown: Array, wanted: Array) -> str:
+    """What would make the one palm the other's."""
+    off = float(np.linalg.norm(shown - wanted, axis=1).max())
+    for text, changed in same_but_for(shown):
+        if float(np.linalg.norm(changed - wanted, axis=1).max()) < 0.1 * off:
+            return f"the shown palm is up to {1e3 * off:.3g} mm off the user's: {text}?"
+    return f"the shown palm is up to {1e3 * off:.3g} mm off the user's"
+
+
+def same_but_for(position: Array) -> Iterator[tuple[str, Array]]:
+    """What positions would be, had they been given in another unit or frame: the mistake, and the positions mended."""
+    for unit, size in (("millimetres", 1e-3), ("centimetres", 1e-2), ("inches", 0.0254)):
+        yield unit, position * size
+    for axis, name in enumerate("xyz"):
+        flip = np.ones(3)
+        flip[axis] = -1.0
+        yield f"left-handed ({name} mirrored)", position * flip
+    for order in itertools.permutations(range(3)):
+        for signs in itertools.product((1.0, -1.0), repeat=3):
+            turn = np.eye(3)[list(order)] * np.array(signs)
+            if order != (0, 1, 2) and np.linalg.det(turn) > 0.0:
+                yield "another axis up", position @ turn.T
+
+
+def _bends(scene: Scene, shown: HandConfiguration) -> Finding:
+    hand = scene.hand
+    beyond = float(np.maximum(hand.flexion_min - shown.flexion, shown.flexion - hand.flexion_max).max())
+    if beyond <= 1e-6:
+        return Finding("joint limits", OK, "no joint is beyond its limit")
+    if float(np.abs(shown.flexion).max()) > np.pi:
+        return Finding("joint limits", WRONG, "joints bend by more than half a turn: degrees?")
+    return Finding("joint limits", NOTE, f"a joint is {beyond:.3g} rad beyond its limit")
+
+
+def _rest(record: TickRecord) -> Finding:
+    moved = float(np.linalg.norm(record.joints[-1] - record.joints[-2], axis=-1).max())
+    if moved <= AT_REST:
+        return Finding("rest", OK, "where the user's hand rests, the shown hand comes to rest")
+    return Finding("rest", NOTE, f"after 200 ticks of rest the shown hand still moves by {1e6 * moved:.3g} µm a tick")
+
+
+def _depth(scene: Scene, options: SolverOptions, record: TickRecord, *, promised: bool) -> Finding:
+    surface = contact_surface(options.surface, scene.mesh, scene.tree)
+    placed = PlacedHand(record.joints, record.position, record.orientation)
+    found = penetration(surface.arrays, *hand_shape(scene.hand), *placed)
+    deepest = float(np.nanmax(found.depth))
+    if deepest <= 1e-12:
+        return Finding("depth", OK, "no tick penetrates")
+    verdict = WRONG if promised else NOTE
+    more = ", although it promises not to (never_penetrates)" if promised else ""
+    return Finding("depth", verdict, f"the shown hand is up to {1e3 * deepest:.3g} mm inside the object{more}")
+
+
+def _touches(record: TickRecord) -> Finding:
+    if np.any(record.work[:, 5] > 0):
+        return Finding("contact", OK, f"{int((record.work[:, 6] > 0).sum()):,} ticks touch the object")
+    return Finding("contact", WRONG, "the shown hand never comes near the object that the user grasps")
+
+
+def _push(record: TickRecord) -> Finding:
+    free = record.work[:, 5] == 0
+    size = np.linalg.norm(record.total, axis=1)
+    if float(size[free].max(initial=0.0)) > 1e-3:
+        return Finding("forces", NOTE, f"{size[free].max():.3g} N where nothing is within the margin")
+    if float(size.max()) == 0.0:
+        return Finding("forces", WRONG, "it promises forces, and all are 0 in a grasp")
+    # What keeps the shown hand off the user's is what pushes it: Eq. 1 without inertia.
+    if float(np.einsum("ti,ti->t", record.total, record.palm_wrench[:, :3]).sum()) < 0.0:
+        return Finding("forces", WRONG, "forces pull the hand towards the user's: meant are those on the hand; turned?")
+    return Finding("forces", OK, f"up to {size.max():.3g} N, and they push the shown hand off the user's")
+
+
+def _times(record: TickRecord) -> Iterator[Finding]:
+    total, native = 1e-3 * np.median(record.duration_cpu), 1e-3 * np.median(record.duration[:, 1])
+    own = f", of which {native:.3g} µs are its own by its word" if native > 0.0 else ""
+    first = 1e-3 * float(record.duration_cpu[0])
+    yield Finding("time", OK, f"a tick takes {total:.3g} µs of CPU in the median{own}")
+    if np.any(record.duration[:, 1] > record.duration_total):
+        yield Finding("native time", WRONG, "a tick claims more native time than it took by the wall clock")
+    if first > 100.0 * total and first > 1e4:
+        yield Finding(
+            "first tick", NOTE, f"the first one took {1e-3 * first:.3g} ms: prepare in __init__, which is not timed"
+        )
