@@ -5,7 +5,8 @@
 # Another interpreter: make test PYTHON=python3.12
 
 PYTHON ?= python3
-PYTEST_OPTIONS ?= -n 2
+# One more than two processors: many tests wait for a process that they started.
+PYTEST_OPTIONS ?= -n 3
 BIN := .venv/bin
 
 # Bytecode of what is imported is written at its first import; pip's of everything would take a third of its time. The

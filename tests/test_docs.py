@@ -104,7 +104,10 @@ def _check_command(call: list[str], complete: bool) -> None:
         for text in given:
             if not isinstance(text, str) or PLACEHOLDER.fullmatch(text):
                 continue
-            if isinstance(parameter.type, (click.Choice, click.types.FloatParamType)):
+            if (
+                isinstance(parameter.type, (click.Choice, click.types.FloatParamType))
+                or parameter.type.name == "method"
+            ):
                 parameter.type(text, parameter, context)
             elif isinstance(parameter, click.Argument):
                 _check_name(parameter, text)

@@ -1,0 +1,48 @@
+"""The conformance test tells a newcomer what is wrong, and nothing that is not."""
+
+from pathlib import Path
+
+import pytest
+from conftest import Run
+
+from hhsim.replay.conformance import NOTE, OK, WRONG, check_method
+
+
+@pytest.mark.parametrize(
+    ("name", "finding", "verdict", "says"),
+    [
+        ("Millimetres", "free space", WRONG, "millimetres?"),
+        ("Mirrored", "free space", WRONG, "left-handed (y mirrored)?"),
+        ("Degrees", "joint limits", WRONG, "degrees?"),
+        ("TurnedForces", "forces", WRONG, "turned?"),
+        ("Promises", "depth", WRONG, "promises not to"),
+        ("Boasts", "native time", WRONG, "more native time"),
+        ("Raises", "run", WRONG, "ZeroDivisionError"),
+        ("NoTick", "import", WRONG, "lacks tick"),
+        ("Follow", "depth", NOTE, "inside the object"),
+        ("Random", "repeatable", NOTE, "differs from tick 0"),
+        ("Lazy", "first tick", NOTE, "prepare in __init__"),
+    ],
+)
+def test_what_is_wrong_is_named(name: str, finding: str, verdict: str, says: str) -> None:
+    found = {each.name: each for each in check_method(f"outside_methods:{name}")}
+    assert found[finding].verdict == verdict
+    assert says in found[finding].says
+    wrong = {each.name for each in found.values() if each.verdict == WRONG}
+    # A hand that is far away never touches: that follows from the first.
+    assert wrong - {"contact"} == ({finding} if verdict == WRONG else set())
+
+
+def test_our_own_method_from_outside_passes(run: Run) -> None:
+    assert {each.verdict for each in check_method("outside_methods:OurOwn")} == {OK}
+    answer = run("methods", "check", "outside_methods:OurOwn")
+    assert answer.code == 0 and answer.out.endswith("outside_methods:OurOwn can be measured\n")
+    assert run("methods", "check", "outside_methods:NoTick").code == 1
+
+
+def test_the_example_is_sixty_lines_at_most_and_passes(repository: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    example = repository / "examples" / "project_out.py"
+    assert len(example.read_text(encoding="utf-8").splitlines()) <= 60
+    monkeypatch.syspath_prepend(str(example.parent))
+    found = {finding.name: finding.verdict for finding in check_method("project_out:ProjectOut")}
+    assert found == {**dict.fromkeys(found, OK), "depth": NOTE}, "phalanges between its balls are not looked at"

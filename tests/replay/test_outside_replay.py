@@ -1,0 +1,63 @@
+"""A method from outside all the way: its file, its table, the referee, a second run, a page."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import Run
+from short_grasp import short_grasp, short_result, short_scene
+
+from hhsim.metrics.run.registry import known_figures, run_metrics
+from hhsim.replay.replay import replay
+from hhsim.solver.method import EVERYTHING
+from hhsim.solver.options import SolverOptions
+from hhsim.verify.verify import verify
+
+RELEASED = short_grasp(release=0.05)
+
+
+def test_what_cannot_be_known_has_no_row(tmp_path: Path) -> None:
+    scene = short_scene(RELEASED)
+    follow = replay(scene, SolverOptions(method="outside_methods:Follow"), tmp_path / "follow.h5")
+    names = {row.name for row in follow.rows}
+    assert {"penetration_max", "contact_error_max", "tick_cpu_p50", "tracking_palm"} <= names
+    assert not names & {"force_contact_mean", "stuck_ticks", "work_mean", "rows_max", "force_variation_tremor"}
+    ours = replay(scene, SolverOptions(method="outside_methods:OurOwn"), tmp_path / "ours.h5")
+    more = {row.name for row in ours.rows} - names
+    assert {"force_contact_mean", "force_variation_tremor"} <= more
+    assert all(name.startswith("force") for name in more)
+    assert known_figures(EVERYTHING) == set(run_metrics())
+
+
+def test_its_errors_are_those_of_the_same_poses_from_inside(tmp_path: Path) -> None:
+    scene = short_scene(RELEASED)
+    names = ("coupled", "outside_methods:OurOwn")
+    inside, outside = (replay(scene, SolverOptions(method=name), tmp_path / "same.h5") for name in names)
+    ours, theirs = ({row.name: row.value for row in summary.rows} for summary in (inside, outside))
+    exact = [name for name in theirs if not name.startswith(("tick_", "candidates"))]
+    assert len(exact) > 10
+    for name in exact:
+        assert theirs[name] == pytest.approx(ours[name], rel=1e-12, abs=1e-12, nan_ok=True), name
+
+
+@pytest.mark.parametrize("name", ["Follow", "OurOwn"])
+def test_the_referee_the_second_run_and_the_page_take_it(name: str, tmp_path: Path, run: Run) -> None:
+    result = short_result(tmp_path / "result.h5", RELEASED, method=f"outside_methods:{name}")
+    assert result.gives("times") and not result.gives("work") and result.gives("forces") == (name == "OurOwn")
+    judged = verify(result, every=5, again=True)
+    assert judged.passed, [claim for claim in judged.claims if claim.failed]
+    forces = next(claim for claim in judged.claims if claim.name == "forces")
+    assert forces.verdict == "not judged"
+    again = run("replay", str(tmp_path / "result.h5"))
+    assert again.code == 0 and "identical in every tick" in again.out
+    page = run("report", str(tmp_path / "result.h5"), "--out", str(tmp_path / "page.html"))
+    assert page.code == 0, page.err
+    exported = run("export", str(tmp_path / "result.h5"), str(tmp_path / "ticks.csv"))
+    assert exported.code == 0, exported.err
+
+
+def test_a_planted_depth_is_found(tmp_path: Path) -> None:
+    result = short_result(tmp_path / "result.h5", RELEASED, method="outside_methods:Promises")
+    deepest = float(np.max(result["penetration_depth"]))
+    assert deepest > 1e-3
+    assert result.summary["penetration_max"] == deepest

@@ -1,0 +1,99 @@
+"""The engine of methods from outside: what they are given, what is taken of them, and what is refused."""
+
+import numpy as np
+import pytest
+from short_grasp import short_grasp, short_scene
+
+from hhsim.errors import InputError
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.kernels.tick.state import STATUS_INPUT_INVALID, STATUS_START_INSIDE, WORK_CANDIDATES, WORK_TOUCHING
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions
+from hhsim.solver.outside_method import OutsideEngine
+from hhsim.trees.contact_surface import contact_surface
+
+SCENE = short_scene(short_grasp())
+HAPTIC = HandConfiguration.of(SCENE.ticks).copy()
+SURFACE = contact_surface("spheres", SCENE.mesh, SCENE.tree)
+
+
+def solver_of(name: str) -> HandSolver:
+    return HandSolver(SCENE.hand, SURFACE, SolverOptions(method=f"outside_methods:{name}"))
+
+
+def test_our_own_method_from_outside_is_our_own() -> None:
+    ours = HandSolver(SCENE.hand, SURFACE, SolverOptions()).run(*HAPTIC)
+    theirs = solver_of("OurOwn").run(*HAPTIC)
+    for name in (*HandConfiguration._fields, "joints", "phalanx", "palm_wrench"):
+        np.testing.assert_allclose(getattr(theirs, name), getattr(ours, name), atol=1e-12, err_msg=name)
+    np.testing.assert_allclose(theirs.total, ours.total, atol=1e-12)
+    # A pair counts as touching where the tick ends; within the margin ours counts where the program begins.
+    np.testing.assert_array_equal(theirs.work[:, WORK_TOUCHING], ours.work[:, WORK_TOUCHING])
+    assert (theirs.duration[:, 1] == theirs.duration[:, 1].clip(1)).all(), "its own time, as it reports it"
+    assert (theirs.duration_total >= theirs.duration[:, 1]).all()
+
+
+def test_it_is_told_of_the_scene_and_where_to_begin() -> None:
+    solver = solver_of("Follow")
+    solver.run(*HAPTIC.part(0, 1))
+    engine = solver.engine
+    assert isinstance(engine, OutsideEngine)
+    scene = engine.method.scene
+    assert scene.mesh is SCENE.mesh and scene.tree is SCENE.tree and scene.hand is SCENE.hand
+    assert scene.period == 1e-3
+    begun: list[HandConfiguration] = engine.method.begun
+    np.testing.assert_array_equal(begun[0].position, HAPTIC.position[0])
+    solver.place(*HAPTIC.at(5))
+    np.testing.assert_array_equal(begun[1].flexion, HAPTIC.flexion[5])
+
+
+def test_what_it_does_to_its_input_is_its_own_business() -> None:
+    kept = HAPTIC.copy()
+    record = solver_of("Writes").run(*HAPTIC)
+    for one, other, shown in zip(HAPTIC, kept, HandConfiguration.of(record)):
+        np.testing.assert_array_equal(one, other)
+        np.testing.assert_allclose(shown, other, atol=1e-15)
+
+
+def test_without_forces_there_are_none_and_the_pull_is_eq_1() -> None:
+    record = solver_of("Follow").run(*HAPTIC)
+    for values in (record.phalanx, record.total, record.fingertip_normal):
+        assert np.isnan(values).all()
+    assert np.abs(record.palm_wrench).max() < 1e-9, "the shown hand is the user's"
+    assert record.work[:, WORK_CANDIDATES].max() > record.work[0, WORK_CANDIDATES]
+
+
+def test_input_that_is_not_finite_is_held() -> None:
+    broken = HAPTIC.copy()
+    broken.position[10] = np.nan
+    record = solver_of("Follow").run(*broken)
+    assert record.status[10] == STATUS_INPUT_INVALID and not record.status[[9, 11]].any()
+    np.testing.assert_array_equal(record.position[10], HAPTIC.position[9])
+
+
+def test_a_hand_that_begins_inside_begins_at_a_free_place() -> None:
+    inside = HAPTIC.part(0, 2).copy()
+    inside.position[:] = SCENE.mesh.vertices.mean(axis=0)
+    solver = solver_of("Follow")
+    record = solver.run(*inside)
+    assert record.status[0] & STATUS_START_INSIDE
+    begun: list[HandConfiguration] = solver.engine.method.begun  # type: ignore[attr-defined]
+    assert np.linalg.norm(begun[-1].position - inside.position[0]) > 0.01
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("Raises", r"fails: ZeroDivisionError: of no\nuse \(tick 2\)"),
+        ("CannotBeMade", "cannot be made: FileNotFoundError: no weights"),
+        ("NotUnit", r"orientation of length 2: expected a unit quaternion w x y z \(tick 0\)"),
+        ("WrongShape", r"flexion of shape \(15,\): expected \(5, 3\)"),
+        ("NotFinite", "position that is not finite"),
+        ("NoNumbers", "abduction that is no array of numbers"),
+        ("NoHand", "answers with NoneType: expected a HandConfiguration"),
+        ("NoForces", r"promises forces \(gives_forces\) and gives none"),
+    ],
+)
+def test_what_is_no_hand_is_refused_by_name_and_tick(name: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        solver_of(name).run(*HAPTIC.part(0, 5))
