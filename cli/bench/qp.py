@@ -23,7 +23,7 @@ from ..console import announce_compilation, print_json, print_notes, print_table
     "--programs",
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="FILE",
-    help="Write the programs too, as a .parquet file that qpbenchmark reads.",
+    help="Write the programs too, in the order of their ticks, as a .parquet file that qpbenchmark reads.",
 )
 @options.seed
 @options.Output.argument("output")

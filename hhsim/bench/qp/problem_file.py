@@ -4,6 +4,10 @@
 
 A row is a program: `P`, `q`, `G`, `h` (matrices row by row), `A`, `b`, `lb` and `ub`, which are empty, and `name`: its
 kind, a number and where it was found. The variables are those of `hhsim.bench.qp.program`, so that P is the identity.
+
+The rows are in the order in which a run solves them, tick after tick, for warm starts to be judged by: `scene` says
+where it was found, `kind`, `tick` and `step` (linearisation of the tick, from 0) what it is, and `guess` which rows of
+G the tick expected to be active. What reads the columns of qpbenchmark alone does not see these.
 """
 
 from collections.abc import Iterable, Iterator
@@ -45,7 +49,9 @@ def written(programs: Iterable[Program], path: Path) -> Iterator[Program]:
 
     numbers = pyarrow.list_(pyarrow.float64())
     fields = [(name, numbers) for name in ("P", "q", "G", "h", "A", "b", "lb", "ub")]
-    schema = pyarrow.schema([*fields, ("name", pyarrow.string())])
+    text, count = pyarrow.string(), pyarrow.int64()
+    order = [("kind", text), ("scene", text), ("tick", count), ("step", count), ("guess", pyarrow.list_(count))]
+    schema = pyarrow.schema([*fields, ("name", text), *order])
     source = enumerate(programs)
     try:
         with parquet.ParquetWriter(path, schema) as file:
@@ -57,6 +63,11 @@ def written(programs: Iterable[Program], path: Path) -> Iterator[Program]:
                         "G": -program.matrix.ravel(),
                         "h": -program.rhs,
                         "name": f"{program.kind} {number} {program.source}",
+                        "kind": program.kind,
+                        "scene": program.source,
+                        "tick": program.tick,
+                        "step": program.step,
+                        "guess": program.guess,
                     }
                     for number, program in batch
                 ]

@@ -30,6 +30,8 @@ class Program:
         relaxation: What contradicting rows may be moved back by [√J].
         guess: Rows expected to be active.
         source: Where it was found.
+        tick: Of the motion there; -1 where it is of none.
+        step: Which linearisation of that tick, from 0; programs of one step are solved one after the other.
     """
 
     kind: str
@@ -42,6 +44,8 @@ class Program:
     relaxation: float
     guess: IntArray
     source: str = ""
+    tick: int = -1
+    step: int = -1
 
     @property
     def variables(self) -> int:

@@ -1,8 +1,9 @@
 """Programs that real ticks solve: replays of several objects and motions by both methods, their programs taken out.
 
-A scene is run once, compiled, to see which of its ticks meet the object, and then again: evenly chosen ticks are driven
-phase by phase from Python, and every program of every linearisation is copied as the kernels hold it, the guess from
-the last one included. Programs are yielded one by one, so that a hundred thousand of them never lie in memory.
+A scene is run once, compiled, to see which of its ticks meet the object, and then again: evenly chosen runs of ticks
+are driven phase by phase from Python, and every program of every linearisation is copied as the kernels hold it, the
+guess from the last one included. Within a run no program is left out, so that warm starts can be judged.
+Programs are yielded one by one, so that a hundred thousand of them never lie in memory.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -50,6 +51,8 @@ MOTIONS = ("grasp", "pinch", "whole-hand", "slide", RANDOM)
 RANDOM_TICKS = 3000
 """Length of a random motion, which jumps to a new target every 60 ticks."""
 GUESSES = 64
+RUN, RUNS = 25, 5
+"""Most consecutive ticks that are taken together; of few, as many as make so many runs of a scene."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,10 +128,14 @@ def _programs(
     expected = np.where(record.work[:, WORK_CANDIDATES] > 0, record.work[:, WORK_LINEARISATIONS], 0)
     expected[0] = 0
     each = 1 if method == "coupled" else 3
-    share = min(1.0, quota / max(1, each * int(expected.sum())))
-    # A tick is taken where the programs up to it, times the share, pass a whole number.
-    steps = np.floor(np.cumsum(expected) * each * share / each).astype(np.int64)
-    chosen = np.flatnonzero((np.diff(steps, prepend=0) > 0) & (expected > 0))
+    ticks = quota * np.count_nonzero(expected) / max(1, each * int(expected.sum()))
+    length = int(np.clip(ticks / RUNS, 1, RUN))
+    in_run = np.add.reduceat(expected, np.arange(0, len(expected), length)) * each
+    runs = np.flatnonzero(in_run > 0)
+    wanted = min(len(runs), -(-quota * len(runs) // max(1, int(in_run.sum()))))
+    # In the middle of as many equal parts, so that few runs are not those of the first touch alone.
+    evenly = runs[((np.arange(wanted) + 0.5) * len(runs) / max(1, wanted)).astype(np.int64)]
+    chosen = np.flatnonzero((expected > 0) & np.isin(np.arange(len(expected)) // length, evenly))
     solver = HandSolver(hand, tree.arrays(), options)
     before, taken = 0, 0
     for tick in chosen.tolist():
@@ -147,9 +154,10 @@ def harvest_tick(solver: HandSolver, haptic: HandConfiguration, tick: int, sourc
     state, options = workspace.states[0], workspace.tick_options
     kind = Coupled if solver.options.method == "coupled" else Progressive
     taken: list[Program] = []
-    programs = _TickPrograms(state, options, source)
+    programs = _TickPrograms(state, options, source, tick)
 
     def solve_program() -> bool:
+        programs.step += 1
         if kind is Coupled or state.in_one_program:
             taken.append(programs.coupled())
             return bool(solve_coupled(Coupled(options), state, workspace.qp) == OPTIMAL)
@@ -166,8 +174,9 @@ def harvest_tick(solver: HandSolver, haptic: HandConfiguration, tick: int, sourc
 class _TickPrograms:
     """The programs that a tick's state holds, copied."""
 
-    def __init__(self, state: Any, options: Any, source: str) -> None:
-        self._state, self._options, self._source = state, options, source
+    def __init__(self, state: Any, options: Any, source: str, tick: int) -> None:
+        self._state, self._options, self._source, self._tick = state, options, source, tick
+        self.step = -1
 
     def coupled(self) -> Program:
         problem = self._state.problem
@@ -241,4 +250,6 @@ class _TickPrograms:
             relaxation=float(self._options.relaxation),
             guess=np.array([place[int(row)] for row in guess if int(row) in place], dtype=np.int64),
             source=self._source,
+            tick=self._tick,
+            step=self.step,
         )

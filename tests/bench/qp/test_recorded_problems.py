@@ -12,7 +12,7 @@ from hhsim.bench.qp.backends import ProgramSolver
 from hhsim.bench.qp.bench import OWN_LIMIT
 from hhsim.bench.qp.kkt_check import CERTIFIED_RADIUS, certified_radius, residuals
 from hhsim.bench.qp.program import Program
-from hhsim.bench.qp.recorded_problems import QpBenchOptions, harvest, harvest_tick
+from hhsim.bench.qp.recorded_problems import RUNS, QpBenchOptions, harvest, harvest_tick
 from hhsim.errors import UnknownNameError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
@@ -130,3 +130,19 @@ def test_the_harvest_is_the_same_for_the_same_seed(monkeypatch: pytest.MonkeyPat
 def test_an_unknown_object_is_named() -> None:
     with pytest.raises(UnknownNameError, match="sphere"):
         list(harvest(QpBenchOptions(problems=10, objects=("spere",))))
+
+
+def test_the_programs_of_a_run_are_in_order_and_none_is_left_out() -> None:
+    taken = list(harvest(QpBenchOptions(problems=240, objects=("sphere",), motions=("grasp",), seed=1)))
+    for method in ("coupled", "progressive"):
+        mine = [program for program in taken if program.source == f"sphere/grasp/{method}"]
+        places = [(program.tick, program.step) for program in mine]
+        assert places == sorted(places)
+        ticks = np.unique([tick for tick, _ in places])
+        # What joins two runs is longer; every other step is from a tick to the next, and from a linearisation to it.
+        assert np.count_nonzero(np.diff(ticks) > 1) <= RUNS + 1 < len(ticks) - 1
+        for tick in ticks[:-1]:
+            steps = {step for at, step in places if at == tick}
+            assert steps == set(range(max(steps) + 1))
+        guessed = [program for program in mine if program.step == 0 and program.tick - 1 in ticks]
+        assert np.mean([program.guess.size > 0 for program in guessed]) > 0.5, "the tick before says what to expect"
