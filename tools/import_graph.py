@@ -14,7 +14,8 @@ PACKAGES = (
         f"hhsim.kernels{part}"
         for part in ("", ".hand", ".parallel", ".mesh", ".cover", ".contact", ".surfaces", ".qp", ".tick")
     ),
-    *("hhsim.system", "hhsim.mesh", "hhsim.trees", "hhsim.hand", "hhsim.motion", "hhsim.result"),
+    *("hhsim.system", "hhsim.mesh", "hhsim.trees", "hhsim.hand", "hhsim.exchange", "hhsim.motion"),
+    "hhsim.result",
     *("hhsim.recordings", "hhsim.recordings.formats", "hhsim.metrics", "hhsim.metrics.run", "hhsim.scene"),
     *("hhsim.solver", "hhsim.solver.methods", "hhsim.replay", "hhsim.verify"),
     *("hhsim.bench", "hhsim.bench.paper", "hhsim.bench.robustness", "hhsim.bench.qp"),

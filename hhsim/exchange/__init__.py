@@ -1,0 +1,1 @@
+"""The hand and the scene in the formats of other software."""

@@ -1,0 +1,69 @@
+"""The hand as MJCF, the format of MuJoCo (its XML reference: mujoco.readthedocs.io)."""
+
+from collections.abc import Iterable
+from xml.etree import ElementTree as Xml
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hhsim.exchange.hand_bodies import PALM, HandBodies, HandBody, hand_bodies
+from hhsim.hand.fingers import FINGERS, PHALANGES
+from hhsim.hand.model import HandModel
+
+
+def hand_mjcf(hand: HandModel) -> str:
+    """MJCF text of a hand, in m, rad and kg.
+
+    The palm has a free joint called `palm`, so that its part of qpos is position and orientation (w, x, y, z), world;
+    the hinges are called as the columns of a submission, and a site at each tip sphere's centre as `thumb_tip`. The
+    hand collides with what has the usual contact bits, and not with itself. Capsules of a tapering phalanx lie inside
+    of it, by `hhsim.exchange.hand_bodies.STEP` at most.
+    """
+    model = Xml.Element("mujoco", model=f"{hand.side}_hand")
+    Xml.SubElement(model, "compiler", angle="radian", autolimits="true")
+    usual = Xml.SubElement(model, "default")
+    # Contact bits that meet those of everything else, and not their own: fingers pass through each other.
+    Xml.SubElement(usual, "geom", contype="1", conaffinity="0")
+    world = Xml.SubElement(model, "worldbody")
+    add_hand(world, hand_bodies(hand))
+    Xml.indent(model)
+    return Xml.tostring(model, encoding="unicode") + "\n"
+
+
+def add_hand(world: Xml.Element, bodies: HandBodies) -> None:
+    """Put the bodies of a hand into the worldbody of a model."""
+    placed: dict[str, Xml.Element] = {"": world}
+    tips = {f"{finger}_{PHALANGES}": f"{finger}_tip" for finger in FINGERS}
+    for body in bodies.bodies:
+        element = Xml.SubElement(placed[body.parent], "body", name=body.name, pos=numbers(body.offset))
+        placed[body.name] = element
+        _add_parts(element, body)
+        if body.cone is not None and body.name in tips:
+            Xml.SubElement(element, "site", name=tips[body.name], pos=numbers(body.cone.end), size="0.001")
+
+
+def _add_parts(element: Xml.Element, body: HandBody) -> None:
+    inertial, inertia = body.inertial, body.inertial.inertia
+    if body.name == PALM:
+        Xml.SubElement(element, "freejoint", name=PALM)
+    for joint in body.joints:
+        limits = numbers((joint.lower, joint.upper))
+        Xml.SubElement(element, "joint", name=joint.name, type="hinge", axis=numbers(joint.axis), range=limits)
+    Xml.SubElement(
+        element,
+        "inertial",
+        pos=numbers(inertial.center),
+        mass=numbers([inertial.mass]),
+        fullinertia=numbers(inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]),
+    )
+    for shape in body.shapes:
+        if shape.is_sphere:
+            Xml.SubElement(element, "geom", type="sphere", pos=numbers(shape.start), size=numbers([shape.radius]))
+        else:
+            ends = numbers((*shape.start, *shape.end))
+            Xml.SubElement(element, "geom", type="capsule", fromto=ends, size=numbers([shape.radius]))
+
+
+def numbers(values: ArrayLike | Iterable[float]) -> str:
+    """Numbers of an attribute, in full precision with spaces between."""
+    return " ".join(repr(float(value) + 0.0) for value in np.ravel(np.asarray(values)))

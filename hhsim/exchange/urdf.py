@@ -1,0 +1,101 @@
+"""The hand as URDF, the format of ROS, PyBullet and Drake (wiki.ros.org/urdf/XML)."""
+
+from xml.etree import ElementTree as Xml
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.exchange.hand_bodies import Capsule, HandBody, HandJoint, Inertial, hand_bodies
+from hhsim.exchange.mjcf import numbers
+from hhsim.hand.fingers import FINGERS, PHALANGES
+from hhsim.hand.model import HandModel
+
+Array = NDArray[np.float64]
+
+LIMITS = {"effort": "10.0", "velocity": "100.0"}
+"""Of a joint [N·m, rad/s]: URDF demands them, and hhsim's hand has none."""
+KNUCKLE = Inertial(1e-4, np.zeros(3), 1e-8 * np.eye(3))
+"""Of the link between a finger's abduction and its first flexion, which stands for nothing: as little as is sound."""
+
+
+def hand_urdf(hand: HandModel) -> str:
+    """URDF text of a hand, in m, rad and kg.
+
+    The root link is the palm, its frame the palm's; who loads it places it. A joint of URDF turns one way, so that each
+    finger has a link `index_knuckle` between abduction and first flexion, without a shape. The other links are called
+    as the bodies of `hhsim.exchange.hand_bodies`, and a link without mass at each tip sphere's centre `thumb_tip`. URDF
+    has no capsules: each is a cylinder with a sphere at both ends. Nothing of it keeps fingers from touching each
+    other, or a phalanx its neighbour: leave collisions of the hand with itself off.
+    """
+    robot = Xml.Element("robot", name=f"{hand.side}_hand")
+    for body in hand_bodies(hand).bodies:
+        parent, offset = body.parent, body.offset
+        for joint in body.joints[:-1]:
+            knuckle = f"{body.name.rpartition('_')[0]}_knuckle"
+            _add_link(robot, knuckle, KNUCKLE)
+            _add_joint(robot, joint, parent, knuckle, offset)
+            parent, offset = knuckle, np.zeros(3)
+        _add_body(robot, body)
+        if body.joints:
+            _add_joint(robot, body.joints[-1], parent, body.name, offset)
+    lasts = {f"{finger}_{PHALANGES}": f"{finger}_tip" for finger in FINGERS}
+    for body in hand_bodies(hand).bodies:
+        if body.cone is not None and body.name in lasts:
+            tip = lasts[body.name]
+            Xml.SubElement(robot, "link", name=tip)
+            fixed = Xml.SubElement(robot, "joint", name=f"{tip}_fixed", type="fixed")
+            _connect(fixed, body.name, tip, body.cone.end)
+    Xml.indent(robot)
+    return Xml.tostring(robot, encoding="unicode") + "\n"
+
+
+def _add_body(robot: Xml.Element, body: HandBody) -> None:
+    link = _add_link(robot, body.name, body.inertial)
+    for shape in body.shapes:
+        for role in ("visual", "collision"):
+            _add_shape(link, role, shape)
+
+
+def _add_link(robot: Xml.Element, name: str, inertial: Inertial) -> Xml.Element:
+    link = Xml.SubElement(robot, "link", name=name)
+    part = Xml.SubElement(link, "inertial")
+    Xml.SubElement(part, "origin", xyz=numbers(inertial.center))
+    Xml.SubElement(part, "mass", value=numbers([inertial.mass]))
+    pairs = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
+    Xml.SubElement(part, "inertia", {name: numbers([inertial.inertia[place]]) for name, place in pairs.items()})
+    return link
+
+
+def _add_shape(link: Xml.Element, role: str, shape: Capsule) -> None:
+    radius = numbers([shape.radius])
+    for center in (shape.start,) if shape.is_sphere else (shape.start, shape.end):
+        part = Xml.SubElement(link, role)
+        Xml.SubElement(part, "origin", xyz=numbers(center))
+        Xml.SubElement(Xml.SubElement(part, "geometry"), "sphere", radius=radius)
+    if not shape.is_sphere:
+        part = Xml.SubElement(link, role)
+        along = shape.end - shape.start
+        length = float(np.linalg.norm(along))
+        middle = 0.5 * (shape.start + shape.end)
+        Xml.SubElement(part, "origin", xyz=numbers(middle), rpy=numbers(_turn_of_z(along / length)))
+        Xml.SubElement(Xml.SubElement(part, "geometry"), "cylinder", radius=radius, length=numbers([length]))
+
+
+def _turn_of_z(direction: Array) -> Array:
+    """Roll, pitch and yaw [rad] that turn z, along which a cylinder lies, to a unit direction."""
+    x, y, z = direction
+    return np.array([0.0, np.arctan2(np.hypot(x, y), z), np.arctan2(y, x)])
+
+
+def _add_joint(robot: Xml.Element, joint: HandJoint, parent: str, child: str, offset: Array) -> None:
+    element = Xml.SubElement(robot, "joint", name=joint.name, type="revolute")
+    _connect(element, parent, child, offset)
+    Xml.SubElement(element, "axis", xyz=numbers(joint.axis))
+    limits = {"lower": numbers([joint.lower]), "upper": numbers([joint.upper])}
+    Xml.SubElement(element, "limit", {**limits, **LIMITS})
+
+
+def _connect(element: Xml.Element, parent: str, child: str, offset: Array) -> None:
+    Xml.SubElement(element, "parent", link=parent)
+    Xml.SubElement(element, "child", link=child)
+    Xml.SubElement(element, "origin", xyz=numbers(offset))
