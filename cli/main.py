@@ -24,6 +24,8 @@ COMMANDS = {
     "objects": "List the objects that come with hhsim.",
     "trajectories": "List the trajectories that come with hhsim.",
     "methods": "List the methods, and test one from outside.",
+    "scene": "Write a scene as files for other software to solve.",
+    "score": "Measure the poses that other software made of a scene.",
     "import": "Make a trajectory of a recording of a hand.",
     "bench": "Measure the methods against each other: speed, error, stress.",
     "gate": "Judge a change for CI: errors, work and time, yes or no.",
@@ -46,6 +48,7 @@ MEANT = {
     "diff": "did you mean compare?",
     "test": "did you mean verify or gate?",
     "benchmark": "did you mean bench?",
+    "submit": "did you mean score?",
 }
 """What to type instead of words that people try."""
 

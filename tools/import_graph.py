@@ -17,7 +17,7 @@ PACKAGES = (
     *("hhsim.system", "hhsim.mesh", "hhsim.trees", "hhsim.hand", "hhsim.exchange", "hhsim.motion"),
     "hhsim.result",
     *("hhsim.recordings", "hhsim.recordings.formats", "hhsim.metrics", "hhsim.metrics.run", "hhsim.scene"),
-    *("hhsim.solver", "hhsim.solver.methods", "hhsim.replay", "hhsim.verify"),
+    *("hhsim.solver", "hhsim.solver.methods", "hhsim.replay", "hhsim.submissions", "hhsim.verify"),
     *("hhsim.bench", "hhsim.bench.paper", "hhsim.bench.robustness", "hhsim.bench.qp"),
     *("hhsim.gate", "hhsim.render", "hhsim.view"),
     *(

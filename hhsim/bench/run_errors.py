@@ -5,7 +5,7 @@ the mesh: what is told of it is measured by an independent library, and the best
 """
 
 import hashlib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,9 +22,8 @@ from hhsim.metrics.run.registry import run_figure
 from hhsim.metrics.run_ticks import RunTicks, hold_slices
 from hhsim.motion.trajectory import TickInput
 from hhsim.replay.tremor_hold import tremor_variation
-from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.options import BY_SURFACE, UNLIMITED, SolverOptions
-from hhsim.solver.reference_optimum import REFERENCE_LINEARISATIONS, REFERENCE_STEP_TOLERANCE, reference_excess
+from hhsim.solver.options import SolverOptions
+from hhsim.solver.reference_optimum import best_hands, reference_excess
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -111,18 +110,7 @@ def error_scene(
     Raises:
         HhsimError: More pairs than the solver holds: the optimum on this mesh cannot be had.
     """
-    converged = replace(
-        options,
-        method="coupled",
-        surface="mesh",
-        skin=BY_SURFACE,
-        touch=BY_SURFACE,
-        qp="active-set",
-        linearisations=REFERENCE_LINEARISATIONS,
-        budget=UNLIMITED,
-        step_tolerance=REFERENCE_STEP_TOLERANCE,
-    )
-    best = HandSolver(hand, surface, converged).run(*HandConfiguration.of(haptic))
+    best = best_hands(hand, surface, options, HandConfiguration.of(haptic))
     placed = forward_kinematics(hand, *HandConfiguration.of(haptic))
     return ErrorScene(
         hand=hand,

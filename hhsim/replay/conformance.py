@@ -142,8 +142,9 @@ def same_but_for(position: Array) -> Iterator[tuple[str, Array]]:
     for order in itertools.permutations(range(3)):
         for signs in itertools.product((1.0, -1.0), repeat=3):
             turn = np.eye(3)[list(order)] * np.array(signs)
-            if order != (0, 1, 2) and np.linalg.det(turn) > 0.0:
-                yield "another axis up", position @ turn.T
+            if order != (0, 1, 2):
+                up = "another axis up"
+                yield up if np.linalg.det(turn) > 0.0 else f"left-handed, {up}", position @ turn.T
 
 
 def _bends(scene: Scene, shown: HandConfiguration) -> Finding:

@@ -266,9 +266,23 @@ def state_repeats(path: Path, repeated: Mapping[str, Any]) -> None:
     Raises:
         OutputError: The file cannot be written.
     """
+    state(path, "repeated", repeated)
+
+
+def state(path: Path, name: str, document: Mapping[str, Any]) -> None:
+    """Add a JSON document to the attributes of a complete result, and seal it anew.
+
+    Args:
+        path: The result.
+        name: Of the attribute.
+        document: Plain values; NaN is null.
+
+    Raises:
+        OutputError: The file cannot be written.
+    """
     with _output_errors(path):
         with h5py.File(path, "r+") as file:
-            file.attrs["repeated"] = json.dumps(repeated)
+            file.attrs[name] = json.dumps(document)
             file.flush()
             size = int(file.id.get_filesize())
         seal_file(path, size)

@@ -5,7 +5,8 @@ declares. Either is a `hhsim.solver.method.Method`, or a class as `hhsim.solver.
 """
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cache, partial
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
@@ -17,6 +18,9 @@ from hhsim.solver.method import FORCES, METHODS, RUNS, TIMES, Engine, Method
 
 GROUP = "hhsim.methods"
 """Of the entry points."""
+SUBMITTED = "submission:"
+"""What the name of a submission's poses begins with, in its result; see `hhsim.submissions.score`."""
+_known_for_now: dict[str, Method] = {}
 
 
 @cache
@@ -42,11 +46,34 @@ def find_method(name: str) -> Method:
     """
     if name in METHODS:
         return METHODS[name]
+    if name in _known_for_now:
+        return _known_for_now[name]
+    if name.startswith(SUBMITTED):
+        return Method(
+            "poses that were computed elsewhere", partial(_no_engine, name), gives=frozenset(), compiled=False
+        )
     if name in declared_methods():
         return _as_method(name, _imported(name, declared_methods()[name].load))
     if ":" in name:
         return _as_method(name, _imported(name, lambda: _named(name)))
     raise UnknownNameError("method", name, method_names())
+
+
+@contextmanager
+def known_for_now(name: str, method: Method) -> Iterator[None]:
+    """Have `find_method` know a method by a name, which begins with `SUBMITTED`, until the block ends."""
+    _known_for_now[name] = method
+    try:
+        yield
+    finally:
+        del _known_for_now[name]
+
+
+def _no_engine(name: str, workspace: Any) -> Engine:
+    raise InputError(
+        f"'{name}' is poses that were computed elsewhere, which cannot be computed again: hhsim score measures their "
+        "file anew"
+    )
 
 
 def _named(name: str) -> Any:

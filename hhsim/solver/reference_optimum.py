@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
+from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_STUCK
 from hhsim.metrics.metrics import tracking_energy, tracking_excess
 from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.options import UNLIMITED, SolverOptions
+from hhsim.solver.options import BY_SURFACE, UNLIMITED, SolverOptions
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -20,6 +21,32 @@ IntArray = NDArray[np.int64]
 REFERENCE_LINEARISATIONS = 400
 REFERENCE_STEP_TOLERANCE = 1e-8
 """The reference has converged when a linearisation moves no point of the hand further than this [m]."""
+
+
+def best_hands(hand: HandModel, mesh_surface: Any, options: SolverOptions, haptic: HandConfiguration) -> TickRecord:
+    """The best pose of every tick: `coupled` on the triangles, converged, from the user's first hand on.
+
+    Args:
+        hand: The hand.
+        mesh_surface: The object in the kernels' form, world: the surface `mesh`.
+        options: Stiffness and lengths.
+        haptic: The user's hand at every tick.
+
+    Raises:
+        HhsimError: More pairs than the solver holds: the optimum on this mesh cannot be had.
+    """
+    converged = replace(
+        options,
+        method="coupled",
+        surface="mesh",
+        skin=BY_SURFACE,
+        touch=BY_SURFACE,
+        qp="active-set",
+        linearisations=REFERENCE_LINEARISATIONS,
+        budget=UNLIMITED,
+        step_tolerance=REFERENCE_STEP_TOLERANCE,
+    )
+    return HandSolver(hand, mesh_surface, converged).run(*haptic)
 
 
 def reference_excess(

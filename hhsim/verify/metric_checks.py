@@ -211,7 +211,8 @@ def _ripple(force: FloatArray, rate: float) -> float:
     """RMS [N] between 50 and 400 Hz by scipy's periodogram, the best line taken out, a Hann window."""
     from scipy.signal import detrend, periodogram
 
-    if len(force) < 4.0 * rate / 50.0 or rate <= 100.0:
+    # A method that has no forces has none that shakes.
+    if len(force) < 4.0 * rate / 50.0 or rate <= 100.0 or not np.isfinite(force).all():
         return float("nan")
     frequency, density = periodogram(detrend(force, axis=0), rate, window="hann", detrend=False, axis=0)
     band = (frequency >= 50.0) & (frequency <= 400.0)

@@ -1,0 +1,77 @@
+"""`hhsim scene`."""
+
+from pathlib import Path
+
+import click
+
+from .arguments import options
+from .arguments.object_argument import MeshSize, complete_object
+from .arguments.options import Side
+from .console import print_json, print_line
+from .replay import complete_trajectory
+
+
+@click.command()
+@click.argument("object_", metavar="[OBJECT]", default="bunny", shell_complete=complete_object)
+@click.argument("trajectory", metavar="[TRAJECTORY]", default="grasp", shell_complete=complete_trajectory)
+@MeshSize.argument("mesh_size")
+@options.tree_level
+@click.option("--hand", "side", type=options.SIDES, help="Which hand grasps. Default: the recording's, else the right.")
+@options.Sampling.argument("sampling")
+@options.seed
+@click.option(
+    "--out",
+    type=options.FILE,
+    metavar="DIR",
+    help="The folder, which must be new or empty. Default: a dated name in results/ under the current folder.",
+)
+@options.json
+@options.quiet
+def command(
+    object_: str,
+    trajectory: str,
+    mesh_size: MeshSize,
+    level: int | None,
+    side: Side | None,
+    sampling: options.Sampling,
+    seed: int,
+    out: Path | None,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Write a scene as files for other software to solve.
+
+    OBJECT and TRAJECTORY are as for hhsim replay. The folder gets the mesh (.obj), the spheres that cover it, the
+    user's hand at every tick (.csv and HDF5), the hand as numbers, URDF and MJCF, a README with frames and units, and
+    example-submission.csv, which shows what hhsim score takes back (docs/submissions.md).
+
+    \b
+    Examples:
+      hhsim scene bunny grasp --out bunny-grasp
+      hhsim scene mug.stl grasp --unit mm --out mug-grasp
+      hhsim scene cup handle --rate 500 --hand left --out cup-handle
+    """
+    from hhsim.scene.open_scene import open_scene
+    from hhsim.submissions.scene_folder import EXAMPLE, check_scene_folder, write_scene_folder
+    from hhsim.system.output_path import dated_output_path
+
+    folder = out or dated_output_path(f"{Path(object_).stem}-{Path(trajectory).stem}-scene", "")
+    check_scene_folder(folder)
+    scene = open_scene(
+        object_,
+        trajectory,
+        unit=mesh_size.unit,
+        size=options.metres(mesh_size.size),
+        level=level,
+        hand=side,
+        rate=sampling.rate,
+        mode=sampling.samples,
+        seed=seed,
+    )
+    digest = write_scene_folder(scene, folder)
+    if as_json:
+        names = sorted(path.name for path in folder.iterdir())
+        print_json({"folder": str(folder), "scene": digest, "ticks": scene.ticks.tick_count, "files": names})
+    elif not quiet:
+        print_line(f"{scene.mesh.name}, {scene.trajectory.name}: {scene.ticks.tick_count:,} ticks, scene {digest[:12]}")
+        print_line(f"send poses back as in {folder / EXAMPLE}: hhsim score {folder / EXAMPLE} measures them")

@@ -1,0 +1,84 @@
+"""How far off the poses of a submission are: in the true mesh, and from the best pose."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import HhsimError
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
+from hhsim.kernels.mesh.bvh import build_mesh_bvh
+from hhsim.metrics.contact_error import ticks_looked_at
+from hhsim.metrics.mesh_penetration import mesh_clearance
+from hhsim.metrics.metrics import hand_clearance
+from hhsim.metrics.run_metric import Figure
+from hhsim.scene.scene import Scene
+from hhsim.solver.options import SolverOptions
+from hhsim.solver.reference_optimum import best_hands
+from hhsim.trees.contact_surface import contact_surface, encloses
+
+Array = NDArray[np.float64]
+
+NEAR = 1e-3
+"""A tick counts for the best pose if the user's hand is nearer than this to the mesh, or in it [m]."""
+
+MESH_DEPTH = Figure("mesh_depth_max", "in the mesh, max", 3, "mm", 1e-3)
+OFF_BEST = Figure("off_best_mean", "pose off the best one, mean", 3, "mm", 1e-3)
+OFF_BEST_MAX = Figure("off_best_max", "pose off the best one, max", 3, "mm", 1e-3)
+
+
+class PoseErrors(NamedTuple):
+    """What is measured of poses besides the figures of a run; NaN where it is undefined.
+
+    Attributes:
+        mesh_depth_max: Deepest that the hand is in the mesh [m]; undefined where the mesh encloses nothing.
+        off_best_mean, off_best_max: Farthest of the five fingertips and the palm from the best pose [m], over the ticks
+            in contact: that of `hhsim.solver.reference_optimum.best_hands`.
+    """
+
+    mesh_depth_max: float
+    off_best_mean: float
+    off_best_max: float
+
+
+def pose_errors(scene: Scene, options: SolverOptions, poses: HandConfiguration) -> PoseErrors:
+    """Measure poses, one a tick of the scene.
+
+    Args:
+        scene: Object, hand and motion.
+        options: Stiffness of the coupling, which says what the best pose is.
+        poses: Of the shown hand.
+    """
+    placed = forward_kinematics(scene.hand, *poses)
+    mean, most = _off_best(scene, options, placed)
+    return PoseErrors(_mesh_depth(scene, placed), mean, most)
+
+
+def _mesh_depth(scene: Scene, placed: PlacedHand) -> float:
+    if not encloses(scene.mesh):
+        return np.nan
+    palm, finger = hand_clearance(scene.tree.arrays(), *hand_shape(scene.hand), *placed, limit=NEAR)
+    # The spheres cover the mesh: who is outside of them is not in it.
+    inside = ticks_looked_at(np.minimum(palm, finger.min(axis=1)) < 0.0)
+    if inside.size == 0:
+        return 0.0
+    bvh = build_mesh_bvh(scene.mesh.vertices, scene.mesh.faces)
+    return max(0.0, -float(mesh_clearance(bvh, hand_shape(scene.hand), placed.at(inside)).min()))
+
+
+def _off_best(scene: Scene, options: SolverOptions, placed: PlacedHand) -> tuple[float, float]:
+    haptic = HandConfiguration.of(scene.ticks)
+    surface = contact_surface("mesh", scene.mesh, scene.tree).arrays
+    users = forward_kinematics(scene.hand, *haptic)
+    palm, finger = hand_clearance(surface, *hand_shape(scene.hand), *users, limit=NEAR)
+    contact = np.minimum(palm, finger.min(axis=1)) < NEAR
+    if not contact.any():
+        return np.nan, np.nan
+    try:
+        best = best_hands(scene.hand, surface, options, haptic)
+    except HhsimError:
+        return np.nan, np.nan
+    off = np.linalg.norm(placed.ends - PlacedHand(best.joints, best.position, best.orientation).ends, axis=2)
+    most = off.max(axis=1)[contact]
+    return float(most.mean()), float(most.max())

@@ -1,0 +1,327 @@
+"""Submissions, format `hhsim-poses`: the hand that some other software shows at every tick of a scene, CSV or HDF5.
+
+CSV is UTF-8 and comma separated: lines `# key: value`, one header line, a line a tick. A heading is the name of a
+column and its unit in brackets; columns stand in any order.
+
+| columns | unit | HDF5 dataset | meaning |
+|---|---|---|---|
+| time | s | time (T,) | since the start of the motion: tick / rate |
+| px, py, pz | m | position (T, 3) | palm origin, world |
+| qw, qx, qy, qz | 1 | orientation (T, 4) | palm to world |
+| thumb_flex1, thumb_flex2, thumb_flex3, index_flex1, …, little_flex3 | rad | flexion (T, 5, 3) | proximal to distal |
+| thumb_abd, index_abd, …, little_abd | rad | abduction (T, 5) | positive towards the thumb side |
+| thumb_1_fx, thumb_1_fy, thumb_1_fz, thumb_2_fx, …, little_3_fz | N | phalanx_force (T, 5, 3, 3) | force on each, world
+| | palm_fx, palm_fy, palm_fz | N | palm_force (T, 3) | contact force on the palm, world | | duration | s | duration
+(T,) | what the tick took |
+
+The last three may be missing. Keys, and attributes of the HDF5 file: `scene`, the digest that `hhsim scene` printed;
+`made_by`, what the scene is made by, as it says; `method`, a name for the table; `hand`, right or left.
+"""
+
+import csv
+import io
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import DamagedFileError, InputError, OutputError, UnknownNameError
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.fingers import FINGERS
+from hhsim.motion.csv_file import ABDUCTION_COLUMNS, FLEXION_COLUMNS, read_remarks
+from hhsim.system.atomic_write import hdf5_image, write_atomically
+from hhsim.system.hdf5_input import DAMAGE, open_hdf5
+
+Array = NDArray[np.float64]
+
+FORMAT = "hhsim-poses"
+KEYS = ("scene", "made_by", "method", "hand")
+HDF5_SUFFIXES = (".h5", ".hdf5")
+LOOSE_UNIT = 1e-3
+"""A quaternion whose length is farther than this from 1 is none; one in single precision or of six digits is."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """One array of a submission.
+
+    Attributes:
+        shape: Of a tick's value.
+        unit: Of it.
+        columns: Of the CSV table.
+        optional: Whether it may be missing.
+    """
+
+    shape: tuple[int, ...]
+    unit: str
+    columns: tuple[str, ...]
+    optional: bool = False
+
+
+def _axes(*stems: str) -> tuple[str, ...]:
+    return tuple(f"{stem}{axis}" for stem in stems for axis in "xyz")
+
+
+PARTS = {
+    "time": Part((), "s", ("time",)),
+    "position": Part((3,), "m", _axes("p")),
+    "orientation": Part((4,), "1", ("qw", "qx", "qy", "qz")),
+    "flexion": Part((5, 3), "rad", FLEXION_COLUMNS),
+    "abduction": Part((5,), "rad", ABDUCTION_COLUMNS),
+    "phalanx_force": Part(
+        (5, 3, 3), "N", _axes(*(f"{finger}_{k}_f" for finger in FINGERS for k in (1, 2, 3))), optional=True
+    ),
+    "palm_force": Part((3,), "N", _axes("palm_f"), optional=True),
+    "duration": Part((), "s", ("duration",), optional=True),
+}
+COLUMNS = {column: name for name, part in PARTS.items() for column in part.columns}
+
+
+@dataclass(frozen=True, eq=False)
+class Submission:
+    """The hand that a method shows at every tick of a scene.
+
+    Attributes:
+        method: A name for it.
+        scene: Digest of the scene (`hhsim.submissions.scene_file.scene_digest`), or its first digits; "" is not said.
+        time: Since the start of the motion [s], shape (T,).
+        poses: The shown hand, fields of T rows.
+        phalanx_force: Contact force on each phalanx [N], world, shape (T, 5, 3, 3); None where there are no forces.
+        palm_force: Contact force on the palm [N], world, shape (T, 3); None is none.
+        duration: What each tick took [s], by the method's own measure, shape (T,); None where nobody measured.
+        made_by: What the scene is made by (`hhsim.submissions.scene_file.scene_names`).
+        hand: right or left; "" is not said.
+        path: The file.
+    """
+
+    method: str
+    scene: str
+    time: Array
+    poses: HandConfiguration
+    phalanx_force: Array | None = None
+    palm_force: Array | None = None
+    duration: Array | None = None
+    made_by: Mapping[str, Any] = field(default_factory=dict)
+    hand: str = ""
+    path: Path | None = None
+
+    @property
+    def arrays(self) -> dict[str, Array]:
+        """Those that it has, by the names in `PARTS`."""
+        values = {"time": self.time, **self.poses._asdict()}
+        more = {name: getattr(self, name) for name in PARTS if name not in values}
+        return {**values, **{name: array for name, array in more.items() if array is not None}}
+
+    def keys(self) -> dict[str, str]:
+        """What it says of itself, by `KEYS`."""
+        made = json.dumps(dict(self.made_by)) if self.made_by else ""
+        said = {"scene": self.scene, "made_by": made, "method": self.method, "hand": self.hand}
+        return {key: value for key, value in said.items() if value}
+
+
+def read_submission(path: Path) -> Submission:
+    """Read and check a submission, .csv or .h5, as far as it can be checked without its scene.
+
+    Raises:
+        InputError: No such file, another format, a column that is missing or of another unit, a wrong shape, what is no
+            finite number, or no unit quaternion; one line that begins with the path.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; expected a submission, .csv or .h5")
+    suffix = path.suffix.lower()
+    if suffix not in (".csv", *HDF5_SUFFIXES):
+        raise InputError(f"{path}: unknown suffix '{suffix}'; expected a submission, .csv or .h5")
+    try:
+        if suffix == ".csv":
+            # A byte order mark is what spreadsheets put first.
+            said, arrays = parse_poses(path.read_text(encoding="utf-8-sig"))
+        else:
+            said, arrays = _read_hdf5(path)
+        return _submission(said, arrays, path)
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: not UTF-8 text; expected a CSV file") from None
+    except (DamagedFileError, InputError) as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def write_submission(submission: Submission, path: Path) -> None:
+    """Write a submission, .csv or .h5; a file that is there is replaced in one step.
+
+    Raises:
+        OutputError: Another suffix, or it cannot be written.
+    """
+    suffix = path.suffix.lower()
+    if suffix == ".csv":
+        write_atomically(path, format_poses(submission).encode())
+    elif suffix in HDF5_SUFFIXES:
+        write_atomically(path, hdf5_image(lambda file: _write_hdf5(submission, file)))
+    else:
+        raise OutputError(f"{path}: unknown suffix '{suffix}'; expected .csv or .h5")
+
+
+def format_poses(submission: Submission) -> str:
+    """The CSV text; numbers in full precision, so that what is read back is the same bit for bit."""
+    text = io.StringIO()
+    text.write(f"# format: {FORMAT}\n")
+    for key, value in submission.keys().items():
+        text.write(f"# {key}: {' '.join(value.split())}\n")
+    arrays = submission.arrays
+    names = [f"{column} [{PARTS[name].unit}]" for name in arrays for column in PARTS[name].columns]
+    numbers = np.column_stack([array.reshape(len(array), -1) for array in arrays.values()]).tolist()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(name.removesuffix(" [1]") for name in names)
+    writer.writerows([*map(repr, row)] for row in numbers)
+    return text.getvalue()
+
+
+def parse_poses(text: str) -> tuple[dict[str, str], dict[str, Array]]:
+    """What a CSV text says of itself, and its arrays.
+
+    Raises:
+        InputError: A missing or unknown column, another unit, a line of another length, or what is no number.
+    """
+    lines = text.splitlines()
+    said, first = read_remarks(lines)
+    if first == len(lines):
+        raise InputError("no header line; expected time [s],px [m],py [m],…")
+    if said.get("format", FORMAT) != FORMAT:
+        raise InputError(f"format {said['format']}; expected {FORMAT}")
+    header = _columns(next(csv.reader([lines[first]])))
+    rows = []
+    for number, cells in enumerate(csv.reader(lines[first + 1 :]), start=first + 2):
+        if not any(cell.strip() for cell in cells):
+            continue
+        if len(cells) != len(header):
+            raise InputError(f"line {number} has {len(cells)} values; expected {len(header)} as in the header")
+        try:
+            rows.append([float(cell) for cell in cells])
+        except ValueError:
+            place = next(i for i, cell in enumerate(cells) if not _is_number(cell))
+            raise InputError(f"line {number}: {header[place]} is '{cells[place]}'; expected a number") from None
+    table = np.array(rows, dtype=np.float64).reshape(len(rows), len(header))
+    arrays = {}
+    for name, part in PARTS.items():
+        if part.columns[0] in header:
+            chosen = [header.index(column) for column in part.columns]
+            arrays[name] = np.ascontiguousarray(table[:, chosen]).reshape(len(rows), *part.shape)
+    return said, arrays
+
+
+def _columns(headings: Sequence[str]) -> list[str]:
+    """Names of the columns, once all that has to be there is, in the units that are expected."""
+    found = []
+    for heading in headings:
+        match = re.fullmatch(r"\s*([^\[\]]*?)\s*(?:\[(.*)\])?\s*", heading)
+        column, unit = (match[1], match[2]) if match else (heading, None)
+        if column not in COLUMNS:
+            raise InputError(f"the header has an {UnknownNameError('column', column, COLUMNS)}")
+        expected = PARTS[COLUMNS[column]].unit
+        if unit is not None and unit != expected:
+            raise InputError(f"column {column} is in {unit}; expected {expected}")
+        if column in found:
+            raise InputError(f"the header has column {column} twice")
+        found.append(column)
+    for part in PARTS.values():
+        missing = [column for column in part.columns if column not in found]
+        if missing and not (part.optional and len(missing) == len(part.columns)):
+            more = f" and {len(missing) - 4} more" if len(missing) > 4 else ""
+            raise InputError(f"the header lacks {', '.join(missing[:4])}{more}")
+    return found
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def _read_hdf5(path: Path) -> tuple[dict[str, str], dict[str, Array]]:
+    try:
+        with open_hdf5(path) as file:
+            if file.attrs.get("format") != FORMAT:
+                raise InputError(f"format {file.attrs.get('format')}; expected an attribute format, {FORMAT}")
+            said = {key: str(file.attrs[key]) for key in KEYS if key in file.attrs}
+            arrays = {}
+            for name, part in PARTS.items():
+                dataset = file.get(name)
+                if not isinstance(dataset, h5py.Dataset):
+                    if not part.optional:
+                        raise InputError(f"no dataset {name}; expected one of shape {_spelled(part.shape)}")
+                    continue
+                unit = dataset.attrs.get("units", part.unit)
+                if unit != part.unit:
+                    raise InputError(f"dataset {name} is in {unit}; expected {part.unit}")
+                if dataset.dtype.kind not in "fiu":
+                    raise InputError(f"dataset {name} holds no numbers")
+                arrays[name] = np.asarray(dataset[()], dtype=np.float64)
+            return said, arrays
+    except InputError:
+        raise
+    except DAMAGE as error:
+        raise InputError(f"no HDF5 file, or a damaged one: {str(error).splitlines()[0][:120]}") from None
+
+
+def _write_hdf5(submission: Submission, file: h5py.File) -> None:
+    file.attrs["format"] = FORMAT
+    for key, value in submission.keys().items():
+        file.attrs[key] = value
+    for name, array in submission.arrays.items():
+        dataset = file.create_dataset(name, data=array, track_times=False)
+        dataset.attrs["units"] = PARTS[name].unit
+
+
+def _submission(said: Mapping[str, str], arrays: dict[str, Array], path: Path) -> Submission:
+    ticks = len(arrays["time"]) if arrays["time"].ndim else 0
+    if ticks == 0:
+        raise InputError("no ticks; expected a pose for every tick of the scene")
+    for name, array in arrays.items():
+        if array.shape != (ticks, *PARTS[name].shape):
+            wanted = _spelled(PARTS[name].shape)
+            raise InputError(f"{name} has shape {array.shape}; expected {wanted}, T = {ticks:,} as time has")
+        bad = np.flatnonzero(~np.isfinite(array).reshape(ticks, -1).all(axis=1))
+        if bad.size:
+            raise InputError(f"{name} of tick {bad[0]:,} is not finite (and {bad.size - 1:,} more ticks)")
+    length = np.linalg.norm(arrays["orientation"], axis=1)
+    bad = np.flatnonzero(np.abs(length - 1.0) > LOOSE_UNIT)
+    if bad.size:
+        raise InputError(
+            f"orientation of tick {bad[0]:,} has length {length[bad[0]]:.4g}; expected a unit quaternion w x y z"
+        )
+    if "duration" in arrays and (arrays["duration"] < 0.0).any():
+        raise InputError(f"duration of tick {int(np.argmax(arrays['duration'] < 0.0)):,} is negative")
+    if "palm_force" in arrays and "phalanx_force" not in arrays:
+        raise InputError("palm_force without phalanx_force; expected both, or the second alone")
+    try:
+        made_by = json.loads(said.get("made_by", "{}"))
+        if not isinstance(made_by, dict):
+            raise ValueError("no object")
+    except ValueError:
+        raise InputError(f"made_by is {said['made_by']}; expected JSON as in the example of hhsim scene") from None
+    if said.get("hand", "") not in ("", "right", "left"):
+        raise InputError(f"hand is '{said['hand']}'; expected right or left")
+    method = " ".join(said.get("method", path.stem).split()) or path.stem
+    poses = HandConfiguration(*(arrays[name] for name in HandConfiguration._fields))
+    poses.orientation[:] /= length[:, None]
+    more = {name: arrays.get(name) for name in ("phalanx_force", "palm_force", "duration")}
+    return Submission(
+        method,
+        said.get("scene", ""),
+        arrays["time"],
+        poses,
+        **more,
+        made_by=made_by,
+        hand=said.get("hand", ""),
+        path=path,
+    )
+
+
+def _spelled(shape: tuple[int, ...]) -> str:
+    return f"({', '.join(map(str, ('T', *shape)))}{'' if shape else ','})"

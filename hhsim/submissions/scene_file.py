@@ -1,0 +1,195 @@
+"""A scene as one file, format `hhsim-scene` (HDF5): object, sphere tree, hand, and the motion at the tick rate.
+
+A submission names its scene by a digest of what poses depend on; the tree that they are judged with is no part of it.
+"""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim import __version__
+from hhsim.errors import DamagedFileError, InputError
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.motion.trajectory import Phase, TickInput, TickPhase, Trajectory
+from hhsim.replay.stored_scene import checksums, static_arrays, stored_hand, stored_mesh, stored_tree
+from hhsim.result.reader import Result
+from hhsim.result.schema import STATIC_COLUMNS
+from hhsim.scene.open_scene import open_scene
+from hhsim.scene.scene import Scene
+from hhsim.system.atomic_write import hdf5_image
+from hhsim.system.checksummed_file import sealed
+from hhsim.system.hdf5_input import DAMAGE, open_hdf5
+
+Array = NDArray[Any]
+
+FORMAT = "hhsim-scene"
+SCHEMA_VERSION = 1
+ROUNDED = 9
+"""Decimals of m and rad in the digest: other machines round the same motion otherwise in the last bits."""
+MOTION = {
+    "time": ("s", "since the start of the motion"),
+    "input_seq": ("1", "number of the motion's sample in use"),
+    "position": ("m", "palm origin of the user's hand, world"),
+    "orientation": ("1", "palm to world, unit quaternion w x y z"),
+    "flexion": ("rad", "thumb to little finger, proximal to distal"),
+    "abduction": ("rad", "thumb to little finger, positive towards the thumb side"),
+}
+"""Datasets of /motion, a row a tick: unit and meaning."""
+NAMES = ("object", "trajectory", "unit", "size_mm", "level", "hand", "rate", "samples", "seed")
+"""What `hhsim scene` makes a scene by, so that a submission may have it made again."""
+
+
+def scene_digest(scene: Scene) -> str:
+    """SHA-256 [hex] of mesh, hand, motion and rate, with lengths and angles to `ROUNDED` decimals."""
+    hand, ticks = scene.hand, scene.ticks
+    parts: list[Array] = [scene.mesh.vertices, scene.mesh.faces]
+    parts += [hand.base, hand.distal, hand.dorsal, hand.length, hand.radius]
+    parts += [hand.flexion_min, hand.flexion_max, hand.abduction_min, hand.abduction_max]
+    parts += [hand.palm_tree.leaf_center, hand.palm_tree.leaf_radius, *HandConfiguration.of(ticks)]
+    digest = hashlib.sha256(f"{hand.side} {ticks.rate!r} ".encode())
+    for part in parts:
+        # Adding 0 makes a plain zero of a negative one.
+        rounded = np.ascontiguousarray(np.round(np.asarray(part, dtype="<f8"), ROUNDED) + 0.0)
+        digest.update(f"{rounded.shape} ".encode() + rounded.tobytes())
+    return digest.hexdigest()
+
+
+def scene_names(scene: Scene) -> dict[str, Any]:
+    """What the scene is made by, by the names in `NAMES`; a scene that a program put together may lack some."""
+    said = {**scene.description, "hand": scene.hand.side, "rate": scene.ticks.rate}
+    return {name: said[name] for name in NAMES if said.get(name) is not None}
+
+
+def scene_title(names: Mapping[str, Any]) -> str:
+    """Object and motion, for messages."""
+    return f"{names.get('object', 'an object')} {names.get('trajectory', 'and a motion')}"
+
+
+def named_scene(names: Mapping[str, Any]) -> Scene:
+    """Make the scene of `scene_names` again.
+
+    Raises:
+        InputError: No object or trajectory of these names, or what is no name at all.
+    """
+    try:
+        size = names.get("size_mm")
+        return open_scene(
+            str(names["object"]),
+            str(names["trajectory"]),
+            unit=names.get("unit"),
+            size=None if size is None else 1e-3 * float(size),
+            level=names.get("level"),
+            hand=names.get("hand"),
+            rate=float(names.get("rate", 1000.0)),
+            mode=names.get("samples", "interpolate"),
+            seed=int(names.get("seed", 0)),
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"the scene cannot be made by {json.dumps(dict(names))}: {error}") from error
+
+
+def scene_content(scene: Scene) -> bytes:
+    """The bytes of the file."""
+    static = static_arrays(
+        scene.mesh, scene.tree, scene.hand, scene.trajectory.object_position, scene.trajectory.object_orientation
+    )
+    hand = scene.hand
+    stated = {
+        **scene.description,
+        "names": scene_names(scene),
+        "object_name": scene.mesh.name,
+        "motion": scene.trajectory.name,
+        "motion_source": scene.trajectory.source,
+        "rate": scene.ticks.rate,
+        "hand": {"side": hand.side, "length": hand.hand_length, "breadth": hand.hand_breadth},
+        "checksums": checksums(static),
+    }
+
+    def fill(file: h5py.File) -> None:
+        file.attrs["format"], file.attrs["schema_version"] = FORMAT, SCHEMA_VERSION
+        file.attrs["hhsim_version"] = __version__
+        file.attrs["scene"], file.attrs["digest"] = json.dumps(stated), scene_digest(scene)
+        for column in STATIC_COLUMNS:
+            _put(file, column.name, static[column.name], column.units, column.long_name)
+        for name, (units, meaning) in MOTION.items():
+            _put(file, f"motion/{name}", getattr(scene.ticks, name), units, meaning)
+        phases = scene.ticks.phases
+        names = np.array([phase.name for phase in phases], h5py.string_dtype())
+        _put(file, "phase/name", names, "1", "name of each phase")
+        for name in ("first_tick", "last_tick"):
+            values = np.array([getattr(phase, name) for phase in phases], np.int64)
+            _put(file, f"phase/{name}", values, "1", f"{name.replace('_', ' ')} of each phase")
+
+    return sealed(hdf5_image(fill))
+
+
+def load_scene(path: Path) -> Scene:
+    """Read a scene's file.
+
+    Raises:
+        InputError: No such file, another format, a damaged one, or arrays that are not those of its checksums.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; expected the scene.h5 of a folder that hhsim scene made")
+    try:
+        return _load(path)
+    except DamagedFileError as error:
+        raise InputError(f"{path}: {error}") from None
+    except DAMAGE as error:
+        raise InputError(f"{path} is no {FORMAT} file, or a damaged one: {type(error).__name__}: {error}") from None
+
+
+def _load(path: Path) -> Scene:
+    with open_hdf5(path) as file:
+        if file.attrs.get("format") != FORMAT:
+            raise InputError(f"{path}: format {file.attrs.get('format')}; expected {FORMAT}")
+        if file.attrs.get("schema_version") != SCHEMA_VERSION:
+            raise InputError(
+                f"{path}: schema_version {file.attrs.get('schema_version')}; expected {SCHEMA_VERSION}: make it anew"
+            )
+        said = json.loads(file.attrs["scene"])
+        static = {column.name: file[column.name][()] for column in STATIC_COLUMNS}
+        motion = {name: file[f"motion/{name}"][()] for name in MOTION}
+        names = file["phase/name"].asstr()[()]
+        spans = zip(names, file["phase/first_tick"][()], file["phase/last_tick"][()])
+        phases = tuple(TickPhase(str(name), int(first), int(last)) for name, first, last in spans)
+        version = str(file.attrs.get("hhsim_version", ""))
+    held = Result(
+        path=path,
+        complete=True,
+        ticks=len(motion["time"]),
+        schema_version=SCHEMA_VERSION,
+        hhsim_version=version,
+        created_utc="",
+        scene=said,
+        machine={},
+        packages={},
+        phases=phases,
+        summary={},
+        static=static,
+    )
+    rate = float(said["rate"])
+    ticks = TickInput(**motion, phases=phases, rate=rate)
+    trajectory = Trajectory(
+        motion["time"],
+        *HandConfiguration.of(ticks),
+        phases=tuple(Phase(p.name, motion["time"][p.first_tick], motion["time"][p.last_tick]) for p in phases),
+        object_position=static["object/position"],
+        object_orientation=static["object/orientation"],
+        name=said["motion"],
+        source=said["motion_source"],
+    )
+    more = ("names", "object_name", "motion", "motion_source", "rate", "hand", "checksums")
+    description = {name: value for name, value in said.items() if name not in more}
+    return Scene(stored_mesh(held), stored_tree(held), stored_hand(held), trajectory, ticks, description)
+
+
+def _put(file: h5py.File, name: str, values: Any, units: str, meaning: str) -> None:
+    dataset = file.create_dataset(name, data=values, track_times=False)
+    dataset.attrs["units"], dataset.attrs["long_name"] = units, meaning

@@ -1,0 +1,218 @@
+"""A scene as a folder that any software reads: mesh, spheres, motion, hand, and an example of what to send back."""
+
+import csv
+import io
+import json
+import os
+import shutil
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hhsim.errors import OutputError
+from hhsim.exchange.hand_bodies import STEP
+from hhsim.exchange.mjcf import hand_mjcf
+from hhsim.exchange.urdf import hand_urdf
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.fingers import FINGERS
+from hhsim.hand.model import HandModel
+from hhsim.motion.csv_file import format_csv
+from hhsim.motion.trajectory import Phase, Trajectory
+from hhsim.scene.scene import Scene
+from hhsim.submissions.pose_file import Submission, format_poses
+from hhsim.submissions.scene_file import scene_content, scene_digest, scene_names, scene_title
+
+SCENE_FILE = "scene.h5"
+EXAMPLE = "example-submission.csv"
+
+
+def check_scene_folder(folder: Path) -> None:
+    """Look, before the work, for what would keep a scene's folder from being made.
+
+    Raises:
+        OutputError: There is something of that name, but for an empty folder, or no folder to make it in.
+    """
+    if folder.is_dir() and not any(folder.iterdir()):
+        return
+    if os.path.lexists(folder):
+        what = "is not empty" if folder.is_dir() else "is a file"
+        raise OutputError(f"{folder} exists and {what}, so it is not replaced: name a new folder with --out")
+    if not folder.absolute().parent.is_dir():
+        raise OutputError(f"there is no folder {folder.parent} for {folder.name}: make it first")
+
+
+def write_scene_folder(scene: Scene, folder: Path) -> str:
+    """Make the folder of a scene, in one step.
+
+    Args:
+        scene: Object, hand and motion.
+        folder: That is not there yet, or empty.
+
+    Returns:
+        The digest of the scene, which submissions state.
+
+    Raises:
+        OutputError: As `check_scene_folder`, or it cannot be written.
+    """
+    check_scene_folder(folder)
+    digest = scene_digest(scene)
+    files = {
+        SCENE_FILE: scene_content(scene),
+        "scene.json": _text(json.dumps(_description(scene, digest), indent=2) + "\n"),
+        "object.obj": _text(_obj(scene)),
+        "spheres.csv": _text(_spheres(scene)),
+        "motion.csv": _text(format_csv(_motion(scene))),
+        "hand.json": _text(json.dumps(_numbers(scene.hand), indent=1) + "\n"),
+        "hand.urdf": _text(hand_urdf(scene.hand)),
+        "hand.xml": _text(hand_mjcf(scene.hand)),
+        EXAMPLE: _text(format_poses(example_submission(scene))),
+        "README.md": _text(_readme(scene, digest)),
+    }
+    target = folder.absolute()
+    part = target.with_name(f".{target.name}.{os.getpid()}.part")
+    try:
+        part.mkdir()
+        for name, content in files.items():
+            (part / name).write_bytes(content)
+        part.replace(target)
+    except OSError as error:
+        raise OutputError(f"cannot write {folder}: {error.strerror or error}") from error
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+    return digest
+
+
+def example_submission(scene: Scene) -> Submission:
+    """The user's own hand, which goes through everything, as a submission."""
+    ticks = scene.ticks
+    return Submission(
+        method="the user's own hand",
+        scene=scene_digest(scene),
+        time=ticks.time,
+        poses=HandConfiguration.of(ticks),
+        made_by=scene_names(scene),
+        hand=scene.hand.side,
+    )
+
+
+def _text(text: str) -> bytes:
+    return text.encode()
+
+
+def _description(scene: Scene, digest: str) -> dict[str, Any]:
+    ticks = scene.ticks
+    return {
+        "format": "hhsim-scene",
+        "scene": digest,
+        "made_by": scene_names(scene),
+        "rate": ticks.rate,
+        "ticks": ticks.tick_count,
+        "hand": scene.hand.side,
+        "phases": [phase._asdict() for phase in ticks.phases],
+        "units": "m, rad, s, N; world right-handed, z up; quaternions w x y z",
+    }
+
+
+def _motion(scene: Scene) -> Trajectory:
+    ticks, motion = scene.ticks, scene.trajectory
+    last = ticks.tick_count - 1
+    phases = tuple(
+        Phase(phase.name, float(ticks.time[phase.first_tick]), float(ticks.time[min(phase.last_tick + 1, last)]))
+        for phase in ticks.phases
+    )
+    return Trajectory(
+        ticks.time,
+        *HandConfiguration.of(ticks),
+        phases=phases,
+        object_position=motion.object_position,
+        object_orientation=motion.object_orientation,
+        name=motion.name,
+        source=motion.source,
+        hand=scene.hand.side,
+    )
+
+
+def _obj(scene: Scene) -> str:
+    mesh = scene.mesh
+    lines = [f"# {mesh.name or 'object'} [m], world frame, right-handed, z up"]
+    lines += [f"v {x!r} {y!r} {z!r}" for x, y, z in mesh.vertices.tolist()]
+    lines += [f"f {a} {b} {c}" for a, b, c in (mesh.faces + 1).tolist()]
+    return "\n".join(lines) + "\n"
+
+
+def _spheres(scene: Scene) -> str:
+    rows = np.column_stack([scene.tree.leaf_center, scene.tree.leaf_radius])
+    return _table(("x [m]", "y [m]", "z [m]", "radius [m]"), rows.tolist())
+
+
+def _table(header: Iterable[str], rows: Iterable[Iterable[float]]) -> str:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows([*map(repr, row)] for row in rows)
+    return text.getvalue()
+
+
+def _numbers(hand: HandModel) -> dict[str, Any]:
+    """The hand as plain values; the names are those of `HandModel`."""
+    fingers = {}
+    for f, finger in enumerate(FINGERS):
+        names = ("base", "distal", "dorsal", "length", "radius", "flexion_min", "flexion_max")
+        sizes = {name: getattr(hand, name)[f].tolist() for name in names}
+        limits = {name: float(getattr(hand, name)[f]) for name in ("abduction_min", "abduction_max")}
+        fingers[finger] = sizes | limits
+    return {
+        "units": "m, rad; palm frame",
+        "side": hand.side,
+        "hand_length": hand.hand_length,
+        "hand_breadth": hand.hand_breadth,
+        "fingers": fingers,
+        "palm_spheres": np.column_stack([hand.palm_tree.leaf_center, hand.palm_tree.leaf_radius]).tolist(),
+    }
+
+
+def _readme(scene: Scene, digest: str) -> str:
+    ticks = scene.ticks
+    sign = "" if scene.hand.side == "right" else "minus "
+    return f"""# A scene of hhsim: {scene_title(scene_names(scene))}
+
+Show a hand for each of the {ticks.tick_count:,} ticks, {ticks.rate:g} a second, that is as near to the user's as it can
+be without entering the object. Write one line a tick as in `{EXAMPLE}` does, and measure it:
+
+    hhsim score my-submission.csv
+
+| file | holds |
+|---|---|
+| `object.obj` | the object's mesh [m], world |
+| `spheres.csv` | the leaf spheres that cover it [m], world: what hhsim's own methods touch by default |
+| `motion.csv` | the user's hand at every tick, with the phases of the motion |
+| `hand.json` | the hand as numbers [m, rad], palm frame |
+| `hand.urdf`, `hand.xml` | the same as URDF and MJCF; joints are called as the columns |
+| `{EXAMPLE}` | the user's own hand as a submission, which goes through everything |
+| `scene.h5` | all of it for hhsim; motion under `/motion`, object under `/object`, hand under `/hand` |
+| `scene.json` | digest, rate, phases |
+
+## Frames and units
+
+SI units: m, rad, s, N. The world is right-handed with z up; quaternions are w x y z and turn the palm's frame to the
+world. Palm frame of this {scene.hand.side} hand: y to the fingers, z out of the back, x to the right as seen from the
+back.
+
+A finger begins at `base`. With u = `distal` and w = `dorsal`, abduction turns u about {sign}w; then each flexion turns
+all beyond its joint about w × u (after the abduction), positive to the palm. Phalanx k is the hull of two spheres, of
+`radius` k and k + 1, whose centres are `length` k apart: a round cone. The palm is its spheres.
+
+URDF and MJCF have these joints exactly. Their shapes are capsules where both radii are equal; a tapering phalanx is a
+sphere and capsules inside of it, no part of whose surface is more than {1e3 * STEP:g} mm too low. The measure is the
+round cones. Masses are those of water; hhsim has none.
+
+## What to send
+
+The columns of `{EXAMPLE}`, with its first lines: they say by its digest which scene it is. Put your method's name
+there. Forces on each phalanx and on the palm [N, world] and the time that each tick took [s] may follow;
+`docs/submissions.md` of hhsim lists the columns.
+
+    scene: {digest}
+"""

@@ -1,0 +1,177 @@
+"""The score of a submission: its poses through the very code that measures a method, and what it can say besides."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+
+from hhsim.errors import InputError
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.replay.replay import replay
+from hhsim.replay.summary import ReplaySummary
+from hhsim.replay.summary_table import SummaryRow, short_table
+from hhsim.result.writer import state
+from hhsim.scene.scene import Scene
+from hhsim.solver.known_methods import SUBMITTED, known_for_now
+from hhsim.solver.method import FORCES, TIMES, Engine, Method
+from hhsim.solver.options import SolverOptions
+from hhsim.solver.outside_method import MethodScene, OutsideEngine, TickAnswer
+from hhsim.submissions.pose_errors import MESH_DEPTH, OFF_BEST, OFF_BEST_MAX, PoseErrors, pose_errors
+from hhsim.submissions.pose_file import Submission
+from hhsim.submissions.scene_file import load_scene, named_scene, scene_digest
+from hhsim.submissions.scene_folder import SCENE_FILE
+from hhsim.submissions.suspicions import require_scene, suspicions
+
+if TYPE_CHECKING:
+    from hhsim.kernels.tick.block import HapticBlock, TickRecord
+    from hhsim.solver.workspace import TickWorkspace
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class Score:
+    """What a submission is worth.
+
+    Attributes:
+        summary: The table of the run, as `hhsim replay` has it.
+        errors: What is measured besides.
+        suspicions: What is probably not meant, a line each.
+        scene: Digest of the scene.
+    """
+
+    summary: ReplaySummary
+    errors: PoseErrors
+    suspicions: tuple[str, ...]
+    scene: str
+
+    @property
+    def rows(self) -> tuple[SummaryRow, ...]:
+        """The table that matters."""
+        named = zip((MESH_DEPTH, OFF_BEST, OFF_BEST_MAX), self.errors)
+        own = {row.name: row for row in (SummaryRow(figure, value) for figure, value in named)}
+        first, *others = short_table(self.summary.rows, self.summary.verdict.missed)
+        depth = own.pop(MESH_DEPTH.name)
+        off, rest = ([row for row in others if (row.name == "contact_error_max") is wanted] for wanted in (True, False))
+        return (first, depth, *off, *own.values(), *rest)
+
+    def to_json(self) -> dict[str, Any]:
+        """For machines: SI units."""
+        more = {"scene": self.scene, **self.errors._asdict(), "suspicions": list(self.suspicions)}
+        return {**self.summary.to_json(), **more}
+
+
+def scene_of(submission: Submission, folder: Path | None = None) -> Scene:
+    """Find the scene of a submission: in a folder, in its own one, or made again by what it says.
+
+    Args:
+        submission: Which says its scene.
+        folder: That `hhsim scene` made; None looks beside the submission.
+
+    Raises:
+        InputError: It is of another scene, or of one that nobody knows.
+    """
+    if folder is not None:
+        return load_scene(folder / SCENE_FILE if folder.is_dir() else folder)
+    beside = (submission.path or Path()).parent / SCENE_FILE
+    if submission.path is not None and beside.is_file():
+        return load_scene(beside)
+    if not submission.scene or not submission.made_by:
+        raise InputError(
+            f"{submission.path or submission.method} does not say its scene: expected # scene: and # made_by: as in "
+            "the example of hhsim scene, or --scene with the folder"
+        )
+    return named_scene(submission.made_by)
+
+
+def score(
+    submission: Submission,
+    scene: Scene,
+    output_path: Path,
+    *,
+    surface: str = "spheres",
+    command: Sequence[str] = (),
+    progress: Progress | None = None,
+) -> Score:
+    """Measure a submission and write a result file of it.
+
+    Args:
+        submission: Poses for each tick of the scene.
+        scene: Its scene.
+        output_path: The result; what is there is replaced when the new one is complete.
+        surface: What of the object contacts are looked for on: spheres or mesh.
+        command: That makes the result, word by word, for the file to say.
+        progress: Called with what is being done, how much is done and how much there is.
+
+    Raises:
+        InputError: It is of another scene, or ticks are missing.
+        OutputError: The file cannot be written.
+    """
+    require_scene(submission, scene)
+    doubts = suspicions(submission, scene)
+    digest = scene_digest(scene)
+    name = f"{SUBMITTED}{submission.method}"
+    with known_for_now(name, _as_method(name, submission)):
+        options = SolverOptions(method=name, surface=surface)
+        file = submission.path.name if submission.path else ""
+        stated = {"method": submission.method, "file": file, "scene": digest, "suspicions": list(doubts)}
+        summary = replay(
+            scene, options, output_path, description={"submission": stated}, command=command, progress=progress
+        )
+        if progress is not None:
+            progress("the best poses", 0, 1)
+        errors = pose_errors(scene, options.at_rate(scene.ticks.rate), submission.poses)
+    assert summary.path is not None
+    known = {key: value for key, value in errors._asdict().items() if np.isfinite(value)}
+    state(summary.path, "score", known)
+    return Score(summary, errors, doubts, digest)
+
+
+def _as_method(name: str, submission: Submission) -> Method:
+    forces = submission.phalanx_force is not None
+    given = {FORCES: forces, TIMES: submission.duration is not None}
+    return Method(
+        summary="poses that were computed elsewhere",
+        engine=partial(_engine, name, submission),
+        gives=frozenset(what for what, there in given.items() if there),
+        compiled=False,
+    )
+
+
+def _engine(name: str, submission: Submission, workspace: "TickWorkspace") -> Engine:
+    return cast(Engine, _SubmittedEngine(name, submission, workspace))
+
+
+class _SubmittedEngine(OutsideEngine):
+    """Answers each tick with the pose that was submitted for it; its times are those that were submitted too."""
+
+    def __init__(self, name: str, submission: Submission, workspace: "TickWorkspace") -> None:
+        made = partial(_SubmittedPoses, submission)
+        super().__init__(name, made, submission.phalanx_force is not None, workspace)
+        self.duration = submission.duration
+
+    def run(self, haptic: "HapticBlock", record: "TickRecord") -> int:
+        first = self.ticks
+        done = super().run(haptic, record)
+        took = np.zeros(done) if self.duration is None else np.round(1e9 * self.duration[first : first + done])
+        # What it took here to look a pose up says nothing.
+        record.duration_total[:done] = record.duration_cpu[:done] = took
+        return done
+
+
+class _SubmittedPoses:
+    def __init__(self, submission: Submission, scene: MethodScene) -> None:
+        self.submission, self.ticks = submission, 0
+
+    def begin(self, pose: HandConfiguration) -> None:
+        """Where the hand stands is the submission's alone."""
+
+    def tick(self, haptic: HandConfiguration) -> TickAnswer:
+        of, i = self.submission, self.ticks
+        self.ticks += 1
+        phalanx = None if of.phalanx_force is None else of.phalanx_force[i]
+        palm = None if of.palm_force is None else of.palm_force[i]
+        return TickAnswer(of.poses.at(i), phalanx, palm)

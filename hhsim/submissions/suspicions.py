@@ -1,0 +1,277 @@
+"""What is wrong with a submission, by name: ticks that are not the scene's, frames, units, and hands that lag behind.
+
+Where nothing is near the user's hand, every method shows it as it is. What is off there, and would not be in another
+unit, frame or order, was given in that one.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import InputError
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
+from hhsim.hand.quaternion import conjugate, quaternion_from_matrix, quaternion_product, rotation_matrix
+from hhsim.metrics.metrics import hand_clearance
+from hhsim.replay.conformance import FOLLOWS, same_but_for
+from hhsim.scene.scene import Scene
+from hhsim.submissions.pose_file import Submission
+from hhsim.submissions.scene_file import scene_digest, scene_names, scene_title
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Mended = Iterator[tuple[str, Array]]
+
+FREE = 2e-3
+"""Where the user's hand is farther than this from the object [m], the shown one is the user's."""
+FEWEST = 20
+"""Free ticks; of a scene with fewer, all ticks are looked at."""
+TURNS = 0.02
+"""Palms and joints that are as far off the user's [rad] do not follow it."""
+MENDS = 0.1
+"""A mistake is named where without it the hand would be off by no more than this share."""
+MOST_SHIFT = 300
+"""Ticks by which a motion is looked for, to both sides."""
+LEAST_SHIFT = 1e-5
+"""A hand that is nearer than this [m] has no lag that could be told."""
+MOVES = 1e-6
+"""A palm that goes no farther in a tick [m] rests."""
+STILL = 0.05
+"""Of the ticks in which the user's hand moves, a share in which the shown one may rest."""
+MOST_FORCE = 1000.0
+"""No hand is pushed by more [N]."""
+MOST_DURATION = 1.0
+"""A tick that took longer [s] is one of another unit."""
+SCALES = (("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9))
+
+
+def require_scene(submission: Submission, scene: Scene) -> None:
+    """Make sure that a submission is of a scene, with a pose for each of its ticks.
+
+    Raises:
+        InputError: It is of another scene or hand; or ticks are missing, there twice, or of another rate or unit.
+    """
+    digest = scene_digest(scene)
+    if len(submission.scene) < 8 or not digest.startswith(submission.scene.lower()):
+        theirs = scene_title(submission.made_by) if submission.made_by else "another scene"
+        raise InputError(
+            f"{_name(submission)} is of {theirs} (scene {submission.scene[:12] or 'not said'}), and this is "
+            f"{scene_title(scene_names(scene))} (scene {digest[:12]})"
+        )
+    if submission.hand not in ("", scene.hand.side):
+        raise InputError(f"{_name(submission)} is of a {submission.hand} hand: the scene has a {scene.hand.side} one")
+    wrong = _wrong_ticks(submission.time, scene.ticks.time, scene.ticks.rate)
+    if wrong:
+        raise InputError(f"{_name(submission)}: {wrong}")
+
+
+def _name(submission: Submission) -> str:
+    return str(submission.path or submission.method)
+
+
+def _wrong_ticks(time: Array, wanted: Array, rate: float) -> str:
+    """What is wrong with the times [s]; "" for nothing."""
+    ticks, total = len(time), len(wanted)
+    expected = f"expected {total:,} ticks, {rate:g} a second, from 0 s on"
+    step = np.diff(time)
+    back = np.flatnonzero(step <= 0.0)
+    if back.size:
+        what = "is there twice" if abs(step[back[0]]) < 0.1 / rate else "goes back in time"
+        return f"tick {back[0] + 1:,} {what} ({time[back[0] + 1]:.6g} s); {expected}"
+    usual = float(np.median(step)) * rate if ticks > 1 else 1.0
+    for unit, scale in SCALES:
+        if abs(usual / scale - 1.0) < 0.01:
+            return f"times in {unit}? The last one is {time[-1]:,.6g}; {expected}"
+    if abs(usual - 1.0) > 0.01:
+        return f"another rate: {rate / usual:.6g} ticks a second; {expected}"
+    if abs(time[0]) * rate > 0.5 and ticks == total:
+        return f"shifted time: it begins at {time[0]:.6g} s; {expected}"
+    place = np.round(time * rate).astype(np.int64)
+    missing = np.setdiff1d(np.arange(total), place)
+    if missing.size:
+        cut = " at its end: cut short?" if missing[0] + missing.size == total else ""
+        more = f" and {missing.size - 1:,} more are" if missing.size > 1 else " is"
+        return f"tick {missing[0]:,}{more} missing{cut}; {expected}"
+    if ticks > total:
+        return f"{ticks - total:,} ticks too many; {expected}"
+    off = np.abs(time - wanted) * rate
+    if off.max() > 0.25:
+        return f"the stamp of tick {int(off.argmax()):,} is {time[off.argmax()]:.6g} s; {expected}"
+    return ""
+
+
+def suspicions(submission: Submission, scene: Scene) -> tuple[str, ...]:
+    """What poses, forces and times look like that is probably not meant, a line each; none for a sound submission.
+
+    Args:
+        submission: Of this scene (`require_scene`).
+        scene: The scene.
+    """
+    shown, user = submission.poses, HandConfiguration.of(scene.ticks)
+    free = _free(scene)
+    found = [*_still(shown, user, free)]
+    lag = _shift(shown.position, user.position, free)
+    if lag:
+        period = 1e3 / scene.ticks.rate
+        which = "behind" if lag > 0 else "ahead of"
+        found.append(f"shifted time: {abs(lag):,} ticks ({abs(lag) * period:g} ms) {which} the user's hand?")
+    else:
+        some = [values[free] for values in shown]
+        same = [values[free] for values in user]
+        found += _position(some[0], same[0], same[1])
+        found += _orientation(some[1], same[1])
+        found += _fingers(some[2], some[3], same[2], same[3])
+    return (*found, *_forces(submission, user), *_durations(submission))
+
+
+def _free(scene: Scene) -> Mask:
+    """Ticks in which the user's hand is far from the object."""
+    placed = forward_kinematics(scene.hand, *HandConfiguration.of(scene.ticks))
+    palm, finger = hand_clearance(scene.tree.arrays(), *hand_shape(scene.hand), *placed, limit=FREE)
+    free = np.asarray(np.minimum(palm, finger.min(axis=1)) >= FREE)
+    return free if free.sum() >= FEWEST else np.ones(len(free), bool)
+
+
+def _still(shown: HandConfiguration, user: HandConfiguration, free: Mask) -> Iterator[str]:
+    moves = np.linalg.norm(np.diff(user.position, axis=0), axis=1) > MOVES
+    moves &= free[1:]
+    rests = np.ones(len(moves), bool)
+    for values in shown:
+        rests &= (np.diff(values, axis=0) == 0.0).reshape(len(moves), -1).all(axis=1)
+    share = float(rests[moves].mean()) if moves.any() else 0.0
+    if share > STILL:
+        yield (
+            f"repeated ticks: in {100.0 * share:.0f} % of the ticks the hand stays where it was, while the user's "
+            "moves: another rate?"
+        )
+
+
+def _shift(shown: Array, user: Array, free: Mask) -> int:
+    """By how many ticks the shown palm is behind the user's; 0 where that does not explain what it is off."""
+    ticks = len(shown)
+    moves = free & (np.linalg.norm(np.gradient(user, axis=0), axis=1) > MOVES) if ticks > 1 else free
+    inner = np.flatnonzero(moves)
+    inner = inner[(inner >= MOST_SHIFT // 10) & (inner < ticks - MOST_SHIFT // 10)]
+    if inner.size < FEWEST:
+        return 0
+    most = min(MOST_SHIFT, ticks // 2)
+    off = {}
+    for lag in range(-most, most + 1):
+        there = inner[(inner - lag >= 0) & (inner - lag < ticks)]
+        if there.size >= FEWEST:
+            off[lag] = float(np.median(np.linalg.norm(shown[there] - user[there - lag], axis=1)))
+    best = min(off, key=lambda lag: (off[lag], abs(lag)))
+    return best if off[0] > LEAST_SHIFT and off[best] < MENDS * off[0] else 0
+
+
+def _named(off: float, limit: float, mended: Iterator[tuple[str, float]]) -> str | None:
+    """The mistake that explains most of what a part is off; "" where none does, None where the part follows."""
+    if off <= limit:
+        return None
+    text, least = min(mended, key=lambda each: each[1])
+    return text if least < MENDS * off else ""
+
+
+def _position(shown: Array, user: Array, turn: Array) -> Iterator[str]:
+    off = float(np.median(np.linalg.norm(shown - user, axis=1)))
+    candidates = [*same_but_for(shown)]
+    offset = np.median(shown - user, axis=0)
+    place = " ".join(f"{1e3 * x + 0.0:.3g}" for x in offset)
+    candidates.append((f"another origin, {place} mm off", shown - offset))
+    matrix = rotation_matrix(turn)
+    own = np.median(np.einsum("tji,tj->ti", matrix, shown - user), axis=0)
+    place = " ".join(f"{1e3 * x + 0.0:.3g}" for x in own)
+    text = f"another point of the hand (the wrist?), {place} mm off in the palm's frame"
+    candidates.append((text, shown - matrix @ own))
+    mended = ((text, float(np.median(np.linalg.norm(changed - user, axis=1)))) for text, changed in candidates)
+    why = _named(off, FOLLOWS, mended)
+    if why is not None:
+        yield f"the palm is {1e3 * off:.3g} mm off the user's where nothing is near: {why or 'another motion'}?"
+
+
+def _orientation(shown: Array, user: Array) -> Iterator[str]:
+    def apart(changed: Array) -> float:
+        near = np.abs(np.einsum("ti,ti->t", changed, user))
+        return float(np.median(2.0 * np.arccos(np.clip(near, 0.0, 1.0))))
+
+    off = apart(shown)
+    why = _named(off, TURNS, ((text, apart(changed)) for text, changed in _turned(shown)))
+    if why is not None:
+        yield f"the palm is turned by {off:.3g} rad off the user's where nothing is near: {why or 'another frame'}?"
+
+
+def _turned(shown: Array) -> Mended:
+    """Orientations, had they been given otherwise: the mistake, and the orientations mended."""
+    yield "quaternion x y z w", shown[:, [3, 0, 1, 2]]
+    yield "quaternion of the world in the palm's frame", conjugate(shown)
+    yield "quaternion x y z w of the world in the palm's frame", conjugate(shown[:, [3, 0, 1, 2]])
+    for axis, name in enumerate("xyz"):
+        # A mirror turns rotations round, but for those about its own axis.
+        flip = np.full(4, -1.0)
+        flip[[0, 1 + axis]] = 1.0
+        yield f"left-handed ({name} mirrored)", shown * flip
+    axes = np.eye(3)
+    for text, places in same_but_for(axes):
+        turn = places.T
+        if text.startswith(("another", "left-handed, ")):
+            # Only the world was turned, or the palm's frame with it.
+            proper = turn if np.linalg.det(turn) > 0.0 else -turn
+            other = quaternion_from_matrix(proper)
+            inside = conjugate(other)
+            yield text, quaternion_product(quaternion_product(other, shown), inside)
+            if np.linalg.det(turn) > 0.0:
+                yield text, quaternion_product(other, shown)
+                yield "another palm frame", quaternion_product(shown, inside)
+    for axis, name in enumerate("xyz"):
+        half = np.zeros(4)
+        half[1 + axis] = 1.0
+        yield f"another palm frame, half a turn about {name}", quaternion_product(shown, half)
+
+
+def _fingers(flexion: Array, abduction: Array, user_flexion: Array, user_abduction: Array) -> Iterator[str]:
+    bent, wanted = (values.reshape(-1, 5, 3) for values in (flexion, user_flexion))
+    bend_mistakes = {
+        "degrees": np.radians(bent),
+        "the other way round": -bent,
+        "little finger first": bent[:, ::-1],
+        "fingertip first": bent[:, :, ::-1],
+        "each angle from the palm, not from the phalanx before": np.diff(bent, axis=2, prepend=0.0),
+    }
+    spread_mistakes = {
+        "degrees": np.radians(abduction),
+        "the other way round, a left hand's": -abduction,
+        "little finger first": abduction[:, ::-1],
+    }
+    for name, found, user, mistakes in (
+        ("flexion", bent, wanted, bend_mistakes),
+        ("abduction", abduction, user_abduction, spread_mistakes),
+    ):
+        off = _angle_off(found, user)
+        why = _named(off, TURNS, ((text, _angle_off(changed, user)) for text, changed in mistakes.items()))
+        if why is not None:
+            yield f"{name} is {off:.3g} rad off the user's where nothing is near: {why or 'another motion'}?"
+
+
+def _angle_off(found: Array, user: Array) -> float:
+    return float(np.median(np.abs(found - user).reshape(len(user), -1).max(axis=1)))
+
+
+def _forces(submission: Submission, user: HandConfiguration) -> Iterator[str]:
+    if submission.phalanx_force is None:
+        return
+    total = submission.phalanx_force.sum(axis=(1, 2))
+    total = total if submission.palm_force is None else total + submission.palm_force
+    size = np.linalg.norm(total, axis=1)
+    if size.max() > MOST_FORCE:
+        yield f"a force of {size.max():,.6g} N: millinewtons?"
+    # What keeps the shown hand off the user's is what pushes it.
+    off = submission.poses.position - user.position
+    along = float(np.einsum("ti,ti->t", total, off).sum())
+    if along < -0.5 * float((size * np.linalg.norm(off, axis=1)).sum()):
+        yield "forces pull the hand towards the user's: meant are those on the hand; those on the object?"
+
+
+def _durations(submission: Submission) -> Iterator[str]:
+    if submission.duration is not None and float(np.median(submission.duration)) > MOST_DURATION:
+        yield f"a tick takes {np.median(submission.duration):,.6g} s: microseconds?"
