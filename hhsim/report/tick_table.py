@@ -9,11 +9,12 @@ from numpy.typing import NDArray
 from hhsim.hand.fingers import FINGERS
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
 from hhsim.metrics import metrics
-from hhsim.metrics.run.registry import needed_columns, run_metrics, tick_figures
+from hhsim.metrics.run.registry import known_figures, needed_columns, run_metrics, tick_figures
 from hhsim.metrics.run_ticks import RunTicks, result_ticks
 from hhsim.replay.summary_table import SummaryRow, summary_rows
 from hhsim.result.reader import Result
 from hhsim.scene.motion_catalogue import of_the_paper
+from hhsim.solver.method import EVERYTHING, TIMES
 
 Array = NDArray[Any]
 
@@ -112,7 +113,8 @@ def figure_table(result: Result, ticks: RunTicks) -> FigureTable:
         result: Whose table it is.
         ticks: Of it.
     """
-    own, stated = tick_figures(ticks), {}
+    known = known_figures([what for what in EVERYTHING if result.gives(what)])
+    own, stated = {name: value for name, value in tick_figures(ticks).items() if name in known}, {}
     if result.complete and result.live is None:
         stated = {name: float(result.summary[name]) for name in run_metrics() if name in result.summary}
     of_paper = of_the_paper(result.scene)
@@ -138,7 +140,8 @@ def phase_figures(result: Result, ticks: RunTicks) -> list[PhaseFigures]:
     for name, first, last in spans or [("all ticks", 0, result.ticks - 1)]:
         part = slice(first, last + 1)
         candidates, status = ticks["contacts/candidates"][part], ticks["status"][part]
-        cpu = metrics.tick_statistics(ticks["duration/total_cpu"][part][candidates > 0])
+        timed = (candidates > 0) & result.gives(TIMES)
+        cpu = metrics.tick_statistics(ticks["duration/total_cpu"][part][timed])
         force = metrics.statistics(np.linalg.norm(ticks["force/total"][part], axis=1))
         found.append(
             PhaseFigures(

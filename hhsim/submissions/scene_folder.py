@@ -178,8 +178,8 @@ def _readme(scene: Scene, digest: str) -> str:
     sign = "" if scene.hand.side == "right" else "minus "
     return f"""# A scene of hhsim: {scene_title(scene_names(scene))}
 
-Show a hand for each of the {ticks.tick_count:,} ticks, {ticks.rate:g} a second, that is as near to the user's as it can
-be without entering the object. Write one line a tick as in `{EXAMPLE}` does, and measure it:
+Show a hand for each of the {ticks.tick_count:,} ticks, {ticks.rate:g} a second: as near to the user's as it can be without
+entering the object. Write a line a tick as in `{EXAMPLE}`, and measure it:
 
     hhsim score my-submission.csv
 
@@ -191,28 +191,27 @@ be without entering the object. Write one line a tick as in `{EXAMPLE}` does, an
 | `hand.json` | the hand as numbers [m, rad], palm frame |
 | `hand.urdf`, `hand.xml` | the same as URDF and MJCF; joints are called as the columns |
 | `{EXAMPLE}` | the user's own hand as a submission, which goes through everything |
-| `scene.h5` | all of it for hhsim; motion under `/motion`, object under `/object`, hand under `/hand` |
+| `{SCENE_FILE}` | all of it for hhsim; motion under `/motion`, object under `/object`, hand under `/hand` |
 | `scene.json` | digest, rate, phases |
 
 ## Frames and units
 
 SI units: m, rad, s, N. The world is right-handed with z up; quaternions are w x y z and turn the palm's frame to the
-world. Palm frame of this {scene.hand.side} hand: y to the fingers, z out of the back, x to the right as seen from the
-back.
+world. Palm frame of this {scene.hand.side} hand: y to the fingers, z out of the back, x to the right, seen from the back.
 
 A finger begins at `base`. With u = `distal` and w = `dorsal`, abduction turns u about {sign}w; then each flexion turns
-all beyond its joint about w × u (after the abduction), positive to the palm. Phalanx k is the hull of two spheres, of
-`radius` k and k + 1, whose centres are `length` k apart: a round cone. The palm is its spheres.
+what is beyond its joint about w × u, which has been turned by abduction too, positive to the palm. Phalanx k is the
+hull of two spheres, of `radius` k and k + 1, whose centres are `length` k apart: a round cone. The palm is its spheres.
 
 URDF and MJCF have these joints exactly. Their shapes are capsules where both radii are equal; a tapering phalanx is a
-sphere and capsules inside of it, no part of whose surface is more than {1e3 * STEP:g} mm too low. The measure is the
-round cones. Masses are those of water; hhsim has none.
+sphere and capsules inside of it, no part of whose surface is more than {1e3 * STEP:g} mm too low. What is measured is
+the round cones. Masses are those of water; hhsim has none.
 
 ## What to send
 
-The columns of `{EXAMPLE}`, with its first lines: they say by its digest which scene it is. Put your method's name
-there. Forces on each phalanx and on the palm [N, world] and the time that each tick took [s] may follow;
-`docs/submissions.md` of hhsim lists the columns.
+The columns of `{EXAMPLE}` with its first lines, which say by its digest what scene it is; your method's name
+instead of the one there. Forces on each phalanx and on the palm [N, world] and the time that each tick took [s] may
+follow: docs/submissions.md of hhsim lists the columns.
 
     scene: {digest}
 """

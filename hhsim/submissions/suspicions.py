@@ -122,7 +122,7 @@ def suspicions(submission: Submission, scene: Scene) -> tuple[str, ...]:
         found += _position(some[0], same[0], same[1])
         found += _orientation(some[1], same[1])
         found += _fingers(some[2], some[3], same[2], same[3])
-    return (*found, *_forces(submission, user), *_durations(submission))
+    return (*found, *_forces(submission, None if found else user), *_durations(submission))
 
 
 def _free(scene: Scene) -> Mask:
@@ -176,14 +176,13 @@ def _named(off: float, limit: float, mended: Iterator[tuple[str, float]]) -> str
 def _position(shown: Array, user: Array, turn: Array) -> Iterator[str]:
     off = float(np.median(np.linalg.norm(shown - user, axis=1)))
     candidates = [*same_but_for(shown)]
-    offset = np.median(shown - user, axis=0)
-    place = " ".join(f"{1e3 * x + 0.0:.3g}" for x in offset)
-    candidates.append((f"another origin, {place} mm off", shown - offset))
+    # Where the palm does not turn, the one cannot be told from the other.
+    world = np.median(shown - user, axis=0)
     matrix = rotation_matrix(turn)
-    own = np.median(np.einsum("tji,tj->ti", matrix, shown - user), axis=0)
-    place = " ".join(f"{1e3 * x + 0.0:.3g}" for x in own)
-    text = f"another point of the hand (the wrist?), {place} mm off in the palm's frame"
-    candidates.append((text, shown - matrix @ own))
+    palm = np.median(np.einsum("tji,tj->ti", matrix, shown - user), axis=0)
+    said = [" ".join(f"{round(1e3 * x, 1) + 0.0:g}" for x in offset) for offset in (world, palm)]
+    text = f"another origin ({said[0]} mm), or another point of the hand, the wrist ({said[1]} mm in the palm's frame)"
+    candidates += [(text, shown - world), (text, shown - matrix @ palm)]
     mended = ((text, float(np.median(np.linalg.norm(changed - user, axis=1)))) for text, changed in candidates)
     why = _named(off, FOLLOWS, mended)
     if why is not None:
@@ -257,7 +256,8 @@ def _angle_off(found: Array, user: Array) -> float:
     return float(np.median(np.abs(found - user).reshape(len(user), -1).max(axis=1)))
 
 
-def _forces(submission: Submission, user: HandConfiguration) -> Iterator[str]:
+def _forces(submission: Submission, user: HandConfiguration | None) -> Iterator[str]:
+    """What is odd about the forces; their directions, too, where the hands are known not to be in another frame."""
     if submission.phalanx_force is None:
         return
     total = submission.phalanx_force.sum(axis=(1, 2))
@@ -265,6 +265,8 @@ def _forces(submission: Submission, user: HandConfiguration) -> Iterator[str]:
     size = np.linalg.norm(total, axis=1)
     if size.max() > MOST_FORCE:
         yield f"a force of {size.max():,.6g} N: millinewtons?"
+    if user is None:
+        return
     # What keeps the shown hand off the user's is what pushes it.
     off = submission.poses.position - user.position
     along = float(np.einsum("ti,ti->t", total, off).sum())

@@ -1,0 +1,66 @@
+"""`hhsim scene` and `hhsim score`: the way of a newcomer, and what they say of a wrong one."""
+
+import json
+from pathlib import Path
+from xml.etree import ElementTree as Xml
+
+from conftest import Run
+
+SCENE = ("cube", "touch", "--rate", "200")
+
+
+def test_a_newcomers_way(run: Run, tmp_path: Path) -> None:
+    made = run("scene", *SCENE, "--out", "s", "--json")
+    document = json.loads(made.out)
+    assert made.code == 0 and document["ticks"] == 600
+    assert set(document["files"]) == {path.name for path in (tmp_path / "s").iterdir()}
+    readme = (tmp_path / "s" / "README.md").read_text()
+    assert all(f"`{name}`" in readme for name in document["files"] if name != "README.md")
+    for name in ("hand.urdf", "hand.xml"):
+        Xml.parse(tmp_path / "s" / name)
+    numbers = json.loads((tmp_path / "s" / "hand.json").read_text())
+    assert len(numbers["fingers"]) == 5 and len(numbers["palm_spheres"]) > 20
+    # The motion is one that hhsim replays.
+    assert run("replay", "cube", "s/motion.csv", "--out", "m.h5", "--quiet").code == 0
+
+    scored = run("score", "s/example-submission.csv", "--out", "r.h5")
+    assert scored.code == 0, scored.err
+    assert "in the mesh, max" in scored.out and "pose off the best one, mean" in scored.out
+    # By its own words the scene is made again, and everything is the same.
+    alone = tmp_path / "alone.csv"
+    alone.write_bytes((tmp_path / "s" / "example-submission.csv").read_bytes())
+    again = json.loads(run("score", "alone.csv", "--out", "r2.h5", "--json").out)
+    first = json.loads(run("score", "alone.csv", "--scene", "s", "--out", "r3.h5", "--json").out)
+    names = ("scene", "mesh_depth_max", "off_best_mean", "penetration_max", "contact_error_max")
+    assert [again[name] for name in names] == [first[name] for name in names]
+
+    replayed = run("replay", "r.h5")
+    assert replayed.code == 2 and "hhsim score measures their file anew" in replayed.err
+    named = run("replay", "cube", "touch", "--method", "submission:x", "--out", "x.h5")
+    assert named.code == 2 and "computed elsewhere" in named.err and not (tmp_path / "x.h5").exists()
+    compared = run("compare", "m.h5", "r.h5")
+    assert "tick in contact" not in compared.out.split("B is")[1]
+
+
+def test_what_is_suspected_is_said_and_the_exit_code_is_1(run: Run, tmp_path: Path) -> None:
+    run("scene", *SCENE, "--out", "s", "--quiet")
+    lines = (tmp_path / "s" / "example-submission.csv").read_text().splitlines()
+    head = next(i for i, line in enumerate(lines) if line.startswith("time"))
+    rows = [line.split(",") for line in lines[head + 1 :]]
+    scaled = [",".join([row[0], *(repr(1e3 * float(cell)) for cell in row[1:4]), *row[4:]]) for row in rows]
+    (tmp_path / "s" / "mm.csv").write_text("\n".join([*lines[: head + 1], *scaled]))
+    found = run("score", "s/mm.csv", "--out", "r.h5", "--json")
+    assert found.code == 1 and "suspected" in found.err
+    assert "millimetres?" in json.loads(found.out)["suspicions"][0]
+
+
+def test_another_scene_is_refused_by_name_and_nothing_is_written(run: Run, tmp_path: Path) -> None:
+    run("scene", *SCENE, "--out", "s", "--quiet")
+    run("scene", "sphere", "touch", "--rate", "200", "--out", "other", "--quiet")
+    found = run("score", "s/example-submission.csv", "--scene", "other", "--out", "r.h5")
+    assert found.code == 2 and "is of cube touch" in found.err and "this is sphere touch" in found.err
+    assert not (tmp_path / "r.h5").exists()
+    again = run("scene", *SCENE, "--out", "s")
+    assert again.code == 2 and "is not empty" in again.err
+    missing = run("score", "none.csv")
+    assert missing.code == 2 and "no such file" in missing.err

@@ -1,0 +1,158 @@
+"""Scores: a method has the same errors as a class and as the file of its poses; scenes are found and held."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from short_grasp import short_grasp, short_scene
+
+from hhsim.errors import HhsimError, InputError
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.replay.repeat import run_again
+from hhsim.replay.replay import replay
+from hhsim.result.reader import Result, load_result
+from hhsim.scene.scene import Scene
+from hhsim.solver.known_methods import SUBMITTED, find_method
+from hhsim.solver.options import SolverOptions
+from hhsim.submissions.pose_file import Submission, read_submission, write_submission
+from hhsim.submissions.scene_file import load_scene, scene_digest
+from hhsim.submissions.scene_folder import SCENE_FILE, example_submission, write_scene_folder
+from hhsim.submissions.score import Score, scene_of, score
+from hhsim.verify.verify import verify
+
+Array = NDArray[np.float64]
+CLASS = "project_out:ProjectOut"
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    # The hand's way is long enough for some ticks to be free.
+    return short_scene(short_grasp(hold=0.12), "cylinder")
+
+
+@pytest.fixture(scope="module")
+def as_class(scene: Scene, repository: Path, tmp_path_factory: pytest.TempPathFactory) -> Result:
+    patch = pytest.MonkeyPatch()
+    patch.syspath_prepend(str(repository / "examples"))
+    path = tmp_path_factory.mktemp("class") / "class.h5"
+    replay(scene, SolverOptions(method=CLASS), path)
+    patch.undo()
+    return load_result(path)
+
+
+def poses_of(result: Result, scene: Scene, *, forces: bool = True) -> Submission:
+    """What the result's method would have sent."""
+    total, phalanx = result["force/total"], result["force/phalanx"]
+    return Submission(
+        method="project out",
+        scene=scene_digest(scene),
+        time=scene.ticks.time,
+        poses=HandConfiguration(*(np.array(result[f"graphic/{name}"]) for name in HandConfiguration._fields)),
+        phalanx_force=np.array(phalanx) if forces else None,
+        palm_force=total - phalanx.sum(axis=(1, 2)) if forces else None,
+        duration=1e-9 * result["duration/total"] if forces else None,
+    )
+
+
+@pytest.fixture(scope="module", params=["csv", "h5"])
+def as_file(
+    request: pytest.FixtureRequest, scene: Scene, as_class: Result, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Score, Result]:
+    path = tmp_path_factory.mktemp("file") / f"poses.{request.param}"
+    write_submission(poses_of(as_class, scene), path)
+    found = score(read_submission(path), scene, path.with_name("result.h5"))
+    return found, load_result(path.with_name("result.h5"))
+
+
+def test_a_class_and_the_file_of_its_poses_have_the_same_errors(
+    as_class: Result, as_file: tuple[Score, Result]
+) -> None:
+    found, result = as_file
+    assert found.suspicions == ()
+    times = {"tick_cpu_p50", "tick_cpu_p99", "tick_cpu_max", "tick_wall_p50", "tick_wall_over_1ms"}
+    # The hold again, by a hand that trembles, is of a method that can be run again.
+    only_a_class = {name for name in as_class.summary if "tremor" in name}
+    shared = set(as_class.summary) & set(result.summary)
+    assert set(as_class.summary) - shared == only_a_class
+    assert set(result.summary) - shared == {"force_variation_hold_std"}
+    for name in shared:
+        value = result.summary[name]
+        if name not in times:
+            assert value == pytest.approx(as_class.summary[name], rel=1e-12, abs=1e-12, nan_ok=True), name
+    assert result.summary["penetration_max"] > 0.0 and result.summary["force_contact_max"] > 0.0
+    columns = ("graphic/joints", "penetration_depth", "contacts/touching", "force/total", "force_variation_rate")
+    for name in columns:
+        np.testing.assert_allclose(result[name], as_class[name], rtol=0.0, atol=1e-12)
+    # Its times are those that it says, to the nanosecond.
+    np.testing.assert_array_equal(result["duration/total"], as_class["duration/total"])
+
+
+def test_what_is_not_given_has_no_row_and_no_claim_is_false(scene: Scene, as_class: Result, tmp_path: Path) -> None:
+    found = score(poses_of(as_class, scene, forces=False), scene, tmp_path / "r.h5")
+    result = load_result(tmp_path / "r.h5")
+    assert not any(name.startswith(("force", "tick_")) for name in result.summary)
+    assert not result.gives("forces") and not result.gives("times") and not result.gives("runs")
+    assert result.summary["penetration_max"] == as_class.summary["penetration_max"]
+    labels = [row.name for row in found.rows]
+    assert labels[:3] == ["penetration_max", "mesh_depth_max", "contact_error_max"]
+    assert {"off_best_mean", "off_best_max"} < set(labels)
+    assert result.scene["submission"]["suspicions"] == []
+    pytest.importorskip("coal")
+    assert not [claim.name for claim in verify(result, every=20).claims if claim.failed]
+
+
+def test_the_best_hand_is_off_itself_by_nothing_and_the_users_by_what_it_is_pushed(
+    scene: Scene, tmp_path: Path
+) -> None:
+    """The truth beside the figure: `coupled` on the triangles is near the optimum, the user's own hand is inside."""
+    options = SolverOptions(surface="mesh")
+    replay(scene, options, tmp_path / "best.h5")
+    best = load_result(tmp_path / "best.h5")
+    near = score(poses_of(best, scene, forces=False), scene, tmp_path / "near.h5", surface="mesh").errors
+    user = score(example_submission(scene), scene, tmp_path / "user.h5").errors
+    assert near.mesh_depth_max == 0.0 and near.off_best_max < 1e-4
+    deepest = load_result(tmp_path / "user.h5").summary["penetration_max"]
+    # The spheres cover the mesh.
+    assert 0.0 < user.mesh_depth_max <= deepest
+    assert user.off_best_max > user.mesh_depth_max > 0.005
+
+
+def test_a_result_of_poses_cannot_be_run_again_and_says_so(as_file: tuple[Score, Result]) -> None:
+    _, result = as_file
+    with pytest.raises(InputError, match=r"'submission:project out' is poses .* hhsim score"):
+        run_again(result)
+    # Its name is known no longer than the score takes.
+    with pytest.raises(InputError, match="computed elsewhere"):
+        find_method(f"{SUBMITTED}project out").engine(None)
+
+
+def test_a_scene_comes_back_from_its_folder_bit_for_bit(scene: Scene, tmp_path: Path) -> None:
+    digest = write_scene_folder(scene, tmp_path / "s")
+    again = load_scene(tmp_path / "s" / SCENE_FILE)
+    assert scene_digest(again) == digest == scene_digest(scene)
+    assert again.ticks.phases == scene.ticks.phases and again.ticks.rate == scene.ticks.rate
+    for name in HandConfiguration._fields:
+        np.testing.assert_array_equal(getattr(again.ticks, name), getattr(scene.ticks, name))
+    np.testing.assert_array_equal(again.mesh.vertices, scene.mesh.vertices)
+    np.testing.assert_array_equal(again.tree.center, scene.tree.center)
+    example = read_submission(tmp_path / "s" / "example-submission.csv")
+    assert scene_digest(scene_of(example)) == digest
+    with pytest.raises(HhsimError, match="is not empty"):
+        write_scene_folder(scene, tmp_path / "s")
+    (tmp_path / "s" / SCENE_FILE).write_bytes((tmp_path / "s" / SCENE_FILE).read_bytes()[:-200])
+    with pytest.raises(HhsimError, match=r"damaged|cut short"):
+        scene_of(example)
+
+
+def test_the_digest_is_of_mesh_hand_motion_and_rate_and_not_of_the_tree(scene: Scene) -> None:
+    finer = short_scene(short_grasp(hold=0.12), "cylinder", 3)
+    assert scene_digest(replace(scene, tree=finer.tree)) == scene_digest(scene)
+    others = [
+        short_scene(short_grasp(hold=0.12), "cube"),
+        short_scene(short_grasp(hold=0.12), "cylinder", 2, "left"),
+        finer,
+        replace(scene, ticks=replace(scene.ticks, rate=500.0)),
+    ]
+    assert len({scene_digest(one) for one in (scene, *others)}) == 5

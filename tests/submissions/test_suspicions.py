@@ -1,0 +1,354 @@
+"""Damaged submissions: each is refused or suspected by name, and a sound one is neither."""
+
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from hhsim.errors import HhsimError
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.quaternion import conjugate, quaternion, quaternion_product, rotation_matrix
+from hhsim.scene.open_scene import open_scene
+from hhsim.scene.scene import Scene
+from hhsim.submissions.pose_file import PARTS, Submission, read_submission, write_submission
+from hhsim.submissions.scene_folder import example_submission
+from hhsim.submissions.suspicions import _free, require_scene, suspicions
+
+Array = NDArray[np.float64]
+Arrays = dict[str, Any]
+RATE = 250.0
+
+
+@cache
+def scene() -> Scene:
+    """A scene in which nothing is symmetric: the palm is tilted, and fingers are spread before they touch."""
+    return open_scene("cup", "handle", rate=RATE)
+
+
+@cache
+def near() -> NDArray[np.bool_]:
+    return ~_free(scene())
+
+
+def sound() -> Arrays:
+    """What a method may send: where it touches, the hand is 2 mm off and pushed there; forces and times are there."""
+    example = example_submission(scene())
+    ticks = len(example.time)
+    off = np.where(near()[:, None], [0.0, 0.0, 2e-3], 0.0)
+    arrays = {name: np.array(values) for name, values in example.arrays.items()}
+    arrays["position"] += off
+    arrays["palm_force"] = 1000.0 * off
+    arrays["phalanx_force"] = np.zeros((ticks, 5, 3, 3))
+    arrays["duration"] = np.full(ticks, 2e-5)
+    return arrays
+
+
+def as_submission(arrays: Arrays, **said: Any) -> Submission:
+    example = example_submission(scene())
+    keys: dict[str, Any] = {
+        "method": "mine",
+        "scene": example.scene,
+        "made_by": example.made_by,
+        "hand": example.hand,
+        **said,
+    }
+    poses = HandConfiguration(*(arrays[name] for name in HandConfiguration._fields))
+    keys |= {name: arrays.get(name) for name in ("time", "phalanx_force", "palm_force", "duration")}
+    return Submission(poses=poses, **keys)
+
+
+def word_on(path: Path) -> str:
+    """What hhsim says of a file; "" for nothing."""
+    try:
+        submission = read_submission(path)
+        require_scene(submission, scene())
+    except HhsimError as error:
+        return str(error)
+    return "; ".join(suspicions(submission, scene()))
+
+
+# What the poses look like, had somebody given them otherwise.
+
+
+def scaled(name: str, factor: float) -> Callable[[Arrays], None]:
+    def damage(arrays: Arrays) -> None:
+        arrays[name] *= factor
+
+    return damage
+
+
+def mirrored(axis: int) -> Callable[[Arrays], None]:
+    def damage(arrays: Arrays) -> None:
+        arrays["position"][:, axis] *= -1.0
+        flip = np.full(4, -1.0)
+        flip[[0, 1 + axis]] = 1.0
+        arrays["orientation"] *= flip
+
+    return damage
+
+
+def y_up(arrays: Arrays) -> None:
+    x, y, z = arrays["position"].T.copy()
+    arrays["position"] = np.stack([x, z, -y], axis=1)
+    arrays["orientation"] = quaternion_product(quaternion([-np.pi / 2.0, 0.0, 0.0]), arrays["orientation"])
+
+
+def y_up_left_handed(arrays: Arrays) -> None:
+    arrays["position"] = arrays["position"][:, [0, 2, 1]]
+    w, x, y, z = arrays["orientation"].T.copy()
+    arrays["orientation"] = np.stack([w, -x, -z, -y], axis=1)
+
+
+def put(name: str, make: Callable[[Array], Array]) -> Callable[[Arrays], None]:
+    def damage(arrays: Arrays) -> None:
+        arrays[name] = np.ascontiguousarray(make(arrays[name]))
+
+    return damage
+
+
+def rows(make: Callable[[Array], Array]) -> Callable[[Arrays], None]:
+    """The same to the rows of every array."""
+
+    def damage(arrays: Arrays) -> None:
+        for name in arrays:
+            arrays[name] = np.ascontiguousarray(make(arrays[name]))
+
+    return damage
+
+
+def lag(ticks: int) -> Callable[[Arrays], None]:
+    """Poses of other ticks under the right stamps."""
+
+    def damage(arrays: Arrays) -> None:
+        other = np.clip(np.arange(len(arrays["time"])) - ticks, 0, len(arrays["time"]) - 1)
+        for name in HandConfiguration._fields:
+            arrays[name] = arrays[name][other]
+
+    return damage
+
+
+def repeated(arrays: Arrays) -> None:
+    held = np.arange(len(arrays["time"])) // 4 * 4
+    for name in HandConfiguration._fields:
+        arrays[name] = arrays[name][held]
+
+
+def wrist(arrays: Arrays) -> None:
+    arrays["position"] = arrays["position"] + rotation_matrix(arrays["orientation"]) @ np.array([0.0, -0.07, 0.0])
+
+
+def other_motion(arrays: Arrays) -> None:
+    arrays["position"] = arrays["position"][::-1].copy() + 0.05 * np.sin(np.arange(3 * len(arrays["time"]))).reshape(
+        -1, 3
+    )
+
+
+def a_number(name: str, tick: int, value: float) -> Callable[[Arrays], None]:
+    def damage(arrays: Arrays) -> None:
+        arrays[name].reshape(len(arrays[name]), -1)[tick, 0] = value
+
+    return damage
+
+
+POSES: dict[str, tuple[Callable[[Arrays], None], str]] = {
+    "millimetres": (scaled("position", 1e3), "millimetres?"),
+    "centimetres": (scaled("position", 1e2), "centimetres?"),
+    "inches": (scaled("position", 1.0 / 0.0254), "inches?"),
+    "mirrored x": (mirrored(0), "left-handed (x mirrored)?"),
+    "mirrored y": (mirrored(1), "left-handed (y mirrored)?"),
+    "mirrored z": (mirrored(2), "left-handed (z mirrored)?"),
+    "y up": (y_up, "another axis up?"),
+    "y up, left-handed": (y_up_left_handed, "left-handed, another axis up?"),
+    "quaternion x y z w": (put("orientation", lambda q: q[:, [1, 2, 3, 0]]), "quaternion x y z w?"),
+    "world to palm": (put("orientation", conjugate), "quaternion of the world in the palm's frame?"),
+    "palm half turned": (
+        put("orientation", lambda q: quaternion_product(q, np.array([0.0, 0.0, 1.0, 0.0]))),
+        "another palm frame, half a turn about y?",
+    ),
+    "flexion in degrees": (scaled("flexion", 180.0 / np.pi), "where nothing is near: degrees?"),
+    "abduction in degrees": (scaled("abduction", 180.0 / np.pi), "degrees?"),
+    "flexion negative": (scaled("flexion", -1.0), "the other way round?"),
+    "a left hand's abduction": (scaled("abduction", -1.0), "a left hand's?"),
+    "little finger first": (put("flexion", lambda bent: bent[:, ::-1]), "little finger first?"),
+    "fingertip first": (put("flexion", lambda bent: bent[:, :, ::-1]), "fingertip first?"),
+    "angles from the palm": (put("flexion", lambda bent: np.cumsum(bent, axis=2)), "each angle from the palm"),
+    "late": (lag(5), "shifted time: 5 ticks (20 ms) behind"),
+    "early": (lag(-12), "shifted time: 12 ticks (48 ms) ahead"),
+    "a quarter of the rate": (repeated, "repeated ticks: in 75 %"),
+    "another origin": (put("position", lambda p: p + [0.1, 0.0, -0.02]), "another origin (100 0 -20 mm), or"),
+    "the wrist": (wrist, "the wrist (0 -70 0 mm in the palm's frame)?"),
+    "another motion": (other_motion, "another motion?"),
+    "forces in mN": (scaled("palm_force", 1e3), "millinewtons?"),
+    "forces on the object": (scaled("palm_force", -1.0), "those on the object?"),
+    "durations in µs": (scaled("duration", 1e6), "microseconds?"),
+    "negative duration": (a_number("duration", 3, -1.0), "duration of tick 3 is negative"),
+    "NaN": (a_number("position", 41, np.nan), "position of tick 41 is not finite"),
+    "infinity": (a_number("flexion", 7, np.inf), "flexion of tick 7 is not finite"),
+    "no quaternion": (scaled("orientation", 0.5), "orientation of tick 0 has length 0.5"),
+    "a tick is missing": (rows(lambda a: np.delete(a, 100, 0)), "tick 100 is missing"),
+    "ticks are missing": (rows(lambda a: np.delete(a, [100, 200, 300], 0)), "tick 100 and 2 more are missing"),
+    "cut short": (rows(lambda a: a[:-50]), "at its end: cut short?"),
+    "a tick is there twice": (rows(lambda a: np.insert(a, 100, a[100], 0)), "tick 101 is there twice"),
+    "backwards": (rows(lambda a: a[::-1]), "goes back in time"),
+    "half the rate": (rows(lambda a: a[::2]), "another rate: 125 ticks a second"),
+    "time in ms": (scaled("time", 1e3), "times in milliseconds?"),
+    "time begins later": (put("time", lambda t: t + 0.02), "shifted time: it begins at 0.02 s"),
+    "no tick": (rows(lambda a: a[:0]), "no ticks"),
+}
+
+
+@pytest.mark.parametrize("case", POSES)
+def test_damaged_poses_are_named(case: str, tmp_path: Path) -> None:
+    damage, word = POSES[case]
+    arrays = sound()
+    damage(arrays)
+    path = tmp_path / "poses.h5"
+    write_submission(as_submission(arrays), path)
+    assert word in word_on(path)
+
+
+SAID: dict[str, tuple[dict[str, Any], str]] = {
+    "another scene": (
+        {"scene": "ab" * 32, "made_by": {"object": "teapot", "trajectory": "touch"}},
+        "is of teapot touch",
+    ),
+    "no scene": ({"scene": ""}, "scene not said"),
+    "a left hand": ({"hand": "left"}, "is of a left hand"),
+    "no hand": ({"hand": "both"}, "expected right or left"),
+}
+
+
+@pytest.mark.parametrize("case", SAID)
+def test_what_it_says_of_itself_has_to_be_the_scenes(case: str, tmp_path: Path) -> None:
+    said, word = SAID[case]
+    path = tmp_path / "poses.h5"
+    write_submission(as_submission(sound(), **said), path)
+    assert word in word_on(path)
+
+
+def text(change: Callable[[str], str]) -> Callable[[Path], None]:
+    def damage(path: Path) -> None:
+        path.write_text(change(path.read_text()))
+
+    return damage
+
+
+def one_line(number: int, change: Callable[[str], str]) -> Callable[[Path], None]:
+    def damage(path: Path) -> None:
+        lines = path.read_text().splitlines()
+        lines[number] = change(lines[number])
+        path.write_text("\n".join(lines))
+
+    return damage
+
+
+def no_text(path: Path) -> None:
+    path.write_bytes(b"\xff\xfe\x00" * 99)
+
+
+HEADER = 5
+TEXTS: dict[str, tuple[Callable[[Path], None], str]] = {
+    "another unit": (text(lambda all_: all_.replace("px [m]", "px [mm]")), "column px is in mm; expected m"),
+    "degrees": (text(lambda all_: all_.replace("thumb_flex1 [rad]", "thumb_flex1 [deg]")), "is in deg; expected rad"),
+    "no such column": (text(lambda all_: all_.replace("thumb_abd", "thumb_spread")), "unknown column 'thumb_spread'"),
+    "a column twice": (text(lambda all_: all_.replace("py [m]", "px [m]")), "column px twice"),
+    "a column less": (
+        one_line(HEADER, lambda line: line.replace(",little_abd [rad]", "")),
+        "the header lacks little_abd",
+    ),
+    "a short line": (one_line(40, lambda line: line.rpartition(",")[0]), "line 41 has"),
+    "a word": (one_line(40, lambda line: "x" + line), "line 41: time is 'x"),
+    "half a file": (text(lambda all_: all_[: len(all_) // 2]), "values; expected"),
+    "empty": (text(lambda all_: ""), "no header line"),
+    "a remark of no JSON": (text(lambda all_: all_.replace("# made_by: {", "# made_by: ")), "expected JSON"),
+    "another format": (text(lambda all_: all_.replace("hhsim-poses", "hhsim-trajectory")), "expected hhsim-poses"),
+    "no text": (no_text, "not UTF-8"),
+}
+
+
+@pytest.mark.parametrize("case", TEXTS)
+def test_damaged_text_is_named(case: str, tmp_path: Path) -> None:
+    damage, word = TEXTS[case]
+    arrays = {name: values for name, values in sound().items() if name in PARTS and not PARTS[name].optional}
+    path = tmp_path / "poses.csv"
+    write_submission(as_submission(arrays), path)
+    damage(path)
+    assert word in word_on(path)
+
+
+def reshaped(name: str, make: Callable[[Array], Array]) -> Callable[[h5py.File], None]:
+    def damage(file: h5py.File) -> None:
+        values = make(file[name][()])
+        del file[name]
+        file[name] = values
+
+    return damage
+
+
+def without(name: str) -> Callable[[h5py.File], None]:
+    def damage(file: h5py.File) -> None:
+        del file[name]
+
+    return damage
+
+
+def in_unit(file: h5py.File) -> None:
+    file["position"].attrs["units"] = "mm"
+
+
+HDF5: dict[str, tuple[Callable[[h5py.File], None], str]] = {
+    "flat flexion": (reshaped("flexion", lambda a: a.reshape(-1, 15)), "expected (T, 5, 3), T = 750"),
+    "position of four": (reshaped("position", lambda a: np.c_[a, a[:, 0]]), "expected (T, 3)"),
+    "fewer poses than stamps": (reshaped("abduction", lambda a: a[:-1]), "abduction has shape (749, 5)"),
+    "transposed": (reshaped("position", lambda a: a.T), "position has shape (3, 750)"),
+    "no flexion": (without("flexion"), "no dataset flexion; expected one of shape (T, 5, 3)"),
+    "palm force alone": (without("phalanx_force"), "palm_force without phalanx_force"),
+    "another unit": (in_unit, "dataset position is in mm"),
+    "text": (reshaped("time", lambda a: a.astype("S8")), "holds no numbers"),
+}
+
+
+@pytest.mark.parametrize("case", HDF5)
+def test_damaged_hdf5_is_named(case: str, tmp_path: Path) -> None:
+    damage, word = HDF5[case]
+    path = tmp_path / "poses.h5"
+    write_submission(as_submission(sound()), path)
+    with h5py.File(path, "r+") as file:
+        damage(file)
+    assert word in word_on(path)
+
+
+def test_a_cut_hdf5_file_and_no_file_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "poses.h5"
+    write_submission(as_submission(sound()), path)
+    path.write_bytes(path.read_bytes()[:5000])
+    assert "damaged" in word_on(path)
+    assert "no such file" in word_on(tmp_path / "none.csv")
+    assert "unknown suffix" in word_on(Path(__file__))
+
+
+@pytest.mark.parametrize("suffix", ["csv", "h5"])
+def test_a_sound_submission_is_read_bit_for_bit_and_not_suspected(suffix: str, tmp_path: Path) -> None:
+    arrays = sound()
+    path = tmp_path / f"poses.{suffix}"
+    write_submission(as_submission(arrays), path)
+    assert word_on(path) == ""
+    for name, values in read_submission(path).arrays.items():
+        # A quaternion is made unit.
+        assert np.abs(values - arrays[name]).max() <= (1e-15 if name == "orientation" else 0.0)
+
+
+def test_single_precision_and_a_method_one_tick_behind(tmp_path: Path) -> None:
+    """Numbers of a game engine are sound; a hand that follows the last tick's is told so, and not more."""
+    arrays = {name: values.astype(np.float32).astype(np.float64) for name, values in sound().items()}
+    path = tmp_path / "poses.h5"
+    write_submission(as_submission(arrays), path)
+    assert word_on(path) == ""
+    lag(1)(arrays)
+    write_submission(as_submission(arrays), path)
+    assert word_on(path) == "shifted time: 1 ticks (4 ms) behind the user's hand?"
