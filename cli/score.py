@@ -62,7 +62,7 @@ def command(submission: Path, folder: Path | None, surface: str, output: options
         print()
         cells = [(row.label, row.shown, row.unit) for row in found.rows]
         print_table(("", "hhsim", "unit"), cells, numbers=("hhsim",))
-        for note in summary.notes:
+        for note in found.notes:
             print_line(f"note: {note}")
         print_line(f"every tick is in {path}")
     return 1 if found.suspicions else 0

@@ -27,6 +27,8 @@ def test_every_file_is_there_or_made_by_a_line_before(repository: Path) -> None:
     named: set[str] = set()
     for line in lines(repository):
         words = line.split()
+        if words[:2] == ["hhsim", "scene"]:
+            made.add(f"{words[words.index('--out') + 1]}/example-submission.csv")
         for place, word in enumerate(words):
             if not word.endswith(SUFFIXES):
                 continue

@@ -22,9 +22,9 @@ KERNELS = ("kernels", *(package.removeprefix("hhsim.") for package in PACKAGES i
 LAYERS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("what a user types", ("cli",)),
     ("shown, and with a glove", ("report", "live", "view", "render")),
-    ("judged", ("gate", "verify", "bench", "")),
+    ("judged", ("gate", "verify", "bench", "submissions")),
     ("a run, tick by tick", ("replay", "scene", "solver", "metrics")),
-    ("motions, files", ("", "recordings", "result", "motion")),
+    ("motions, files", ("exchange", "recordings", "result", "motion")),
     ("objects, the hand", ("system", "mesh", "trees", "hand")),
     ("kernels: numba only, arrays in and out", KERNELS),
 )

@@ -97,7 +97,7 @@ class Submission:
         palm_force: Contact force on the palm [N], world, shape (T, 3); None is none.
         duration: What each tick took [s], by the method's own measure, shape (T,); None where nobody measured.
         made_by: What the scene is made by (`hhsim.submissions.scene_file.scene_names`).
-        hand: right or left; "" is not said.
+        hand: Of which side, right or left; "" is not said.
         path: The file.
     """
 

@@ -178,8 +178,8 @@ def _readme(scene: Scene, digest: str) -> str:
     sign = "" if scene.hand.side == "right" else "minus "
     return f"""# A scene of hhsim: {scene_title(scene_names(scene))}
 
-Show a hand for each of the {ticks.tick_count:,} ticks, {ticks.rate:g} a second: as near to the user's as it can be without
-entering the object. Write a line a tick as in `{EXAMPLE}`, and measure it:
+Show a hand for each of the {ticks.tick_count:,} ticks, {ticks.rate:g} a second: as near to the user's as it can be and
+not in the object. Write a line a tick as in `{EXAMPLE}`, and measure it:
 
     hhsim score my-submission.csv
 
@@ -197,7 +197,7 @@ entering the object. Write a line a tick as in `{EXAMPLE}`, and measure it:
 ## Frames and units
 
 SI units: m, rad, s, N. The world is right-handed with z up; quaternions are w x y z and turn the palm's frame to the
-world. Palm frame of this {scene.hand.side} hand: y to the fingers, z out of the back, x to the right, seen from the back.
+world. Palm frame of this {scene.hand.side} hand: y to the fingers, z out of the back, x to the right from there.
 
 A finger begins at `base`. With u = `distal` and w = `dorsal`, abduction turns u about {sign}w; then each flexion turns
 what is beyond its joint about w × u, which has been turned by abduction too, positive to the palm. Phalanx k is the

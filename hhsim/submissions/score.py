@@ -49,6 +49,13 @@ class Score:
     scene: str
 
     @property
+    def notes(self) -> tuple[str, ...]:
+        """What a reader should know besides, a sentence each."""
+        timed = any(row.name.startswith("tick_") for row in self.summary.rows)
+        said = ("the times of its ticks are what the submission says: they were not measured here",) if timed else ()
+        return (*said, *self.summary.notes)
+
+    @property
     def rows(self) -> tuple[SummaryRow, ...]:
         """The table that matters."""
         named = zip((MESH_DEPTH, OFF_BEST, OFF_BEST_MAX), self.errors)
@@ -61,6 +68,7 @@ class Score:
     def to_json(self) -> dict[str, Any]:
         """For machines: SI units."""
         more = {"scene": self.scene, **self.errors._asdict(), "suspicions": list(self.suspicions)}
+        more["notes"] = list(self.notes)
         return {**self.summary.to_json(), **more}
 
 

@@ -35,6 +35,8 @@ MOST_SHIFT = 300
 """Ticks by which a motion is looked for, to both sides."""
 LEAST_SHIFT = 1e-5
 """A hand that is nearer than this [m] has no lag that could be told."""
+INERTIA = 5e-3
+"""A hand may be this far behind the user's [s]: one with a mass is, and one that is shown what was read last."""
 MOVES = 1e-6
 """A palm that goes no farther in a tick [m] rests."""
 STILL = 0.05
@@ -112,16 +114,16 @@ def suspicions(submission: Submission, scene: Scene) -> tuple[str, ...]:
     free = _free(scene)
     found = [*_still(shown, user, free)]
     lag = _shift(shown.position, user.position, free)
-    if lag:
-        period = 1e3 / scene.ticks.rate
+    seconds = lag / scene.ticks.rate
+    if not 0.0 <= seconds <= INERTIA:
         which = "behind" if lag > 0 else "ahead of"
-        found.append(f"shifted time: {abs(lag):,} ticks ({abs(lag) * period:g} ms) {which} the user's hand?")
+        found.append(f"shifted time: {abs(lag):,} tick(s) ({1e3 * abs(seconds):g} ms) {which} the user's hand?")
     else:
-        some = [values[free] for values in shown]
-        same = [values[free] for values in user]
-        found += _position(some[0], same[0], same[1])
-        found += _orientation(some[1], same[1])
-        found += _fingers(some[2], some[3], same[2], same[3])
+        then = user.at(np.maximum(np.arange(user.ticks) - lag, 0)).at(np.flatnonzero(free))
+        now = shown.at(np.flatnonzero(free))
+        found += _position(now.position, then.position, then.orientation)
+        found += _orientation(now.orientation, then.orientation)
+        found += _fingers(now.flexion, now.abduction, then.flexion, then.abduction)
     return (*found, *_forces(submission, None if found else user), *_durations(submission))
 
 
