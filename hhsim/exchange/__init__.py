@@ -1,1 +1,1 @@
-"""The hand and the scene in the formats of other software."""
+"""The hand in the formats of other software: URDF, MJCF."""

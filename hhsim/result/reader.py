@@ -38,6 +38,8 @@ Array: TypeAlias = NDArray[Any]
 
 _HINTS = {
     "hhsim-trajectory": " (to replay a trajectory, give an object first: hhsim replay OBJECT FILE)",
+    "hhsim-poses": " (to measure a submission: hhsim score FILE)",
+    "hhsim-scene": " (to measure a submission of this scene: hhsim score SUBMISSION --scene FILE)",
     "hhsim-tree": " (to replay with a sphere tree: hhsim replay OBJECT --tree FILE)",
 }
 """What a file of another format is for."""

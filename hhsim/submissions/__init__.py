@@ -1,1 +1,1 @@
-"""Poses from outside: the scene as files that any software reads, and the score of the poses that come back."""
+"""Poses from outside: scenes as files for any software, and the score of what comes back."""

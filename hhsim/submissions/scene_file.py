@@ -91,7 +91,7 @@ def named_scene(names: Mapping[str, Any]) -> Scene:
             seed=int(names.get("seed", 0)),
         )
     except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"the scene cannot be made by {json.dumps(dict(names))}: {error}") from error
+        raise InputError(f"made_by is {json.dumps(dict(names))} ({error})") from error
 
 
 def scene_content(scene: Scene) -> bytes:

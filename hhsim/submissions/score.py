@@ -92,7 +92,11 @@ def scene_of(submission: Submission, folder: Path | None = None) -> Scene:
             f"{submission.path or submission.method} does not say its scene: expected # scene: and # made_by: as in "
             "the example of hhsim scene, or --scene with the folder"
         )
-    return named_scene(submission.made_by)
+    try:
+        return named_scene(submission.made_by)
+    except InputError as error:
+        who = submission.path or submission.method
+        raise InputError(f"the scene of {who} cannot be made again: {error}; --scene names its folder") from error
 
 
 def score(

@@ -1,5 +1,6 @@
 """Scores: a method has the same errors as a class and as the file of its poses; scenes are found and held."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,6 +11,8 @@ from short_grasp import short_grasp, short_scene
 
 from hhsim.errors import HhsimError, InputError
 from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.model import Side
+from hhsim.hand.quaternion import quaternion, rotation_matrix
 from hhsim.replay.repeat import run_again
 from hhsim.replay.replay import replay
 from hhsim.result.reader import Result, load_result
@@ -156,3 +159,45 @@ def test_the_digest_is_of_mesh_hand_motion_and_rate_and_not_of_the_tree(scene: S
         replace(scene, ticks=replace(scene.ticks, rate=500.0)),
     ]
     assert len({scene_digest(one) for one in (scene, *others)}) == 5
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_the_hand_as_numbers_and_the_readmes_words_are_the_hand(side: Side, tmp_path: Path) -> None:
+    """Forward kinematics from hand.json by what README.md says, with nothing else."""
+    scene = short_scene(short_grasp(), "cylinder", 2, side)
+    write_scene_folder(scene, tmp_path / "s")
+    fingers = json.loads((tmp_path / "s" / "hand.json").read_text())["fingers"]
+    minus = "abduction turns u about minus w" in (tmp_path / "s" / "README.md").read_text()
+    random = np.random.default_rng(2)
+    flexion, abduction = random.uniform(-0.3, 1.5, (5, 3)), random.uniform(-0.3, 0.3, 5)
+    found = []
+    for finger, bends, spread in zip(fingers.values(), flexion, abduction):
+        place, u, w = (np.array(finger[name]) for name in ("base", "distal", "dorsal"))
+        turn = _turned(w, -spread if minus else spread)
+        u, axis = turn @ u, turn @ np.cross(w, u)
+        row = [place]
+        for length, bend in zip(finger["length"], bends):
+            u = _turned(axis, bend) @ u
+            row.append(row[-1] + length * u)
+        found.append(row)
+    wanted = scene.hand.joints(np.zeros(3), [1.0, 0.0, 0.0, 0.0], flexion, abduction)
+    assert np.abs(np.array(found) - wanted).max() < 1e-12
+
+
+def _turned(axis: Array, angle: float) -> Array:
+    return rotation_matrix(quaternion(angle * axis / np.linalg.norm(axis)))
+
+
+def test_a_scene_that_cannot_be_made_again_is_said(scene: Scene, tmp_path: Path) -> None:
+    for wrong in (
+        {"object": "cat"},
+        {"object": "cube", "trajectory": "touch", "level": "fine"},
+        {"object": "gone.stl"},
+    ):
+        of = replace(example_submission(scene), made_by={"trajectory": "touch", **wrong})
+        with pytest.raises(InputError, match=r"cannot be made again: .*; --scene names its folder"):
+            scene_of(of)
+    with pytest.raises(InputError, match="does not say its scene"):
+        scene_of(replace(example_submission(scene), made_by={}))
+    with pytest.raises(InputError, match=r"expected the scene\.h5"):
+        scene_of(example_submission(scene), tmp_path / "nowhere")
