@@ -289,7 +289,8 @@ def _submission(said: Mapping[str, str], arrays: dict[str, Array], path: Path) -
             raise InputError(f"{name} has shape {array.shape}; expected {wanted}, T = {ticks:,} as time has")
         bad = np.flatnonzero(~np.isfinite(array).reshape(ticks, -1).all(axis=1))
         if bad.size:
-            raise InputError(f"{name} of tick {bad[0]:,} is not finite (and {bad.size - 1:,} more ticks)")
+            others = f", and of {bad.size - 1:,} more" if bad.size > 1 else ""
+            raise InputError(f"{name} of tick {bad[0]:,} is not finite{others}")
     length = np.linalg.norm(arrays["orientation"], axis=1)
     bad = np.flatnonzero(np.abs(length - 1.0) > LOOSE_UNIT)
     if bad.size:

@@ -55,10 +55,12 @@ def require_scene(submission: Submission, scene: Scene) -> None:
         InputError: It is of another scene or hand; or ticks are missing, there twice, or of another rate or unit.
     """
     digest = scene_digest(scene)
+    if not submission.scene:
+        raise InputError(f"{_name(submission)} does not say its scene: expected # scene: {digest}")
     if len(submission.scene) < 8 or not digest.startswith(submission.scene.lower()):
         theirs = scene_title(submission.made_by) if submission.made_by else "another scene"
         raise InputError(
-            f"{_name(submission)} is of {theirs} (scene {submission.scene[:12] or 'not said'}), and this is "
+            f"{_name(submission)} is of {theirs} (scene {submission.scene[:12]}), and this is "
             f"{scene_title(scene_names(scene))} (scene {digest[:12]})"
         )
     if submission.hand not in ("", scene.hand.side):
@@ -188,7 +190,8 @@ def _position(shown: Array, user: Array, turn: Array) -> Iterator[str]:
     mended = ((text, float(np.median(np.linalg.norm(changed - user, axis=1)))) for text, changed in candidates)
     why = _named(off, FOLLOWS, mended)
     if why is not None:
-        yield f"the palm is {1e3 * off:.3g} mm off the user's where nothing is near: {why or 'another motion'}?"
+        far = f"{off:,.0f} m" if off >= 10.0 else f"{1e3 * off:,.0f} mm"
+        yield f"the palm is {far} off the user's where nothing is near: {why or 'another motion'}?"
 
 
 def _orientation(shown: Array, user: Array) -> Iterator[str]:

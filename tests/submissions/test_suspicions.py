@@ -221,7 +221,7 @@ SAID: dict[str, tuple[dict[str, Any], str]] = {
         {"scene": "ab" * 32, "made_by": {"object": "teapot", "trajectory": "touch"}},
         "is of teapot touch",
     ),
-    "no scene": ({"scene": ""}, "scene not said"),
+    "no scene": ({"scene": ""}, "does not say its scene: expected # scene: "),
     "a left hand": ({"hand": "left"}, "is of a left hand"),
     "no hand": ({"hand": "both"}, "expected right or left"),
 }
