@@ -82,11 +82,18 @@ def mesh_features(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tup
     start, along = place[low[first]], place[top[first]] - place[low[first]]
     length = np.linalg.norm(along, axis=1)
     along = along / length[:, None]
-    wing, wing_start = _wings(place, corners, normal, ends, edge, len(first))
-    bent = ~_is_flat(wing, wing_start)
+    wing_order = np.argsort(edge, kind="stable")
+    wing_face = wing_order // 3
+    wing, wing_start = _wings(place, normal, ends, edge, wing_order, len(first))
+    flat = _is_flat(wing, wing_start)
+    bent = ~flat
     outward = pseudonormals(place, corners) if closed else np.zeros((0, 7, 3))
     if closed:
-        bent &= _is_convex(wing, wing_start, normal[np.argsort(edge, kind="stable") // 3])
+        bent &= _is_convex(wing, wing_start, normal[wing_face])
+
+    both = np.zeros(len(first), dtype=np.int64)
+    both[flat] = wing_face[wing_start[:-1][flat]] + wing_face[wing_start[:-1][flat] + 1]
+    face_across = np.where(flat[edge], both[edge] - np.arange(len(ends)) // 3, -1)
 
     face_edge = np.full(len(ends), -1, dtype=np.int64)
     face_edge[first[bent]] = edge[first[bent]]
@@ -113,12 +120,15 @@ def mesh_features(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tup
         face=face,
         face_edge=face_edge.reshape(-1, 3),
         face_vertex=face_vertex.reshape(-1, 3),
+        face_across=face_across.reshape(-1, 3),
         edge=np.ascontiguousarray(np.concatenate([start, along, length[:, None]], axis=1)).reshape(-1, EDGE_FIELDS),
         wing_start=wing_start,
         wing=wing,
+        wing_face=wing_face,
         vertex=np.ascontiguousarray(place),
         spoke_start=spoke_start,
         spoke=spoke,
+        spoke_edge=order % len(first),
         pseudonormal=outward,
     )
     return features, LeftOut(without_area, repeated)
@@ -197,13 +207,13 @@ def _least_half_sine(triangle: FloatArray) -> FloatArray:
 
 
 def _wings(
-    place: FloatArray, corners: IntArray, normal: FloatArray, ends: IntArray, edge: IntArray, edges: int
+    place: FloatArray, normal: FloatArray, ends: IntArray, edge: IntArray, order: IntArray, edges: int
 ) -> tuple[FloatArray, IntArray]:
     # Of every side of every face the unit vector in the face, across the side and inward; sorted by edge.
     inward = np.cross(np.repeat(normal, 3, axis=0), place[ends[:, 1]] - place[ends[:, 0]])
     inward /= np.linalg.norm(inward, axis=1)[:, None]
     start = np.concatenate([[0], np.cumsum(np.bincount(edge, minlength=edges))]).astype(np.int64)
-    return np.ascontiguousarray(inward[np.argsort(edge, kind="stable")]), start
+    return np.ascontiguousarray(inward[order]), start
 
 
 def _is_flat(wing: FloatArray, start: IntArray) -> NDArray[np.bool_]:

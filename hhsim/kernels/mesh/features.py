@@ -60,12 +60,15 @@ class MeshFeatures(NamedTuple):
     | face | see `FACE_FIELDS` | (F, 16) |
     | face_edge | edges that belong to the face, -1 for none | (F, 3) |
     | face_vertex | vertices that belong to the face, -1 for none | (F, 3) |
+    | face_across | face that goes on in the same plane beyond each side, -1 for none | (F, 3) |
     | edge | see `EDGE_FIELDS` | (E, 7) |
     | wing_start | first wing of each edge, and the end | (E + 1,) |
     | wing | unit vectors from an edge into its faces, across the edge | (·, 3) |
+    | wing_face | the face of each wing | (·,) |
     | vertex | [m] | (V, 3) |
     | spoke_start | first spoke of each vertex, and the end | (V + 1,) |
     | spoke | unit vectors from a vertex along its edges | (·, 3) |
+    | spoke_edge | the edge of each spoke | (·,) |
     | pseudonormal | outward, by the features of `closest_on_triangle`; no rows where nothing is inside | (F, 7, 3) |
     """
 
@@ -74,12 +77,15 @@ class MeshFeatures(NamedTuple):
     face: Array
     face_edge: Indices
     face_vertex: Indices
+    face_across: Indices
     edge: Array
     wing_start: Indices
     wing: Array
+    wing_face: Indices
     vertex: Array
     spoke_start: Indices
     spoke: Array
+    spoke_edge: Indices
     pseudonormal: Array
 
 

@@ -25,7 +25,7 @@ from hhsim.kernels.contact.surface import (
     record_pairs,
 )
 from hhsim.kernels.hand.kinematics import PALM_BODY, PHALANX_COUNT, HandArrays
-from hhsim.kernels.jit import Record, jit, jit_inline, jit_once, jit_vector
+from hhsim.kernels.jit import Record, as_int64, jit, jit_inline, jit_once, jit_vector
 from hhsim.kernels.mesh.feature_distance import (
     ELSEWHERE,
     ON,
@@ -35,6 +35,7 @@ from hhsim.kernels.mesh.feature_distance import (
     edge_witness,
     face_bounds,
     face_distances,
+    line_witness,
     vertex_bound,
     vertex_distances,
     vertex_witness,
@@ -87,6 +88,8 @@ SHARES = (1.0, 0.3, 0.1, 0.0)
 that reach is tried: a list that is measured at every step must be short, however fine the mesh."""
 LAST_SHARES = (0.25, 0.06, 0.015)
 """Of what is needed, where even that is more than there is room for: the steps are as short then."""
+MOST_ACROSS = 64
+"""Faces of one plane that are gone through, before a place is taken to be on one of them."""
 FLAT = np.inf
 """Radius of curvature of a face [m]."""
 
@@ -529,6 +532,25 @@ def _into_cone(
     return True, side, (nx, ny, nz)
 
 
+@jit
+def _goes_on(mesh: MeshFeatures, first: int, x: float, y: float, z: float) -> bool:
+    # Whether a place is above or below a face, or one of those that go on in its plane.
+    face, f = mesh.face, first
+    for _ in range(MOST_ACROSS):
+        if above(face, f, x, y, z):
+            return True
+        across, most = as_int64(-1), 0.0
+        for k in range(3):
+            i = 4 + 4 * k
+            out = face[f, i + 3] - face[f, i] * x - face[f, i + 1] * y - face[f, i + 2] * z
+            if out > most and mesh.face_across[f, k] >= 0:
+                across, most = mesh.face_across[f, k], out
+        if across < 0:
+            return False
+        f = across
+    return True
+
+
 @jit_once
 def _edge_rows(
     mesh: MeshFeatures,
@@ -584,6 +606,9 @@ def _edge_rows(
             inside, side, normal = _into_cone(mesh.wing, mesh.wing_start[e], mesh.wing_start[e + 1], *normal)
             if not inside:
                 continue
+            # Beyond the far side of a narrow face its plane is in the air, and would hold the body off the mesh.
+            if side >= 0 and not _goes_on(mesh, mesh.wing_face[side], x, y, z):
+                continue
             if row >= contacts.key.shape[0]:
                 return -1
             away = size if side < 0 else dx * normal[0] + dy * normal[1] + dz * normal[2]
@@ -606,6 +631,19 @@ def _across(wx: float, wy: float, wz: float) -> tuple[float, float, float]:
         return (0.0, wz * scale, -wy * scale)
     scale = 1.0 / math.sqrt(wx * wx + wz * wz)
     return (-wz * scale, 0.0, wx * scale)
+
+
+@jit
+def _is_of_edge(mesh: MeshFeatures, e: int, cone: RoundCone, x: float, y: float, z: float) -> bool:
+    # Whether a place of an axis is beside an edge, and the edge is not nearest within both itself and the axis: there
+    # it has a row of its own, and no other place of the axis touches it.
+    edge = mesh.edge
+    wx, wy, wz, extent = edge[e, 3], edge[e, 4], edge[e, 5], edge[e, 6]
+    bx, by, bz = edge[e, 0], edge[e, 1], edge[e, 2]
+    if not -ON <= (x - bx) * wx + (y - by) * wy + (z - bz) * wz <= extent + ON:
+        return False
+    _, s, foot = line_witness(cone, cone.x - bx, cone.y - by, cone.z - bz, wx, wy, wz)
+    return not (0.0 < s < cone.length and 0.0 < foot < extent)
 
 
 @jit_once
@@ -642,6 +680,8 @@ def _vertex_rows(
             normal = _across(cone.ux, cone.uy, 1.0 if cone.length == 0.0 else cone.uz)
         inside, side, normal = _into_cone(mesh.spoke, mesh.spoke_start[v], mesh.spoke_start[v + 1], *normal)
         if not inside:
+            continue
+        if side >= 0 and not _is_of_edge(mesh, mesh.spoke_edge[side], cone, x, y, z):
             continue
         if row >= contacts.key.shape[0]:
             return -1

@@ -64,14 +64,19 @@ def new_state() -> Any:
     return tick_state(np.ones(DOF), surface=SURFACES["mesh"])[0]
 
 
-def under_the_finger(place: Array, faces: Any, *, closed: bool = False) -> MeshFeatures:
-    """A mesh given about the middle phalanx of the index: x along its axis, from the joint on, z towards it."""
+def finger_frame() -> tuple[Array, Array]:
+    """Origin and axes of the middle phalanx of the index: x along it, from the joint on, z up."""
     joints = HAND.joints(np.zeros(3), [1.0, 0.0, 0.0, 0.0], np.zeros((5, 3)), np.zeros(5))[1]
     along = (joints[2] - joints[1]) / LENGTH
     up = np.array([0.0, 0.0, 1.0]) - along[2] * along
     up /= np.linalg.norm(up)
-    frame = np.stack([along, np.cross(up, along), up])
-    return mesh_features(joints[1] + place @ frame, np.asarray(faces, np.int64), closed=closed)[0]
+    return joints[1], np.stack([along, np.cross(up, along), up])
+
+
+def under_the_finger(place: Array, faces: Any, *, closed: bool = False) -> MeshFeatures:
+    """A mesh given in the frame of the middle phalanx of the index."""
+    origin, frame = finger_frame()
+    return mesh_features(origin + place @ frame, np.asarray(faces, np.int64), closed=closed)[0]
 
 
 def finger_rows(mesh: MeshFeatures) -> dict[str, Array]:
@@ -183,6 +188,41 @@ def test_a_vertex_of_a_hundred_triangles_is_one_row() -> None:
     assert 3 * (features * INDEX_MIDDLE + len(crater.face) + len(crater.edge) + deepest) not in rows["key"]
     # Alone in the air the same corner is touched.
     assert len(finger_rows(under_the_finger(np.array([bottom, rim[0] - 0.01, rim[1] - 0.01]), [[0, 1, 2]]))["key"]) > 0
+
+
+def roof_along(*profile: tuple[float, float]) -> MeshFeatures:
+    """Faces along the whole finger, under it: across it they go from place to place (to its side, below it) [m]."""
+    place = np.array([[x, y, beside(x) - z] for y, z in profile for x in (-0.3, 0.5)])
+    first = 2 * np.arange(len(profile) - 1)
+    faces = [np.stack([first, first + 1, first + 3], axis=1), np.stack([first, first + 3, first + 2], axis=1)]
+    return under_the_finger(place, np.concatenate(faces))
+
+
+def test_the_plane_of_a_narrow_face_ends_where_the_face_does() -> None:
+    # Flat between two edges, of which one is just beside the finger, and the other a little farther.
+    near, far = 5e-5, 1.5e-4
+    sides, sideways = ((-0.01, 0.01), (0.01, 0.01)), finger_frame()[1][1]
+    for width in (far - near, 10.0 * far):
+        rows = finger_rows(roof_along(sides[0], (near, 0.0), (near + width, 0.0), sides[1]))
+        assert np.abs(rows["normal"] @ sideways).min() > 0.5 * near / RADIUS
+    # Where the finger is over the face itself, cut in strips or not, its plane holds it, also by way of the far edge.
+    for cuts in ((), (near,), (near, -near)):
+        rows = finger_rows(roof_along(sides[1], (far, 0.0), *((cut, 0.0) for cut in cuts), (-0.005, 0.0), sides[0]))
+        np.testing.assert_allclose(rows["normal"] @ sideways, 0.0, atol=1e-9)
+        np.testing.assert_allclose(rows["distance"], GAP, atol=1e-9)
+        assert len(rows["key"]) >= 4
+
+
+def test_a_corner_beside_a_finger_that_crosses_a_ridge_adds_no_row() -> None:
+    x, beyond = 0.5 * LENGTH, 1e-4
+    # Askew, so that the place of the finger's axis that is nearest to the corner is another one than to the ridge.
+    ridge = [[x + y, y, beside(x + y)] for y in (-0.03, beyond, 0.03)]
+    wings = [[x + side * 0.02, 0.0, beside(x) - 0.04] for side in (-1.0, 1.0)]
+    rows = finger_rows(
+        under_the_finger(np.array(ridge + wings), [[0, 1, 3], [1, 2, 3], [1, 0, 4], [2, 1, 4]]),
+    )
+    assert len(rows["key"]) == 1
+    assert rows["slides"] == 1
 
 
 def test_a_face_of_slivers_holds_a_finger_as_one_face_does() -> None:
@@ -547,7 +587,16 @@ def all_rows(mesh: MeshFeatures, at: Motion, margin: float) -> Rows:
     bent = np.isin(np.arange(edges), mesh.face_edge)
     touchable = np.isin(np.arange(len(mesh.vertex)), mesh.face_vertex)
 
-    def add(part: int, number: int, x: Array, off: Array, radius: float, directions: Array, known: bool) -> None:
+    def add(
+        part: int,
+        number: int,
+        x: Array,
+        off: Array,
+        radius: float,
+        directions: Array,
+        known: bool,
+        goes_on: Callable[[int], bool],
+    ) -> None:
         size = float(np.linalg.norm(off))
         if size - radius > margin:
             return
@@ -556,6 +605,7 @@ def all_rows(mesh: MeshFeatures, at: Motion, margin: float) -> Rows:
         lean = directions @ normal
         beyond = np.flatnonzero(lean > 0.0)
         if len(beyond) == 1 and lean[beyond[0]] <= NEAR_CONE:
+            known = known and (lean[beyond[0]] <= ALONG or goes_on(int(beyond[0])))
             normal = normal - lean[beyond[0]] * directions[beyond[0]]
             normal /= np.linalg.norm(normal)
         point = x - radius * normal
@@ -570,6 +620,23 @@ def all_rows(mesh: MeshFeatures, at: Motion, margin: float) -> Rows:
         matrix.append(rates)
         kept.append(known and bool((directions @ normal <= ALONG).all()))
 
+    def over(face: int, x: Array) -> bool:
+        n, triangle = mesh.face[face, :3], mesh.corner[face].reshape(3, 3)
+        return bool(min(np.cross(n, triangle[(k + 1) % 3] - triangle[k]) @ (x - triangle[k]) for k in range(3)) > 0.0)
+
+    def over_plane(wing: int, x: Array) -> bool:
+        # A face and all others in its plane: here they are of one piece, wherever they are.
+        plane = mesh.face[mesh.wing_face[wing], :4]
+        off = np.minimum(np.abs(mesh.face[:, :4] - plane), np.abs(mesh.face[:, :4] + plane)).max(axis=1)
+        return any(over(f, x) for f in np.flatnonzero(off < 1e-9))
+
+    def beside_edge(spoke: int, cone: RoundCone, x: Array) -> bool:
+        start, along, extent = np.split(mesh.edge[mesh.spoke_edge[spoke]], [3, 6])
+        a = np.array([cone.x, cone.y, cone.z])
+        _, s, foot = line_witness(cone, *(a - start).tolist(), *along.tolist())
+        own = 0.0 < s < cone.length and 0.0 < foot < extent[0]
+        return bool(0.0 < (x - start) @ along < extent[0]) and not own
+
     for part in range(len(cones.a)):
         cone = cones.kernel(part)
         if cone_distance(mesh, cone, 0.1, STACK) > margin:
@@ -582,13 +649,12 @@ def all_rows(mesh: MeshFeatures, at: Motion, margin: float) -> Rows:
             return np.array([cone.x, cone.y, cone.z]) + s * axis
 
         for f in range(faces):
-            n, triangle = mesh.face[f, :3], mesh.corner[f].reshape(3, 3)
+            n, corner = mesh.face[f, :3], mesh.corner[f, :3]
             for which, s in enumerate(ends):
                 x = at_s(s)
-                inside = [np.cross(n, triangle[(k + 1) % 3] - triangle[k]) @ (x - triangle[k]) for k in range(3)]
-                if min(inside) > 0.0:
-                    off = ((x - triangle[0]) @ n) * n
-                    add(part, 3 * f + which, x, off, cone.radius - slope * s, np.zeros((0, 3)), True)
+                if over(f, x):
+                    off = ((x - corner) @ n) * n
+                    add(part, 3 * f + which, x, off, cone.radius - slope * s, np.zeros((0, 3)), True, bool)
         for e in range(edges):
             start, along, extent = mesh.edge[e, :3], mesh.edge[e, 3:6], mesh.edge[e, 6]
             wings = mesh.wing[mesh.wing_start[e] : mesh.wing_start[e + 1]]
@@ -596,13 +662,16 @@ def all_rows(mesh: MeshFeatures, at: Motion, margin: float) -> Rows:
             for which, s in enumerate([least, *(ends if len(ends) == 2 else [])]):
                 foot = (at_s(s) - start) @ along
                 if 0.0 < foot < extent and (which == 0 or s != least):
-                    off = at_s(s) - start - foot * along
-                    add(part, 3 * (faces + e) + which, at_s(s), off, cone.radius - slope * s, wings, bool(bent[e]))
+                    off, x, radius = at_s(s) - start - foot * along, at_s(s), cone.radius - slope * s
+                    goes_on = partial(lambda w, first, x: over_plane(first + w, x), first=mesh.wing_start[e], x=x)
+                    add(part, 3 * (faces + e) + which, x, off, radius, wings, bool(bent[e]), goes_on)
         for v in range(len(mesh.vertex)):
             spokes = mesh.spoke[mesh.spoke_start[v] : mesh.spoke_start[v + 1]]
             _, s = vertex_distance(mesh.vertex, v, cone)
-            off = at_s(s) - mesh.vertex[v]
-            add(part, 3 * (faces + edges + v), at_s(s), off, cone.radius - slope * s, spokes, bool(touchable[v]))
+            off, x, radius = at_s(s) - mesh.vertex[v], at_s(s), cone.radius - slope * s
+            known, first = bool(touchable[v]), mesh.spoke_start[v]
+            goes_on = partial(lambda w, first, cone, x: beside_edge(first + w, cone, x), first=first, cone=cone, x=x)
+            add(part, 3 * (faces + edges + v), x, off, radius, spokes, known, goes_on)
     return Rows(key, np.array(distance), np.array(matrix).reshape(-1, DOF), np.array(kept, dtype=bool))
 
 
