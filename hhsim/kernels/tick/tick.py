@@ -316,10 +316,11 @@ def _shortening(hand: HandArrays, options: TickOptions, state: Record) -> tuple[
 
 
 @jit_once
-def clip_target(hand: HandArrays, options: TickOptions, state: Record) -> bool:
+def clip_target(hand: HandArrays, options: TickOptions, last_chance: bool, state: Record) -> bool:
     """Bring a far target nearer where the step would be shortened to less than half.
 
-    True where the program is to be solved anew.
+    With `last_chance`, to where the hand is: the step then only mends, see `_is_last_chance`. True where the program is
+    to be solved anew.
 
     Shortening a step also shortens what it does to mend a penetration or to keep a clearance; a program with a nearer
     target mends all of it. A tick that ends like this lags; `finish_tick` computes its forces from what touches.
@@ -327,7 +328,9 @@ def clip_target(hand: HandArrays, options: TickOptions, state: Record) -> bool:
     if state.clipped:
         return False
     fraction, longest = _shortening(hand, options, state)
-    if fraction >= 0.5:
+    if last_chance:
+        fraction = 0.0
+    elif fraction >= 0.5:
         return False
     state.clipped = True
     state.unclipped_motion = longest
@@ -430,6 +433,15 @@ def _settle_forces(hand: HandArrays, surface: Any, options: TickOptions, state: 
         keep_active(state.contacts, state.step, state.active)
 
 
+@jit
+def _is_last_chance(options: TickOptions, state: Record, done: int) -> bool:
+    # Where an axis lies along an edge its nearest place runs along it as it turns, and each step that goes on towards
+    # the user brings as much penetration as it mends. A tick that has taken steps back for that, and stands inside
+    # before its last linearisation, has come somewhere by the step that leaves the object and does no more.
+    shorter = state.trust < options.margin
+    return shorter and state.bad_steps > 0 and not state.accepted and done == options.linearisations - 1
+
+
 MOST_IDLE = 10
 """Ticks in a row that may come nowhere for want of time before they are stuck."""
 
@@ -504,9 +516,10 @@ def converge(method: Any, hand: HandArrays, surface: Any, state: Record, qp: QpW
             status |= STATUS_CAPACITY_EXCEEDED
             break
         solved = OPTIMAL
+        last_chance = _is_last_chance(options, state, i)
         while contacts > 0:
             solved = solve_program(method, state, qp)
-            if solved != OPTIMAL or not clip_target(hand, options, state):
+            if solved != OPTIMAL or not clip_target(hand, options, last_chance, state):
                 break
         if solved != OPTIMAL:
             if recover(hand, surface, options, state):
