@@ -6,7 +6,7 @@ from hhsim.metrics.contact_error import ticks_looked_at
 from hhsim.replay.stored_scene import stored_mesh
 from hhsim.verify.claim import NOT_JUDGED, Claim, judged
 from hhsim.verify.tick_data import LENGTH, WHY_LENGTH, JudgedTicks
-from hhsim.verify.tree_checks import TrueSurface
+from hhsim.verify.tree_checks import TrueSurface, nearest_on
 
 FIGURE = "contact_error_max"
 NAME = "contacts off the mesh"
@@ -24,7 +24,7 @@ def contact_error_claim(judge: JudgedTicks) -> Claim:
     touching = judge.touching.at(np.flatnonzero(stated_of[judge.touching.tick]))
     # A hand at rest touches at the same points over and over.
     points, place = np.unique(np.round(touching.point, 12), axis=0, return_inverse=True)
-    away = np.abs(surface.signed_distance(points))[place.ravel()]
+    away = nearest_on(surface.model, points)[0][place.ravel()]
     stated = float(result.summary[FIGURE])
     over = np.maximum(0.0, away - stated) if np.isfinite(stated) else away
     return judged(NAME, SAYS, over, LENGTH, "m", WHY_LENGTH, ticks=judge.chosen[touching.tick])

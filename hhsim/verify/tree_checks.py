@@ -29,6 +29,8 @@ LEAST_EACH = 40
 NEIGHBOURS = 24
 NEEDLE = 1e-7
 """A triangle that is no higher than this [m] is a line."""
+INSIDE = 0.5
+"""Winding number of closed triangles from here on: 1 inside, 0 outside, but for rounding."""
 WORST = 200
 CHILDREN = 40
 ROUNDS = 5
@@ -133,7 +135,8 @@ class TrueSurface:
     Args:
         mesh: [m].
         open_too: Take a mesh that is not watertight as well: nothing is inside of it, no distance is negative, and its
-            triangles that are no higher than `NEEDLE` are left out, which coal has no distances of.
+            triangles that are no higher than `NEEDLE` are left out, which coal has no distances of. Of one that is, and
+            cuts through itself, inside is what it also goes around.
 
     Raises:
         InputError: coal is not installed.
@@ -146,6 +149,7 @@ class TrueSurface:
         except ImportError as error:
             raise InputError("the referee measures with coal, which is not installed: pip install coal") from error
         self._coal: Any = coal
+        self._as_found = open_too
         if open_too:
             mesh = _without_needles(mesh)
         self.triangles = mesh.triangles
@@ -184,6 +188,15 @@ class TrueSurface:
         outward = ((points - nearest) * self._pseudonormal(nearest, face)).sum(axis=1) >= 0.0
         # Of a mesh that cuts through itself the nearest face may look the other way.
         outward |= ((points < self._low) | (points > self._high)).any(axis=1)
+        if self._as_found:
+            left = np.flatnonzero(~outward)
+            while len(left):
+                # Within its distance of a point all are on one side of every face.
+                first = left[distance[left].argmax()]
+                same = np.linalg.norm(points[left] - points[first], axis=1) < distance[first]
+                same[left == first] = True
+                outward[left[same]] = winding_number(self.triangles, points[first]) < INSIDE
+                left = left[~same]
         return np.where(outward, distance, -distance)
 
     def _pseudonormal(self, nearest: FloatArray, face: IntArray) -> FloatArray:
@@ -243,6 +256,21 @@ def nearest_on(model: Any, points: FloatArray) -> tuple[FloatArray, FloatArray, 
         distance[i] = coal.distance(model, still, point, place, request, answer)
         nearest[i], face[i] = answer.getNearestPoint1(), answer.b1
     return distance, nearest, face
+
+
+def winding_number(corners: FloatArray, point: FloatArray) -> float:
+    """How often triangles go around a point: the sum of their solid angles over 4π (Van Oosterom & Strackee, 1983).
+
+    Args:
+        corners: [m], shape (F, 3, 3).
+        point: [m], shape (3,).
+    """
+    a, b, c = (corners - point).transpose(1, 0, 2)
+    x, y, z = (np.linalg.norm(side, axis=1) for side in (a, b, c))
+    volume = np.einsum("fi,fi->f", a, np.cross(b, c))
+    rest = x * y * z
+    rest += np.einsum("fi,fi->f", a, b) * z + np.einsum("fi,fi->f", b, c) * x + np.einsum("fi,fi->f", c, a) * y
+    return float(np.arctan2(volume, rest).sum() / (2.0 * np.pi))
 
 
 def coal_model(mesh: Mesh) -> Any:

@@ -51,6 +51,16 @@ def test_what_is_beyond_the_box_of_a_mesh_that_cuts_through_itself_is_outside() 
     np.testing.assert_allclose(distance, [0.03, 0.001], atol=1e-12)
 
 
+def test_of_a_mesh_as_found_inside_is_what_it_goes_around() -> None:
+    # As above, and a box far away, so that the box around them all reaches there.
+    smaller = trimesh.creation.box((0.02, 0.02, 0.02))
+    places = [MESH.vertices, np.asarray(smaller.vertices) + [0.05, 0.0, 0.0], np.asarray(smaller.vertices) + 1.0]
+    faces = np.concatenate([MESH.faces, np.asarray(smaller.faces)[:, ::-1] + 8, np.asarray(smaller.faces) + 16])
+    surface = TrueSurface(Mesh(np.concatenate(places), faces), open_too=True)
+    distance = surface.signed_distance(np.array([[0.09, 0.0, 0.0], [-0.02, 0.0, 0.0], [1.0, 1.0, 1.0]]))
+    np.testing.assert_allclose(distance, [0.03, -0.02, -0.01], atol=1e-12)
+
+
 @pytest.mark.parametrize("name", ["bunny", "cup"])
 def test_signed_distance_by_brute_force_and_rays(name: str) -> None:
     mesh = load_object(name).mesh

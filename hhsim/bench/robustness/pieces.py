@@ -19,11 +19,9 @@ from hhsim.metrics.brute_force_distance import palm_spheres, round_cone_distance
 from hhsim.trees.contact_surface import encloses
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.verify.mesh_contacts import ReadyTriangles, away_from_triangles, nearest_share, ready_triangles
+from hhsim.verify.tree_checks import INSIDE, winding_number
 
 Array = NDArray[np.float64]
-
-INSIDE = 0.5
-"""Winding number of closed triangles from here on: 1 inside, 0 outside, but for rounding."""
 
 
 class Body(NamedTuple):
@@ -221,18 +219,3 @@ class Triangles:
             inside[left[same]] = winding_number(self._corners, places[first]) >= INSIDE
             left = left[~same]
         return inside
-
-
-def winding_number(corners: Array, point: Array) -> float:
-    """How often triangles go around a point: the sum of their solid angles over 4π (Van Oosterom & Strackee, 1983).
-
-    Args:
-        corners: [m], shape (F, 3, 3).
-        point: [m], shape (3,).
-    """
-    a, b, c = (corners - point).transpose(1, 0, 2)
-    x, y, z = (np.linalg.norm(side, axis=1) for side in (a, b, c))
-    volume = np.einsum("fi,fi->f", a, np.cross(b, c))
-    rest = x * y * z
-    rest += np.einsum("fi,fi->f", a, b) * z + np.einsum("fi,fi->f", b, c) * x + np.einsum("fi,fi->f", c, a) * y
-    return float(np.arctan2(volume, rest).sum() / (2.0 * np.pi))

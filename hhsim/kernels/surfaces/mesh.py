@@ -46,11 +46,11 @@ from hhsim.kernels.mesh.features import (
     EDGE_FIELDS,
     FACE_FIELDS,
     NOWHERE,
-    FaceSpheres,
     MeshFeatures,
     block_distance,
     gather_faces,
 )
+from hhsim.kernels.mesh.ray_winding import is_surrounded
 from hhsim.kernels.round_cone_distance import RoundCone, sphere_cone
 from hhsim.kernels.sphere_tree import STACK_SIZE
 from hhsim.kernels.triangle import Triangle, closest_on_triangle
@@ -848,21 +848,6 @@ def _cone_contacts(
     return row, clearance
 
 
-@jit
-def _is_beyond(spheres: FaceSpheres, x: float, y: float, z: float) -> bool:
-    # Whether a point lies beyond the box around the outermost spheres: it is outside, also of a mesh that cuts through
-    # itself, whose nearest triangle may look the other way.
-    root = spheres.block[0]
-    for m in range(3):
-        low, high, at = np.inf, -np.inf, (x, y, z)[m]
-        for i in range(BRANCHING):
-            if root[m, i] < NOWHERE:
-                low, high = min(low, root[m, i] - root[3, i]), max(high, root[m, i] + root[3, i])
-        if at < low or at > high:
-            return True
-    return False
-
-
 @cone_distance.of(MeshFeatures)
 @jit
 def _cone_distance(mesh: MeshFeatures, cone: RoundCone, limit: float, stack: Indices) -> float:
@@ -898,7 +883,9 @@ def _cone_distance(mesh: MeshFeatures, cone: RoundCone, limit: float, stack: Ind
         triangle = Triangle(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8])
         px, py, pz, square, feature = closest_on_triangle(x, y, z, triangle)
         n = mesh.pseudonormal[found, feature]
-        if n[0] * (x - px) + n[1] * (y - py) + n[2] * (z - pz) < 0.0 and not _is_beyond(spheres, x, y, z):
+        behind = n[0] * (x - px) + n[1] * (y - py) + n[2] * (z - pz) < 0.0
+        # Of a mesh that cuts through itself the nearest triangle may look the other way.
+        if behind and is_surrounded(spheres, mesh.corner, x, y, z, stack):
             best -= 2.0 * math.sqrt(square)
     return min(best, limit)
 

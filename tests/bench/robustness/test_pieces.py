@@ -15,7 +15,6 @@ from hhsim.bench.robustness.pieces import (
     hand_bodies,
     hand_distance,
     pieces_of,
-    winding_number,
 )
 from hhsim.bench.robustness.random_targets import RandomTargets
 from hhsim.bench.robustness.triangle_objects import ball_mesh, box_mesh, ring_mesh, sheet_mesh
@@ -27,6 +26,7 @@ from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.brute_force_distance import brute_clearance
 from hhsim.metrics.metrics import hand_clearance
 from hhsim.trees.contact_surface import contact_surface
+from hhsim.verify.tree_checks import winding_number
 
 Array = NDArray[np.float64]
 HAND = HandModel.default()

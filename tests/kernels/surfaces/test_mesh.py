@@ -433,13 +433,16 @@ def test_rounding_at_the_border_of_a_normal_cone_does_not_choose_the_curvature(
     np.testing.assert_allclose(normal, frame[2], atol=1e-12)
 
 
-def test_what_is_beyond_the_box_of_a_mesh_that_cuts_through_itself_is_outside() -> None:
-    # The nearest face is one of the smaller box, which is wound the other way and sticks out of the larger one.
+def test_what_a_mesh_that_cuts_through_itself_does_not_go_around_is_outside() -> None:
+    # The nearest face is one of the smaller box, which is wound the other way and sticks out of the larger one. The
+    # third box is far away, and the box around them all reaches there.
     larger, smaller = trimesh.creation.box((0.1, 0.06, 0.02)), trimesh.creation.box((0.02, 0.02, 0.02))
-    vertices = np.concatenate([larger.vertices, smaller.vertices + [0.05, 0.0, 0.0]])
-    faces = np.concatenate([larger.faces, smaller.faces[:, ::-1] + len(larger.vertices)]).astype(np.int64)
+    vertices = np.concatenate(
+        [larger.vertices, smaller.vertices + [0.05, 0.0, 0.0], smaller.vertices + [1.0, 1.0, 1.0]]
+    )
+    faces = np.concatenate([larger.faces, smaller.faces[:, ::-1] + 8, smaller.faces + 16]).astype(np.int64)
     mesh, _ = mesh_features(np.asarray(vertices, np.float64), faces, closed=True)
-    for x, expected in ((0.4, 0.335), (0.11, 0.045)):
+    for x, expected in ((0.4, 0.335), (0.11, 0.045), (-0.02, -0.015)):
         assert cone_distance(mesh, sphere_cone(x, 0.0, 0.0, 0.005), 1.0, STACK) == pytest.approx(expected, abs=1e-15)
 
 
