@@ -37,15 +37,13 @@ def test_rays_count_as_solid_angles_do_also_where_parts_overlap_or_are_inside_ou
 
 def test_two_rays_outvote_one_that_meets_a_corner() -> None:
     # The first ray from the middle goes through a corner, which all or none of its four faces have.
-    box = trimesh.creation.box((0.1, 0.1, 0.1))
-    corner = np.array(DIRECTIONS[0]) * 0.05 / max(DIRECTIONS[0])
-    vertices = np.concatenate([box.vertices, [corner]])
-    top = [face for face in box.faces if (box.vertices[face][:, 2] > 0.0).all()]
-    rest = [face for face in box.faces if not (box.vertices[face][:, 2] > 0.0).all()]
-    ring = trimesh.Trimesh(box.vertices, top, process=False)
-    border = ring.edges[trimesh.grouping.group_rows(ring.edges_sorted, require_count=1)]
-    faces = np.array([*rest, *([a, b, 8] for a, b in border)], np.int64)
-    mesh, _ = mesh_features(np.asarray(vertices), faces, closed=True)
+    square = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    middles = [[0.0, 0.0, -1.0], (np.array(DIRECTIONS[0]) / max(DIRECTIONS[0])).tolist()]
+    vertices = [[x, y, z] for z in (-1.0, 1.0) for x, y in square] + middles
+    faces = []
+    for i, j in ((0, 1), (1, 2), (2, 3), (3, 0)):
+        faces += [[i, j, j + 4], [i, j + 4, i + 4], [j, i, 8], [i + 4, j + 4, 9]]
+    mesh, _ = mesh_features(0.05 * np.array(vertices), np.array(faces), closed=True)
     points, found = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.06], [0.06, 0.0, 0.0]]), np.empty(3, dtype=bool)
     surrounded(mesh, points, found)
     np.testing.assert_array_equal(found, [True, False, False])

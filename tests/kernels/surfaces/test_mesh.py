@@ -642,7 +642,7 @@ def all_rows(mesh: MeshFeatures, at: Motion, margin: float) -> Rows:
         # A face and all others in its plane: here they are of one piece, wherever they are.
         plane = mesh.face[mesh.wing_face[wing], :4]
         off = np.minimum(np.abs(mesh.face[:, :4] - plane), np.abs(mesh.face[:, :4] + plane)).max(axis=1)
-        return any(over(f, x) for f in np.flatnonzero(off < 1e-9))
+        return any(over(f, x) for f in np.flatnonzero(off < 1e-9).tolist())
 
     def beside_edge(spoke: int, cone: RoundCone, x: Array) -> bool:
         start, along, extent = np.split(mesh.edge[mesh.spoke_edge[spoke]], [3, 6])
