@@ -72,7 +72,8 @@ NEAR_CONE = 0.03
 is the cone's nearest.
 
 Two edges of a face that a phalanx lies on take turns in being the nearest. With the witness's own normal a row would
-hold back what slides towards it.
+hold back what slides towards it. The row is then one of the face or edge that the witness leans to, and there is none
+where that does not reach so far, or where an edge is touched at another place of the axis.
 """
 LOOK_OUT = 3.0
 """A part that is near nothing looks so many times as far as its reach, for a slack that lasts."""
@@ -635,8 +636,8 @@ def _across(wx: float, wy: float, wz: float) -> tuple[float, float, float]:
 
 @jit
 def _is_of_edge(mesh: MeshFeatures, e: int, cone: RoundCone, x: float, y: float, z: float) -> bool:
-    # Whether a place of an axis is beside an edge, and the edge is not nearest within both itself and the axis: there
-    # it has a row of its own, and no other place of the axis touches it.
+    # Whether a place of an axis is beside an edge, and no other place is nearest to it that lies between the ends of
+    # both: the axis would touch there alone, and the edge has a row of its own for it.
     edge = mesh.edge
     wx, wy, wz, extent = edge[e, 3], edge[e, 4], edge[e, 5], edge[e, 6]
     bx, by, bz = edge[e, 0], edge[e, 1], edge[e, 2]
