@@ -1,9 +1,7 @@
 """`hhsim replay`."""
 
-import math
 import sys
 from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -26,6 +24,7 @@ if TYPE_CHECKING:
     from hhsim.motion.trajectory import Trajectory
     from hhsim.replay.summary import ReplaySummary
     from hhsim.scene.demonstration import Demonstration
+    from hhsim.scene.described_scene import SceneWords
     from hhsim.scene.script import Script
     from hhsim.solver.options import SolverOptions, Stiffness
     from hhsim.view.sink import RerunTarget
@@ -119,6 +118,7 @@ class HandAndMotion(options.Sampling, heading="Hand and motion"):
         metavar="MM,DEG",
         help="Add seeded tremor of 10 Hz: amplitude of the palm's position [mm] and rotation [°], such as 0.1,0.2.",
     )
+    ticks: int | None = option(type=COUNT, metavar="N", help="Run the first N ticks alone. Default: the whole motion.")
 
     def motion(self, trajectory: str) -> "Script | Demonstration | Trajectory":
         """What TRAJECTORY names, with its tremor.
@@ -142,9 +142,7 @@ class HandAndMotion(options.Sampling, heading="Hand and motion"):
             raise click.UsageError(
                 f"--tremor is for scripts; '{trajectory}' is a recording, with what tremor the hand had"
             )
-        position, rotation = self.tremor
-        shaken = replace(motion.disturbance, tremor_position=1e-3 * position, tremor_rotation=math.radians(rotation))
-        return replace(motion, disturbance=shaken)
+        return motion.shaken(self.tremor)
 
     def hand(self, motion: "Script | Demonstration | Trajectory") -> "HandModel":
         """The hand that makes a motion."""
@@ -153,6 +151,27 @@ class HandAndMotion(options.Sampling, heading="Hand and motion"):
 
         side = self.side or side_of(motion)
         return HandModel.default(side) if self.hand_file is None else HandModel.from_toml(self.hand_file, side)
+
+    def words(self, object_: str, trajectory: str, mesh_file: MeshFile, tree: TreeOrFile, seed: int) -> "SceneWords":
+        """What was asked for, for the result to say."""
+        from hhsim.scene.described_scene import SceneWords
+
+        return SceneWords(
+            object=object_,
+            trajectory=trajectory,
+            unit=mesh_file.unit,
+            size_mm=mesh_file.size,
+            thickness_mm=mesh_file.thickness,
+            max_error=tree.max_error,
+            tree=str(tree.path) if tree.path else None,
+            hand_file=str(self.hand_file) if self.hand_file else None,
+            tremor_mm_deg=self.tremor,
+            samples=self.samples,
+            place_object=self.place_object,
+            rate=self.rate,
+            ticks=self.ticks,
+            seed=seed,
+        )
 
 
 class ReplayOutput(options.Output):
@@ -220,7 +239,7 @@ def command(
         return run_again(click.get_current_context(), Path(object_), as_json=output.as_json, quiet=output.quiet)
     from hhsim.replay.replay import replay as run
     from hhsim.result.reader import check_result_path
-    from hhsim.scene.placed_scene import placed_scene
+    from hhsim.scene.described_scene import described_scene
 
     solver_options = solver.options()
     motion = moving.motion(trajectory)
@@ -245,43 +264,14 @@ def command(
             chosen = tree.choose(mesh, usual_level, report, solid=solid)
         else:
             chosen = tree.load(mesh, mesh_file.unit_length(object_))
-        placed = placed_scene(
-            mesh,
-            chosen.tree,
-            hand,
-            motion,
-            asked=moving.place_object,
-            fingers=solver_options.fingers,
-            rate=moving.rate,
-            mode=moving.samples,
-            seed=seed,
-        )
+        words = moving.words(object_, trajectory, mesh_file, tree, seed)
+        placed = described_scene(words, mesh, chosen.tree, chosen.level, hand, motion, solver_options.fingers)
         remarks += filter(None, [placed.note])
-        description = {
-            "object": object_,
-            "object_mesh": mesh.sha256,
-            "unit": mesh_file.unit,
-            "size_mm": mesh_file.size,
-            "thickness_mm": mesh_file.thickness,
-            "object_repairs": list(mesh.repairs),
-            "level": chosen.level,
-            "max_error": tree.max_error,
-            "tree": str(tree.path) if tree.path else None,
-            "tree_options": dict(chosen.tree.options),
-            "trajectory": trajectory,
-            "samples": moving.samples,
-            "place_object": placed.place,
-            "placement": placed.to_json(),
-            "hand_file": str(moving.hand_file) if moving.hand_file else None,
-            "tremor_mm_deg": moving.tremor,
-            "seed": seed,
-        }
         runs = [
             run(
                 placed.scene,
                 solver_options,
                 output_path,
-                description=description,
                 command=("hhsim", *sys.argv[1:]),
                 before_ticks=viewer.settle if viewer is not None else None,
                 progress=report,

@@ -107,6 +107,23 @@ class TickInput:
         """Number of ticks N."""
         return int(self.time.shape[0])
 
+    def first(self, count: int) -> "TickInput":
+        """The first ticks, all of them where there are no more; a phase that goes on ends with the last one."""
+        return TickInput(
+            time=self.time[:count],
+            input_seq=self.input_seq[:count],
+            position=self.position[:count],
+            orientation=self.orientation[:count],
+            flexion=self.flexion[:count],
+            abduction=self.abduction[:count],
+            phases=tuple(
+                phase._replace(last_tick=min(phase.last_tick, count - 1))
+                for phase in self.phases
+                if phase.first_tick < count
+            ),
+            rate=self.rate,
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:

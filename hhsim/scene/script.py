@@ -62,8 +62,8 @@ Each phase moves by minimum jerk: 10τ³ − 15τ⁴ + 6τ⁵ (Flash & Hogan, J.
 """
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -157,6 +157,12 @@ class Script:
     def sample_count(self) -> int:
         """Samples of the motion: k / rate for every k below duration · rate."""
         return max(1, round(self.duration * self.rate))
+
+    def shaken(self, tremor_mm_deg: Sequence[float]) -> "Script":
+        """The same with tremor, of so much: the palm's position [mm] and rotation [°], as `hhsim replay` takes it."""
+        position, rotation = tremor_mm_deg
+        shaken = replace(self.disturbance, tremor_position=1e-3 * position, tremor_rotation=math.radians(rotation))
+        return replace(self, disturbance=shaken)
 
     @property
     def slide_distance(self) -> float:

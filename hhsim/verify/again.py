@@ -94,6 +94,8 @@ def _motion(result: Result) -> Claim:
         return Claim(name, says, NOT_JUDGED, note="it came from a glove")
     try:
         ticks = _made_again(result)
+        if result.scene.get("ticks") is not None:
+            ticks = ticks.first(int(result.scene["ticks"]))
     except HhsimError as error:
         return Claim(name, says, NOT_JUDGED, note=str(error))
     count = min(result.ticks, ticks.tick_count)
@@ -130,7 +132,7 @@ def _made_again(result: Result) -> TickInput:
     scene = result.scene
     motion = resolve_trajectory(_word(result))
     if isinstance(motion, Script) and scene.get("tremor_mm_deg"):
-        motion = _shaken(motion, scene["tremor_mm_deg"])
+        motion = motion.shaken(scene["tremor_mm_deg"])
     hand, mesh = stored_hand(result), own_object(result, True)
     tree = None if mesh is None else own_tree(result, mesh, True)
     if isinstance(motion, Trajectory) and scene.get("place_object") != "auto":
@@ -146,12 +148,3 @@ def _made_again(result: Result) -> TickInput:
         seed=int(scene.get("seed") or 0),
     )
     return made.ticks
-
-
-def _shaken(script: Script, tremor: tuple[float, float]) -> Script:
-    import math
-    from dataclasses import replace
-
-    position, rotation = tremor
-    shaken = replace(script.disturbance, tremor_position=1e-3 * position, tremor_rotation=math.radians(rotation))
-    return replace(script, disturbance=shaken)
