@@ -15,6 +15,8 @@ from .lazy_group import LazyGroup
 
 COMMANDS = {
     "replay": "Replay a hand motion against an object, every tick measured.",
+    "sweep": "Replay every object, motion and method of a plan, and resume.",
+    "board": "One table of the results of sweeps and machines.",
     "live": "Put a glove in the loop at 1 kHz, safely, and record it.",
     "compare": "Set the figures of two results side by side.",
     "export": "Write the ticks of a result to a CSV table.",

@@ -25,6 +25,7 @@ PACKAGES = (
         for part in ("", ".link", ".devices", ".drivers", ".pose", ".ipc", ".loop", ".session", ".simulators")
     ),
     "hhsim.report",
+    *("hhsim.sweep", "hhsim.board"),
 )
 """Every package of the library, lowest first: a module imports from its own package and from those before it."""
 

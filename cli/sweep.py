@@ -1,0 +1,146 @@
+"""`hhsim sweep`."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from .arguments import options
+from .console import announce_compilation, print_json, print_line, print_notes, print_table, progress
+
+if TYPE_CHECKING:
+    from hhsim.sweep.estimate import Estimate
+    from hhsim.sweep.sweep import SweepSummary
+
+MOST_FAILURES = 20
+"""That are printed; all of them are in the folder, and in the JSON document."""
+
+
+@click.command()
+@click.argument("plan", metavar="PLAN", type=options.FILE)
+@click.option(
+    "--out",
+    type=options.FILE,
+    metavar="FOLDER",
+    help="Where the results go; cells that are done there are not run again. Default: results/ and the plan's name.",
+)
+@click.option(
+    "--jobs",
+    type=options.COUNT,
+    metavar="N",
+    help="Cells at a time, in processes of this machine. Default: one for each physical core, kept there.",
+)
+@click.option(
+    "--scheduler",
+    metavar="ADDRESS",
+    default="",
+    help="Run the cells on a Dask cluster instead: tcp://host:8786, or local for one of --jobs processes.",
+)
+@click.option("--dry-run", is_flag=True, help="Count the cells, try a few, and tell how long it takes; write nothing.")
+@click.option("--retry-failed", is_flag=True, help="Run cells again that failed; without it their reasons are shown.")
+@click.option("--summary-only", is_flag=True, help="Keep a row of figures for each cell, and not its ticks.")
+@options.json
+@options.quiet
+def command(
+    plan: Path,
+    out: Path | None,
+    jobs: int | None,
+    scheduler: str,
+    dry_run: bool,
+    retry_failed: bool,
+    summary_only: bool,
+    as_json: bool,
+    quiet: bool,
+) -> int:
+    """Replay every object of a plan with every motion, method, surface and set of options.
+
+    PLAN is a TOML file (docs/sweeps.md). Each cell is what hhsim replay makes of the same words, in a file of its own
+    that appears in one step: whatever ends a sweep, the same command goes on with what is not done yet. What a cell
+    depends on is in its name, so that one whose inputs, options or hhsim change is run anew. hhsim board shows the
+    results as one table. The exit code is 1 where cells failed.
+
+    \b
+    Examples:
+      hhsim sweep plan.toml --dry-run
+      hhsim sweep plan.toml --jobs 2
+      hhsim sweep plan.toml --retry-failed
+      hhsim sweep plan.toml --scheduler tcp://10.0.0.1:8786 --out /shared/first
+    """
+    from hhsim.sweep.estimate import estimate
+    from hhsim.sweep.folder import SweepFolder
+    from hhsim.sweep.plan import load_plan
+    from hhsim.sweep.sweep import SweepOptions, run_sweep
+    from hhsim.system.output_path import RESULTS
+
+    chosen = SweepOptions(jobs or 0, scheduler, retry_failed, not summary_only)
+    with progress(quiet=quiet) as report:
+        if report is not None:
+            report("reading the plan", 0, 1)
+        read = load_plan(plan)
+        folder = SweepFolder(out or RESULTS / read.name)
+        if not quiet and not as_json:
+            print_notes(read.left_out)
+        announce_compilation(quiet=quiet)
+        if dry_run:
+            found = estimate(read, folder, report)
+        else:
+            ended = run_sweep(read, folder, chosen, report)
+    if dry_run:
+        _print_estimate(found, chosen.workers, as_json=as_json)
+        return 0
+    if as_json:
+        print_json(_document(ended, folder.path, read.left_out))
+    elif not quiet:
+        _print(ended, folder.path)
+    if quiet and ended.failed:
+        print_notes([f"{len(ended.failed):,} cells failed"], prefix="missed")
+    return 1 if ended.failed else 0
+
+
+def _print_estimate(found: "Estimate", workers: int, *, as_json: bool) -> None:
+    seconds = found.seconds / workers
+    if as_json:
+        counts = {"cells": found.cells, "done": found.done, "failed": found.failed, "ticks": found.ticks}
+        print_json({**counts, "processes": workers, "seconds": seconds, "estimated_from": found.by})
+        return
+    left = found.cells - found.done - found.failed
+    print_line(f"{found.cells:,} cells: {found.done:,} done, {found.failed:,} failed, {left:,} to run")
+    if left:
+        processes = f"{workers} process{'es' * (workers > 1)}"
+        print_line(f"{found.ticks:,} ticks: about {_lasting(seconds)} in {processes}, by {found.by}")
+
+
+def _print(ended: "SweepSummary", folder: Path) -> None:
+    before = f", {ended.done_before:,} before" if ended.done_before else ""
+    print_line(f"{ended.cells:,} cells: {ended.run:,} done now{before}, {len(ended.failed):,} failed")
+    if ended.run:
+        speed = f", {ended.ticks / ended.seconds:,.0f} a second" if ended.seconds else ""
+        print_line(f"{ended.ticks:,} ticks in {_lasting(ended.seconds)}{speed}")
+    if ended.failed:
+        print()
+        print_table(("cell", "failed since"), ended.failed[:MOST_FAILURES])
+        more = len(ended.failed) - MOST_FAILURES
+        print_line(f"{f'{more:,} more failed; ' if more > 0 else ''}--retry-failed runs them again")
+    print_line(f"hhsim board {folder} shows them as one table")
+
+
+def _document(ended: "SweepSummary", folder: Path, left_out: tuple[str, ...]) -> dict[str, object]:
+    return {
+        "folder": str(folder),
+        "cells": ended.cells,
+        "done_now": ended.run,
+        "done_before": ended.done_before,
+        "failed": [{"cell": cell, "reason": reason} for cell, reason in ended.failed],
+        "ticks": ended.ticks,
+        "seconds": ended.seconds,
+        "notes": list(left_out),
+    }
+
+
+def _lasting(seconds: float) -> str:
+    """A time as people say it."""
+    if seconds != seconds:
+        return "an unknown time"
+    if seconds < 120.0:
+        return f"{seconds:,.0f} s"
+    return f"{seconds / 60.0:,.0f} min" if seconds < 7200.0 else f"{seconds / 3600.0:,.1f} h"

@@ -1,0 +1,211 @@
+"""One replay of a sweep: what it is made of, what it is called, and the digest that it is known by."""
+
+import hashlib
+import inspect
+import json
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import hhsim
+from hhsim import __version__
+from hhsim.errors import InputError
+from hhsim.mesh.catalogue import names_a_file
+from hhsim.scene.described_scene import SceneWords
+from hhsim.scene.motion_catalogue import trajectory_names
+from hhsim.solver.known_methods import find_method
+from hhsim.solver.method import METHODS
+from hhsim.solver.options import SolverOptions, Stiffness
+
+DIGITS = 20
+"""Letters of a digest: 80 bits, so that no two cells of any sweep share one."""
+OF_THE_SOLVER = tuple(
+    option.name for option in fields(SolverOptions) if option.name not in ("method", "surface", "period")
+)
+OF_THE_SCENE = ("level", "max_error", "rate", "samples", "place_object", "hand", "hand_file", "tremor_mm_deg")
+"""Options besides the solver's, by the names that a result states them by."""
+
+
+@dataclass(frozen=True)
+class SweptObject:
+    """An object of a plan.
+
+    Attributes:
+        name: In tables.
+        word: A name of the catalogue, or a mesh file, relative to the plan's folder.
+        unit, size_mm, thickness_mm: As `hhsim.scene.described_scene.SceneWords`.
+    """
+
+    name: str
+    word: str
+    unit: str | None = None
+    size_mm: float | None = None
+    thickness_mm: float | None = None
+
+
+@dataclass(frozen=True)
+class SweptMotion:
+    """A motion of a plan: its name in tables, and a name of the catalogue or a file, relative to the plan's folder."""
+
+    name: str
+    word: str
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One replay.
+
+    Attributes:
+        object: The object.
+        motion: The motion.
+        method: Of the solver.
+        surface: Of the object that the hand touches.
+        options_name: What the plan calls its options.
+        options: Those of `OF_THE_SOLVER` and `OF_THE_SCENE` that the plan states, SI.
+        seed: Of everything random.
+        ticks: Only the first so many; None for all.
+    """
+
+    object: SweptObject
+    motion: SweptMotion
+    method: str
+    surface: str
+    options_name: str = "usual"
+    options: Mapping[str, Any] = field(default_factory=dict)
+    seed: int = 0
+    ticks: int | None = None
+
+    @property
+    def label(self) -> str:
+        """In words."""
+        parts = [self.object.name, self.motion.name, self.method]
+        parts += [self.surface] if self.surface != "spheres" else []
+        parts += [self.options_name] if self.options else []
+        parts += [f"seed {self.seed}"] if self.seed else []
+        return ", ".join(parts)
+
+    def solver_options(self) -> SolverOptions:
+        """Of the solver.
+
+        Raises:
+            InputError: Options that the method does not take, or that are out of range.
+        """
+        given = {name: value for name, value in self.options.items() if name in OF_THE_SOLVER}
+        try:
+            if "stiffness" in given:
+                given["stiffness"] = Stiffness(**given["stiffness"])
+            if "fingers" in given:
+                given["fingers"] = tuple(given["fingers"])
+            return SolverOptions(method=self.method, surface=self.surface, **given)
+        except TypeError as error:
+            raise InputError(f"options of '{self.options_name}': {error}") from None
+
+    def words(self) -> SceneWords:
+        """What its scene is asked for by."""
+        stated = {name: self.options[name] for name in SCENE_WORDS if name in self.options}
+        if "tremor_mm_deg" in stated:
+            stated["tremor_mm_deg"] = tuple(stated["tremor_mm_deg"])
+        return SceneWords(
+            object=self.object.word,
+            trajectory=self.motion.word,
+            unit=self.object.unit,
+            size_mm=self.object.size_mm,
+            thickness_mm=self.object.thickness_mm,
+            ticks=self.ticks,
+            seed=self.seed,
+            **stated,
+        )
+
+    def digest(self, folder: Path) -> str:
+        """What it is known by: the same for the same inputs, options and hhsim, and for no others.
+
+        Args:
+            folder: The plan's, in which its files are.
+
+        Raises:
+            InputError: A file that cannot be read.
+        """
+        shape = self.object
+        hand = self.options.get("hand_file")
+        stated = {
+            "object": [_content(folder, shape.word, names_a_file(shape.word)), shape.unit, shape.size_mm],
+            "thickness_mm": shape.thickness_mm,
+            "motion": _content(folder, self.motion.word, self.motion.word not in trajectory_names()),
+            "hand": None if hand is None else _content(folder, hand, True),
+            "method": [self.method, _method_source(self.method)],
+            "surface": self.surface,
+            "options": {**self.options, "hand_file": None},
+            "seed": self.seed,
+            "ticks": self.ticks,
+            "hhsim": [__version__, source_digest()],
+        }
+        return hashlib.sha256(json.dumps(stated, sort_keys=True).encode()).hexdigest()[:DIGITS]
+
+
+SCENE_WORDS = tuple(name for name in OF_THE_SCENE if name not in ("level", "hand"))
+
+
+@cache
+def source_digest() -> str:
+    """Of the library's code, and of the motions and objects that ship: whatever changes a figure changes it."""
+    digest = hashlib.sha256()
+    root = Path(hhsim.__file__).parent
+    parts = [path for path in root.rglob("*.py") if "cli" not in path.relative_to(root).parts]
+    for package in ("hhsim.objects", "hhsim.trajectories"):
+        entries = files(package).iterdir()
+        parts += [Path(str(entry)) for entry in entries if entry.name.endswith((".toml", ".h5", ".csv"))]
+    for name, path in sorted((f"{path.parent.name}/{path.name}", path) for path in set(parts)):
+        digest.update(name.encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()
+
+
+def file_digest(path: Path) -> str:
+    """Of a file's bytes, and of the recording that a demonstration names.
+
+    Raises:
+        InputError: It cannot be read.
+    """
+    # A sweep asks for the same file once a cell.
+    try:
+        state = path.stat()
+        return _file_digest(path, state.st_mtime_ns, state.st_size)
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}") from None
+
+
+@cache
+def _file_digest(path: Path, changed: int, size: int) -> str:
+    content = path.read_bytes()
+    found = hashlib.sha256(content).hexdigest()
+    if path.suffix.lower() == ".toml":
+        try:
+            recording = tomllib.loads(content.decode()).get("recording")
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError):
+            recording = None
+        if isinstance(recording, str):
+            found += file_digest(path.parent / recording)
+    return found
+
+
+def _content(folder: Path, word: str, is_file: bool) -> str:
+    return file_digest(folder / word) if is_file else word
+
+
+@cache
+def _method_source(name: str) -> str:
+    """Of the file that a method from outside is written in; "" for hhsim's own, and where there is no such file."""
+    if name in METHODS:
+        return ""
+    made = find_method(name).engine
+    # `hhsim.solver.known_methods.outside_method` binds the name and the class.
+    for part in (*getattr(made, "args", ()), made):
+        if not isinstance(part, str):
+            try:
+                return hashlib.sha256(Path(inspect.getfile(part)).read_bytes()).hexdigest()
+            except (TypeError, OSError):
+                continue
+    return ""

@@ -1,0 +1,132 @@
+"""What is kept of a cell besides its result: a row of the table, or why there is none. A small JSON file each."""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from hhsim.errors import InputError
+from hhsim.replay.summary import ReplaySummary
+from hhsim.solver.options import SolverOptions
+from hhsim.sweep.cell import Cell
+from hhsim.system import environment as info
+from hhsim.system.atomic_write import write_atomically
+
+FORMAT = "hhsim-cell"
+VERSION = 1
+FAILED = ".failed.json"
+OF_THE_SCENE = (
+    *("object", "object_mesh", "level", "max_error", "trajectory", "samples", "place_object", "hand_file"),
+    *("tremor_mm_deg", "seed", "ticks"),
+)
+"""What a row repeats of what its result says of the scene."""
+
+
+def named(cell: Cell) -> dict[str, Any]:
+    """What a plan calls a cell."""
+    return {
+        "object": cell.object.name,
+        "motion": cell.motion.name,
+        "method": cell.method,
+        "surface": cell.surface,
+        "options": cell.options_name,
+        "seed": cell.seed,
+    }
+
+
+def row_of(
+    cell: Cell,
+    digest: str,
+    summary: ReplaySummary,
+    scene: Mapping[str, Any],
+    options: SolverOptions,
+    *,
+    result: str | None,
+    own_core: bool,
+    seconds: float,
+) -> dict[str, Any]:
+    """The row of a cell that has just ended.
+
+    Args:
+        cell: The cell.
+        digest: Its.
+        summary: Of its replay.
+        scene: What the result says of the scene.
+        options: That the ticks ran with.
+        result: Name of the result's file; None where it is not kept.
+        own_core: Whether its ticks had a core of their own, so that its times can be compared.
+        seconds: That all of it took.
+    """
+    attributes = info.file_attributes()
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "digest": digest,
+        "cell": named(cell),
+        "result": result,
+        "own_core": own_core,
+        "seconds": seconds,
+        "scene": {
+            **{name: scene.get(name) for name in OF_THE_SCENE},
+            "rate": 1.0 / options.period,
+            "solver": options.to_json(),
+        },
+        "verdict": summary.verdict.word,
+        "missed": list(summary.verdict.missed),
+        "summary": summary.attributes(),
+        "notes": list(summary.notes),
+        **{
+            name: json.loads(str(value)) if name in ("machine", "packages") else value
+            for name, value in attributes.items()
+        },
+    }
+
+
+def failure_of(cell: Cell, digest: str, reason: str) -> dict[str, Any]:
+    """What is kept of a cell that failed."""
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "digest": digest,
+        "cell": named(cell),
+        "reason": reason,
+        "machine": asdict(info.machine()),
+    }
+
+
+def write_row(path: Path, row: Mapping[str, Any]) -> None:
+    """Write a row, or what failed, in one step; what is no number becomes null.
+
+    Raises:
+        OutputError: It cannot be written.
+    """
+    write_atomically(path, (json.dumps(_plain(row), indent=1, sort_keys=True, allow_nan=False) + "\n").encode())
+
+
+def read_row(path: Path) -> dict[str, Any]:
+    """Read a row, or what failed.
+
+    Raises:
+        InputError: No such file, or one that is no row.
+    """
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: no row of a sweep: {error}") from None
+    if not isinstance(found, dict) or found.get("format") != FORMAT:
+        raise InputError(f"{path}: no row of a sweep")
+    if found.get("version") != VERSION:
+        raise InputError(f"{path}: version {found.get('version')!r} of a row, this hhsim reads {VERSION}")
+    return found
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

@@ -1,0 +1,192 @@
+"""Runs one cell, in whatever process: what `hhsim replay` makes of the same words, in the sweep's folder."""
+
+import threading
+import time
+import uuid
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+from hhsim.errors import HhsimError
+from hhsim.hand.model import HandModel
+from hhsim.mesh.catalogue import names_a_file, resolve_object
+from hhsim.mesh.mesh import Mesh
+from hhsim.motion.trajectory import Trajectory
+from hhsim.replay.replay import replay
+from hhsim.replay.summary import ReplaySummary
+from hhsim.scene.demonstration import Demonstration
+from hhsim.scene.described_scene import described_scene
+from hhsim.scene.motion_catalogue import resolve_trajectory, trajectory_names
+from hhsim.scene.scene import Scene, side_of
+from hhsim.scene.script import Script
+from hhsim.sweep.cell import Cell, SweptObject, file_digest, source_digest
+from hhsim.sweep.cell_row import row_of, write_row
+from hhsim.system.own_core import on_own_core
+from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.level_choice import coarsest_sphere_tree
+from hhsim.trees.options import TreeOptions
+from hhsim.trees.sphere_tree import SphereTree
+from hhsim.trees.triangle_tree import tree_of_any
+
+PARTIAL = ".partial.h5"
+"""Ending of a result that is being written, in a name that begins with a point."""
+ONE_AT_A_TIME = threading.Lock()
+"""Of a process: a cluster may give its workers several threads, whose ticks would wait for each other."""
+
+
+@dataclass(frozen=True)
+class CellTask:
+    """What a process is told to run.
+
+    Attributes:
+        cell: The cell.
+        digest: Its.
+        plan_folder: That its files are in, absolute.
+        folder: Where its files go, absolute; every process that runs cells sees it.
+        keeps_result: Whether the result is kept, and not the row alone.
+        wants_core: Whether it waits for a core of its own.
+        sources: Digest of the hhsim that planned it.
+    """
+
+    cell: Cell
+    digest: str
+    plan_folder: str
+    folder: str
+    keeps_result: bool = True
+    wants_core: bool = True
+    sources: str = ""
+
+
+@dataclass(frozen=True)
+class CellEnd:
+    """How a cell ended.
+
+    Attributes:
+        digest: Of the cell.
+        reason: Why it failed; "" where it is done, and its row is written.
+        ticks: That were run.
+    """
+
+    digest: str
+    reason: str = ""
+    ticks: int = 0
+
+
+def run_cell(task: CellTask) -> CellEnd:
+    """Run a cell and write its files, the row last: a cell is done when its row is there."""
+    if source_digest() != task.sources:
+        return CellEnd(task.digest, "the hhsim of this worker is another one: install the same there")
+    if not Path(task.folder).is_dir():
+        return CellEnd(
+            task.digest, f"the worker sees no folder {task.folder}: a sweep needs one that all workers share"
+        )
+    try:
+        with ONE_AT_A_TIME:
+            return CellEnd(task.digest, ticks=_run(task))
+    except (HhsimError, OSError, MemoryError) as error:
+        return CellEnd(task.digest, " ".join(str(error).split()) or type(error).__name__)
+    except Exception as error:
+        # A method from outside may raise anything; the other cells go on.
+        return CellEnd(task.digest, f"{type(error).__name__}: {' '.join(str(error).split())}")
+
+
+def _run(task: CellTask) -> int:
+    began = time.perf_counter()
+    cell, folder = task.cell, Path(task.folder)
+    partial = folder / f".{task.digest}-{uuid.uuid4().hex[:8]}{PARTIAL}"
+    scene = open_cell(cell, Path(task.plan_folder))
+
+    def run() -> ReplaySummary:
+        return replay(scene, cell.solver_options(), partial)
+
+    try:
+        # The threads of a tick want a core each.
+        pinned = task.wants_core and cell.solver_options().threads == 1
+        summary, own_core = on_own_core(run) if pinned else (run(), False)
+        result = f"{task.digest}.h5" if task.keeps_result else None
+        if result is not None:
+            partial.replace(folder / result)
+    finally:
+        partial.unlink(missing_ok=True)
+    row = row_of(
+        cell,
+        task.digest,
+        summary,
+        scene.description,
+        cell.solver_options().at_rate(scene.ticks.rate),
+        result=result,
+        own_core=own_core,
+        seconds=time.perf_counter() - began,
+    )
+    write_row(folder / f"{task.digest}.json", row)
+    return summary.ticks
+
+
+def open_cell(cell: Cell, plan_folder: Path) -> Scene:
+    """The scene of a cell, with what its result says of it.
+
+    Raises:
+        HhsimError: What is not to be had, or cannot be together.
+    """
+    mesh, tree, level = cell_object(cell, plan_folder)
+    motion = motion_of(cell, plan_folder)
+    if "tremor_mm_deg" in cell.options and isinstance(motion, Script):
+        motion = motion.shaken(cell.options["tremor_mm_deg"])
+    hand = cell_hand(cell, plan_folder, motion)
+    words = cell.words()
+    return described_scene(words, mesh, tree, level, hand, motion, cell.solver_options().fingers).scene
+
+
+def cell_hand(cell: Cell, plan_folder: Path, motion: Script | Demonstration | Trajectory) -> HandModel:
+    """The hand that makes a cell's motion.
+
+    Raises:
+        HhsimError: A hand file that is none.
+    """
+    side = cell.options.get("hand") or side_of(motion)
+    sizes = cell.options.get("hand_file")
+    return HandModel.default(side) if sizes is None else HandModel.from_toml(plan_folder / sizes, side)
+
+
+def cell_object(cell: Cell, plan_folder: Path) -> tuple[Mesh, SphereTree, int]:
+    """The mesh [m] of a cell, its sphere tree, and the level of that.
+
+    Raises:
+        HhsimError: As `hhsim.mesh.catalogue.resolve_object`, or no tree of that level or error.
+    """
+    shape = cell.object
+    state = file_digest(plan_folder / shape.word) if names_a_file(shape.word) else ""
+    solid = cell.surface != "mesh"
+    return _object(shape, plan_folder, state, solid, cell.options.get("level"), cell.options.get("max_error"))
+
+
+# The cells of an object follow each other.
+@lru_cache(2)
+def _object(
+    shape: SweptObject, folder: Path, state: str, solid: bool, level: int | None, max_error: float | None
+) -> tuple[Mesh, SphereTree, int]:
+    size, thickness = (None if given is None else 1e-3 * given for given in (shape.size_mm, shape.thickness_mm))
+    word: str | Path = folder / shape.word if names_a_file(shape.word) else shape.word
+    mesh, usual = resolve_object(word, shape.unit, size, thickness, solid)
+    if max_error is not None:
+        choice = coarsest_sphere_tree(mesh, max_error)
+        return mesh, choice.tree, choice.level
+    level = level or usual
+    return mesh, cached_sphere_tree(mesh, TreeOptions(level=level)) if solid else tree_of_any(mesh, level), level
+
+
+def motion_of(cell: Cell, folder: Path) -> Script | Demonstration | Trajectory:
+    """The motion of a cell, without tremor; `folder` is the plan's.
+
+    Raises:
+        HhsimError: As `hhsim.scene.motion_catalogue.resolve_trajectory`.
+    """
+    word = cell.motion.word
+    if word in trajectory_names():
+        return resolve_trajectory(word)
+    return _read(folder / word, file_digest(folder / word))
+
+
+@lru_cache(32)
+def _read(path: Path, state: str) -> Script | Demonstration | Trajectory:
+    return resolve_trajectory(path)

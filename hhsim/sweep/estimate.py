@@ -1,0 +1,89 @@
+"""How long a sweep is going to take, from cells that were run: those in its folder, or a few that are tried."""
+
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from time import perf_counter
+
+from hhsim.errors import HhsimError
+from hhsim.replay.replay import replay
+from hhsim.sweep.cell_run import open_cell
+from hhsim.sweep.folder import SweepFolder
+from hhsim.sweep.plan import PlannedCell, SweepPlan
+
+Progress = Callable[[str, int, int], None]
+
+TRIAL_TICKS = 1000
+"""Of a cell that is tried, at most."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What a sweep comes to.
+
+    Attributes:
+        cells: All of the plan.
+        done: Finished before.
+        failed: Failed before.
+        ticks: Of the cells that are still to run.
+        seconds: That these take one after the other; NaN where nothing could be tried.
+        by: What that is estimated from.
+    """
+
+    cells: int
+    done: int
+    failed: int
+    ticks: int
+    seconds: float
+    by: str
+
+
+def estimate(plan: SweepPlan, folder: SweepFolder, progress: Progress | None = None) -> Estimate:
+    """Count the cells, and estimate what those that are left take: by method and surface, in proportion to the ticks.
+
+    Args:
+        plan: What is to be run.
+        folder: Where; it need not exist.
+        progress: Called with what is being done, how much is done and how much there is.
+    """
+    done = [planned for planned in plan.cells if folder.done(planned)]
+    finished = {planned.digest for planned in done}
+    failed = [planned for planned in plan.cells if planned.digest not in finished and folder.failure(planned)]
+    failing = {planned.digest for planned in failed}
+    left = [planned for planned in plan.cells if planned.digest not in finished | failing]
+    kinds = {_kind(planned) for planned in left}
+    known = {kind: [planned for planned in done if _kind(planned) == kind] for kind in kinds}
+    seconds, tried = 0.0, 0
+    for number, kind in enumerate(sorted(kinds)):
+        if progress is not None:
+            progress("trial cells", number, len(kinds))
+        mine = [planned for planned in left if _kind(planned) == kind]
+        if known[kind]:
+            spent = sum(float(folder.row(planned)["seconds"]) for planned in known[kind])
+            ticks = sum(planned.ticks for planned in known[kind])
+        else:
+            spent, ticks = _trial(plan, mine)
+            tried += 1
+        seconds += sum(planned.ticks for planned in mine) * spent / ticks if ticks else float("nan")
+    by = f"{tried} trial cells" if tried else "the cells that are done"
+    return Estimate(len(plan.cells), len(done), len(failed), sum(planned.ticks for planned in left), seconds, by)
+
+
+def _kind(planned: PlannedCell) -> tuple[str, str]:
+    return planned.cell.method, planned.cell.surface
+
+
+def _trial(plan: SweepPlan, cells: Sequence[PlannedCell]) -> tuple[float, int]:
+    """What the shortest of some cells takes [s], or its beginning, and how many ticks that is."""
+    chosen = min(cells, key=lambda planned: planned.ticks)
+    cell = replace(chosen.cell, ticks=min(chosen.ticks, TRIAL_TICKS))
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            # Once for what is compiled, loaded and built but once.
+            for _ in range(2):
+                began = perf_counter()
+                summary = replay(open_cell(cell, plan.folder), cell.solver_options(), Path(folder) / "trial.h5")
+        except HhsimError:
+            return 0.0, 0
+    return perf_counter() - began, summary.ticks

@@ -1,0 +1,131 @@
+"""The folder of a sweep: which cells are done, which failed, and that only one sweep at a time works in it.
+
+`sweep.json` says what it is; `cells/` holds each cell's result (DIGEST.h5) and row (DIGEST.json), or why it failed
+(DIGEST.failed.json). Each appears in one step, so that whatever ends a sweep, what is there is whole.
+"""
+
+import contextlib
+import fcntl
+import json
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from hhsim.errors import InputError, OutputError
+from hhsim.sweep.cell_row import FAILED, failure_of, named, read_row, write_row
+from hhsim.sweep.cell_run import PARTIAL
+from hhsim.sweep.plan import PlannedCell, SweepPlan
+from hhsim.system.atomic_write import write_atomically
+
+MARK = "sweep.json"
+CELLS = "cells"
+LOCK = ".lock"
+FORMAT = "hhsim-sweep"
+VERSION = 1
+
+
+class SweepFolder:
+    """A sweep's folder, which may not exist yet.
+
+    Args:
+        path: Of it.
+
+    Raises:
+        OutputError: Something else is there.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Look what is there."""
+        self.path = path
+        self.cells = path / CELLS
+        if path.exists() and not path.is_dir():
+            raise OutputError(f"{path} is a file, not a folder: name another with --out")
+        if path.is_dir() and any(path.iterdir()) and not is_sweep(path):
+            raise OutputError(f"{path} holds other files, and no sweep: name a new folder with --out")
+
+    @contextlib.contextmanager
+    def taken(self, plan: SweepPlan) -> Iterator[None]:
+        """Make the folder, keep other sweeps out of it, and sweep up what was left half-written.
+
+        Raises:
+            OutputError: It cannot be made or written, or another sweep works in it.
+        """
+        try:
+            self.cells.mkdir(parents=True, exist_ok=True)
+            lock = os.open(self.path / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        except OSError as error:
+            raise OutputError(f"cannot write in {self.path}: {error.strerror or error}") from error
+        try:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise OutputError(f"another sweep works in {self.path}: wait for it, or name another folder") from None
+            except OSError:
+                # A file system without locks: two sweeps do each other's cells twice, and no harm.
+                pass
+            content = {"format": FORMAT, "version": VERSION, "name": plan.name, "plan": plan.text}
+            write_atomically(self.path / MARK, (json.dumps(content, indent=1) + "\n").encode())
+            self._clean()
+            yield
+        finally:
+            with contextlib.suppress(OSError):
+                self._clean()
+            os.close(lock)
+
+    def done(self, planned: PlannedCell) -> bool:
+        """Whether a cell is done; a row of an older plan gets the names of this one."""
+        path = self.row_path(planned)
+        try:
+            row = read_row(path)
+        except InputError:
+            return False
+        if row.get("result") and not (self.cells / row["result"]).is_file():
+            return False
+        if row["cell"] != named(planned.cell):
+            write_row(path, {**row, "cell": named(planned.cell)})
+        return True
+
+    def row(self, planned: PlannedCell) -> dict[str, Any]:
+        """The row of a cell that is done.
+
+        Raises:
+            InputError: There is none.
+        """
+        return read_row(self.row_path(planned))
+
+    def row_path(self, planned: PlannedCell) -> Path:
+        """Where a cell's row is."""
+        return self.cells / f"{planned.digest}.json"
+
+    def failure(self, planned: PlannedCell) -> str:
+        """Why a cell failed; "" where it did not."""
+        try:
+            return str(read_row(self._failure_path(planned)).get("reason", "?"))
+        except InputError:
+            return ""
+
+    def keep_failure(self, planned: PlannedCell, reason: str) -> None:
+        """Keep why a cell failed."""
+        write_row(self._failure_path(planned), failure_of(planned.cell, planned.digest, reason))
+
+    def forget_failure(self, planned: PlannedCell) -> None:
+        """A cell is run again, or is done now."""
+        self._failure_path(planned).unlink(missing_ok=True)
+
+    def _failure_path(self, planned: PlannedCell) -> Path:
+        return self.cells / f"{planned.digest}{FAILED}"
+
+    def _clean(self) -> None:
+        for pattern in (f".*{PARTIAL}", ".*.tmp"):
+            for left in self.cells.glob(pattern):
+                left.unlink(missing_ok=True)
+
+
+def is_sweep(path: Path) -> bool:
+    """Whether a folder is one of a sweep."""
+    try:
+        found = json.loads((path / MARK).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    return isinstance(found, dict) and found.get("format") == FORMAT

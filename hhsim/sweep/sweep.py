@@ -1,0 +1,164 @@
+"""Runs the cells of a plan that are not done yet, by an engine, and keeps what was found of each as soon as it ends."""
+
+from collections.abc import Callable, Generator, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from time import perf_counter
+
+from hhsim.errors import HhsimError
+from hhsim.solver.compile import warm_up
+from hhsim.sweep.cell import source_digest
+from hhsim.sweep.cell_run import CellEnd, CellTask, cell_hand, cell_object, motion_of
+from hhsim.sweep.dask_engine import require_dask, run_on_dask
+from hhsim.sweep.folder import SweepFolder
+from hhsim.sweep.plan import PlannedCell, SweepPlan
+from hhsim.sweep.process_engine import run_in_processes
+from hhsim.system.own_core import physical_cores
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class SweepOptions:
+    """How a plan is run.
+
+    Attributes:
+        jobs: Processes of this machine; 0 for one on each physical core.
+        scheduler: Of a Dask cluster, or `hhsim.sweep.dask_engine.LOCAL`; "" for processes.
+        retry_failed: Whether cells that failed before are run again.
+        keep_results: Whether the result of each cell is kept, and not its row alone.
+    """
+
+    jobs: int = 0
+    scheduler: str = ""
+    retry_failed: bool = False
+    keep_results: bool = True
+
+    @property
+    def workers(self) -> int:
+        """Processes of this machine."""
+        return self.jobs or max(1, len(physical_cores()))
+
+
+@dataclass(frozen=True)
+class SweepSummary:
+    """What a sweep came to.
+
+    Attributes:
+        cells: Of the plan.
+        run: Done now.
+        done_before: Done by an earlier sweep.
+        failed: What each cell is that failed, now or before, and why.
+        ticks: Run now.
+        seconds: That took.
+    """
+
+    cells: int
+    run: int
+    done_before: int
+    failed: tuple[tuple[str, str], ...]
+    ticks: int
+    seconds: float
+
+
+def run_sweep(
+    plan: SweepPlan, folder: SweepFolder, options: SweepOptions, progress: Progress | None = None
+) -> SweepSummary:
+    """Run what is not done yet.
+
+    Args:
+        plan: What to run.
+        folder: Where its files go.
+        options: How.
+        progress: Called with what is being done, how much is done and how much there is.
+
+    Raises:
+        InputError: No Dask, or no scheduler.
+        OutputError: The folder cannot be written, or another sweep works in it.
+    """
+    if options.scheduler:
+        require_dask()
+    with folder.taken(plan):
+        before = {planned.digest for planned in plan.cells if folder.done(planned)}
+        left = [planned for planned in plan.cells if planned.digest not in before]
+        if not options.retry_failed:
+            left = [planned for planned in left if not folder.failure(planned)]
+        began = perf_counter()
+        done, ticks = 0, 0
+        if left:
+            prepare(plan, left, progress)
+            by_digest = {planned.digest: planned for planned in left}
+            if progress is not None:
+                progress("cells", 0, len(left))
+            began = perf_counter()
+            try:
+                with closing(_engine(_tasks(plan, folder, left, options), options)) as ends:
+                    for number, end in enumerate(ends):
+                        planned = by_digest[end.digest]
+                        if end.reason:
+                            folder.keep_failure(planned, end.reason)
+                        else:
+                            folder.forget_failure(planned)
+                            done += 1
+                            ticks += end.ticks
+                        if progress is not None:
+                            progress("cells", number + 1, len(left))
+            except KeyboardInterrupt as interrupt:
+                interrupt.add_note(
+                    f"{len(before) + done:,} of {len(plan.cells):,} cells are done, and the same command goes on"
+                )
+                raise
+        seconds = perf_counter() - began
+        failed = [
+            (planned.cell.label, reason)
+            for planned in plan.cells
+            if planned.digest not in before and (reason := folder.failure(planned))
+        ]
+    return SweepSummary(len(plan.cells), done, len(before), tuple(failed), ticks, seconds)
+
+
+def prepare(plan: SweepPlan, cells: Sequence[PlannedCell], progress: Progress | None = None) -> None:
+    """Compile, and build the trees, before there are processes that would all do so at once.
+
+    What cannot be had here fails cell by cell, and is told there.
+    """
+    kinds = {(planned.cell.method, planned.cell.surface): planned.cell for planned in cells}
+    shapes = {
+        (c.object, c.surface == "mesh", c.options.get("level"), c.options.get("max_error")): c
+        for c in (planned.cell for planned in cells)
+    }
+    total = len(kinds) + len(shapes)
+    for number, cell in enumerate([*kinds.values(), *shapes.values()]):
+        if progress is not None:
+            progress("getting ready", number, total)
+        try:
+            if number < len(kinds):
+                motion = motion_of(cell, plan.folder)
+                warm_up(cell_hand(cell, plan.folder, motion), cell.solver_options())
+            else:
+                cell_object(cell, plan.folder)
+        except HhsimError:
+            continue
+
+
+def _tasks(plan: SweepPlan, folder: SweepFolder, cells: Sequence[PlannedCell], options: SweepOptions) -> list[CellTask]:
+    # More processes than cores cannot have one each; a cluster's workers wait for one.
+    wants_core = bool(options.scheduler) or options.workers <= len(physical_cores())
+    return [
+        CellTask(
+            cell=planned.cell,
+            digest=planned.digest,
+            plan_folder=str(plan.folder.resolve()),
+            folder=str(folder.cells.resolve()),
+            keeps_result=options.keep_results,
+            wants_core=wants_core,
+            sources=source_digest(),
+        )
+        for planned in cells
+    ]
+
+
+def _engine(tasks: Sequence[CellTask], options: SweepOptions) -> Generator[CellEnd, None, None]:
+    if options.scheduler:
+        return run_on_dask(tasks, options.scheduler, options.workers)
+    return run_in_processes(tasks, options.workers)

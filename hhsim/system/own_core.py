@@ -1,0 +1,82 @@
+"""A core for each thread that is timed, so that what runs beside it does not take its place.
+
+A core is claimed by a lock on a file in the system's temporary folder, which every process of the user sees and which
+the system gives back when its holder ends, however it ends. Of the threads of a physical core one alone is claimed.
+"""
+
+import contextlib
+import fcntl
+import os
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import TypeVar
+
+Answer = TypeVar("Answer")
+
+LOOK_AGAIN = 0.05
+"""While every core is claimed [s]."""
+
+
+def physical_cores() -> list[int]:
+    """A processor of each physical core that this process may use; none where the system keeps no thread on one."""
+    if not hasattr(os, "sched_getaffinity"):
+        return []
+    found: dict[str, int] = {}
+    for number in sorted(os.sched_getaffinity(os.getpid())):
+        siblings = Path(f"/sys/devices/system/cpu/cpu{number}/topology/thread_siblings_list")
+        try:
+            core = siblings.read_text(encoding="ascii").strip()
+        except OSError:
+            core = str(number)
+        found.setdefault(core, number)
+    return sorted(found.values())
+
+
+def on_own_core(work: Callable[[], Answer]) -> tuple[Answer, bool]:
+    """Do something in a thread that has a core of its own, and wait for a core while others have them all.
+
+    Only the thread is kept there: the rest of the process stays where it may be.
+
+    Returns:
+        The answer, and whether there was such a core; not where the system keeps no thread on one.
+    """
+    with ThreadPoolExecutor(1) as thread:
+        return thread.submit(_pinned, work).result()
+
+
+def _pinned(work: Callable[[], Answer]) -> tuple[Answer, bool]:
+    with _claimed_core() as core:
+        if core is None:
+            return work(), False
+        os.sched_setaffinity(0, {core})
+        return work(), True
+
+
+@contextlib.contextmanager
+def _claimed_core() -> Iterator[int | None]:
+    cores = physical_cores()
+    folder = Path(tempfile.gettempdir()) / f"hhsim-cores-{os.getuid()}"
+    try:
+        folder.mkdir(mode=0o700, exist_ok=True)
+    except OSError:
+        cores = []
+    if not cores:
+        yield None
+        return
+    while True:
+        for core in cores:
+            file = os.open(folder / str(core), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                os.close(file)
+                continue
+            try:
+                yield core
+                return
+            finally:
+                os.close(file)
+        time.sleep(LOOK_AGAIN)
