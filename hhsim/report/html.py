@@ -1,13 +1,14 @@
 """HTML built from typed pieces: whatever is not markup of this module is escaped, in one place."""
 
 import base64
+import hashlib
 import html
 import math
 import re
 from collections.abc import Iterable, Sequence
 from typing import TypeAlias
 
-VOID = ("br", "img", "meta", "source")
+VOID = ("br", "img", "input", "meta", "source")
 """Elements without content."""
 PHONE = "screen and (max-width: 34rem)"
 """Media query of the screens that get narrow pictures."""
@@ -189,7 +190,7 @@ def figure(name: str, image: str, title: str, caption: str) -> Html:
     return element("figure", image, element("figcaption", element("strong", title), " ", caption), id=name)
 
 
-def page(title: str, style: str, generator: str, *body: str) -> str:
+def page(title: str, style: str, generator: str, *body: str, script: str = "") -> str:
     """A whole document that asks nobody for anything.
 
     Args:
@@ -197,9 +198,15 @@ def page(title: str, style: str, generator: str, *body: str) -> str:
         style: CSS.
         generator: The program that made it.
         body: Its elements.
+        script: JavaScript that runs when all of it is there.
     """
     # Were there a link to something outside by mistake, a browser would not follow it.
     policy = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
+    if script:
+        # This one script and no other, whatever a name in a table may hold.
+        digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
+        policy += f"; script-src 'sha256-{digest}'"
+        body = (*body, element("script", Html(script)))
     head = (
         element("meta", charset="utf-8"),
         element("meta", name="viewport", content="width=device-width, initial-scale=1"),

@@ -3,7 +3,7 @@
 import threading
 import time
 import uuid
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from hhsim.scene.described_scene import described_scene
 from hhsim.scene.motion_catalogue import resolve_trajectory, trajectory_names
 from hhsim.scene.scene import Scene, side_of
 from hhsim.scene.script import Script
-from hhsim.sweep.cell import Cell, SweptObject, file_digest, source_digest
+from hhsim.sweep.cell import OF_THE_SCENE, Cell, SweptObject, file_digest, source_digest
 from hhsim.sweep.cell_row import row_of, write_row
 from hhsim.system.own_core import on_own_core
 from hhsim.trees.cache import cached_sphere_tree
@@ -128,6 +128,24 @@ def open_cell(cell: Cell, plan_folder: Path) -> Scene:
     Raises:
         HhsimError: What is not to be had, or cannot be together.
     """
+    files = [word for word in (cell.object.word, cell.motion.word) if (plan_folder / word).is_file()]
+    of_scene = {name: value for name, value in cell.options.items() if name in (*OF_THE_SCENE, "fingers")}
+    what = [cell.object, cell.motion, cell.surface == "mesh", of_scene, cell.seed, cell.ticks]
+    return _scene(_SceneKey(repr([what, [file_digest(plan_folder / word) for word in files]]), cell), plan_folder)
+
+
+@dataclass(frozen=True)
+class _SceneKey:
+    """What a scene depends on; a cell that is of it."""
+
+    says: str
+    cell: Cell = field(compare=False)
+
+
+# To place an object for a recording takes longer than most replays: the methods of a scene share it.
+@lru_cache(2)
+def _scene(key: _SceneKey, plan_folder: Path) -> Scene:
+    cell = key.cell
     mesh, tree, level = cell_object(cell, plan_folder)
     motion = motion_of(cell, plan_folder)
     if "tremor_mm_deg" in cell.options and isinstance(motion, Script):

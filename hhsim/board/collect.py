@@ -1,0 +1,139 @@
+"""Gathers the runs of folders: the rows of sweeps, and every other result that lies there."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from hhsim.board.entry import FAILED, Entry, entry_of_result, entry_of_row
+from hhsim.errors import InputError
+from hhsim.result.reader import load_result
+from hhsim.result.schema import FORMAT, SUFFIXES
+from hhsim.sweep.cell_row import FAILED as FAILED_ENDING
+from hhsim.sweep.cell_row import read_row
+from hhsim.sweep.folder import CELLS, is_sweep
+from hhsim.system.hdf5_input import hdf5_format
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class Board:
+    """Runs side by side.
+
+    Attributes:
+        entries: Of each run of each machine the last one, by object, motion, method, surface, options and machine.
+        failed: What failed and did not work elsewhere on the same machine.
+        machines: Label by machine, in the order of the entries.
+        notes: What a reader should know besides, a sentence each.
+    """
+
+    entries: tuple[Entry, ...]
+    failed: tuple[Entry, ...]
+    machines: dict[str, str]
+    notes: tuple[str, ...]
+
+
+def collect(folders: Sequence[Path], progress: Progress | None = None) -> Board:
+    """Read folders.
+
+    Args:
+        folders: Of sweeps, or of results; single results too.
+        progress: Called with what is being done, how much is done and how much there is.
+
+    Raises:
+        InputError: No such folder, or no result in any of them.
+    """
+    paths = [path for folder in folders for path in _files(folder)]
+    entries: list[Entry] = []
+    notes: list[str] = []
+    for number, path in enumerate(paths):
+        if progress is not None:
+            progress("results", number, len(paths))
+        try:
+            if path.suffix == ".json":
+                entries.append(entry_of_row(read_row(path), path))
+                continue
+            result = load_result(path)
+            if not result.complete:
+                notes.append(f"{path} is of a run that was stopped: left out")
+                continue
+            entries.append(entry_of_result(result))
+        except (InputError, KeyError, TypeError) as error:
+            notes.append(f"{path} is left out: {error}")
+    if not entries:
+        what = ", ".join(map(str, folders))
+        raise InputError("; ".join([f"no result in {what}", *notes[:3]]))
+    return merged(entries, notes)
+
+
+def merged(entries: Iterable[Entry], notes: Sequence[str] = ()) -> Board:
+    """Of each run on each machine keep the last one."""
+    last: dict[tuple[str, ...], Entry] = {}
+    failed: dict[tuple[str, ...], Entry] = {}
+    repeated = 0
+    for entry in sorted(entries, key=lambda entry: entry.created):
+        place = (*entry.key, entry.machine)
+        if entry.verdict == FAILED:
+            failed[place] = entry
+            continue
+        repeated += place in last
+        last[place] = entry
+    kept = sorted(last.values(), key=lambda entry: (*entry.key, entry.machine))
+    found = list(notes)
+    if repeated:
+        found.append(f"{repeated:,} runs were done again later on the same machine: the last one of each counts")
+    found += _differences(kept)
+    return Board(
+        entries=tuple(kept),
+        failed=tuple(entry for place, entry in sorted(failed.items()) if place not in last),
+        machines=_labels(kept),
+        notes=tuple(found),
+    )
+
+
+def _files(folder: Path) -> list[Path]:
+    if folder.is_file():
+        return [folder]
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder; expected one of a sweep, or of results (.h5)")
+    found = []
+    if is_sweep(folder):
+        found += sorted((folder / CELLS).glob("*.json"))
+    rows = {path.name.removesuffix(FAILED_ENDING).removesuffix(".json") for path in found}
+    # A row says all that its result does; results beside a sweep's are others'.
+    for path in sorted(folder.iterdir()):
+        others = path.suffix.lower() in SUFFIXES and path.stem not in rows and not path.name.startswith(".")
+        if others and hdf5_format(path) == FORMAT:
+            found.append(path)
+    return found
+
+
+def _labels(entries: Iterable[Entry]) -> dict[str, str]:
+    """A letter for each machine: what it is stands below the table."""
+    machines = dict.fromkeys(entry.machine for entry in entries)
+    return {machine: chr(ord("A") + number) if number < 26 else f"M{number}" for number, machine in enumerate(machines)}
+
+
+SAME = 1e-6
+"""Errors of two machines that differ by no more than this share are the same."""
+COMPARED = ("penetration_max", "contact_error_max", "tracking_excess", "force_hold_mean", "stuck_ticks", "lag_ticks")
+
+
+def _differences(entries: Iterable[Entry]) -> list[str]:
+    """A sentence where machines do not agree about an error, which does not depend on them."""
+    groups: dict[tuple[str, ...], list[Entry]] = {}
+    for entry in entries:
+        groups.setdefault(entry.key, []).append(entry)
+    several = [group for group in groups.values() if len(group) > 1]
+    apart = []
+    for group in several:
+        for name in COMPARED:
+            values = [entry.figures[name] for entry in group if name in entry.figures]
+            if values and max(values) - min(values) > SAME * max(map(abs, values)):
+                apart.append(f"{', '.join(part for part in group[0].key if part)} ({name})")
+                break
+    if not apart:
+        return []
+    return [
+        f"machines differ in an error in {len(apart):,} of {len(several):,} runs that several did, first: {apart[0]}"
+    ]

@@ -1,0 +1,180 @@
+"""One run on the board: what it was of, where it ran, and what it found."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from hhsim.errors import HhsimError
+from hhsim.metrics.run.registry import run_metrics
+from hhsim.replay.summary_table import stored_rows
+from hhsim.replay.verdict import verdict
+from hhsim.report.provenance import motion_name, object_name
+from hhsim.result.reader import Result
+from hhsim.solver.options import SolverOptions, Stiffness
+
+USUAL_SCENE = {"rate": 1000.0, "samples": "interpolate", "seed": 0}
+"""What is not told of a run that has it."""
+TOLD = ("level", "max_error", "rate", "samples", "seed", "ticks", "tremor_mm_deg", "hand_file")
+"""Of the scene; the level where it is not the object's own."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One run.
+
+    Attributes:
+        object, motion, method, surface: What it was of.
+        options: What was not as usual, in words; "" where all was.
+        machine: Processor, cores, system and Python, as JSON: what times can be compared within.
+        hhsim: Version and commit.
+        created: When, UTC.
+        own_core: Whether its ticks had a core of their own: else its times say little.
+        verdict: Word of it; "failed" where there is no result.
+        figures: SI or %, by the names of `hhsim.metrics.run.registry.run_metrics`; what cannot be known is missing.
+        source: The file.
+        reason: Why it failed, or "".
+    """
+
+    object: str
+    motion: str
+    method: str
+    surface: str
+    options: str
+    machine: str
+    hhsim: str = ""
+    created: str = ""
+    own_core: bool = False
+    verdict: str = ""
+    figures: Mapping[str, float] = field(default_factory=dict)
+    source: str = ""
+    reason: str = ""
+
+    @property
+    def scene(self) -> tuple[str, str]:
+        """Object and motion."""
+        return self.object, self.motion
+
+    @property
+    def key(self) -> tuple[str, str, str, str, str]:
+        """What was run, whatever the machine."""
+        return self.object, self.motion, self.method, self.surface, self.options
+
+
+FAILED = "failed"
+
+
+def entry_of_row(row: Mapping[str, Any], source: Path) -> Entry:
+    """The entry of a sweep's cell, done or failed."""
+    cell = row["cell"]
+    machine = json.dumps(row.get("machine", {}), sort_keys=True)
+    if "summary" not in row:
+        told = "" if cell["options"] == "usual" else str(cell["options"])
+        return Entry(
+            **{name: cell[name] for name in ("object", "motion", "method", "surface")},
+            options=told,
+            machine=machine,
+            verdict=FAILED,
+            source=str(source),
+            reason=str(row.get("reason", "")),
+        )
+    return Entry(
+        **{name: cell[name] for name in ("object", "motion", "method", "surface")},
+        options=option_words(row["scene"]),
+        machine=machine,
+        hhsim=_hhsim(row.get("hhsim_version"), row.get("git_revision"), row.get("git_dirty")),
+        created=str(row.get("created_utc", "")),
+        own_core=bool(row.get("own_core")),
+        verdict=str(row.get("verdict", "")),
+        figures=_figures(row["summary"]),
+        source=str(source),
+    )
+
+
+def entry_of_result(result: Result) -> Entry:
+    """The entry of any other result: of a single replay, of a session, or of a submission, by the name that it has."""
+    of_paper = stored_rows(result.summary, result.rate)
+    return Entry(
+        object=object_name(result),
+        motion=motion_name(result),
+        method=_submitter(result) or result.method,
+        surface=result.surface,
+        options=option_words(result.scene),
+        machine=json.dumps(result.machine, sort_keys=True),
+        hhsim=_hhsim(result.hhsim_version, result.git_revision, result.git_dirty),
+        created=result.created_utc,
+        verdict=verdict(result, of_paper).word,
+        figures=_figures(result.summary),
+        source=str(result.path),
+    )
+
+
+def option_words(scene: Mapping[str, Any]) -> str:
+    """What of a scene's options is not what its method and surface usually have, as `name=value`, in order.
+
+    Args:
+        scene: As a result or a row states it.
+    """
+    solver = dict(scene.get("solver", {}))
+    rate = float(scene.get("rate") or 1000.0)
+    told = {name: scene.get(name) for name in TOLD if scene.get(name) is not None}
+    told = {name: value for name, value in told.items() if USUAL_SCENE.get(name) != value}
+    if told.get("level") == _usual_level(scene):
+        del told["level"]
+    usual = _usual_options(solver, rate)
+    stiffness, usual_stiffness = dict(solver.pop("stiffness", {})), usual.pop("stiffness")
+    for name, value in (*solver.items(), *((f"stiffness.{name}", value) for name, value in stiffness.items())):
+        part = name.removeprefix("stiffness.")
+        before = usual_stiffness.get(part) if part != name else usual.get(name)
+        if name not in ("method", "surface", "period") and value != before:
+            told[name] = value
+    return ", ".join(f"{name}={_spelled(value)}" for name, value in told.items())
+
+
+def _usual_options(solver: Mapping[str, Any], rate: float) -> dict[str, Any]:
+    try:
+        options = SolverOptions(
+            method=str(solver.get("method", "coupled")), surface=str(solver.get("surface", "spheres"))
+        )
+    except HhsimError:
+        # A method that is not to be had here, or nobody's: what others usually have.
+        options = SolverOptions()
+    found = options.at_rate(rate).to_json()
+    return {**found, "fingers": list(found["fingers"]), "stiffness": dict(vars(Stiffness()))}
+
+
+def _usual_level(scene: Mapping[str, Any]) -> int | None:
+    from hhsim.mesh.catalogue import MESH_LEVEL, names_a_file, object_description, object_names
+
+    word = str(scene.get("object") or "")
+    if names_a_file(word):
+        return MESH_LEVEL
+    return int(object_description(word)["level"]) if word in object_names() else None
+
+
+def _submitter(result: Result) -> str:
+    stated = result.scene.get("submission")
+    if isinstance(stated, Mapping):
+        stated = stated.get("name") or stated.get("method") or result.path.stem
+    return str(stated) if stated else ""
+
+
+def _figures(summary: Mapping[str, Any]) -> dict[str, float]:
+    return {
+        name: float(summary[name])
+        for name in run_metrics()
+        if name in summary and summary[name] is not None and summary[name] == summary[name]
+    }
+
+
+def _hhsim(version: Any, commit: Any, dirty: Any) -> str:
+    short = str(commit or "")[:8]
+    known = short if short and short != "unknown" else ""
+    return " ".join(part for part in (str(version or ""), known + ("+" if known and dirty is True else "")) if part)
+
+
+def _spelled(value: Any) -> str:
+    if isinstance(value, list | tuple):
+        return "/".join(_spelled(item) for item in value)
+    return f"{value:g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,91 @@
+"""The board's tables as people read them: in a terminal, in Markdown, on a page."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from hhsim.board.collect import Board
+from hhsim.board.entry import Entry
+from hhsim.board.standings import Standing
+
+MARK = "●"
+"""Of what is on the frontier."""
+LEGEND = (
+    f"{MARK}: none that did the same scenes on the same machine is both faster (p50, the median over scenes) and "
+    "nearer (the worse of depth and contacts off the mesh, in the worst scene). Errors compare across machines, times within "
+    "one; ~ before a time: some of its runs had no core of their own, and it is on no frontier."
+)
+
+
+def number(value: float, digits: int, scale: float = 1.0) -> str:
+    """A figure; "—" for what is not known."""
+    return "—" if value != value else f"{round(value * scale, digits) + 0.0:,.{digits}f}"
+
+
+def standing_cells(board: Board) -> dict[str, Callable[[Standing], str]]:
+    """Each column of the standings by its heading."""
+    cells: dict[str, Callable[[Standing], str]] = {
+        "": lambda row: MARK if row.first else "",
+        "method": lambda row: row.method,
+        "surface": lambda row: row.surface,
+        "options": lambda row: row.options or "usual",
+        "machine": lambda row: board.machines[row.machine],
+        "scenes": lambda row: f"{row.scenes:,}",
+        "within limits": lambda row: f"{row.within:,}",
+        "failed": lambda row: f"{row.failed:,}",
+        "depth [µm]": lambda row: number(row.depth, 3, 1e6),
+        "off the mesh [mm]": lambda row: number(row.off_mesh, 3, 1e3),
+        "over optimum [%]": lambda row: number(row.tracking, 2),
+        "stuck": lambda row: f"{row.stuck:,}",
+        "p50 [µs]": lambda row: _time(row.p50, row.comparable),
+        "p99 [µs]": lambda row: _time(row.p99, row.comparable),
+    }
+    return cells
+
+
+def entry_cells(board: Board) -> dict[str, Callable[[Entry], str]]:
+    """Each column of the single runs by its heading."""
+
+    def figure(name: str, digits: int, scale: float = 1.0) -> Callable[[Entry], str]:
+        return lambda row: number(row.figures.get(name, float("nan")), digits, scale)
+
+    def time(name: str) -> Callable[[Entry], str]:
+        return lambda row: _time(row.figures.get(name, float("nan")), row.own_core)
+
+    return {
+        "object": lambda row: row.object,
+        "motion": lambda row: row.motion,
+        "method": lambda row: row.method,
+        "surface": lambda row: row.surface,
+        "options": lambda row: row.options or "usual",
+        "machine": lambda row: board.machines.get(row.machine, ""),
+        "verdict": lambda row: f"{row.verdict}: {row.reason}" if row.reason else row.verdict,
+        "depth [µm]": figure("penetration_max", 3, 1e6),
+        "off the mesh [mm]": figure("contact_error_max", 3, 1e3),
+        "over optimum [%]": figure("tracking_excess", 2),
+        "force [N]": figure("force_contact_mean", 2),
+        "stuck": figure("stuck_ticks", 0),
+        "p50 [µs]": time("tick_cpu_p50"),
+        "p99 [µs]": time("tick_cpu_p99"),
+    }
+
+
+WORDS = ("", "object", "motion", "method", "surface", "options", "machine", "verdict")
+"""Columns that hold no numbers."""
+
+
+def shown_standings(board: Board, standings: Sequence[Standing]) -> tuple[list[str], list[list[str]]]:
+    """Headings and cells of the standings."""
+    cells = standing_cells(board)
+    return list(cells), [[cell(row) for cell in cells.values()] for row in standings]
+
+
+def machine_line(machine: Mapping[str, Any]) -> str:
+    """A machine in a line."""
+    cores = machine.get("cores")
+    parts = [machine.get("cpu"), f"{cores} cores" if cores else "", machine.get("system")]
+    return ", ".join([*(str(part) for part in parts if part), f"Python {machine.get('python', '?')}"])
+
+
+def _time(seconds: float, comparable: bool) -> str:
+    shown = number(seconds, 1, 1e6)
+    return shown if comparable or shown == "—" else f"~{shown}"

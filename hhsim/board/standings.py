@@ -1,0 +1,99 @@
+"""The board's first table: each method, surface and set of options over all its scenes, and which are beaten."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from statistics import median
+
+from hhsim.bench.speed_error_table import GAIN, frontier
+from hhsim.board.collect import Board
+from hhsim.board.entry import Entry
+from hhsim.replay.verdict import OK
+
+NAN = float("nan")
+
+
+@dataclass(frozen=True)
+class Standing:
+    """One method on one machine, over its scenes.
+
+    Attributes:
+        method, surface, options, machine: Which.
+        scenes: How many objects and motions.
+        failed: Cells that failed.
+        within: Scenes within all limits.
+        depth: Deepest in what was touched, of all scenes [m].
+        off_mesh: Contacts off the mesh, the worst of all scenes [m].
+        tracking: Coupling energy over the local optimum, mean over scenes [%].
+        stuck: Stuck ticks of all scenes.
+        p50, p99: Of a tick in contact, CPU: the median over scenes, and the worst [s].
+        comparable: Whether each of its scenes had a core of its own.
+        first: Whether none of the same scenes on the same machine is both faster and nearer (`error`).
+    """
+
+    method: str
+    surface: str
+    options: str
+    machine: str
+    scenes: int
+    failed: int
+    within: int
+    depth: float
+    off_mesh: float
+    tracking: float
+    stuck: int
+    p50: float
+    p99: float
+    comparable: bool
+    first: bool = False
+
+    @property
+    def error(self) -> float:
+        """The worse of depth and contacts off the mesh [m]; NaN where neither is known."""
+        known = [value for value in (self.depth, self.off_mesh) if value == value]
+        return max(known, default=NAN)
+
+
+def standings(board: Board) -> list[Standing]:
+    """Every method, by machine, the frontier marked among those that did the same scenes with cores of their own."""
+    groups: dict[tuple[str, str, str, str], list[Entry]] = {}
+    for entry in board.entries:
+        groups.setdefault((entry.method, entry.surface, entry.options, entry.machine), []).append(entry)
+    found = [_standing(key, entries, board.failed) for key, entries in groups.items()]
+    same: dict[tuple[str, frozenset[tuple[str, str]]], list[int]] = {}
+    for number, (key, entries) in enumerate(groups.items()):
+        # Times compare within a machine, and worst cases among the same scenes alone.
+        if found[number].comparable:
+            same.setdefault((key[3], frozenset(entry.scene for entry in entries)), []).append(number)
+    for numbers in same.values():
+        chosen = [found[number] for number in numbers]
+        for index in frontier([one.p50 for one in chosen], [one.error for one in chosen], GAIN):
+            found[numbers[index]] = replace(chosen[index], first=True)
+    return sorted(found, key=lambda one: (one.machine, -one.scenes, not one.first, one.error, one.p50))
+
+
+def _standing(key: tuple[str, str, str, str], entries: Sequence[Entry], failed: Iterable[Entry]) -> Standing:
+    method, surface, options, machine = key
+    return Standing(
+        method=method,
+        surface=surface,
+        options=options,
+        machine=machine,
+        scenes=len({entry.scene for entry in entries}),
+        failed=sum((one.method, one.surface, one.machine) == (method, surface, machine) for one in failed),
+        within=sum(entry.verdict == OK for entry in entries),
+        depth=max(_known(entries, "penetration_max"), default=NAN),
+        off_mesh=max(_known(entries, "contact_error_max"), default=NAN),
+        tracking=_mean(_known(entries, "tracking_excess")),
+        stuck=int(sum(_known(entries, "stuck_ticks"))),
+        p50=median(_known(entries, "tick_cpu_p50") or [NAN]),
+        p99=max(_known(entries, "tick_cpu_p99"), default=NAN),
+        comparable=all(entry.own_core for entry in entries),
+    )
+
+
+def _known(entries: Iterable[Entry], name: str) -> list[float]:
+    return [entry.figures[name] for entry in entries if name in entry.figures]
+
+
+def _mean(values: Sequence[float]) -> float:
+    return sum(values) / len(values) if values else NAN
