@@ -21,6 +21,7 @@ COMMAND_LINE = "cli"
 KERNELS = ("kernels", *(package.removeprefix("hhsim.") for package in PACKAGES if package.startswith("hhsim.kernels.")))
 LAYERS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("what a user types", ("cli",)),
+    ("many runs", ("", "board", "sweep", "")),
     ("shown, and with a glove", ("report", "live", "view", "render")),
     ("judged", ("gate", "verify", "bench", "submissions")),
     ("a run, tick by tick", ("replay", "scene", "solver", "metrics")),
@@ -50,7 +51,7 @@ LETTERS_A_LINE = 28
 COUNT_SLACK = 0.1
 """Share that a count of the committed picture may be off by: not every commit draws it anew."""
 
-COLORS = ("#4c566a", "#7b5ea7", "#b4687a", "#2f7fb5", "#2e8b83", "#5b8c3e", "#b07d2b")
+COLORS = ("#4c566a", "#7b5ea7", "#b4687a", "#2f7fb5", "#2e8b83", "#5b8c3e", "#b07d2b", "#8c5a3c")
 INK = "#1f2933"
 FAINT = "#52606d"
 

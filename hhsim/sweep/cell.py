@@ -5,6 +5,7 @@ import inspect
 import json
 import tomllib
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from functools import cache
 from importlib.resources import files
@@ -169,26 +170,23 @@ def file_digest(path: Path) -> str:
     Raises:
         InputError: It cannot be read.
     """
-    # A sweep asks for the same file once a cell.
     try:
         state = path.stat()
-        return _file_digest(path, state.st_mtime_ns, state.st_size)
+        found, recording = _read_digest(path, state.st_mtime_ns, state.st_size)
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}") from None
+    return found if recording is None else found + file_digest(path.parent / recording)
 
 
+# A plan asks for the same file once a cell.
 @cache
-def _file_digest(path: Path, changed: int, size: int) -> str:
+def _read_digest(path: Path, changed: int, size: int) -> tuple[str, str | None]:
     content = path.read_bytes()
-    found = hashlib.sha256(content).hexdigest()
+    recording = None
     if path.suffix.lower() == ".toml":
-        try:
+        with suppress(tomllib.TOMLDecodeError, UnicodeDecodeError):
             recording = tomllib.loads(content.decode()).get("recording")
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError):
-            recording = None
-        if isinstance(recording, str):
-            found += file_digest(path.parent / recording)
-    return found
+    return hashlib.sha256(content).hexdigest(), recording if isinstance(recording, str) else None
 
 
 def _content(folder: Path, word: str, is_file: bool) -> str:

@@ -111,7 +111,8 @@ def file_attributes() -> dict[str, str | bool]:
 
 def machine() -> Machine:
     """Describe the computer without naming it."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    # Of the process: one of its threads may be kept on a core of its own (`hhsim.system.own_core`).
+    cores = len(os.sched_getaffinity(os.getpid())) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return Machine(
         cpu=_cpu_name(),
         cores=cores,

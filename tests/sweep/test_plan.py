@@ -1,0 +1,128 @@
+"""Plans: what they become, what is left out, and one line for what is wrong in them."""
+
+from pathlib import Path
+
+import pytest
+from sweep_plans import PLAN, write_plan
+
+from hhsim.errors import InputError
+from hhsim.sweep.cell import file_digest
+from hhsim.sweep.plan import SweepPlan, load_plan
+
+WIDE = """
+version = 1
+objects = ["cube", { file = "cup", name = "mug" }]
+motions = ["handle", { file = "short.toml", name = "mine" }]
+methods = ["coupled", "penalty"]
+surfaces = ["spheres", "mesh"]
+seeds = [0, 1]
+ticks = 150
+[options.usual]
+[options.coarse]
+level = 2
+stiffness = { translation = 500.0 }
+"""
+
+
+def plan(tmp_path: Path, text: str = PLAN) -> SweepPlan:
+    return load_plan(write_plan(tmp_path, text))
+
+
+def test_every_object_meets_every_motion_but_what_cannot_be_together(tmp_path: Path) -> None:
+    found = plan(tmp_path, WIDE)
+    cells = [planned.cell for planned in found.cells]
+    # handle is for the cup alone; penalty takes no mesh: 3 scenes x 3 ways to solve x 2 sets x 2 seeds.
+    assert len(cells) == 3 * 3 * 2 * 2
+    assert {(cell.object.name, cell.motion.name) for cell in cells} == {
+        ("cube", "mine"),
+        ("mug", "handle"),
+        ("mug", "mine"),
+    }
+    assert found.left_out == (
+        "16 cells left out: motion handle is made for cup",
+        "12 cells left out: method penalty takes no surface mesh",
+    )
+    assert found.name == "plan"
+    assert {planned.ticks for planned in found.cells} == {150}
+    coarse = next(cell for cell in cells if cell.options_name == "coarse")
+    assert coarse.solver_options().stiffness.translation == 500.0
+    assert coarse.label == "cube, mine, coupled, coarse"
+    assert len({planned.digest for planned in found.cells}) == len(cells)
+
+
+def test_ticks_are_those_of_the_motion_where_the_plan_has_no_fewer(tmp_path: Path) -> None:
+    assert [planned.ticks for planned in plan(tmp_path).cells] == [200, 200]
+
+
+def test_a_digest_is_of_what_is_in_the_files_and_not_of_names(tmp_path: Path) -> None:
+    before = [planned.digest for planned in plan(tmp_path).cells]
+    renamed = PLAN.replace("[options.usual]", "[options.other]").replace('"small"', '"large"')
+    assert [planned.digest for planned in plan(tmp_path, renamed).cells] == before
+    (tmp_path / "copy").mkdir()
+    assert [planned.digest for planned in plan(tmp_path / "copy").cells] == before
+    path = write_plan(tmp_path)
+    (tmp_path / "short.toml").write_text((tmp_path / "short.toml").read_text() + "# another\n")
+    assert not {planned.digest for planned in load_plan(path).cells} & set(before)
+    for change in (("level = 2", "level = 3"), ("level = 2", "level = 2\nbudget = 9"), ("[opt", "ticks = 9\n[opt")):
+        assert not {planned.digest for planned in plan(tmp_path, PLAN.replace(*change)).cells} & set(before)
+
+
+def test_the_recording_of_a_demonstration_counts(tmp_path: Path) -> None:
+    (tmp_path / "take.csv").write_text("1")
+    (tmp_path / "demonstration.toml").write_text('recording = "take.csv"')
+    before = file_digest(tmp_path / "demonstration.toml")
+    (tmp_path / "take.csv").write_text("23")
+    assert file_digest(tmp_path / "demonstration.toml") != before
+
+
+def test_a_method_from_outside_is_known_by_its_source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from hhsim.sweep.cell import _method_source
+
+    monkeypatch.syspath_prepend(tmp_path)
+    methods = ("__init__(self, scene)", "begin(self, pose)", "tick(self, haptic)")
+    text = "\n".join(["class Mine:", *(f"    def {method}: ..." for method in methods), ""])
+    for name in ("one_of_ours", "other_of_ours"):
+        (tmp_path / f"{name}.py").write_text(text + f"# {name}\n")
+    one, other = (_method_source(f"{name}:Mine") for name in ("one_of_ours", "other_of_ours"))
+    assert one and other and one != other
+    assert _method_source("coupled") == ""
+
+
+def test_a_pattern_takes_every_file_in_order(tmp_path: Path) -> None:
+    write_plan(tmp_path)
+    (tmp_path / "again.toml").write_text((tmp_path / "short.toml").read_text() + "# the same\n")
+    found = plan(tmp_path, PLAN.replace('"short.toml"', '"[as]*.toml"'))
+    assert list(dict.fromkeys(planned.cell.motion.name for planned in found.cells)) == ["again", "short"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("version = 1", "version = 2", "version is 2, this hhsim reads 1"),
+        ('objects = ["cylinder"]', "", 'objects is missing; expected a list such as objects = ["cube", "bunny"]'),
+        ('"cylinder"', '"cylinde"', "did you mean cylinder?"),
+        ('"cylinder"', '"no.stl"', "there is no file no.stl"),
+        ('"cylinder"', '{ file = "cube", unit = "mm" }', "'cube' has its size"),
+        ('"cylinder"', '"cylinder", "cylinder"', "two are called cylinder"),
+        ('"short.toml"', '"*.npz"', "no file is called *.npz"),
+        ('"short.toml"', '"grap"', "did you mean grasp"),
+        ('"coupled"', '"couple"', "did you mean coupled?"),
+        ('"coupled"', '"coupled", "coupled"', "two cells are the same: cylinder, short, coupled, usual"),
+        ('"penalty"]', '"penalty"]\nsurfaces = ["skin"]', "unknown surface 'skin'"),
+        ('"penalty"]', '"penalty"]\nticks = 0', "ticks: 0; expected a whole number from 1 on"),
+        ("level = 2", "level = 9", "level = 9; expected 1 to 5"),
+        ("level = 2", "levle = 2", "did you mean level?"),
+        ("level = 2", "margin = -1.0", "margin is -1 m"),
+        ("level = 2", 'margin = "wide"', "[options.usual], coupled: options of 'usual'"),
+        ("level = 2", "stiffness = { shear = 1.0 }", "unexpected keyword argument 'shear'"),
+        ("level = 2", 'samples = "none"', "expected interpolate or hold"),
+        ("level = 2", "tremor_mm_deg = 1.0", "expected two numbers"),
+        ("level = 2", "level = 2\nmax_error = 1e-3", "leave level out"),
+        ('name = "small"', 'name = "../small"', "expected a name for a folder"),
+    ],
+)
+def test_what_is_wrong_is_said_in_a_line(tmp_path: Path, old: str, new: str, said: str) -> None:
+    with pytest.raises(InputError) as caught:
+        plan(tmp_path, PLAN.replace(old, new))
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,187 @@
+"""A sweep: every cell is the replay that it stands for, what is done is not done again, and failures are kept."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+from sweep_plans import PLAN, without_times, write_plan
+
+from hhsim.errors import OutputError
+from hhsim.sweep import sweep as module
+from hhsim.sweep.cell_run import CellTask, run_cell
+from hhsim.sweep.estimate import estimate
+from hhsim.sweep.folder import SweepFolder
+from hhsim.sweep.plan import load_plan
+from hhsim.sweep.process_engine import CRASHED
+from hhsim.sweep.sweep import SweepOptions, SweepSummary, run_sweep
+
+Run = Callable[..., Any]
+BROKEN = '''
+import os
+
+
+class Broken:
+    """Raises, or ends its process."""
+
+    def __init__(self, scene): ...
+
+    def begin(self, pose): ...
+
+    def tick(self, haptic):
+        raise RuntimeError("no hand")
+
+
+class Crashing(Broken):
+    def tick(self, haptic):
+        os._exit(3)
+'''
+
+
+@pytest.fixture
+def in_this_process(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Run the cells here, one after the other; which ones."""
+    ran: list[str] = []
+
+    def here(tasks: Sequence[CellTask], options: SweepOptions) -> Any:
+        for task in tasks:
+            ran.append(task.cell.label)
+            yield run_cell(task)
+
+    monkeypatch.setattr(module, "_engine", here)
+    return ran
+
+
+def swept(path: Path, folder: Path, **options: Any) -> SweepSummary:
+    return run_sweep(load_plan(path), SweepFolder(folder), SweepOptions(**options))
+
+
+def test_a_cell_is_what_hhsim_replay_makes(run: Run, tmp_path: Path, in_this_process: list[str]) -> None:
+    path = write_plan(tmp_path, PLAN.replace("[options.usual]", "ticks = 180\n[options.usual]\nmargin = 0.002"))
+    summary = swept(Path(path.name), tmp_path / "out")
+    assert (summary.run, summary.failed, summary.ticks) == (2, (), 360)
+    cells = {row["cell"]["method"]: row for row in rows(tmp_path / "out")}
+    for method in ("coupled", "penalty"):
+        arguments = ("--method", method, "--level", "2", "--margin", "2", "--ticks", "180")
+        answer = run("replay", "cylinder", "short.toml", *arguments, "--out", f"{method}.h5", "--quiet")
+        assert answer.code == 0, answer.err
+        result = tmp_path / "out" / "cells" / cells[method]["result"]
+        assert without_times(result) == without_times(tmp_path / f"{method}.h5")
+        assert cells[method]["summary"]["ticks"] == 180
+        assert cells[method]["own_core"] is hasattr(os, "sched_getaffinity")
+
+
+def test_what_is_done_is_not_done_again(tmp_path: Path, in_this_process: list[str]) -> None:
+    path, out = write_plan(tmp_path), tmp_path / "out"
+    assert swept(path, out).run == 2
+    again = swept(path, out)
+    assert (again.run, again.done_before, len(in_this_process)) == (0, 2, 2)
+    # What was half-written is swept up; a result that is gone is made again, and so is one whose row is gone.
+    digests = sorted(row["digest"] for row in rows(out))
+    (out / "cells" / f".{digests[0]}-ab.partial.h5").write_text("half")
+    (out / "cells" / f"{digests[0]}.h5").unlink()
+    (out / "cells" / f"{digests[1]}.json").unlink()
+    assert swept(path, out).run == 2
+    assert not list((out / "cells").glob(".*"))
+    # Another plan in the same folder runs what is new in it, and its names count.
+    wider = PLAN.replace("[options.usual]", "[options.coarse]").replace('"penalty"', '"penalty", "progressive"')
+    third = swept(write_plan(tmp_path, wider), out, keep_results=False)
+    assert (third.run, third.done_before) == (1, 2)
+    assert {row["cell"]["options"] for row in rows(out)} == {"coarse"}
+    assert [row["result"] for row in rows(out) if row["cell"]["method"] == "progressive"] == [None]
+
+
+def test_a_failure_is_kept_and_tried_again_when_asked(
+    tmp_path: Path, in_this_process: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "broken_method.py").write_text(BROKEN)
+    path = write_plan(tmp_path, PLAN.replace('"penalty"', '"broken_method:Broken"'))
+    out = tmp_path / "out"
+    reason = "RuntimeError: no hand"
+    for run, done_before in ((1, 0), (0, 1)):
+        found = swept(path, out)
+        assert (found.run, found.done_before) == (run, done_before)
+        ((label, why),) = found.failed
+        assert label == "cylinder, short, broken_method:Broken, usual" and reason in why
+    assert len(in_this_process) == 2
+    assert swept(path, out, retry_failed=True).failed
+    assert len(in_this_process) == 3
+    assert not list((out / "cells").glob(".*"))
+
+
+def test_another_hhsim_or_a_folder_that_is_not_seen_fails_the_cell(tmp_path: Path) -> None:
+    planned = load_plan(write_plan(tmp_path)).cells[0]
+    task = CellTask(planned.cell, planned.digest, str(tmp_path), str(tmp_path), sources="another")
+    assert "is another one" in run_cell(task).reason
+    from hhsim.sweep.cell import source_digest
+
+    task = CellTask(planned.cell, planned.digest, str(tmp_path), str(tmp_path / "no"), sources=source_digest())
+    assert "sees no folder" in run_cell(task).reason
+
+
+def test_one_sweep_at_a_time_works_in_a_folder_and_no_other_files_are_there(tmp_path: Path) -> None:
+    plan = load_plan(write_plan(tmp_path))
+    one, other = SweepFolder(tmp_path / "out"), SweepFolder(tmp_path / "out")
+    with one.taken(plan), pytest.raises(OutputError, match="another sweep works in"), other.taken(plan):
+        pass
+    with SweepFolder(tmp_path / "out").taken(plan):
+        pass
+    with pytest.raises(OutputError, match="holds other files"):
+        SweepFolder(tmp_path)
+    with pytest.raises(OutputError, match="is a file"):
+        SweepFolder(tmp_path / "plan.toml")
+
+
+def test_an_estimate_counts_what_is_left_and_writes_nothing(tmp_path: Path, in_this_process: list[str]) -> None:
+    path, out = write_plan(tmp_path), tmp_path / "out"
+    before = estimate(load_plan(path), SweepFolder(out))
+    assert (before.cells, before.done, before.ticks, before.by) == (2, 0, 400, "2 trial cells")
+    assert before.seconds > 0.0 and not out.exists()
+    swept(path, out)
+    wider = write_plan(tmp_path, PLAN.replace("level = 2", "level = 2\n[options.finer]\nlevel = 3"))
+    after = estimate(load_plan(wider), SweepFolder(out))
+    assert (after.cells, after.done, after.ticks, after.by) == (4, 2, 400, "the cells that are done")
+    spent = sum(row["seconds"] for row in rows(out))
+    assert after.seconds == pytest.approx(spent)
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="processes are watched on Linux")
+def test_processes_crash_one_cell_are_killed_and_go_on(tmp_path: Path) -> None:
+    """One pool for all of it: to start processes is what takes long here."""
+    (tmp_path / "broken_method.py").write_text(BROKEN)
+    text = PLAN.replace('"penalty"', '"broken_method:Crashing", "penalty", "progressive"')
+    path = write_plan(tmp_path, text)
+    out = tmp_path / "out"
+    entry = ["-c", "from hhsim.cli.main import main; main()"]
+    command = [sys.executable, *entry, "sweep", path.name, "--out", "out", "--jobs", "1", "--json"]
+    first = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    while first.poll() is None and not (out.exists() and list((out / "cells").glob("*.json"))):
+        time.sleep(0.01)
+    first.send_signal(signal.SIGKILL)
+    first.communicate()
+    kept = {file.name: file.read_bytes() for file in (out / "cells").iterdir() if file.name[0] != "."}
+    assert any(name.endswith(".json") for name in kept)
+    second = subprocess.run(command, cwd=tmp_path, capture_output=True, check=False)
+    document = json.loads(second.stdout)
+    assert second.returncode == 1, second.stderr
+    ((failure),) = document["failed"]
+    assert failure == {"cell": "cylinder, short, broken_method:Crashing, usual", "reason": CRASHED}
+    assert {row["cell"]["method"] for row in rows(out)} == {"coupled", "penalty", "progressive"}
+    for name, content in kept.items():
+        if "failed" not in name and (
+            name.endswith(".json") or (out / "cells" / name).with_suffix(".json").name in kept
+        ):
+            assert (out / "cells" / name).read_bytes() == content
+    assert not list((out / "cells").glob(".*"))
+
+
+def rows(out: Path) -> list[dict[str, Any]]:
+    found = sorted((out / "cells").glob("*.json"))
+    return [json.loads(path.read_text()) for path in found if not path.name.endswith(".failed.json")]
