@@ -60,7 +60,7 @@ def command(folders: tuple[Path, ...], outputs: tuple[Path, ...], whole: bool, a
         return
     if quiet:
         return
-    thin = ("stuck", "over optimum [%]", "p99 [µs]", "machine", "within limits")
+    thin = ("stuck", "over optimum [%]", "p99 [µs]", "machine", "touched")
     print_rows(standing_cells(board), found, words=WORDS, optional=thin)
     if whole:
         print()

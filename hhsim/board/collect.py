@@ -51,14 +51,14 @@ def collect(folders: Sequence[Path], progress: Progress | None = None) -> Board:
             progress("results", number, len(paths))
         try:
             if path.suffix == ".json":
-                entries.append(entry_of_row(read_row(path), path))
+                entries.append(_of_row(path))
                 continue
             result = load_result(path)
             if not result.complete:
                 notes.append(f"{path} is of a run that was stopped: left out")
                 continue
             entries.append(entry_of_result(result))
-        except (InputError, KeyError, TypeError) as error:
+        except InputError as error:
             notes.append(f"{path} is left out: {error}")
     if not entries:
         what = ", ".join(map(str, folders))
@@ -89,6 +89,13 @@ def merged(entries: Iterable[Entry], notes: Sequence[str] = ()) -> Board:
         machines=_labels(kept),
         notes=tuple(found),
     )
+
+
+def _of_row(path: Path) -> Entry:
+    try:
+        return entry_of_row(read_row(path), path)
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"a row that lacks {error}") from None
 
 
 def _files(folder: Path) -> list[Path]:

@@ -120,7 +120,7 @@ def option_words(scene: Mapping[str, Any]) -> str:
     rate = float(scene.get("rate") or 1000.0)
     told = {name: scene.get(name) for name in TOLD if scene.get(name) is not None}
     told = {name: value for name, value in told.items() if USUAL_SCENE.get(name) != value}
-    if told.get("level") == _usual_level(scene):
+    if "level" in told and told["level"] == _usual_level(scene):
         del told["level"]
     usual = _usual_options(solver, rate)
     stiffness, usual_stiffness = dict(solver.pop("stiffness", {})), usual.pop("stiffness")

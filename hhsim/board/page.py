@@ -67,7 +67,7 @@ def board_page(board: Board, standings: Sequence[Standing]) -> str:
         standings: Of them.
     """
     runs = [*board.entries, *board.failed]
-    title = f"{len(standings)} methods in {len(board.entries):,} runs"
+    title = f"Board of {len(board.entries):,} runs"
     machines = [f"{label}: {machine_line(json.loads(machine))}" for machine, label in board.machines.items()]
     body = (
         element("header", element("h1", title), paragraph(LEGEND, class_="soft")),

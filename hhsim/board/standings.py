@@ -7,7 +7,7 @@ from statistics import median
 from hhsim.bench.speed_error_table import GAIN, frontier
 from hhsim.board.collect import Board
 from hhsim.board.entry import Entry
-from hhsim.replay.verdict import OK
+from hhsim.replay.verdict import MISSED, UNTOUCHED
 
 NAN = float("nan")
 
@@ -20,7 +20,8 @@ class Standing:
         method, surface, options, machine: Which.
         scenes: How many objects and motions.
         failed: Cells that failed.
-        within: Scenes within all limits.
+        touched: Runs in which the hand touched something: the others say nothing of contact.
+        missed: Runs that missed a limit.
         depth: Deepest in what was touched, of all scenes [m].
         off_mesh: Contacts off the mesh, the worst of all scenes [m].
         tracking: Coupling energy over the local optimum, mean over scenes [%].
@@ -36,7 +37,8 @@ class Standing:
     machine: str
     scenes: int
     failed: int
-    within: int
+    touched: int
+    missed: int
     depth: float
     off_mesh: float
     tracking: float
@@ -80,7 +82,8 @@ def _standing(key: tuple[str, str, str, str], entries: Sequence[Entry], failed: 
         machine=machine,
         scenes=len({entry.scene for entry in entries}),
         failed=sum((one.method, one.surface, one.machine) == (method, surface, machine) for one in failed),
-        within=sum(entry.verdict == OK for entry in entries),
+        touched=sum(entry.verdict != UNTOUCHED for entry in entries),
+        missed=sum(entry.verdict == MISSED for entry in entries),
         depth=max(_known(entries, "penetration_max"), default=NAN),
         off_mesh=max(_known(entries, "contact_error_max"), default=NAN),
         tracking=_mean(_known(entries, "tracking_excess")),

@@ -1,0 +1,167 @@
+"""The board: what is merged, what is marked, and the same numbers in every file."""
+
+import csv
+import io
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from sealed_change import changed
+from short_grasp import short_result
+
+from hhsim.board.collect import collect, merged
+from hhsim.board.entry import FAILED, Entry, entry_of_result, option_words
+from hhsim.board.shown import standing_cells
+from hhsim.board.standings import standings
+from hhsim.board.table_file import content_of, csv_text, markdown_text, parquet_bytes
+from hhsim.errors import InputError, OutputError
+from hhsim.metrics.run.registry import run_metrics
+from hhsim.replay.verdict import OK
+from hhsim.result.reader import Result
+
+A, B = (json.dumps({"cpu": name, "cores": 2, "system": "Linux", "python": "3.12"}) for name in ("one", "other"))
+USUAL = {
+    "penetration_max": 0.0,
+    "contact_error_max": 1e-4,
+    "tick_cpu_p50": 1e-5,
+    "tick_cpu_p99": 3e-5,
+    "stuck_ticks": 0.0,
+}
+
+
+def entry(method: str = "coupled", machine: str = A, motion: str = "grasp", **figures: float) -> Entry:
+    return Entry(
+        object="cube",
+        motion=motion,
+        method=method,
+        surface="spheres",
+        options="",
+        machine=machine,
+        created="2026-01-01T00:00:00Z",
+        own_core=True,
+        verdict=OK,
+        figures={**USUAL, **figures},
+        source=f"{method}.h5",
+    )
+
+
+def marked(*entries: Entry) -> set[tuple[str, str]]:
+    board = merged(entries)
+    return {(one.method, board.machines[one.machine]) for one in standings(board) if one.first}
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    return short_result(tmp_path_factory.mktemp("board") / "short.h5", linearisations=3)
+
+
+def test_of_a_run_that_is_done_again_the_last_one_counts() -> None:
+    early, late = entry(stuck_ticks=1.0), replace(entry(stuck_ticks=2.0), created="2026-01-02T00:00:00Z")
+    board = merged([late, early, entry(machine=B, stuck_ticks=3.0)])
+    assert [one.figures["stuck_ticks"] for one in board.entries] == [2.0, 3.0]
+    assert board.machines == {A: "A", B: "B"}
+    assert board.notes[0].startswith("1 runs were done again later")
+
+
+def test_a_failure_counts_until_it_worked() -> None:
+    failed = replace(entry("paper"), verdict=FAILED, figures={}, reason="no way")
+    board = merged([entry(), failed, replace(failed, method="coupled")])
+    assert [one.method for one in board.failed] == ["paper"]
+    assert "no way" in csv_text(board)
+
+
+def test_errors_compare_across_machines_and_what_differs_is_told() -> None:
+    assert merged([entry(), entry(machine=B)]).notes == ()
+    (note,) = merged([entry(), entry(machine=B, contact_error_max=1.1e-4)]).notes
+    assert note.endswith("in 1 of 1 runs that several did, first: cube, grasp, coupled, spheres (contact_error_max)")
+
+
+def test_the_frontier_is_of_one_machine_and_of_the_same_scenes() -> None:
+    slow, near = entry("progressive", tick_cpu_p50=2e-5), entry("paper", tick_cpu_p50=2e-5, contact_error_max=5e-5)
+    assert marked(entry(), slow, near) == {("coupled", "A"), ("paper", "A")}
+    # Beaten on the other machine, times say nothing of this one.
+    assert marked(entry(tick_cpu_p50=1e-6), replace(slow, machine=B)) == {("coupled", "A"), ("progressive", "B")}
+    # Worst cases of other scenes do not compare.
+    assert ("progressive", "A") in marked(entry(), replace(slow, motion="pinch"))
+    # Times without a core of their own are on no frontier, nor is what has no times.
+    assert marked(replace(entry(), own_core=False), slow) == {("progressive", "A")}
+    timeless = replace(entry("submitted"), figures={"penetration_max": 0.0})
+    assert marked(timeless, slow) == {("progressive", "A")}
+
+
+def test_the_worst_scene_counts_and_missing_figures_are_missing() -> None:
+    board = merged([entry(penetration_max=2e-6), entry(motion="pinch", penetration_max=9e-6, tick_cpu_p50=3e-5)])
+    (one,) = standings(board)
+    assert (one.scenes, one.depth, one.p50, one.error) == (2, 9e-6, 2e-5, 1e-4)
+    bare = merged([replace(entry(), figures={}, own_core=False)])
+    shown = {heading: cell(standings(bare)[0]) for heading, cell in standing_cells(bare).items()}
+    assert shown["depth [µm]"] == shown["p50 [µs]"] == "—"
+    rough = merged([replace(entry(), own_core=False)])
+    assert standing_cells(rough)["p50 [µs]"](standings(rough)[0]) == "~10.0"
+
+
+def test_a_result_is_told_by_what_is_not_as_usual(result: Result) -> None:
+    found = entry_of_result(result)
+    assert (found.object, found.motion, found.method, found.surface) == ("cylinder", "short", "coupled", "spheres")
+    assert found.options == "linearisations=3"
+    assert not found.own_core
+    assert found.figures["stuck_ticks"] == result.summary["stuck_ticks"]
+    assert "seed" not in found.options and set(found.figures) <= set(run_metrics())
+    scene = {**result.scene, "submission": {"name": "ours"}}
+    assert entry_of_result(replace(result, scene=scene)).method == "ours"
+
+
+def test_options_that_follow_from_others_are_not_told(result: Result) -> None:
+    solver = result.scene["solver"]
+    assert (
+        option_words({"object": "bunny", "level": 4, "rate": 1000.0, "solver": {**solver, "linearisations": 12}}) == ""
+    )
+    scene = {"object": "bunny", "level": 3, "seed": 2, "ticks": 500, "tremor_mm_deg": [0.1, 0.2]}
+    assert option_words(scene) == "level=3, seed=2, ticks=500, tremor_mm_deg=0.1/0.2"
+    unknown = {**solver, "method": "nobody:Knows", "linearisations": 12, "stiffness": {"translation": 9.0}}
+    assert option_words({"object": "mug.stl", "level": 4, "solver": unknown}) == "stiffness.translation=9"
+
+
+def test_a_folder_of_results_is_read_and_what_is_none_is_told(result: Result, tmp_path: Path) -> None:
+    (tmp_path / "one.h5").write_bytes(result.path.read_bytes())
+    (tmp_path / "other.txt").write_text("no result")
+    with changed(tmp_path / "one.h5") as file:
+        file.attrs["complete"] = 0
+    (tmp_path / "row.json").write_text("{}")
+    board = collect([tmp_path, result.path, tmp_path / "row.json"])
+    assert len(board.entries) == 1
+    assert board.notes == (
+        f"{tmp_path / 'one.h5'} is of a run that was stopped: left out",
+        f"{tmp_path / 'row.json'} is left out: {tmp_path / 'row.json'}: no row of a sweep",
+    )
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match="no result in"):
+        collect([tmp_path / "empty"])
+    with pytest.raises(InputError, match="no such folder"):
+        collect([tmp_path / "nowhere"])
+
+
+def test_every_file_has_the_same_runs(tmp_path: Path) -> None:
+    board = merged([entry(), entry("paper|er", machine=B, force_hold_mean=1.25)])
+    rows = list(csv.DictReader(io.StringIO(csv_text(board))))
+    assert [row["method"] for row in rows] == ["coupled", "paper|er"]
+    assert float(rows[0]["tick_cpu_p50 [s]"]) == 1e-5 and rows[0]["force_hold_mean [N]"] == ""
+    assert rows[0]["times_comparable"] == "1" and rows[1]["machine"] == "B"
+    parquet = pytest.importorskip("pyarrow.parquet")
+    (tmp_path / "board.parquet").write_bytes(parquet_bytes(board))
+    table = parquet.read_table(tmp_path / "board.parquet")
+    assert table["tick_cpu_p50"].to_pylist() == [1e-5, 1e-5]
+    assert table["force_hold_mean"].to_pylist() == [None, 1.25]
+    assert table.schema.field("tick_cpu_p50").metadata == {b"unit": b"s"}
+    text = markdown_text(board, standings(board))
+    assert "| paper\\|er |" in text and "- A: one, 2 cores, Linux, Python 3.12" in text
+    page = content_of(Path("board.html"), board, standings(board)).decode()
+    assert "paper|er" in page and "script-src &#x27;sha256-" in page
+
+
+def test_a_name_that_ends_otherwise_is_refused() -> None:
+    from hhsim.board.table_file import check_board_path
+
+    with pytest.raises(OutputError, match=r"a board ends in \.html, \.csv, \.parquet, \.md"):
+        check_board_path(Path("board.xlsx"))

@@ -1,0 +1,69 @@
+"""`hhsim sweep` and `hhsim board` as users meet them."""
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+from sweep_plans import PLAN, write_plan
+
+from hhsim.sweep import sweep as module
+from hhsim.sweep.cell_run import CellEnd, CellTask, run_cell
+
+Run = Callable[..., Any]
+
+
+@pytest.fixture
+def planned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A plan whose cells run in this process; those of `paper` fail."""
+
+    def here(tasks: Sequence[CellTask], options: object) -> Any:
+        for task in tasks:
+            yield CellEnd(task.digest, "no way") if task.cell.method == "paper" else run_cell(task)
+
+    monkeypatch.setattr(module, "_engine", here)
+    return write_plan(
+        tmp_path, PLAN.replace('"penalty"', '"paper"') + "[options.deep]\nlevel = 3\nlinearisations = 9\n"
+    )
+
+
+def test_a_sweep_from_dry_run_to_board(run: Run, planned: Path, tmp_path: Path) -> None:
+    answer = run("sweep", str(planned), "--dry-run", "--jobs", "2")
+    assert answer.code == 0, answer.err
+    assert "4 cells: 0 done, 0 failed, 4 to run" in answer.out
+    assert "800 ticks: about" in answer.out and "in 2 processes, by 2 trial cells" in answer.out
+    assert not (tmp_path / "results").exists()
+    answer = run("sweep", str(planned))
+    assert answer.code == 1, answer.err
+    assert "4 cells: 2 done now, 2 failed" in answer.out
+    assert "cylinder, short, paper, deep" in answer.out and "no way" in answer.out
+    assert "hhsim board results/small shows them" in answer.out
+    document = json.loads(run("sweep", str(planned), "--json").out)
+    assert (document["done_now"], document["done_before"], len(document["failed"])) == (0, 2, 2)
+    quiet = run("sweep", str(planned), "--quiet")
+    assert (quiet.out, quiet.err) == ("", "hhsim: missed: 2 cells failed\n")
+
+    answer = run("board", "results/small", "--all", "--out", "b.csv", "--out", "b.html")
+    assert answer.code == 0, answer.err
+    assert "linearisations=9" in answer.out and "failed: no way" in answer.out
+    assert (tmp_path / "b.csv").read_text().count("\n") == 5
+    assert "<table" in (tmp_path / "b.html").read_text()
+    board = json.loads(run("board", "results/small", "--json").out)
+    assert {row["verdict"] for row in board["runs"]} >= {"failed"} and len(board["standings"]) == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("sweep", "none.toml"), "none.toml: no such file; expected a TOML plan of a sweep"),
+        (("sweep", "plan.toml", "--out", "plan.toml"), "plan.toml is a file, not a folder"),
+        (("sweep", "plan.toml", "--out", "."), "holds other files, and no sweep"),
+        (("board", "nowhere"), "nowhere: no such folder"),
+        (("board", ".", "--out", "b.xlsx"), "b.xlsx: a board ends in .html, .csv, .parquet, .md"),
+    ],
+)
+def test_what_cannot_be_is_said_in_a_line(run: Run, planned: Path, arguments: tuple[str, ...], said: str) -> None:
+    answer = run(*arguments)
+    assert answer.code == 2
+    assert said in answer.err and answer.err.count("\n") == 1
