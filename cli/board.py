@@ -25,11 +25,11 @@ from .console import print_json, print_line, print_rows, progress
 @options.json
 @options.quiet
 def command(folders: tuple[Path, ...], outputs: tuple[Path, ...], whole: bool, as_json: bool, quiet: bool) -> None:
-    """Set the results of sweeps, replays and submissions side by side, of one machine or several.
+    """Set results of sweeps and machines side by side, in one table.
 
-    FOLDER is one of hhsim sweep, or any that holds results. Runs of the same object, motion, method, surface and
-    options are one line for each machine, the last one of several. Marked are the methods that none beats in both
-    speed and error.
+    FOLDER is one of hhsim sweep, or any that holds results, of replays or submissions. Runs of the same object, motion,
+    method, surface and options are one line for each machine, the last one of several. Marked are the methods that none
+    beats in both speed and error.
 
     \b
     Examples:

@@ -15,8 +15,8 @@ from .lazy_group import LazyGroup
 
 COMMANDS = {
     "replay": "Replay a hand motion against an object, every tick measured.",
-    "sweep": "Replay every object, motion and method of a plan, and resume.",
-    "board": "One table of the results of sweeps and machines.",
+    "sweep": "Replay all that a plan names, each with each, and resume.",
+    "board": "Set results of sweeps and machines side by side, in one table.",
     "live": "Put a glove in the loop at 1 kHz, safely, and record it.",
     "compare": "Set the figures of two results side by side.",
     "export": "Write the ticks of a result to a CSV table.",
