@@ -73,14 +73,15 @@ class SweepFolder:
                 self._clean()
             os.close(lock)
 
-    def done(self, planned: PlannedCell) -> bool:
-        """Whether a cell is done; a row of an older plan gets the names of this one."""
+    def done(self, planned: PlannedCell, with_result: bool = False) -> bool:
+        """Whether a cell is done, with its result where that is wanted; the row of an older plan gets new names."""
         path = self.row_path(planned)
         try:
             row = read_row(path)
         except InputError:
             return False
-        if row.get("result") and not (self.cells / row["result"]).is_file():
+        result = row.get("result")
+        if (result and not (self.cells / result).is_file()) or (with_result and not result):
             return False
         if row["cell"] != named(planned.cell):
             write_row(path, {**row, "cell": named(planned.cell)})

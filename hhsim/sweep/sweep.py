@@ -79,7 +79,7 @@ def run_sweep(
     if options.scheduler:
         require_dask()
     with folder.taken(plan):
-        before = {planned.digest for planned in plan.cells if folder.done(planned)}
+        before = {planned.digest for planned in plan.cells if folder.done(planned, options.keep_results)}
         left = [planned for planned in plan.cells if planned.digest not in before]
         if not options.retry_failed:
             left = [planned for planned in left if not folder.failure(planned)]

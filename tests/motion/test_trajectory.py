@@ -187,3 +187,14 @@ def test_real_recordings_resample_without_overshoot(shared_data: Path, name: str
         assert (out >= np.minimum(values[left], values[right])).all()
         assert (out <= np.maximum(values[left], values[right])).all()
     np.testing.assert_allclose(np.linalg.norm(ticks.orientation, axis=1), 1.0, atol=1e-14)
+
+
+def test_the_first_ticks_are_those_of_the_whole_and_end_the_phase_under_way() -> None:
+    phases = (Phase("approach", 0.0, 0.05), Phase("grasp", 0.05, 0.12), Phase("hold", 0.12, 0.19))
+    whole = motion(phases=phases).resampled(1000.0)
+    cut = whole.first(100)
+    assert cut.tick_count == 100 and cut.rate == whole.rate
+    for name in ("time", "input_seq", "position", "orientation", "flexion", "abduction"):
+        assert np.array_equal(getattr(cut, name), getattr(whole, name)[:100])
+    assert cut.phases == (TickPhase("approach", 0, 49), TickPhase("grasp", 50, 99))
+    assert whole.first(10_000).phases == whole.phases and whole.first(10_000).tick_count == whole.tick_count

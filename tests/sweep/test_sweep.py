@@ -74,6 +74,7 @@ def test_a_cell_is_what_hhsim_replay_makes(run: Run, tmp_path: Path, in_this_pro
         result = tmp_path / "out" / "cells" / cells[method]["result"]
         assert without_times(result) == without_times(tmp_path / f"{method}.h5")
         assert cells[method]["summary"]["ticks"] == 180
+        assert run("replay", f"{method}.h5").out.endswith("identical in every tick\n")
         assert cells[method]["own_core"] is hasattr(os, "sched_getaffinity")
 
 
@@ -95,6 +96,9 @@ def test_what_is_done_is_not_done_again(tmp_path: Path, in_this_process: list[st
     assert (third.run, third.done_before) == (1, 2)
     assert {row["cell"]["options"] for row in rows(out)} == {"coarse"}
     assert [row["result"] for row in rows(out) if row["cell"]["method"] == "progressive"] == [None]
+    # A row alone is enough until somebody wants the ticks.
+    assert swept(tmp_path / "plan.toml", out, keep_results=False).run == 0
+    assert swept(tmp_path / "plan.toml", out).run == 1
 
 
 def test_a_failure_is_kept_and_tried_again_when_asked(
