@@ -104,7 +104,7 @@ def _print_estimate(found: "Estimate", workers: int, *, as_json: bool) -> None:
         print_json({**counts, "processes": workers, "seconds": seconds, "estimated_from": found.by})
         return
     left = found.cells - found.done - found.failed
-    print_line(f"{found.cells:,} cell{'s' * (found.cells != 1)}: {found.done:,} done, {found.failed:,} failed, {left:,} to run")
+    print_line(f"{_cells(found.cells)}: {found.done:,} done, {found.failed:,} failed, {left:,} to run")
     if left:
         processes = f"{workers} process{'es' * (workers > 1)}"
         print_line(f"{found.ticks:,} ticks: about {_lasting(seconds)} in {processes}, by {found.by}")
@@ -112,7 +112,7 @@ def _print_estimate(found: "Estimate", workers: int, *, as_json: bool) -> None:
 
 def _print(ended: "SweepSummary", folder: Path) -> None:
     before = f", {ended.done_before:,} before" if ended.done_before else ""
-    print_line(f"{ended.cells:,} cell{'s' * (ended.cells != 1)}: {ended.run:,} done now{before}, {len(ended.failed):,} failed")
+    print_line(f"{_cells(ended.cells)}: {ended.run:,} done now{before}, {len(ended.failed):,} failed")
     if ended.run:
         speed = f", {ended.ticks / ended.seconds:,.0f} a second" if ended.seconds else ""
         print_line(f"{ended.ticks:,} ticks in {_lasting(ended.seconds)}{speed}")
@@ -135,6 +135,10 @@ def _document(ended: "SweepSummary", folder: Path, left_out: tuple[str, ...]) ->
         "seconds": ended.seconds,
         "notes": list(left_out),
     }
+
+
+def _cells(count: int) -> str:
+    return f"{count:,} cell{'s' * (count != 1)}"
 
 
 def _lasting(seconds: float) -> str:
