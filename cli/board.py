@@ -28,8 +28,8 @@ def command(folders: tuple[Path, ...], outputs: tuple[Path, ...], whole: bool, a
     """Set results of sweeps and machines side by side, in one table.
 
     FOLDER is one of hhsim sweep, or any that holds results, of replays or submissions. Runs of the same object, motion,
-    method, surface and options are one line for each machine, the last one of several. Marked are the methods that none
-    beats in both speed and error.
+    method, surface and options are one line for each machine, the last one of several. Marked are those that no faster
+    one equals in every error.
 
     \b
     Examples:

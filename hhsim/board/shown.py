@@ -10,9 +10,10 @@ from hhsim.board.standings import Standing
 MARK = "●"
 """Of what is on the frontier."""
 LEGEND = (
-    f"{MARK}: none that did the same scenes on the same machine is both faster (p50, the median over scenes) and "
-    "nearer (the worse of depth and contacts off the mesh, in the worst scene). Errors compare across machines, times "
-    "within one; ~ before a time: some of its runs had no core of their own, and it is on no frontier."
+    f"{MARK}: none that did the same scenes on the same machine is faster (p50, the median over scenes) and as "
+    "good in depth and contacts off the mesh, each in its worst scene, and in energy over the optimum. Errors "
+    "compare across machines, times within one; ~ before a time: some of its runs had no core of their own, and "
+    "it is on no frontier."
 )
 
 

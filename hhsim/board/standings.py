@@ -4,7 +4,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from statistics import median
 
-from hhsim.bench.speed_error_table import GAIN, frontier
+from hhsim.bench.robustness.case import DEEPEST
+from hhsim.bench.speed_error_table import GAIN
 from hhsim.board.collect import Board
 from hhsim.board.entry import Entry
 from hhsim.replay.verdict import MISSED, UNTOUCHED
@@ -28,7 +29,7 @@ class Standing:
         stuck: Stuck ticks of all scenes.
         p50, p99: Of a tick in contact, CPU: the median over scenes, and the worst [s].
         comparable: Whether each of its scenes had a core of its own.
-        first: Whether none of the same scenes on the same machine is both faster and nearer (`error`).
+        first: Whether none of the same scenes on the same machine is faster and as good in every one of `errors`.
     """
 
     method: str
@@ -49,10 +50,14 @@ class Standing:
     first: bool = False
 
     @property
-    def error(self) -> float:
-        """The worse of depth and contacts off the mesh [m]; NaN where neither is known."""
-        known = [value for value in (self.depth, self.off_mesh) if value == value]
-        return max(known, default=NAN)
+    def errors(self) -> tuple[float, float, float]:
+        """What counts besides speed; a depth that every method is allowed is none."""
+        depth = max(self.depth, DEEPEST) if self.depth == self.depth else NAN
+        return depth, self.off_mesh, self.tracking
+
+    def gains_on(self, faster: "Standing") -> bool:
+        """Whether it is better by more than a hair in one of the errors."""
+        return any(mine < (1.0 - GAIN) * other for mine, other in zip(self.errors, faster.errors))
 
 
 def standings(board: Board) -> list[Standing]:
@@ -67,10 +72,14 @@ def standings(board: Board) -> list[Standing]:
         if found[number].comparable:
             same.setdefault((key[3], frozenset(entry.scene for entry in entries)), []).append(number)
     for numbers in same.values():
-        chosen = [found[number] for number in numbers]
-        for index in frontier([one.p50 for one in chosen], [one.error for one in chosen], GAIN):
-            found[numbers[index]] = replace(chosen[index], first=True)
-    return sorted(found, key=lambda one: (one.machine, -one.scenes, not one.first, one.error, one.p50))
+        kept: list[Standing] = []
+        for number in sorted(numbers, key=lambda number: (found[number].p50, found[number].errors)):
+            one = found[number]
+            known = one.p50 == one.p50 and any(error == error for error in one.errors[:2])
+            if known and all(one.gains_on(faster) for faster in kept):
+                kept.append(one)
+                found[number] = replace(one, first=True)
+    return sorted(found, key=lambda one: (one.machine, -one.scenes, not one.first, one.p50))
 
 
 def _standing(key: tuple[str, str, str, str], entries: Sequence[Entry], failed: Iterable[Entry]) -> Standing:

@@ -80,6 +80,11 @@ def test_errors_compare_across_machines_and_what_differs_is_told() -> None:
 def test_the_frontier_is_of_one_machine_and_of_the_same_scenes() -> None:
     slow, near = entry("progressive", tick_cpu_p50=2e-5), entry("paper", tick_cpu_p50=2e-5, contact_error_max=5e-5)
     assert marked(entry(), slow, near) == {("coupled", "A"), ("paper", "A")}
+    # As good but for a depth: the faster one does not beat it, and less than a micrometre is none.
+    assert marked(entry(penetration_max=1e-5), slow) == {("coupled", "A"), ("progressive", "A")}
+    assert marked(entry(penetration_max=1e-7), slow) == {("coupled", "A")}
+    nearer = entry("progressive", tick_cpu_p50=2e-5, tracking_excess=1.0)
+    assert len(marked(entry(tracking_excess=2.0), nearer)) == 2
     # Beaten on the other machine, times say nothing of this one.
     assert marked(entry(tick_cpu_p50=1e-6), replace(slow, machine=B)) == {("coupled", "A"), ("progressive", "B")}
     # Worst cases of other scenes do not compare.
@@ -93,7 +98,7 @@ def test_the_frontier_is_of_one_machine_and_of_the_same_scenes() -> None:
 def test_the_worst_scene_counts_and_missing_figures_are_missing() -> None:
     board = merged([entry(penetration_max=2e-6), entry(motion="pinch", penetration_max=9e-6, tick_cpu_p50=3e-5)])
     (one,) = standings(board)
-    assert (one.scenes, one.depth, one.p50, one.error) == (2, 9e-6, 2e-5, 1e-4)
+    assert (one.scenes, one.depth, one.p50, one.off_mesh) == (2, 9e-6, 2e-5, 1e-4)
     bare = merged([replace(entry(), figures={}, own_core=False)])
     shown = {heading: cell(standings(bare)[0]) for heading, cell in standing_cells(bare).items()}
     assert shown["depth [µm]"] == shown["p50 [µs]"] == "—"
