@@ -83,9 +83,13 @@ def merged(entries: Iterable[Entry], notes: Sequence[str] = ()) -> Board:
     if repeated:
         found.append(f"{repeated:,} runs were done again later on the same machine: the last one of each counts")
     found += _differences(kept)
+    still = [entry for place, entry in sorted(failed.items()) if place not in last]
+    if still:
+        first = ", ".join(part for part in still[0].key if part)
+        found.append(f"cells that failed, and count in no figure: {len(still):,}, first: {first}: {still[0].reason}")
     return Board(
         entries=tuple(kept),
-        failed=tuple(entry for place, entry in sorted(failed.items()) if place not in last),
+        failed=tuple(still),
         machines=_labels(kept),
         notes=tuple(found),
     )

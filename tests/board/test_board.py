@@ -69,6 +69,7 @@ def test_a_failure_counts_until_it_worked() -> None:
     board = merged([entry(), failed, replace(failed, method="coupled")])
     assert [one.method for one in board.failed] == ["paper"]
     assert "no way" in csv_text(board)
+    assert board.notes[-1].endswith("count in no figure: 1, first: cube, grasp, paper, spheres: no way")
 
 
 def test_errors_compare_across_machines_and_what_differs_is_told() -> None:
