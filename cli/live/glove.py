@@ -221,6 +221,7 @@ def command(
       hhsim live glove --device replay --trajectory session.h5 --duration 10
     """
     from hhsim.live.devices.registry import open_device
+    from hhsim.live.doctor import quick_warning
     from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
     from hhsim.live.session.scene import make_live_scene
     from hhsim.solver.compile import warm_up
@@ -276,6 +277,8 @@ def command(
         },
     )
     warm_up(model, setup.options)
+    warning = quick_warning(setup.rate, setup.real_time)
+    print_notes([warning] if warning else [], prefix="warning")
     heading = f"{mesh.name}, {solver.method}, {device.kind}"
     outcome, error = run_session(setup, heading, quiet=quiet)
     if as_json:

@@ -24,6 +24,7 @@ _prctl = _libc.prctl
 _prctl.argtypes = (ctypes.c_int, ctypes.c_ulong, ctypes.c_ulong, ctypes.c_ulong, ctypes.c_ulong)
 _mlockall = _libc.mlockall
 _mlockall.argtypes = (ctypes.c_int,)
+_munlockall = _libc.munlockall
 
 
 @dataclass(frozen=True)
@@ -181,6 +182,15 @@ def lock_memory() -> None:
         OSError: Not allowed, or more than the limit of locked memory.
     """
     _check(_mlockall(MCL_CURRENT | MCL_FUTURE))
+
+
+def unlock_memory() -> None:
+    """Take `lock_memory` back.
+
+    Raises:
+        OSError: The system refuses.
+    """
+    _check(_munlockall())
 
 
 def set_timer_slack(slack_ns: int) -> None:

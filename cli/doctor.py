@@ -1,0 +1,81 @@
+"""`hhsim doctor`."""
+
+import click
+
+from .arguments import options
+from .console import announce_compilation, print_json, print_line, print_table
+
+BAR = 40
+"""Letters of the longest bar of the histogram."""
+
+
+@click.command()
+@click.option(
+    "--rate",
+    type=click.FloatRange(10.0, 4000.0),
+    default=1000.0,
+    metavar="HZ",
+    help="Wake-ups a second [Hz], as of the session that is meant.",
+)
+@click.option(
+    "--duration", type=click.FloatRange(0.1, 3600.0), default=10.0, metavar="S", help="How long to measure [s]."
+)
+@click.option(
+    "--cpu", type=click.IntRange(-1), metavar="N", help="Processor to stay on; -1: any. Default: the last one."
+)
+@click.option("--no-realtime", is_flag=True, help="Measure without real-time scheduling and a processor of one's own.")
+@options.json
+@options.quiet
+def command(rate: float, duration: float, cpu: int | None, no_realtime: bool, as_json: bool, quiet: bool) -> int:
+    """Can this machine keep 1 kHz, and if not, who takes the time?
+
+    Waits for deadlines as a session's loop would, in compiled code, asks the system for the same, and counts how late
+    it is woken. Exit code 1 where more than 0.1 % of the periods are missed, more than 9 in a row, or where one wake-up
+    in a hundred is later than a quarter of a period; then it says what to change. A session looks for 0.3 s by itself.
+
+    \b
+    Examples:
+      hhsim doctor
+      hhsim doctor --rate 2000 --duration 60
+      hhsim doctor --no-realtime
+    """
+    from hhsim.live.doctor import examine, histogram, mode_line
+    from hhsim.live.real_time import RealTimeWishes
+    from hhsim.result.miss_cause import WORDS
+
+    announce_compilation(quiet=quiet)
+    wishes = RealTimeWishes.none() if no_realtime else RealTimeWishes(cpu=cpu)
+    diagnosis = examine(rate, duration, wishes)
+    wakeups = diagnosis.wakeups
+    if as_json:
+        print_json(diagnosis.to_json())
+    elif not quiet:
+        rows = [(m.name, f"{m.value:,.{m.digits}f}", f"{m.limit:,.{m.digits}f}", m.unit) for m in diagnosis.measures]
+        rows += [
+            (f"wake-up, {name}", f"{1e6 * wakeups.percentile(percent):,.0f}", "", "µs")
+            for name, percent in (("p50", 50.0), ("p99.9", 99.9), ("longest", 100.0))
+        ]
+        rows += [(f"missed: {WORDS[cause]}", f"{count:,}", "", "") for cause, count in wakeups.causes.items() if count]
+        for name, value in (("run delay", wakeups.run_delay), ("steal (the host had it)", wakeups.steal)):
+            rows.append((name, "not told" if value is None else f"{1e-6 * value:,.1f}", "", "ms"))
+        title = f"{wakeups.periods:,} periods at {rate:,g} Hz"
+        print_table(("measured", "hhsim", "limit", "unit"), rows, title=title, numbers=("hhsim", "limit"))
+        print()
+        counts = histogram(wakeups)
+        most = max(count for _, _, count in counts)
+        print_table(
+            ("woken late by [µs]", "wake-ups", ""),
+            [(_range(low, high), f"{count:,}", "█" * round(BAR * count / most)) for low, high, count in counts],
+            numbers=("woken late by [µs]", "wake-ups"),
+        )
+        print()
+        print_table(("system", "value", "better"), [(f.name, f.value, f.advice) for f in diagnosis.facts])
+        print_line(f"granted: {mode_line(wakeups)}")
+        print_line(diagnosis.verdict)
+        for line in diagnosis.advice:
+            print_line(f"  - {line}")
+    return 0 if diagnosis.good else 1
+
+
+def _range(low: float, high: float | None) -> str:
+    return f"more than {low:,.0f}" if high is None else f"{low:,.0f} to {high:,.0f}"

@@ -1,0 +1,133 @@
+"""How punctually this machine wakes a thread that only waits, as the loop of a session would wait."""
+
+import threading
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.kernels.timed_wait import PASSED, wait_periods
+from hhsim.live.real_time import RealTimeWishes, become_real_time, unlock_memory
+from hhsim.result.miss_cause import MissCause, TimeTaken
+from hhsim.system.cpu_accounts import CpuAccounts, risen
+
+BLOCK_SECONDS = 0.05
+"""So long the compiled code waits by itself; the accounts are read between two blocks, which costs no period."""
+
+
+@dataclass(frozen=True)
+class Wakeups:
+    """What became of a row of deadlines.
+
+    Attributes:
+        rate: Deadlines a second [Hz].
+        late: How long after its deadline the thread woke [ns], one entry a wake-up.
+        missed: Deadlines that had passed when the thread woke from the one before.
+        streak: Most of them one after the other.
+        causes: How many of them by what took the time.
+        run_delay: How long the thread could have run and was not let [ns]; None where the system does not tell.
+        steal: How long the host had the thread's processors [ns], in the steps of the system; None as above.
+        mode: What the system granted, as of `become_real_time`.
+    """
+
+    rate: float
+    late: NDArray[np.int64]
+    missed: int
+    streak: int
+    causes: dict[MissCause, int]
+    run_delay: int | None
+    steal: int | None
+    mode: dict[str, Any]
+
+    @property
+    def periods(self) -> int:
+        """Deadlines, missed ones too."""
+        return len(self.late) + self.missed
+
+    def percentile(self, percent: float) -> float:
+        """The lateness [s] that so many per cent of the wake-ups do not exceed, the nearest rank."""
+        return 1e-9 * float(np.percentile(self.late, percent, method="inverted_cdf"))
+
+
+class _Measurement(threading.Thread):
+    """The thread that waits: what it is granted is its own, and goes with it."""
+
+    def __init__(self, rate: float, seconds: float, wishes: RealTimeWishes) -> None:
+        super().__init__(name="hhsim-wakeups", daemon=True)
+        self._rate, self._seconds, self._wishes = rate, seconds, wishes
+        self.stopping = threading.Event()
+        self.result: Wakeups | None = None
+        self.failure: Exception | None = None
+
+    def run(self) -> None:
+        try:
+            self.result = self._measure()
+        except Exception as error:  # raised again where the thread was started
+            self.failure = error
+
+    def _measure(self) -> Wakeups:
+        # The first call compiles or loads the kernel: none of that is waiting.
+        wait_periods(1_000, np.zeros(1, np.int64))
+        mode = become_real_time(replace(self._wishes, freeze_gc=False))
+        accounts = CpuAccounts(None if mode["cpu"] < 0 else mode["cpu"])
+        try:
+            return self._wait(accounts, mode)
+        finally:
+            accounts.close()
+            if mode["memory_locked"]:
+                unlock_memory()
+
+    def _wait(self, accounts: CpuAccounts, mode: dict[str, Any]) -> Wakeups:
+        period = round(1e9 / self._rate)
+        count = max(1, round(self._seconds * self._rate))
+        size = max(1, round(BLOCK_SECONDS * self._rate))
+        block = np.zeros(size, np.int64)
+        rows, missed, streak = [], 0, 0
+        causes = dict.fromkeys(list(MissCause)[1:], 0)
+        first = before = accounts.run_delay_ns(), accounts.steal_ns()
+        while count > 0 and not self.stopping.is_set():
+            part = block[: min(size, count)]
+            gone = int(wait_periods(period, part))
+            after = accounts.run_delay_ns(), accounts.steal_ns()
+            woken = part[part != PASSED]
+            if gone:
+                overslept = woken[woken >= period]
+                delay, steal = (risen(was, now) for was, now in zip(before, after, strict=True))
+                taken = TimeTaken(computed=0, kept=int(overslept.sum()), run_delay=delay, steal=steal, device=0)
+                causes[taken.cause()] += gone
+                streak = max(streak, int(overslept.max()) // period)
+            rows.append(woken)
+            missed += gone
+            count -= len(part)
+            before = after
+        told = [None if was < 0 or now < 0 else now - was for was, now in zip(first, before, strict=True)]
+        return Wakeups(self._rate, np.concatenate(rows), missed, streak, causes, told[0], told[1], mode)
+
+
+def measure_wakeups(rate: float, seconds: float, wishes: RealTimeWishes) -> Wakeups:
+    """Wait for deadlines in a thread of its own that asks for what a loop would ask for, and count how late it wakes.
+
+    Args:
+        rate: Deadlines a second [Hz].
+        seconds: For how long [s].
+        wishes: What is asked of the system; the garbage collector is left alone.
+
+    Returns:
+        What became of the deadlines; the calling thread stays as it was, and no memory stays locked.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C; the thread has ended.
+    """
+    thread = _Measurement(rate, seconds, wishes)
+    thread.start()
+    try:
+        thread.join()
+    except BaseException:
+        thread.stopping.set()
+        thread.join()
+        raise
+    if thread.failure is not None:
+        raise thread.failure
+    assert thread.result is not None
+    return thread.result

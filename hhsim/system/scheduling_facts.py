@@ -1,0 +1,165 @@
+"""What the system is set to that decides how punctually it wakes a thread, each fact with what would be better.
+
+Nothing here is measured, and no fact alone is a verdict: a machine that does not tell one of them may be as good.
+"""
+
+import os
+import platform
+import re
+import resource
+from dataclasses import dataclass
+from pathlib import Path
+
+NOT_TOLD = "not told"
+"""Stands for what the system has no file for."""
+CAP_IPC_LOCK, CAP_SYS_NICE = 14, 23
+"""Bits of the capabilities that stand above the limits (capabilities(7))."""
+LIMITS_FILE = "in /etc/security/limits.d/90-hhsim.conf, then log in anew"
+
+
+@dataclass(frozen=True)
+class SchedulingFact:
+    """One fact.
+
+    Attributes:
+        name: Of what.
+        value: In words.
+        advice: What to change; "" where nothing is to be.
+    """
+
+    name: str
+    value: str
+    advice: str = ""
+
+
+def scheduling_facts(priority: int, root: Path = Path("/")) -> list[SchedulingFact]:
+    """Kernel, processors, governor, limits, and what the host or a container leaves.
+
+    Args:
+        priority: The highest that is going to be asked for under SCHED_FIFO.
+        root: Where /proc and /sys are.
+    """
+    capabilities = _capabilities(root)
+    allowed = sorted(os.sched_getaffinity(0))
+    return [
+        _kernel(root),
+        _affinity(allowed),
+        _isolated(root, allowed),
+        SchedulingFact("NUMA nodes", _text(root / "sys/devices/system/node/online")),
+        _governor(root, allowed),
+        _priority_limit(capabilities, priority),
+        _memory_limit(capabilities),
+        _throttle(root),
+        _quota(root),
+        _virtual(root),
+    ]
+
+
+def _kernel(root: Path) -> SchedulingFact:
+    flag = _text(root / "sys/kernel/realtime")
+    preempt = "PREEMPT_RT" if flag == "1" or "PREEMPT_RT" in platform.version() else "no PREEMPT_RT"
+    advice = "" if preempt == "PREEMPT_RT" else "a kernel with PREEMPT_RT (in Linux since 6.12) has shorter worst cases"
+    return SchedulingFact("kernel", f"{platform.release()}, {preempt}", advice)
+
+
+def _affinity(allowed: list[int]) -> SchedulingFact:
+    advice = "with one processor the loop shares it with everything else: give it two" if len(allowed) == 1 else ""
+    return SchedulingFact("processors that may be used", ", ".join(map(str, allowed)), advice)
+
+
+def _isolated(root: Path, allowed: list[int]) -> SchedulingFact:
+    value = _text(root / "sys/devices/system/cpu/isolated")
+    if value == NOT_TOLD:
+        return SchedulingFact("processors set aside", value)
+    advice = "" if value else f"isolcpus={allowed[-1]} on the kernel's command line, and --cpu {allowed[-1]}"
+    return SchedulingFact("processors set aside", value or "none", advice if len(allowed) > 1 else "")
+
+
+def _governor(root: Path, allowed: list[int]) -> SchedulingFact:
+    files = [root / f"sys/devices/system/cpu/cpu{number}/cpufreq/scaling_governor" for number in allowed]
+    found = sorted({_text(file) for file in files} - {NOT_TOLD})
+    slow = bool(set(found) - {"performance"})
+    advice = "cpupower frequency-set -g performance: a clock that has to be raised first wakes late" if slow else ""
+    return SchedulingFact("frequency governor", ", ".join(found) or NOT_TOLD, advice)
+
+
+def _priority_limit(capabilities: int | None, priority: int) -> SchedulingFact:
+    limit = resource.getrlimit(resource.RLIMIT_RTPRIO)[0]
+    above = bool(capabilities and capabilities >> CAP_SYS_NICE & 1)
+    enough = above or limit == resource.RLIM_INFINITY or limit >= priority
+    value = "any, by CAP_SYS_NICE" if above else _limit(limit, 1)
+    return SchedulingFact("limit rtprio", value, "" if enough else f"'{_user()} - rtprio 99' {LIMITS_FILE}")
+
+
+def _memory_limit(capabilities: int | None) -> SchedulingFact:
+    limit = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
+    above = bool(capabilities and capabilities >> CAP_IPC_LOCK & 1)
+    enough = above or limit == resource.RLIM_INFINITY
+    value = "any, by CAP_IPC_LOCK" if above else _limit(limit, 1024, " kB")
+    return SchedulingFact("limit memlock", value, "" if enough else f"'{_user()} - memlock unlimited' {LIMITS_FILE}")
+
+
+def _throttle(root: Path) -> SchedulingFact:
+    """What real-time threads may take together; a loop of a few per cent never gets there."""
+    name = "real-time share of a second"
+    used, period = (_number(root / f"proc/sys/kernel/sched_rt_{what}_us") for what in ("runtime", "period"))
+    if used is None or not period:
+        return SchedulingFact(name, NOT_TOLD)
+    if used < 0:
+        return SchedulingFact(name, "all of it")
+    share = 100.0 * used / period
+    advice = "sysctl kernel.sched_rt_runtime_us=950000" if share < 50.0 else ""
+    return SchedulingFact(name, f"{share:g} %", advice)
+
+
+def _quota(root: Path) -> SchedulingFact:
+    """The CPU time of all threads of a container; what is used up is not to be had at any priority."""
+    text = _text(root / "sys/fs/cgroup/cpu.max")
+    found = re.fullmatch(r"(\d+) (\d+)", text)
+    if found is None:
+        return SchedulingFact("container's quota", "none" if text.startswith("max") else NOT_TOLD)
+    quota, period = int(found[1]), int(found[2])
+    advice = "no quota of CPU time (cpu.max): where it is used up, everything stops until the next period"
+    return SchedulingFact("container's quota", f"{1e-3 * quota:g} ms in {1e-3 * period:g} ms", advice)
+
+
+def _virtual(root: Path) -> SchedulingFact:
+    try:
+        flags = (root / "proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return SchedulingFact("virtual machine", NOT_TOLD)
+    virtual = re.search(r"^flags\s*:.*\bhypervisor\b", flags, re.MULTILINE) is not None
+    advice = "a machine of one's own: no setting in here keeps the host from taking the processor" if virtual else ""
+    return SchedulingFact("virtual machine", "yes" if virtual else "no", advice)
+
+
+def _capabilities(root: Path) -> int | None:
+    """Those in effect, as bits; None where they are not told."""
+    try:
+        status = (root / "proc/self/status").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return None
+    found = re.search(r"^CapEff:\s*([0-9a-f]+)$", status, re.MULTILINE)
+    return int(found[1], 16) if found else None
+
+
+def _limit(value: int, divisor: int, unit: str = "") -> str:
+    return "unlimited" if value == resource.RLIM_INFINITY else f"{value // divisor:,}{unit}"
+
+
+def _user() -> str:
+    return os.environ.get("USER") or str(os.getuid())
+
+
+def _number(path: Path) -> int | None:
+    try:
+        return int(_text(path))
+    except ValueError:
+        return None
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8", errors="replace").strip()
+    except OSError:
+        return NOT_TOLD

@@ -1,0 +1,88 @@
+"""What the system is set to, read from planted files: each fact alone, and a system that tells nothing."""
+
+import os
+import platform
+import resource
+from pathlib import Path
+
+import pytest
+
+from hhsim.system.scheduling_facts import NOT_TOLD, SchedulingFact, scheduling_facts
+
+
+def planted(root: Path, **files: str) -> dict[str, SchedulingFact]:
+    for name, text in files.items():
+        path = root / name.replace("__", "/")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    return {fact.name: fact for fact in scheduling_facts(51, root)}
+
+
+@pytest.fixture
+def root(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 3})
+    monkeypatch.setattr(platform, "version", lambda: "#1 SMP PREEMPT_DYNAMIC")
+    return tmp_path
+
+
+def test_a_system_that_tells_nothing_is_told_of(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(resource, "getrlimit", lambda which: (0, 0))
+    facts = planted(root)
+    silent = ("processors set aside", "NUMA nodes", "frequency governor", "container's quota", "virtual machine")
+    assert {facts[name].value for name in silent} == {NOT_TOLD}
+    assert not any(facts[name].advice for name in silent)
+    assert "rtprio 99" in facts["limit rtprio"].advice
+    assert "memlock unlimited" in facts["limit memlock"].advice
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "name", "value", "advised"),
+    [
+        ("sys__kernel__realtime", "1\n", "kernel", f"{platform.release()}, PREEMPT_RT", ""),
+        ("sys__kernel__realtime", "0\n", "kernel", f"{platform.release()}, no PREEMPT_RT", "PREEMPT_RT"),
+        ("sys__devices__system__cpu__isolated", "\n", "processors set aside", "none", "isolcpus=3"),
+        ("sys__devices__system__cpu__isolated", "3\n", "processors set aside", "3", ""),
+        (
+            *("sys__devices__system__cpu__cpu3__cpufreq__scaling_governor", "powersave\n"),
+            *("frequency governor", "powersave", "performance"),
+        ),
+        (
+            *("sys__devices__system__cpu__cpu0__cpufreq__scaling_governor", "performance\n"),
+            *("frequency governor", "performance", ""),
+        ),
+        ("sys__devices__system__node__online", "0-1\n", "NUMA nodes", "0-1", ""),
+        ("sys__fs__cgroup__cpu.max", "max 100000\n", "container's quota", "none", ""),
+        ("sys__fs__cgroup__cpu.max", "50000 100000\n", "container's quota", "50 ms in 100 ms", "cpu.max"),
+        ("proc__cpuinfo", "flags\t\t: fpu hypervisor lahf\n", "virtual machine", "yes", "the host"),
+        ("proc__cpuinfo", "flags\t\t: fpu lahf\n", "virtual machine", "no", ""),
+        ("proc__self__status", "CapEff:\t0000000000804000\n", "limit rtprio", "any, by CAP_SYS_NICE", ""),
+        ("proc__self__status", "CapEff:\t0000000000004000\n", "limit memlock", "any, by CAP_IPC_LOCK", ""),
+    ],
+)
+def test_a_fact_is_told_with_what_would_be_better(
+    root: Path, file: str, text: str, name: str, value: str, advised: str
+) -> None:
+    fact = planted(root, **{file: text})[name]
+    assert fact.value == value
+    assert (advised in fact.advice) if advised else fact.advice == ""
+
+
+def test_the_limit_must_reach_the_priority(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for limit, enough in ((50, False), (51, True), (resource.RLIM_INFINITY, True)):
+        monkeypatch.setattr(resource, "getrlimit", lambda which, limit=limit: (limit, limit))
+        assert (planted(root)["limit rtprio"].advice == "") == enough
+
+
+@pytest.mark.parametrize(
+    ("runtime", "value", "advised"), [(-1, "all of it", 0), (950_000, "95 %", 0), (1_000, "0.1 %", 1)]
+)
+def test_the_share_of_real_time(root: Path, runtime: int, value: str, advised: int) -> None:
+    folder = "proc__sys__kernel__sched_rt_"
+    facts = planted(root, **{f"{folder}runtime_us": f"{runtime}\n", f"{folder}period_us": "1000000\n"})
+    fact = facts["real-time share of a second"]
+    assert (fact.value, bool(fact.advice)) == (value, bool(advised))
+
+
+def test_a_single_processor_is_shared_with_everything(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {2})
+    assert "give it two" in planted(root)["processors that may be used"].advice
