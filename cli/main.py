@@ -32,7 +32,7 @@ COMMANDS = {
     "bench": "Measure the methods against each other: speed, error, stress.",
     "gate": "Judge a change for CI: errors, work and time, yes or no.",
     "build-tree": "Build the sphere tree of an object and measure its error.",
-    "doctor": "Measure whether this machine keeps 1 kHz, and who takes the time.",
+    "doctor": "Tell whether this machine keeps 1 kHz, and if not, why.",
     "info": "Show versions, processor, clock and what is missing.",
     "help": "Show the help of hhsim, or of a command.",
     "completion": "Print the script that completes hhsim commands in a shell.",

@@ -57,6 +57,22 @@ class FakeClock:
         self.time_ns += duration_ns
 
 
+class FakeAccounts:
+    """What the system says of the loop's thread, as it is told to; in ns."""
+
+    def __init__(self, cpu_ns: int = 0, run_delay_ns: int = 0, steal_ns: int = 0) -> None:
+        self.cpu, self.delay, self.steal = cpu_ns, run_delay_ns, steal_ns
+
+    def cpu_ns(self) -> int:
+        return self.cpu
+
+    def run_delay_ns(self) -> int:
+        return self.delay
+
+    def steal_ns(self) -> int:
+        return self.steal
+
+
 @dataclass
 class Moment:
     """What the glove does in one tick.

@@ -33,7 +33,7 @@ def summary_rows(outcome: "SessionOutcome") -> list[Row]:
 
     tally, counters = outcome.tally, outcome.counters
     everything = max(outcome.ticks + outcome.missed, 1)
-    counted = session_rows(session_figures(tally, outcome.missed, math.nan, {}))
+    counted = session_rows(session_figures(tally, outcome.missed, outcome.missed_by, math.nan, {}))
     above = {"ticks", "missed", "penetration_max"}
     rows: list[Row] = [
         ("ticks", f"{outcome.ticks:,}", ""),
@@ -115,6 +115,7 @@ def summary_json(outcome: "SessionOutcome", error: str) -> dict[str, Any]:
         **outcome.tally.to_json(),
         "loop_ticks": outcome.ticks,
         "missed": outcome.missed,
+        "missed_by": outcome.missed_by,
         "device": outcome.facts.get("device"),
         "pose": outcome.facts.get("pose"),
         "real_time": outcome.facts.get("real_time"),

@@ -10,7 +10,7 @@ import numpy as np
 
 from hhsim.live.real_time import RealTimeWishes, described
 from hhsim.live.wakeups import Wakeups, measure_wakeups
-from hhsim.result.miss_cause import WORDS, MissCause
+from hhsim.result.miss_cause import WORDS, MissCause, by_name
 from hhsim.system.scheduling_facts import SchedulingFact, scheduling_facts
 
 MOST_MISSED = 1e-3
@@ -99,7 +99,7 @@ class Diagnosis:
             "periods": wakeups.periods,
             "missed": wakeups.missed,
             "missed_in_a_row": wakeups.streak,
-            "missed_by": {cause.name.lower(): count for cause, count in wakeups.causes.items()},
+            "missed_by": by_name(wakeups.causes.values()),
             **{f"wakeup_{name}": wakeups.percentile(percent) for name, percent in PERCENTS.items()},
             "histogram": [
                 {"above": low / 1e6, "up_to": None if high is None else high / 1e6, "count": count}

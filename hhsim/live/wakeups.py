@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.timed_wait import PASSED, wait_periods
 from hhsim.live.real_time import RealTimeWishes, become_real_time, unlock_memory
-from hhsim.result.miss_cause import MissCause, TimeTaken
+from hhsim.result.miss_cause import CAUSES, MissCause, TimeTaken
 from hhsim.system.cpu_accounts import CpuAccounts, risen
 
 BLOCK_SECONDS = 0.05
@@ -84,7 +84,7 @@ class _Measurement(threading.Thread):
         size = max(1, round(BLOCK_SECONDS * self._rate))
         block = np.zeros(size, np.int64)
         rows, missed, streak = [], 0, 0
-        causes = dict.fromkeys(list(MissCause)[1:], 0)
+        causes = dict.fromkeys(CAUSES, 0)
         first = before = accounts.run_delay_ns(), accounts.steal_ns()
         while count > 0 and not self.stopping.is_set():
             part = block[: min(size, count)]

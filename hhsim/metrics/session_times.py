@@ -1,6 +1,7 @@
 """What is measured of a live session's times: how late its loop woke, from sample to command, the solver's tick."""
 
 from hhsim.metrics.run_metric import Figure
+from hhsim.result.miss_cause import WORDS
 
 _TIMES = {
     "wakeup": "wake-up after the deadline",
@@ -8,6 +9,11 @@ _TIMES = {
     "tick": "the solver's tick, wall",
 }
 _PERCENTILES = {"p50": "p50", "p99": "p99", "p999": "p99.9", "max": "max"}
+
+MISSED_BY: tuple[Figure, ...] = tuple(
+    Figure(f"missed_{cause.name.lower()}", f"missed: {words}") for cause, words in WORDS.items()
+)
+"""The missed ticks by who took their time; in the /summary of sessions since that is known."""
 
 SESSION_TIMES: tuple[Figure, ...] = (
     Figure("missed", "missed ticks"),

@@ -58,7 +58,7 @@ def export_ticks(
     known = {column.name: column for column in TICK_COLUMNS} | {name: column for name, (column, _) in SIZES.items()}
     if result.live is not None:
         of_loop = (replace(column, name=f"{LIVE_TICK}/{column.name}") for column in LIVE_TICK_COLUMNS)
-        known |= {column.name: column for column in of_loop}
+        known |= {column.name: column for column in of_loop if not column.optional or column.name in result}
     wanted = tuple(known) if columns and ALL in columns else tuple(columns or USUAL)
     for name in wanted:
         if name not in known:

@@ -1,5 +1,6 @@
 """Why a loop missed a period: the four causes that a session's file holds, the words for them, and how one is named."""
 
+from collections.abc import Iterable
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -20,6 +21,15 @@ WORDS = {
     MissCause.HOST: "taken by the host",
     MissCause.DEVICE: "device late",
 }
+
+
+CAUSES = tuple(WORDS)
+"""The four, in the order of counts by cause."""
+
+
+def by_name(counts: Iterable[int]) -> dict[str, int]:
+    """Counts in the order of `CAUSES`, by names as files and JSON have them."""
+    return {cause.name.lower(): int(count) for cause, count in zip(CAUSES, counts, strict=True)}
 
 
 class TimeTaken(NamedTuple):

@@ -207,7 +207,9 @@ def load_result(path: str | Path) -> Result:
             _check_dataset(file, column, column.shape, path)
         ticks = min(len(tick[column.name]) for column in TICK_COLUMNS)
         if LIVE_TICK in file:
-            ticks = min(ticks, *(len(file[LIVE_TICK][column.name]) for column in LIVE_TICK_COLUMNS))
+            loop = file[LIVE_TICK]
+            columns = [column.name for column in LIVE_TICK_COLUMNS if not column.optional or column.name in loop]
+            ticks = min(ticks, *(len(loop[name]) for name in columns))
         attributes = file.attrs
         return Result(
             path=path,

@@ -1,7 +1,8 @@
 """What a result file holds: the one table that the writer, the reader and the checks go by.
 
-Format `hhsim-result`. A change here raises `SCHEMA_VERSION`, and files of another schema are refused. A result holds
-all that a run needs, so that it can be run again from nothing but itself (`hhsim.replay.repeat`).
+Format `hhsim-result`. A change here raises `SCHEMA_VERSION`, and files of another schema are refused; only an optional
+column may be added without. A result holds all that a run needs, so that it can be run again from nothing but itself
+(`hhsim.replay.repeat`).
 """
 
 from collections.abc import Mapping
@@ -47,6 +48,8 @@ LOOP_FIELDS = (
     TickField("missed"),
     TickField("input_seq"),
     TickField("safety"),
+    TickField("cause"),
+    TickField("taken", shape=(5,), parts=("computed", "kept", "run_delay", "steal", "device")),
 )
 """What the loop of a session says of a tick before it is solved; `LIVE_TICK_COLUMNS` says what each is."""
 HAPTIC_FIELDS = (
@@ -99,6 +102,7 @@ class Column:
         units: SI.
         long_name: What it is, for people.
         source: Field of the record that it is taken from, as `field` or as `field.part`; "" where it is computed.
+        optional: Files that were written before there was one lack it, and are read all the same.
     """
 
     name: str
@@ -107,6 +111,7 @@ class Column:
     units: str
     long_name: str
     source: str = ""
+    optional: bool = False
 
     @property
     def known_by(self) -> str:
@@ -256,6 +261,25 @@ LIVE_TICK_COLUMNS: tuple[Column, ...] = (
     Column("safety", (), "<i8", "1", "why the fingers were kept free, sum of bits; 0: they were not", "safety"),
     Column("command_bend", (5,), "<f8", "1", "where each finger was told to stop, 0 flat to 1 fist", "command_bend"),
     Column("command_stiffness", (5,), "<f8", "1", "how hard, 0 free to 1", "command_stiffness"),
+    Column(
+        "cause",
+        (),
+        "|u1",
+        "1",
+        "who took the time of the periods missed: 1 computed too long, 2 woken late, 3 the host, 4 the device; 0: none",
+        "cause",
+        optional=True,
+    ),
+    *(
+        Column(f"taken/{part}", (), "<i8", "ns", f"where periods were missed, {what}", f"taken.{part}", optional=True)
+        for part, what in (
+            ("computed", "CPU time of the loop since the wake-up before"),
+            ("kept", "time since then that it neither ran nor slept as it had asked to"),
+            ("run_delay", "how long of it the loop could have run and was not let"),
+            ("steal", "time that the host took, in the system's steps"),
+            ("device", "time of the calls to the glove and the pose"),
+        )
+    ),
 )
 """Datasets under /live/tick, one row a tick of /tick."""
 

@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import time
 from pathlib import Path
 
 STEAL_COLUMN = 8
@@ -35,6 +36,10 @@ class CpuAccounts:
         # The lines of the processors come first, that of all together before them.
         self._stat_bytes = LINE_BYTES * ((os.cpu_count() or 1) + 1)
         self.steal_step_ns = 1_000_000_000 // os.sysconf("SC_CLK_TCK")
+
+    def cpu_ns(self) -> int:
+        """CPU time of the calling thread [ns]."""
+        return time.thread_time_ns()
 
     def run_delay_ns(self) -> int:
         """How long the thread could have run and was not let, since it began [ns]; `UNKNOWN` where nobody counts it."""

@@ -3,7 +3,7 @@
 import numpy as np
 
 from hhsim.result.reader import Result
-from hhsim.verify.claim import Claim, all_true, judged
+from hhsim.verify.claim import NOT_JUDGED, Claim, all_true, judged
 from hhsim.verify.finger_command_checks import DEVICE_LOST, command_claims
 from hhsim.verify.session_rows import SessionRows
 from hhsim.verify.session_summary_checks import session_figures_claims
@@ -23,6 +23,7 @@ def session_claims(result: Result) -> list[Claim]:
         _records(rows),
         _deadlines(rows),
         _missed(rows),
+        _causes(rows),
         _wakeup(rows),
         _latency(rows),
         _samples(rows),
@@ -64,6 +65,29 @@ def _missed(rows: SessionRows) -> Claim:
     wrong[odd] |= ~rows.solver_failed(rows.woke[odd - 1], rows.woke[odd])
     says = "every period without a tick is counted as missed"
     return all_true("missed periods", says, wrong, ticks=rows.numbers)
+
+
+def _causes(rows: SessionRows) -> Claim:
+    """Each missed period has a cause, the one that took most of what was measured, and that fits the stamps."""
+    name = "causes of missed periods"
+    says = "what was missed is named by who took most of the time, which is as much as the stamps leave"
+    if "live/tick/cause" not in rows.result:
+        return Claim(name, says, NOT_JUDGED, note="the file does not say who took the time; it was written before")
+    cause = np.asarray(rows.result["live/tick/cause"], np.int64)
+    parts = ("computed", "kept", "run_delay", "steal", "device")
+    taken = {part: np.asarray(rows.result[f"live/tick/taken/{part}"], np.int64) for part in parts}
+    wrong = ((rows.missed > 0) != (cause > 0)) | (cause > 4) | (np.array(list(taken.values())) < 0).any(axis=0)
+    left = np.maximum(0, taken["kept"] - taken["run_delay"])
+    host = np.minimum(left, taken["steal"])
+    device = np.minimum(left - host, taken["device"])
+    took = np.stack([np.zeros_like(host), taken["computed"], taken["kept"] - host - device, host, device])
+    wrong |= (cause > 0) & (took[np.clip(cause, 0, 4), rows.numbers] < took.max(axis=0))
+    # The tick before worked until some time in the period before the deadline that was then slept for.
+    at = 1 + np.flatnonzero(rows.closed[:-1] & (rows.missed[1:] > 0))
+    most = rows.over[at - 1] - rows.woke[at - 1] - taken["computed"][at]
+    kept = taken["kept"][at] - rows.wakeup[at]
+    wrong[at] |= (kept < np.maximum(0, most - rows.period_ns)) | (kept > np.maximum(0, most))
+    return all_true(name, says, wrong, ticks=rows.numbers)
 
 
 def _wakeup(rows: SessionRows) -> Claim:

@@ -1,6 +1,8 @@
 """The summary of a recorded session against its rows, by sorting where the loop counts in bins."""
 
 import math
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +20,8 @@ REASONS = (
     *("stopping", "no_watchdog", "dry_run", "no_input_yet"),
 )
 """Names of the bits of `safety`, lowest first."""
+CAUSES = ("missed_computed", "missed_woken_late", "missed_host", "missed_device")
+"""Figures of the missed periods by who took their time, by the numbers of /live/tick/cause, from 1."""
 
 
 def session_figures_claims(rows: SessionRows) -> list[Claim]:
@@ -39,11 +43,34 @@ def session_figures_claims(rows: SessionRows) -> list[Claim]:
     off.append(0.0 if least <= missed <= most else math.inf)
     if off[-1]:
         wrong.append(f"missed is stored as {missed:,}, the rows allow {least:,} to {most:,}")
-    strange = sorted(set(stored) - set(own) - {"missed"})
+    by_cause = _causes_off(rows, stored, missed)
+    off.append(math.inf if by_cause else 0.0)
+    wrong += by_cause
+    strange = sorted(set(stored) - set(own) - {"missed"} - set(CAUSES))
     off += [math.inf] * len(strange)
     wrong += [f"{name} has no definition here" for name in strange]
     says, why = "the figures of the summary are those of the rows", "a billionth; half a bin of 0.2 % for percentiles"
     return [judged("session figures", says, off, 1.0, "of what is let pass", why, note="; ".join(wrong))]
+
+
+def _causes_off(rows: SessionRows, stored: Mapping[str, Any], missed: int) -> list[str]:
+    """What is wrong with the missed periods by cause, where the file tells of causes."""
+    if "live/tick/cause" not in rows.result:
+        return []
+    died = rows.live["ended"] == LOOP_DIED
+    # A loop that was killed had counted its last tick's or not.
+    counted = rows.numbers < len(rows.numbers) - died
+    cause = np.asarray(rows.result["live/tick/cause"])
+    given = [int(stored.get(name, -1)) for name in CAUSES]
+    least = [int(rows.missed[counted & (cause == i)].sum()) for i in range(1, 5)]
+    found = [
+        f"{name} is stored as {count:,}, the rows have {own:,}"
+        for name, count, own in zip(CAUSES, given, least, strict=True)
+        if count < own
+    ]
+    if sum(given) != missed and not (died and sum(given) <= missed):
+        found.append(f"the causes are {sum(given):,} missed periods together, missed is stored as {missed:,}")
+    return found
 
 
 def missed_between(rows: SessionRows) -> tuple[int, int]:

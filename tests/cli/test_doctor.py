@@ -9,13 +9,13 @@ from conftest import Run
 from hhsim.live import doctor
 from hhsim.live.real_time import RealTimeWishes
 from hhsim.live.wakeups import Wakeups
-from hhsim.result.miss_cause import MissCause
+from hhsim.result.miss_cause import CAUSES, MissCause
 
 
 @pytest.fixture
 def missed(monkeypatch: pytest.MonkeyPatch) -> dict[MissCause, int]:
     """Missed periods of a measurement that is planted; to be filled."""
-    causes = dict.fromkeys(list(MissCause)[1:], 0)
+    causes = dict.fromkeys(CAUSES, 0)
 
     def measure(rate: float, seconds: float, wishes: RealTimeWishes) -> Wakeups:
         count = sum(causes.values())

@@ -7,7 +7,7 @@ from hhsim.live import doctor
 from hhsim.live.doctor import HOST_ADVICE, NOBODY_ADVICE, OTHERS_ADVICE, Diagnosis, histogram, judged, quick_warning
 from hhsim.live.real_time import RealTimeWishes
 from hhsim.live.wakeups import Wakeups
-from hhsim.result.miss_cause import MissCause
+from hhsim.result.miss_cause import CAUSES, MissCause
 from hhsim.system.scheduling_facts import SchedulingFact
 
 US, MS = 1_000, 1_000_000
@@ -24,7 +24,7 @@ def planted(
     """So many wake-ups, each overslept one losing `streak` periods."""
     late = np.full(wakeups - missed, late_us * US, np.int64)
     late[: missed // streak] = streak * MS + 500 * US
-    causes = dict.fromkeys(list(MissCause)[1:], 0)
+    causes = dict.fromkeys(CAUSES, 0)
     causes[cause] = missed
     mode = {"refused": ["no SCHED_FIFO at priority 50"], "fifo": 0}
     return Wakeups(1000.0, late, missed, streak if missed else 0, causes, run_delay, 0, mode)
@@ -70,7 +70,7 @@ def test_who_took_the_time_is_told_first(cause: MissCause, run_delay: int, first
 
 def test_the_histogram_has_every_wake_up() -> None:
     late = np.array([0, 10 * US, 10 * US + 1, 60 * US, 7 * MS, 70 * MS], np.int64)
-    wakeups = Wakeups(1000.0, late, 0, 0, dict.fromkeys(list(MissCause)[1:], 0), 0, 0, {"refused": []})
+    wakeups = Wakeups(1000.0, late, 0, 0, dict.fromkeys(CAUSES, 0), 0, 0, {"refused": []})
     rows = histogram(wakeups)
     assert [count for _, _, count in rows] == [2, 1, 0, 1, 0, 0, 0, 0, 0, 1, 1]
     assert rows[0][:2] == (0.0, 10.0)

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from live_rings import FACTS, ended
-from live_scripted import FIST, FREE, FakeClock, Moment, ScriptedGlove, make_setup
+from live_scripted import FIST, FREE, FakeAccounts, FakeClock, Moment, ScriptedGlove, make_setup
 from sealed_change import changed
 from verify_document import documented_faults
 
@@ -31,6 +31,8 @@ from hhsim.live.session.recorder import Recorder
 from hhsim.live.session.writer import SessionWriter
 from hhsim.live.shared_memory import RingReader
 from hhsim.recordings.dexmo_regression import DexmoRegression
+from hhsim.result.csv_export import export_ticks
+from hhsim.result.miss_cause import by_name
 from hhsim.result.reader import Result, load_result
 from hhsim.result.safety import Safety
 from hhsim.verify import finger_command_checks as verify_command
@@ -75,7 +77,8 @@ OUTPUT = OutputLimits(ramp=0.02)
 FAILED = 170
 """A tick whose solver fails: there is no row of it, and the ramp begins anew."""
 LIVE_CLAIMS = (
-    *("time", "records", "deadlines", "missed periods", "wake-up", "latency", "samples", "newest sample"),
+    *("time", "records", "deadlines", "missed periods", "causes of missed periods", "wake-up", "latency"),
+    *("samples", "newest sample"),
     *("fingers of the sample", "reasons", "free fingers", "stiffness", "command bounds", "set points"),
     "session figures",
 )
@@ -92,7 +95,7 @@ class Scripted:
         mishaps = {OVERSLEPT: lambda: clock.oversleep.append(int(3.4 * PERIOD)), FAILED: self.fail_once}
         glove = ScriptedGlove(clock, script, mishaps)
         pose = FixedPose(PoseConfig())
-        self.loop = LiveLoop(self.setup, self.memory, glove, pose, clock=clock)
+        self.loop = LiveLoop(self.setup, self.memory, glove, pose, clock=clock, accounts=FakeAccounts())
         self.reason = self.loop.run()
         # The solver measures by the true clock: its times are made those of the script's.
         ticks = self.memory.ticks.records
@@ -244,6 +247,18 @@ def invented_miss(file: h5py.File) -> None:
     file["live/tick/missed"][HOLD] = 1
 
 
+def no_name(file: h5py.File) -> None:
+    file["live/tick/cause"][OVERSLEPT + 1] = 0
+
+
+def other_name(file: h5py.File) -> None:
+    file["live/tick/cause"][OVERSLEPT + 1] = 3
+
+
+def more_waited(file: h5py.File) -> None:
+    file["live/tick/taken/kept"][OVERSLEPT + 1] += 2 * PERIOD
+
+
 def moved_deadline(file: h5py.File) -> None:
     file["live/tick/deadline"][HOLD] += 1000
 
@@ -312,6 +327,10 @@ def fewer_misses(file: h5py.File) -> None:
     file["summary"].attrs["missed"] = 1
 
 
+def other_causes(file: h5py.File) -> None:
+    file["summary"].attrs["missed_host"] += 2
+
+
 def strange_figure(file: h5py.File) -> None:
     file["summary"].attrs["comfort"] = 1.0
 
@@ -334,6 +353,9 @@ FAULTS: dict[Callable[[h5py.File], None], str] = {
     uncounted_miss: "missed periods",
     unsaid_failure: "missed periods",
     invented_miss: "missed periods",
+    no_name: "causes of missed periods",
+    other_name: "causes of missed periods",
+    more_waited: "causes of missed periods",
     moved_deadline: "deadlines",
     wrong_time: "time",
     early_wake_up: "wake-up",
@@ -351,6 +373,7 @@ FAULTS: dict[Callable[[h5py.File], None], str] = {
     stale_count: "session figures",
     stale_latency: "session figures",
     fewer_misses: "session figures",
+    other_causes: "session figures",
     strange_figure: "session figures",
 }
 
@@ -388,7 +411,8 @@ def test_a_session_whose_recorder_lost_ticks_and_samples_is_judged_by_what_is_le
             writer.take("samples", first, samples[first:last])
         for first, event in enumerate(RingReader(scripted.memory.events).read(1000)[1]):
             writer.take("events", first, np.array([event]))
-        writer.finish("duration", scripted.memory.status["counters"], int(scripted.memory.status["missed"]))
+        status = scripted.memory.status
+        writer.finish("duration", status["counters"], int(status["missed"]), by_name(status["missed_by"]))
     session = load_result(tmp_path / "gap.h5")
     assert session.ticks == len(ticks) - 11
     assert np.isnan(session["force_variation_rate"][120]) and session["force/total"][120].any()
@@ -409,6 +433,23 @@ def test_a_dry_run_tells_so_in_every_tick(tmp_path: Path) -> None:
     with changed(session.path) as file:
         file["live"].attrs["dry_run"] = 0
     assert "reasons" in failing(verify(load_result(session.path), every=100))
+
+
+def test_a_session_of_before_causes_were_named_is_read_and_not_judged_by_them(session: Result, tmp_path: Path) -> None:
+    path = tmp_path / "old.h5"
+    shutil.copy(session.path, path)
+    with changed(path) as file:
+        del file["live/tick/cause"], file["live/tick/taken"]
+        for name in [name for name in file["summary"].attrs if name.startswith("missed_")]:
+            del file["summary"].attrs[name]
+    old = load_result(path)
+    assert old.ticks == session.ticks
+    claims = {claim.name: claim.verdict for claim in verify(old, every=100).claims}
+    assert claims["causes of missed periods"] == NOT_JUDGED
+    assert {claims[name] for name in LIVE_CLAIMS} == {HOLDS, NOT_JUDGED}
+    headings = export_ticks(old, tmp_path / "ticks.csv", ["all"])
+    assert "live/tick/missed" in headings and "live/tick/cause" not in headings
+    assert "live/tick/cause" in export_ticks(session, tmp_path / "new.csv", ["all"])
 
 
 def test_a_session_of_before_the_set_points_were_known_is_not_judged_by_them(session: Result, tmp_path: Path) -> None:

@@ -26,6 +26,7 @@ LIVE_STATUS = np.dtype(
         ("loop_pid", np.int64),
         ("ticks", np.int64),
         ("missed", np.int64),
+        ("missed_by", np.int64, (4,)),
         ("streak", np.int64),
         ("safety", np.int64),
         ("contacts", np.int64),
@@ -58,7 +59,8 @@ LIVE_STATUS = np.dtype(
     align=True,
 )
 """The state of a session that changes in place; every field has one writer. `counters` are those of `DeviceCounters`
-in their order; times are CLOCK_MONOTONIC [ns]. `pose_version` is odd while the pose of the keyboard is being written.
+in their order, `missed_by` is by `MissCause` without NONE; times are CLOCK_MONOTONIC [ns]. `pose_version` is odd while
+the pose of the keyboard is being written.
 """
 
 

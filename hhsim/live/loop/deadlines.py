@@ -71,6 +71,7 @@ class Deadlines:
     Attributes:
         tick: Number of the present period, from 0; missed ones leave gaps.
         deadline_ns: When it began.
+        asked_ns: When the loop began to wait: its work was done.
         woke_ns: When the loop woke.
         wakeup_ns: How long after `deadline_ns` that was.
         late_ns: How long after the deadline that was slept for; more than `wakeup_ns` where whole periods went by.
@@ -87,7 +88,7 @@ class Deadlines:
     def start(self) -> None:
         """Begin to count: the first deadline is one period from now."""
         self.tick = -1
-        self.deadline_ns = self.woke_ns = self.clock.now()
+        self.deadline_ns = self.asked_ns = self.woke_ns = self.clock.now()
         self.wakeup_ns = self.late_ns = 0
         self.missed = self.missed_total = 0
 
@@ -95,7 +96,7 @@ class Deadlines:
         """Sleep until the next deadline."""
         clock, period = self.clock, self.period_ns
         deadline = self.deadline_ns + period
-        now = clock.now()
+        now = self.asked_ns = clock.now()
         missed = 0
         if now >= deadline:
             missed = (now - deadline) // period + 1

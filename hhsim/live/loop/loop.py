@@ -16,15 +16,17 @@ from hhsim.kernels.tick.state import (
 )
 from hhsim.live.device import COUNTERS, GLOVE_SAMPLE, DeviceCounters, DeviceError, GloveDevice
 from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.ipc.session_memory import FAULT, LIVE_TICK, WARNING, SessionMemory
+from hhsim.live.ipc.session_memory import FAULT, INFORMATION, LIVE_TICK, WARNING, SessionMemory
 from hhsim.live.ipc.status import Stage
 from hhsim.live.loop.deadlines import Clock, Deadlines
 from hhsim.live.loop.finger_command import FingerCommander
 from hhsim.live.loop.interlock import Interlock, SafetyLog
+from hhsim.live.loop.miss_accounts import Accounts, MissAccounts
 from hhsim.live.loop.plausibility import GloveWatch, reading_of_no_hand
 from hhsim.live.loop.sample_interval import SampleInterval
 from hhsim.live.loop.tick_times import TickTimes
 from hhsim.live.pose.registry import PoseSource
+from hhsim.result.miss_cause import WORDS, MissCause, TimeTaken, by_name
 from hhsim.result.safety import Safety
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
@@ -36,6 +38,8 @@ BEGINS_INSIDE = (
     "the hand begins inside the object: the shown hand begins at the nearest free place, and may be caught there; "
     "begin anew with the hand open, or elsewhere"
 )
+STEAL_UNREAD = "what the host takes cannot be read in a tick here: periods that it took are named woken late"
+_NONE_TAKEN = TimeTaken(0, 0, 0, 0, 0)
 COUNTER_TICKS = 16
 """Counters of the glove are shown once in so many ticks."""
 
@@ -66,6 +70,7 @@ class LiveLoop:
         device: The glove, open.
         pose: Of the palm, open.
         clock: CLOCK_MONOTONIC by default.
+        accounts: Of who had the processor; the system's by default.
 
     Attributes:
         deadlines: Of the periods.
@@ -82,6 +87,7 @@ class LiveLoop:
         pose: PoseSource,
         *,
         clock: Clock | None = None,
+        accounts: Accounts | None = None,
     ) -> None:
         """Allocate everything; nothing is read, sent or computed yet."""
         self.setup = setup
@@ -90,6 +96,7 @@ class LiveLoop:
         self.pose = pose
         period = setup.period_ns
         self.deadlines = Deadlines(period, clock)
+        self._misses = MissAccounts(self.deadlines, accounts)
         self.wakeups, self.latencies, self.works = TickTimes(), TickTimes(), TickTimes()
         self.solver = HandSolver(setup.hand, setup.surface_arrays(), loop_options(setup.options, setup.rate))
         self.commander = FingerCommander(setup.output, setup.bend_lines(), 1e-9 * period)
@@ -143,6 +150,9 @@ class LiveLoop:
         status = self._status
         self._pass_over_backlog()
         self.deadlines.start()
+        self._misses.begin()
+        if self._misses.steal_unread:
+            self.memory.log(INFORMATION, STEAL_UNREAD)
         status["heartbeat_ns"] = self.deadlines.woke_ns
         self._log_plausibility()
         status["stage"] = Stage.RUNNING
@@ -161,8 +171,11 @@ class LiveLoop:
         deadlines, row, status, clock = self.deadlines, self._row, self._status, self.deadlines.clock
         now = deadlines.woke_ns
         status["heartbeat_ns"] = now
+        self._misses.woke()
+        asked = clock.now()
         arrived = self._take_samples()
         pose_ns = self.pose.read(now, self._position, self._orientation)
+        self._misses.device_ns += clock.now() - asked
         if pose_ns >= 0:
             self._pose_ns = pose_ns
         safety = self.interlock.judge(
@@ -182,10 +195,14 @@ class LiveLoop:
         if clock.now() - now >= self._longest_ns:
             # What was judged good then need not be so now.
             safety |= _OVERRUN_STREAK
+            self._safety_log.detail[Safety.OVERRUN_STREAK] = "in a tick, whose cause the recording tells"
         if safety or not solved:
             self.commander.free()
+        asked = clock.now()
         safety, sent = self._send(safety)
         done = clock.now()
+        self._misses.device_ns += done - asked
+        cause, taken = self._name_miss()
         latency = done - arrived if sent and arrived >= 0 else -1
         if solved:
             row["tick"] = deadlines.tick
@@ -195,6 +212,8 @@ class LiveLoop:
             row["missed"] = deadlines.missed
             row["input_seq"] = self._input_seq
             row["safety"] = safety
+            row["cause"] = cause
+            row["taken"] = taken
             row["command_bend"] = self.commander.command.bend
             row["command_stiffness"] = self.commander.command.stiffness
             ticks = self.memory.ticks
@@ -208,6 +227,17 @@ class LiveLoop:
         for level, text in self._safety_log.changed(safety, now):
             self.memory.log(level, text, now)
         self._work_at_leisure(clock.now() - now)
+
+    def _name_miss(self) -> tuple[MissCause, TimeTaken]:
+        """Who took the time of the periods missed right before this tick; NONE where none was."""
+        missed = self.deadlines.missed
+        if not missed:
+            return MissCause.NONE, _NONE_TAKEN
+        taken = self._misses.taken()
+        cause = taken.cause()
+        self._status["missed_by"][cause - 1] += missed
+        self._safety_log.detail[Safety.OVERRUN_STREAK] = f"{missed:,} the last time, {WORDS[cause]}"
+        return cause, taken
 
     def _tell_age(self) -> None:
         stale = self.setup.safety.stale
@@ -330,6 +360,7 @@ class LiveLoop:
             self._due.append(self.works.count)
         if self._due:
             self._due.pop(0)()
+        self._misses.at_leisure()
 
     def _show_wakeups(self) -> None:
         self._status["wakeup_p50_ns"] = self.wakeups.percentile(50.0)
@@ -355,6 +386,7 @@ class LiveLoop:
             "reason": self._stop,
             "ticks": int(self._status["ticks"]),
             "missed": self.deadlines.missed_total,
+            "missed_by": by_name(self._status["missed_by"]),
             "wakeup": self.wakeups.summary(),
             "latency": self.latencies.summary(),
             "work": self.works.summary(),

@@ -24,6 +24,7 @@ from hhsim.live.ipc.status import Stage
 from hhsim.live.loop.loop import loop_options
 from hhsim.live.session.writer import RINGS, SessionWriter
 from hhsim.live.shared_memory import RingReader, read_setup
+from hhsim.result.miss_cause import by_name
 from hhsim.result.reader import CHUNK_TICKS, check_result_path
 from hhsim.solver.compile import warm_up
 
@@ -84,7 +85,7 @@ class Recorder:
             if ended == CUT_SHORT:
                 writer.write(status["counters"], ended)
                 return
-            writer.finish(ended, status["counters"], int(status["missed"]))
+            writer.finish(ended, status["counters"], int(status["missed"]), by_name(status["missed_by"]))
             self._show_progress(writer)
 
     def _follow(self, writer: SessionWriter) -> str:

@@ -120,20 +120,21 @@ class LiveTally:
 
 
 def session_figures(
-    tally: LiveTally, missed: int, penetration_max: float, lost: Mapping[str, int]
+    tally: LiveTally, missed: int, missed_by: Mapping[str, int], penetration_max: float, lost: Mapping[str, int]
 ) -> dict[str, Scalar]:
     """The summary of a session: of all ticks that were recorded, SI units.
 
     Args:
         tally: Of these ticks.
         missed: Periods without a tick since the loop began.
+        missed_by: The same by who took the time, `hhsim.result.miss_cause.by_name`.
         penetration_max: Deepest of all of them [m].
         lost: Records that were overwritten before they could be written, by ring.
 
     Returns:
         What `LiveTally.to_json` names (`wakeup_p999` is the 99.9th percentile [s]), the ticks that were kept free as
-        one figure a reason (`kept_free_stale_input`), `missed`, `penetration_max` [m], and `lost_ticks`,
-        `lost_samples` and `lost_events`.
+        one figure a reason (`kept_free_stale_input`), `missed`, the same by cause (`missed_host`), `penetration_max`
+        [m], and `lost_ticks`, `lost_samples` and `lost_events`.
     """
     figures = tally.to_json()
     del figures["uncounted_ticks"]
@@ -141,6 +142,7 @@ def session_figures(
     return {
         **{name: value for name, value in figures.items() if isinstance(value, Scalar)},
         "missed": missed,
+        **{f"missed_{cause}": count for cause, count in missed_by.items()},
         **{f"kept_free_{why.lower()}": count for why, count in free.items()},
         "penetration_max": penetration_max,
         **{f"lost_{name}": count for name, count in lost.items()},

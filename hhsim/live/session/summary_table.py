@@ -5,13 +5,13 @@ from typing import Any
 
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.metrics.run_metric import Figure
-from hhsim.metrics.session_times import SESSION_TIMES
+from hhsim.metrics.session_times import MISSED_BY, SESSION_TIMES
 from hhsim.replay.summary_table import SummaryRow
 from hhsim.result.safety import WORDS, Safety
 
 SESSION_FIGURES: tuple[Figure, ...] = (
     Figure("ticks", "ticks with a hand"),
-    *SESSION_TIMES,
+    *(figure for time in SESSION_TIMES for figure in (time, *(MISSED_BY if time.name == "missed" else ()))),
     Figure("ticks_in_contact", "ticks with candidate pairs"),
     run_metrics()["candidates_max"],
     Figure("force_max", "force, most", 2, "N"),
@@ -32,10 +32,10 @@ SESSION_FIGURES: tuple[Figure, ...] = (
 def session_rows(figures: Mapping[str, Any]) -> tuple[SummaryRow, ...]:
     """The table of a session's figures, SI units, by name.
 
-    What was never the case (fingers free for a reason that never came) has no line.
+    What was never the case (fingers free for a reason, or periods missed for a cause, that never came) has no line.
     """
     return tuple(
         SummaryRow(figure, float(figures[figure.name]))
         for figure in SESSION_FIGURES
-        if figure.name in figures and (figures[figure.name] or not figure.name.startswith("kept_free_"))
+        if figure.name in figures and (figures[figure.name] or not figure.name.startswith(("kept_free_", "missed_")))
     )

@@ -28,6 +28,7 @@ from hhsim.live.ipc.status import Stage
 from hhsim.live.session.child_process import ChildProcess
 from hhsim.live.session.statistics import LiveTally
 from hhsim.live.shared_memory import RingReader, write_setup
+from hhsim.result.miss_cause import by_name
 
 Say = Callable[[str, int], None]
 """Called with a line for people and its level."""
@@ -74,6 +75,7 @@ class SessionOutcome:
         recorded: Ticks in it.
         record_lost: Ticks that it lacks.
         record_failed: What ended it early; "" where nothing did.
+        missed_by: Periods without a tick by who took their time.
         notices: What was reported: seconds since the beginning, level, text.
         watchdog_restarts: How often the watchdog was started again.
         watchdog_releases: How often it freed the fingers.
@@ -91,6 +93,7 @@ class SessionOutcome:
     recorded: int = 0
     record_lost: int = 0
     record_failed: str = ""
+    missed_by: dict[str, int] = field(default_factory=dict)
     notices: list[tuple[float, int, str]] = field(default_factory=list)
     watchdog_restarts: int = 0
     watchdog_releases: int = 0
@@ -377,6 +380,7 @@ class Supervisor:
             seconds=float((status["ticks"] + status["missed"]) / self.setup.rate),
             ticks=int(status["ticks"]),
             missed=int(status["missed"]),
+            missed_by=by_name(status["missed_by"]),
             tally=self.tally,
             facts=facts,
             counters=counters,

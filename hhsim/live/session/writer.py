@@ -162,19 +162,20 @@ class SessionWriter:
         named = as_text(dict(zip(COUNTERS, map(int, counters), strict=True)))
         self._write({"counters": named, "ended": ended})
 
-    def finish(self, ended: str, counters: Array, missed: int) -> Path:
+    def finish(self, ended: str, counters: Array, missed: int, missed_by: Mapping[str, int]) -> Path:
         """Write what was taken and the summary, and mark the file complete.
 
         Args:
             ended: Why the session ended.
             counters: As in `write`.
             missed: Periods without a tick since the loop began.
+            missed_by: The same by who took the time.
 
         Raises:
             OutputError: As in `write`.
         """
         self.write(counters, ended)
-        return self._writer.finish(session_figures(self.tally, missed, self.penetration_max, self.lost))
+        return self._writer.finish(session_figures(self.tally, missed, missed_by, self.penetration_max, self.lost))
 
     def _write(self, attributes: Mapping[str, str | int]) -> None:
         taken = {ring: self._waiting[ring] for ring in RINGS}

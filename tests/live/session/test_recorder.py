@@ -224,7 +224,7 @@ def test_blocks_of_any_size_give_the_same_arrays(
             writer.take("ticks", first, ticks[first:end])
             if i in written:
                 writer.write(np.array(COUNTERS))
-        writer.finish("duration", np.array(COUNTERS), 0)
+        writer.finish("duration", np.array(COUNTERS), 0, {})
     result = load_result(path)
     assert result.ticks == 60
     for column in TICK_COLUMNS:

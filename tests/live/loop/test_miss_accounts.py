@@ -1,0 +1,258 @@
+"""Every missed period of a loop has one of four names, by what was measured: each cause planted, and by the system."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from live_scripted import FIST, FREE, FakeAccounts, FakeClock, Moment, ScriptedGlove, make_setup
+
+from hhsim.live.ipc.config import SafetyLimits
+from hhsim.live.ipc.session_memory import SessionMemory
+from hhsim.live.loop.loop import STEAL_UNREAD, LiveLoop
+from hhsim.live.loop.miss_accounts import STEAL_TICKS
+from hhsim.live.pose.fixed import FixedPose
+from hhsim.live.pose.registry import PoseConfig
+from hhsim.live.session.statistics import LiveTally, session_figures
+from hhsim.live.session.summary_table import session_rows
+from hhsim.live.shared_memory import RingReader
+from hhsim.result.miss_cause import CAUSES, MissCause, TimeTaken, by_name
+from hhsim.result.safety import Safety
+
+PERIOD = 1_000_000
+AT = 70
+"""The tick in which something is planted; the one after it has missed periods before it."""
+
+
+class Planted:
+    """A session in whose tick `AT` something takes time."""
+
+    def __init__(self, ticks: int = 100, *, moments: dict[int, Moment] | None = None) -> None:
+        script = [Moment(FREE + (FIST - FREE) * min(i, 60) / 60) for i in range(ticks)]
+        for tick, moment in (moments or {}).items():
+            script[tick] = moment
+        self.clock, self.accounts = FakeClock(), FakeAccounts()
+        self.glove = ScriptedGlove(self.clock, script)
+        self.memory = SessionMemory.create()
+        setup = make_setup(safety=SafetyLimits(watchdog=False), duration=1e-3 * (ticks + 1))
+        pose = FixedPose(PoseConfig())
+        self.loop = LiveLoop(setup, self.memory, self.glove, pose, clock=self.clock, accounts=self.accounts)
+
+    def at(self, tick: int, action: Callable[[], None]) -> None:
+        """Let something happen while a tick is solved."""
+        solver: Any = self.loop.solver
+        sound = solver.tick
+
+        def solve(*given: Any) -> int:
+            if self.loop.deadlines.tick == tick:
+                action()
+            return int(sound(*given))
+
+        solver.tick = solve
+
+    def run(self) -> "Planted":
+        self.loop.run()
+        self.ticks = RingReader(self.memory.ticks).read(10**6)[1]
+        self.events = [text.decode() for text in RingReader(self.memory.events).read(1000)[1]["text"]]
+        return self
+
+    def only_miss(self) -> Any:
+        (row,) = self.ticks[self.ticks["missed"] > 0]
+        return row
+
+
+def takes(planted: Planted, wall: int, cpu: int = 0, delay: int = 0, steal: int = 0) -> Callable[[], None]:
+    def happen() -> None:
+        planted.clock.work(wall)
+        planted.accounts.cpu += cpu
+        planted.accounts.delay += delay
+        planted.accounts.steal += steal
+
+    return happen
+
+
+MS = 1_000_000
+
+
+@pytest.mark.parametrize(
+    ("given", "cause"),
+    [
+        ({"wall": 5 * MS, "cpu": 5 * MS}, MissCause.COMPUTED),
+        ({"wall": 5 * MS, "cpu": MS // 5, "delay": 4 * MS}, MissCause.WOKEN_LATE),
+        ({"wall": 5 * MS, "cpu": MS // 5, "steal": 10 * MS}, MissCause.HOST),
+        ({"wall": 5 * MS, "cpu": MS // 5}, MissCause.WOKEN_LATE),
+    ],
+)
+def test_a_tick_that_takes_too_long_is_named(given: dict[str, int], cause: MissCause) -> None:
+    planted = Planted()
+    planted.at(AT, takes(planted, **given))
+    row = planted.run().only_miss()
+    assert (row["tick"], row["missed"], row["cause"]) == (AT + 6, 5, cause)
+    assert dict(zip(TimeTaken._fields, row["taken"], strict=True)) == {
+        "computed": given["cpu"],
+        "kept": 5 * MS + 100_000 - given["cpu"],
+        "run_delay": given.get("delay", 0),
+        "steal": given.get("steal", 0),
+        "device": 100_000,
+    }
+    assert planted.memory.status["missed_by"].tolist() == [5 if each is cause else 0 for each in CAUSES]
+    others = planted.ticks[planted.ticks["missed"] == 0]
+    assert not others["cause"].any() and not others["taken"].any()
+
+
+def test_a_device_that_keeps_the_loop_waiting_is_named() -> None:
+    row = Planted(moments={AT: Moment(FIST, work_ns=5 * MS)}).run().only_miss()
+    assert (row["missed"], row["cause"], row["taken"][4]) == (5, MissCause.DEVICE, 5 * MS)
+
+
+def test_a_command_that_is_taken_late_is_the_devices_too() -> None:
+    planted = Planted()
+    send = planted.glove.send
+
+    def slow(command: Any) -> bool:
+        if planted.glove.tick == AT:
+            planted.clock.work(3 * MS)
+        return send(command)
+
+    planted.glove.send = slow  # type: ignore[method-assign]
+    row = planted.run().only_miss()
+    assert (row["missed"], row["cause"], row["taken"][4]) == (3, MissCause.DEVICE, 3 * MS + 100_000)
+
+
+@pytest.mark.parametrize(("steal", "cause"), [(0, MissCause.WOKEN_LATE), (10 * MS, MissCause.HOST)])
+def test_a_loop_that_oversleeps_is_named(steal: int, cause: MissCause) -> None:
+    planted = Planted()
+
+    def oversleep() -> None:
+        planted.clock.oversleep.append(4 * MS + 300_000)
+        planted.accounts.steal += steal
+
+    planted.at(AT, oversleep)
+    row = planted.run().only_miss()
+    assert (row["missed"], row["cause"]) == (4, cause)
+    assert row["taken"][1] == 4 * MS + 300_000 + 100_000
+
+
+def test_what_the_host_took_long_before_is_not_charged_to_a_miss() -> None:
+    planted = Planted(ticks=150)
+    planted.at(AT, takes(planted, 0, steal=50 * MS))
+    later = AT + STEAL_TICKS + 5
+    sound: Any = planted.loop.solver.tick
+
+    def solve(*given: Any) -> int:
+        if planted.loop.deadlines.tick == later:
+            planted.clock.oversleep.append(4 * MS)
+        return int(sound(*given))
+
+    solver: Any = planted.loop.solver
+    solver.tick = solve
+    row = planted.run().only_miss()
+    assert (row["missed"], row["cause"], row["taken"][3]) == (4, MissCause.WOKEN_LATE, 0)
+
+
+def test_a_system_that_says_nothing_leaves_what_the_clock_says() -> None:
+    planted = Planted()
+    planted.accounts.delay = planted.accounts.steal = -1
+    planted.at(AT, takes(planted, 5 * MS, cpu=5 * MS))
+    assert planted.run().only_miss()["cause"] == MissCause.COMPUTED
+
+
+def test_accounts_that_are_slow_to_read_are_done_without() -> None:
+    planted = Planted()
+    reads = []
+
+    def slow() -> int:
+        reads.append(planted.clock.now())
+        planted.clock.work(200_000)
+        return 0
+
+    planted.accounts.steal_ns = slow  # type: ignore[method-assign]
+    planted.at(AT, takes(planted, 5 * MS))
+    assert planted.run().only_miss()["cause"] == MissCause.WOKEN_LATE
+    assert STEAL_UNREAD in planted.events
+    assert max(reads) < planted.ticks["time_ns"][0], "it was read before the loop ran, and never again"
+
+
+def test_a_stall_that_frees_the_fingers_is_logged_with_its_cause() -> None:
+    planted = Planted()
+
+    def oversleep() -> None:
+        planted.clock.oversleep.append(12 * MS)
+        planted.accounts.steal += 20 * MS
+
+    planted.at(AT, oversleep)
+    planted.run()
+    assert planted.only_miss()["safety"] & Safety.OVERRUN_STREAK
+    (line,) = (line for line in planted.events if "one period after the other" in line)
+    assert line.endswith(": 12 the last time, taken by the host")
+
+
+def test_the_table_has_a_line_for_each_cause_that_there_was() -> None:
+    figures = session_figures(LiveTally(), 7, by_name([0, 2, 5, 0]), 0.0, {})
+    shown = {row.label: row.shown for row in session_rows(figures) if row.name.startswith("missed")}
+    assert shown == {"missed ticks": "7", "missed: woken late": "2", "missed: taken by the host": "5"}
+
+
+CHILD = """
+import json, sys, time
+from hhsim.live.loop.deadlines import Deadlines
+from hhsim.live.loop.miss_accounts import MissAccounts
+deadlines = Deadlines(10_000_000)
+misses = MissAccounts(deadlines)
+deadlines.start()
+misses.begin()
+
+def tick(work=lambda: None):
+    deadlines.wait()
+    misses.woke()
+    found = misses.taken() if deadlines.missed else None
+    work()
+    return found
+
+def compute():
+    end = time.thread_time_ns() + 60_000_000
+    while time.thread_time_ns() < end:
+        pass
+
+def device():
+    began = deadlines.clock.now()
+    time.sleep(0.06)
+    misses.device_ns += deadlines.clock.now() - began
+
+for work in (compute, device):
+    tick(work)
+    found = tick()
+    print(json.dumps([*found, int(found.cause())]), flush=True)
+print("stop me", flush=True)
+while True:
+    found = tick()
+    if found is not None and found.kept > 200_000_000:
+        print(json.dumps([*found, int(found.cause())]), flush=True)
+        break
+"""
+
+
+def test_the_systems_own_accounts_tell_what_was_planted() -> None:
+    with subprocess.Popen([sys.executable, "-c", CHILD], stdout=subprocess.PIPE, text=True) as child:
+        assert child.stdout is not None
+        computed, device = (json.loads(child.stdout.readline()) for _ in range(2))
+        assert child.stdout.readline() == "stop me\n"
+        os.kill(child.pid, signal.SIGSTOP)
+        time.sleep(0.3)
+        os.kill(child.pid, signal.SIGCONT)
+        stopped = json.loads(child.stdout.readline())
+        assert child.wait(10.0) == 0
+    for found in (computed, device, stopped):
+        assert found[5] == TimeTaken(*found[:5]).cause()
+    # However busy the machine is: what was planted is at least as long as it was planted.
+    assert computed[0] >= 60 * MS
+    assert device[1] >= device[4] - device[0] >= 55 * MS
+    assert stopped[1] >= 200 * MS and stopped[0] < 100 * MS
+    assert stopped[5] in (MissCause.WOKEN_LATE, MissCause.HOST)
+    assert np.array(stopped[:5]).min() >= 0
