@@ -27,7 +27,7 @@ BAR = 40
 @options.json
 @options.quiet
 def command(rate: float, duration: float, cpu: int | None, no_realtime: bool, as_json: bool, quiet: bool) -> int:
-    """Can this machine keep 1 kHz, and if not, who takes the time?
+    """Tell whether this machine keeps 1 kHz, and if not, why.
 
     Waits for deadlines as a session's loop would, in compiled code, asks the system for the same, and counts how late
     it is woken. Exit code 1 where more than 0.1 % of the periods are missed, more than 9 in a row, or where one wake-up

@@ -8,6 +8,7 @@ import click
 
 from hhsim.live.devices.registry import find_glove, glove_names
 from hhsim.live.pose.registry import POSES, USUAL_POSE_PORT, PoseConfig
+from hhsim.result.safety import AFTER_STALL
 
 from ..arguments import options
 from ..arguments.comma_list import number_list, one_or_five
@@ -121,6 +122,13 @@ class Feedback(OptionGroup, heading="Forces"):
         default=25.0,
         metavar="MS",
         help="Input older than this frees the fingers [ms].",
+    )
+    after_stall: str = option(
+        type=click.Choice(list(AFTER_STALL)),
+        default="release",
+        help="What becomes of a finger's stiffness when 10 periods were missed in a row. "
+        f"{'; '.join(f'{name}: {what}' for name, what in AFTER_STALL.items())}. A stall of 20 ms "
+        "frees all of them in any case.",
     )
     dry_run: bool = option(is_flag=True, help="Read the glove, and send nothing to it.")
 
@@ -258,7 +266,7 @@ def command(
         pose=scene.pose,
         rate=session.rate,
         output=OutputLimits() if feedback.stiffness is None else OutputLimits(stiffness=feedback.stiffness),
-        safety=SafetyLimits(stale=1e-3 * feedback.stale),
+        safety=SafetyLimits(stale=1e-3 * feedback.stale, after_stall=feedback.after_stall),
         real_time=session.wishes(),
         rerun=session.rerun,
         dry_run=feedback.dry_run,

@@ -29,6 +29,13 @@ WORDS = {
     Safety.NO_INPUT_YET: "no input yet",
 }
 
+AFTER_STALL = {
+    "release": "every finger is freed at once",
+    "ease": "it falls to nothing within 0.1 s",
+    "hold": "it stays as it was",
+}
+"""What can become of the stiffness when too many periods were missed, the default first."""
+
 HELD = "held where they touch"
 
 

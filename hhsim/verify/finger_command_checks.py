@@ -39,7 +39,7 @@ def _reasons(rows: SessionRows) -> Claim:
         "no input yet": bits & NO_INPUT > 0,
         "not finite": (status & INPUT_INVALID > 0) & (bits & NOT_FINITE == 0),
         "solver failed": (status & CAPACITY_EXCEEDED > 0) & (bits & SOLVER_FAILED == 0),
-        "overrun streak": _overrun(rows, int(safety["overruns"])) & (bits & OVERRUN == 0),
+        "overrun streak": _overrun(rows, _release_at(rows)) & (bits & OVERRUN == 0),
         "stopping": _stopping(rows),
     }
     known = rows.used >= 0
@@ -58,15 +58,36 @@ def _reasons(rows: SessionRows) -> Claim:
     return all_true("reasons", says, any_, ticks=rows.numbers, note=f"wrong: {', '.join(found)}" if found else "")
 
 
+def _release_at(rows: SessionRows) -> int:
+    """Periods missed in a row that free the fingers; a stall that is held or eased may last as long as a heartbeat."""
+    safety = rows.limits["safety"]
+    most = int(safety["overruns"])
+    if safety.get("after_stall", "release") == "release":
+        return most
+    return max(most, round(1e9 * float(safety["heartbeat_stale"])) // rows.period_ns - 1)
+
+
+def _eased(rows: SessionRows) -> BoolArray:
+    """Ticks after a stall that begin to ease the stiffness; none where that was not asked for."""
+    safety = rows.limits["safety"]
+    if safety.get("after_stall") != "ease":
+        return np.zeros(len(rows.numbers), bool)
+    return _streak(rows) >= int(safety["overruns"])
+
+
 def _overrun(rows: SessionRows, most: int) -> BoolArray:
     """Ticks that end at least so many periods missed one after the other, or that lasted as long."""
+    lasted = np.asarray(rows.result["duration/total"], np.int64) >= most * rows.period_ns
+    return np.asarray((_streak(rows) >= most) | lasted)
+
+
+def _streak(rows: SessionRows) -> NDArray[np.int64]:
+    """Periods missed one after the other before each tick, as far back as the file goes without a gap."""
     missed = np.cumsum(rows.missed)
     # What was missed before a gap, or before a tick that is not in the file, is not counted.
     calm = (rows.missed == 0) | ~np.append(False, rows.closed[:-1])
     before = np.where(rows.missed == 0, missed, missed - rows.missed)
-    streak = missed - before[np.maximum.accumulate(np.where(calm, rows.numbers, 0))]
-    lasted = np.asarray(rows.result["duration/total"], np.int64) >= most * rows.period_ns
-    return np.asarray((streak >= most) | lasted)
+    return np.asarray(missed - before[np.maximum.accumulate(np.where(calm, rows.numbers, 0))])
 
 
 def _stopping(rows: SessionRows) -> BoolArray:
@@ -90,7 +111,8 @@ def _free(rows: SessionRows) -> Claim:
 def _stiffness(rows: SessionRows) -> Claim:
     """A finger is free, or as stiff as ramp, rise and its configured stiffness let it be, and then it bears a force."""
     output, period = rows.limits["output"], 1e-9 * rows.period_ns
-    good = _good_ticks(rows)
+    eases = _eased(rows)
+    good = _good_ticks(rows, eases)
     ramp = max(1, math.ceil(output["ramp"] / period))
     target = np.array(output["stiffness"]) * (np.minimum(good, ramp) / ramp)[:, None]
     force = np.linalg.norm(np.asarray(rows.result["force/phalanx"]), axis=3).sum(axis=2)
@@ -101,7 +123,11 @@ def _stiffness(rows: SessionRows) -> Claim:
     most = np.where(rows.follows[:, None], before + output["stiffness_rise"] * period, np.inf)
     if rows.result["live/tick/record"][0] == 0:
         most[0] = output["stiffness_rise"] * period
-    beyond = rows.stiffness - np.minimum(target, most)
+    told = np.minimum(target, most)
+    eased = _since(eases) < _since(rows.safety != 0)
+    fall = np.array(output["stiffness"]) * period / float(output.get("ease", 1.0))
+    told = np.where(eased[:, None], np.maximum(told, before - fall), told)
+    beyond = rows.stiffness - told
     sure = np.isfinite(most) & ~_after_gap(rows)[:, None]
     off = np.where(sure, np.abs(beyond), np.maximum(0.0, beyond))
     # A sum in another order: a force at the limit may be on either side of it.
@@ -117,12 +143,19 @@ def _freed_unseen(rows: SessionRows) -> BoolArray:
     return np.asarray(rows.follows & ~np.append(False, rows.closed[:-1]))
 
 
-def _good_ticks(rows: SessionRows) -> NDArray[np.int64]:
-    """Ticks without a reason since the fingers were last freed, this one included; after a gap as many as can be."""
+def _good_ticks(rows: SessionRows, eases: BoolArray) -> NDArray[np.int64]:
+    """Ticks since the fingers were last freed or began to be eased, this one included; after a gap as many as can be."""
     freed = rows.safety != 0
+    begun = np.where(eases, rows.numbers - 1, -1)
     last = np.where(freed, rows.numbers, np.where(_freed_unseen(rows), rows.numbers - 1, -1))
-    since = rows.numbers - np.maximum.accumulate(last)
+    since = rows.numbers - np.maximum.accumulate(np.maximum(last, begun))
     return np.where(_after_gap(rows), np.iinfo(np.int32).max, since)
+
+
+def _since(happened: BoolArray) -> NDArray[np.int64]:
+    """Ticks since something was last the case; more than there are where it never was."""
+    numbers = np.arange(len(happened))
+    return numbers - np.maximum.accumulate(np.where(happened, numbers, -len(happened)))
 
 
 def _after_gap(rows: SessionRows) -> BoolArray:

@@ -435,6 +435,25 @@ def test_a_dry_run_tells_so_in_every_tick(tmp_path: Path) -> None:
     assert "reasons" in failing(verify(load_result(session.path), every=100))
 
 
+@pytest.mark.parametrize("after_stall", ["ease", "hold"])
+def test_a_stall_that_is_eased_or_held_is_judged_by_what_was_asked_for(tmp_path: Path, after_stall: str) -> None:
+    safety = SafetyLimits(watchdog=False, after_stall=after_stall)
+    short, long_ = (Moment(FIST, work_ns=periods * PERIOD) for periods in (12, 25))
+    script = [*CLOSING, *HOLDING, short, *HOLDING, long_, *HOLDING]
+    scripted = Scripted(tmp_path / "stall.h5", script, safety=safety)
+    ended(scripted.memory, os.getpid())
+    Recorder(scripted.setup, scripted.memory).run()
+    session = load_result(tmp_path / "stall.h5")
+    (at,) = np.flatnonzero((session["live/tick/missed"] >= 10) & (session["live/tick/missed"] < 19))
+    least = {"ease": 0.29, "hold": 0.3}[after_stall]
+    assert session["live/tick/command_stiffness"][at, 2:].min() >= least
+    assert ((session["live/tick/safety"] & Safety.OVERRUN_STREAK) > 0).any(), "the longer one frees the fingers"
+    assert failing(verify(session, every=100)) == set()
+    with changed(session.path) as file:
+        file["live/tick/command_stiffness"][at + 3] = 0.28
+    assert "stiffness" in failing(verify(load_result(session.path), every=100))
+
+
 def test_a_session_of_before_causes_were_named_is_read_and_not_judged_by_them(session: Result, tmp_path: Path) -> None:
     path = tmp_path / "old.h5"
     shutil.copy(session.path, path)
@@ -511,7 +530,8 @@ def test_ramp_and_streak_are_those_of_a_loop_that_counts(ticks: list[tuple[bool,
         good = 0 if freed else None if good is None else good + 1
         goods.append(np.iinfo(np.int32).max if good is None else good)
         streaks.append(streak)
-    assert verify_command._good_ticks(rows).tolist() == goods
+    eases = np.zeros(len(rows.numbers), bool)
+    assert verify_command._good_ticks(rows, eases).tolist() == goods
     for most in (1, 3, 10):
         assert verify_command._overrun(rows, most).tolist() == [streak >= most for streak in streaks]
 

@@ -19,6 +19,7 @@ from hhsim.live.pose.registry import PoseConfig
 from hhsim.live.real_time import RealTimeWishes
 from hhsim.mesh.mesh import Mesh
 from hhsim.recordings.dexmo_regression import DexmoRegression
+from hhsim.result.safety import AFTER_STALL
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -38,6 +39,7 @@ class OutputLimits:
         bend_speed: Fastest change of the bend at which a finger is stopped, both ways [1/s].
         ramp: How long the stiffness takes to its full value at the start and after every fault [s].
         contact_force: A finger whose phalanges feel less than this together is free [N].
+        ease: How long the full stiffness takes to fall to 0 where a stall is eased [s].
     """
 
     stiffness: tuple[float, ...] = (0.3,) * FINGER_COUNT
@@ -45,6 +47,7 @@ class OutputLimits:
     bend_speed: float = 10.0
     ramp: float = 1.0
     contact_force: float = 0.02
+    ease: float = 0.1
 
     def __post_init__(self) -> None:
         """Refuse what no glove takes.
@@ -59,6 +62,7 @@ class OutputLimits:
                 raise InputError(f"the stiffness is {value:g}: expected 0 (free) to 1")
         _require_positive("stiffness_rise", self.stiffness_rise, "1/s")
         _require_positive("bend_speed", self.bend_speed, "1/s")
+        _require_positive("ease", self.ease, "s")
         for name, value, unit in (("ramp", self.ramp, "s"), ("contact_force", self.contact_force, "N")):
             if not (math.isfinite(value) and value >= 0.0):
                 raise InputError(f"{name} is {value:g} {unit}: it must be finite and not negative")
@@ -74,6 +78,7 @@ class SafetyLimits:
         watchdog: Whether a watchdog must be there.
         watchdog_stale: Age of the watchdog's last sign of life [s].
         heartbeat_stale: Age of the loop's last sign of life at which the watchdog frees the fingers [s].
+        after_stall: What becomes of held fingers when `overruns` periods were missed: one of `AFTER_STALL`.
     """
 
     stale: float = 0.025
@@ -81,17 +86,34 @@ class SafetyLimits:
     watchdog: bool = True
     watchdog_stale: float = 0.1
     heartbeat_stale: float = 0.02
+    after_stall: str = "release"
 
     def __post_init__(self) -> None:
         """Refuse limits that are none.
 
         Raises:
-            InputError: A limit that is not positive.
+            InputError: A limit that is not positive, or no such policy.
         """
+        if self.after_stall not in AFTER_STALL:
+            raise InputError(f"after a stall: {self.after_stall!r} is none of {', '.join(AFTER_STALL)}")
         for name in ("stale", "watchdog_stale", "heartbeat_stale"):
             _require_positive(name, getattr(self, name), "s")
         if self.overruns < 1:
             raise InputError(f"overruns is {self.overruns}: at least 1 missed period")
+
+    def release_at(self, period_ns: int) -> int:
+        """Periods missed one after the other at which the fingers are freed, whatever `after_stall` says.
+
+        With hold and ease it is so many that two ticks may lie `heartbeat_stale` apart: from then on the watchdog may
+        have freed the fingers, and nothing but the ramp may bring them back.
+
+        Args:
+            period_ns: Of a tick [ns].
+        """
+        if self.after_stall == "release":
+            return self.overruns
+        # Between the two ticks lie up to two periods more than were missed.
+        return max(self.overruns, round(1e9 * self.heartbeat_stale) // period_ns - 1)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -38,6 +38,9 @@ class FingerCommander:
         self._configured = np.array(limits.stiffness, np.float64)
         self._rise = limits.stiffness_rise * period
         self._move = limits.bend_speed * period
+        self._fall = self._configured * (period / limits.ease)
+        self._easing = False
+        self._least = np.zeros(FINGER_COUNT)
         self._ramp_ticks = max(1, math.ceil(limits.ramp / period))
         self._contact_force = limits.contact_force
         slope, self._offset = bend_lines
@@ -89,6 +92,12 @@ class FingerCommander:
         """Stiffness 0, and the ramp from the beginning."""
         self.command.stiffness[:] = 0.0
         self._good_ticks = 0
+        self._easing = False
+
+    def ease(self) -> None:
+        """The ramp from the beginning, and until it is as high as the stiffness, that falls by `OutputLimits.ease`."""
+        self._good_ticks = 0
+        self._easing = True
 
     def _measure(self, flexion: Array, phalanx: Array) -> bool:
         """Bend and force of each finger; False where one is not finite."""
@@ -123,4 +132,9 @@ class FingerCommander:
         np.logical_or(self._free, kept_free, out=self._free)
         self._target[self._free] = 0.0
         np.add(stiffness, self._rise, out=self._most)
+        np.subtract(stiffness, self._fall, out=self._least)
         np.minimum(self._target, self._most, out=stiffness)
+        if self._easing:
+            self._least[self._free] = 0.0
+            self._easing = bool((self._least > stiffness).any())
+            np.maximum(stiffness, self._least, out=stiffness)

@@ -23,19 +23,23 @@ class Interlock:
     Args:
         limits: From when on the fingers are freed.
         dry_run: Nothing is sent, so that no watchdog is needed.
+        period_ns: Of a tick [ns]; 1 kHz by default.
 
     Attributes:
         streak: Periods missed since the last tick that came in time.
+        eases: Whether these are a stall after which the stiffness is to fall, but not at once.
     """
 
-    def __init__(self, limits: SafetyLimits, *, dry_run: bool = False) -> None:
+    def __init__(self, limits: SafetyLimits, *, dry_run: bool = False, period_ns: int = 1_000_000) -> None:
         """Nothing has been missed."""
         self._stale_ns = round(1e9 * limits.stale)
         self._watchdog_ns = round(1e9 * limits.watchdog_stale)
-        self._overruns = limits.overruns
+        self._eased = limits.overruns if limits.after_stall == "ease" else None
+        self._released = limits.release_at(period_ns)
         self._watchdog = limits.watchdog and not dry_run
         self._always = _DRY_RUN if dry_run else 0
         self.streak = 0
+        self.eases = False
 
     def judge(
         self,
@@ -71,8 +75,9 @@ class Interlock:
         if not usable:
             bits |= _NOT_FINITE
         self.streak = self.streak + missed if missed else 0
-        if self.streak >= self._overruns:
+        if self.streak >= self._released:
             bits |= _OVERRUN_STREAK
+        self.eases = self._eased is not None and self.streak >= self._eased
         if lost:
             bits |= _DEVICE_LOST
         if stopping:

@@ -100,13 +100,13 @@ class LiveLoop:
         self.wakeups, self.latencies, self.works = TickTimes(), TickTimes(), TickTimes()
         self.solver = HandSolver(setup.hand, setup.surface_arrays(), loop_options(setup.options, setup.rate))
         self.commander = FingerCommander(setup.output, setup.bend_lines(), 1e-9 * period)
-        self.interlock = Interlock(setup.safety, dry_run=setup.dry_run)
+        self.interlock = Interlock(setup.safety, dry_run=setup.dry_run, period_ns=period)
         self.watch = GloveWatch(device.info)
         self._safety_log = SafetyLog()
         self._interval = SampleInterval()
         self._periods = None if setup.duration is None else max(1, round(setup.duration * setup.rate))
         self._reconnect_ticks = max(1, round(RECONNECT_SECONDS * setup.rate))
-        self._longest_ns = setup.safety.overruns * period
+        self._longest_ns = setup.safety.release_at(period) * period
         self._next_reconnect = 0
         self._stop = ""
         self._rows = np.zeros(1, LIVE_TICK)
@@ -320,6 +320,8 @@ class LiveLoop:
             safety |= _NOT_FINITE
         if status & STATUS_START_INSIDE:
             self.memory.log(WARNING, BEGINS_INSIDE)
+        if self.interlock.eases:
+            self.commander.ease()
         return True, self.commander.update(self._graphic, self._phalanx, safety, self.watch.free)
 
     def _send(self, safety: int) -> tuple[int, bool]:

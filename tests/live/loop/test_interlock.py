@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hhsim.errors import InputError
 from hhsim.live.ipc.config import SafetyLimits
 from hhsim.live.loop.interlock import QUIET_NS, Interlock, SafetyLog
 from hhsim.result.safety import Safety
@@ -87,3 +88,30 @@ def test_a_flicker_is_counted_and_told_later_with_its_reason() -> None:
         assert log.changed(0, NOW + 3 + 2 * i) == []
     (later,) = log.changed(bit, NOW + QUIET_NS)
     assert "5 times more" in later[1]
+
+
+@pytest.mark.parametrize(
+    ("after_stall", "rate", "released"),
+    [
+        ("release", 1000, 10),
+        ("ease", 1000, 19),
+        ("hold", 1000, 19),
+        ("hold", 500, 10),
+        ("ease", 100, 10),
+        ("hold", 4000, 79),
+    ],
+)
+def test_no_policy_holds_longer_than_the_watchdog_waits(after_stall: str, rate: int, released: int) -> None:
+    limits, period = SafetyLimits(watchdog=False, after_stall=after_stall), 1_000_000_000 // rate
+    assert limits.release_at(period) == released
+    given = {"sample_ns": 0, "pose_ns": 0, "usable": True, "watchdog_ns": 0, "armed": False, "lost": False}
+    for missed in (9, 10, released - 1, released):
+        interlock = Interlock(limits, period_ns=period)
+        bits = interlock.judge(0, **given, missed=missed, stopping=False)  # type: ignore[arg-type]
+        assert bits == (Safety.OVERRUN_STREAK if missed >= released else 0)
+        assert interlock.eases == (after_stall == "ease" and missed >= 10)
+
+
+def test_an_unknown_policy_is_refused() -> None:
+    with pytest.raises(InputError, match="none of release, ease, hold"):
+        SafetyLimits(after_stall="pray")

@@ -435,3 +435,56 @@ def test_ticks_keep_no_memory() -> None:
         assert run(6 * BATCH) < BATCH
     finally:
         gc.enable()
+
+
+def stalled(after_stall: str, missed: int) -> tuple[Session, NDArray[Any]]:
+    """A hand that is held, a stall in tick 90, and the stiffness of its stiffest finger from the tick after it on."""
+    safety = SafetyLimits(watchdog=False, after_stall=after_stall)
+    session = Session([*HOLDING, *[Moment(FIST)] * 200], safety=safety, output=replace(QUICK, ramp=0.05))
+    session.glove.at_tick[90] = lambda: session.clock.oversleep.append(missed * PERIOD)
+    session.run()
+    (at,) = np.flatnonzero(session.ticks["missed"])
+    assert session.ticks["missed"][at] == missed
+    assert session.ticks["command_stiffness"][at - 1].max() == 0.3
+    return session, session.ticks["command_stiffness"][at:-1].max(axis=1)
+
+
+@pytest.mark.parametrize("after_stall", ["release", "ease", "hold"])
+def test_a_short_gap_changes_nothing(after_stall: str) -> None:
+    session, stiffness = stalled(after_stall, 9)
+    assert set(stiffness) == {0.3}
+    assert not (session.ticks["safety"] & Safety.OVERRUN_STREAK).any()
+
+
+@pytest.mark.parametrize("after_stall", ["release", "ease", "hold"])
+def test_a_stall_in_which_the_watchdog_may_have_freed_the_fingers_frees_them(after_stall: str) -> None:
+    session, stiffness = stalled(after_stall, 19)
+    assert stiffness[0] == 0.0
+    assert np.count_nonzero(session.ticks["safety"] & Safety.OVERRUN_STREAK) == 1
+    np.testing.assert_allclose(stiffness[1:51], 0.3 * np.arange(1, 51) / 50)
+
+
+def test_a_stall_is_held_where_that_is_asked_for() -> None:
+    session, stiffness = stalled("hold", 18)
+    assert set(stiffness) == {0.3}
+    assert not (session.ticks["safety"] & Safety.OVERRUN_STREAK).any()
+
+
+def test_a_stall_is_eased_where_that_is_asked_for() -> None:
+    session, stiffness = stalled("ease", 18)
+    falling, rising = 0.3 - 0.003 * np.arange(1, 212), 0.006 * np.arange(1, 212)
+    np.testing.assert_allclose(stiffness, np.clip(np.maximum(falling, rising), 0.0, 0.3))
+    assert np.abs(np.diff(stiffness)).max() < 0.007
+    assert not (session.ticks["safety"] & Safety.OVERRUN_STREAK).any()
+
+
+def test_while_the_stiffness_is_eased_a_fault_frees_the_fingers_at_once() -> None:
+    safety = SafetyLimits(watchdog=False, after_stall="ease")
+    session = Session([*HOLDING[:110], Moment(FIST, good=False), *HOLDING[60:]], safety=safety)
+    session.glove.at_tick[100] = lambda: session.clock.oversleep.append(12 * PERIOD)
+    session.run()
+    stiffness = session.ticks["command_stiffness"].max(axis=1)
+    (bad,) = np.flatnonzero(session.ticks["safety"] & Safety.NOT_FINITE)
+    assert stiffness[bad - 1] > 0.2
+    assert stiffness[bad] == 0.0
+    assert (stiffness[bad + 1 : bad + 5] < 0.3 * np.arange(1, 5) / 10 + 1e-9).all()
