@@ -144,7 +144,7 @@ def _freed_unseen(rows: SessionRows) -> BoolArray:
 
 
 def _good_ticks(rows: SessionRows, eases: BoolArray) -> NDArray[np.int64]:
-    """Ticks since the fingers were last freed or began to be eased, this one included; after a gap as many as can be."""
+    """Ticks since the fingers were last freed or eased, this one included; after a gap as many as can be."""
     freed = rows.safety != 0
     begun = np.where(eases, rows.numbers - 1, -1)
     last = np.where(freed, rows.numbers, np.where(_freed_unseen(rows), rows.numbers - 1, -1))
