@@ -22,7 +22,7 @@ class GloveChoice(OptionGroup, heading="Glove"):
         """The settings of the glove that the command line names.
 
         Raises:
-            click.UsageError: One that only another glove has.
+            click.UsageError: One that only other gloves have.
         """
         context = click.get_current_context()
         found = {}
@@ -31,9 +31,9 @@ class GloveChoice(OptionGroup, heading="Glove"):
                 continue
             if self.device in gloves:
                 found[name] = getattr(self, name)
-            elif len(gloves) == 1:
+            else:
                 (flag,) = (parameter.opts[0] for parameter in context.command.params if parameter.name == name)
-                raise click.UsageError(f"{flag} is for --device {next(iter(gloves))}, not {self.device}")
+                raise click.UsageError(f"{flag} is for --device {' or '.join(gloves)}, not {self.device}")
         return found
 
 

@@ -1,12 +1,14 @@
-"""Datagrams: a port where open packets arrive from one host, and which of them are new, late, or never came."""
+"""Datagrams: a port where packets arrive from one host, and which of them are new, late, or never came."""
 
 import select
 import socket
 import time
+from collections.abc import Callable
+from typing import Any
 
 from hhsim.live.device import DeviceError
 from hhsim.live.link.byte_stream import ready
-from hhsim.live.link.udp_codec import LONGEST, Packet, PacketError, decode_packet
+from hhsim.live.link.udp_codec import LONGEST, PacketError, decode_packet
 
 BUFFER = 1 << 20
 """Of the system for what is not yet read [bytes]; some seconds at 1 kHz."""
@@ -38,13 +40,15 @@ class UdpPort:
     Args:
         host: From which they come.
         port: Where they arrive.
+        decode: Reads one, and raises `PacketError` where it is none; of open packets by default.
 
     Raises:
         DeviceError: No such host, or the port is taken.
     """
 
-    def __init__(self, host: str, port: int) -> None:
+    def __init__(self, host: str, port: int, decode: Callable[[bytes], Any] = decode_packet) -> None:
         """Open the port."""
+        self._decode = decode
         self.address = resolve(host)
         self.name = f"udp port {port} from {host}"
         self.strangers = 0
@@ -62,10 +66,10 @@ class UdpPort:
             self._socket.close()
             raise DeviceError(f"{self.name}: cannot listen: {error.strerror or error}") from None
 
-    def receive(self) -> tuple[Packet, int] | None:
+    def receive(self) -> tuple[Any, int] | None:
         """The next packet and when it was read, CLOCK_MONOTONIC [ns]; None where no more has arrived.
 
-        Datagrams that are no open packet are counted as malformed.
+        Datagrams that are no packet are counted as malformed.
         """
         for _ in range(MOST_SKIPPED):
             try:
@@ -81,10 +85,10 @@ class UdpPort:
                 self.hint = f"packets come from {sender[0]} instead"
                 continue
             try:
-                return decode_packet(data), now
+                return self._decode(data), now
             except PacketError as error:
                 self.malformed += 1
-                self.hint = f"what came is no open packet: {error}"
+                self.hint = f"what came is no {'open packet' if self._decode is decode_packet else 'packet'}: {error}"
         return None
 
     def wait(self, timeout: float) -> bool:

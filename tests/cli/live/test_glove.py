@@ -37,7 +37,7 @@ HHSIM = [sys.executable, "-c", "from hhsim.cli.main import main; main()"]
 @pytest.mark.parametrize(
     ("arguments", "line"),
     [
-        (["--device", "sim", "--serial", "/dev/ttyUSB0"], "--serial is for --device opengloves, not sim"),
+        (["--device", "sim", "--serial", "/dev/ttyUSB0"], "--serial is for --device doglove or opengloves, not sim"),
         (["--no-record", "--record", "a.h5"], "--no-record and --record a.h5 exclude each other"),
         (
             ["--device", "udp", "--trajectory", "pinch"],

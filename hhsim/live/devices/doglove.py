@@ -1,0 +1,37 @@
+"""A DOGlove: the joints of a hand, by the datagrams of its published scripts or from its board's serial line."""
+
+from dataclasses import dataclass
+
+from hhsim.live.devices.registry import Glove, GloveOptions, setting
+
+
+@dataclass(frozen=True)
+class DogloveOptions(GloveOptions):
+    """Settings of a DOGlove.
+
+    Attributes:
+        host: Where the datagrams come from.
+        port: Where those of the encoders arrive; those of the servos arrive at the next one.
+        path: Serial line of the main board; "" for datagrams. Those of the servos are needed as well.
+        baud: Of the serial line [bit/s].
+        servo_zero: What the five servos read with a flat hand [deg], with commas between.
+    """
+
+    host: str = setting("127.0.0.1", "Where the glove's server is", "HOST")
+    port: int = setting(5009, "Port of the glove's server", "PORT", least=1, most=65534)
+    path: str = setting("", "Serial line, such as /dev/ttyUSB0, instead of TCP", "LINE", flags=("--serial", "--path"))
+    baud: int = setting(921_600, "Speed of the serial line", "BAUD", unit="bit/s", least=1)
+    servo_zero: str = setting(
+        "182.2,165.2,150.29,151.44,145.9",
+        "What the five servos read with a flat hand, with commas",
+        "DEGREES",
+        unit="deg",
+    )
+
+
+GLOVE = Glove(
+    about="a DOGlove, which is read and not commanded",
+    driver="hhsim.live.drivers.doglove:Doglove",
+    options=DogloveOptions,
+    holds=False,
+)

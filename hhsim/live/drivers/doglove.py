@@ -1,0 +1,241 @@
+"""A DOGlove: 21 joints are read. Nothing is sent, since how its servos are commanded is not published as a format.
+
+Sixteen encoders come from the main board, by a serial line or as datagrams; the knuckles' five angles are those of the
+servos, as datagrams. A sample is made of each reading of the encoders, with the newest angles of the servos.
+"""
+
+import math
+import time
+from collections import deque
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import InputError
+from hhsim.live.device import (
+    FINGER_COUNT,
+    UNKNOWN,
+    Capability,
+    DeviceCounters,
+    DeviceError,
+    FingerCommand,
+    GloveDevice,
+    GloveInfo,
+)
+from hhsim.live.devices.doglove import DogloveOptions
+from hhsim.live.devices.registry import GloveConfig
+from hhsim.live.link.doglove_codec import (
+    ENCODERS,
+    SERVOS,
+    Encoders,
+    FrameStream,
+    decode_encoders,
+    decode_servos,
+)
+from hhsim.live.link.serial import SerialLink
+from hhsim.live.link.udp import UdpPort
+
+Array = NDArray[np.float64]
+
+SILENCE_NS = 500_000_000
+"""A glove whose encoders say nothing for so long is gone [ns]; input is stale long before."""
+SERVO_STALE_NS = 100_000_000
+"""Angles of the servos that are older make no sample that may be used [ns]."""
+MOST_DATAGRAMS = 64
+"""Taken in one call, so that whoever floods a port cannot hold up a tick."""
+MOST_DEGREES = 180.0
+"""No joint of a hand is beyond this."""
+THUMB_ROTATE = 3
+DIP, PIP, SPLIT = np.array([0, 4, 7, 10, 13]), np.array([1, 5, 8, 11, 14]), np.array([2, 6, 9, 12, 15])
+"""Which encoder is which, thumb to little finger: of the joint next to the tip, of the one before, of the spread."""
+CHANNELS = (
+    *("thumb_dip", "thumb_pip", "thumb_split", "thumb_rotate"),
+    *(f"{finger}_{joint}" for finger in ("index", "middle", "ring", "little") for joint in ("dip", "pip", "split")),
+    *(f"{finger}_servo" for finger in ("thumb", "index", "middle", "ring", "little")),
+)
+
+
+class Doglove(GloveDevice):
+    """One glove.
+
+    Args:
+        config: With `DogloveOptions`.
+
+    Raises:
+        InputError: A baud rate that the system does not know, or zeros that are not five numbers.
+    """
+
+    def __init__(self, config: GloveConfig) -> None:
+        """Nothing is opened yet."""
+        options = config.options
+        assert isinstance(options, DogloveOptions)
+        self._options = options
+        self._zero = servo_zero(options.servo_zero)
+        self._hand = config.hand
+        where = options.path or f"udp port {options.port} from {options.host}"
+        self._name = f"doglove at {where}, servos at udp port {options.port + 1}"
+        self._line = SerialLink(options.path, options.baud, self._name) if options.path else None
+        self._stream = FrameStream()
+        self._encoders: UdpPort | None = None
+        self._servos: UdpPort | None = None
+        self._servo = np.full(SERVOS, np.nan)
+        self._servo_ns = self._heard_ns = 0
+        self._waiting: deque[tuple[Encoders, int]] = deque()
+        self._seq = 0
+        self.counters = DeviceCounters()
+
+    def open(self, timeout: float = 5.0) -> None:
+        """See `GloveDevice.open`; waits for a reading of the encoders and one of the servos."""
+        self.close()
+        options = self._options
+        self._waiting.clear()
+        self._servo_ns = 0
+        try:
+            self._servos = UdpPort(options.host, options.port + 1, decode_servos)
+            if self._line is None:
+                self._encoders = UdpPort(options.host, options.port, decode_encoders)
+            else:
+                self._stream.begin()
+                self._line.connect(timeout)
+            deadline = time.monotonic() + timeout
+            while not (self._waiting and self._servo_ns):
+                if time.monotonic() > deadline:
+                    raise DeviceError(self._in_vain(timeout))
+                time.sleep(0.002)
+                self._receive()
+        except DeviceError:
+            self.close()
+            raise
+        self._heard_ns = time.monotonic_ns()
+        can = Capability.JOINTS | Capability.SPLAY
+        if self._line is not None:
+            can |= Capability.STAMPS
+        self.info = GloveInfo(self._name, can, CHANNELS, hand=self._hand, unit="deg")
+
+    def read(self, samples_out: NDArray[np.void]) -> int:
+        """See `GloveDevice.read`."""
+        self._receive()
+        count = 0
+        while self._waiting and count < len(samples_out):
+            encoders, now = self._waiting.popleft()
+            self._store(encoders, now, samples_out[count])
+            count += 1
+        now = time.monotonic_ns()
+        if count:
+            self._heard_ns = now
+        elif now - self._heard_ns > SILENCE_NS:
+            raise DeviceError(f"{self._name}: no reading of the encoders came for {1e-9 * SILENCE_NS:g} s")
+        return count
+
+    def send(self, command: FingerCommand) -> bool:
+        """See `GloveDevice.send`; nothing is sent, and what is not sent is not counted."""
+        return True
+
+    def release(self, timeout: float = 0.05) -> bool:
+        """See `FingerRelease.release`; no finger was ever held."""
+        return True
+
+    def reconnect(self) -> bool:
+        """See `GloveDevice.reconnect`; the glove is back with its next reading."""
+        if self._line is not None and not self._line.connected:
+            if not self._line.reconnect():
+                return False
+            self._stream.begin()
+            self.counters.resyncs += 1
+        try:
+            self._receive()
+        except DeviceError:
+            return False
+        if self._waiting:
+            self._heard_ns = time.monotonic_ns()
+        return bool(self._waiting)
+
+    def close(self) -> None:
+        """See `FingerRelease.close`."""
+        for link in (self._encoders, self._servos, self._line):
+            if link is not None:
+                link.close()
+        self._encoders = self._servos = None
+
+    def _receive(self) -> None:
+        if self._servos is None:
+            raise DeviceError(f"{self._name}: not open")
+        for servo, now in _arrived(self._servos):
+            if np.isfinite(servo).all():
+                self._servo, self._servo_ns = servo, now
+        if self._line is None:
+            assert self._encoders is not None
+            self._waiting.extend(_arrived(self._encoders))
+        else:
+            data = self._line.receive()
+            now = time.monotonic_ns()
+            self._waiting.extend((frame, now) for frame in self._stream.feed(data or b""))
+        bad = self._stream.malformed + sum(port.malformed for port in (self._encoders, self._servos) if port)
+        self.counters.malformed = bad
+        self.counters.frames = self.counters.samples + self.counters.rejected + len(self._waiting) + bad
+
+    def _store(self, encoders: Encoders, now: int, row: np.void) -> None:
+        degrees, servo = encoders.degrees, self._servo
+        flexion, abduction = hand_angles(degrees, servo - self._zero)
+        fresh = now - self._servo_ns <= SERVO_STALE_NS
+        good = fresh and bool(
+            np.isfinite(degrees).all() and (np.abs(flexion) <= MOST_DEGREES).all() and (np.abs(abduction) <= 90.0).all()
+        )
+        row["seq"] = self._seq
+        row["time_ns"] = now
+        row["device_time_ns"] = 1_000_000 * encoders.milliseconds if encoders.milliseconds >= 0 else UNKNOWN
+        row["device_seq"] = row["battery"] = UNKNOWN
+        row["good"] = good
+        row["channels"] = math.nan
+        row["channels"][:ENCODERS] = degrees
+        row["channels"][ENCODERS : ENCODERS + SERVOS] = servo
+        row["flexion"], row["abduction"] = np.radians(flexion), np.radians(abduction)
+        self._seq += 1
+        self.counters.samples += good
+        self.counters.rejected += not good
+
+    def _in_vain(self, timeout: float) -> str:
+        missing = "reading of the encoders" if not self._waiting else "angle of the servos"
+        ports = [port for port in (self._encoders, self._servos) if port is not None]
+        hint = next((port.hint for port in ports if port.hint), "do its scripts run, and send to these ports?")
+        return f"{self._name}: no {missing} came within {timeout:g} s: {hint}"
+
+
+def servo_zero(text: str) -> Array:
+    """What the servos read with a flat hand [deg], shape (5,).
+
+    Raises:
+        InputError: Not five finite numbers.
+    """
+    try:
+        zero = np.array([float(part) for part in text.split(",")])
+    except ValueError:
+        zero = np.zeros(0)
+    if zero.shape != (SERVOS,) or not np.isfinite(zero).all():
+        raise InputError(f"servo zero '{text}'; expected five numbers in degrees, thumb to little finger, with commas")
+    return zero
+
+
+def hand_angles(encoders: Array, bend: Array) -> tuple[Array, Array]:
+    """Joints of the hand [deg] from what the glove reads.
+
+    Args:
+        encoders: Of the main board [deg], shape (16,).
+        bend: Of the servos, less what they read with a flat hand [deg], shape (5,).
+
+    Returns:
+        Flexion, shape (5, 3), and abduction, shape (5,). The thumb's rotation has no place in this hand.
+    """
+    flexion = np.stack([bend, 270.0 - encoders[PIP], encoders[DIP] - 90.0], axis=1)
+    abduction = 180.0 - encoders[SPLIT]
+    abduction[0] = -abduction[0]
+    assert flexion.shape == (FINGER_COUNT, 3)
+    return flexion, abduction
+
+
+def _arrived(port: UdpPort) -> list[tuple[Any, int]]:
+    found: list[tuple[Any, int]] = []
+    while len(found) < MOST_DATAGRAMS and (packet := port.receive()) is not None:
+        found.append(packet)
+    return found
