@@ -33,12 +33,12 @@ def by_name(counts: Iterable[int]) -> dict[str, int]:
 
 
 class TimeTaken(NamedTuple):
-    """Where the time went between two wake-ups, beyond the sleep that was asked for; all in ns.
+    """Where the time went between the deadlines of two ticks, beyond the sleep that was asked for; all in ns.
 
     Attributes:
         computed: CPU time of the loop's own thread.
         kept: Wall time in which the thread neither ran nor slept as it had asked to: its work's wall time less its CPU
-            time, and how late it then woke.
+            time, how late it had woken for it, and how late it woke then.
         run_delay: Of `kept`, how long the thread could have run and was not let.
         steal: How long the host of a virtual machine had the processor; counted in steps of 10 ms on most systems.
         device: Wall time of the calls to the glove and to the source of the palm's pose.

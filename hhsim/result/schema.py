@@ -274,7 +274,7 @@ LIVE_TICK_COLUMNS: tuple[Column, ...] = (
         Column(f"taken/{part}", (), "<i8", "ns", f"where periods were missed, {what}", f"taken.{part}", optional=True)
         for part, what in (
             ("computed", "CPU time of the loop since the wake-up before"),
-            ("kept", "time since then that it neither ran nor slept as it had asked to"),
+            ("kept", "time since the deadline before that it neither ran nor slept as it had asked to"),
             ("run_delay", "how long of it the loop could have run and was not let"),
             ("steal", "time that the host took, in the system's steps"),
             ("device", "time of the calls to the glove and the pose"),

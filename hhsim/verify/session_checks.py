@@ -85,7 +85,7 @@ def _causes(rows: SessionRows) -> Claim:
     # The tick before worked until some time in the period before the deadline that was then slept for.
     at = 1 + np.flatnonzero(rows.closed[:-1] & (rows.missed[1:] > 0))
     most = rows.over[at - 1] - rows.woke[at - 1] - taken["computed"][at]
-    kept = taken["kept"][at] - rows.wakeup[at]
+    kept = taken["kept"][at] - rows.wakeup[at] - rows.wakeup[at - 1] % rows.period_ns
     wrong[at] |= (kept < np.maximum(0, most - rows.period_ns)) | (kept > np.maximum(0, most))
     return all_true(name, says, wrong, ticks=rows.numbers)
 

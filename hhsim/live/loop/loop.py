@@ -195,7 +195,7 @@ class LiveLoop:
         if clock.now() - now >= self._longest_ns:
             # What was judged good then need not be so now.
             safety |= _OVERRUN_STREAK
-            self._safety_log.detail[Safety.OVERRUN_STREAK] = "in a tick, whose cause the recording tells"
+            self._safety_log.detail[Safety.OVERRUN_STREAK] = "during a tick; the recording tells the cause"
         if safety or not solved:
             self.commander.free()
         asked = clock.now()

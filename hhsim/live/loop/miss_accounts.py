@@ -44,7 +44,7 @@ class MissAccounts:
         self.device_ns = 0
         self.steal_unread = False
         self._device_before = 0
-        self._woke = self._woke_before = 0
+        self._woke = self._woke_before = self._late = self._late_before = 0
         self._cpu = self._cpu_before = self._delay = self._delay_before = self._steal = -1
 
     def begin(self) -> None:
@@ -69,18 +69,19 @@ class MissAccounts:
             return
         self._device_before, self.device_ns = self.device_ns, 0
         self._woke_before, self._woke = self._woke, self._deadlines.woke_ns
+        self._late_before, self._late = self._late, self._deadlines.wakeup_ns
         self._cpu_before, self._cpu = self._cpu, accounts.cpu_ns()
         self._delay_before, self._delay = self._delay, accounts.run_delay_ns()
 
     def taken(self) -> TimeTaken:
-        """Where the time since the wake-up before went, where this tick missed periods."""
+        """Where the time since the deadline of the tick before went, where this tick missed periods."""
         deadlines, before = self._deadlines, self._steal
         self._read_steal()
         computed = risen(self._cpu_before, self._cpu)
         worked = deadlines.asked_ns - self._woke_before
         return TimeTaken(
             computed=computed,
-            kept=max(0, worked - computed) + deadlines.late_ns,
+            kept=self._late_before + max(0, worked - computed) + deadlines.late_ns,
             run_delay=risen(self._delay_before, self._delay),
             steal=risen(before, self._steal),
             device=self._device_before,

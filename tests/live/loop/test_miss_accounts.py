@@ -139,6 +139,28 @@ def test_a_loop_that_oversleeps_is_named(steal: int, cause: MissCause) -> None:
     assert row["taken"][1] == 4 * MS + 300_000 + 100_000
 
 
+def test_a_tick_that_was_woken_so_late_that_its_usual_work_was_too_much_is_named_by_that() -> None:
+    planted = Planted()
+
+    def oversleep() -> None:
+        planted.clock.oversleep.append(700_000)
+        planted.accounts.delay += 700_000
+
+    planted.at(AT, oversleep)
+    sound: Any = planted.loop.solver.tick
+
+    def solve(*given: Any) -> int:
+        if planted.loop.deadlines.tick == AT + 1:
+            takes(planted, 400_000, cpu=400_000)()
+        return int(sound(*given))
+
+    solver: Any = planted.loop.solver
+    solver.tick = solve
+    row = planted.run().only_miss()
+    assert (row["tick"], row["missed"], row["cause"]) == (AT + 3, 1, MissCause.WOKEN_LATE)
+    assert row["taken"][:2].tolist() == [400_000, 800_000]
+
+
 def test_what_the_host_took_long_before_is_not_charged_to_a_miss() -> None:
     planted = Planted(ticks=150)
     planted.at(AT, takes(planted, 0, steal=50 * MS))
