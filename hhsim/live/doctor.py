@@ -3,7 +3,7 @@
 The verdict is that of measured wake-ups alone, by the limits below. What the system is set to only says what to change.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -163,7 +163,7 @@ def quick_warning(rate: float, wishes: RealTimeWishes) -> str:
         rate: Of the loop that is to begin [Hz].
         wishes: What it is going to ask of the system.
     """
-    wakeups = measure_wakeups(rate, QUICK_SECONDS, RealTimeWishes(**{**vars(wishes), "lock_memory": False}))
+    wakeups = measure_wakeups(rate, QUICK_SECONDS, replace(wishes, lock_memory=False))
     diagnosis = Diagnosis(wakeups, [])
     return "" if diagnosis.good else f"{diagnosis.verdict}; hhsim doctor tells more"
 

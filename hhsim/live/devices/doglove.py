@@ -19,7 +19,9 @@ class DogloveOptions(GloveOptions):
 
     host: str = setting("127.0.0.1", "Where the glove's server is", "HOST")
     port: int = setting(5009, "Port of the glove's server", "PORT", least=1, most=65534)
-    path: str = setting("", "Serial line, such as /dev/ttyUSB0, instead of TCP", "LINE", flags=("--serial", "--path"))
+    path: str = setting(
+        "", "Serial line, such as /dev/ttyUSB0, instead of the network", "LINE", flags=("--serial", "--path")
+    )
     baud: int = setting(921_600, "Speed of the serial line", "BAUD", unit="bit/s", least=1)
     servo_zero: str = setting(
         "182.2,165.2,150.29,151.44,145.9",

@@ -17,7 +17,9 @@ class OpenGlovesOptions(ServedOptions):
     """
 
     port: int = setting(65432, "Port of the glove's server", "PORT", least=1, most=65535)
-    path: str = setting("", "Serial line, such as /dev/ttyUSB0, instead of TCP", "LINE", flags=("--serial", "--path"))
+    path: str = setting(
+        "", "Serial line, such as /dev/ttyUSB0, instead of the network", "LINE", flags=("--serial", "--path")
+    )
     baud: int = setting(115_200, "Speed of the serial line", "BAUD", unit="bit/s", least=1)
     full_scale: float = setting(
         4095.0, "Largest reading; 1023 for boards with 10 bits", "COUNTS", unit="count", least=1.0

@@ -82,7 +82,7 @@ class Doglove(GloveDevice):
         self._servo = np.full(SERVOS, np.nan)
         self._servo_ns = self._heard_ns = 0
         self._waiting: deque[tuple[Encoders, int]] = deque()
-        self._seq = 0
+        self._seq = self._reopened = 0
         self.counters = DeviceCounters()
 
     def open(self, timeout: float = 5.0) -> None:
@@ -142,7 +142,7 @@ class Doglove(GloveDevice):
             if not self._line.reconnect():
                 return False
             self._stream.begin()
-            self.counters.resyncs += 1
+            self._reopened += 1
         try:
             self._receive()
         except DeviceError:
@@ -173,6 +173,7 @@ class Doglove(GloveDevice):
             self._waiting.extend((frame, now) for frame in self._stream.feed(data or b""))
         bad = self._stream.malformed + sum(port.malformed for port in (self._encoders, self._servos) if port)
         self.counters.malformed = bad
+        self.counters.resyncs = self._reopened + self._stream.skipped
         self.counters.frames = self.counters.samples + self.counters.rejected + len(self._waiting) + bad
 
     def _store(self, encoders: Encoders, now: int, row: np.void) -> None:

@@ -109,6 +109,7 @@ def test_the_glove_of_another_process_is_read_by_its_line() -> None:
         assert not glove.reconnect()
         os.write(end, b"torn" + uart_frame(3_300_000, [0] * 16, 5))
         reader.until(glove.reconnect)
+        assert glove.counters.resyncs == 1, "what was torn was passed over, once"
     os.close(end)
     os.close(line)
 
