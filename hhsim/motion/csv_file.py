@@ -10,12 +10,14 @@ same motion bit for bit. Columns, in any order:
 | qw, qx, qy, qz | 1 | palm to world |
 | thumb_flex1, thumb_flex2, thumb_flex3, index_flex1, …, little_flex3 | rad | flexion, proximal to distal |
 | thumb_abd, index_abd, …, little_abd | rad | abduction, positive towards the thumb side |
+| object_px, object_py, object_pz (may be left out) | m | object origin, world, where the object moves |
+| object_qw, object_qx, object_qy, object_qz (with them) | 1 | object to world |
 | phase (may be left out) | | phase that the sample belongs to, or empty |
 | flags (may be left out) | | sum of the bits of `hhsim.motion.sample_flags.SampleFlag` |
 
 Lines `# key: value` before the header carry name, source, licence, device and hand, object_position (x y z) and
-object_orientation (w x y z) as numbers with spaces between, and samples, the number of lines, so that a file that was
-cut short is noticed; other such lines are remarks. Equal phase names on neighbouring lines are one phase; it ends where
+object_orientation (w x y z) of an object that stands still as numbers with spaces between, and samples, the number of
+lines, so that a file that was cut short is noticed; other such lines are remarks. Equal phase names on neighbouring lines are one phase; it ends where
 the next line begins. Raw channels are not part of a CSV file.
 """
 
@@ -29,6 +31,7 @@ from numpy.typing import NDArray
 
 from hhsim.errors import TrajectoryError, UnknownNameError
 from hhsim.hand.fingers import FINGERS
+from hhsim.motion.object_motion import ObjectMotion
 from hhsim.motion.trajectory import Phase, Trajectory
 from hhsim.motion.validation import as_numbers
 
@@ -37,6 +40,7 @@ POSE_COLUMNS = ("time", "px", "py", "pz", "qw", "qx", "qy", "qz")
 FLEXION_COLUMNS = tuple(f"{finger}_flex{joint}" for finger in FINGERS for joint in (1, 2, 3))
 ABDUCTION_COLUMNS = tuple(f"{finger}_abd" for finger in FINGERS)
 COLUMNS = (*POSE_COLUMNS, *FLEXION_COLUMNS, *ABDUCTION_COLUMNS)
+OBJECT_COLUMNS = tuple(f"object_{column}" for column in POSE_COLUMNS[1:])
 PHASE = "phase"
 FLAGS = "flags"
 TEXTS = ("name", "source", "licence", "device", "hand")
@@ -52,7 +56,8 @@ def format_csv(trajectory: Trajectory) -> str:
         value = " ".join(getattr(trajectory, key).split())
         if value:
             text.write(f"# {key}: {value}\n")
-    for key in POSE_SIZES:
+    moving = trajectory.object_motion
+    for key in POSE_SIZES if moving is None else ():
         text.write(f"# {key}: {' '.join(repr(float(x)) for x in getattr(trajectory, key))}\n")
     count = trajectory.sample_count
     text.write(f"# {SAMPLES}: {count}\n")
@@ -62,7 +67,7 @@ def format_csv(trajectory: Trajectory) -> str:
         extra[PHASE] = _phase_names(trajectory)
     if trajectory.flags is not None:
         extra[FLAGS] = [str(bits) for bits in trajectory.flags.tolist()]
-    writer.writerow((*COLUMNS, *extra))
+    writer.writerow((*COLUMNS, *(OBJECT_COLUMNS if moving is not None else ()), *extra))
     numbers = np.column_stack(
         [
             trajectory.time,
@@ -70,6 +75,7 @@ def format_csv(trajectory: Trajectory) -> str:
             trajectory.orientation,
             trajectory.flexion.reshape(count, -1),
             trajectory.abduction,
+            *(moving or ()),
         ]
     ).tolist()
     added = zip(*extra.values(), strict=True) if extra else [()] * count
@@ -97,7 +103,8 @@ def parse_csv(text: str, *, name: str = "") -> Trajectory:
     rows: list[list[float]] = []
     names: list[str] = []
     flags: list[str] = []
-    order = [header.index(column) for column in COLUMNS]
+    columns = (*COLUMNS, *(OBJECT_COLUMNS if OBJECT_COLUMNS[0] in header else ()))
+    order = [header.index(column) for column in columns]
     phase_column = header.index(PHASE) if PHASE in header else None
     flags_column = header.index(FLAGS) if FLAGS in header else None
     for number, cells in enumerate(csv.reader(lines[first + 1 :]), start=first + 2):
@@ -105,7 +112,7 @@ def parse_csv(text: str, *, name: str = "") -> Trajectory:
             continue
         if len(cells) != len(header):
             raise TrajectoryError(f"line {number} has {len(cells)} values; expected {len(header)} as in the header")
-        rows.append(_numbers(cells, order, number))
+        rows.append(_numbers(cells, columns, order, number))
         names.append(cells[phase_column].strip() if phase_column is not None else "")
         if flags_column is not None:
             flags.append(cells[flags_column])
@@ -114,18 +121,20 @@ def parse_csv(text: str, *, name: str = "") -> Trajectory:
             f"it holds {len(rows)} sample(s) but says # {SAMPLES}: {remarks[SAMPLES]}; was it cut short? Expected as "
             "many as it says, or no such line"
         )
-    table = np.array(rows, dtype=np.float64).reshape(len(rows), len(COLUMNS))
+    table = np.array(rows, dtype=np.float64).reshape(len(rows), len(columns))
     stated: dict[str, Any] = (
         {"name": name} | {key: remarks[key] for key in TEXTS if key in remarks} | object_pose(remarks)
     )
     if flags_column is not None:
         stated[FLAGS] = as_numbers(FLAGS, flags)
+    if len(columns) > len(COLUMNS):
+        stated["object_motion"] = ObjectMotion(*np.split(table[:, len(COLUMNS) :], [3], axis=1))
     return Trajectory(
         time=table[:, 0],
         position=table[:, 1:4],
         orientation=table[:, 4:8],
         flexion=table[:, 8:23].reshape(-1, 5, 3),
-        abduction=table[:, 23:],
+        abduction=table[:, 23 : len(COLUMNS)],
         phases=phases_of(names, table[:, 0]),
         **stated,
     )
@@ -147,11 +156,12 @@ def read_remarks(lines: Sequence[str]) -> tuple[dict[str, str], int]:
 def _check_header(header: Sequence[str]) -> None:
     if len(header) == 1 and (";" in header[0] or "\t" in header[0]):
         raise TrajectoryError("the header is not comma separated; expected time,px,py,pz,…")
-    missing = [column for column in COLUMNS if column not in header]
+    wanted = (*COLUMNS, *(OBJECT_COLUMNS if any(column in header for column in OBJECT_COLUMNS) else ()))
+    missing = [column for column in wanted if column not in header]
     if missing:
         shown = ", ".join(missing[:6]) + (f" and {len(missing) - 6} more" if len(missing) > 6 else "")
-        raise TrajectoryError(f"the header lacks {shown}; expected {len(COLUMNS)} columns and perhaps {PHASE}")
-    known = (*COLUMNS, PHASE, FLAGS)
+        raise TrajectoryError(f"the header lacks {shown}; expected {len(wanted)} columns and perhaps {PHASE}")
+    known = (*COLUMNS, *OBJECT_COLUMNS, PHASE, FLAGS)
     for column in header:
         if column not in known:
             raise TrajectoryError(f"the header has an {UnknownNameError('column', column, known)}")
@@ -159,9 +169,9 @@ def _check_header(header: Sequence[str]) -> None:
             raise TrajectoryError(f"the header has column {column} twice")
 
 
-def _numbers(cells: Sequence[str], order: Sequence[int], line: int) -> list[float]:
+def _numbers(cells: Sequence[str], columns: Sequence[str], order: Sequence[int], line: int) -> list[float]:
     values = []
-    for column, index in zip(COLUMNS, order):
+    for column, index in zip(columns, order):
         try:
             values.append(float(cells[index]))
         except ValueError:

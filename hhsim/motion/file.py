@@ -2,7 +2,7 @@
 
 schema_version 1. Attributes of the file: format, schema_version, name, source, licence, device, hand. Datasets, each
 with `units` and `long_name`: time (T,), position (T, 3), orientation (T, 4), flexion (T, 5, 3), abduction (T, 5),
-object/position (3,), object/orientation (4,), phase/{name, start_time, end_time} (P,), raw/<channel> (T, …), and, where
+object/position (3,), object/orientation (4,) or, of an object that moves, (T, 3) and (T, 4), phase/{name, start_time, end_time} (P,), raw/<channel> (T, …), and, where
 somebody looked the samples over, flags (T,): bits whose meaning its attributes `flag_masks` and `flag_meanings` hold,
 as in the CF metadata conventions. Behind the HDF5 file stands its seal (`hhsim.system.checksummed_file`); a file
 without one is read too.
@@ -16,6 +16,7 @@ import numpy as np
 
 from hhsim.errors import DamagedFileError, OutputError, TrajectoryError
 from hhsim.motion.csv_file import CSV_SUFFIX, TEXTS, format_csv, parse_csv
+from hhsim.motion.object_motion import object_fields
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import Phase, RawChannel, Trajectory
 from hhsim.system.atomic_write import hdf5_image, write_atomically
@@ -34,9 +35,9 @@ SAMPLES = {
     "flexion": ("rad", "flexion, thumb to little finger, proximal to distal, positive curls"),
     "abduction": ("rad", "abduction, thumb to little finger, positive towards the thumb side"),
 }
-CONSTANTS = {
-    "object/position": ("m", "object origin, world, constant"),
-    "object/orientation": ("1", "object to world, unit quaternion w x y z, constant"),
+OBJECT = {
+    "object/position": ("m", "object origin, world"),
+    "object/orientation": ("1", "object to world, unit quaternion w x y z"),
 }
 PHASE_COLUMNS = {
     "name": ("", "name of the phase"),
@@ -116,8 +117,10 @@ def _write(trajectory: Trajectory, file: h5py.File) -> None:
         file.attrs[key] = getattr(trajectory, key)
     for key, (units, long_name) in SAMPLES.items():
         _put(file, key, getattr(trajectory, key), units, long_name)
-    for key, (units, long_name) in CONSTANTS.items():
-        _put(file, key, getattr(trajectory, key.replace("/", "_")), units, long_name)
+    moving = trajectory.object_motion
+    for key, (units, long_name) in OBJECT.items():
+        values = getattr(trajectory, key.replace("/", "_")) if moving is None else getattr(moving, key.split("/")[1])
+        _put(file, key, values, units, long_name if moving is not None else f"{long_name}, constant")
     for key, (units, long_name) in PHASE_COLUMNS.items():
         values = [getattr(phase, key) for phase in trajectory.phases]
         kind = h5py.string_dtype() if key == "name" else np.float64
@@ -174,7 +177,7 @@ def _read(path: Path) -> dict[str, Any]:
         if len(lengths) > 1:
             raise TrajectoryError("phase/name, start_time and end_time have different lengths")
         fields = {key: _get(file, key) for key in SAMPLES}
-        fields |= {key.replace("/", "_"): _get(file, key) for key in CONSTANTS if key in file}
+        fields |= object_fields({key.replace("/", "_"): _get(file, key) for key in OBJECT if key in file})
         fields |= {key: str(file.attrs.get(key, "")) for key in TEXTS}
         if "flags" in file:
             fields["flags"] = _get(file, "flags")

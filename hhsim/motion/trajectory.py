@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hhsim.errors import InputError, TrajectoryError
+from hhsim.motion.object_motion import ObjectMotion
 from hhsim.motion.resample import (
     STAMP_TOLERANCE,
     interpolate_monotone,
@@ -91,6 +92,7 @@ class TickInput:
         abduction: [rad], shape (N, 5).
         phases: Those that hold a tick.
         rate: [Hz].
+        object_motion: The object's pose at each tick; None where it stands still.
     """
 
     time: Array
@@ -101,6 +103,7 @@ class TickInput:
     abduction: Array
     phases: tuple[TickPhase, ...]
     rate: float
+    object_motion: ObjectMotion | None = None
 
     @property
     def tick_count(self) -> int:
@@ -138,8 +141,8 @@ class Trajectory:
         flexion: [rad], shape (T, 5, 3).
         abduction: [rad], shape (T, 5).
         phases: In order of time, not overlapping.
-        object_position: Of the object's origin [m], shape (3,), world; constant.
-        object_orientation: Object to world, (w, x, y, z), shape (4,); constant.
+        object_position: Of the object's origin [m], shape (3,), world; constant, or that of the first sample.
+        object_orientation: Object to world, (w, x, y, z), shape (4,); constant, or that of the first sample.
         name: A short name.
         source: Who or what made the motion.
         licence: Under which it may be used.
@@ -149,6 +152,8 @@ class Trajectory:
         flags: Bits of `hhsim.motion.sample_flags.SampleFlag`, shape (T,), what was mended or is in doubt; None where
         nobody
             looked.
+        object_motion: The object's pose at each sample, where it moves; one that stands still becomes
+            `object_position` and `object_orientation`, and None here.
 
     Raises:
         TrajectoryError: Wrong shape, no samples, NaN or infinity, stamps that do not increase, a quaternion of length
@@ -170,6 +175,7 @@ class Trajectory:
     raw: tuple[RawChannel, ...] = ()
     hand: HandSide = ""
     flags: Flags | None = None
+    object_motion: ObjectMotion | None = None
 
     def __post_init__(self) -> None:
         """Check and normalise every field."""
@@ -193,6 +199,7 @@ class Trajectory:
         for label in ("flexion", "abduction"):
             check_magnitude(label, checked[label], MAX_ANGLE, "rad", "is it in degrees?", time)
         check_magnitude("position", checked["position"], MAX_POSITION, "m", "is it in millimetres?", time)
+        object.__setattr__(self, "object_motion", self._checked_object_motion(time))
         checked["object_position"] = _constant("object_position", self.object_position, 3)
         pose = _constant("object_orientation", self.object_orientation, 4)
         try:
@@ -209,6 +216,31 @@ class Trajectory:
             raise TrajectoryError(f"hand is '{self.hand}'; expected right, left, or nothing")
         if self.flags is not None:
             object.__setattr__(self, "flags", _checked_flags(self.flags, count))
+
+    def _checked_object_motion(self, time: Array) -> ObjectMotion | None:
+        """The object's motion where it is one; its first pose becomes the constant one."""
+        if self.object_motion is None:
+            return None
+        label = "object_position"
+        position = as_numbers(label, self.object_motion.position)
+        orientation = as_numbers("object_orientation", self.object_motion.orientation)
+        for name, values, size in ((label, position, 3), ("object_orientation", orientation, 4)):
+            if values.shape != (len(time), size):
+                raise TrajectoryError(
+                    f"{name} has shape {values.shape}; expected ({size},), one constant pose, or ({len(time)}, {size}),"
+                    " one a sample"
+                )
+            check_finite(name, values, time)
+        check_magnitude(label, position, MAX_POSITION, "m", "is it in millimetres?", time)
+        try:
+            motion = ObjectMotion(position, continuous_orientation(orientation, time))
+        except TrajectoryError as error:
+            raise TrajectoryError(f"object_{error}") from None
+        object.__setattr__(self, "object_position", motion.position[0])
+        object.__setattr__(self, "object_orientation", motion.orientation[0])
+        for values in motion:
+            values.setflags(write=False)
+        return None if motion.stands_still else motion
 
     @property
     def sample_count(self) -> int:
@@ -250,19 +282,25 @@ class Trajectory:
         stamps = self.time - self.time[0]
         ticks = tick_times(self.duration, rate)
         newest = newest_sample(stamps, ticks)
+        carrier = self.object_motion
         if mode == "hold":
             position, orientation = self.position[newest], self.orientation[newest]
             flexion, abduction = self.flexion[newest], self.abduction[newest]
+            carrier = carrier and carrier.at(newest)
         else:
             position = interpolate_monotone(stamps, self.position, ticks)
             orientation = interpolate_orientation(stamps, self.orientation, ticks)
             flexion = interpolate_monotone(stamps, self.flexion, ticks)
             abduction = interpolate_monotone(stamps, self.abduction, ticks)
+            carrier = carrier and ObjectMotion(
+                interpolate_monotone(stamps, carrier.position, ticks),
+                interpolate_orientation(stamps, carrier.orientation, ticks),
+            )
         phases = _phase_ticks(self.phases, float(self.time[0]), ticks.shape[0], rate)
-        return TickInput(ticks, newest, position, orientation, flexion, abduction, phases, float(rate))
+        return TickInput(ticks, newest, position, orientation, flexion, abduction, phases, float(rate), carrier)
 
     def placed(self, object_position: ArrayLike, object_orientation: ArrayLike) -> Self:
-        """The same motion beside an object at another constant pose.
+        """The same motion beside an object that stands still, at another pose.
 
         Args:
             object_position: [m], shape (3,), world.
@@ -272,6 +310,7 @@ class Trajectory:
             self,
             object_position=as_numbers("object_position", object_position),
             object_orientation=as_numbers("object_orientation", object_orientation),
+            object_motion=None,
         )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import TrajectoryError
+from hhsim.motion.object_motion import ObjectMotion
 from hhsim.motion.sample_flags import SampleFlag, mark
 from hhsim.motion.trajectory import HandSide, Phase, RawChannel
 from hhsim.recordings.recorded_bones import RecordedBones
@@ -66,6 +67,8 @@ class Recording:
         hand_length: Of the recorded hand, wrist crease to middle fingertip [m]; None where it is not known.
         bones: Of the recorded hand, with the error of the fit; None where joint centres were not recorded.
         findings: Of the reader.
+        object_motion: The object's pose at each sample, in the palm's world and units, NaN where missing; None where
+            the recording has none.
     """
 
     time: Array
@@ -89,6 +92,7 @@ class Recording:
     object_orientation: Array | None = None
     raw: tuple[RawChannel, ...] = ()
     findings: tuple[Finding, ...] = ()
+    object_motion: ObjectMotion | None = None
 
     def __post_init__(self) -> None:
         """Make every array float64 of its own and check the shapes."""
@@ -110,6 +114,14 @@ class Recording:
             with np.errstate(invalid="ignore"):
                 values[~(np.abs(values) <= MOST[key == "time"])] = np.nan
             object.__setattr__(self, key, values)
+        if self.object_motion is not None:
+            moved = ObjectMotion(*(_numbers(f"object's {name}", values) for name, values in self.object_motion._asdict().items()))
+            if moved.position.shape != (count, 3) or moved.orientation.shape != (count, 4):
+                raise TrajectoryError(
+                    f"the object's motion has shapes {moved.position.shape} and {moved.orientation.shape}; expected "
+                    f"({count}, 3) and ({count}, 4) for {count} stamp(s)"
+                )
+            object.__setattr__(self, "object_motion", moved)
         for channel in self.raw:
             if np.ndim(channel.values) == 0 or len(channel.values) != count:
                 raise TrajectoryError(f"raw channel '{channel.name}' has not one row for each of {count} stamp(s)")
@@ -127,7 +139,16 @@ class Recording:
         """The samples of these numbers (or where a mask is true), in this order."""
         samples = {key: getattr(self, key)[index] for key in ("time", *MOTION, "flags")}
         raw = tuple(replace(channel, values=channel.values[index]) for channel in self.raw)
-        return replace(self, **samples, raw=raw)
+        return replace(self, **samples, raw=raw, object_motion=self.object_motion and self.object_motion.at(index))
+
+    def resized(self, factor: float) -> Self:
+        """With the lengths of its ways, the palm's and the object's, in another unit."""
+        moved = self.object_motion
+        return replace(
+            self,
+            position=self.position * factor,
+            object_motion=moved and moved._replace(position=moved.position * factor),
+        )
 
     def changed(self, **fields: Any) -> Self:
         """With these fields replaced."""

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import BREADTH_PER_LENGTH, DEFAULT_HAND_LENGTH, HandModel, default_fingers
+from hhsim.motion.object_motion import ObjectMotion
 from hhsim.motion.resample import interpolate_orientation
 from hhsim.motion.sample_flags import MENDED, SampleFlag, marked
 from hhsim.motion.trajectory import Phase, Trajectory
@@ -123,13 +124,16 @@ def repair(recording: Recording, options: RepairOptions | None = None) -> Repair
     options = options or RepairOptions()
     if recording.sample_count == 0:
         raise TrajectoryError("no samples; expected at least 2")
+    if recording.object_motion is not None and (options.mirror or options.scale_to is not None):
+        option = "--mirror" if options.mirror else "--scale-to"
+        raise InputError(f"{option} would part the hand from the object, which moves as the recording has it")
     recording = recording.chosen(np.arange(recording.sample_count))
     recording = in_units(recording, time=options.time_unit, length=options.length_unit, angle=options.angle_unit)
     recording = _cut(repair_units(recording), options.start, options.end)
     recording = repair_stamps(recording, options.max_gap)
     recording = _unit_quaternions(recording)
     recording = repair_glitches(recording)
-    recording = _filled(recording, options.max_gap)
+    recording = _object_filled(_filled(recording, options.max_gap), options.max_gap)
     recording = _steady_signs(recording)
     recording = _mirrored(_scaled(recording, options), options.mirror)
     recording = _limited(recording, options.limits)
@@ -174,15 +178,7 @@ def _unit_quaternions(recording: Recording) -> Recording:
 def _filled(recording: Recording, max_gap: float) -> Recording:
     time = recording.time
     position, turned = _holes_filled(time, recording.position, max_gap, "palm position")
-    lost = np.asarray(np.isnan(recording.orientation).any(axis=1))
-    _check_holes(time, lost, max_gap, "palm orientation")
-    orientation = recording.orientation
-    if lost.any():
-        good = np.flatnonzero(~lost)
-        inside = np.clip(time, time[good[0]], time[good[-1]])
-        sound = continuous_orientation(orientation[good], time[good])
-        made = interpolate_orientation(time[good] - time[0], sound, inside - time[0])
-        orientation = np.where(lost[:, None], made, orientation)
+    orientation, lost = _turns_filled(time, recording.orientation, max_gap, "palm orientation")
     angles = recording.angles
     missing = np.isnan(angles)
     for column, joint in enumerate(JOINTS):
@@ -197,6 +193,37 @@ def _filled(recording: Recording, max_gap: float) -> Recording:
     if new.any():
         filled = filled.flagged(new, SampleFlag.FINGERS_FILLED, "joint angles missing: interpolated")
     return filled
+
+
+def _object_filled(recording: Recording, max_gap: float) -> Recording:
+    """The recording with the holes in its object's motion filled as the palm's are."""
+    moved = recording.object_motion
+    if moved is None:
+        return recording
+    with np.errstate(invalid="ignore"):
+        none = np.linalg.norm(moved.orientation, axis=1) < MIN_QUATERNION_NORM
+    position, first = _holes_filled(recording.time, moved.position, max_gap, "object position")
+    whole = np.where(none[:, None], np.nan, moved.orientation)
+    orientation, second = _turns_filled(recording.time, whole, max_gap, "object orientation")
+    filled = recording.changed(object_motion=ObjectMotion(position, orientation))
+    lost = first | second
+    if not lost.any():
+        return filled
+    text = "object pose missing: interpolated"
+    return filled.found(Finding("object", text, int(lost.sum()), float(recording.time[np.argmax(lost)])))
+
+
+def _turns_filled(time: Array, orientation: Array, max_gap: float, what: str) -> tuple[Array, Mask]:
+    """Quaternions with their holes interpolated, shape (T, 4), and where those were, shape (T,)."""
+    lost = np.asarray(np.isnan(orientation).any(axis=1))
+    _check_holes(time, lost, max_gap, what)
+    if not lost.any():
+        return orientation, lost
+    good = np.flatnonzero(~lost)
+    inside = np.clip(time, time[good[0]], time[good[-1]])
+    sound = continuous_orientation(orientation[good], time[good])
+    made = interpolate_orientation(time[good] - time[0], sound, inside - time[0])
+    return np.where(lost[:, None], made, orientation), lost
 
 
 def _holes_filled(time: Array, values: Array, max_gap: float, what: str) -> tuple[Array, Mask]:
@@ -332,5 +359,6 @@ def _trajectory(recording: Recording) -> Trajectory:
         raw=recording.raw,
         hand=recording.hand,
         flags=recording.flags,
+        object_motion=recording.object_motion,
         **{key: value for key, value in given.items() if value is not None},
     )

@@ -108,7 +108,7 @@ def _lengths(recording: Recording) -> Recording:
     if distance <= CERTAINLY_FAR and speed <= CERTAINLY_FAST:
         raise TrajectoryError(f"{reason}: not in metres, but cm, mm and inch are all possible; say --length-unit")
     text = f"positions: {reason}: taken for millimetres; if they are not, say --length-unit"
-    return _converted(recording, text).changed(position=recording.position * LENGTH_UNITS["mm"])
+    return _converted(recording, text).resized(LENGTH_UNITS["mm"])
 
 
 def _usual_speed(recording: Recording) -> float:
@@ -193,7 +193,7 @@ def in_units(
         changed["phases"] = _rescaled(recording, TIME_UNITS[time])
         stated.add("time")
     if length is not None:
-        changed["position"] = recording.position * LENGTH_UNITS[length]
+        recording = recording.resized(LENGTH_UNITS[length])
         stated.add("length")
     if angle is not None:
         changed["flexion"] = recording.flexion * ANGLE_UNITS[angle]

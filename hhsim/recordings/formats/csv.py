@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from hhsim.errors import InputError, TrajectoryError
-from hhsim.motion.csv_file import COLUMNS, CSV_SUFFIX, FLAGS, PHASE, POSE_COLUMNS, SAMPLES, object_pose
+from hhsim.motion.csv_file import COLUMNS, CSV_SUFFIX, FLAGS, OBJECT_COLUMNS, PHASE, POSE_COLUMNS, SAMPLES, object_pose
+from hhsim.motion.object_motion import ObjectMotion
 from hhsim.recordings.column_map import OWN_COLUMNS, is_own_header
 from hhsim.recordings.csv_table import Table, read_header, read_table
 from hhsim.recordings.mapped_table import mapped
@@ -25,6 +26,9 @@ def _own(table: Table, name: str) -> Recording:
         bits, _ = table.numbers([FLAGS])
         known = np.nan_to_num(bits[:, 0]).clip(0.0, 2.0**32 - 1.0)
         recording = recording.changed(flags=known.astype(np.uint32))
+    if OBJECT_COLUMNS[0] in table.header:
+        rows, _ = table.numbers(OBJECT_COLUMNS)
+        recording = recording.changed(object_motion=ObjectMotion(*np.split(rows, [3], axis=1)))
     if remarks.get(SAMPLES, str(len(table.rows))) != str(len(table.rows)):
         text = f"{len(table.rows)} samples where the file says # {SAMPLES}: {remarks[SAMPLES]}: some are lost"
         recording = recording.found(note(text))
@@ -63,7 +67,7 @@ def _unexplained(header: tuple[str, ...]) -> str:
     if set(POSE_COLUMNS) <= set(header):
         # Nearly ours: which names are not is what the reader looks for.
         missing = [name for name in COLUMNS if name not in header]
-        other = [name for name in header if name not in (*COLUMNS, PHASE, FLAGS)]
+        other = [name for name in header if name not in (*COLUMNS, *OBJECT_COLUMNS, PHASE, FLAGS)]
         instead = f"; it has {_some(other)} instead" if other else ""
         return f"no column {_some(missing)} of hhsim's own{instead}: rename them, or map them with --columns"
     return (

@@ -1,7 +1,8 @@
 """Recordings from `.npz`.
 
 Arrays: t [s] (T,), wrist_pos [m] (T, 3), wrist_quat or wrist_quat_wxyz (T, 4), flex [rad] (T, 5, 3), abd [rad] (T, 5),
-and, if they are there, valid (T,) and meta, a JSON text with source, frame and hand.
+and, if they are there, valid (T,), the object's pose object_pos [m] (T, 3) and object_quat or object_quat_wxyz (T, 4),
+and meta, a JSON text with source, frame and hand.
 
 The pose is that of the palm. What its axes are, the text `frame` says in words; the ones that are known (`FRAMES`) are
 turned into ours, for any other the axes are taken as ours, unless the user says which they are.
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from hhsim.errors import TrajectoryError
 from hhsim.motion.npz_arrays import read_npz
+from hhsim.motion.object_motion import ObjectMotion
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.recordings.frames import OURS, to_our_palm, to_our_world
 from hhsim.recordings.recording import Finding, Recording, note
@@ -24,6 +26,8 @@ Array = NDArray[np.float64]
 
 QUATERNIONS = {"wrist_quat_wxyz": (0, 1, 2, 3), "wrist_quat": (0, 1, 2, 3), "wrist_quat_xyzw": (3, 0, 1, 2)}
 """Names of the orientation, and where w, x, y, z are in its rows."""
+
+OBJECT_QUATERNIONS = {key.replace("wrist", "object"): order for key, order in QUATERNIONS.items()}
 
 FRAMES: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("z to fingers, -y palm normal", ("-x", "z", "y")),
@@ -62,6 +66,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     if tuple(axes) != OURS or up != "z":
         findings.append(note(f"palm axes x, y, z are the recording's {', '.join(axes)}; its world's {up} points up"))
     position, orientation = to_our_world(position, to_our_palm(orientation, axes), up)
+    moved = _object_motion(arrays, count)
     recording = Recording(
         time=_array(arrays, "t", ()),
         position=position,
@@ -73,6 +78,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         source=meta.get("source", ""),
         licence=meta.get("licence", ""),
         device=meta.get("device", ""),
+        object_motion=moved and ObjectMotion(*to_our_world(*moved, up)),
         hand="left" if meta.get("hand", "").lower().startswith("left") else "right" if "hand" in meta else "",
     )
     if meta.get("note"):
@@ -84,6 +90,16 @@ def _read(content: Content, options: ReadOptions) -> Recording:
             text = "not valid, says the file: kept where there are numbers"
             recording = recording.flagged(doubtful, SampleFlag.INVALID, text)
     return recording
+
+
+def _object_motion(arrays: dict[str, Any], count: int) -> ObjectMotion | None:
+    """The object's pose in the recording's world, where both of its arrays are there."""
+    key = next((each for each in OBJECT_QUATERNIONS if each in arrays), None)
+    if "object_pos" not in arrays and key is None:
+        return None
+    key = key or "object_quat_wxyz"
+    quaternions = _array(arrays, key, (4,), count)[:, OBJECT_QUATERNIONS[key]]
+    return ObjectMotion(_array(arrays, "object_pos", (3,), count), quaternions)
 
 
 def _array(arrays: dict[str, Any], key: str, tail: tuple[int, ...], count: int | None = None) -> Array:
