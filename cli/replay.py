@@ -109,6 +109,11 @@ class HandAndMotion(options.Sampling, heading="Hand and motion"):
     """The hand, and how it moves; `tremor` is an amplitude of the palm's position [mm] and one of its rotation [°]."""
 
     place_object: Literal["recorded", "auto"] | None = options.place_object(None)
+    object_pose: Literal["recorded", "fixed"] = option(
+        type=click.Choice(["recorded", "fixed"]),
+        default="recorded",
+        help="Of a recording whose object moves: recorded: it moves as it did; fixed: it stays where it was at first.",
+    )
     side: Side | None = option(
         "--hand", type=options.SIDES, help="Which hand grasps. Default: the recording's, else the right one."
     )
@@ -124,7 +129,8 @@ class HandAndMotion(options.Sampling, heading="Hand and motion"):
         """What TRAJECTORY names, with its tremor.
 
         Raises:
-            UsageError: A script is placed as a recording is, or a recording gets tremor.
+            UsageError: A script is placed as a recording is, a recording gets tremor, or an object that moves as
+                recorded is to be put elsewhere.
             HhsimError: No such motion, or a file that cannot be read.
         """
         from hhsim.motion.trajectory import Trajectory
@@ -136,6 +142,16 @@ class HandAndMotion(options.Sampling, heading="Hand and motion"):
             raise click.UsageError(
                 f"--place-object is for recordings; '{trajectory}' finds its place at the object itself"
             )
+        if isinstance(motion, Trajectory) and motion.object_motion is not None:
+            if self.object_pose == "fixed":
+                motion = motion.placed(motion.object_position, motion.object_orientation)
+            elif self.place_object == "auto":
+                raise click.UsageError(
+                    f"'{trajectory}' holds where its object was at every moment: --place-object auto needs "
+                    "--object-pose fixed"
+                )
+        elif self.object_pose == "fixed" and isinstance(motion, Script):
+            raise click.UsageError(f"--object-pose is for recordings; in '{trajectory}' the object moves by the script")
         if self.tremor is None:
             return motion
         if not isinstance(motion, Script):
@@ -168,6 +184,7 @@ class HandAndMotion(options.Sampling, heading="Hand and motion"):
             tremor_mm_deg=self.tremor,
             samples=self.samples,
             place_object=self.place_object,
+            object_pose=self.object_pose,
             rate=self.rate,
             ticks=self.ticks,
             seed=seed,

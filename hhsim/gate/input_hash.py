@@ -55,7 +55,8 @@ class RunInputs:
 
 
 def run_inputs(result: Result) -> RunInputs:
-    """What a result was made from."""
+    """What a result was made from; the motion is that which the object sees."""
+    result = result.seen_from_object
     scene = result.scene
     solver = {}
     for name, value in scene.get("solver", {}).items():

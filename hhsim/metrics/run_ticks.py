@@ -40,7 +40,7 @@ class RunTicks:
     """What the figures of a run are computed from.
 
     Attributes:
-        columns: Datasets of /tick by name; `run["force/total"]` is one of them.
+        columns: Datasets of /tick by name, as the object sees them where it moves; `run["force/total"]` is one of them.
         ticks: How many.
         phases: Of the motion.
         rate: Ticks per second [Hz].
@@ -99,7 +99,7 @@ def result_ticks(result: Result, columns: Columns | None = None) -> RunTicks:
 
     Args:
         result: Complete or not.
-        columns: In the place of the file's, such as computed anew.
+        columns: In the place of the file's, such as computed anew; as the object sees them where it moves.
     """
     static = result.static
     level = static["object/tree/level"]
@@ -115,7 +115,7 @@ def result_ticks(result: Result, columns: Columns | None = None) -> RunTicks:
         float(result.scene["solver"]["touch"]),
     )
     return RunTicks(
-        columns=result if columns is None else columns,
+        columns=result.seen_from_object if columns is None else columns,
         ticks=result.ticks,
         phases=result.phases,
         rate=result.rate,

@@ -125,6 +125,20 @@ class TickInput:
                 if phase.first_tick < count
             ),
             rate=self.rate,
+            object_motion=None if self.object_motion is None else self.object_motion.at(slice(count)),
+        )
+
+    def seen_from_object(self) -> "TickInput":
+        """The hand in the frame that moves with the object, and is the world's at the first tick."""
+        carrier = self.object_motion
+        if carrier is None:
+            return self
+        moved = carrier.since(carrier.position[0], carrier.orientation[0])
+        return replace(
+            self,
+            position=moved.seen_points(self.position),
+            orientation=moved.seen_orientations(self.orientation),
+            object_motion=None,
         )
 
 
@@ -310,6 +324,18 @@ class Trajectory:
             self,
             object_position=as_numbers("object_position", object_position),
             object_orientation=as_numbers("object_orientation", object_orientation),
+            object_motion=None,
+        )
+
+    def seen_from_object(self) -> Self:
+        """The same motion beside the object where it was at first: the hand as an object that moves sees it."""
+        if self.object_motion is None:
+            return self
+        moved = self.object_motion.since(self.object_position, self.object_orientation)
+        return replace(
+            self,
+            position=moved.seen_points(self.position),
+            orientation=moved.seen_orientations(self.orientation),
             object_motion=None,
         )
 

@@ -84,6 +84,8 @@ def draw_replay(result: Result, path: Path, view: View = VIEW) -> None:
         OutputError: The picture cannot be written.
     """
     check_output_path(path)
+    # The camera moves along with an object that moves.
+    result = result.seen_from_object
     tick = shown_tick(result)
     hand = stored_hand(result)
     surfaces = [

@@ -30,6 +30,7 @@ from hhsim.render.replay_figure import (
     GHOST,
     RED,
     STONE,
+    PhalanxForce,
     arrow,
     behind,
     phalanx_forces,
@@ -179,14 +180,21 @@ def video_frames(result: Result, ticks: NDArray[np.int64], options: VideoOptions
     some = ticks[:: max(1, len(ticks) // FRAMED)]
     points = np.concatenate([joined(_hands(result, hand, pieces, int(tick))).points for tick in some])
     body = near_hands(whole, points)
+    if result.driven:
+        body = _moved(whole, result, shown_tick(result))
+        moves = (result.moved_since_first(int(tick)) for tick in some)
+        points = np.concatenate([points, *(moved.points(stored_mesh(result).bounds[None])[0] for moved in moves)])
     rows, columns = (round(FINENESS / OVERSAMPLING * side) for side in options.shape)
     camera = _camera(result, hand, pieces, body, points, (rows, columns))
-    # The object does not move: it is rendered once, and of each frame the part where a hand or a force is.
+    # An object that stands still is rendered once, and of each frame the part where a hand or a force is.
     stone = shade(body, camera)
     background = composed([(stone, STONE_OPACITY)])
     for tick in ticks.tolist():
+        if result.driven:
+            stone = shade(_moved(whole, result, tick), camera)
+            background = composed([(stone, STONE_OPACITY)])
         graphic, haptic = _hands(result, hand, pieces, tick)
-        forces = phalanx_forces(result, tick)
+        forces = _forces(result, tick)
         arrows = [arrow_surface(force.contact, arrow(force), ARROW_RADIUS, RED) for force in forces]
         part = _part(np.concatenate([surface.points for surface in (graphic, haptic, *arrows)]), camera)
         picture = background.copy()
@@ -194,6 +202,25 @@ def video_frames(result: Result, ticks: NDArray[np.int64], options: VideoOptions
             graphic, haptic, _layer_part(stone, part), arrows, _camera_part(camera, part)
         )
         yield _written_on(picture, result, tick, options)
+
+
+def _moved(surface: Surface, result: Result, tick: int) -> Surface:
+    """The object where it is at a tick."""
+    moved = result.moved_since_first(tick)
+    points, normals = moved.points(surface.points[None])[0], moved.vectors(surface.normals[None])[0]
+    return replace(surface, points=points, normals=normals)
+
+
+def _forces(result: Result, tick: int) -> list[PhalanxForce]:
+    """The forces of a tick that can be felt, in the world: they are placed where the object stands still."""
+    found = phalanx_forces(result.seen_from_object, tick)
+    if not result.driven:
+        return found
+    moved = result.moved_since_first(tick)
+    return [
+        replace(one, contact=moved.points(one.contact[None])[0], force=moved.vectors(one.force[None])[0])
+        for one in found
+    ]
 
 
 def _hands(result: Result, hand: HandModel, pieces: tuple[Surface, ...], tick: int) -> list[Surface]:
@@ -220,7 +247,7 @@ def _camera(
     shape: tuple[int, int],
 ) -> Camera:
     tick = shown_tick(result)
-    forces = phalanx_forces(result, tick)
+    forces = _forces(result, tick)
     marks = np.array([force.contact for force in forces]).reshape(-1, 3)
     arrows = np.array([arrow(force) for force in forces]).reshape(-1, 3)
     view = viewpoint(_hands(result, hand, pieces, tick)[0], body, marks, arrows)

@@ -12,8 +12,10 @@ from hhsim import __version__
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
+from hhsim.motion.object_motion import RigidMotion
 from hhsim.replay.stored_scene import require_whole, stored_hand, stored_options, stored_surface
 from hhsim.replay.tick_columns import TickColumns
+from hhsim.result.object_frame import as_object_sees, in_the_world
 from hhsim.result.reader import Result
 from hhsim.result.schema import TICK_COLUMNS, Column
 from hhsim.solver.compile import warm_up
@@ -130,9 +132,12 @@ def run_again(result: Result, *, progress: Progress | None = None) -> RunAgain:
             if progress is not None:
                 progress("ticks", done, total)
             stored = {name: values[: total - done] for name, values in stored.items()}
-            haptic = HandConfiguration(*(stored[f"haptic/{name}"] for name in HandConfiguration._fields))
+            moved = result.moved_since_first(slice(done, done + len(stored["time"]))) if result.driven else None
+            haptic = _seen(stored, moved)
             record = _solve(solver, haptic, result.live is not None)
             block = columns.block(stored["time"], stored["input_seq"], haptic, record)
+            if moved is not None:
+                block = in_the_world(block, moved)
             for tally in tallies:
                 tally.add(stored[tally.column.name], block[tally.column.name])
             done += len(stored["time"])
@@ -146,6 +151,15 @@ def run_again(result: Result, *, progress: Progress | None = None) -> RunAgain:
     return RunAgain(
         result.path, result.complete, total, result.ticks, arrays, (*notes, *makers), made_elsewhere=bool(makers)
     )
+
+
+def _seen(stored: dict[str, Array], moved: RigidMotion | None) -> HandConfiguration:
+    """The haptic hand of a block, as the object sees it."""
+    names = {name: f"haptic/{name}" for name in HandConfiguration._fields}
+    given = {name: stored[dataset] for name, dataset in names.items()}
+    if moved is not None:
+        given = {name: as_object_sees(names[name], values, moved) for name, values in given.items()}
+    return HandConfiguration(**given)
 
 
 class _Tally:

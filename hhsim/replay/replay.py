@@ -12,6 +12,7 @@ import numpy as np
 
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
+from hhsim.replay.driven_ticks import world_block
 from hhsim.replay.stored_scene import describe_scene, static_arrays
 from hhsim.replay.summary import ReplaySummary, TickSeries, summarise
 from hhsim.replay.tick_columns import TickColumns
@@ -79,7 +80,12 @@ def replay(
     series = TickSeries(total)
     columns = TickColumns(surface.arrays, scene.hand, options)
     with ResultWriter(
-        Path(output_path), scene=described, static=static, phases=ticks.phases, command=command
+        Path(output_path),
+        scene=described,
+        static=static,
+        phases=ticks.phases,
+        command=command,
+        driven=scene.driven is not None,
     ) as writer:
         if before_ticks is not None:
             before_ticks()
@@ -95,7 +101,7 @@ def replay(
                         f"the graphic hand is not finite after tick {first}: please report this with the command"
                     )
                 block = columns.block(ticks.time[part], ticks.input_seq[part], haptic, record)
-                writer.append(block)
+                writer.append(world_block(block, scene.driven, part))
                 series.keep(part, block)
                 check_interrupt()
         if progress is not None:

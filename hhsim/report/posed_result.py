@@ -71,9 +71,12 @@ class PosedResult(Result):
 def posed_result(result: Result) -> PosedResult:
     """Compute the depths of a result from its poses, in its columns and in its summary.
 
+    Of an object that moves, all is as the object sees it: beside it the hand is looked at, and it stands still.
+
     Raises:
         InputError: The file cannot be read, or the arrays of its tree are none.
     """
+    result = result.seen_from_object
     static = result.static
     surface = stored_surface(result).arrays
     used = [finger in result.fingers for finger in FINGERS]

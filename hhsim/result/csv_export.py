@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from hhsim.errors import OutputError, UnknownNameError
 from hhsim.result.reader import CHUNK_TICKS, Result
-from hhsim.result.schema import LIVE_TICK, LIVE_TICK_COLUMNS, TICK_COLUMNS, Column
+from hhsim.result.schema import LIVE_TICK, LIVE_TICK_COLUMNS, OBJECT_COLUMNS, TICK_COLUMNS, Column
 from hhsim.system.output_path import check_output_path
 
 USUAL = (
@@ -56,6 +56,8 @@ def export_ticks(
     if path.is_file() and not _is_ours(path):
         raise OutputError(f"{path} exists and is no table of ticks, so it is not replaced: name another file")
     known = {column.name: column for column in TICK_COLUMNS} | {name: column for name, (column, _) in SIZES.items()}
+    if result.driven:
+        known |= {column.name: column for column in OBJECT_COLUMNS}
     if result.live is not None:
         of_loop = (replace(column, name=f"{LIVE_TICK}/{column.name}") for column in LIVE_TICK_COLUMNS)
         known |= {column.name: column for column in of_loop if not column.optional or column.name in result}

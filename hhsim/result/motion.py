@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import DamagedFileError, TrajectoryError
+from hhsim.motion.object_motion import ObjectMotion
 from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
 from hhsim.motion.trajectory import Phase, RawChannel, Trajectory
-from hhsim.result.schema import FORMAT, LIVE_SAMPLE, LIVE_TICK, SCHEMA_VERSION, SUFFIXES, wrong_schema
+from hhsim.result.schema import FORMAT, LIVE_SAMPLE, LIVE_TICK, OBJECT_COLUMNS, SCHEMA_VERSIONS, SUFFIXES, wrong_schema
 from hhsim.system.hdf5_input import DAMAGE, hdf5_format, open_hdf5
 
 Array = NDArray[Any]
@@ -43,7 +44,7 @@ def load_result_motion(path: Path) -> Trajectory:
     try:
         with open_hdf5(path) as file:
             version = file.attrs["schema_version"]
-            if version != SCHEMA_VERSION:
+            if version not in SCHEMA_VERSIONS:
                 raise TrajectoryError(wrong_schema(version))
             return _session(file, path) if LIVE_SAMPLE in file else _replay(file, path)
     except (TrajectoryError, DamagedFileError) as error:
@@ -54,7 +55,8 @@ def load_result_motion(path: Path) -> Trajectory:
 
 
 def _replay(file: h5py.File, path: Path) -> Trajectory:
-    hand = _columns(file, "tick", ("time", *(f"haptic/{name}" for name in HAND)))
+    poses = [column.name for column in OBJECT_COLUMNS if column.name in file["tick"]]
+    hand = _columns(file, "tick", ("time", *(f"haptic/{name}" for name in HAND), *poses))
     time = hand.pop("time")
     if len(time) == 0:
         raise TrajectoryError("a result without a tick: it holds no motion")
@@ -73,6 +75,7 @@ def _replay(file: h5py.File, path: Path) -> Trajectory:
         flexion=hand["haptic/flexion"],
         abduction=hand["haptic/abduction"],
         phases=tuple(phases),
+        object_motion=ObjectMotion(*(hand[name] for name in poses)) if poses else None,
         **_origin(file, path),
     )
 

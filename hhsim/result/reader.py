@@ -5,8 +5,9 @@
 
 import contextlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -16,13 +17,17 @@ from numpy.typing import NDArray
 
 from hhsim.errors import DamagedFileError, InputError, OutputError, UnknownNameError
 from hhsim.hand.fingers import FINGERS
+from hhsim.motion.object_motion import ObjectMotion, RigidMotion
 from hhsim.motion.trajectory import TickPhase
+from hhsim.result.object_frame import TURNS, as_object_sees
 from hhsim.result.schema import (
+    DRIVEN_SCHEMA_VERSION,
     FORMAT,
     LIVE,
     LIVE_TICK,
     LIVE_TICK_COLUMNS,
-    SCHEMA_VERSION,
+    OBJECT_COLUMNS,
+    SCHEMA_VERSIONS,
     STATIC_COLUMNS,
     SUFFIXES,
     TICK_COLUMNS,
@@ -35,6 +40,9 @@ from hhsim.system.media_kind import media_kind_of
 from hhsim.system.output_path import check_output_path
 
 Array: TypeAlias = NDArray[Any]
+View: TypeAlias = Callable[[str, Array, ObjectMotion, ObjectMotion], Array]
+"""Rows of a dataset of /tick by its name, world, as somebody sees them for whom the object stands still where it was at
+first; with its poses at these ticks, and the first one, shapes (3,) and (4,)."""
 
 _HINTS = {
     "hhsim-trajectory": " (to replay a trajectory, give an object first: hhsim replay OBJECT FILE)",
@@ -83,6 +91,10 @@ class Result:
     """Whether its files had changed since."""
     repeated: Mapping[str, Any] = field(default_factory=dict, repr=False)
     """Of a replay that was run several times, how many `runs` and of its `times` mean and std by name; else empty."""
+    driven: bool = False
+    """Whether the object moves, and every tick has its pose: `tick/object/position` and `tick/object/orientation`."""
+    view: View | None = field(default=None, repr=False, compare=False)
+    """Who sees the hands and the forces; None: they are the world's, as in the file."""
     _loaded: dict[str, Array] = field(default_factory=dict, repr=False, compare=False)
 
     @property
@@ -109,6 +121,46 @@ class Result:
         """Names of the fingers that were modelled."""
         return tuple(self.scene.get("solver", {}).get("fingers", FINGERS))
 
+    @cached_property
+    def seen_from_object(self) -> "Result":
+        """The same in the frame where the object stands still, at its place of the first tick; itself where it does.
+
+        There its arrays of /object are right at every tick, and what is measured of contact is measured there.
+        """
+        return self.seen_by(lambda name, values, now, first: as_object_sees(name, values, now.since(*first)))
+
+    def seen_by(self, view: View) -> "Result":
+        """The same as `view` sees its ticks; itself where the object stands still."""
+        return replace(self, view=view, _loaded={}) if self.driven and self.view is None else self
+
+    def object_motion(self, rows: slice | int = slice(None)) -> ObjectMotion:
+        """The object's pose at the ticks, of one that stands still too."""
+        if not self.driven:
+            count = len(range(self.ticks)[rows]) if isinstance(rows, slice) else 1
+            poses = (self.static["object/position"], self.static["object/orientation"])
+            return ObjectMotion(*(np.tile(pose, (count, 1)) for pose in poses))
+        with _opened(self.path) as file:
+            return self._object_motion(file, rows)
+
+    def moved_since_first(self, rows: slice | int = slice(None)) -> RigidMotion:
+        """What brings the object from where /object has it to where it is at the ticks."""
+        return self.object_motion(rows).since(self.static["object/position"], self.static["object/orientation"])
+
+    def _object_motion(self, file: h5py.File, rows: slice | int) -> ObjectMotion:
+        part = slice(*rows.indices(self.ticks)) if isinstance(rows, slice) else slice(rows, rows + 1)
+        return ObjectMotion(*(file["tick"][column.name][part] for column in OBJECT_COLUMNS))
+
+    def _rows(self, file: h5py.File, name: str, rows: slice | int) -> Array:
+        """Rows of a dataset of /tick, as whoever looks sees them."""
+        values: Array = file["tick"][name][rows]
+        if self.view is None or name not in TURNS:
+            return values
+        now = self._object_motion(file, rows)
+        first = ObjectMotion(self.static["object/position"], self.static["object/orientation"])
+        if isinstance(rows, slice):
+            return self.view(name, values, now, first)
+        return self.view(name, np.asarray(values)[None], now, first)[0]
+
     def __getitem__(self, name: str) -> Array:
         if name not in self._loaded:
             with _opened(self.path) as file:
@@ -118,7 +170,7 @@ class Result:
                     dataset = file["tick"].get(name)
                     if not isinstance(dataset, h5py.Dataset):
                         raise self._no_dataset(name, dataset)
-                    self._loaded[name] = _frozen(dataset[: self.ticks])
+                    self._loaded[name] = _frozen(self._rows(file, name, slice(0, self.ticks)))
         return self._loaded[name]
 
     def keys(self) -> list[str]:
@@ -150,7 +202,10 @@ class Result:
         with _opened(self.path) as file:
             for first in range(0, self.ticks, size):
                 part = slice(first, min(first + size, self.ticks))
-                yield {name: file[name if name.startswith(f"{LIVE}/") else f"tick/{name}"][part] for name in names}
+                yield {
+                    name: file[name][part] if name.startswith(f"{LIVE}/") else self._rows(file, name, part)
+                    for name in names
+                }
 
     def at(self, tick: int, names: Sequence[str]) -> dict[str, Array]:
         """One tick of datasets of /tick, without reading the others.
@@ -161,7 +216,7 @@ class Result:
         if not 0 <= tick < self.ticks:
             raise InputError(f"{self.path} has no tick {tick}: it has {self.ticks:,}, counted from 0")
         with _opened(self.path) as file:
-            return {name: np.asarray(file["tick"][name][tick]) for name in names}
+            return {name: np.asarray(self._rows(file, name, tick)) for name in names}
 
     def _live_column(self, file: h5py.File, name: str) -> Array:
         if self.live is None:
@@ -201,11 +256,13 @@ def load_result(path: str | Path) -> Result:
     with _opened(path) as file:
         _check_format(file, path)
         tick = file.get("tick", {})
-        for column in TICK_COLUMNS:
+        driven = file.attrs["schema_version"] == DRIVEN_SCHEMA_VERSION
+        columns = (*TICK_COLUMNS, *(OBJECT_COLUMNS if driven else ()))
+        for column in columns:
             _check_dataset(tick, column, (-1, *column.shape), path)
         for column in STATIC_COLUMNS:
             _check_dataset(file, column, column.shape, path)
-        ticks = min(len(tick[column.name]) for column in TICK_COLUMNS)
+        ticks = min(len(tick[column.name]) for column in columns)
         if LIVE_TICK in file:
             loop = file[LIVE_TICK]
             columns = [column.name for column in LIVE_TICK_COLUMNS if not column.optional or column.name in loop]
@@ -229,6 +286,7 @@ def load_result(path: str | Path) -> Result:
             git_revision=str(attributes.get("git_revision", UNKNOWN)),
             git_dirty=_git_dirty(attributes.get("git_dirty", UNKNOWN)),
             repeated=json.loads(attributes.get("repeated", "{}")),
+            driven=driven,
         )
 
 
@@ -303,7 +361,7 @@ def _check_format(file: h5py.File, path: Path) -> None:
         what = f"its format is '{found}'" if isinstance(found, str) else "it states no format"
         raise InputError(f"{path} is no result file: {what}, not '{FORMAT}'{_HINTS.get(str(found), '')}")
     version = file.attrs.get("schema_version")
-    if version != SCHEMA_VERSION:
+    if version not in SCHEMA_VERSIONS:
         raise InputError(f"{path} {wrong_schema(version)}")
 
 

@@ -1,8 +1,8 @@
 """What a result file holds: the one table that the writer, the reader and the checks go by.
 
 Format `hhsim-result`. A change here raises `SCHEMA_VERSION`, and files of another schema are refused; only an optional
-column may be added without. A result holds all that a run needs, so that it can be run again from nothing but itself
-(`hhsim.replay.repeat`).
+column may be added without. Where the object moves, /tick holds its pose as well. A result holds all that a run needs,
+so that it can be run again from nothing but itself (`hhsim.replay.repeat`).
 """
 
 from collections.abc import Mapping
@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 
 FORMAT = "hhsim-result"
 SCHEMA_VERSION = 3
+DRIVEN_SCHEMA_VERSION = 4
+"""Of a file whose object moves, which one that knows no such files must not take for one that stands still."""
+SCHEMA_VERSIONS = (SCHEMA_VERSION, DRIVEN_SCHEMA_VERSION)
 SUFFIXES = (".h5", ".hdf5")
 """How the name of a result ends; no mesh, script or suite ends so."""
 LIVE = "live"
@@ -103,6 +106,8 @@ class Column:
         long_name: What it is, for people.
         source: Field of the record that it is taken from, as `field` or as `field.part`; "" where it is computed.
         optional: Files that were written before there was one lack it, and are read all the same.
+        turns: What it is where the object moves and carries the frame that is solved in along: "point", "vector" (of 3,
+            or of twice 3 one after the other) or "orientation"; "" for what no frame changes.
     """
 
     name: str
@@ -112,6 +117,7 @@ class Column:
     long_name: str
     source: str = ""
     optional: bool = False
+    turns: str = ""
 
     @property
     def known_by(self) -> str:
@@ -131,8 +137,15 @@ _KNOWN_BY = {"force": "forces", "work/": "work", "duration/": "times", "status":
 
 def _hand(of: str, whose: str, field: str) -> tuple[Column, ...]:
     columns = (
-        Column("position", (3,), "<f8", "m", f"palm centre of the {whose} hand, world"),
-        Column("orientation", (4,), "<f8", "1", f"palm orientation of the {whose} hand, unit quaternion w x y z"),
+        Column("position", (3,), "<f8", "m", f"palm centre of the {whose} hand, world", turns="point"),
+        Column(
+            "orientation",
+            (4,),
+            "<f8",
+            "1",
+            f"palm orientation of the {whose} hand, unit quaternion w x y z",
+            turns="orientation",
+        ),
         Column("flexion", (5, 3), "<f8", "rad", f"flexion of the {whose} hand, finger by joint, positive curls"),
         Column("abduction", (5,), "<f8", "rad", f"abduction of the {whose} hand, positive towards the thumb side"),
     )
@@ -160,14 +173,29 @@ TICK_COLUMNS: tuple[Column, ...] = (
         "m",
         "joint and tip positions of the graphic hand, proximal first, world",
         "joints",
+        "point",
     ),
     Column("penetration_depth", (), "<f8", "m", "deepest penetration of any hand body into any object leaf sphere"),
     Column("penetration_palm", (), "<f8", "m", "deepest penetration of the palm"),
     Column("penetration_finger", (5,), "<f8", "m", "deepest penetration of each finger; NaN: not modelled"),
     Column(
-        "force/phalanx", (5, 3, 3), "<f8", "N", "contact force on each phalanx, finger by phalanx, world", "phalanx"
+        "force/phalanx",
+        (5, 3, 3),
+        "<f8",
+        "N",
+        "contact force on each phalanx, finger by phalanx, world",
+        "phalanx",
+        "vector",
     ),
-    Column("force/fingertip_normal", (5, 3), "<f8", "N", "normal force at each fingertip, world", "fingertip_normal"),
+    Column(
+        "force/fingertip_normal",
+        (5, 3),
+        "<f8",
+        "N",
+        "normal force at each fingertip, world",
+        "fingertip_normal",
+        "vector",
+    ),
     Column(
         "force/palm_wrench",
         (6,),
@@ -175,8 +203,9 @@ TICK_COLUMNS: tuple[Column, ...] = (
         "N,N·m",
         "coupling force (first three) and moment about the palm centre (Eq. 1), world",
         "palm_wrench",
+        "vector",
     ),
-    Column("force/total", (3,), "<f8", "N", "sum of all contact forces on the hand, world", "total"),
+    Column("force/total", (3,), "<f8", "N", "sum of all contact forces on the hand, world", "total", "vector"),
     Column("force_variation_rate", (), "<f8", "%", "one-tick change of the total force's size; NaN below 0.01 N"),
     Column("force_variation_finger", (5,), "<f8", "%", "one-tick change of each finger's force size; NaN below 0.01 N"),
     Column("duration/detect", (), "<i8", "ns", "wall time of contact detection", "duration.detect"),
@@ -205,6 +234,12 @@ TICK_COLUMNS: tuple[Column, ...] = (
     Column("work/units", (), "<i8", "1", "work of the tick, weighted; about a nanosecond each", "work.units"),
 )
 """Datasets under /tick, one row a tick; `name` is relative to /tick."""
+
+OBJECT_COLUMNS: tuple[Column, ...] = (
+    Column("object/position", (3,), "<f8", "m", "origin of the object's own frame at the tick, world"),
+    Column("object/orientation", (4,), "<f8", "1", "object to world at the tick, unit quaternion w x y z"),
+)
+"""Datasets under /tick beside those, of an object that moves; /object is then where it was at the first tick."""
 
 STATIC_COLUMNS: tuple[Column, ...] = (
     Column("object/vertices", (-1, 3), "<f8", "m", "vertices of the object's mesh, world"),
@@ -309,6 +344,6 @@ def sample_columns(channels: int) -> tuple[Column, ...]:
 
 def wrong_schema(version: Any) -> str:
     """What is to be done about a result of another schema, said after its path."""
-    if isinstance(version, int | np.integer) and version > SCHEMA_VERSION:
-        return f"was written by a newer hhsim (schema {version}; this one reads {SCHEMA_VERSION}): upgrade hhsim"
+    if isinstance(version, int | np.integer) and version > DRIVEN_SCHEMA_VERSION:
+        return f"was written by a newer hhsim (schema {version}; this one reads {DRIVEN_SCHEMA_VERSION}): upgrade hhsim"
     return f"is a result of schema {version}; this hhsim reads schema {SCHEMA_VERSION} alone: make it anew"

@@ -25,7 +25,15 @@ from numpy.typing import NDArray
 from hhsim.errors import OutputError
 from hhsim.motion.trajectory import TickPhase
 from hhsim.result.reader import CHUNK_TICKS, check_result_path, fits, spelled
-from hhsim.result.schema import FORMAT, SCHEMA_VERSION, STATIC_COLUMNS, TICK_COLUMNS, Column
+from hhsim.result.schema import (
+    DRIVEN_SCHEMA_VERSION,
+    FORMAT,
+    OBJECT_COLUMNS,
+    SCHEMA_VERSION,
+    STATIC_COLUMNS,
+    TICK_COLUMNS,
+    Column,
+)
 from hhsim.system import environment as info
 from hhsim.system.checksummed_file import seal_file
 from hhsim.system.output_path import free_name
@@ -52,6 +60,7 @@ class ResultWriter:
         tables: Of a live session, columns by group; they grow with the ticks.
         attributes: Of their groups.
         command: That makes it, as it was typed; empty where a program calls the library.
+        driven: Whether the object moves, so that its pose is a part of each tick.
 
     Raises:
         OutputError: The file cannot be made: a folder in the way, no permission, a full disk, a file that is no result.
@@ -70,13 +79,15 @@ class ResultWriter:
         tables: Mapping[str, Sequence[Column]] | None = None,
         attributes: Mapping[str, Mapping[str, Scalar]] | None = None,
         command: Sequence[str] = (),
+        driven: bool = False,
     ) -> None:
         check_result_path(path)
         self._output_path = path
         self.path = path
         if path.exists():
             self.path = free_name(path.with_name(f"{path.stem}.partial{path.suffix}"))
-        self._tables = {_TICK: _Table(TICK_COLUMNS)}
+        self._schema = DRIVEN_SCHEMA_VERSION if driven else SCHEMA_VERSION
+        self._tables = {_TICK: _Table((*TICK_COLUMNS, *OBJECT_COLUMNS) if driven else TICK_COLUMNS)}
         self._tables |= {group: _Table(columns) for group, columns in (tables or {}).items()}
         self._complete = False
         with _output_errors(self.path), contextlib.ExitStack() as undo:
@@ -122,7 +133,7 @@ class ResultWriter:
         """Write the next ticks, and what else there is, and flush them.
 
         Args:
-            block: One array for each of `TICK_COLUMNS`, by its name; each of shape (ticks, *column.shape). Nothing at
+            block: One array for each of `TICK_COLUMNS`, and of `OBJECT_COLUMNS` where the object moves, by its name; each of shape (ticks, *column.shape). Nothing at
                 all where no tick came.
             others: The same for `tables`, by group.
             attributes: Of groups, to set or to replace.
@@ -187,7 +198,7 @@ class ResultWriter:
         self._file.attrs.update(
             {
                 "format": FORMAT,
-                "schema_version": SCHEMA_VERSION,
+                "schema_version": self._schema,
                 "complete": 0,
                 **info.file_attributes(),
                 "scene": scene_json,

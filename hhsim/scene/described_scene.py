@@ -29,6 +29,7 @@ class SceneWords:
         tremor_mm_deg: Amplitudes of the tremor that a script got, of position [mm] and rotation [°].
         samples: Between two samples of the motion.
         place_object: Where the object of a recording is to be.
+        object_pose: recorded, or fixed for an object that is not to move although its recording says so.
         rate: Ticks a second [Hz].
         ticks: Only the first so many.
         seed: Of a script's tremor and sensor noise.
@@ -45,6 +46,7 @@ class SceneWords:
     tremor_mm_deg: tuple[float, ...] | None = None
     samples: ResampleMode = "interpolate"
     place_object: Place | None = None
+    object_pose: str = "recorded"
     rate: float = 1000.0
     ticks: int | None = None
     seed: int = 0
@@ -87,7 +89,8 @@ def described_scene(
     scene = placed.scene
     if words.ticks is not None:
         # Cut last: where the object is put does not depend on how much of the motion is run.
-        scene = replace(scene, ticks=scene.ticks.first(words.ticks))
+        driven = None if scene.driven is None else scene.driven.first(words.ticks)
+        scene = replace(scene, ticks=scene.ticks.first(words.ticks), driven=driven)
     description = {
         "object": words.object,
         "object_mesh": mesh.sha256,
@@ -107,5 +110,7 @@ def described_scene(
         "tremor_mm_deg": words.tremor_mm_deg,
         "seed": words.seed,
         **({} if words.ticks is None else {"ticks": words.ticks}),
+        # Said only where it changes something: files of objects that stand still are as they were.
+        **({"object_pose": "fixed"} if words.object_pose == "fixed" else {}),
     }
     return replace(placed, scene=replace(scene, description=description))

@@ -89,7 +89,7 @@ def placed_scene(
         found = place_at_grasp(motion, hand, tree)
         return PlacedScene(make(found.motion), found, note=found.text)
     scene = make(motion)
-    if asked == "recorded" or not isinstance(motion, Trajectory):
+    if asked == "recorded" or not isinstance(motion, Trajectory) or motion.object_motion is not None:
         return PlacedScene(scene)
     # Only an import says nothing of the object. A session, or a motion that was made, may well begin in it.
     imported = motion.flags is not None and not motion.object_position.any()

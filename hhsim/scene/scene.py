@@ -1,4 +1,8 @@
-"""A scene: one object with its sphere tree, one hand, one motion, all in the world frame."""
+"""A scene: one object with its sphere tree, one hand, one motion, all in the world frame.
+
+An object that moves as recorded stands still in a scene: all is in the frame that moves with it and is the world's at
+the first tick, and so is what is solved and measured. `Scene.driven` has the motion in the world.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -24,8 +28,9 @@ class Scene:
         tree: Its sphere tree, world frame.
         hand: The hand.
         trajectory: The motion of the haptic hand, with the object's pose in it.
-        ticks: The motion at the tick rate.
+        ticks: The motion at the tick rate, as the object sees it.
         description: How the scene came about, as plain values: what its results say of it.
+        driven: The motion in the world, with the object's, where the object moves; None where it stands still.
     """
 
     mesh: Mesh
@@ -34,6 +39,7 @@ class Scene:
     trajectory: Trajectory
     ticks: TickInput
     description: Mapping[str, Any] = field(default_factory=dict)
+    driven: TickInput | None = None
 
     def __repr__(self) -> str:
         ticks, leaves = self.ticks, self.tree.leaf_count
@@ -96,11 +102,13 @@ def make_scene(
         motion = motion.placed(hand, tree)
     rotation = np.empty((3, 3))
     quaternion_to_matrix(motion.object_orientation.copy(), rotation)
+    ticks = motion.resampled(rate, mode)
     return Scene(
         mesh=mesh.transformed(rotation, motion.object_position),
         tree=tree.transformed(rotation, motion.object_position),
         hand=hand,
         trajectory=motion,
-        ticks=motion.resampled(rate, mode),
+        ticks=ticks.seen_from_object(),
         description=description or {},
+        driven=None if ticks.object_motion is None else ticks,
     )

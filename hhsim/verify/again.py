@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from hhsim.errors import HhsimError, InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.metrics.run_ticks import result_ticks
+from hhsim.motion.object_motion import ObjectMotion
 from hhsim.motion.trajectory import TickInput, Trajectory
 from hhsim.replay.repeat import RunAgain, run_again
 from hhsim.replay.stored_scene import stored_hand, stored_options, stored_surface
@@ -49,7 +50,8 @@ def again_claims(result: Result, progress: Progress) -> list[Claim]:
         return [*claims, Claim("again: ticks", _TICKS, NOT_JUDGED, note=str(error))]
     claims.append(_ticks(again))
     if result.complete and result.live is None:
-        haptic = HandConfiguration(*(np.array(result[f"haptic/{name}"]) for name in HandConfiguration._fields))
+        seen = result.seen_from_object
+        haptic = HandConfiguration(*(np.array(seen[f"haptic/{name}"]) for name in HandConfiguration._fields))
         own = figures_of_own_runs(hand, surface, options, haptic, result_ticks(result))
         claims.append(_figures(result, own, again))
     return claims
@@ -103,9 +105,15 @@ def _motion(result: Result) -> Claim:
     off = np.zeros(result.ticks)
     # Of a run that was stopped, the ticks that are there.
     off[count:] = np.inf
-    for part in HandConfiguration._fields:
-        stored = np.asarray(result[f"haptic/{part}"])[:count].reshape(count, -1)
-        made = np.asarray(getattr(wanted, part))[:count].reshape(count, -1)
+    made_of = {f"haptic/{part}": getattr(wanted, part) for part in HandConfiguration._fields}
+    still = ObjectMotion(*(result.static[f"object/{part}"][None] for part in ObjectMotion._fields))
+    carrier = ticks.object_motion
+    if result.driven or carrier is not None:
+        poses = result.object_motion(), carrier or still.at(np.zeros(ticks.tick_count, np.int64))
+        off[:count] = np.max([difference(a[:count], b[:count]).max(axis=1) for a, b in zip(*poses)], axis=0)
+    for part, values in made_of.items():
+        stored = np.asarray(result[part])[:count].reshape(count, -1)
+        made = np.asarray(values)[:count].reshape(count, -1)
         off[:count] = np.maximum(off[:count], difference(stored, made).max(axis=1))
     off[:count] = np.maximum(off[:count], np.abs(np.asarray(result["input_seq"])[:count] - ticks.input_seq[:count]))
     if result.complete and ticks.tick_count > count:
@@ -133,6 +141,8 @@ def _made_again(result: Result) -> TickInput:
     motion = resolve_trajectory(_word(result))
     if isinstance(motion, Script) and scene.get("tremor_mm_deg"):
         motion = motion.shaken(scene["tremor_mm_deg"])
+    if scene.get("object_pose") == "fixed" and isinstance(motion, Trajectory):
+        motion = motion.placed(motion.object_position, motion.object_orientation)
     hand, mesh = stored_hand(result), own_object(result, True)
     tree = None if mesh is None else own_tree(result, mesh, True)
     if isinstance(motion, Trajectory) and scene.get("place_object") != "auto":
@@ -147,4 +157,4 @@ def _made_again(result: Result) -> TickInput:
         mode=scene.get("samples", "interpolate"),
         seed=int(scene.get("seed") or 0),
     )
-    return made.ticks
+    return made.driven or made.ticks

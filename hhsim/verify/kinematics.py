@@ -73,7 +73,7 @@ def pose(hand: OwnHand, at: HandConfiguration) -> Posed:
     nowhere = ~np.all([np.isfinite(values).reshape(ticks, -1).all(axis=1) for values in at], axis=0)
     at = HandConfiguration(*(np.where(nowhere.reshape(-1, *(1,) * (values.ndim - 1)), 0.0, values) for values in at))
     joints, axes = np.empty((ticks, 5, 4, 3)), np.empty((ticks, 5, 3))
-    turned, unturned = _rotations(at.orientation)
+    turned, unturned = rotations(at.orientation)
     nowhere |= unturned
     for f in range(5):
         axis = np.cross(hand.dorsal[f], hand.distal[f])
@@ -95,13 +95,13 @@ def turn_between(first: FloatArray, second: FloatArray) -> FloatArray:
 
     NaN where one of them is no orientation.
     """
-    (there, neither), (here, nor) = _rotations(second), _rotations(first)
+    (there, neither), (here, nor) = rotations(second), rotations(first)
     turn = np.array((there * here.inv()).as_rotvec(), np.float64)
     turn[neither | nor] = np.nan
     return turn
 
 
-def _rotations(quaternion: FloatArray) -> "tuple[Rotation, NDArray[np.bool_]]":
+def rotations(quaternion: FloatArray) -> "tuple[Rotation, NDArray[np.bool_]]":
     """Rotations of quaternions w x y z (T, 4), and which are none, shape (T,), for which no turn stands."""
     from scipy.spatial.transform import Rotation
 

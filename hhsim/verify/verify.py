@@ -24,6 +24,7 @@ from hhsim.verify.depth_checks import depth_claims
 from hhsim.verify.file_checks import file_claims
 from hhsim.verify.force_checks import force_claims
 from hhsim.verify.metric_checks import metric_claims
+from hhsim.verify.object_frame import object_motion_claims, seen_by_referee
 from hhsim.verify.origin_checks import origin_claims
 from hhsim.verify.posture_checks import posture_claims
 from hhsim.verify.session_checks import session_claims
@@ -97,10 +98,12 @@ def verify(result: Result, *, every: int = 10, again: bool = False, progress: Pr
         raise InputError(f"{result.path} has no ticks: there is nothing to verify")
     report = progress or (lambda what, done, total: None)
     report("file", 0, 4)
-    claims = file_claims(result)
+    claims = [*file_claims(result), *object_motion_claims(result)]
     report("kinematics", 1, 4)
     chosen = chosen_ticks(result, every)
-    judge = JudgedTicks(result, chosen)
+    # Beside an object that moves, hands and forces are judged as it sees them.
+    seen = result.seen_by(seen_by_referee)
+    judge = JudgedTicks(seen, chosen)
     claims += posture_claims(judge)
     report("spheres", 2, 4)
     claims += depth_claims(judge)
@@ -110,7 +113,7 @@ def verify(result: Result, *, every: int = 10, again: bool = False, progress: Pr
     claims += [
         mesh,
         contact_error_claim(judge),
-        *metric_claims(result),
+        *metric_claims(seen),
         *session_claims(result),
         *origin_claims(result, again),
     ]

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hhsim.hand.configuration import HandConfiguration
+from hhsim.motion.object_motion import RigidMotion
 from hhsim.view.plots import (
     CONTACTS,
     DEPTH,
@@ -39,6 +40,7 @@ class ShownTicks:
         total: Of all contact forces [N], shape (T, 3).
         touching: Ticks in which something may touch, indices from 0; all others are not looked at.
         plots: Values of each plot, shape (T, its series).
+        moved: How the object moved since the first tick; None where it stands still.
     """
 
     tick: IntArray
@@ -50,6 +52,7 @@ class ShownTicks:
     total: FloatArray
     touching: IntArray
     plots: Mapping[Plot, FloatArray]
+    moved: RigidMotion | None = None
 
 
 def shown_ticks(
@@ -58,6 +61,7 @@ def shown_ticks(
     shown: ArrayLike,
     starts: ArrayLike,
     more: Mapping[Plot, FloatArray] | None = None,
+    moved: RigidMotion | None = None,
 ) -> ShownTicks:
     """Choose from ticks what a viewer gets of them.
 
@@ -67,6 +71,7 @@ def shown_ticks(
         shown: Which of them are shown, indices from 0, shape (T,).
         starts: Where the ticks begin that each shown one stands for, shape (T,); they end where the next ones begin.
         more: Further plots and their values, shape (N, series).
+        moved: How the object moved since the first tick, of all these ticks; None where it stands still.
     """
     kept, begins = np.asarray(shown), np.asarray(starts)
     haptic, graphic = (
@@ -93,4 +98,5 @@ def shown_ticks(
         total=total[kept],
         touching=np.flatnonzero(touching[kept]),
         plots={plot: plot.thinned(values, kept, begins) for plot, values in plots.items()},
+        moved=moved and RigidMotion(moved.turn[kept], moved.shift[kept]),
     )

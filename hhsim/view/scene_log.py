@@ -4,7 +4,7 @@ World in metres, z up. Each rigid piece of a hand is a mesh that is sent once, m
 
 | entity | what |
 |---|---|
-| world/object | the object's mesh |
+| world/object | the object's mesh; where it moves, with a transform a tick since the first one, as its spheres |
 | world/spheres | the leaf spheres of its tree, where they are asked for |
 | world/graphic/… | the graphic hand: each phalanx, and the palm |
 | world/haptic/… | the haptic hand |
@@ -33,6 +33,7 @@ from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.contact_points import find_contact_points
 from hhsim.metrics.metrics import FORCE_FLOOR
+from hhsim.motion.object_motion import RigidMotion
 from hhsim.render.hand_meshes import PIECES, piece_poses, piece_surfaces
 from hhsim.render.triangle_soup import Surface, mesh_surface
 from hhsim.trees.contact_surface import contact_surface
@@ -66,7 +67,7 @@ POINT_RADIUS = 1.2e-3
 NORMAL_LENGTH = 8e-3
 NORMAL_RADIUS = 5e-4
 
-OBJECT = "world/object"
+OBJECT, SPHERES = "world/object", "world/spheres"
 EVENT_LEVELS = ("INFO", "WARN", "ERROR")
 """Of rerun, for the levels of a session's log."""
 
@@ -153,7 +154,7 @@ class RerunScene:
                 colors=SPHERE_COLOR,
                 fill_mode="solid",
             )
-            self._fixed("world/spheres", spheres)
+            self._fixed(SPHERES, spheres)
         for name, surface in zip(PIECES, piece_surfaces(scene.hand)):
             self._fixed(f"world/graphic/{name}", rerun_mesh(surface))
             inner = replace(surface, points=surface.points - INNER * surface.normals)
@@ -185,6 +186,13 @@ class RerunScene:
                 translation = poses.translation[:, k].astype(np.float32)
                 columns = rr.Transform3D.columns(translation=translation, quaternion=quaternion)
                 self._columns(f"world/{whose}/{name}", times, columns)
+        if ticks.moved is not None:
+            turn = np.concatenate([ticks.moved.turn[:, 1:], ticks.moved.turn[:, :1]], axis=1)
+            columns = rr.Transform3D.columns(
+                translation=ticks.moved.shift.astype(np.float32), quaternion=turn.astype(np.float32)
+            )
+            for entity in (OBJECT, *([SPHERES] if self.scene.spheres else [])):
+                self._columns(entity, times, columns)
         contacts = self._log_contacts(ticks, times)
         self._log_forces(ticks, times, contacts)
         for plot, values in ticks.plots.items():
@@ -212,7 +220,14 @@ class RerunScene:
         import rerun as rr
 
         scene = self.scene
-        placed = PlacedHand(ticks.joints, ticks.graphic.position, ticks.graphic.orientation)
+        placed, moved = PlacedHand(ticks.joints, ticks.graphic.position, ticks.graphic.orientation), ticks.moved
+        if moved is not None:
+            # Contacts are looked for where the object stands still.
+            placed = PlacedHand(
+                moved.seen_points(placed.joints),
+                moved.seen_points(placed.position),
+                moved.seen_orientations(placed.orientation),
+            )
         contacts = find_contact_points(
             scene.surface_arrays,
             scene.shape,
@@ -221,6 +236,9 @@ class RerunScene:
             chosen=ticks.touching,
             fingers=scene.fingers,
         )
+        if moved is not None:
+            there = RigidMotion(moved.turn[contacts.tick], moved.shift[contacts.tick])
+            contacts = contacts._replace(point=there.points(contacts.point), normal=there.vectors(contacts.normal))
         lengths = np.bincount(contacts.tick, minlength=len(ticks.tick))
         points = rr.Points3D.columns(positions=contacts.point.astype(np.float32))
         self._columns("world/contacts/points", times, points.partition(lengths))

@@ -18,6 +18,7 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.contact_points import find_contact_points
+from hhsim.motion.object_motion import RigidMotion
 from hhsim.replay.stored_scene import stored_hand
 from hhsim.result.reader import Result
 from hhsim.result.safety import why_free_or_held
@@ -128,7 +129,9 @@ def send_ticks(
     for first in range(0, result.ticks, step):
         if progress is not None:
             progress("ticks", first, result.ticks)
-        viewer.log_ticks(read_ticks(file, first, min(first + step, result.ticks), every))
+        end = min(first + step, result.ticks)
+        moved = result.moved_since_first(slice(first, end)) if result.driven else None
+        viewer.log_ticks(read_ticks(file, first, end, every, moved))
     if progress is not None:
         progress("ticks", result.ticks, result.ticks)
 
@@ -173,7 +176,11 @@ def arranged(result: Result, scene: ShownScene, group: h5py.Group, plots: Sequen
     touching = np.flatnonzero(group["contacts/touching"][: result.ticks])
     some = touching[:: max(1, len(touching) // MOST_FRAMED)] if len(touching) else np.arange(1)
     hand = np.concatenate([group["graphic/joints"][tick].reshape(-1, 3) for tick in some])
-    points = np.concatenate([scene.mesh.bounds, hand])
+    bounds = scene.mesh.bounds
+    if result.driven:
+        moved = [result.moved_since_first(int(tick)) for tick in some]
+        bounds = np.concatenate([motion.points(bounds[None])[0] for motion in moved])
+    points = np.concatenate([bounds, hand])
     low, high = points.min(axis=0), points.max(axis=0)
     duration = 1e-3 * group["duration/total"][: result.ticks]
     # A pause of the machine is a thousand ticks long: it would flatten all that the plot is for.
@@ -208,8 +215,10 @@ def description(result: Result) -> str:
     return "\n".join([*lines, "", "## Options of the solver", "```json", solver, "```", ""])
 
 
-def read_ticks(file: h5py.File, first: int, end: int, every: int) -> ShownTicks:
-    """Ticks `first` to `end` (not included) of a result, every so-manieth of them."""
+def read_ticks(
+    file: h5py.File, first: int, end: int, every: int, moved: RigidMotion | None = None
+) -> ShownTicks:
+    """Ticks `first` to `end` (not included) of a result, every so-manieth of them; `moved` as of `shown_ticks`."""
 
     def column(name: str) -> Array:
         return np.asarray(file[f"tick/{name}"][first:end])
@@ -221,7 +230,7 @@ def read_ticks(file: h5py.File, first: int, end: int, every: int) -> ShownTicks:
     if LIVE_TICK in file:
         more = {GLOVE: live("command_stiffness"), LOOP: loop_values(live("wakeup"), live("latency"))}
     kept = np.arange(0, end - first, every)
-    return shown_ticks(column, np.arange(first, end), kept, kept, more)
+    return shown_ticks(column, np.arange(first, end), kept, kept, more, moved)
 
 
 def log_phases(viewer: RerunScene, result: Result, time: Any) -> None:

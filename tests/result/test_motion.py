@@ -157,7 +157,7 @@ def test_a_result_that_was_cut_short_is_a_motion_as_far_as_it_goes(session: Path
     ("spoil", "says"),
     [
         ("old", "is a result of schema 2; this hhsim reads schema 3 alone: make it anew"),
-        ("new", "was written by a newer hhsim (schema 4; this one reads 3): upgrade hhsim"),
+        ("new", "was written by a newer hhsim (schema 5; this one reads 4): upgrade hhsim"),
         ("bad", "a session without a good sample of the glove: it holds no motion"),
         ("empty", "a session without a tick: where the palm was is not known"),
         ("lacking", "a damaged result"),
@@ -169,7 +169,7 @@ def test_what_holds_no_motion_is_told_in_one_line(session: Path, tmp_path: Path,
     path.write_bytes(session.read_bytes())
     with changed(path) as file:
         if spoil in ("old", "new"):
-            file.attrs["schema_version"] = 2 if spoil == "old" else 4
+            file.attrs["schema_version"] = 2 if spoil == "old" else 5
         elif spoil == "bad":
             file["live/sample/good"][:] = 0
         elif spoil == "empty":

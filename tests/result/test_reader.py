@@ -24,6 +24,7 @@ from hhsim.result.schema import (
     LIVE_SAMPLE,
     LIVE_TICK,
     LIVE_TICK_COLUMNS,
+    DRIVEN_SCHEMA_VERSION,
     SCHEMA_VERSION,
     STATIC_COLUMNS,
     TICK_COLUMNS,
@@ -452,7 +453,7 @@ def spoil_empty(path: Path) -> None:
 
 def spoil_newer(path: Path) -> None:
     with changed(path) as file:
-        file.attrs["schema_version"] = SCHEMA_VERSION + 1
+        file.attrs["schema_version"] = DRIVEN_SCHEMA_VERSION + 1
 
 
 def spoil_format(path: Path) -> None:
@@ -501,7 +502,7 @@ def spoil_folder(path: Path) -> None:
         (spoil_text, "is no HDF5 file"),
         (spoil_cut, "a damaged HDF5 file: cut short"),
         (spoil_empty, "is no HDF5 file"),
-        (spoil_newer, r"newer hhsim \(schema 4; this one reads 3\): upgrade hhsim"),
+        (spoil_newer, r"newer hhsim \(schema 5; this one reads 4\): upgrade hhsim"),
         (spoil_format, "its format is 'hhsim-tree', not 'hhsim-result'"),
         (spoil_no_format, "states no format"),
         (spoil_lacking, "lacks the dataset force/total"),

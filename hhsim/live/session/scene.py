@@ -71,7 +71,7 @@ def make_live_scene(
         }
         mesh, tree = scene.mesh, scene.tree
         # One for both, so that fingers and palm stay together.
-        playback = Playback(scene.trajectory, repeat=True)
+        playback = Playback(scene.trajectory.seen_from_object(), repeat=True)
         if find_glove(device.kind).plays:
             device = replace(device, playback=playback)
         if palm.plays:
