@@ -8,8 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
-from hhsim.kernels.hand import kinematics
 from hhsim.kernels.hand.hand_shape import HandShape
+from hhsim.kernels.hand.placed_hands import place_hands
 from hhsim.kernels.jit import as_argument
 
 FloatArray = NDArray[np.float64]
@@ -52,9 +52,5 @@ def forward_kinematics(
     origin, quaternion, bend, spread = (as_argument(values) for values in (position, orientation, flexion, abduction))
     rotation = rotation_matrix(quaternion)
     joints = np.empty((len(origin), 5, 4, 3))
-    direction, flexion_axis, abduction_axis = np.empty((5, 3, 3)), np.empty((5, 3)), np.empty((5, 3))
-    for t in range(len(origin)):
-        kinematics.forward_kinematics(
-            arrays, origin[t], rotation[t], bend[t], spread[t], joints[t], direction, flexion_axis, abduction_axis
-        )
+    place_hands(arrays, origin, as_argument(rotation), bend, spread, joints)
     return PlacedHand(joints, origin, quaternion)

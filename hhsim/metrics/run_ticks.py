@@ -8,14 +8,19 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.errors import HhsimError
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import PlacedHand
+from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.contact_error import TouchedObject
+from hhsim.metrics.input_hand import InputHand, input_hand
 from hhsim.motion.trajectory import TickPhase
 from hhsim.result.reader import Result
 from hhsim.result.schema import LIVE_TICK
+from hhsim.result.stored_hand import result_hand
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -48,6 +53,7 @@ class RunTicks:
         all_pairs: Of a hand body and an object sphere; 0 where that is not known.
         touched: The object; None where contacts are not looked at.
         breaks: Ticks before which others are missing, shape (T,); None where none are.
+        hand: Whose configurations the columns are; None where the user's hand is not looked at.
     """
 
     columns: Columns
@@ -58,6 +64,7 @@ class RunTicks:
     all_pairs: int = 0
     touched: TouchedObject | None = None
     breaks: Mask | None = None
+    hand: HandModel | None = None
 
     def __getitem__(self, name: str) -> Array:
         return self.columns[name]
@@ -86,6 +93,15 @@ class RunTicks:
         if self.touched is None:
             return np.full(self.ticks, np.nan)
         return self.touched.contact_error(PlacedHand(*(self.columns[name] for name in PLACED)), self.contact)
+
+    @cached_property
+    def input_hand(self) -> InputHand | None:
+        """How deep the user's hand was, and how far off it the shown one; None where nobody looked."""
+        if self.hand is None or self.touched is None:
+            return None
+        haptic = HandConfiguration(*(self.columns[f"haptic/{name}"] for name in HandConfiguration._fields))
+        shown = PlacedHand(*(self.columns[name] for name in PLACED))
+        return input_hand(self.hand, self.touched.surface, self.touched.fingers, haptic, shown, self.touch)
 
     @cached_property
     def touch(self) -> Mask:
@@ -123,7 +139,16 @@ def result_ticks(result: Result, columns: Columns | None = None) -> RunTicks:
         all_pairs=bodies * int(np.sum(level == level.max())),
         touched=touched,
         breaks=_breaks(result),
+        hand=_hand(result),
     )
+
+
+def _hand(result: Result) -> HandModel | None:
+    """The hand of a result; None where its arrays are none."""
+    try:
+        return result_hand(result)
+    except (HhsimError, KeyError):
+        return None
 
 
 def _breaks(result: Result) -> Mask | None:

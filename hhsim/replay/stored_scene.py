@@ -13,6 +13,7 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.kinematics import PALM_BODY
 from hhsim.mesh.mesh import Mesh
 from hhsim.result.reader import Result
+from hhsim.result.stored_hand import HAND_ARRAYS, TREE_ARRAYS, result_hand
 from hhsim.scene.scene import all_pairs
 from hhsim.solver.options import UNLIMITED, SolverOptions, Stiffness
 from hhsim.trees.contact_surface import ContactSurface, contact_surface
@@ -20,19 +21,6 @@ from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[Any]
 
-TREE_ARRAYS = ("center", "radius", "level", "parent")
-HAND_ARRAYS = {
-    "base": "base",
-    "distal": "distal",
-    "dorsal": "dorsal",
-    "length": "phalanx_length",
-    "radius": "phalanx_radius",
-    "flexion_min": "flexion_min",
-    "flexion_max": "flexion_max",
-    "abduction_min": "abduction_min",
-    "abduction_max": "abduction_max",
-}
-"""Fields of `HandModel`, and their datasets under /hand."""
 PARTS = {"object": "the object's mesh", "tree": "the object's sphere tree", "hand": "the hand"}
 """What has a checksum of its own in the file, and its name in messages."""
 
@@ -138,7 +126,8 @@ def stored_tree(result: Result) -> SphereTree:
     Raises:
         InputError: Arrays that are no tree.
     """
-    return _tree(result, "object/tree")
+    center, radius, level, parent = (result.static[f"object/tree/{name}"] for name in TREE_ARRAYS)
+    return SphereTree(center, radius, level, parent)
 
 
 def stored_surface(result: Result) -> ContactSurface:
@@ -157,17 +146,7 @@ def stored_hand(result: Result) -> HandModel:
         InputError: Arrays that are no hand, or not the one of the run.
     """
     require_whole(result)
-    sizes = result.scene["hand"]
-    static = result.static
-    mesh = Mesh(static["hand/palm_mesh/vertices"], static["hand/palm_mesh/faces"], name="palm", source=str(result.path))
-    return HandModel(
-        side=sizes["side"],
-        hand_length=sizes["length"],
-        hand_breadth=sizes["breadth"],
-        palm_mesh=mesh,
-        palm_tree=_tree(result, "hand/palm_tree"),
-        **{name: np.array(static[f"hand/{stored}"]) for name, stored in HAND_ARRAYS.items()},
-    )
+    return result_hand(result)
 
 
 def stored_options(result: Result) -> SolverOptions:
@@ -190,8 +169,3 @@ def stored_options(result: Result) -> SolverOptions:
         return SolverOptions(**values)
     except (KeyError, TypeError) as error:
         raise InputError(f"{result.path}: its solver options cannot be read: {error}") from error
-
-
-def _tree(result: Result, group: str) -> SphereTree:
-    center, radius, level, parent = (result.static[f"{group}/{name}"] for name in TREE_ARRAYS)
-    return SphereTree(center, radius, level, parent)

@@ -146,6 +146,7 @@ def summarise(
             np.array([finger in options.fingers for finger in FINGERS]),
             options.touch,
         ),
+        hand=scene.hand,
     )
     haptic = HandConfiguration.of(ticks)
     known = known_figures(find_method(options.method).gives)

@@ -121,6 +121,7 @@ def speed_error_figure(results: Mapping[str, Result]) -> ReportFigure:
 
 
 def _measured(label: str, result: Result) -> SpeedError:
+    result = result.seen_from_object
     ticks = result_ticks(result)
     figures = tick_figures(ticks)
     return SpeedError(

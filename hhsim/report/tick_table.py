@@ -82,6 +82,7 @@ class FingerFigures(NamedTuple):
 
 def report_ticks(result: Result) -> RunTicks:
     """Read what a report needs of every tick, some 170 bytes; nothing else of the file is kept in memory."""
+    result = result.seen_from_object
     names = dict.fromkeys((*needed_columns(), *PHASE_COLUMNS))
     parts: dict[str, list[Array]] = {name: [] for name in names}
     for block in result.blocks(list(names), BLOCK_TICKS):

@@ -1,0 +1,145 @@
+"""How deep the user's hand was in the object, and how far from it the shown hand had to go.
+
+A fact of the motion and of what the method made of it: a recorded hand is in the object by what tracker, hand model and
+mesh are off by, or because its user pressed.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics
+from hhsim.hand.model import HandModel
+from hhsim.hand.quaternion import rotation_matrix
+from hhsim.kernels.hand.hand_shape import HandShape
+from hhsim.metrics.metrics import penetration
+
+Array = NDArray[np.float64]
+
+BLOCK_TICKS = 8_192
+"""Hands that are placed at a time."""
+FIRST_LOOKS = 32
+"""Ticks between two that are looked at whatever the others are."""
+SAME_DEPTH = 1e-6
+"""The deepest tick is found to this [m]: finer than any table shows."""
+
+
+class Correction(NamedTuple):
+    """How far the shown hand is from the user's, over the ticks in which it touches.
+
+    Attributes:
+        palm: Distance of the palms' origins [m], shape (N,).
+        joints: Mean distance of the twenty joint and tip centres [m], shape (N,).
+        farthest: Largest distance of one of them [m], shape (N,).
+    """
+
+    palm: Array
+    joints: Array
+    farthest: Array
+
+
+class InputHand(NamedTuple):
+    """What of a run's input is told beside its output.
+
+    Attributes:
+        depth: Of the deepest tick [m]; 0 where the hand is never inside.
+        correction: In the ticks in which the shown hand touches.
+    """
+
+    depth: float
+    correction: Correction
+
+
+def input_hand(
+    hand: HandModel,
+    surface: Any,
+    fingers: NDArray[np.bool_],
+    haptic: HandConfiguration,
+    shown: PlacedHand,
+    touch: NDArray[np.bool_],
+) -> InputHand:
+    """Measure the user's hand and the shown one of a run.
+
+    Args:
+        hand: The hand.
+        surface: Of the object, where it stands still.
+        fingers: Which ones are modelled, shape (5,).
+        haptic: The user's hand at each tick, as the object sees it; ticks that are not finite are left out.
+        shown: Where the shown hand is, in the same frame.
+        touch: Ticks in which it touches, shape (T,).
+    """
+    finite = np.logical_and.reduce([np.isfinite(values).reshape(len(values), -1).all(axis=1) for values in haptic])
+    finite &= np.linalg.norm(haptic.orientation, axis=1) > 0.0
+    known = np.flatnonzero(finite)
+    shape = _shape(hand)
+    depth, parts = 0.0, [Correction(np.empty(0), np.empty(0), np.empty(0))]
+    for first in range(0, len(known), BLOCK_TICKS):
+        chosen = known[first : first + BLOCK_TICKS]
+        placed = forward_kinematics(hand, *haptic.at(chosen))
+        depth = deepest(surface, shape, placed, fingers, depth)
+        touching = touch[chosen]
+        parts.append(_correction(placed.at(np.flatnonzero(touching)), shown.at(chosen[touching])))
+    return InputHand(depth, Correction(*(np.concatenate(values) for values in zip(*parts))))
+
+
+def deepest(
+    surface: Any, shape: HandShape, placed: PlacedHand, fingers: NDArray[np.bool_], known: float = 0.0
+) -> float:
+    """Depth of the deepest of some hands [m], to `SAME_DEPTH`; `known` where none is deeper than that.
+
+    No finger is deeper than at another tick by more than its surface moves between them: most ticks are never looked at.
+
+    Args:
+        surface: Of the object.
+        shape: Sizes of the hand.
+        placed: The hands, in the order of time, all of them finite.
+        fingers: Which ones count, shape (5,).
+        known: A depth that was found elsewhere [m].
+    """
+    count = len(placed.joints)
+    if count == 0:
+        return known
+    way = np.concatenate([np.zeros((1, 6)), np.cumsum(_moved(shape, placed), axis=0)])
+    looked = np.unique(np.append(np.arange(0, count, FIRST_LOOKS), count - 1))
+    depth = _depths(surface, shape, placed.at(looked), fingers)
+    best = max(known, float(depth.max()))
+    while True:
+        # The most that a part can be in between: as deep as at both looks, and what it moved on from them.
+        room = 0.5 * (depth[:-1] + depth[1:] + np.diff(way[looked], axis=0)).max(axis=1)
+        open_ = np.flatnonzero((room > best + SAME_DEPTH) & (np.diff(looked) > 1))
+        if open_.size == 0:
+            return best
+        more = (looked[open_] + looked[open_ + 1]) // 2
+        found = _depths(surface, shape, placed.at(more), fingers)
+        best = max(best, float(found.max()))
+        looked, depth = np.insert(looked, open_ + 1, more), np.insert(depth, open_ + 1, found, axis=0)
+
+
+def _shape(hand: HandModel) -> HandShape:
+    palm = hand.palm_tree
+    return HandShape(*(np.ascontiguousarray(values) for values in (hand.radius, palm.leaf_center, palm.leaf_radius)))
+
+
+def _depths(surface: Any, shape: HandShape, placed: PlacedHand, fingers: NDArray[np.bool_]) -> Array:
+    """Of each finger and the palm [m], shape (T, 6); 0 where they are free, or not modelled."""
+    found = penetration(surface, *shape, *placed, fingers)
+    return np.concatenate([np.nan_to_num(found.finger), found.palm[:, None]], axis=1)
+
+
+def _moved(shape: HandShape, placed: PlacedHand) -> Array:
+    """At least the way of any point of each finger's and the palm's surface to the next tick [m], shape (T - 1, 6)."""
+    fingers = np.sqrt((np.diff(placed.joints, axis=0) ** 2).sum(axis=3).max(axis=2))
+    low, high = shape.palm_center.min(axis=0), shape.palm_center.max(axis=0)
+    # The palm's spheres are within the box: none moves farther than its farthest corner.
+    corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
+    places = rotation_matrix(placed.orientation) @ corners.T + placed.position[:, :, None]
+    palm = np.sqrt((np.diff(places, axis=0) ** 2).sum(axis=1).max(axis=1))
+    return np.concatenate([fingers, palm[:, None]], axis=1)
+
+
+def _correction(haptic: PlacedHand, shown: PlacedHand) -> Correction:
+    apart = np.linalg.norm(haptic.points - shown.points, axis=2)
+    joints = apart[:, :-1]
+    return Correction(apart[:, -1], joints.mean(axis=1), joints.max(axis=1, initial=0.0))

@@ -1,0 +1,42 @@
+"""The hand of a run as its result file holds it, bit for bit."""
+
+import numpy as np
+
+from hhsim.hand.model import HandModel
+from hhsim.mesh.mesh import Mesh
+from hhsim.result.reader import Result
+from hhsim.trees.sphere_tree import SphereTree
+
+TREE_ARRAYS = ("center", "radius", "level", "parent")
+HAND_ARRAYS = {
+    "base": "base",
+    "distal": "distal",
+    "dorsal": "dorsal",
+    "length": "phalanx_length",
+    "radius": "phalanx_radius",
+    "flexion_min": "flexion_min",
+    "flexion_max": "flexion_max",
+    "abduction_min": "abduction_min",
+    "abduction_max": "abduction_max",
+}
+"""Fields of `HandModel`, and their datasets under /hand."""
+
+
+def result_hand(result: Result) -> HandModel:
+    """The hand in a file, whether or not it is the one of the run (`hhsim.replay.stored_scene.stored_hand` looks).
+
+    Raises:
+        InputError: Arrays that are no hand.
+    """
+    sizes, static = result.scene["hand"], result.static
+    center, radius, level, parent = (static[f"hand/palm_tree/{name}"] for name in TREE_ARRAYS)
+    return HandModel(
+        side=sizes["side"],
+        hand_length=sizes["length"],
+        hand_breadth=sizes["breadth"],
+        palm_mesh=Mesh(
+            static["hand/palm_mesh/vertices"], static["hand/palm_mesh/faces"], name="palm", source=str(result.path)
+        ),
+        palm_tree=SphereTree(center, radius, level, parent),
+        **{name: np.array(static[f"hand/{stored}"]) for name, stored in HAND_ARRAYS.items()},
+    )
