@@ -23,6 +23,7 @@ from hhsim.verify.contact_error_check import contact_error_claim
 from hhsim.verify.depth_checks import depth_claims
 from hhsim.verify.file_checks import file_claims
 from hhsim.verify.force_checks import force_claims
+from hhsim.verify.input_hand_check import input_hand_claims
 from hhsim.verify.metric_checks import metric_claims
 from hhsim.verify.object_frame import object_motion_claims, seen_by_referee
 from hhsim.verify.origin_checks import origin_claims
@@ -113,6 +114,7 @@ def verify(result: Result, *, every: int = 10, again: bool = False, progress: Pr
     claims += [
         mesh,
         contact_error_claim(judge),
+        *input_hand_claims(judge),
         *metric_claims(seen),
         *session_claims(result),
         *origin_claims(result, again),
