@@ -27,7 +27,7 @@ SAME_DEPTH = 1e-6
 
 
 class Correction(NamedTuple):
-    """How far the shown hand is from the user's, over the ticks in which it touches.
+    """How far the shown hand is from the user's, over the ticks with a touching pair.
 
     Attributes:
         palm: Distance of the palms' origins [m], shape (N,).
@@ -68,7 +68,7 @@ def input_hand(
         fingers: Which ones are modelled, shape (5,).
         haptic: The user's hand at each tick, as the object sees it; ticks that are not finite are left out.
         shown: Where the shown hand is, in the same frame.
-        touch: Ticks in which it touches, shape (T,).
+        touch: Ticks with a touching pair, shape (T,).
     """
     finite = np.logical_and.reduce([np.isfinite(values).reshape(len(values), -1).all(axis=1) for values in haptic])
     finite &= np.linalg.norm(haptic.orientation, axis=1) > 0.0
@@ -89,7 +89,7 @@ def deepest(
 ) -> float:
     """Depth of the deepest of some hands [m], to `SAME_DEPTH`; `known` where none is deeper than that.
 
-    No finger is deeper than at another tick by more than its surface moves between them: most ticks are never looked at.
+    No finger is deeper than at another tick by more than its surface moves between them: most are never looked at.
 
     Args:
         surface: Of the object.

@@ -29,6 +29,7 @@ Mask = NDArray[np.bool_]
 
 HOLD = "hold"
 """Phases of this name are held; in the others the hand moves."""
+TOUCHING = "contacts/touching"
 PLACED = ("graphic/joints", "graphic/position", "graphic/orientation")
 """Datasets that say where the shown hand is, in the order of `PlacedHand`."""
 
@@ -101,7 +102,8 @@ class RunTicks:
             return None
         haptic = HandConfiguration(*(self.columns[f"haptic/{name}"] for name in HandConfiguration._fields))
         shown = PlacedHand(*(self.columns[name] for name in PLACED))
-        return input_hand(self.hand, self.touched.surface, self.touched.fingers, haptic, shown, self.touch)
+        touching = np.asarray(self.columns[TOUCHING] > 0)
+        return input_hand(self.hand, self.touched.surface, self.touched.fingers, haptic, shown, touching)
 
     @cached_property
     def touch(self) -> Mask:

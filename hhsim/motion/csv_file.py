@@ -17,7 +17,8 @@ same motion bit for bit. Columns, in any order:
 
 Lines `# key: value` before the header carry name, source, licence, device and hand, object_position (x y z) and
 object_orientation (w x y z) of an object that stands still as numbers with spaces between, and samples, the number of
-lines, so that a file that was cut short is noticed; other such lines are remarks. Equal phase names on neighbouring lines are one phase; it ends where
+lines, so that a file that was cut short is noticed; other such lines are remarks.
+Equal phase names on neighbouring lines are one phase; it ends where
 the next line begins. Raw channels are not part of a CSV file.
 """
 

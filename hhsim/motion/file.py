@@ -2,10 +2,10 @@
 
 schema_version 1. Attributes of the file: format, schema_version, name, source, licence, device, hand. Datasets, each
 with `units` and `long_name`: time (T,), position (T, 3), orientation (T, 4), flexion (T, 5, 3), abduction (T, 5),
-object/position (3,), object/orientation (4,) or, of an object that moves, (T, 3) and (T, 4), phase/{name, start_time, end_time} (P,), raw/<channel> (T, …), and, where
-somebody looked the samples over, flags (T,): bits whose meaning its attributes `flag_masks` and `flag_meanings` hold,
-as in the CF metadata conventions. Behind the HDF5 file stands its seal (`hhsim.system.checksummed_file`); a file
-without one is read too.
+object/position (3,), object/orientation (4,) or, of an object that moves, (T, 3) and (T, 4), phase/{name, start_time,
+end_time} (P,), raw/<channel> (T, …), and, where somebody looked the samples over, flags (T,): bits whose meaning its
+attributes `flag_masks` and `flag_meanings` hold, as in the CF metadata conventions. Behind the HDF5 file stands its
+seal (`hhsim.system.checksummed_file`); a file without one is read too.
 """
 
 from pathlib import Path

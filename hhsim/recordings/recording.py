@@ -115,7 +115,9 @@ class Recording:
                 values[~(np.abs(values) <= MOST[key == "time"])] = np.nan
             object.__setattr__(self, key, values)
         if self.object_motion is not None:
-            moved = ObjectMotion(*(_numbers(f"object's {name}", values) for name, values in self.object_motion._asdict().items()))
+            moved = ObjectMotion(
+                *(_numbers(f"object's {name}", values) for name, values in self.object_motion._asdict().items())
+            )
             if moved.position.shape != (count, 3) or moved.orientation.shape != (count, 4):
                 raise TrajectoryError(
                     f"the object's motion has shapes {moved.position.shape} and {moved.orientation.shape}; expected "

@@ -159,7 +159,8 @@ class Result:
         first = ObjectMotion(self.static["object/position"], self.static["object/orientation"])
         if isinstance(rows, slice):
             return self.view(name, values, now, first)
-        return self.view(name, np.asarray(values)[None], now, first)[0]
+        one: Array = self.view(name, np.asarray(values)[None], now, first)[0]
+        return one
 
     def __getitem__(self, name: str) -> Array:
         if name not in self._loaded:
@@ -256,7 +257,7 @@ def load_result(path: str | Path) -> Result:
     with _opened(path) as file:
         _check_format(file, path)
         tick = file.get("tick", {})
-        driven = file.attrs["schema_version"] == DRIVEN_SCHEMA_VERSION
+        driven = bool(file.attrs["schema_version"] == DRIVEN_SCHEMA_VERSION)
         columns = (*TICK_COLUMNS, *(OBJECT_COLUMNS if driven else ()))
         for column in columns:
             _check_dataset(tick, column, (-1, *column.shape), path)

@@ -133,8 +133,8 @@ class ResultWriter:
         """Write the next ticks, and what else there is, and flush them.
 
         Args:
-            block: One array for each of `TICK_COLUMNS`, and of `OBJECT_COLUMNS` where the object moves, by its name; each of shape (ticks, *column.shape). Nothing at
-                all where no tick came.
+            block: One array for each of `TICK_COLUMNS`, and of `OBJECT_COLUMNS` where the object moves, by its name;
+                each of shape (ticks, *column.shape). Nothing at all where no tick came.
             others: The same for `tables`, by group.
             attributes: Of groups, to set or to replace.
 

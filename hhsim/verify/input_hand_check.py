@@ -44,19 +44,19 @@ def _moved(judge: JudgedTicks) -> FloatArray:
     """Way of the farthest joint or palm sphere of the user's hand to the next tick [m], shape (T - 1,)."""
     posed = judge.wanted_posed
     joints = np.linalg.norm(np.diff(posed.joints, axis=0), axis=3).max(axis=(1, 2))
-    return np.maximum(joints, np.linalg.norm(np.diff(posed.palm, axis=0), axis=2).max(axis=1))
+    palm = np.linalg.norm(np.diff(posed.palm, axis=0), axis=2).max(axis=1)
+    return np.asarray(np.maximum(joints, palm))
 
 
 def _correction(judge: JudgedTicks) -> Claim:
     says = "the shown hand is as far from the user's, in the ticks in which it touches, as the summary says"
     result, shown, wanted = judge.result, judge.shown_posed, judge.wanted_posed
-    force = np.asarray(result["force/total"])
-    touch = (np.asarray(result["contacts/touching"]) > 0) | ((force**2).sum(axis=1) > 0.0)
+    touch = np.asarray(result["contacts/touching"]) > 0
     for part in ("position", "orientation", "flexion", "abduction"):
         given = np.asarray(result[f"haptic/{part}"])
         touch &= np.isfinite(given).reshape(len(given), -1).all(axis=1)
     palm = np.sqrt(((shown.position - wanted.position)[touch] ** 2).sum(axis=1))
-    joints = np.sqrt(((shown.joints - wanted.joints)[touch] ** 2).sum(axis=3)).reshape(len(palm), -1)
+    joints = np.sqrt(((shown.joints - wanted.joints)[touch] ** 2).sum(axis=3)).reshape(len(palm), 20)
     found = np.full(4, np.nan)
     if len(palm):
         found = np.array([palm.mean(), palm.max(), joints.mean(), joints.max()])

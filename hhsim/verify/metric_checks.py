@@ -29,8 +29,9 @@ REQUIRED = (
 ROUNDING = {
     **dict.fromkeys(("force_ripple_hold", "force_variation_hold", "force_variation_hold_std"), 1e-09),
     "force_variation_contact": 1e-9,
+    "tracking_palm": 1e-12,
 }
-"""Figures that are differences of large numbers: what rounding may leave of them [N, %]."""
+"""Figures that are differences of large numbers: what rounding may leave of them [N, %, m]."""
 
 
 def metric_claims(result: Result) -> list[Claim]:

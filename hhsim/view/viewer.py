@@ -215,9 +215,7 @@ def description(result: Result) -> str:
     return "\n".join([*lines, "", "## Options of the solver", "```json", solver, "```", ""])
 
 
-def read_ticks(
-    file: h5py.File, first: int, end: int, every: int, moved: RigidMotion | None = None
-) -> ShownTicks:
+def read_ticks(file: h5py.File, first: int, end: int, every: int, moved: RigidMotion | None = None) -> ShownTicks:
     """Ticks `first` to `end` (not included) of a result, every so-manieth of them; `moved` as of `shown_ticks`."""
 
     def column(name: str) -> Array:

@@ -18,7 +18,8 @@ def names(rows: tuple[SummaryRow, ...]) -> list[str]:
 
 def test_the_short_table_has_the_lines_that_matter() -> None:
     assert names(short_table(summary_rows(EVERY, 1000.0))) == [
-        *("penetration_max", "contact_error_max", "force_contact_mean", "force_contact_step", "force_variation_tremor"),
+        *("input_depth_max", "penetration_max", "contact_error_max", "force_contact_mean", "force_contact_step"),
+        *("force_variation_tremor", "correction_joint_mean"),
         *("tick_cpu_p50", "tick_cpu_p99", "stuck_ticks", "lag_ticks"),
     ]
 

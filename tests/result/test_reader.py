@@ -19,12 +19,12 @@ from hhsim.errors import InputError, OutputError
 from hhsim.motion.trajectory import TickPhase
 from hhsim.result.reader import CHUNK_TICKS, load_result
 from hhsim.result.schema import (
+    DRIVEN_SCHEMA_VERSION,
     EVENT_COLUMNS,
     LIVE_EVENT,
     LIVE_SAMPLE,
     LIVE_TICK,
     LIVE_TICK_COLUMNS,
-    DRIVEN_SCHEMA_VERSION,
     SCHEMA_VERSION,
     STATIC_COLUMNS,
     TICK_COLUMNS,

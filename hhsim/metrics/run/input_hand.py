@@ -4,10 +4,10 @@ import numpy as np
 
 from hhsim.metrics.metrics import statistics
 from hhsim.metrics.run_metric import RunMetric
-from hhsim.metrics.run_ticks import PLACED, RunTicks
+from hhsim.metrics.run_ticks import PLACED, TOUCHING, RunTicks
 
 HAPTIC = tuple(f"haptic/{name}" for name in ("position", "orientation", "flexion", "abduction"))
-TOUCHES = (*HAPTIC, *PLACED, "force/total", "contacts/touching")
+NEEDS = (*HAPTIC, *PLACED, TOUCHING)
 
 
 def _depth(run: RunTicks) -> float:
@@ -32,7 +32,7 @@ METRICS = (
         less_is_better=False,
         place=29,
         short="input depth",
-        needs=(*HAPTIC, *PLACED),
+        needs=NEEDS,
         compute=_depth,
     ),
     RunMetric(
@@ -43,7 +43,7 @@ METRICS = (
         scale=1e-3,
         less_is_better=False,
         place=52,
-        needs=TOUCHES,
+        needs=NEEDS,
         compute=lambda run: _mean(run, "palm"),
     ),
     RunMetric(
@@ -54,7 +54,7 @@ METRICS = (
         scale=1e-3,
         less_is_better=False,
         place=53,
-        needs=TOUCHES,
+        needs=NEEDS,
         compute=lambda run: _most(run, "palm"),
     ),
     RunMetric(
@@ -66,7 +66,7 @@ METRICS = (
         less_is_better=False,
         place=54,
         short="correction",
-        needs=TOUCHES,
+        needs=NEEDS,
         compute=lambda run: _mean(run, "joints"),
     ),
     RunMetric(
@@ -77,7 +77,7 @@ METRICS = (
         scale=1e-3,
         less_is_better=False,
         place=55,
-        needs=TOUCHES,
+        needs=NEEDS,
         compute=lambda run: _most(run, "farthest"),
     ),
 )

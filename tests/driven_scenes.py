@@ -1,0 +1,33 @@
+"""A motion and its object carried through the world together: what a driven object is tested by."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.hand.quaternion import quaternion
+from hhsim.motion.object_motion import ObjectMotion, RigidMotion
+from hhsim.motion.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+
+def swing(time: Array, speed: float = 3.0, turning: float = 20.0) -> RigidMotion:
+    """A rigid motion that reaches these speeds [m/s, rad/s], and begins in the world's frame."""
+    slow, quick = 2.0 * np.pi * 0.7, 2.0 * np.pi * 1.1
+    axis = np.array([1.0, 2.0, -0.5]) / np.linalg.norm([1.0, 2.0, -0.5])
+    angle = turning / slow * np.sin(slow * time)
+    way = speed / quick * np.sin(quick * time)
+    return RigidMotion(quaternion(angle[:, None] * axis), way[:, None] * np.array([0.6, 0.0, 0.8]))
+
+
+def carried(motion: Trajectory, by: RigidMotion) -> Trajectory:
+    """The hand and the object of a motion, both moved."""
+    count = motion.sample_count
+    place = np.tile(motion.object_position, (count, 1)), np.tile(motion.object_orientation, (count, 1))
+    return replace(
+        motion,
+        position=by.points(motion.position),
+        orientation=by.orientations(motion.orientation),
+        object_motion=ObjectMotion(by.points(place[0]), by.orientations(place[1])),
+    )

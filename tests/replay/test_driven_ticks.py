@@ -1,0 +1,219 @@
+"""A driven object: the hand beside it is the one beside a fixed object, moved; and every reader honours it."""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from conftest import Run
+from driven_scenes import carried, swing
+from sphere_scenes import bumpy_ball
+
+from hhsim.gate.input_hash import run_inputs
+from hhsim.hand.model import HandModel
+from hhsim.metrics.metrics import penetration
+from hhsim.metrics.run.registry import tick_figures
+from hhsim.metrics.run_ticks import result_ticks
+from hhsim.motion.file import save_trajectory
+from hhsim.motion.trajectory import Trajectory
+from hhsim.replay.repeat import run_again
+from hhsim.replay.replay import replay
+from hhsim.report.posed_result import posed_result
+from hhsim.result.motion import load_result_motion
+from hhsim.result.object_frame import TURNS
+from hhsim.result.reader import Result, load_result
+from hhsim.result.schema import OBJECT_COLUMNS, TICK_COLUMNS
+from hhsim.scene.motion_catalogue import load_script
+from hhsim.scene.scene import make_scene
+from hhsim.scene.synthesis import synthesize
+from hhsim.solver.options import SolverOptions
+from hhsim.verify.claim import FAILS
+from hhsim.verify.object_frame import seen_by_referee
+from hhsim.verify.verify import verify
+from tools.shapes.generators import sphere
+
+HAND = HandModel.default("right")
+MESH, TREE = sphere(0.076, 3), bumpy_ball(400)
+MEASURED = [column for column in TICK_COLUMNS if not column.name.startswith("duration/")]
+EQUAL = 1e-9
+
+
+@cache
+def motion() -> Trajectory:
+    script = load_script("grasp")
+    scale = 0.9 / script.duration
+    return synthesize(
+        replace(script, phases=tuple(replace(phase, duration=scale * phase.duration) for phase in script.phases)),
+        HAND,
+        TREE,
+    )
+
+
+def run(path: Path, moving: Trajectory, method: str = "coupled") -> Result:
+    replay(make_scene(MESH, TREE, HAND, moving), SolverOptions(method=method), path)
+    return load_result(path)
+
+
+@pytest.fixture(scope="module", params=["coupled", "progressive"])
+def runs(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Result, Result]:
+    """The same grasp beside a fixed object, and carried at up to 3 m/s and 20 rad/s."""
+    folder, fixed = tmp_path_factory.mktemp("driven"), motion()
+    moved = carried(fixed, swing(fixed.time))
+    return run(folder / "fixed.h5", fixed, request.param), run(folder / "driven.h5", moved, request.param)
+
+
+def test_the_result_is_that_of_the_fixed_object_moved(runs: tuple[Result, Result]) -> None:
+    fixed, driven = runs
+    moved = swing(np.asarray(fixed["time"]))
+    ways: dict[str, Callable[[Any], Any]] = {
+        "point": moved.points,
+        "vector": moved.vectors,
+        "orientation": moved.orientations,
+        "": lambda values: values,
+    }
+    assert driven.driven and not fixed.driven
+    assert np.asarray(fixed["contacts/touching"]).max() > 5
+    for column in MEASURED:
+        values = np.asarray(fixed[column.name])
+        shape = values.shape
+        if column.turns in ("point", "vector"):
+            values = values.reshape(len(values), -1, 3)
+        expected = ways[column.turns](values).reshape(shape)
+        np.testing.assert_allclose(driven[column.name], expected, atol=EQUAL, rtol=0.0, err_msg=column.name)
+
+
+def test_nothing_penetrates_where_the_input_is_deep(runs: tuple[Result, Result]) -> None:
+    for result in runs:
+        assert np.asarray(result["penetration_depth"]).max() == 0.0
+        assert result.summary["input_depth_max"] > 5e-3
+    # Not as the file says but as its world has it: the object's spheres moved, tick by tick.
+    result = runs[1]
+    static, moved = result.static, result.moved_since_first()
+    for tick in range(0, result.ticks, 60):
+        part = slice(tick, tick + 1)
+        one = type(moved)(moved.turn[part], moved.shift[part])
+        tree = replace(TREE, center=one.points(static["object/tree/center"][None])[0])
+        depth = penetration(
+            *(tree.arrays(), static["hand/phalanx_radius"], static["hand/palm_center"], static["hand/palm_radius"]),
+            *(result[f"graphic/{name}"][part] for name in ("joints", "position", "orientation")),
+        ).depth
+        # There and back a coordinate of a metre loses its last digits.
+        assert depth.max() < 1e-12
+
+
+def test_every_figure_is_that_of_the_fixed_object(runs: tuple[Result, Result]) -> None:
+    fixed, driven = (tick_figures(result_ticks(result)) for result in runs)
+    timed = {name for name in fixed if name.startswith("tick_")}
+    for name in fixed.keys() - timed:
+        np.testing.assert_allclose(driven[name], fixed[name], rtol=1e-7, atol=1e-9, err_msg=name)
+        stored = runs[1].summary[name]
+        np.testing.assert_allclose(stored, driven[name], rtol=1e-12, atol=1e-15, err_msg=name)
+    assert posed_result(runs[1]).deepest == 0.0
+    assert run_inputs(runs[1]).motion == pytest.approx(run_inputs(runs[0]).motion, abs=1e-9)
+
+
+def test_the_haptic_hand_and_the_object_are_in_the_file_to_the_bit(runs: tuple[Result, Result]) -> None:
+    moved = carried(motion(), swing(motion().time))
+    assert moved.object_motion is not None
+    count = runs[1].ticks
+    assert np.asarray(runs[1]["haptic/position"]).tobytes() == moved.position[:count].tobytes()
+    for values, stored in zip(moved.object_motion, runs[1].object_motion()):
+        assert values[:count].tobytes() == np.asarray(stored).tobytes()
+    back = load_result_motion(runs[1].path)
+    assert back.object_motion is not None
+    assert back.object_motion.position.tobytes() == moved.object_motion.position[:count].tobytes()
+
+
+def test_the_referee_finds_every_claim_true_and_sees_what_the_library_sees(runs: tuple[Result, Result]) -> None:
+    found = verify(runs[1], every=40)
+    assert [claim.name for claim in found.claims if claim.verdict == FAILS] == []
+    ours, theirs = runs[1].seen_from_object, runs[1].seen_by(seen_by_referee)
+    for name, turns in TURNS.items():
+        one, other = np.asarray(ours[name]), np.asarray(theirs[name])
+        if turns == "orientation":
+            other = other * np.sign((one * other).sum(axis=1, keepdims=True))
+        np.testing.assert_allclose(other, one, atol=1e-12, err_msg=name)
+
+
+@pytest.mark.parametrize(
+    ("dataset", "claims"),
+    [
+        ("tick/object/position", {"depth", "object at first"}),
+        ("tick/object/orientation", {"object poses"}),
+    ],
+)
+def test_a_changed_pose_of_the_object_is_found(
+    runs: tuple[Result, Result], tmp_path: Path, dataset: str, claims: set[str]
+) -> None:
+    path = tmp_path / "changed.h5"
+    path.write_bytes(runs[1].path.read_bytes())
+    with h5py.File(path, "r+") as file:
+        file[dataset][:] = np.asarray(file[dataset]) * 1.01 + 1e-3
+    failed = {claim.name for claim in verify(load_result(path), every=40).claims if claim.verdict == FAILS}
+    assert claims <= failed
+
+
+def test_a_driven_result_runs_again_bit_for_bit(runs: tuple[Result, Result]) -> None:
+    assert run_again(runs[1]).identical
+
+
+def test_a_fixed_object_has_no_pose_a_tick_and_the_old_schema(runs: tuple[Result, Result]) -> None:
+    names = {column.name for column in OBJECT_COLUMNS}
+    assert not names & set(runs[0].keys()) and names <= set(runs[1].keys())
+    assert (runs[0].schema_version, runs[1].schema_version) == (3, 4)
+    assert runs[0].seen_from_object is runs[0]
+    assert runs[1].at(7, ["graphic/position"])["graphic/position"].tolist() == runs[1]["graphic/position"][7].tolist()
+    seen = runs[1].seen_from_object
+    (block, *_) = seen.blocks(["force/total"], 100)
+    np.testing.assert_array_equal(block["force/total"], seen["force/total"][:100])
+
+
+@pytest.mark.parametrize(("speed", "turning"), [(0.0, 20.0), (3.0, 0.0), (0.4, 2.0)])
+def test_any_motion_of_both_leaves_what_is_between_them(tmp_path: Path, speed: float, turning: float) -> None:
+    fixed = motion()
+    moved = run(tmp_path / "driven.h5", carried(fixed, swing(fixed.time, speed, turning)))
+    still = run(tmp_path / "fixed.h5", fixed)
+    seen = moved.seen_from_object
+    for column in MEASURED:
+        np.testing.assert_allclose(seen[column.name], still[column.name], atol=EQUAL, rtol=0.0, err_msg=column.name)
+    assert np.asarray(moved["penetration_depth"]).max() == 0.0
+
+
+def test_a_hand_at_rest_meets_an_object_that_comes(tmp_path: Path) -> None:
+    """The inverse: the world of the object turned round, where the hand's way is the object's."""
+    fixed = motion()
+    seen = fixed.seen_from_object()
+    count = seen.sample_count
+    from hhsim.motion.object_motion import ObjectMotion, RigidMotion
+
+    hand = ObjectMotion(fixed.position, fixed.orientation).since(fixed.position[0], fixed.orientation[0])
+    back = RigidMotion(hand.turn * [1.0, -1.0, -1.0, -1.0], np.zeros((count, 3)))
+    back = back._replace(shift=-back.vectors(hand.shift))
+    turned = carried(fixed, back)
+    assert np.ptp(turned.position, axis=0).max() < 1e-12
+    result, still = run(tmp_path / "driven.h5", turned), run(tmp_path / "fixed.h5", fixed)
+    for name in ("graphic/joints", "force/total", "force/palm_wrench"):
+        np.testing.assert_allclose(result.seen_from_object[name], still[name], atol=EQUAL, rtol=0.0, err_msg=name)
+    assert np.asarray(result["penetration_depth"]).max() == 0.0
+
+
+def test_the_command_line_drives_or_fixes_the_object_of_a_recording(run: Run, tmp_path: Path) -> None:
+    grasp = synthesize(load_script("pinch"), HAND, TREE)
+    fixed = grasp.placed([0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])
+    save_trajectory(carried(fixed, swing(fixed.time, 0.5, 2.0)), tmp_path / "carried.h5")
+    options = ("--level", "2", "--json", "--quiet")
+    for asked, driven in (("recorded", True), ("fixed", False)):
+        answer = run("replay", "sphere", "carried.h5", "--object-pose", asked, "--out", f"{asked}.h5", *options)
+        assert answer.code == 0, answer.err
+        assert {"input_depth_max", "correction_joint_mean"} <= json.loads(answer.out).keys()
+        assert load_result(tmp_path / f"{asked}.h5").driven is driven
+    assert load_result(tmp_path / "fixed.h5").scene["object_pose"] == "fixed"
+    refused = run("replay", "sphere", "carried.h5", "--place-object", "auto")
+    assert refused.code == 2 and "--place-object auto needs --object-pose fixed" in refused.err
+    refused = run("replay", "sphere", "pinch", "--object-pose", "fixed")
+    assert refused.code == 2 and "--object-pose is for recordings" in refused.err
