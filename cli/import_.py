@@ -100,6 +100,10 @@ class HandData(OptionGroup, heading="MANO, UmeTrack, LeRobot"):
     profile: Path | None = option(
         type=FILE, metavar="JSON", help="Sizes of an UmeTrack hand. Default: *user_profile.json beside the recording."
     )
+    object_track: str | None = option(
+        metavar="UID",
+        help="Object that moves with an UmeTrack hand, of dynamic_objects.csv beside it. Default: the only one.",
+    )
     episode: int | None = option(
         type=click.IntRange(0), metavar="N", help="Episode of a LeRobot file. Default: the only one."
     )
@@ -109,7 +113,7 @@ class HandData(OptionGroup, heading="MANO, UmeTrack, LeRobot"):
         from hhsim.recordings.recording_format import ManoOptions
 
         mano = ManoOptions(self.mano_model, self.mano_pose)
-        return {"mano": mano, "profile": self.profile, "episode": self.episode}
+        return {"mano": mano, "profile": self.profile, "object_track": self.object_track, "episode": self.episode}
 
 
 class DexmoCalibration(OptionGroup, heading="Dexmo glove"):

@@ -2,16 +2,22 @@
 
 `{"timestamp_ns": …, "hand_poses": {"0": {"wrist_xform": {"t_xyz": […], "q_wxyz": […]}, "joint_angles": […]}}}`; hand 0
 is the left one, 1 the right. UmeTrack's numbers are `joint_angles`, MANO's `pose`, with the shape in `betas`.
+
+The objects lie beside, in `dynamic_objects.csv`: object_uid, timestamp[ns], t_wo_x[m] …, q_wo_w …, the pose of each
+object's own frame in the same world.
 """
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.errors import TrajectoryError
+from hhsim.errors import InputError, TrajectoryError
+from hhsim.motion.object_motion import ObjectMotion
 from hhsim.motion.trajectory import HandSide
+from hhsim.recordings.csv_table import read_table
 from hhsim.recordings.joint_positions import chosen_side
 from hhsim.recordings.json_document import keys_of, number, objects, read_json
 from hhsim.recordings.recording import Finding, note
@@ -20,6 +26,13 @@ Array = NDArray[np.float64]
 
 HANDS: dict[str, HandSide] = {"0": "left", "1": "right"}
 MOST_NUMBERS = 256
+OBJECTS = "dynamic_objects.csv"
+OBJECT_UID = "object_uid"
+OBJECT_COLUMNS = (
+    "timestamp[ns]",
+    *(f"t_wo_{axis}[m]" for axis in "xyz"),
+    *(f"q_wo_{part}" for part in "wxyz"),
+)
 SAME_MOMENT = 1e6
 """Stamps closer than this [ns] are of one moment: a second camera's."""
 
@@ -31,6 +44,7 @@ class PoseLines:
     Attributes:
         hand: Which.
         time: Stamps from the first one on [s], NaN where missing, shape (T,).
+        stamps: As in the file [ns], NaN where missing, shape (T,).
         translation: Of the wrist [m], world, shape (T, 3).
         orientation: Of the wrist (w, x, y, z), shape (T, 4).
         numbers: Under the key that was asked for, NaN where missing, shape (T, N).
@@ -40,6 +54,7 @@ class PoseLines:
 
     hand: HandSide
     time: Array
+    stamps: Array
     translation: Array
     orientation: Array
     numbers: Array
@@ -84,6 +99,7 @@ def read_pose_lines(text: str, key: str, wanted: HandSide) -> PoseLines:
     return PoseLines(
         hand=side,
         time=1e-9 * (stamps - (finite[0] if finite.size else 0.0)),
+        stamps=stamps,
         translation=_rows([frame.get("t_xyz") for frame in frames], 3),
         orientation=_rows([frame.get("q_wxyz") for frame in frames], 4),
         numbers=_rows([pose[key] for _, pose in seen[side]], wide),
@@ -107,3 +123,44 @@ def _rows(values: list[Any], width: int) -> Array:
         if isinstance(value, list) and len(value) == width:
             row[:] = [number(item) for item in value]
     return rows
+
+
+def object_beside(
+    recording: Path | None, stamps: Array, wanted: str | None
+) -> tuple[ObjectMotion | None, Finding | None]:
+    """The motion of one of the objects that lie beside a recording, and what there is to say.
+
+    Args:
+        recording: The file of the hand.
+        stamps: Of its samples [ns], shape (T,).
+        wanted: The uid of the object; None takes the only one, and of several none.
+
+    Raises:
+        InputError: An object is wanted, and there is no such one.
+        TrajectoryError: A table of other columns.
+    """
+    path = None if recording is None else recording.parent / OBJECTS
+    if path is None or not path.is_file():
+        if wanted is not None:
+            raise InputError(f"--object-track {wanted}: there is no {OBJECTS} beside the recording")
+        return None, None
+    table = read_table(path.read_text(encoding="utf-8", errors="replace"))
+    missing = [column for column in (OBJECT_UID, *OBJECT_COLUMNS) if column not in table.header]
+    if missing:
+        raise TrajectoryError(f"{path.name} beside the recording lacks the column {missing[0]}")
+    which = np.array([cells[table.header.index(OBJECT_UID)].strip() for cells in table.rows])
+    rows, _ = table.numbers(OBJECT_COLUMNS)
+    uids = list(dict.fromkeys(which.tolist()))
+    ways = {uid: 1e3 * float(np.ptp(rows[which == uid, 1:4], axis=0).max()) for uid in uids}
+    known = ", ".join(f"{uid} ({way:.0f} mm of way)" for uid, way in sorted(ways.items(), key=lambda item: -item[1]))
+    if wanted is None and len(uids) != 1:
+        return None, note(f"{OBJECTS} beside it holds {len(uids)} objects: --object-track takes one of {known}")
+    uid = uids[0] if wanted is None else wanted
+    if uid not in ways:
+        raise InputError(f"--object-track {uid}: {OBJECTS} beside the recording holds {known}")
+    track = rows[which == uid]
+    # Of the same moment as the hand: the stamps are those of the same frames.
+    place = np.array([int(np.argmin(np.abs(track[:, 0] - stamp))) if stamp == stamp else 0 for stamp in stamps])
+    poses = np.where((np.abs(track[place, 0] - stamps) < SAME_MOMENT)[:, None], track[place, 1:], np.nan)
+    found = note(f"object {uid} moves as {OBJECTS} beside it has it, by {ways[uid]:.0f} mm")
+    return ObjectMotion(*np.split(poses, [3], axis=1)), found

@@ -55,6 +55,7 @@ class ReadOptions:
         hand_length: Of the recorded hand [m], where its joints have no scale.
         mano: What the numbers of a MANO pose mean, and the file of its model.
         profile: File with the sizes of an UmeTrack hand.
+        object_track: Uid of the object that moves with an UmeTrack hand, where the table beside holds several.
         episode: Number of the episode, where a file holds several.
         dexmo: The calibration of a Dexmo glove.
         poses: When a Dexmo glove's hand was in the poses of its calibration.
@@ -70,6 +71,7 @@ class ReadOptions:
     hand_length: float | None = None
     mano: ManoOptions = ManoOptions()
     profile: Path | None = None
+    object_track: str | None = None
     episode: int | None = None
     dexmo: DexmoRegression | None = None
     poses: Poses | None = None

@@ -5,7 +5,8 @@ rest positions of landmarks and the frame that each follows. It describes a left
 the wrist's frame. A joint turns all that follows it about its axis through its rest position.
 
 The file beside the recording whose name ends in user_profile.json is taken, or that of --profile. The files do not say
-which axis of the world points up: on Quest it is y, on Aria z.
+which axis of the world points up: on Quest it is y, on Aria z. The object that the hand moves is that of --object-track
+in HOT3D's dynamic_objects.csv beside the recording, or the only one there.
 """
 
 import json
@@ -17,9 +18,11 @@ from numpy.typing import NDArray
 
 from hhsim.errors import TrajectoryError
 from hhsim.hand.quaternion import quaternion, rotation_matrix
+from hhsim.motion.object_motion import ObjectMotion
+from hhsim.recordings.frames import to_our_world
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
 from hhsim.recordings.json_document import keys_of
-from hhsim.recordings.pose_lines import read_pose_lines
+from hhsim.recordings.pose_lines import object_beside, read_pose_lines
 from hhsim.recordings.recording import Recording, note
 from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
 
@@ -51,7 +54,10 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     up = options.world_up
     if up is None:
         findings.append(note("the file does not say which axis is up: y, as on Quest; on Aria it is z: --world-up"))
-    return recording_of_joints(
+    moved, said = object_beside(content.path, poses.stamps, options.object_track)
+    if said is not None:
+        findings.append(said)
+    recording = recording_of_joints(
         JointPositions(
             time=poses.time,
             position=points,
@@ -63,6 +69,9 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         ),
         content.name,
         options,
+    )
+    return (
+        recording if moved is None else recording.changed(object_motion=ObjectMotion(*to_our_world(*moved, up or "y")))
     )
 
 
