@@ -47,7 +47,7 @@ AS_THEY_ARE = 6_000
 """Up to so many ticks a curve is drawn point by point, from then on as a band."""
 STRETCHES = 700
 """Of the axis, each with its own width of the band."""
-PHASE_COLORS = {HOLD: "#e6eef6", "slide": "#fbefdd"}
+PHASE_COLORS = {HOLD: "#e6eef6", "slide": "#fbefdd", "carry": "#fbefdd"}
 """Of the phases that the paper's figures shade; the others stay white."""
 PAPER_VARIATION = 0.18
 """One-tick change of the force in a hold that the paper states, at 1 kHz [%]."""

@@ -37,6 +37,12 @@ their defaults where they have one::
     distance = 0.03        # [m]
 
     [[phase]]
+    name = "carry"         # hand and object go along an arc together, upright and at one height
+    duration = 1.2
+    distance = 0.4         # of the arc [m]
+    turn = 1.57            # of both, from x to y [rad]; default: 0, straight on
+
+    [[phase]]
     name = "release"       # the fingers open and the hand goes back to where it started
     duration = 0.8
 
@@ -78,7 +84,7 @@ from hhsim.system.toml_document import check_keys, checked_number, checked_text,
 
 DEFAULT_FINGERS: dict[str, tuple[str, ...]] = {"touch": ("index",), "pinch": ("thumb", "index"), "grasp": FINGERS}
 """The fingers that a closing phase closes where it names none."""
-PHASE_NAMES = ("approach", *DEFAULT_FINGERS, "hold", "slide", "release")
+PHASE_NAMES = ("approach", *DEFAULT_FINGERS, "hold", "slide", "carry", "release")
 MAX_SAMPLES = 10_000_000
 """More samples than this are a slip of the pen: about three hours at 1 kHz."""
 
@@ -91,7 +97,8 @@ class ScriptPhase:
         name: One of `PHASE_NAMES`.
         duration: [s].
         fingers: Those that are closed at its end; closing phases only.
-        distance: How far it slides [m]; slide only.
+        distance: How far it slides, or carries the object [m]; slide and carry only.
+        turn: Of hand and object about the vertical [rad]; carry only.
         touch: What must be touched at its end; None where the script leaves it open; hold only.
     """
 
@@ -99,6 +106,7 @@ class ScriptPhase:
     duration: float
     fingers: tuple[str, ...] = ()
     distance: float = 0.0
+    turn: float = 0.0
     touch: tuple[Touch, ...] | None = None
 
 
@@ -167,7 +175,7 @@ class Script:
     @property
     def slide_distance(self) -> float:
         """Sum of the slides [m]."""
-        return math.fsum(phase.distance for phase in self.phases)
+        return math.fsum(phase.distance for phase in self.phases if phase.name == "slide")
 
     @property
     def fingers(self) -> tuple[str, ...]:
@@ -186,7 +194,7 @@ class Script:
             elif phase.name in DEFAULT_FINGERS:
                 parts = [*phase.fingers, *([PALM] if self.palm_depth > 0.0 else [])] if self.contact else []
                 usual = tuple(Touch(part) for part in parts)
-            else:
+            elif phase.name != "carry":
                 usual = ()
         return tuple(found)
 
@@ -274,7 +282,7 @@ def _phases(where: str, given: Any, contact: bool) -> tuple[ScriptPhase, ...]:
 
 
 def _phase(where: str, table: Mapping[str, Any]) -> ScriptPhase:
-    _check_keys(where, table, ("name", "duration", "fingers", "distance", "touch"))
+    _check_keys(where, table, ("name", "duration", "fingers", "distance", "turn", "touch"))
     for key in ("name", "duration"):
         if key not in table:
             raise TrajectoryError(f"{where} has no {key}")
@@ -283,18 +291,23 @@ def _phase(where: str, table: Mapping[str, Any]) -> ScriptPhase:
         raise TrajectoryError(f"{where}: {UnknownNameError('phase', name, PHASE_NAMES)}")
     where = f"{where} ({name})"
     duration = _number(where, "duration", table["duration"], 0.001, 3600.0)
-    if "distance" in table and name != "slide":
-        raise TrajectoryError(f"{where}: distance belongs to a slide")
+    if "distance" in table and name not in ("slide", "carry"):
+        raise TrajectoryError(f"{where}: distance belongs to a slide or a carry")
+    if "turn" in table and name != "carry":
+        raise TrajectoryError(f"{where}: turn belongs to a carry")
     if "fingers" in table and name not in DEFAULT_FINGERS:
         raise TrajectoryError(f"{where}: fingers belong to {', '.join(DEFAULT_FINGERS)}")
     if "touch" in table and name != "hold":
         raise TrajectoryError(f"{where}: touch belongs to a hold")
     if name == "hold":
         return ScriptPhase(name, duration, touch=parse_touch(where, table["touch"]) if "touch" in table else None)
-    if name == "slide":
+    if name in ("slide", "carry"):
         if "distance" not in table:
             raise TrajectoryError(f"{where} has no distance [m]")
-        return ScriptPhase(name, duration, distance=_number(where, "distance", table["distance"], 0.0, 1.0))
+        distance = _number(where, "distance", table["distance"], 0.0, 1.0 if name == "slide" else 10.0)
+        return ScriptPhase(
+            name, duration, distance=distance, turn=_number(where, "turn", table.get("turn", 0.0), -7, 7)
+        )
     fingers = table.get("fingers", list(DEFAULT_FINGERS.get(name, ())))
     if not isinstance(fingers, list) or (name in DEFAULT_FINGERS and not fingers):
         raise TrajectoryError(f'{where}: fingers = {fingers!r}; expected a list such as ["thumb", "index"]')

@@ -5,8 +5,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
-from hhsim.hand.quaternion import quaternion_from_matrix
+from hhsim.hand.quaternion import quaternion, quaternion_from_matrix
 from hhsim.kernels.rotation import quaternion_to_matrix
+from hhsim.motion.object_motion import ObjectMotion, RigidMotion
 from hhsim.motion.trajectory import Phase, Trajectory
 from hhsim.motion.tremor import Disturbance
 from hhsim.scene.closure_at_pose import close_placed, find_placement
@@ -54,7 +55,8 @@ def synthesize(
         object_orientation: Recorded with the motion (w, x, y, z), shape (4,).
 
     Returns:
-        A trajectory of script.duration · script.rate samples; the same arguments give the same bytes.
+        A trajectory of script.duration · script.rate samples, whose object moves where the script carries it; the same
+        arguments give the same bytes.
 
     Raises:
         TrajectoryError: The script cannot be done on this object.
@@ -68,10 +70,17 @@ def synthesize(
     abduction = np.tile(closure.abduction, (time.shape[0], 1))
     noise = disturbance if disturbance is not None else script.disturbance
     position, orientation, flexion = noise.apply(seed, time, position, orientation, flexion)
+    moved = carried(script, time, np.asarray(object_position, dtype=np.float64))
+    object_motion = None
+    if moved is not None:
+        position, orientation = moved.points(position), moved.orientations(orientation)
+        places = (np.tile(values, (time.shape[0], 1)) for values in (object_position, object_orientation))
+        object_motion = ObjectMotion(moved.points(next(places)), moved.orientations(next(places)))
     return Trajectory(
         time=time,
         position=position,
         orientation=orientation,
+        object_motion=object_motion,
         flexion=flexion,
         abduction=abduction,
         phases=course.phases,
@@ -81,6 +90,43 @@ def synthesize(
         source=_source(script, closure, hand, seed, noise),
         licence="Apache-2.0",
     )
+
+
+def carried(script: Script, time: Array, start: Array) -> RigidMotion | None:
+    """How a script carries hand and object about at each sample; None where it does not.
+
+    Args:
+        script: What the hand does.
+        time: Of the samples [s], shape (T,).
+        start: The object's origin, where the first arc begins [m], shape (3,).
+    """
+    if not any(phase.name == "carry" for phase in script.phases):
+        return None
+    heading, place = np.zeros(len(time)), np.tile(start, (len(time), 1))
+    begin = 0.0
+    for phase in script.phases:
+        if phase.name == "carry":
+            share = _share(time, begin, phase.duration)
+            # Every later sample stands at the end of the arc, until another arc goes on from there.
+            first, turned = heading[-1], phase.turn * minimum_jerk(share)
+            # Chord and middle heading of the arc so far; sinc(x) is sin(πx)/(πx), and whole where the way is straight.
+            chord = phase.distance * minimum_jerk(share) * np.sinc(0.5 * turned / np.pi)
+            along = first + 0.5 * turned
+            place = place + chord[:, None] * np.stack([np.cos(along), np.sin(along), np.zeros(len(time))], axis=1)
+            heading = heading + turned
+        begin += phase.duration
+    turn = quaternion(np.stack([np.zeros(len(time)), np.zeros(len(time)), heading], axis=1))
+    return RigidMotion(turn, place - RigidMotion(turn, np.zeros_like(place)).points(np.tile(start, (len(time), 1))))
+
+
+def _share(time: Array, start: float, duration: float) -> Array:
+    """Of a phase, at each sample: below 0 before it, above 1 after it.
+
+    A sample at its end has arrived, whatever rounding makes of its stamp: a hold stands still.
+    """
+    share = (time - start) / duration
+    share[np.abs(share - 1.0) < END] = 1.0
+    return np.asarray(share)
 
 
 def planned(
@@ -125,10 +171,7 @@ class _Course:
         phases = []
         start = 0.0
         for phase in script.phases:
-            share = (time - start) / phase.duration
-            # A sample at the end of a phase has arrived, whatever rounding makes of its stamp: a hold stands still.
-            share[np.abs(share - 1.0) < END] = 1.0
-            self._play(script, phase, share)
+            self._play(script, phase, _share(time, start, phase.duration))
             phases.append(Phase(phase.name, start, start + phase.duration))
             start += phase.duration
         self.phases = tuple(phases)

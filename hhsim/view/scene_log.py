@@ -82,6 +82,7 @@ STATE_COLORS: Mapping[str, Mapping[str, tuple[int, int, int]]] = {
         "grasp": (242, 142, 43),
         "hold": (89, 161, 79),
         "slide": (176, 122, 161),
+        "carry": (255, 157, 167),
         "release": (156, 117, 95),
     },
     "ticks": {"settled": (70, 110, 75), "lag": (242, 142, 43), "stuck": (225, 87, 89), "full": (225, 87, 89)},

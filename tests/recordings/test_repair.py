@@ -9,6 +9,7 @@ from recording_samples import smooth_recording
 
 from hhsim.errors import HhsimError, InputError, TrajectoryError
 from hhsim.hand.model import HandModel
+from hhsim.motion.object_motion import ObjectMotion
 from hhsim.motion.sample_flags import FLAG_MEANINGS, MENDED, SampleFlag, marked
 from hhsim.motion.trajectory import Phase, RawChannel
 from hhsim.recordings.hand_displacement import turn
@@ -367,3 +368,38 @@ def test_repairing_twice_changes_nothing() -> None:
     assert twice.trajectory.flags is not None and (twice.trajectory.flags == once.flags).all()
     assert twice.findings == ()
     assert isinstance(HhsimError(), Exception) and MENDED
+
+
+def test_holes_in_the_objects_motion_are_filled_and_reported() -> None:
+    place, turned = CLEAN.position + 0.1, np.tile([1.0, 0.0, 0.0, 0.0], (CLEAN.sample_count, 1))
+    place[40:44] = np.nan
+    turned[60] = 0.0
+    given = replace(CLEAN, object_motion=ObjectMotion(place, turned))
+    repaired = repair(given)
+    moved = repaired.trajectory.object_motion
+    assert moved is not None and (moved.orientation == [1.0, 0.0, 0.0, 0.0]).all()
+    np.testing.assert_allclose(moved.position[40:44], CLEAN.position[40:44] + 0.1, atol=2e-3)
+    (found,) = (finding for finding in repaired.findings if finding.kind == "object")
+    assert found.samples == 5
+    place[100:900] = np.nan
+    with pytest.raises(TrajectoryError, match="object position is missing"):
+        repair(replace(CLEAN, object_motion=ObjectMotion(place, turned)), RepairOptions(max_gap=0.05))
+
+
+def test_the_objects_motion_is_cut_sorted_and_scaled_with_the_hands() -> None:
+    turned = np.tile([1.0, 0.0, 0.0, 0.0], (CLEAN.sample_count, 1))
+    given = replace(CLEAN, object_motion=ObjectMotion(CLEAN.position + 0.1, turned)).chosen(
+        np.arange(CLEAN.sample_count)[::-1]
+    )
+    millimetres = given.resized(1e3)
+    options = RepairOptions(length_unit="mm", start=float(CLEAN.time[20]))
+    motion = repair(millimetres, options).trajectory
+    assert motion.object_motion is not None and motion.sample_count < CLEAN.sample_count
+    np.testing.assert_allclose(motion.object_motion.position, motion.position + 0.1, atol=1e-12)
+
+
+@pytest.mark.parametrize("options", [RepairOptions(mirror=True), RepairOptions(scale_to=0.2, hand_length=0.18)])
+def test_what_would_part_hand_and_object_is_refused(options: RepairOptions) -> None:
+    turned = np.tile([1.0, 0.0, 0.0, 0.0], (CLEAN.sample_count, 1))
+    with pytest.raises(InputError, match="would part the hand from the object"):
+        repair(replace(CLEAN, object_motion=ObjectMotion(CLEAN.position, turned)), options)

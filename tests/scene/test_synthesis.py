@@ -11,8 +11,8 @@ from hhsim.motion.trajectory import Trajectory
 from hhsim.motion.tremor import Disturbance
 from hhsim.scene.closure_search import plan_finger_closure
 from hhsim.scene.motion_catalogue import load_script
-from hhsim.scene.script import parse_script
-from hhsim.scene.synthesis import minimum_jerk, synthesize
+from hhsim.scene.script import ScriptPhase, parse_script
+from hhsim.scene.synthesis import carried, minimum_jerk, synthesize
 from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
@@ -181,3 +181,35 @@ def test_a_hold_stands_still_to_the_last_bit(durations: tuple[float, ...]) -> No
     assert np.count_nonzero(held) > 90
     for values in (motion.position[held], motion.orientation[held], motion.flexion[held]):
         assert (values == values[0]).all()
+
+
+def test_a_carry_takes_hand_and_object_along_one_arc_and_leaves_what_is_between_them() -> None:
+    script = load_script("carry")
+    (carry,) = (phase for phase in script.phases if phase.name == "carry")
+    still = replace(script, phases=tuple(replace(p, name="hold") if p is carry else p for p in script.phases))
+    motion, held = synthesize(script, HAND, ball()), synthesize(still, HAND, ball())
+    assert motion.object_motion is not None and held.object_motion is None
+    way = np.linalg.norm(np.diff(motion.object_motion.position, axis=0), axis=1)
+    assert way.sum() == pytest.approx(carry.distance, rel=1e-5)
+    begin, end = motion.object_motion.orientation[[0, -1]]
+    np.testing.assert_allclose(begin, [1.0, 0.0, 0.0, 0.0])
+    np.testing.assert_allclose(end, [np.cos(0.5 * carry.turn), 0.0, 0.0, np.sin(0.5 * carry.turn)], atol=1e-12)
+    # A quarter of a circle: as far across as ahead.
+    radius = carry.distance / carry.turn
+    np.testing.assert_allclose(motion.object_motion.position[-1], [radius, radius, 0.0], atol=1e-5)
+    seen = motion.seen_from_object()
+    np.testing.assert_allclose(seen.position, held.position, atol=1e-13)
+    assert motion.flexion.tobytes() == held.flexion.tobytes()
+
+
+def test_arcs_go_on_from_each_other_and_a_carry_without_turn_is_straight() -> None:
+    arc = ScriptPhase("carry", 0.5, distance=0.2, turn=np.pi)
+    script = replace(load_script("pinch"), phases=(ScriptPhase("approach", 0.2), arc, arc, replace(arc, turn=0.0)))
+    time = np.arange(script.sample_count + 1) / script.rate
+    moved = carried(script, time, np.array([1.0, 2.0, 3.0]))
+    assert moved is not None
+    place = moved.points(np.tile([1.0, 2.0, 3.0], (len(time), 1)))
+    back = np.searchsorted(time, 1.2)
+    # Two halves of a circle end where they began, and then it goes straight on.
+    np.testing.assert_allclose(place[back], place[0], atol=1e-12)
+    np.testing.assert_allclose(place[-1] - place[back], [0.2, 0.0, 0.0], atol=1e-12)

@@ -42,6 +42,18 @@ def test_arrays_come_in_as_they_are() -> None:
     assert recording.hand == "" and "names no frame" in recording.findings[0].text
 
 
+def test_the_objects_pose_comes_in_and_stands_up_with_the_world() -> None:
+    place, turn = CLEAN.position + 0.1, CLEAN.orientation[::-1]
+    data = archive(object_pos=place, object_quat_wxyz=turn, meta=json.dumps({"frame": "y up"}))
+    moved = read_as("npz", data).object_motion
+    assert moved is not None
+    for values, expected in zip(moved, to_our_world(place, turn, "y")):
+        np.testing.assert_allclose(values, expected)
+    assert read_as("npz", archive()).object_motion is None
+    with pytest.raises(TrajectoryError, match="no array 'object_quat_wxyz'"):
+        read_as("npz", archive(object_pos=place))
+
+
 @pytest.mark.parametrize(("key", "order"), [("wrist_quat_wxyz", [0, 1, 2, 3]), ("wrist_quat_xyzw", [1, 2, 3, 0])])
 def test_both_orders_of_quaternions(key: str, order: list[int]) -> None:
     data = archive(wrist_quat=None, **{key: CLEAN.orientation[:, order]})
