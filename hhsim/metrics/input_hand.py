@@ -4,6 +4,7 @@ A fact of the motion and of what the method made of it: a recorded hand is in th
 mesh are off by, or because its user pressed.
 """
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,6 +15,11 @@ from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.hand.hand_shape import HandShape
+from hhsim.kernels.mesh.bvh import build_mesh_bvh
+from hhsim.kernels.mesh.features import MeshFeatures
+from hhsim.mesh.mesh import Mesh
+from hhsim.mesh.topology import merged_vertices
+from hhsim.metrics.mesh_penetration import mesh_clearance
 from hhsim.metrics.metrics import penetration
 
 Array = NDArray[np.float64]
@@ -24,6 +30,8 @@ FIRST_LOOKS = 32
 """Ticks between two that are looked at whatever the others are."""
 SAME_DEPTH = 1e-6
 """The deepest tick is found to this [m]: finer than any table shows."""
+AWAY = 1e3
+"""Where a finger is that is not to be measured [m]."""
 
 
 class Correction(NamedTuple):
@@ -54,8 +62,7 @@ class InputHand(NamedTuple):
 
 def input_hand(
     hand: HandModel,
-    surface: Any,
-    fingers: NDArray[np.bool_],
+    depths: "Depths",
     haptic: HandConfiguration,
     shown: PlacedHand,
     touch: NDArray[np.bool_],
@@ -64,8 +71,7 @@ def input_hand(
 
     Args:
         hand: The hand.
-        surface: Of the object, where it stands still.
-        fingers: Which ones are modelled, shape (5,).
+        depths: In the object, where it stands still.
         haptic: The user's hand at each tick, as the object sees it; ticks that are not finite are left out.
         shown: Where the shown hand is, in the same frame.
         touch: Ticks with a touching pair, shape (T,).
@@ -73,37 +79,80 @@ def input_hand(
     finite = np.logical_and.reduce([np.isfinite(values).reshape(len(values), -1).all(axis=1) for values in haptic])
     finite &= np.linalg.norm(haptic.orientation, axis=1) > 0.0
     known = np.flatnonzero(finite)
-    shape = _shape(hand)
     depth, parts = 0.0, [Correction(np.empty(0), np.empty(0), np.empty(0))]
     for first in range(0, len(known), BLOCK_TICKS):
         chosen = known[first : first + BLOCK_TICKS]
         placed = forward_kinematics(hand, *haptic.at(chosen))
-        depth = deepest(surface, shape, placed, fingers, depth)
+        depth = deepest(depths, hand.palm_tree.leaf_center, placed, depth)
         touching = touch[chosen]
         parts.append(_correction(placed.at(np.flatnonzero(touching)), shown.at(chosen[touching])))
     return InputHand(depth, Correction(*(np.concatenate(values) for values in zip(*parts))))
 
 
-def deepest(
-    surface: Any, shape: HandShape, placed: PlacedHand, fingers: NDArray[np.bool_], known: float = 0.0
-) -> float:
+Depths = Callable[[PlacedHand], Array]
+"""Depths of some hands [m], shape (T, 6) of each finger and the palm; below 0 by no more than it is free, or 0."""
+
+
+def object_depths(surface: Any, mesh: Mesh, shape: HandShape, fingers: NDArray[np.bool_]) -> Depths:
+    """Depths in what the hand touches: an object's leaf spheres, or its triangles.
+
+    Args:
+        surface: Arrays of the object's surface.
+        mesh: Its mesh.
+        shape: Sizes of the hand.
+        fingers: Which ones are modelled, shape (5,).
+    """
+    if isinstance(surface, MeshFeatures) and surface.pseudonormal.shape[0] > 0:
+        return _mesh_depths(mesh, shape, fingers)
+    return _surface_depths(surface, shape, fingers)
+
+
+def _surface_depths(surface: Any, shape: HandShape, fingers: NDArray[np.bool_]) -> Depths:
+    """Depths in single pieces: spheres, or triangles that enclose nothing and are reached through by so much."""
+
+    def of(placed: PlacedHand) -> Array:
+        found = penetration(surface, *shape, *placed, fingers)
+        return np.concatenate([np.nan_to_num(found.finger), found.palm[:, None]], axis=1)
+
+    return of
+
+
+def _mesh_depths(mesh: Mesh, shape: HandShape, fingers: NDArray[np.bool_]) -> Depths:
+    """Depths in a closed mesh: of the deepest point of the hand, which a distance of its nearest triangle is not."""
+    bvh = build_mesh_bvh(*merged_vertices(mesh.vertices, mesh.faces))
+    nowhere = np.full((4, 3), AWAY)
+    empty = HandShape(shape.phalanx_radius, np.empty((0, 3)), np.empty(0))
+
+    def of(placed: PlacedHand) -> Array:
+        depth = np.zeros((len(placed.joints), 6))
+        for part in (*np.flatnonzero(fingers), 5):
+            joints = np.broadcast_to(nowhere, placed.joints.shape).copy()
+            if part < 5:
+                joints[:, part] = placed.joints[:, part]
+            alone = PlacedHand(joints, placed.position, placed.orientation)
+            depth[:, part] = -mesh_clearance(bvh, shape if part == 5 else empty, alone)
+        return depth
+
+    return of
+
+
+def deepest(depths: Depths, palm_center: Array, placed: PlacedHand, known: float = 0.0) -> float:
     """Depth of the deepest of some hands [m], to `SAME_DEPTH`; `known` where none is deeper than that.
 
     No finger is deeper than at another tick by more than its surface moves between them: most are never looked at.
 
     Args:
-        surface: Of the object.
-        shape: Sizes of the hand.
+        depths: In the object.
+        palm_center: Centres of the palm's spheres [m], palm frame, shape (P, 3).
         placed: The hands, in the order of time, all of them finite.
-        fingers: Which ones count, shape (5,).
         known: A depth that was found elsewhere [m].
     """
     count = len(placed.joints)
     if count == 0:
         return known
-    way = np.concatenate([np.zeros((1, 6)), np.cumsum(_moved(shape, placed), axis=0)])
+    way = np.concatenate([np.zeros((1, 6)), np.cumsum(_moved(palm_center, placed), axis=0)])
     looked = np.unique(np.append(np.arange(0, count, FIRST_LOOKS), count - 1))
-    depth = _depths(surface, shape, placed.at(looked), fingers)
+    depth = depths(placed.at(looked))
     best = max(known, float(depth.max()))
     while True:
         # The most that a part can be in between: as deep as at both looks, and what it moved on from them.
@@ -112,26 +161,15 @@ def deepest(
         if open_.size == 0:
             return best
         more = (looked[open_] + looked[open_ + 1]) // 2
-        found = _depths(surface, shape, placed.at(more), fingers)
+        found = depths(placed.at(more))
         best = max(best, float(found.max()))
         looked, depth = np.insert(looked, open_ + 1, more), np.insert(depth, open_ + 1, found, axis=0)
 
 
-def _shape(hand: HandModel) -> HandShape:
-    palm = hand.palm_tree
-    return HandShape(*(np.ascontiguousarray(values) for values in (hand.radius, palm.leaf_center, palm.leaf_radius)))
-
-
-def _depths(surface: Any, shape: HandShape, placed: PlacedHand, fingers: NDArray[np.bool_]) -> Array:
-    """Of each finger and the palm [m], shape (T, 6); 0 where they are free, or not modelled."""
-    found = penetration(surface, *shape, *placed, fingers)
-    return np.concatenate([np.nan_to_num(found.finger), found.palm[:, None]], axis=1)
-
-
-def _moved(shape: HandShape, placed: PlacedHand) -> Array:
+def _moved(palm_center: Array, placed: PlacedHand) -> Array:
     """At least the way of any point of each finger's and the palm's surface to the next tick [m], shape (T - 1, 6)."""
     fingers = np.sqrt((np.diff(placed.joints, axis=0) ** 2).sum(axis=3).max(axis=2))
-    low, high = shape.palm_center.min(axis=0), shape.palm_center.max(axis=0)
+    low, high = palm_center.min(axis=0), palm_center.max(axis=0)
     # The palm's spheres are within the box: none moves farther than its farthest corner.
     corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
     places = rotation_matrix(placed.orientation) @ corners.T + placed.position[:, :, None]

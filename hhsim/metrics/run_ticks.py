@@ -16,7 +16,7 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.contact_error import TouchedObject
-from hhsim.metrics.input_hand import InputHand, input_hand
+from hhsim.metrics.input_hand import InputHand, input_hand, object_depths
 from hhsim.motion.trajectory import TickPhase
 from hhsim.result.reader import Result
 from hhsim.result.schema import LIVE_TICK
@@ -103,7 +103,9 @@ class RunTicks:
         haptic = HandConfiguration(*(self.columns[f"haptic/{name}"] for name in HandConfiguration._fields))
         shown = PlacedHand(*(self.columns[name] for name in PLACED))
         touching = np.asarray(self.columns[TOUCHING] > 0)
-        return input_hand(self.hand, self.touched.surface, self.touched.fingers, haptic, shown, touching)
+        touched = self.touched
+        depths = object_depths(touched.surface, touched.mesh, touched.shape, touched.fingers)
+        return input_hand(self.hand, depths, haptic, shown, touching)
 
     @cached_property
     def touch(self) -> Mask:
