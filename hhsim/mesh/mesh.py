@@ -74,6 +74,11 @@ class Mesh:
         return np.stack([corners.min(axis=0), corners.max(axis=0)])
 
     @property
+    def box_corners(self) -> FloatArray:
+        """The eight corners of that box [m], shape (8, 3)."""
+        return np.array(np.meshgrid(*self.bounds.T)).reshape(3, -1).T
+
+    @property
     def extent(self) -> FloatArray:
         """Edge lengths of the axis-aligned box [m], shape (3,)."""
         return np.asarray(self.bounds[1] - self.bounds[0], dtype=np.float64)

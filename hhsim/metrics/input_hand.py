@@ -76,7 +76,7 @@ def input_hand(
         shown: Where the shown hand is, in the same frame.
         touch: Ticks with a touching pair, shape (T,).
     """
-    finite = np.logical_and.reduce([np.isfinite(values).reshape(len(values), -1).all(axis=1) for values in haptic])
+    finite = np.logical_and.reduce([np.isfinite(values).all(axis=tuple(range(1, values.ndim))) for values in haptic])
     finite &= np.linalg.norm(haptic.orientation, axis=1) > 0.0
     known = np.flatnonzero(finite)
     depth, parts = 0.0, [Correction(np.empty(0), np.empty(0), np.empty(0))]

@@ -182,8 +182,9 @@ def video_frames(result: Result, ticks: NDArray[np.int64], options: VideoOptions
     body = near_hands(whole, points)
     if result.driven:
         body = _moved(whole, result, shown_tick(result))
+        corners = stored_mesh(result).box_corners[None]
         moves = (result.moved_since_first(int(tick)) for tick in some)
-        points = np.concatenate([points, *(moved.points(stored_mesh(result).bounds[None])[0] for moved in moves)])
+        points = np.concatenate([points, *(moved.points(corners)[0] for moved in moves)])
     rows, columns = (round(FINENESS / OVERSAMPLING * side) for side in options.shape)
     camera = _camera(result, hand, pieces, body, points, (rows, columns))
     # An object that stands still is rendered once, and of each frame the part where a hand or a force is.

@@ -14,6 +14,8 @@ from hhsim.result.reader import Result
 NONE = "—"
 """Where a result does not say."""
 
+AS_GIVEN = "as the motion has it"
+
 
 def run_facts(result: Result) -> dict[str, str]:
     """What was run: object, motion, hand, method."""
@@ -33,7 +35,10 @@ def run_facts(result: Result) -> dict[str, str]:
         "what the hand touches": f"the {result.surface}",
         "motion": motion_name(result),
         "its source": str(scene.get("motion_source") or NONE),
-        "the object's place": str((scene.get("placement") or {}).get("text") or "as the motion has it"),
+        "the object's place": str(
+            (scene.get("placement") or {}).get("text")
+            or ("moves as the motion has it; figures and pictures are seen from it" if result.driven else AS_GIVEN)
+        ),
         "ticks": f"{result.ticks:,} at {result.rate:,g} Hz, {result.ticks / result.rate:,.2f} s",
         "hand": _hand(hand),
         "fingers": "all five" if len(fingers) == len(FINGERS) else ", ".join(fingers) or "none",

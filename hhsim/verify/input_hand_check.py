@@ -54,7 +54,7 @@ def _correction(judge: JudgedTicks) -> Claim:
     touch = np.asarray(result["contacts/touching"]) > 0
     for part in ("position", "orientation", "flexion", "abduction"):
         given = np.asarray(result[f"haptic/{part}"])
-        touch &= np.isfinite(given).reshape(len(given), -1).all(axis=1)
+        touch &= np.isfinite(given).all(axis=tuple(range(1, given.ndim)))
     palm = np.sqrt(((shown.position - wanted.position)[touch] ** 2).sum(axis=1))
     joints = np.sqrt(((shown.joints - wanted.joints)[touch] ** 2).sum(axis=3)).reshape(len(palm), 20)
     found = np.full(4, np.nan)

@@ -178,8 +178,8 @@ def arranged(result: Result, scene: ShownScene, group: h5py.Group, plots: Sequen
     hand = np.concatenate([group["graphic/joints"][tick].reshape(-1, 3) for tick in some])
     bounds = scene.mesh.bounds
     if result.driven:
-        moved = [result.moved_since_first(int(tick)) for tick in some]
-        bounds = np.concatenate([motion.points(bounds[None])[0] for motion in moved])
+        moved, corners = [result.moved_since_first(int(tick)) for tick in some], scene.mesh.box_corners
+        bounds = np.concatenate([motion.points(corners[None])[0] for motion in moved])
     points = np.concatenate([bounds, hand])
     low, high = points.min(axis=0), points.max(axis=0)
     duration = 1e-3 * group["duration/total"][: result.ticks]

@@ -1,0 +1,69 @@
+"""A driven object in the viewer, in films and in tables: where the world has it, tick by tick."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from driven_scenes import carried, swing
+from rerun_files import Recording
+from short_grasp import short_grasp, short_scene
+
+from hhsim.render.replay_video import VideoOptions, video_frames
+from hhsim.replay.replay import replay
+from hhsim.replay.stored_scene import stored_mesh
+from hhsim.result.csv_export import export_ticks
+from hhsim.result.reader import Result, load_result
+from hhsim.scene.scene import make_scene
+from hhsim.solver.options import SolverOptions
+from hhsim.view.sink import parse_target
+from hhsim.view.viewer import view_result
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    scene = short_scene(short_grasp(hold=0.03))
+    moved = carried(scene.trajectory, swing(scene.trajectory.time))
+    path = tmp_path_factory.mktemp("driven") / "driven.h5"
+    replay(make_scene(scene.mesh, scene.tree, scene.hand, moved), SolverOptions(), path)
+    return load_result(path)
+
+
+def test_the_viewer_moves_the_object_and_finds_the_contacts_on_it(result: Result, tmp_path: Path) -> None:
+    path = tmp_path / "driven.rrd"
+    view_result(result, parse_target(str(path)), spheres=True)
+    recording, moved = Recording(path), result.moved_since_first()
+    for entity in ("/world/object", "/world/spheres"):
+        quaternion = recording.array(entity, "Transform3D:quaternion")[:, 0][:, [3, 0, 1, 2]]
+        np.testing.assert_allclose(quaternion, moved.turn, atol=1e-6)
+        np.testing.assert_allclose(recording.array(entity, "Transform3D:translation")[:, 0], moved.shift, atol=1e-6)
+    points = recording.rows("/world/contacts/points", "Points3D:positions")
+    assert [len(row or []) for row in points] == result["contacts/touching"].tolist()
+    level = result.static["object/tree/level"]
+    leaves = level == level.max()
+    center, radius = result.static["object/tree/center"][leaves], result.static["object/tree/radius"][leaves]
+    for tick in np.flatnonzero(result["contacts/touching"])[::10]:
+        one = type(moved)(moved.turn[tick : tick + 1], moved.shift[tick : tick + 1])
+        away = np.linalg.norm(one.points(center[None])[0][:, None] - np.array(points[tick]), axis=2) - radius[:, None]
+        assert np.abs(away).min(axis=0).max() < 1.1e-5
+
+
+def test_a_film_shows_the_object_where_it_is(result: Result) -> None:
+    ticks = np.array([0, 100, 179])
+    moving = list(video_frames(result, ticks, VideoOptions(width=160)))
+    seen = [(picture < 245).any(axis=2) for picture in moving]
+    assert all(mask.sum() > 40 for mask in seen)
+    middles = [np.argwhere(mask[: int(0.85 * len(mask))]).mean(axis=0) for mask in seen]
+    assert np.linalg.norm(middles[2] - middles[0]) > 3.0
+
+
+def test_a_table_has_the_objects_pose_where_it_moves(result: Result, tmp_path: Path) -> None:
+    headings = export_ticks(result, tmp_path / "ticks.csv", ["time", "object/position", "object/orientation"])
+    assert headings[1] == "object/position[0] [m]" and len(headings) == 8
+    table = np.loadtxt(tmp_path / "ticks.csv", delimiter=",", skiprows=1)
+    np.testing.assert_array_equal(table[:, 2:5], result["object/position"])
+
+
+def test_the_eight_corners_are_those_of_the_box(result: Result) -> None:
+    corners, (low, high) = stored_mesh(result).box_corners, stored_mesh(result).bounds
+    assert np.unique(corners, axis=0).shape == (8, 3)
+    assert corners.min(axis=0).tolist() == low.tolist() and corners.max(axis=0).tolist() == high.tolist()
