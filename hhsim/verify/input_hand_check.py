@@ -10,6 +10,7 @@ from hhsim.verify.kinematics import Posed
 from hhsim.verify.tick_data import LENGTH, WHY_LENGTH, JudgedTicks
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 DEPTH = "input_depth_max"
 CORRECTION = ("correction_palm_mean", "correction_palm_max", "correction_joint_mean", "correction_joint_max")
@@ -29,15 +30,27 @@ def _depth(judge: JudgedTicks) -> Claim:
     name, says = "input depth", "the user's hand is as deep as the summary says, and no tick looked at is deeper"
     if judge.on_mesh:
         return Claim(name, says, NOT_JUDGED, unit="m", note="inside a mesh the referee has no depth of its own")
-    stated, chosen = float(judge.result.summary[DEPTH]), judge.chosen
-    posed = Posed(*(values[chosen] for values in judge.wanted_posed))
+    stated, looked = float(judge.result.summary[DEPTH]), judge.chosen
+    depth = _depths(judge, looked)
+    if depth.max() < stated - SEARCHED:
+        # A depth changes by no more than the hand moves: the tick that is meant can only be where there is room for it.
+        way = np.concatenate([[0.0], np.cumsum(_moved(judge))])[looked]
+        room = 0.5 * (depth[:-1] + depth[1:] + np.diff(way))
+        gaps = [np.arange(looked[k] + 1, looked[k + 1]) for k in np.flatnonzero(room >= stated - SEARCHED)]
+        more = np.concatenate([np.empty(0, np.int64), *gaps])
+        looked, depth = np.append(looked, more), np.append(depth, _depths(judge, more))
+    # Deeper than it says, at some tick; or nowhere as deep, which is told of the deepest.
+    over = np.maximum(depth - stated, np.where(depth == depth.max(), stated - depth, 0.0))
+    return judged(name, says, np.maximum(0.0, over), SEARCHED, "m", "as near as it is searched for", ticks=looked)
+
+
+def _depths(judge: JudgedTicks, ticks: IntArray) -> FloatArray:
+    """Of the user's hand in the leaf spheres at some ticks [m], shape (len(ticks),)."""
+    if len(ticks) == 0:
+        return np.empty(0)
+    posed = Posed(*(values[ticks] for values in judge.wanted_posed))
     pairs = near_pairs(judge.hand, posed, *leaves(judge.result), judge.fingers, 0.0)
-    depth = np.maximum(0.0, -pairs.nearest(len(chosen)).min(axis=1))
-    # A depth changes by no more than the hand moves: so deep the ticks between two of those can be, and no deeper.
-    way = np.concatenate([[0.0], np.cumsum(_moved(judge))])[chosen]
-    most = float(np.max(0.5 * (depth[:-1] + depth[1:] + np.diff(way)), initial=float(depth.max())))
-    over = np.maximum(depth - stated, stated - most)
-    return judged(name, says, np.maximum(0.0, over), SEARCHED, "m", "as near as it is searched for", ticks=chosen)
+    return np.asarray(np.maximum(0.0, -pairs.nearest(len(ticks)).min(axis=1)))
 
 
 def _moved(judge: JudgedTicks) -> FloatArray:

@@ -50,7 +50,7 @@ def test_the_viewer_moves_the_object_and_finds_the_contacts_on_it(result: Result
 def test_a_film_shows_the_object_where_it_is(result: Result) -> None:
     ticks = np.array([0, 100, 179])
     moving = list(video_frames(result, ticks, VideoOptions(width=160)))
-    seen = [(picture < 245).any(axis=2) for picture in moving]
+    seen = [np.asarray((picture < 245).any(axis=2)) for picture in moving]
     assert all(mask.sum() > 40 for mask in seen)
     middles = [np.argwhere(mask[: int(0.85 * len(mask))]).mean(axis=0) for mask in seen]
     assert np.linalg.norm(middles[2] - middles[0]) > 3.0
