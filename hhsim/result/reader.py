@@ -266,8 +266,8 @@ def load_result(path: str | Path) -> Result:
         ticks = min(len(tick[column.name]) for column in columns)
         if LIVE_TICK in file:
             loop = file[LIVE_TICK]
-            columns = [column.name for column in LIVE_TICK_COLUMNS if not column.optional or column.name in loop]
-            ticks = min(ticks, *(len(loop[name]) for name in columns))
+            kept = [column.name for column in LIVE_TICK_COLUMNS if not column.optional or column.name in loop]
+            ticks = min(ticks, *(len(loop[name]) for name in kept))
         attributes = file.attrs
         return Result(
             path=path,

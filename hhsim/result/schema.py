@@ -105,9 +105,9 @@ class Column:
         units: SI.
         long_name: What it is, for people.
         source: Field of the record that it is taken from, as `field` or as `field.part`; "" where it is computed.
-        optional: Files that were written before there was one lack it, and are read all the same.
         turns: What it is where the object moves and carries the frame that is solved in along: "point", "vector" (of 3,
             or of twice 3 one after the other) or "orientation"; "" for what no frame changes.
+        optional: Files that were written before there was one lack it, and are read all the same.
     """
 
     name: str
@@ -116,8 +116,8 @@ class Column:
     units: str
     long_name: str
     source: str = ""
-    optional: bool = False
     turns: str = ""
+    optional: bool = False
 
     @property
     def known_by(self) -> str:
