@@ -29,7 +29,7 @@ class SceneWords:
         tremor_mm_deg: Amplitudes of the tremor that a script got, of position [mm] and rotation [°].
         samples: Between two samples of the motion.
         place_object: Where the object of a recording is to be.
-        object_pose: recorded, or fixed for an object that is not to move although its recording says so.
+        object_pose: Recorded, or fixed for an object that is not to move although its recording says so.
         rate: Ticks a second [Hz].
         ticks: Only the first so many.
         seed: Of a script's tremor and sensor noise.

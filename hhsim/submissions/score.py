@@ -60,10 +60,9 @@ class Score:
         """The table that matters."""
         named = zip((MESH_DEPTH, OFF_BEST, OFF_BEST_MAX), self.errors)
         own = {row.name: row for row in (SummaryRow(figure, value) for figure, value in named)}
-        first, *others = short_table(self.summary.rows, self.summary.verdict.missed)
-        depth = own.pop(MESH_DEPTH.name)
-        off, rest = ([row for row in others if (row.name == "contact_error_max") is wanted] for wanted in (True, False))
-        return (first, depth, *off, *own.values(), *rest)
+        short = {row.name: row for row in short_table(self.summary.rows, self.summary.verdict.missed)}
+        depths = [short.pop("penetration_max", None), own.pop(MESH_DEPTH.name), short.pop("contact_error_max", None)]
+        return (*(row for row in depths if row is not None), *own.values(), *short.values())
 
     def to_json(self) -> dict[str, Any]:
         """For machines: SI units."""
