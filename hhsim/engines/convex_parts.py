@@ -1,0 +1,123 @@
+"""An object as what engines collide fastest: a ball, a box, or convex parts, found by CoACD and kept in the cache.
+
+CoACD: Wei, Liu, Ling & Su, "Approximate Convex Decomposition for 3D Meshes with Collision-Aware Concavity and Tree
+Search", ACM Transactions on Graphics 41(4), 2022.
+"""
+
+import hashlib
+import io
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import OutputError
+from hhsim.kernels.kernel_cache import cache_root
+from hhsim.mesh.mesh import Mesh
+from hhsim.system.atomic_write import write_atomically
+
+Array = NDArray[np.float64]
+
+CONCAVITY = 0.02
+"""CoACD's threshold, as a share of the object's half size: at the lower end of what it takes (0.01 to 1), since parts
+move a contact by as much as they fill of a hollow."""
+SEED = 0
+CONVEX = 1e-6
+"""A mesh that fills its hull but for this share is convex."""
+ROUND = 2e-3
+"""Vertices are on a ball where their distances from its centre differ by no more than this share."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ball:
+    """A ball, world [m]."""
+
+    center: Array
+    radius: float
+
+
+@dataclass(frozen=True, eq=False)
+class Box:
+    """A box along the axes of the world [m]."""
+
+    center: Array
+    half: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Hull:
+    """The convex hull of points, world [m], shape (V, 3)."""
+
+    points: Array
+
+
+Part = Ball | Box | Hull
+
+
+def convex_parts(mesh: Mesh) -> list[Part]:
+    """The parts of an object; one where it is convex.
+
+    Args:
+        mesh: World [m].
+    """
+    simple = _simple(mesh)
+    if simple is not None:
+        return [simple]
+    return [Hull(points) for points in _decomposition(mesh)]
+
+
+def _simple(mesh: Mesh) -> Part | None:
+    from scipy.spatial import ConvexHull
+
+    points = mesh.vertices
+    low, high = points.min(axis=0), points.max(axis=0)
+    center = 0.5 * (low + high)
+    hull = ConvexHull(points)
+    corners = mesh.vertices[mesh.faces]
+    volume = float(
+        np.einsum("fi,fi->f", corners[:, 0] - center, np.cross(*(corners[:, 1:] - center).swapaxes(0, 1))).sum()
+    )
+    if abs(volume / 6.0 - hull.volume) > CONVEX * hull.volume:
+        return None
+    if abs(hull.volume - float(np.prod(high - low))) <= CONVEX * hull.volume:
+        return Box(center, 0.5 * (high - low))
+    away = np.linalg.norm(points[hull.vertices] - center, axis=1)
+    if len(hull.vertices) > 100 and np.ptp(away) <= ROUND * away.max():
+        # Of the same volume: as far out at the corners as in at the faces.
+        return Ball(center, float((0.75 * hull.volume / np.pi) ** (1.0 / 3.0)))
+    return Hull(points[hull.vertices])
+
+
+def _decomposition(mesh: Mesh) -> list[Array]:
+    path = _cache_path(mesh)
+    try:
+        with np.load(path) as kept:
+            return [kept[name] for name in kept.files]
+    except (OSError, ValueError, BadZipFile):
+        pass
+    parts = _decompose(mesh)
+    image = io.BytesIO()
+    kept_parts: dict[str, Any] = {f"part{i:04d}": part for i, part in enumerate(parts)}
+    np.savez(image, **kept_parts)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_atomically(path, image.getvalue())
+    except (OSError, OutputError):
+        pass
+    return parts
+
+
+def _decompose(mesh: Mesh) -> list[Array]:
+    import coacd
+
+    coacd.set_log_level("error")
+    found = coacd.run_coacd(coacd.Mesh(mesh.vertices, mesh.faces), threshold=CONCAVITY, seed=SEED)
+    return [np.array(points, np.float64) for points, _ in found]
+
+
+def _cache_path(mesh: Mesh) -> Path:
+    digest = hashlib.sha256(f"{mesh.sha256} {CONCAVITY} {SEED}".encode()).hexdigest()
+    return cache_root() / "convex-parts" / f"{digest[:32]}.npz"

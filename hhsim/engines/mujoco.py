@@ -1,0 +1,231 @@
+"""MuJoCo: the hand as its bodies and position actuators, and the object as convex parts, triangles or spheres."""
+
+import time
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.engines.convex_parts import Ball, Box, convex_parts
+from hhsim.engines.installed import lack_of, require
+from hhsim.engines.rigid_hand import PALM, PHALANX_MASS, STILL, RigidHand, speed_between
+from hhsim.errors import InputError
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.fingers import FINGERS, PHALANGES
+from hhsim.solver.outside_method import MethodScene, TickAnswer
+
+Array = NDArray[np.float64]
+
+BODIES = PALM + 1
+OBJECT = BODIES
+"""Row that contacts without a body of the hand are summed up in."""
+
+
+class Tuning(NamedTuple):
+    """What a user of MuJoCo sets.
+
+    Attributes:
+        response: τ of `hhsim.engines.rigid_hand` [s].
+        steps: In a tick.
+        solref: Time constant [s] and damping ratio of contacts and joint limits; None for MuJoCo's.
+        solimp: Their impedance; None for MuJoCo's.
+        integrator: By MuJoCo's name.
+        follow: Whether actuators are told the speed of the user's hand.
+    """
+
+    response: float
+    steps: int
+    solref: tuple[float, float] | None
+    solimp: tuple[float, float, float, float, float] | None
+    integrator: str
+    follow: bool
+
+
+PLAIN = Tuning(0.01, 1, None, None, "mjINT_EULER", follow=False)
+TUNED = Tuning(0.005, 4, (0.0005, 1.0), (0.99, 0.999, 0.0001, 0.5, 2.0), "mjINT_IMPLICITFAST", follow=True)
+
+
+class MuJoCo:
+    """MuJoCo, tuned, the object in convex parts."""
+
+    gives_forces = True
+    missing: ClassVar[str] = lack_of("mujoco", "mujoco", "coacd")
+    name: ClassVar[str] = "mujoco"
+    tuning: ClassVar[Tuning] = TUNED
+
+    def __init__(self, scene: MethodScene) -> None:
+        """Build and compile the model."""
+        require(self.name, self.missing)
+        import mujoco
+
+        self._mujoco: Any = mujoco
+        self._scene = scene
+        self._hand = RigidHand.of(scene.hand, scene.options.stiffness, self.tuning.response)
+        spec = mujoco.MjSpec()
+        self._set_options(spec)
+        self._add_object(spec, scene)
+        self._add_hand(spec)
+        self._model = spec.compile()
+        self._data = mujoco.MjData(self._model)
+        self._mounts = np.array([self._model.body(f"mount {finger}").id for finger in FINGERS])
+        bodies = {"palm": PALM} | {
+            f"{finger} {k}": PHALANGES * f + k for f, finger in enumerate(FINGERS) for k in range(PHALANGES)
+        }
+        self._body_of_geom = np.full(self._model.ngeom + 1, OBJECT)
+        for geom in range(self._model.ngeom):
+            body = self._model.body(self._model.geom_bodyid[geom]).name
+            self._body_of_geom[geom] = bodies.get(body, OBJECT)
+        # How long after a tick's target the actuators see it, on average over the steps.
+        self._ahead = 0.5 * scene.period * (1.0 + 1.0 / self.tuning.steps)
+        self._before: HandConfiguration | None = None
+
+    def begin(self, pose: HandConfiguration) -> None:
+        """Put the hand there, at rest."""
+        mujoco, model, data = self._mujoco, self._model, self._data
+        mujoco.mj_resetData(model, data)
+        data.qpos[:3], data.qpos[3:7], data.qpos[7:] = pose.position, pose.orientation, pose.flexion.ravel()
+        data.mocap_pos[0], data.mocap_quat[0] = pose.position, pose.orientation
+        data.ctrl[6:] = pose.flexion.ravel()
+        self._spread(pose)
+        mujoco.mj_forward(model, data)
+        self._before = None
+
+    def tick(self, haptic: HandConfiguration) -> TickAnswer:
+        """Move the user's hand, and step."""
+        data = self._data
+        data.mocap_pos[0], data.mocap_quat[0] = haptic.position, haptic.orientation
+        data.ctrl[6:] = haptic.flexion.ravel()
+        if self.tuning.follow:
+            self._follow(haptic)
+        self._spread(haptic)
+        begun = time.process_time_ns()
+        self._mujoco.mj_step(self._model, data, self.tuning.steps)
+        native = time.process_time_ns() - begun
+        quaternion = data.qpos[3:7]
+        pose = HandConfiguration(
+            data.qpos[:3].copy(),
+            quaternion / np.sqrt(quaternion @ quaternion),
+            data.qpos[7:].reshape(len(FINGERS), PHALANGES).copy(),
+            haptic.abduction,
+        )
+        force = self._forces()
+        return TickAnswer(pose, force[:PALM].reshape(len(FINGERS), PHALANGES, 3), force[PALM], native)
+
+    def _follow(self, haptic: HandConfiguration) -> None:
+        """Tell the dampers the user's speed, and the springs where the user's hand is while the steps are made."""
+        before, self._before = self._before, haptic
+        speed = STILL if before is None else speed_between(before, haptic, self._scene.period)
+        ahead = [
+            damping / stiffness - self._ahead for stiffness, damping in zip(self._hand.stiffness, self._hand.damping)
+        ]
+        w, x, y, z = haptic.orientation
+        linear = np.empty(3)
+        self._mujoco.mju_rotVecQuat(linear, speed.linear, np.array([w, -x, -y, -z]))
+        self._data.ctrl[:3] = ahead[0] * linear
+        self._data.ctrl[3:6] = ahead[1] * speed.angular
+        self._data.ctrl[6:] += ahead[2] * speed.flexion.ravel()
+
+    def _spread(self, haptic: HandConfiguration) -> None:
+        """Abduction is no joint: it is the user's, and turns the frames that the fingers are in."""
+        for f, mount in enumerate(self._mounts):
+            self._model.body_quat[mount] = self._hand.mount(f, float(haptic.abduction[f]))
+
+    def _forces(self) -> Array:
+        """Contact force on each body of the hand [N], world, shape (17, 3), the object's last."""
+        found = np.zeros((BODIES + 1, 3))
+        contact = self._data.contact
+        row = contact.efc_address
+        if row.size and row.max() >= 0:
+            pushes = row >= 0
+            # Without friction a contact is one row, and its force is along the normal, from the first geom to the second.
+            force = self._data.efc_force[row[pushes], None] * contact.frame[pushes, :3]
+            body = self._body_of_geom[contact.geom[pushes]]
+            np.add.at(found, body[:, 1], force)
+            np.subtract.at(found, body[:, 0], force)
+        return found
+
+    def _set_options(self, spec: Any) -> None:
+        mujoco, tuning = self._mujoco, self.tuning
+        spec.compiler.degree = False
+        spec.option.timestep = self._scene.period / tuning.steps
+        spec.option.gravity = [0.0, 0.0, 0.0]
+        spec.option.integrator = getattr(mujoco.mjtIntegrator, tuning.integrator)
+        spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_REFSAFE if tuning.solref else 0
+
+    def _touching(self) -> dict[str, Any]:
+        """Of every geom: no friction, and the tuning."""
+        given: dict[str, Any] = {"condim": 1}
+        if self.tuning.solref is not None:
+            given["solref"] = self.tuning.solref
+        if self.tuning.solimp is not None:
+            given["solimp"] = self.tuning.solimp
+        return given
+
+    def _add_object(self, spec: Any, scene: MethodScene) -> None:
+        if scene.mesh is None:
+            raise InputError(f"method {self.name} needs the object's mesh, and it is spheres alone")
+        kind = self._mujoco.mjtGeom
+        body = spec.worldbody.add_body(name="object")
+        given = {**self._touching(), "contype": 0, "conaffinity": 1}
+        for i, part in enumerate(convex_parts(scene.mesh)):
+            if isinstance(part, Ball):
+                body.add_geom(type=kind.mjGEOM_SPHERE, pos=part.center, size=[part.radius, 0.0, 0.0], **given)
+            elif isinstance(part, Box):
+                body.add_geom(type=kind.mjGEOM_BOX, pos=part.center, size=part.half, **given)
+            else:
+                spec.add_mesh(name=f"part {i}", uservert=part.points.ravel())
+                body.add_geom(type=kind.mjGEOM_MESH, meshname=f"part {i}", **given)
+
+    def _add_hand(self, spec: Any) -> None:
+        mujoco, hand = self._mujoco, self._hand
+        world = spec.worldbody
+        user = world.add_body(name="user", mocap=True)
+        user.add_site(name="user")
+        palm = world.add_body(
+            name="palm", mass=hand.mass, inertia=[hand.inertia] * 3, ipos=[0.0] * 3, explicitinertial=True
+        )
+        palm.add_freejoint()
+        palm.add_site(name="palm")
+        given = {**self._touching(), "contype": 1, "conaffinity": 0, "mass": 0.0}
+        for center, radius in zip(hand.palm_center, hand.palm_radius):
+            palm.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, pos=center, size=[radius, 0.0, 0.0], **given)
+        for gear in np.eye(6):
+            turns = bool(gear[3:].any())
+            actuator = spec.add_actuator(trntype=mujoco.mjtTrn.mjTRN_SITE, target="palm", refsite="user", gear=gear)
+            actuator.set_to_position(kp=hand.stiffness[turns], kv=hand.damping[turns])
+        for f, finger in enumerate(FINGERS):
+            body = palm.add_body(name=f"mount {finger}", pos=hand.base[f], quat=hand.mount(f, 0.0))
+            for k in range(PHALANGES):
+                body = body.add_body(
+                    name=f"{finger} {k}",
+                    pos=hand.place(f, k),
+                    mass=PHALANX_MASS,
+                    inertia=[1e-3 * hand.armature] * 3,
+                    ipos=[0.5 * hand.length[f, k], 0.0, 0.0],
+                    explicitinertial=True,
+                )
+                joint = body.add_joint(
+                    name=f"{finger} {k}",
+                    type=mujoco.mjtJoint.mjJNT_HINGE,
+                    axis=[0.0, 1.0, 0.0],
+                    limited=True,
+                    range=hand.limits[f, k],
+                    armature=hand.armature,
+                )
+                if self.tuning.solref is not None:
+                    joint.solref_limit = self.tuning.solref
+                body.add_geom(
+                    type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+                    fromto=[0.0, 0.0, 0.0, hand.length[f, k], 0.0, 0.0],
+                    size=[hand.radius[f, k], 0.0, 0.0],
+                    **given,
+                )
+                actuator = spec.add_actuator(trntype=mujoco.mjtTrn.mjTRN_JOINT, target=f"{finger} {k}")
+                actuator.set_to_position(kp=hand.stiffness[2], kv=hand.damping[2])
+
+
+class MuJoCoPlain(MuJoCo):
+    """MuJoCo as it comes, the object in convex parts."""
+
+    name = "mujoco-plain"
+    tuning = PLAIN

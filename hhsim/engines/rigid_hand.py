@@ -1,0 +1,128 @@
+"""The hand as rigid bodies and hinges, for any engine: a palm that the user pulls, and fifteen capsules that bend.
+
+The coupling G of Eq. 1 is a spring and a damper between the user's hand and the shown one: at rest, and without
+friction, an engine then looks for the same hand as hhsim's own methods. What moves has the virtual mass G τ², so that
+one time τ tunes all of it: the hand alone comes back to the user's as exp(-t/τ), critically damped.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.model import HandModel
+from hhsim.hand.quaternion import quaternion_from_matrix
+from hhsim.kernels.hand.kinematics import PALM_BODY, PHALANX_COUNT
+from hhsim.solver.options import Stiffness
+
+Array = NDArray[np.float64]
+
+PALM = PALM_BODY
+"""Number of the palm among the bodies; phalanx k of finger f is 3 f + k."""
+PHALANX_MASS = 1e-3
+"""Of a phalanx itself [kg]: engines want some, and what it resists with is its joint's virtual inertia."""
+
+
+@dataclass(frozen=True, eq=False)
+class RigidHand:
+    """Bodies and joints of a hand, palm frame where nothing else is said.
+
+    A finger's frame has x along the straight finger, y along the axis about which a positive angle flexes, z out of its
+    back; an abduction turns it about z. Phalanx k begins at its hinge, about y, and runs along x.
+
+    Attributes:
+        base: First joint of each finger [m], shape (5, 3).
+        frame: Palm from finger frame at zero abduction, shape (5, 3, 3).
+        abduction_sign: +1 where a positive abduction is a positive turn about z.
+        length: Of the capsules' axes [m], shape (5, 3).
+        radius: Of the capsules [m], shape (5, 3): the mean of the cone's two ends.
+        limits: Least and most flexion [rad], shape (5, 3, 2).
+        palm_center, palm_radius: Spheres of the palm [m], shapes (P, 3) and (P,).
+        mass: Of the palm [kg].
+        inertia: Of the palm about its origin, the same about every axis [kg m²].
+        armature: Of each hinge [kg m²].
+        stiffness: k_t [N/m], k_r [N·m/rad] and k_θ [N·m/rad] of the coupling.
+        damping: Of the same three, critical [N s/m, N·m s/rad].
+    """
+
+    base: Array
+    frame: Array
+    abduction_sign: float
+    length: Array
+    radius: Array
+    limits: Array
+    palm_center: Array
+    palm_radius: Array
+    mass: float
+    inertia: float
+    armature: float
+    stiffness: tuple[float, float, float]
+    damping: tuple[float, float, float]
+
+    @classmethod
+    def of(cls, hand: HandModel, stiffness: Stiffness, response: float) -> "RigidHand":
+        """The hand with a coupling whose time constant τ is `response` [s]."""
+        springs = (stiffness.translation, stiffness.rotation, stiffness.flexion)
+        mass, inertia, armature = (response**2 * k for k in springs)
+        axis = np.cross(hand.dorsal, hand.distal)
+        return cls(
+            base=hand.base.copy(),
+            frame=np.stack([hand.distal, axis, hand.dorsal], axis=2),
+            abduction_sign=1.0 if hand.side == "right" else -1.0,
+            length=hand.length.copy(),
+            radius=0.5 * (hand.radius[:, :-1] + hand.radius[:, 1:]),
+            limits=np.stack([hand.flexion_min, hand.flexion_max], axis=2),
+            palm_center=np.array(hand.palm_tree.leaf_center, np.float64),
+            palm_radius=np.array(hand.palm_tree.leaf_radius, np.float64),
+            mass=mass,
+            inertia=inertia,
+            armature=armature,
+            stiffness=springs,
+            damping=(2.0 * response * springs[0], 2.0 * response * springs[1], 2.0 * response * springs[2]),
+        )
+
+    def place(self, finger: int, k: int) -> Array:
+        """Where phalanx k begins in the frame of the one before it, the first one in its finger's [m], shape (3,)."""
+        return np.array([self.length[finger, k - 1] if k else 0.0, 0.0, 0.0])
+
+    @cached_property
+    def _frames(self) -> list[tuple[float, ...]]:
+        return [tuple(map(float, quaternion)) for quaternion in quaternion_from_matrix(self.frame)]
+
+    def mount(self, finger: int, abduction: float) -> tuple[float, float, float, float]:
+        """Palm from finger frame at an abduction [rad], as a quaternion w x y z."""
+        w, x, y, z = self._frames[finger]
+        half = 0.5 * self.abduction_sign * abduction
+        c, s = math.cos(half), math.sin(half)
+        return w * c - z * s, x * c + y * s, y * c - x * s, z * c + w * s
+
+
+class HandSpeed(NamedTuple):
+    """How fast the user's hand moves.
+
+    Attributes:
+        linear: Of the palm's origin [m/s], world, shape (3,).
+        angular: Of the palm [rad/s], frame of the user's palm, shape (3,).
+        flexion: [rad/s], shape (5, 3).
+    """
+
+    linear: Array
+    angular: Array
+    flexion: Array
+
+
+STILL = HandSpeed(np.zeros(3), np.zeros(3), np.zeros((5, PHALANX_COUNT)))
+
+
+def speed_between(before: HandConfiguration, now: HandConfiguration, period: float) -> HandSpeed:
+    """Mean speed between two ticks of a hand."""
+    a, b, c, d = before.orientation
+    w, x, y, z = now.orientation
+    # conj(before) * now; half of a small angle is its sine.
+    scale = math.copysign(2.0, a * w + b * x + c * y + d * z) / period
+    turn = np.array([a * x - b * w - c * z + d * y, a * y - c * w - d * x + b * z, a * z - d * w - b * y + c * x])
+    return HandSpeed((now.position - before.position) / period, scale * turn, (now.flexion - before.flexion) / period)
