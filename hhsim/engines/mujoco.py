@@ -12,11 +12,14 @@ from hhsim.engines.rigid_hand import PALM, PHALANX_MASS, STILL, RigidHand, speed
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS, PHALANGES
+from hhsim.mesh.mesh import Mesh
 from hhsim.solver.outside_method import MethodScene, TickAnswer
 
 Array = NDArray[np.float64]
 
 BODIES = PALM + 1
+THICKNESS = 1e-6
+"""Of a triangle on either side [m]: MuJoCo wants some."""
 OBJECT = BODIES
 """Row that contacts without a body of the hand are summed up in."""
 
@@ -41,12 +44,16 @@ class Tuning(NamedTuple):
     follow: bool
 
 
+SOFT = (0.9, 0.95, 0.001, 0.5, 2.0)
+"""MuJoCo's own solimp, written out. Stiffer ones sink no less, and one tick's force jumps by three times as much."""
 PLAIN = Tuning(0.01, 1, None, None, "mjINT_EULER", follow=False)
-TUNED = Tuning(0.005, 4, (0.0005, 1.0), (0.99, 0.999, 0.0001, 0.5, 2.0), "mjINT_IMPLICITFAST", follow=True)
+TUNED = Tuning(0.003, 4, (0.0005, 1.0), SOFT, "mjINT_IMPLICITFAST", follow=True)
+FAST = Tuning(0.003, 1, (0.002, 1.0), SOFT, "mjINT_IMPLICITFAST", follow=True)
+"""solref's time constant is two steps, the least that MuJoCo's manual calls stable."""
 
 
 class MuJoCo:
-    """MuJoCo, tuned, the object in convex parts."""
+    """MuJoCo, tuned, 4 sub-steps, the object in convex parts."""
 
     gives_forces = True
     missing: ClassVar[str] = lack_of("mujoco", "mujoco", "coacd")
@@ -137,7 +144,7 @@ class MuJoCo:
         row = contact.efc_address
         if row.size and row.max() >= 0:
             pushes = row >= 0
-            # Without friction a contact is one row, and its force is along the normal, from the first geom to the second.
+            # Without friction a contact is one row: a force along the normal, from the first geom to the second.
             force = self._data.efc_force[row[pushes], None] * contact.frame[pushes, :3]
             body = self._body_of_geom[contact.geom[pushes]]
             np.add.at(found, body[:, 1], force)
@@ -161,13 +168,17 @@ class MuJoCo:
             given["solimp"] = self.tuning.solimp
         return given
 
-    def _add_object(self, spec: Any, scene: MethodScene) -> None:
+    def _mesh(self, scene: MethodScene) -> Mesh:
         if scene.mesh is None:
             raise InputError(f"method {self.name} needs the object's mesh, and it is spheres alone")
+        return scene.mesh
+
+    def _add_object(self, spec: Any, scene: MethodScene) -> None:
+        mesh = self._mesh(scene)
         kind = self._mujoco.mjtGeom
         body = spec.worldbody.add_body(name="object")
         given = {**self._touching(), "contype": 0, "conaffinity": 1}
-        for i, part in enumerate(convex_parts(scene.mesh)):
+        for i, part in enumerate(convex_parts(mesh)):
             if isinstance(part, Ball):
                 body.add_geom(type=kind.mjGEOM_SPHERE, pos=part.center, size=[part.radius, 0.0, 0.0], **given)
             elif isinstance(part, Box):
@@ -229,3 +240,41 @@ class MuJoCoPlain(MuJoCo):
 
     name = "mujoco-plain"
     tuning = PLAIN
+
+
+class MuJoCoFast(MuJoCo):
+    """MuJoCo, tuned, one step a tick, the object in convex parts."""
+
+    name = "mujoco-fast"
+    tuning = FAST
+
+
+class MuJoCoTriangles(MuJoCo):
+    """MuJoCo, tuned, 4 sub-steps, the object's triangles as a rigid flex."""
+
+    missing = lack_of("mujoco", "mujoco")
+    name = "mujoco-triangles"
+
+    def _add_object(self, spec: Any, scene: MethodScene) -> None:
+        mesh = self._mesh(scene)
+        spec.worldbody.add_body(name="object")
+        flex = spec.add_flex()
+        flex.name, flex.dim, flex.vertbody, flex.selfcollide = "object", 2, ["object"], 0
+        flex.vert, flex.elem, flex.radius = mesh.vertices.ravel(), mesh.faces.ravel(), THICKNESS
+        for name, value in {**self._touching(), "contype": 0, "conaffinity": 1}.items():
+            setattr(flex, name, value)
+
+
+class MuJoCoSpheres(MuJoCo):
+    """MuJoCo, tuned, 4 sub-steps, the object as the spheres of its tree."""
+
+    missing = lack_of("mujoco", "mujoco")
+    name = "mujoco-spheres"
+
+    def _add_object(self, spec: Any, scene: MethodScene) -> None:
+        if scene.tree is None:
+            raise InputError(f"method {self.name} needs the object's sphere tree: take --surface spheres")
+        body = spec.worldbody.add_body(name="object")
+        given = {**self._touching(), "contype": 0, "conaffinity": 1}
+        for center, radius in zip(scene.tree.leaf_center, scene.tree.leaf_radius):
+            body.add_geom(type=self._mujoco.mjtGeom.mjGEOM_SPHERE, pos=center, size=[radius, 0.0, 0.0], **given)
