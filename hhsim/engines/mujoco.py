@@ -126,10 +126,12 @@ class MuJoCo:
             damping / stiffness - self._ahead for stiffness, damping in zip(self._hand.stiffness, self._hand.damping)
         ]
         w, x, y, z = haptic.orientation
-        linear = np.empty(3)
-        self._mujoco.mju_rotVecQuat(linear, speed.linear, np.array([w, -x, -y, -z]))
-        self._data.ctrl[:3] = ahead[0] * linear
-        self._data.ctrl[3:6] = ahead[1] * speed.angular
+        back = np.array([w, -x, -y, -z])
+        # Of the palm's six actuators, by where they are in ctrl, in the frame of the user's palm.
+        for i, values in enumerate((speed.linear, speed.angular)):
+            turned = np.empty(3)
+            self._mujoco.mju_rotVecQuat(turned, values, back)
+            self._data.ctrl[3 * i : 3 * i + 3] = ahead[i] * turned
         self._data.ctrl[6:] += ahead[2] * speed.flexion.ravel()
 
     def _spread(self, haptic: HandConfiguration) -> None:
@@ -250,10 +252,11 @@ class MuJoCoFast(MuJoCo):
 
 
 class MuJoCoTriangles(MuJoCo):
-    """MuJoCo, tuned, 4 sub-steps, the object's triangles as a rigid flex."""
+    """MuJoCo, tuned, one step a tick, the object's triangles as a rigid flex."""
 
     missing = lack_of("mujoco", "mujoco")
     name = "mujoco-triangles"
+    tuning = FAST
 
     def _add_object(self, spec: Any, scene: MethodScene) -> None:
         mesh = self._mesh(scene)
@@ -266,10 +269,11 @@ class MuJoCoTriangles(MuJoCo):
 
 
 class MuJoCoSpheres(MuJoCo):
-    """MuJoCo, tuned, 4 sub-steps, the object as the spheres of its tree."""
+    """MuJoCo, tuned, one step a tick, the object as the spheres of its tree."""
 
     missing = lack_of("mujoco", "mujoco")
     name = "mujoco-spheres"
+    tuning = FAST
 
     def _add_object(self, spec: Any, scene: MethodScene) -> None:
         if scene.tree is None:

@@ -100,13 +100,40 @@ class RigidHand:
         c, s = math.cos(half), math.sin(half)
         return w * c - z * s, x * c + y * s, y * c - x * s, z * c + w * s
 
+    def pull(
+        self,
+        target: HandConfiguration,
+        speed: "HandSpeed",
+        position: Array,
+        orientation: Array,
+        linear: Array,
+        angular: Array,
+    ) -> tuple[Array, Array]:
+        """What the coupling does to the palm: force [N] and torque about its origin [N·m], world.
+
+        Args:
+            target: Where the user's hand is.
+            speed: Of the user's hand.
+            position, orientation: Of the shown palm [m], w x y z, world.
+            linear, angular: Its speed [m/s, rad/s], world.
+        """
+        force = self.stiffness[0] * (target.position - position) + self.damping[0] * (speed.linear - linear)
+        turn = rotation_between(orientation, target.orientation)
+        return force, self.stiffness[1] * turn + self.damping[1] * (speed.angular - angular)
+
+    def bend(self, target: HandConfiguration, speed: "HandSpeed", flexion: Array, bending: Array) -> Array:
+        """What the coupling does to the hinges [N·m], shape (15,), where they are bent [rad] and bend [rad/s] so."""
+        return self.stiffness[2] * (target.flexion.ravel() - flexion) + self.damping[2] * (
+            speed.flexion.ravel() - bending
+        )
+
 
 class HandSpeed(NamedTuple):
     """How fast the user's hand moves.
 
     Attributes:
         linear: Of the palm's origin [m/s], world, shape (3,).
-        angular: Of the palm [rad/s], frame of the user's palm, shape (3,).
+        angular: Of the palm [rad/s], world, shape (3,).
         flexion: [rad/s], shape (5, 3).
     """
 
@@ -120,9 +147,27 @@ STILL = HandSpeed(np.zeros(3), np.zeros(3), np.zeros((5, PHALANX_COUNT)))
 
 def speed_between(before: HandConfiguration, now: HandConfiguration, period: float) -> HandSpeed:
     """Mean speed between two ticks of a hand."""
-    a, b, c, d = before.orientation
-    w, x, y, z = now.orientation
-    # conj(before) * now; half of a small angle is its sine.
-    scale = math.copysign(2.0, a * w + b * x + c * y + d * z) / period
-    turn = np.array([a * x - b * w - c * z + d * y, a * y - c * w - d * x + b * z, a * z - d * w - b * y + c * x])
-    return HandSpeed((now.position - before.position) / period, scale * turn, (now.flexion - before.flexion) / period)
+    return HandSpeed(
+        (now.position - before.position) / period,
+        rotation_between(before.orientation, now.orientation) / period,
+        (now.flexion - before.flexion) / period,
+    )
+
+
+def rotation_between(first: Array, second: Array) -> Array:
+    """Rotation vector [rad], shape (3,), world, that turns one orientation, w x y z, to another nearby."""
+    a, b, c, d = (float(value) for value in first)
+    w, x, y, z = (float(value) for value in second)
+    # second * conj(first)
+    turn = np.array([a * x - b * w + c * z - d * y, a * y - c * w + d * x - b * z, a * z - d * w + b * y - c * x])
+    cosine = a * w + b * x + c * y + d * z
+    sine = math.sqrt(float(turn @ turn))
+    if sine == 0.0:
+        return turn
+    turned: Array = turn * (2.0 * math.atan2(math.copysign(sine, cosine), abs(cosine)) / sine)
+    return turned
+
+
+def earlier(now: HandConfiguration, speed: HandSpeed, time: float) -> HandConfiguration:
+    """Where the user's hand was some time [s] ago, its turning left out: for forces that a step finds as it begins."""
+    return now._replace(position=now.position - time * speed.linear, flexion=now.flexion - time * speed.flexion)
