@@ -1,8 +1,12 @@
 """PyBullet (Bullet 3): the hand as a multibody driven by spring and damper torques, the object as its triangles."""
 
+import ctypes
+import os
+import sys
 import tempfile
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -27,10 +31,8 @@ Array = NDArray[np.float64]
 
 RESPONSE = 0.005
 """τ of `hhsim.engines.rigid_hand` [s]."""
-STEPS = 4
-"""In a tick."""
-ITERATIONS = 200
-"""Of the contact solver: more than Bullet's 50, so that fifteen hinges and a palm of spheres agree."""
+ITERATIONS = 50
+"""Of the contact solver: Bullet's own; 200 change no figure."""
 ERP = 0.2
 """Share of a contact's depth that a step takes back: Bullet's own."""
 Y, Z = (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
@@ -40,7 +42,7 @@ HOLDING = 100.0
 
 
 class PyBullet:
-    """PyBullet, tuned, 4 sub-steps, the object's triangles."""
+    """PyBullet, tuned, one step a tick, the object's triangles."""
 
     gives_forces = True
     missing: ClassVar[str] = lack_of("pybullet", "pybullet")
@@ -49,16 +51,18 @@ class PyBullet:
     def __init__(self, scene: MethodScene) -> None:
         """Build the world in a server of its own."""
         require(self.name, self.missing)
-        import pybullet
-        from pybullet_utils.bullet_client import BulletClient
+        with silent():
+            import pybullet
+            from pybullet_utils.bullet_client import BulletClient
 
+            client = BulletClient(pybullet.DIRECT)
         if scene.mesh is None:
             raise InputError(f"method {self.name} needs the object's mesh, and it is spheres alone")
         self._scene = scene
         self._hand = RigidHand.of(scene.hand, scene.options.stiffness, RESPONSE)
-        self._bullet: Any = BulletClient(pybullet.DIRECT)
+        self._bullet: Any = client
         self._bullet.setPhysicsEngineParameter(
-            fixedTimeStep=scene.period / STEPS,
+            fixedTimeStep=scene.period,
             numSolverIterations=ITERATIONS,
             solverResidualThreshold=0.0,
             contactERP=ERP,
@@ -89,22 +93,20 @@ class PyBullet:
         speed = STILL if before is None else speed_between(before, haptic, self._scene.period)
         if before is not None and (before.abduction != haptic.abduction).any():
             self._spread(haptic.abduction)
-        native = 0
-        for step in range(STEPS):
-            target = earlier(haptic, speed, self._scene.period * (1.0 - step / STEPS))
-            position, orientation = self._palm()
-            linear, angular = (np.array(values) for values in bullet.getBaseVelocity(body))
-            joints = bullet.getJointStates(body, self._bends)
-            flexion, bending = np.array([joint[0] for joint in joints]), np.array([joint[1] for joint in joints])
-            force, torque = hand.pull(target, speed, position, orientation, linear, angular)
-            bullet.applyExternalForce(body, -1, force, position, bullet.WORLD_FRAME)
-            bullet.applyExternalTorque(body, -1, torque, bullet.WORLD_FRAME)
-            bullet.setJointMotorControlArray(
-                body, self._bends, bullet.TORQUE_CONTROL, forces=hand.bend(target, speed, flexion, bending)
-            )
-            begun = time.process_time_ns()
-            bullet.stepSimulation()
-            native += time.process_time_ns() - begun
+        target = earlier(haptic, speed, self._scene.period)
+        position, orientation = self._palm()
+        linear, angular = (np.array(values) for values in bullet.getBaseVelocity(body))
+        joints = bullet.getJointStates(body, self._bends)
+        flexion, bending = np.array([joint[0] for joint in joints]), np.array([joint[1] for joint in joints])
+        force, torque = hand.pull(target, speed, position, orientation, linear, angular)
+        bullet.applyExternalForce(body, -1, force, position, bullet.WORLD_FRAME)
+        bullet.applyExternalTorque(body, -1, torque, bullet.WORLD_FRAME)
+        bullet.setJointMotorControlArray(
+            body, self._bends, bullet.TORQUE_CONTROL, forces=hand.bend(target, speed, flexion, bending)
+        )
+        begun = time.process_time_ns()
+        bullet.stepSimulation()
+        native = time.process_time_ns() - begun
         position, orientation = self._palm()
         bent = np.array([joint[0] for joint in bullet.getJointStates(body, self._bends)])
         pose = HandConfiguration(position, orientation, bent.reshape(len(FINGERS), PHALANGES), haptic.abduction)
@@ -170,6 +172,23 @@ class PyBullet:
             body, spreads, bullet.VELOCITY_CONTROL, targetVelocities=[0.0] * 5, forces=[HOLDING] * 5
         )
         return body, spreads, bends
+
+
+@contextmanager
+def silent() -> Iterator[None]:
+    """Keep what compiled code prints off the terminal: PyBullet tells when it was built, on standard output."""
+    sys.stdout.flush()
+    kept = os.dup(1)
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 1)
+        yield
+        # Its own buffer would be written out later.
+        ctypes.CDLL(None).fflush(None)
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)
+        os.close(nowhere)
 
 
 def hand_urdf(hand: RigidHand) -> str:

@@ -1,0 +1,270 @@
+"""Drake: the hand as a multibody with implicit joint controllers, the object as convex parts or a hydroelastic mesh."""
+
+import time
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.engines.convex_parts import Ball, Box, convex_parts
+from hhsim.engines.installed import lack_of, require
+from hhsim.engines.rigid_hand import PALM, PHALANX_MASS, STILL, RigidHand, earlier, speed_between
+from hhsim.errors import InputError
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.fingers import FINGERS, PHALANGES
+from hhsim.mesh.mesh import Mesh
+from hhsim.solver.outside_method import MethodScene, TickAnswer
+
+Array = NDArray[np.float64]
+
+RESPONSE = 0.005
+"""τ of `hhsim.engines.rigid_hand` [s]."""
+POINT_STIFFNESS = 1e6
+"""Of a contact [N/m]."""
+DISSIPATION = 0.0
+"""Of Hunt and Crossley [s/m]."""
+MODULUS = 1e9
+"""Hydroelastic, of the hand's bodies [Pa]."""
+RESOLUTION = 2e-3
+"""Of the meshes that Drake makes of the hand's bodies [m]."""
+HOLDING = 1e3
+"""How many times as stiff as a flexion the abduction is driven: it is the user's. A locked joint beside joints that are
+controlled ends Drake 1.51 with a segmentation fault."""
+Y, Z = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
+
+
+class Drake:
+    """Drake, tuned, lagged contacts, the object in convex parts."""
+
+    gives_forces = True
+    missing: ClassVar[str] = lack_of("drake", "pydrake", "coacd")
+    name: ClassVar[str] = "drake"
+    contact_model: ClassVar[str] = "kPoint"
+
+    def __init__(self, scene: MethodScene) -> None:
+        """Build plant and scene."""
+        require(self.name, self.missing)
+        from pydrake import geometry, math
+        from pydrake.common.value import Value
+        from pydrake.multibody import math as spatial
+        from pydrake.multibody import plant as multibody
+        from pydrake.multibody import tree
+        from pydrake.systems.analysis import Simulator
+        from pydrake.systems.framework import DiagramBuilder
+
+        if scene.mesh is None:
+            raise InputError(f"method {self.name} needs the object's mesh, and it is spheres alone")
+        self._geometry: Any = geometry
+        self._tree: Any = tree
+        self._math: Any = math
+        self._multibody: Any = multibody
+        self._spatial: Any = spatial
+        self._scene = scene
+        self._hand = RigidHand.of(scene.hand, scene.options.stiffness, RESPONSE)
+        builder = DiagramBuilder()
+        self._plant: Any
+        self._plant, graph = multibody.AddMultibodyPlantSceneGraph(builder, scene.period)
+        plant = self._plant
+        plant.set_discrete_contact_approximation(multibody.DiscreteContactApproximation.kLagged)
+        plant.set_contact_model(getattr(multibody.ContactModel, self.contact_model))
+        plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
+        self._add_object(scene.mesh)
+        self._bodies: list[Any] = []
+        self._joints: list[Any] = []
+        self._add_hand()
+        plant.Finalize()
+        inside = geometry.GeometrySet(
+            [item for body in self._bodies for item in plant.GetCollisionGeometriesForBody(body)]
+        )
+        graph.collision_filter_manager().Apply(geometry.CollisionFilterDeclaration().ExcludeWithin(inside))
+        diagram = builder.Build()
+        self._diagram = diagram
+        self._simulator: Any = Simulator(diagram)
+        self._root = self._simulator.get_mutable_context()
+        self._context = plant.GetMyMutableContextFromRoot(self._root)
+        self._pull = multibody.ExternallyAppliedSpatialForce()
+        self._pull.body_index = self._bodies[PALM].index()
+        # Written to the context anew at every tick: what FixValue returns must not be kept.
+        self._pulls: Any = plant.get_applied_spatial_force_input_port()
+        self._wanted: Any = plant.get_desired_state_input_port(tree.default_model_instance())
+        self._value: Any = Value
+        self._row = {int(body.index()): i for i, body in enumerate(self._bodies)}
+        self._body_of = {
+            item: i for i, body in enumerate(self._bodies) for item in plant.GetCollisionGeometriesForBody(body)
+        }
+        self._before: HandConfiguration | None = None
+
+    def begin(self, pose: HandConfiguration) -> None:
+        """Put the hand there, at rest."""
+        plant, context = self._plant, self._context
+        self._root.SetTime(0.0)
+        plant.SetVelocities(context, np.zeros(plant.num_velocities()))
+        turn = self._math.RotationMatrix(_quaternion(pose.orientation))
+        plant.SetFloatingBaseBodyPoseInWorldFrame(
+            context, self._bodies[PALM], self._math.RigidTransform(turn, pose.position)
+        )
+        for joint, angle in zip(self._joints, self._angles(pose.abduction, pose.flexion)):
+            joint.set_angle(context, angle)
+        self._simulator.Initialize()
+        self._before = None
+        self._ticks = 0
+
+    def tick(self, haptic: HandConfiguration) -> TickAnswer:
+        """Pull at the palm, tell the fingers' controllers, and step."""
+        plant, context, period = self._plant, self._context, self._scene.period
+        before, self._before = self._before, haptic
+        speed = STILL if before is None else speed_between(before, haptic, period)
+        spreading = 0.0 if before is None else (haptic.abduction - before.abduction) / period
+        position, orientation = self._palm()
+        moving = plant.EvalBodySpatialVelocityInWorld(context, self._bodies[PALM])
+        force, torque = self._hand.pull(
+            earlier(haptic, speed, period), speed, position, orientation, moving.translational(), moving.rotational()
+        )
+        self._pull.F_Bq_W = self._spatial.SpatialForce(torque, force)
+        self._pulls.FixValue(context, self._value([self._pull]))
+        self._wanted.FixValue(
+            context,
+            np.concatenate(
+                [
+                    self._angles(haptic.abduction, haptic.flexion),
+                    self._angles(np.zeros(len(FINGERS)) + spreading, speed.flexion),
+                ]
+            ),
+        )
+        self._ticks += 1
+        begun = time.process_time_ns()
+        self._simulator.AdvanceTo(self._ticks * period)
+        native = time.process_time_ns() - begun
+        position, orientation = self._palm()
+        bent = np.array([joint.get_angle(context) for joint in self._joints]).reshape(len(FINGERS), PHALANGES + 1)
+        abduction = self._hand.abduction_sign * bent[:, 0]
+        pose = HandConfiguration(position, orientation, np.ascontiguousarray(bent[:, 1:]), abduction)
+        push = self._forces()
+        return TickAnswer(pose, push[:PALM].reshape(len(FINGERS), PHALANGES, 3), push[PALM], native)
+
+    def _palm(self) -> tuple[Array, Array]:
+        pose = self._plant.EvalBodyPoseInWorld(self._context, self._bodies[PALM])
+        return np.array(pose.translation()), np.array(pose.rotation().ToQuaternion().wxyz())
+
+    def _angles(self, abduction: Array, flexion: Array) -> Array:
+        """As the joints have them, a finger after the other, its abduction first, shape (20,)."""
+        return np.column_stack([self._hand.abduction_sign * abduction, flexion]).ravel()
+
+    def _forces(self) -> Array:
+        """Contact force on each body of the hand [N], world, shape (16, 3)."""
+        found = np.zeros((PALM + 1, 3))
+        results = self._plant.get_contact_results_output_port().Eval(self._context)
+        for i in range(results.num_point_pair_contacts()):
+            contact = results.point_pair_contact_info(i)
+            for body, sign in ((contact.bodyA_index(), -1.0), (contact.bodyB_index(), 1.0)):
+                row = self._row.get(int(body))
+                if row is not None:
+                    found[row] += sign * contact.contact_force()
+        for i in range(results.num_hydroelastic_contacts()):
+            contact = results.hydroelastic_contact_info(i)
+            surface = contact.contact_surface()
+            for item, sign in ((surface.id_M(), 1.0), (surface.id_N(), -1.0)):
+                row = self._body_of.get(item)
+                if row is not None:
+                    found[row] += sign * contact.F_Ac_W().translational()
+        return found
+
+    def _touching(self, *, hand: bool) -> Any:
+        """What a geometry touches with: no friction, and the stiffness."""
+        properties = self._geometry.ProximityProperties()
+        self._geometry.AddContactMaterial(
+            DISSIPATION, POINT_STIFFNESS, self._multibody.CoulombFriction(0.0, 0.0), properties
+        )
+        return properties
+
+    def _add_object(self, mesh: Mesh) -> None:
+        geometry, world = self._geometry, self._plant.world_body()
+        for i, part in enumerate(convex_parts(mesh)):
+            place = self._math.RigidTransform()
+            if isinstance(part, Ball):
+                shape, place = geometry.Sphere(part.radius), self._math.RigidTransform(part.center)
+            elif isinstance(part, Box):
+                shape, place = geometry.Box(*(2.0 * part.half)), self._math.RigidTransform(part.center)
+            else:
+                shape = geometry.Convex(points=part.points.T, label=f"part {i}")
+            self._plant.RegisterCollisionGeometry(world, place, shape, f"part {i}", self._touching(hand=False))
+
+    def _body(self, name: str, mass: float, inertia: float) -> Any:
+        moment = self._tree.UnitInertia(*([inertia / mass] * 3))
+        return self._plant.AddRigidBody(name, self._tree.SpatialInertia(mass, np.zeros(3), moment))
+
+    def _add_hand(self) -> None:
+        hand, plant, geometry = self._hand, self._plant, self._geometry
+        place = self._math.RigidTransform
+        touching = self._touching(hand=True)
+        palm = self._body("palm", hand.mass, hand.inertia)
+        for i, (center, radius) in enumerate(zip(hand.palm_center, hand.palm_radius)):
+            plant.RegisterCollisionGeometry(palm, place(center), geometry.Sphere(radius), f"palm {i}", touching)
+        lie = self._math.RotationMatrix.MakeYRotation(0.5 * np.pi)
+        for f, finger in enumerate(FINGERS):
+            body = self._body(f"{finger} mount", PHALANX_MASS, 0.1 * hand.armature)
+            turn = self._math.RotationMatrix(hand.frame[f])
+            mount = self._hinge(palm, place(turn, hand.base[f]), body, Z, (-np.pi, np.pi))
+            self._drive(mount, HOLDING * hand.stiffness[2], HOLDING * hand.damping[2])
+            for k in range(PHALANGES):
+                before, body = body, self._body(f"{finger} {k}", PHALANX_MASS, 0.1 * hand.armature)
+                joint = self._hinge(before, place(hand.place(f, k)), body, Y, hand.limits[f, k])
+                self._drive(joint, hand.stiffness[2], hand.damping[2])
+                self._bodies.append(body)
+                length = hand.length[f, k]
+                plant.RegisterCollisionGeometry(
+                    body,
+                    place(lie, np.array([0.5 * length, 0.0, 0.0])),
+                    geometry.Capsule(hand.radius[f, k], length),
+                    f"{finger} {k}",
+                    touching,
+                )
+        self._bodies.append(palm)
+
+    def _drive(self, joint: Any, stiffness: float, damping: float) -> None:
+        """Have a joint follow the user's, by Drake's own implicit controller."""
+        actuator = self._plant.AddJointActuator(joint.name(), joint)
+        actuator.set_default_rotor_inertia(self._hand.armature)
+        actuator.set_controller_gains(self._tree.PdControllerGains(p=stiffness, d=damping))
+        self._joints.append(joint)
+
+    def _hinge(self, parent: Any, place: Any, child: Any, axis: Array, limits: Any) -> Any:
+        tree = self._tree
+        frame = self._plant.AddFrame(tree.FixedOffsetFrame(f"{child.name()} hinge", parent.body_frame(), place))
+        joint = tree.RevoluteJoint(
+            f"{child.name()}", frame, child.body_frame(), axis, float(limits[0]), float(limits[1])
+        )
+        return self._plant.AddJoint(joint)
+
+
+class DrakeHydroelastic(Drake):
+    """Drake, tuned, hydroelastic: the object's mesh is rigid, the hand's bodies give."""
+
+    missing = lack_of("drake", "pydrake")
+    name = "drake-hydroelastic"
+    contact_model = "kHydroelastic"
+
+    def _touching(self, *, hand: bool) -> Any:
+        properties = super()._touching(hand=hand)
+        if hand:
+            self._geometry.AddCompliantHydroelasticProperties(RESOLUTION, MODULUS, properties)
+        else:
+            self._geometry.AddRigidHydroelasticProperties(properties)
+        return properties
+
+    def _add_object(self, mesh: Mesh) -> None:
+        from pydrake.common import MemoryFile
+
+        lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in mesh.vertices.tolist()]
+        lines += [f"f {a} {b} {c}" for a, b, c in (mesh.faces + 1).tolist()]
+        text = "\n".join(lines)
+        shape = self._geometry.Mesh(self._geometry.InMemoryMesh(MemoryFile(text, ".obj", "object")))
+        self._plant.RegisterCollisionGeometry(
+            self._plant.world_body(), self._math.RigidTransform(), shape, "object", self._touching(hand=False)
+        )
+
+
+def _quaternion(values: Array) -> Any:
+    from pydrake.common.eigen_geometry import Quaternion
+
+    return Quaternion(values / np.sqrt(values @ values))
