@@ -25,7 +25,7 @@ PACKAGES = (
         for part in ("", ".link", ".devices", ".drivers", ".pose", ".ipc", ".loop", ".session", ".simulators")
     ),
     "hhsim.report",
-    *("hhsim.sweep", "hhsim.board"),
+    *("hhsim.sweep", "hhsim.board", "hhsim.engines"),
 )
 """Every package of the library, lowest first: a module imports from its own package and from those before it."""
 

@@ -32,6 +32,7 @@ def _list(context: click.Context, as_json: bool) -> None:
     cells: dict[str, Callable[[str], str]] = {
         "name": lambda name: name,
         "what": lambda name: found[name].summary,
+        "installed": lambda name: yes[not found[name].missing],
         "from": lambda name: home.get(name, "hhsim"),
         "never inside": lambda name: yes[found[name].never_penetrates],
         "nearest": lambda name: yes[found[name].nearest_to_user],
@@ -46,12 +47,16 @@ def _list(context: click.Context, as_json: bool) -> None:
                 "never_penetrates": method.never_penetrates,
                 "nearest_to_user": method.nearest_to_user,
                 "gives": sorted(method.gives),
+                "missing": method.missing,
             }
             for name, method in found.items()
         ]
         print_json({"methods": document, "broken": broken})
         return
     print_rows(cells, list(found), words=cells.keys())
+    for name, method in found.items():
+        if method.missing:
+            print_line(f"note: {name} {method.missing}")
     for why in broken.values():
         print_line(f"note: {why}")
 

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 RESPONSE = 0.005
 """τ of `hhsim.engines.rigid_hand` [s]."""
-POINT_STIFFNESS = 1e6
+POINT_STIFFNESS = 1e5
 """Of a contact [N/m]."""
 DISSIPATION = 0.0
 """Of Hunt and Crossley [s/m]."""
@@ -258,7 +258,7 @@ class DrakeHydroelastic(Drake):
         lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in mesh.vertices.tolist()]
         lines += [f"f {a} {b} {c}" for a, b, c in (mesh.faces + 1).tolist()]
         text = "\n".join(lines)
-        shape = self._geometry.Mesh(self._geometry.InMemoryMesh(MemoryFile(text, ".obj", "object")))
+        shape = self._geometry.Mesh(self._geometry.InMemoryMesh(mesh_file=MemoryFile(text, ".obj", "object")))
         self._plant.RegisterCollisionGeometry(
             self._plant.world_body(), self._math.RigidTransform(), shape, "object", self._touching(hand=False)
         )

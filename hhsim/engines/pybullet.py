@@ -176,18 +176,21 @@ class PyBullet:
 
 @contextmanager
 def silent() -> Iterator[None]:
-    """Keep what compiled code prints off the terminal: PyBullet tells when it was built, on standard output."""
+    """Keep what compiled code prints off the terminal: PyBullet tells when it was built, whoever reads the output."""
     sys.stdout.flush()
-    kept = os.dup(1)
+    sys.stderr.flush()
+    kept = os.dup(1), os.dup(2)
     nowhere = os.open(os.devnull, os.O_WRONLY)
     try:
         os.dup2(nowhere, 1)
+        os.dup2(nowhere, 2)
         yield
         # Its own buffer would be written out later.
         ctypes.CDLL(None).fflush(None)
     finally:
-        os.dup2(kept, 1)
-        os.close(kept)
+        for place, was in zip((1, 2), kept):
+            os.dup2(was, place)
+            os.close(was)
         os.close(nowhere)
 
 

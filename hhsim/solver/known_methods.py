@@ -126,6 +126,7 @@ def outside_method(name: str, made: Callable[[Any], Any]) -> Method:
         refuses_backends=f"method {name} comes from outside and takes no QP solver of hhsim's, not {{qp}}",
         gives=frozenset((TIMES, RUNS, *([FORCES] if forces else []))),
         compiled=False,
+        missing=str(getattr(made, "missing", "")),
     )
 
 

@@ -55,6 +55,7 @@ class Method:
         defaults: Of the options named in `USUAL`.
         gives: What can be known of it, of `EVERYTHING`; what cannot has no row in a table.
         compiled: Whether its ticks run in hhsim's own compiled blocks.
+        missing: What has to be installed first, in one line; "" where it can run.
     """
 
     summary: str
@@ -67,6 +68,7 @@ class Method:
     defaults: Mapping[str, Any] = field(default_factory=lambda: USUAL)
     gives: frozenset[str] = EVERYTHING
     compiled: bool = True
+    missing: str = ""
 
 
 METHODS: Registry[Method] = Registry(

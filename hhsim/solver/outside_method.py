@@ -74,7 +74,8 @@ class OutsideMethod(Protocol):
     """A method from outside; made anew for every run.
 
     A class may say `summary` (else the first line of its docstring is taken), `gives_forces = True` where its ticks
-    have forces, and `never_penetrates = True` where it promises that.
+    have forces, `never_penetrates = True` where it promises that, and `missing`, what has to be installed before it can
+    be made, or "".
     """
 
     def __init__(self, scene: MethodScene) -> None:
