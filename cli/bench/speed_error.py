@@ -71,8 +71,14 @@ class Configurations(OptionGroup):
 @click.command()
 @Configurations.argument("configurations")
 @options.picture
+@click.option(
+    "--peers",
+    type=options.FILE,
+    metavar="FILE",
+    help="Draw the engines of this table of hhsim bench peers into the picture, in grey.",
+)
 @options.Output.argument("output")
-def command(configurations: Configurations, plot: Path | None, output: options.Output) -> None:
+def command(configurations: Configurations, plot: Path | None, peers: Path | None, output: options.Output) -> None:
     """Measure what a tick costs against how far off it is, for every way to solve the hand.
 
     Methods, surfaces, tree levels, linearisations and QP solvers take turns on the same motions. Errors are measured
@@ -88,20 +94,21 @@ def command(configurations: Configurations, plot: Path | None, output: options.O
     """
     from hhsim.bench.speed_error import measure
     from hhsim.bench.speed_error_table import ALL, COLUMNS, chosen, remarks, table_rows
-    from hhsim.bench.table import csv_path, write_table
+    from hhsim.bench.table import csv_path, rows_of, write_table
     from hhsim.render.speed_error_figure import draw_speed_error
     from hhsim.system.picture_path import picture_beside
 
     run = configurations.options()
     output_path = output.table_path("speed-error")
     picture = picture_beside(output_path, plot)
+    others = [] if peers is None else rows_of(peers, "peers")
     announce_compilation(quiet=output.quiet)
     with progress(quiet=output.quiet) as report:
         runs = measure(run, report)
     rows = table_rows(runs)
     notes = remarks(runs)
     write_table(output_path, "speed-error", COLUMNS, rows, asdict(run))
-    draw_speed_error(picture, rows)
+    draw_speed_error(picture, rows, others)
     summed, solvers = chosen(rows, object=ALL, motion=ALL), chosen(rows, object=ALL, motion=ALL, stretch=True)
     if output.as_json:
         print_json(

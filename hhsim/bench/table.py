@@ -163,6 +163,18 @@ def load_table(path: Path) -> Table:
         raise InputError(f"{path} is no readable table of hhsim bench: {reason}") from error
 
 
+def rows_of(path: Path, suite: str) -> list[dict[str, Cell]]:
+    """The rows of a table of one suite.
+
+    Raises:
+        InputError: As `load_table`; or it is another suite's.
+    """
+    table = load_table(path)
+    if table.suite != suite:
+        raise InputError(f"{path} is a table of hhsim bench {table.suite}: expected one of hhsim bench {suite}")
+    return list(table.rows)
+
+
 def _read(file: h5py.File, path: Path) -> Table:
     attributes = {name: value.item() if isinstance(value, np.generic) else value for name, value in file.attrs.items()}
     if attributes.get("format") != FORMAT:

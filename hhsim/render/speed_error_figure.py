@@ -1,7 +1,6 @@
 """The Pareto picture of `hhsim bench speed-error`: what a tick costs against how far off it is."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,67 +28,19 @@ PAPER_RANGE = (310.0, 1000.0)
 """CPU time of a tick that the paper states for simple to complex objects, on a 6-core 3.7 GHz machine [µs]."""
 FLOOR = 1e-4
 """Errors below this are drawn at it [mm]: a logarithm has no zero."""
-CORNER = 0.15
-"""Nobody kept both errors below this [mm] faster than PyBullet."""
 TIMES = (5, 10, 20, 50, 100, 200, 500, 1000, 5000)
 ERRORS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50)
 DECADES = (0.0001, 0.001, 0.01, 0.1, 1, 10, 100)
 """What is marked where a panel is of few decades, and of many: spheres and the mesh lie two apart."""
 
 
-@dataclass(frozen=True)
-class Peer:
-    """Another engine on the same scene, as measured in November 2026 on a 2-core AMD EPYC, one thread.
-
-    Attributes:
-        label: Engine and object model.
-        time: CPU time of a tick, median [µs].
-        depth: Deepest in the true mesh [mm].
-        contact: Contact points off the true surface, most [mm].
-        shift: Of the label from the point [pt]; the label ends there if it is shifted to the left.
-    """
-
-    label: str
-    time: float
-    depth: float
-    contact: float
-    shift: tuple[float, float] = (6.0, 0.0)
-
-    @property
-    def error(self) -> float:
-        """The larger of the two [mm]."""
-        return max(self.depth, self.contact)
-
-
-PEERS: dict[str, tuple[Peer, ...]] = {
-    "bunny": (
-        Peer("MuJoCo, 72 convex parts", 38.0, 0.31, 0.93, (2.0, 11.0)),
-        Peer("same, 4 sub-steps", 139.0, 0.053, 0.92, (-4.0, -10.0)),
-        Peer("MuJoCo, 3,986 spheres", 192.0, 0.47, 0.33),
-        Peer("MuJoCo, 494 spheres", 42.0, 1.8, 1.2),
-        Peer("MuJoCo, triangles", 104.0, 0.36, 0.10, (-5.0, -8.0)),
-        Peer("MuJoCo, distance field", 10263.0, 0.58, 0.26, (-6.0, 0.0)),
-        Peer("PyBullet, triangles", 511.0, 0.090, 0.15, (-6.0, -10.0)),
-        Peer("Drake, 72 parts", 262.0, 0.15, 0.94, (4.0, -10.0)),
-        Peer("Drake, hydroelastic", 1213.0, 1.06, 0.18, (6.0, 7.0)),
-    ),
-    "teapot": (
-        Peer("MuJoCo, 53 convex parts", 136.0, 0.16, 1.1),
-        Peer("MuJoCo, 3,960 spheres", 522.0, 0.51, 0.26),
-        Peer("PyBullet, triangles", 1468.0, 0.13, 0.11, (2.0, -12.0)),
-    ),
-    "cube": (Peer("MuJoCo, box", 15.0, 0.14, 0.01),),
-    "sphere": (Peer("MuJoCo, sphere", 13.0, 0.60, 0.03),),
-}
-"""By object. Ratios carry over to other machines, times do not."""
-
-
-def draw_speed_error(path: Path, rows: Sequence[Row]) -> None:
+def draw_speed_error(path: Path, rows: Sequence[Row], peers: Sequence[Row] = ()) -> None:
     """Draw the trade-off: a panel against the true mesh for up to two objects, one against the optimum.
 
     Args:
         path: The picture; matplotlib chooses the format by its ending.
         rows: The table.
+        peers: Of a table of `hhsim bench peers`: its engines are drawn in grey.
 
     Raises:
         OutputError: The picture cannot be written.
@@ -97,29 +48,29 @@ def draw_speed_error(path: Path, rows: Sequence[Row]) -> None:
     """
     check_picture(path)
     names = list(dict.fromkeys(row["object"] for row in rows if row["object"] != ALL))
+    others = {name: chosen_peers(peers, name) for name in names}
     # Objects that the peers were measured on say the most.
-    shown = sorted(names, key=lambda name: (len(PEERS.get(name, ())) < 2, names.index(name)))[:2]
+    shown = sorted(names, key=lambda name: (len(others[name]) < 2, names.index(name)))[:2]
     figure = new_figure(19.2, 8.4)
     panels = figure.subplots(1, len(shown) + 1, squeeze=False)[0]
     for axes, name in zip(panels, shown):
         mine = chosen(rows, object=name, motion=ALL)
-        peers = PEERS.get(name, ())
-        _draw_panel(axes, mine, "mesh_error", "mesh_frontier", 1.6e4 if peers else 2e3)
+        _draw_panel(axes, mine, "mesh_error", "mesh_frontier", 1.6e4 if others[name] else 2e3)
         _name_surfaces(axes, mine, "mesh_error")
-        _draw_peers(axes, peers)
+        _draw_peers(axes, others[name])
         axes.set_title(f"{name}: off the true mesh [mm]", fontsize=15, loc="left")
     last = panels[-1]
     _draw_panel(last, chosen(rows, object=ALL, motion=ALL), "off_optimum_mean", "tracking_frontier", 2e3)
     whose = "all objects" if len(names) > 1 else names[0]
     last.set_title(f"{whose}: off the best pose [mm]", fontsize=15, loc="left")
-    _draw_legend(figure, chosen(rows, object=ALL, motion=ALL))
+    _draw_legend(figure, chosen(rows, object=ALL, motion=ALL), peers=any(others.values()))
+    grey = "Grey: other engines, as hhsim bench peers measured them; " if any(others.values()) else ""
     figure.text(
         0.012,
         0.012,
         "Off the true mesh: the larger of the deepest penetration and the farthest contact point. Off the best pose: "
         "palm or fingertip, from where the converged optimum on the mesh itself has it, mean.\n"
-        "Grey: other engines on the same kind of scene, as measured in November 2026 on a 2-core AMD EPYC; "
-        "ratios carry over, times do not. The paper's times are those it states for its own machine.",
+        f"{grey}ratios carry over, times do not. The paper's times are those it states for its own machine.",
         fontsize=11.5,
         color="0.35",
         va="bottom",
@@ -179,20 +130,29 @@ def _name_surfaces(axes: "Axes", rows: Sequence[Row], error: str) -> None:
         )  # fmt: skip
 
 
-def _draw_peers(axes: "Axes", peers: Sequence[Peer]) -> None:
+def chosen_peers(peers: Sequence[Row], name: str) -> list[Row]:
+    """Of a table of `hhsim bench peers`: the engines on one object, over all motions."""
+    return [
+        row
+        for row in peers
+        if (row["object"], row["motion"]) == (name, ALL) and not row["ours"] and not np.isnan(row["mesh_error"])
+    ]
+
+
+def _draw_peers(axes: "Axes", peers: Sequence[Row]) -> None:
     from matplotlib.patheffects import withStroke
 
     if not peers:
         return
-    axes.axhline(CORNER, color=GREY, linewidth=1.0, linestyle=":")
     for peer in peers:
-        axes.plot(peer.time, peer.error, "x", color=GREY, markersize=8, markeredgewidth=2.0, zorder=3)
+        place = 1e6 * peer["tick_cpu_p50"], max(FLOOR, 1e3 * peer["mesh_error"])
+        axes.plot(*place, "x", color=GREY, markersize=8, markeredgewidth=2.0, zorder=3)
         axes.annotate(
-            peer.label,
-            (peer.time, peer.error),
-            peer.shift,
+            peer["method"],
+            place,
+            (6.0, 4.0),
             textcoords="offset points",
-            ha="right" if peer.shift[0] < 0.0 else "left",
+            ha="left",
             va="center",
             fontsize=11,
             color=GREY,
@@ -200,7 +160,7 @@ def _draw_peers(axes: "Axes", peers: Sequence[Peer]) -> None:
         )
 
 
-def _draw_legend(figure: Any, rows: Sequence[Row]) -> None:
+def _draw_legend(figure: Any, rows: Sequence[Row], *, peers: bool) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -214,8 +174,7 @@ def _draw_legend(figure: Any, rows: Sequence[Row]) -> None:
         legend_mark("one linearisation", "o", "0.2", "white"),
         Line2D([], [], color="0.15", linewidth=1.4, label="frontier"),
         Line2D([], [], color="#b00020", linewidth=1.5, label="1 ms: the budget at 1 kHz"),
-        legend_mark("other engines", "x", GREY),
-        Line2D([], [], color=GREY, linewidth=1.0, linestyle=":", label=f"{CORNER:g} mm"),
+        *([legend_mark("other engines", "x", GREY)] if peers else []),
         Patch(color=GREY, alpha=0.15, label="the paper's times; error not given"),
     ]
     figure.legend(

@@ -1,0 +1,352 @@
+"""Other engines beside our methods: the same hand, objects and motions, judged by the same independent distances.
+
+Every method has a hand whose phalanges are capsules, which all engines know, so that all have the same geometry. The
+haptic input of a scene is made once. The runs take turns, each repetition in the opposite order of the one before; of
+each tick the median of the repetitions counts. Errors are those of the first repetition, against the true mesh, by
+coal: how deep the hand is in it, and how far from it a body is that the method says is pushed.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.bench.run_errors import NEAR, hand_clearance, placed_of
+from hhsim.bench.sampled_ticks import sampled
+from hhsim.errors import HhsimError, InputError, check_known
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
+from hhsim.hand.model import HandModel
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.mesh.catalogue import load_object, object_names
+from hhsim.mesh.mesh import Mesh
+from hhsim.metrics import metrics
+from hhsim.metrics.run.registry import run_figure
+from hhsim.metrics.run_ticks import RunTicks, hold_slices
+from hhsim.motion.trajectory import TickInput
+from hhsim.replay.tremor_hold import tremor_variation
+from hhsim.scene.motion_catalogue import load_script, script_names
+from hhsim.scene.scene import make_scene
+from hhsim.scene.synthesis import synthesize
+from hhsim.solver.compile import warm_up
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.known_methods import declared_methods, find_method
+from hhsim.solver.method import FORCES
+from hhsim.solver.options import SolverOptions
+from hhsim.system.deferred_sigint import interruptible_between
+from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.contact_surface import contact_surface
+from hhsim.verify.mesh_distance import HandReferee
+from hhsim.verify.verify import require_coal
+
+FloatArray = NDArray[np.float64]
+Progress = Callable[[str, int, int], None]
+
+OURS: tuple[tuple[str, str], ...] = (("coupled", "mesh"), ("coupled", "spheres"), ("penalty", "spheres"))
+"""Our methods, and what of the object they touch."""
+OUR_PACKAGE = "hhsim"
+"""Whose entry points are run where no method is named."""
+PUSHED = 1e-2
+"""A body that is pushed by less [N] may as well not touch: stiff engines ring."""
+
+
+@dataclass(frozen=True)
+class PeersOptions:
+    """What is run.
+
+    Attributes:
+        objects: Of the catalogue.
+        motions: Scripts of the catalogue that touch the object.
+        methods: As `hhsim.solver.known_methods.method_names`, or `package.module:Class`; None for those of `OURS` and
+            every engine that hhsim declares. What is not installed is left out.
+        repetitions: Of every run.
+        rate: Ticks per second [Hz].
+        seed: Of the tremor.
+        hands: Of a run at most, that are held against the true mesh.
+    """
+
+    objects: tuple[str, ...] = ("bunny", "teapot", "cube", "sphere")
+    motions: tuple[str, ...] = ("grasp", "slide", "whole-hand")
+    methods: tuple[str, ...] | None = None
+    repetitions: int = 3
+    rate: float = 1000.0
+    seed: int = 0
+    hands: int = 200
+
+    def __post_init__(self) -> None:
+        """Fill in the methods, and refuse unknown names, empty lists and impossible numbers."""
+        if self.methods is None:
+            declared = (
+                name for name, entry in declared_methods().items() if entry.dist and entry.dist.name == OUR_PACKAGE
+            )
+            object.__setattr__(self, "methods", (*dict.fromkeys(name for name, _ in OURS), *sorted(declared)))
+        check_known("object", self.objects, object_names())
+        check_known("trajectory", self.motions, script_names())
+        for item in ("objects", "motions", "methods"):
+            if not getattr(self, item):
+                raise InputError(f"{item}: name at least one")
+        for name in self.methods or ():
+            if FORCES not in find_method(name).gives:
+                raise InputError(f"method {name} gives no forces: what it touches cannot be known")
+        for item in ("repetitions", "hands"):
+            if getattr(self, item) < 1:
+                raise InputError(f"{getattr(self, item)} {item}: at least 1 is needed")
+        for motion in self.motions:
+            if not load_script(motion).contact:
+                raise InputError(f"the motion '{motion}' touches nothing: there is no error to measure")
+
+    @classmethod
+    def quick(cls, **given: Any) -> "PeersOptions":
+        """One scene, once, if no option is given that makes more of it."""
+        few = {"objects": ("bunny",), "motions": ("grasp",), "repetitions": 1, "hands": 60}
+        return cls(**{**few, **given})
+
+
+@dataclass(frozen=True)
+class Peer:
+    """A method, and which surface of ours it is given.
+
+    Attributes:
+        method: Its name.
+        surface: Engines make one of their own of mesh or tree, and are judged on the mesh.
+    """
+
+    method: str
+    surface: str
+
+    @property
+    def ours(self) -> bool:
+        """Whether it is one of hhsim's own."""
+        return find_method(self.method).compiled
+
+
+@dataclass(frozen=True)
+class PeerErrors:
+    """What one run got wrong; lengths [m], forces [N], NaN where a figure is undefined.
+
+    Each is the column of its name in `hhsim.bench.peers_table.COLUMNS`, which says what it is.
+    """
+
+    mesh_depth_max: float
+    mesh_depth_p95: float
+    contact_error_mean: float
+    contact_error_max: float
+    mesh_error: float
+    palm_off_mean: float
+    palm_lag_max: float
+    force_hold: float
+    force_variation_hold: float
+    force_variation_tremor: float
+    force_step: float
+    force_step_newton: float
+    samples: int
+
+
+@dataclass
+class PeerRun:
+    """One method on one scene.
+
+    Attributes:
+        object_name, motion, peer: What was run.
+        cpu: CPU times of the ticks in contact [s], one array of shape (n,) a repetition.
+        native: Of the same, what the engine says that its own step took.
+        errors: Of the first repetition.
+        failure: Why it could not be run, or "".
+    """
+
+    object_name: str
+    motion: str
+    peer: Peer
+    cpu: list[FloatArray] = field(default_factory=list)
+    native: list[FloatArray] = field(default_factory=list)
+    errors: PeerErrors | None = None
+    failure: str = ""
+
+    @property
+    def tick_cpu(self) -> FloatArray:
+        """CPU time of each tick in contact, the median of the repetitions [s], shape (n,)."""
+        return np.asarray(np.median(self.cpu, axis=0)) if self.cpu else np.zeros(0)
+
+    @property
+    def tick_native(self) -> FloatArray:
+        """The same of the engine's own step; of methods of ours, which are all native, the whole tick."""
+        return np.asarray(np.median(self.native, axis=0)) if self.native else np.zeros(0)
+
+
+@dataclass(frozen=True)
+class _Scene:
+    object_name: str
+    motion: str
+    mesh: Mesh
+    haptic: TickInput
+    contact: NDArray[np.bool_]
+    referee: HandReferee
+    surfaces: dict[str, Any]
+
+
+def capsule_hand() -> HandModel:
+    """The default hand, each finger of one radius: its mean."""
+    hand = HandModel.default()
+    return replace(hand, radius=np.repeat(hand.radius.mean(axis=1, keepdims=True), hand.radius.shape[1], axis=1))
+
+
+def installed(options: PeersOptions) -> tuple[list[Peer], list[str]]:
+    """What can be run, and a line about each that cannot."""
+    found, notes = [], []
+    for name in options.methods or ():
+        missing = find_method(name).missing
+        if missing:
+            notes.append(f"left out: {name} {missing}")
+            continue
+        surfaces = [surface for ours, surface in OURS if ours == name] or ["mesh"]
+        if find_method(name).refuses_surfaces:
+            surfaces = ["spheres"]
+        found += [Peer(name, surface) for surface in surfaces]
+    return found, notes
+
+
+def measure(options: PeersOptions, progress: Progress | None = None) -> list[PeerRun]:
+    """Run everything that is installed.
+
+    Args:
+        options: What.
+        progress: Called with what is being done, how much is done and how much there is.
+
+    Returns:
+        The runs, scene by scene, method by method.
+
+    Raises:
+        InputError: coal is not installed, which measures against the mesh; or nothing is that could be run.
+    """
+    require_coal()
+    peers, notes = installed(options)
+    if not peers:
+        raise InputError("; ".join(notes))
+    hand = capsule_hand()
+    for peer in peers:
+        warm_up(hand, SolverOptions(method=peer.method, surface=peer.surface))
+    scenes = list(_scenes(hand, options, progress))
+    work = [(scene, PeerRun(scene.object_name, scene.motion, peer)) for scene in scenes for peer in peers]
+    done, total = 0, len(work) * options.repetitions
+    with interruptible_between() as check_interrupt:
+        for repetition in range(options.repetitions):
+            for scene, run in work if repetition % 2 == 0 else reversed(work):
+                if progress is not None:
+                    what = f"{run.peer.method}, {scene.object_name}, {scene.motion}"
+                    progress(f"{what}, repetition {repetition + 1} of {options.repetitions}", done, total)
+                if not run.failure:
+                    _repeat(hand, scene, run, options)
+                done += 1
+                check_interrupt()
+    return [run for _, run in work]
+
+
+def _scenes(hand: HandModel, options: PeersOptions, progress: Progress | None) -> Iterator[_Scene]:
+    for i, name in enumerate(options.objects):
+        if progress is not None:
+            progress("scenes", i, len(options.objects))
+        mesh = load_object(name).mesh
+        tree = cached_sphere_tree(mesh)
+        surfaces = {surface: contact_surface(surface, mesh, tree) for surface in ("mesh", "spheres")}
+        referee = HandReferee(mesh)
+        for motion in options.motions:
+            trajectory = synthesize(load_script(motion), hand, tree, options.seed)
+            ticks = make_scene(mesh, tree, hand, trajectory, rate=options.rate).ticks
+            placed = forward_kinematics(hand, *HandConfiguration.of(ticks))
+            contact = hand_clearance(hand, surfaces["mesh"].arrays, placed, NEAR) < NEAR
+            yield _Scene(name, motion, mesh, ticks, contact, referee, surfaces)
+
+
+def _repeat(hand: HandModel, scene: _Scene, run: PeerRun, options: PeersOptions) -> None:
+    solver_options = SolverOptions(method=run.peer.method, surface=run.peer.surface).at_rate(options.rate)
+    surface, contact = scene.surfaces[run.peer.surface], scene.contact
+    try:
+        record = HandSolver(hand, surface, solver_options).run(*HandConfiguration.of(scene.haptic))
+        finite = np.isfinite(record.joints).all(axis=(1, 2, 3))
+        if not finite.all():
+            raise HhsimError(f"the graphic hand is not finite after tick {int(finite.argmin())}")
+        if run.errors is None:
+            run.errors = _errors(hand, scene, surface, solver_options, record, options)
+    except HhsimError as error:
+        run.failure = str(error)
+        return
+    cpu = 1e-9 * record.duration_cpu[contact].astype(np.float64)
+    run.cpu.append(cpu)
+    run.native.append(cpu if run.peer.ours else 1e-9 * record.duration[contact, 1].astype(np.float64))
+
+
+def _errors(
+    hand: HandModel,
+    scene: _Scene,
+    surface: Any,
+    solver_options: SolverOptions,
+    record: TickRecord,
+    options: PeersOptions,
+) -> PeerErrors:
+    haptic = scene.haptic
+    off = np.linalg.norm(record.position - haptic.position, axis=1)
+    push = pushes(record)
+    looked = sampled(np.flatnonzero(scene.contact | (push > PUSHED).any(axis=1)), options.hands)
+    clearance = scene.referee.clearances(hand_shape(hand), placed_of(record).at(looked), np.inf)
+    depth = np.maximum(0.0, -clearance.min(axis=1))
+    apart = np.abs(clearance[push[looked] > PUSHED])
+    run = RunTicks(
+        columns={
+            "force/total": record.total,
+            "force_variation_rate": metrics.force_variation_rate(record.total),
+        },
+        ticks=haptic.tick_count,
+        phases=haptic.phases,
+        rate=haptic.rate,
+        fingers=len(solver_options.fingers),
+    )
+    moving = np.ones(haptic.tick_count, bool)
+    for hold in hold_slices(haptic.phases, haptic.tick_count):
+        moving[hold] = False
+    steps = np.linalg.norm(np.diff(record.total, axis=0), axis=1)[moving[1:]]
+    return PeerErrors(
+        mesh_depth_max=_most(depth),
+        mesh_depth_p95=float(np.percentile(depth, 95)) if depth.size else np.nan,
+        contact_error_mean=float(apart.mean()) if apart.size else np.nan,
+        contact_error_max=_most(apart),
+        # A hand that nothing pushes has touched nothing, and would be perfect otherwise.
+        mesh_error=float(np.maximum(_most(depth), _most(apart))),
+        palm_off_mean=float(off[scene.contact].mean()) if scene.contact.any() else np.nan,
+        palm_lag_max=_most(off[~scene.contact & ~(push > 0.0).any(axis=1)]),
+        force_hold=run_figure("force_hold_mean", run),
+        force_variation_hold=run_figure("force_variation_hold", run),
+        force_variation_tremor=_tremor(hand, scene, surface, solver_options, record, options),
+        force_step=run_figure("force_step", run),
+        force_step_newton=_most(steps),
+        samples=len(looked),
+    )
+
+
+def pushes(record: TickRecord) -> FloatArray:
+    """Size of the contact force on each body [N], shape (T, 16): 15 phalanges, then the palm."""
+    phalanges = np.linalg.norm(record.phalanx, axis=-1).reshape(len(record.phalanx), -1)
+    palm = np.linalg.norm(record.total - record.phalanx.sum(axis=(1, 2)), axis=1)
+    return np.concatenate([phalanges, palm[:, None]], axis=1)
+
+
+def _most(values: FloatArray) -> float:
+    return float(values.max()) if values.size else np.nan
+
+
+def _tremor(
+    hand: HandModel,
+    scene: _Scene,
+    surface: Any,
+    solver_options: SolverOptions,
+    record: TickRecord,
+    options: PeersOptions,
+) -> float:
+    """Mean force variation [%] of the first hold, repeated by a hand that trembles."""
+    holds: Sequence[slice] = hold_slices(scene.haptic.phases, scene.haptic.tick_count)
+    if not holds:
+        return np.nan
+    held, shown = (HandConfiguration.of(posed).at(holds[0]) for posed in (scene.haptic, record))
+    found = tremor_variation(hand, surface, solver_options, held, shown, options.rate, options.seed)
+    return np.nan if found is None else found.mean

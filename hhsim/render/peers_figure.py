@@ -1,0 +1,85 @@
+"""The picture of `hhsim bench peers`: what a tick costs against how far off the true mesh, an object a panel."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hhsim.bench.speed_error_table import ALL
+from hhsim.render.figure import logarithmic, new_figure, save_figure
+from hhsim.system.picture_path import check_picture
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Row = dict[str, Any]
+
+OURS, OTHERS = "#1b6ca8", "0.35"
+FLOOR = 1e-3
+"""Errors below this are drawn at it [mm]: a logarithm has no zero."""
+BUDGET = 1e3
+"""Of a tick at 1 kHz [µs]."""
+TIMES = (5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10000)
+ERRORS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1, 3, 10, 30)
+PANELS = 4
+
+
+def draw_peers(path: Path, rows: Sequence[Row]) -> None:
+    """Draw each object's methods over all its motions; a line joins those that none is both faster and nearer than.
+
+    Args:
+        path: The picture; matplotlib chooses the format by its ending.
+        rows: The table.
+
+    Raises:
+        OutputError: The picture cannot be written.
+        InputError: matplotlib has no such picture format.
+    """
+    check_picture(path)
+    names = [name for name in dict.fromkeys(row["object"] for row in rows) if name != ALL][:PANELS]
+    across = min(2, len(names))
+    down = -(-len(names) // across)
+    figure = new_figure(8.0 * across, 5.2 * down)
+    panels = figure.subplots(down, across, squeeze=False).ravel()
+    known = [row for row in rows if row["motion"] == ALL and row["mesh_error"] == row["mesh_error"]]
+    for axes, name in zip(panels, names):
+        _draw_panel(axes, [row for row in known if row["object"] == name])
+        axes.set_title(f"{name}: off the true mesh, most [mm]", fontsize=12, loc="left")
+    for axes in panels[len(names) :]:
+        axes.set_visible(False)
+    figure.text(
+        0.01,
+        0.01,
+        "The larger of the deepest penetration and the farthest that a pushed body is off the mesh, over all motions. "
+        "Blue: hhsim; grey: other engines. Red: 1 ms, the budget at 1 kHz.",
+        fontsize=9,
+        color="0.35",
+    )
+    figure.tight_layout(rect=(0.0, 0.04, 1.0, 1.0))
+    save_figure(figure, path)
+
+
+def _draw_panel(axes: "Axes", rows: Sequence[Row]) -> None:
+    from matplotlib.patheffects import withStroke
+
+    points = [(1e6 * row["tick_cpu_p50"], max(FLOOR, 1e3 * row["mesh_error"])) for row in rows]
+    for row, (time, off) in zip(rows, points):
+        color = OURS if row["ours"] else OTHERS
+        axes.plot(time, off, "o" if row["ours"] else "x", color=color, markersize=8, markeredgewidth=2.0, zorder=3)
+        label = f"{row['method']}, {row['surface']}" if row["ours"] else row["method"]
+        axes.annotate(
+            label, (time, off), (6.0, 5.0), textcoords="offset points", fontsize=9, color=color,
+            path_effects=[withStroke(linewidth=3.0, foreground="white")],
+        )  # fmt: skip
+    best = sorted(point for row, point in zip(rows, points) if row["frontier"])
+    if best:
+        times = [best[0][0], *(time for time, _ in best), 1e5]
+        heights = [1e3, *(off for _, off in best), best[-1][1]]
+        axes.plot(times, heights, color="0.6", linewidth=1.0, drawstyle="steps-post", zorder=2)
+    axes.axvline(BUDGET, color="#b00020", linewidth=1.2)
+    axes.set_xlabel("CPU time of a tick in contact, median [µs]", fontsize=11)
+    times_found = [time for time, _ in points] or [10.0]
+    offs = [off for _, off in points] or [0.1]
+    across = (0.6 * min(times_found), 3.0 * float(np.max([BUDGET, *times_found])))
+    logarithmic(axes, across, (0.5 * min(offs), 2.5 * max(offs)), TIMES, ERRORS)
