@@ -267,4 +267,5 @@ class DrakeHydroelastic(Drake):
 def _quaternion(values: Array) -> Any:
     from pydrake.common.eigen_geometry import Quaternion
 
-    return Quaternion(values / np.sqrt(values @ values))
+    kind: Any = Quaternion
+    return kind(values / np.sqrt(values @ values))

@@ -70,6 +70,13 @@ CHARTS: Mapping[str, Chart] = {
         y="mesh_error",
         chosen=lambda row: row["object"] != "all" and row["motion"] == "all" and not row["stretch"],
     ),
+    "peers": Chart(
+        "Time of a tick against distance from the true mesh",
+        ("method", "surface"),
+        x="tick_cpu_p50",
+        y="mesh_error",
+        chosen=lambda row: row["object"] != "all" and row["motion"] == "all",
+    ),
     "hard": Chart(
         "Share of the bar that is used",
         ("method",),

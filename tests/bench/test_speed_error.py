@@ -22,7 +22,7 @@ from hhsim.bench.speed_error import (
 from hhsim.bench.speed_error_table import ALL, COLUMNS, COUNTED, WORST, chosen, remarks, table_rows
 from hhsim.errors import HhsimError, InputError, UnknownNameError
 from hhsim.kernels.tick.block import TickRecord
-from hhsim.render.speed_error_figure import PEERS, draw_speed_error
+from hhsim.render.speed_error_figure import chosen_peers, draw_speed_error
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions
@@ -329,8 +329,11 @@ def test_a_picture_that_cannot_be_is_told_before_the_work(tmp_path: Path) -> Non
     check_picture(tmp_path / "a.svg")
 
 
-def test_peers_are_those_of_the_reference() -> None:
-    bunny = {peer.label: peer for peer in PEERS["bunny"]}
-    assert (bunny["PyBullet, triangles"].time, bunny["PyBullet, triangles"].error) == (511.0, 0.15)
-    assert PEERS["teapot"][-1].error == 0.13
-    assert bunny["MuJoCo, 3,986 spheres"].error == 0.47
+def test_the_crosses_are_the_engines_of_a_table_of_peers(small: list[Run], tmp_path: Path) -> None:
+    row = {"object": "cube", "motion": ALL, "method": "other", "ours": False, "tick_cpu_p50": 1e-4, "mesh_error": 2e-4}
+    table = [row, {**row, "ours": True}, {**row, "motion": "grasp"}, {**row, "mesh_error": np.nan}]
+    assert chosen_peers(table, "cube") == [row]
+    assert chosen_peers(table, "bunny") == []
+    draw_speed_error(tmp_path / "with.png", table_rows(small), table)
+    draw_speed_error(tmp_path / "without.png", table_rows(small))
+    assert (tmp_path / "with.png").read_bytes() != (tmp_path / "without.png").read_bytes()

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from drawings_alone import leave_charts_undrawn
 
-from hhsim.bench import mesh_size, speed_error_table, threads, trees
+from hhsim.bench import mesh_size, peers_table, speed_error_table, threads, trees
 from hhsim.bench.paper import table as paper
 from hhsim.bench.qp import bench as qp
 from hhsim.bench.robustness import hard, recorded_metrics, stress_metrics
@@ -22,6 +22,7 @@ from hhsim.report.figure import new_figure
 COLUMNS = {
     "paper": paper.ROW_COLUMNS,
     "speed-error": speed_error_table.COLUMNS,
+    "peers": peers_table.COLUMNS,
     "hard": hard.COLUMNS,
     "stress": stress_metrics.COLUMNS,
     "recorded": recorded_metrics.COLUMNS,
