@@ -49,7 +49,7 @@ SOFT = (0.9, 0.95, 0.001, 0.5, 2.0)
 PLAIN = Tuning(0.01, 1, None, None, "mjINT_EULER", follow=False)
 TUNED = Tuning(0.003, 4, (0.0005, 1.0), SOFT, "mjINT_IMPLICITFAST", follow=True)
 FAST = Tuning(0.003, 1, (0.002, 1.0), SOFT, "mjINT_IMPLICITFAST", follow=True)
-"""solref's time constant is two steps, the least that MuJoCo's manual calls stable."""
+"""The time constant of solref is two steps, the least that MuJoCo's manual calls stable."""
 
 
 class MuJoCo:

@@ -51,12 +51,12 @@ def draw_peers(path: Path, rows: Sequence[Row]) -> None:
     figure.text(
         0.01,
         0.01,
-        "The larger of the deepest penetration and the farthest that a pushed body is off the mesh, over all motions. "
+        "The larger of the deepest penetration and the farthest that a pushed body is off the mesh, over all motions.\n"
         "Blue: hhsim; grey: other engines. Red: 1 ms, the budget at 1 kHz.",
         fontsize=9,
         color="0.35",
     )
-    figure.tight_layout(rect=(0.0, 0.04, 1.0, 1.0))
+    figure.tight_layout(rect=(0.0, 0.08, 1.0, 1.0))
     save_figure(figure, path)
 
 
@@ -64,12 +64,14 @@ def _draw_panel(axes: "Axes", rows: Sequence[Row]) -> None:
     from matplotlib.patheffects import withStroke
 
     points = [(1e6 * row["tick_cpu_p50"], max(FLOOR, 1e3 * row["mesh_error"])) for row in rows]
-    for row, (time, off) in zip(rows, points):
+    order = sorted(range(len(rows)), key=lambda i: points[i])
+    for place, i in enumerate(order):
+        row, (time, off) = rows[i], points[i]
         color = OURS if row["ours"] else OTHERS
         axes.plot(time, off, "o" if row["ours"] else "x", color=color, markersize=8, markeredgewidth=2.0, zorder=3)
         label = f"{row['method']}, {row['surface']}" if row["ours"] else row["method"]
         axes.annotate(
-            label, (time, off), (6.0, 5.0), textcoords="offset points", fontsize=9, color=color,
+            label, (time, off), (7.0, (5.0, -11.0)[place % 2]), textcoords="offset points", fontsize=9, color=color,
             path_effects=[withStroke(linewidth=3.0, foreground="white")],
         )  # fmt: skip
     best = sorted(point for row, point in zip(rows, points) if row["frontier"])
