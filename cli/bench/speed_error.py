@@ -9,7 +9,7 @@ import click
 
 from ..arguments import options
 from ..arguments.comma_list import counts, names
-from ..arguments.option_group import OptionGroup, option, shared
+from ..arguments.option_group import GroupedCommand, OptionGroup, option, shared
 from ..arguments.options import COUNT
 from ..console import announce_compilation, number, print_json, print_notes, print_rows, progress
 from .table_document import table_document
@@ -22,7 +22,7 @@ Row = Mapping[str, Any]
 Cells = dict[str, Callable[[Row], str]]
 
 
-class Configurations(OptionGroup):
+class Configurations(OptionGroup, heading="Configurations"):
     """What is run, and how: each with each."""
 
     objects: tuple[str, ...] | None = shared(names("--object", "objects", "Objects. Default: bunny,teapot,cube."))
@@ -68,7 +68,7 @@ class Configurations(OptionGroup):
         return SpeedErrorOptions.quick(**named) if named.pop("quick") else SpeedErrorOptions(**named)
 
 
-@click.command()
+@click.command(cls=GroupedCommand)
 @Configurations.argument("configurations")
 @options.picture
 @click.option(

@@ -34,7 +34,7 @@ Y, Z = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
 
 
 class Drake:
-    """Drake, tuned, lagged contacts, the object in convex parts."""
+    """Drake, tuned, lagged contacts, the object in convex parts, phalanges as capsules."""
 
     gives_forces = True
     missing: ClassVar[str] = lack_of("drake", "pydrake", "coacd")
@@ -238,7 +238,7 @@ class Drake:
 
 
 class DrakeHydroelastic(Drake):
-    """Drake, tuned, hydroelastic: the object's mesh is rigid, the hand's bodies give."""
+    """Drake, tuned, hydroelastic: the object's mesh is rigid, the hand's capsules give."""
 
     missing = lack_of("drake", "pydrake")
     name = "drake-hydroelastic"

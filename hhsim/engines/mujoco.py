@@ -53,7 +53,7 @@ FAST = Tuning(0.003, 1, (0.002, 1.0), SOFT, "mjINT_IMPLICITFAST", follow=True)
 
 
 class MuJoCo:
-    """MuJoCo, tuned, 4 sub-steps, the object in convex parts."""
+    """MuJoCo, tuned, 4 sub-steps, the object in convex parts, phalanges as capsules."""
 
     gives_forces = True
     missing: ClassVar[str] = lack_of("mujoco", "mujoco", "coacd")
@@ -238,21 +238,21 @@ class MuJoCo:
 
 
 class MuJoCoPlain(MuJoCo):
-    """MuJoCo as it comes, the object in convex parts."""
+    """MuJoCo as it comes, the object in convex parts, phalanges as capsules."""
 
     name = "mujoco-plain"
     tuning = PLAIN
 
 
 class MuJoCoFast(MuJoCo):
-    """MuJoCo, tuned, one step a tick, the object in convex parts."""
+    """MuJoCo, tuned, one step a tick, the object in convex parts, phalanges as capsules."""
 
     name = "mujoco-fast"
     tuning = FAST
 
 
 class MuJoCoTriangles(MuJoCo):
-    """MuJoCo, tuned, one step a tick, the object's triangles as a rigid flex."""
+    """MuJoCo, tuned, one step a tick, the object's triangles as a rigid flex, phalanges as capsules."""
 
     missing = lack_of("mujoco", "mujoco")
     name = "mujoco-triangles"
@@ -269,7 +269,7 @@ class MuJoCoTriangles(MuJoCo):
 
 
 class MuJoCoSpheres(MuJoCo):
-    """MuJoCo, tuned, one step a tick, the object as the spheres of its tree."""
+    """MuJoCo, tuned, one step a tick, the object as the spheres of its tree, phalanges as capsules."""
 
     missing = lack_of("mujoco", "mujoco")
     name = "mujoco-spheres"

@@ -42,7 +42,7 @@ HOLDING = 100.0
 
 
 class PyBullet:
-    """PyBullet, tuned, one step a tick, the object's triangles."""
+    """PyBullet, tuned, one step a tick, the object's triangles, phalanges as capsules."""
 
     gives_forces = True
     missing: ClassVar[str] = lack_of("pybullet", "pybullet")
