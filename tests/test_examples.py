@@ -21,6 +21,7 @@ RUN_ELSEWHERE = {
     "gate.sh": "gate/test_run.py",
     "gate-github-actions.yml": "gate/test_run.py",
     "project_out.py": "replay/test_conformance.py",
+    "sweep.toml": "sweep/test_plan.py",
     "udp_bridge.py": "live/drivers/test_udp.py",
     "mug.stl": "test_readme_commands.py",
     "grab.csv": "test_readme_commands.py",

@@ -54,9 +54,9 @@ def _list(context: click.Context, as_json: bool) -> None:
         print_json({"methods": document, "broken": broken})
         return
     print_rows(cells, list(found), words=cells.keys())
-    for name, method in found.items():
-        if method.missing:
-            print_line(f"note: {name} {method.missing}")
+    for missing in dict.fromkeys(method.missing for method in found.values() if method.missing):
+        names = ", ".join(name for name, method in found.items() if method.missing == missing)
+        print_line(f"note: {names}: {missing}")
     for why in broken.values():
         print_line(f"note: {why}")
 

@@ -126,3 +126,11 @@ def test_what_is_wrong_is_said_in_a_line(tmp_path: Path, old: str, new: str, sai
         plan(tmp_path, PLAN.replace(old, new))
     assert said in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_the_example_is_a_plan_of_what_ships(repository: Path) -> None:
+    cells = [planned.cell for planned in load_plan(repository / "examples" / "sweep.toml").cells]
+    assert {(cell.object.name, cell.motion.name) for cell in cells} == {
+        (thing, motion) for thing in ("cube", "mug") for motion in ("pinch", "grab")
+    }
+    assert len(cells) == 4 * 2 * 2 and {cell.ticks for cell in cells} == {1000}
