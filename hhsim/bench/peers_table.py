@@ -6,10 +6,9 @@ from dataclasses import fields
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.bench.peers import Peer, PeerErrors, PeerRun
-from hhsim.bench.speed_error_table import ALL, GAIN, frontier
+from hhsim.bench.speed_error_table import ALL, GAIN, frontier, joined, percentile
 from hhsim.bench.table import Column, metric_column
 from hhsim.metrics import metrics
 
@@ -92,7 +91,7 @@ def _beats(row: Row) -> bool:
 
 
 def _row(object_name: str, motion: str, peer: Peer, runs: Sequence[PeerRun]) -> Row:
-    cpu, native = (_joined([getattr(run, kind) for run in runs]) for kind in ("tick_cpu", "tick_native"))
+    cpu, native = (joined([getattr(run, kind) for run in runs]) for kind in ("tick_cpu", "tick_native"))
     errors = [run.errors for run in runs if run.errors is not None]
     return {
         "object": object_name,
@@ -101,10 +100,10 @@ def _row(object_name: str, motion: str, peer: Peer, runs: Sequence[PeerRun]) -> 
         "surface": peer.surface if peer.ours else "its own",
         "ours": peer.ours,
         "contact_ticks": cpu.size,
-        "tick_cpu_p50": _percentile(cpu, 50.0),
-        "tick_cpu_p99": _percentile(cpu, 99.0),
-        "native_cpu_p50": _percentile(native, 50.0),
-        "native_cpu_p99": _percentile(native, 99.0),
+        "tick_cpu_p50": percentile(cpu, 50.0),
+        "tick_cpu_p99": percentile(cpu, 99.0),
+        "native_cpu_p50": percentile(native, 50.0),
+        "native_cpu_p99": percentile(native, 99.0),
         **{
             item.name: _summed_up(item.name, [getattr(error, item.name) for error in errors])
             for item in fields(PeerErrors)
@@ -120,14 +119,6 @@ def _summed_up(name: str, values: Sequence[float]) -> float | int:
         return int(sum(values))
     found = metrics.statistics(values)
     return found.mean if name in MEANS else found.max
-
-
-def _joined(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
-    return np.concatenate(parts) if parts else np.zeros(0)
-
-
-def _percentile(values: NDArray[Any], percent: float) -> float:
-    return float(np.percentile(values, percent)) if values.size else np.nan
 
 
 def _set_side_by_side(rows: Sequence[Row]) -> None:

@@ -128,9 +128,9 @@ def remarks(runs: Sequence[Run]) -> list[str]:
 
 
 def _row(object_name: str, motion: str, configuration: Configuration, runs: Sequence[Run]) -> Row:
-    cpu, wall = (_joined([getattr(run, kind) for run in runs]) for kind in ("tick_cpu", "tick_wall"))
-    candidates = _joined([run.candidates for run in runs])
-    work = _joined([run.work for run in runs])
+    cpu, wall = (joined([getattr(run, kind) for run in runs]) for kind in ("tick_cpu", "tick_wall"))
+    candidates = joined([run.candidates for run in runs])
+    work = joined([run.work for run in runs])
     errors = [run.errors for run in runs if run.errors is not None]
     return {
         "object": object_name,
@@ -140,13 +140,13 @@ def _row(object_name: str, motion: str, configuration: Configuration, runs: Sequ
         "ticks": sum(run.ticks for run in runs),
         "contact_ticks": cpu.size,
         "candidates_max": int(candidates.max(initial=0)),
-        "tick_cpu_p50": _percentile(cpu, 50.0),
-        "tick_cpu_p99": _percentile(cpu, 99.0),
-        "tick_cpu_max": _percentile(cpu, 100.0),
-        "tick_wall_p50": _percentile(wall, 50.0),
-        "tick_wall_p99": _percentile(wall, 99.0),
+        "tick_cpu_p50": percentile(cpu, 50.0),
+        "tick_cpu_p99": percentile(cpu, 99.0),
+        "tick_cpu_max": percentile(cpu, 100.0),
+        "tick_wall_p50": percentile(wall, 50.0),
+        "tick_wall_p99": percentile(wall, 99.0),
         "over_1ms": float(np.mean(cpu > 1e-3)) if cpu.size else np.nan,
-        "work_p50": _percentile(work, 50.0) if work.any() else np.nan,
+        "work_p50": percentile(work, 50.0) if work.any() else np.nan,
         **{
             item.name: _summed_up(item.name, [getattr(error, item.name) for error in errors])
             for item in fields(RunErrors)
@@ -165,11 +165,13 @@ def _summed_up(name: str, values: Sequence[float]) -> float | int:
     return found.max if name in WORST else found.mean
 
 
-def _joined(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
+def joined(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
+    """The ticks of several runs in one array; empty where there is no run."""
     return np.concatenate(parts) if parts else np.zeros(0)
 
 
-def _percentile(values: NDArray[Any], percent: float) -> float:
+def percentile(values: NDArray[Any], percent: float) -> float:
+    """Of the ticks of a group of runs; NaN where there are none."""
     return float(np.percentile(values, percent)) if values.size else np.nan
 
 

@@ -17,6 +17,8 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion_from_matrix
 from hhsim.kernels.hand.kinematics import PALM_BODY, PHALANX_COUNT
+from hhsim.kernels.jit import as_argument
+from hhsim.kernels.rotation import rotation_vector_between
 from hhsim.solver.options import Stiffness
 
 Array = NDArray[np.float64]
@@ -155,17 +157,10 @@ def speed_between(before: HandConfiguration, now: HandConfiguration, period: flo
 
 
 def rotation_between(first: Array, second: Array) -> Array:
-    """Rotation vector [rad], shape (3,), world, that turns one orientation, w x y z, to another nearby."""
-    a, b, c, d = (float(value) for value in first)
-    w, x, y, z = (float(value) for value in second)
-    # second * conj(first)
-    turn = np.array([a * x - b * w + c * z - d * y, a * y - c * w + d * x - b * z, a * z - d * w + b * y - c * x])
-    cosine = a * w + b * x + c * y + d * z
-    sine = math.sqrt(float(turn @ turn))
-    if sine == 0.0:
-        return turn
-    turned: Array = turn * (2.0 * math.atan2(math.copysign(sine, cosine), abs(cosine)) / sine)
-    return turned
+    """Rotation vector [rad], shape (3,), world, that turns one orientation, w x y z, to another the short way round."""
+    vector = np.empty(3)
+    rotation_vector_between(as_argument(first), as_argument(second), vector)
+    return vector
 
 
 def earlier(now: HandConfiguration, speed: HandSpeed, time: float) -> HandConfiguration:

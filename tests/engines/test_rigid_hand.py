@@ -44,7 +44,7 @@ def test_the_turn_between_two_orientations_is_the_one_that_was_made() -> None:
     second = quaternion_product(quaternion(turn), first)
     np.testing.assert_allclose(rotation_between(first, second), turn, atol=1e-12)
     np.testing.assert_allclose(rotation_between(first, -second), turn, atol=1e-12)
-    assert (rotation_between(first, first) == 0.0).all()
+    np.testing.assert_allclose(rotation_between(first, first), 0.0, atol=1e-15)
 
 
 def test_the_coupling_pulls_with_its_stiffness_and_brakes_what_is_faster_than_the_user() -> None:

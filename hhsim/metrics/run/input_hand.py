@@ -7,6 +7,7 @@ from hhsim.metrics.run_metric import RunMetric
 from hhsim.metrics.run_ticks import PLACED, TOUCHING, RunTicks
 
 HAPTIC = tuple(f"haptic/{name}" for name in ("position", "orientation", "flexion", "abduction"))
+LABELS = {"palm": "palm", "joint": "joints"}
 NEEDS = (*HAPTIC, *PLACED, TOUCHING)
 
 
@@ -14,12 +15,18 @@ def _depth(run: RunTicks) -> float:
     return np.nan if run.input_hand is None else run.input_hand.depth
 
 
-def _mean(run: RunTicks, name: str) -> float:
-    return np.nan if run.input_hand is None else statistics(getattr(run.input_hand.correction, name)).mean
+def _correction(part: str, statistic: str, place: int, field: str, short: str = "") -> RunMetric:
+    """How far a part of the shown hand is from the user's in contact: a field of `Correction`, by a `Statistics`."""
 
+    def compute(run: RunTicks) -> float:
+        if run.input_hand is None:
+            return np.nan
+        return float(getattr(statistics(getattr(run.input_hand.correction, field)), statistic))
 
-def _most(run: RunTicks, name: str) -> float:
-    return np.nan if run.input_hand is None else statistics(getattr(run.input_hand.correction, name)).max
+    name, label = f"correction_{part}_{statistic}", f"{LABELS[part]} off the input in contact, {statistic}"
+    return RunMetric(
+        name, label, 2, "mm", 1e-3, less_is_better=False, place=place, short=short, needs=NEEDS, compute=compute
+    )
 
 
 METRICS = (
@@ -35,49 +42,8 @@ METRICS = (
         needs=NEEDS,
         compute=_depth,
     ),
-    RunMetric(
-        name="correction_palm_mean",
-        label="palm off the input in contact, mean",
-        digits=2,
-        unit="mm",
-        scale=1e-3,
-        less_is_better=False,
-        place=52,
-        needs=NEEDS,
-        compute=lambda run: _mean(run, "palm"),
-    ),
-    RunMetric(
-        name="correction_palm_max",
-        label="palm off the input in contact, max",
-        digits=2,
-        unit="mm",
-        scale=1e-3,
-        less_is_better=False,
-        place=53,
-        needs=NEEDS,
-        compute=lambda run: _most(run, "palm"),
-    ),
-    RunMetric(
-        name="correction_joint_mean",
-        label="joints off the input in contact, mean",
-        digits=2,
-        unit="mm",
-        scale=1e-3,
-        less_is_better=False,
-        place=54,
-        short="correction",
-        needs=NEEDS,
-        compute=lambda run: _mean(run, "joints"),
-    ),
-    RunMetric(
-        name="correction_joint_max",
-        label="joints off the input in contact, max",
-        digits=2,
-        unit="mm",
-        scale=1e-3,
-        less_is_better=False,
-        place=55,
-        needs=NEEDS,
-        compute=lambda run: _most(run, "farthest"),
-    ),
+    _correction("palm", "mean", 52, "palm"),
+    _correction("palm", "max", 53, "palm"),
+    _correction("joint", "mean", 54, "joints", short="correction"),
+    _correction("joint", "max", 55, "farthest"),
 )
