@@ -5,11 +5,12 @@ What comes later in a process finds there what it shares with what came before.
 `python tests/compile_kernels.py`; what lies in the cache already is loaded, in a few seconds.
 """
 
+import gc
 import subprocess
 import sys
 
 from hhsim.mesh.catalogue import load_object
-from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.builder import build_sphere_tree
 from hhsim.trees.options import TreeOptions
 
 
@@ -20,7 +21,7 @@ def trees() -> None:
     from hhsim.scene.scene import make_scene
 
     mesh = load_object("cylinder").mesh
-    make_scene(mesh, cached_sphere_tree(mesh, TreeOptions(level=2)), HandModel.default(), load_script("grasp"))
+    make_scene(mesh, build_sphere_tree(mesh, TreeOptions(level=2)), HandModel.default(), load_script("grasp"))
 
 
 def ticks(*methods: str, surface: str = "spheres") -> None:
@@ -67,6 +68,7 @@ PARTS = {"spheres": spheres, "triangles": triangles}
 
 if __name__ == "__main__":
     if len(sys.argv) > 1:
+        gc.disable()  # a third of the time, in a process that soon ends
         PARTS[sys.argv[1]]()
     else:
         running = [subprocess.Popen([sys.executable, __file__, part]) for part in PARTS]

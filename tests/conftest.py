@@ -1,5 +1,6 @@
 """What test modules share: the hypothesis profile, the folder of real meshes and recordings, the command line."""
 
+import gc
 import importlib.metadata
 import os
 import signal
@@ -25,6 +26,9 @@ signal.signal(signal.SIGHUP, signal.SIG_DFL)
 # while they wait. Read when numpy is loaded, here and in the processes that tests start.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+# To collect thousands of tests makes much and frees little, which the collector would look through a hundred times.
+gc.disable()
+
 REPOSITORY = Path(__file__).resolve().parent.parent
 
 
@@ -41,6 +45,17 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Begin with the files that take longest, so that no worker is left with one of them at the end."""
     long = {item.path for item in items if item.get_closest_marker("slow")}
     items.sort(key=lambda item: item.path not in long)
+
+
+def pytest_collection_finish() -> None:
+    """Have the collector look from here on, at what is made from here on."""
+    gc.freeze()
+    gc.enable()
+
+
+def pytest_unconfigure() -> None:
+    """Have what was set aside freed, which some libraries expect of a process that ends."""
+    gc.unfreeze()
 
 
 @pytest.fixture(scope="session")

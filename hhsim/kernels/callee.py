@@ -9,7 +9,9 @@ that `_CalleeLibrary` leaves out, and what a cache file of a callee holds.
 """
 
 import functools
-from collections.abc import Callable
+import gc
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from llvmlite import binding as llvm
@@ -97,6 +99,18 @@ class Callee(CPUDispatcher):  # type: ignore[misc]
         self.overloads[tuple(cres.signature.args)] = cres
 
 
+@contextmanager
+def collector_at_rest() -> Iterator[None]:
+    """Without Python's garbage collector, which takes a third of a compilation to look through what is still in use."""
+    at_work = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if at_work:
+            gc.enable()
+
+
 class Kernel(CPUDispatcher):  # type: ignore[misc]
     """A compiled function that Python calls.
 
@@ -108,6 +122,11 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
         self._cached = cached
         if cached:
             self._cache = KernelCache(function)
+
+    def compile(self, sig: Any) -> Any:
+        """Machine code for a signature, from the cache or new."""
+        with collector_at_rest():
+            return super().compile(sig)
 
     @functools.cached_property
     def callee(self) -> Callee:

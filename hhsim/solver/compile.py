@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hhsim.hand.model import HandModel
+from hhsim.kernels.callee import collector_at_rest
 from hhsim.kernels.jit import JIT_ENABLED
 from hhsim.kernels.kernel_cache import cached_kernels
 from hhsim.kernels.rotation import quaternion_to_matrix
@@ -32,6 +33,7 @@ def start_numba() -> None:
     quaternion_to_matrix(np.array([1.0, 0.0, 0.0, 0.0]), np.empty((3, 3)))
 
 
+@collector_at_rest()
 def warm_up(hand: HandModel, options: SolverOptions) -> WarmUp:
     """Run one tick of a hand far from a small object with every kernel of a replay."""
     began = time.perf_counter()
