@@ -20,6 +20,9 @@ Array = NDArray[np.float64]
 BODIES = PALM + 1
 THICKNESS = 1e-6
 """Of a triangle on either side [m]: MuJoCo wants some."""
+LONGEST = 8e-3
+"""Of a triangle's edges [m], about a finger's radius. MuJoCo 4.0 misses some contacts of a capsule that lies across the
+edge of a triangle larger than itself, and none of such small ones."""
 OBJECT = BODIES
 """Row that contacts without a body of the hand are summed up in."""
 
@@ -50,6 +53,22 @@ PLAIN = Tuning(0.01, 1, None, None, "mjINT_EULER", follow=False)
 TUNED = Tuning(0.003, 4, (0.0005, 1.0), SOFT, "mjINT_IMPLICITFAST", follow=True)
 FAST = Tuning(0.003, 1, (0.002, 1.0), SOFT, "mjINT_IMPLICITFAST", follow=True)
 """The time constant of solref is two steps, the least that MuJoCo's manual calls stable."""
+
+
+class Contacts(NamedTuple):
+    """Of a step, n of them.
+
+    Attributes:
+        row: Among the forces, -1 where there is none, shape (n,).
+        geom: The two that touch, -1 for a flex, shape (n, 2).
+        normal: From the first to the second, world, shape (n, 3).
+        force: Of every constraint [N].
+    """
+
+    row: NDArray[np.int32]
+    geom: NDArray[np.int32]
+    normal: Array
+    force: Array
 
 
 class MuJoCo:
@@ -106,7 +125,7 @@ class MuJoCo:
             self._follow(haptic)
         self._spread(haptic)
         begun = time.process_time_ns()
-        self._mujoco.mj_step(self._model, data, self.tuning.steps)
+        self._step()
         native = time.process_time_ns() - begun
         quaternion = data.qpos[3:7]
         pose = HandConfiguration(
@@ -117,6 +136,10 @@ class MuJoCo:
         )
         force = self._forces()
         return TickAnswer(pose, force[:PALM].reshape(len(FINGERS), PHALANGES, 3), force[PALM], native)
+
+    def _step(self) -> None:
+        """Bring the data a tick further."""
+        self._mujoco.mj_step(self._model, self._data, self.tuning.steps)
 
     def _follow(self, haptic: HandConfiguration) -> None:
         """Tell the dampers the user's speed, and the springs where the user's hand is while the steps are made."""
@@ -139,16 +162,19 @@ class MuJoCo:
         for f, mount in enumerate(self._mounts):
             self._model.body_quat[mount] = self._hand.mount(f, float(haptic.abduction[f]))
 
+    def _contacts(self) -> "Contacts":
+        data = self._data
+        return Contacts(data.contact.efc_address, data.contact.geom, data.contact.frame[:, :3], data.efc_force)
+
     def _forces(self) -> Array:
         """Contact force on each body of the hand [N], world, shape (17, 3), the object's last."""
         found = np.zeros((BODIES + 1, 3))
-        contact = self._data.contact
-        row = contact.efc_address
+        row, geom, normal, efc_force = self._contacts()
         if row.size and row.max() >= 0:
             pushes = row >= 0
             # Without friction a contact is one row: a force along the normal, from the first geom to the second.
-            force = self._data.efc_force[row[pushes], None] * contact.frame[pushes, :3]
-            body = self._body_of_geom[contact.geom[pushes]]
+            force = efc_force[row[pushes], None] * normal[pushes]
+            body = self._body_of_geom[geom[pushes]]
             np.add.at(found, body[:, 1], force)
             np.subtract.at(found, body[:, 0], force)
         return found
@@ -259,11 +285,14 @@ class MuJoCoTriangles(MuJoCo):
     tuning = FAST
 
     def _add_object(self, spec: Any, scene: MethodScene) -> None:
+        from trimesh.remesh import subdivide_to_size
+
         mesh = self._mesh(scene)
+        vertices, faces = subdivide_to_size(mesh.vertices, mesh.faces, LONGEST)
         spec.worldbody.add_body(name="object")
         flex = spec.add_flex()
         flex.name, flex.dim, flex.vertbody, flex.selfcollide = "object", 2, ["object"], 0
-        flex.vert, flex.elem, flex.radius = mesh.vertices.ravel(), mesh.faces.ravel(), THICKNESS
+        flex.vert, flex.elem, flex.radius = vertices.ravel(), faces.ravel(), THICKNESS
         for name, value in {**self._touching(), "contype": 0, "conaffinity": 1}.items():
             setattr(flex, name, value)
 

@@ -1,12 +1,8 @@
 """PyBullet (Bullet 3): the hand as a multibody driven by spring and damper torques, the object as its triangles."""
 
-import ctypes
-import os
-import sys
 import tempfile
 import time
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -22,6 +18,7 @@ from hhsim.engines.rigid_hand import (
     earlier,
     speed_between,
 )
+from hhsim.engines.silent import silent
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS, PHALANGES
@@ -172,26 +169,6 @@ class PyBullet:
             body, spreads, bullet.VELOCITY_CONTROL, targetVelocities=[0.0] * 5, forces=[HOLDING] * 5
         )
         return body, spreads, bends
-
-
-@contextmanager
-def silent() -> Iterator[None]:
-    """Keep what compiled code prints off the terminal: PyBullet tells when it was built, whoever reads the output."""
-    sys.stdout.flush()
-    sys.stderr.flush()
-    kept = os.dup(1), os.dup(2)
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    try:
-        os.dup2(nowhere, 1)
-        os.dup2(nowhere, 2)
-        yield
-        # Its own buffer would be written out later.
-        ctypes.CDLL(None).fflush(None)
-    finally:
-        for place, was in zip((1, 2), kept):
-            os.dup2(was, place)
-            os.close(was)
-        os.close(nowhere)
 
 
 def hand_urdf(hand: RigidHand) -> str:
