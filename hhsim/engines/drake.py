@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.engines.convex_parts import Ball, Box, convex_parts
+from hhsim.engines.convex_parts import COARSE, FINE, Ball, Box, convex_parts
 from hhsim.engines.installed import lack_of, require
 from hhsim.engines.rigid_hand import PALM, PHALANX_MASS, STILL, RigidHand, earlier, speed_between
 from hhsim.errors import InputError
@@ -40,6 +40,7 @@ class Drake:
     missing: ClassVar[str] = lack_of("drake", "pydrake", "coacd")
     name: ClassVar[str] = "drake"
     contact_model: ClassVar[str] = "kPoint"
+    concavity: ClassVar[float] = COARSE
 
     def __init__(self, scene: MethodScene) -> None:
         """Build plant and scene."""
@@ -179,7 +180,7 @@ class Drake:
 
     def _add_object(self, mesh: Mesh) -> None:
         geometry, world = self._geometry, self._plant.world_body()
-        for i, part in enumerate(convex_parts(mesh)):
+        for i, part in enumerate(convex_parts(mesh, self.concavity)):
             place = self._math.RigidTransform()
             if isinstance(part, Ball):
                 shape, place = geometry.Sphere(part.radius), self._math.RigidTransform(part.center)
@@ -235,6 +236,13 @@ class Drake:
             f"{child.name()}", frame, child.body_frame(), axis, float(limits[0]), float(limits[1])
         )
         return self._plant.AddJoint(joint)
+
+
+class DrakeFine(Drake):
+    """Drake, tuned, lagged contacts, the object in more convex parts, phalanges as capsules."""
+
+    name = "drake-fine"
+    concavity = FINE
 
 
 class DrakeHydroelastic(Drake):

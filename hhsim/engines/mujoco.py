@@ -6,7 +6,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.engines.convex_parts import Ball, Box, convex_parts
+from hhsim.engines.convex_parts import COARSE, FINE, Ball, Box, convex_parts
 from hhsim.engines.installed import lack_of, require
 from hhsim.engines.rigid_hand import PALM, PHALANX_MASS, STILL, RigidHand, speed_between
 from hhsim.errors import InputError
@@ -78,6 +78,7 @@ class MuJoCo:
     missing: ClassVar[str] = lack_of("mujoco", "mujoco", "coacd")
     name: ClassVar[str] = "mujoco"
     tuning: ClassVar[Tuning] = TUNED
+    concavity: ClassVar[float] = COARSE
 
     def __init__(self, scene: MethodScene) -> None:
         """Build and compile the model."""
@@ -206,7 +207,7 @@ class MuJoCo:
         kind = self._mujoco.mjtGeom
         body = spec.worldbody.add_body(name="object")
         given = {**self._touching(), "contype": 0, "conaffinity": 1}
-        for i, part in enumerate(convex_parts(mesh)):
+        for i, part in enumerate(convex_parts(mesh, self.concavity)):
             if isinstance(part, Ball):
                 body.add_geom(type=kind.mjGEOM_SPHERE, pos=part.center, size=[part.radius, 0.0, 0.0], **given)
             elif isinstance(part, Box):
@@ -275,6 +276,13 @@ class MuJoCoFast(MuJoCo):
 
     name = "mujoco-fast"
     tuning = FAST
+
+
+class MuJoCoFine(MuJoCo):
+    """MuJoCo, tuned, 4 sub-steps, the object in more convex parts, phalanges as capsules."""
+
+    name = "mujoco-fine"
+    concavity = FINE
 
 
 class MuJoCoTriangles(MuJoCo):
