@@ -5,12 +5,15 @@ import json
 import math
 import os
 import sys
+import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, TypeAlias
 
 Report: TypeAlias = Callable[[str, int, int], None]
 """Called with what is being done, how much of it is done, and how much there is."""
+SILENCE = 30.0
+"""How long nothing is said of long work where there is no bar [s]."""
 BAR = "hhsim.bar"
 """Where a command's context keeps the bar's label, while there is a bar."""
 
@@ -168,10 +171,15 @@ def print_notes(notes: Sequence[str], *, prefix: str = "note") -> None:
 
 
 @contextmanager
-def progress(*, quiet: bool) -> Iterator[Report | None]:
-    """Show a bar on stderr while the work reports; nothing where stderr is no terminal, or where it should be quiet."""
+def progress(*, quiet: bool, lines: bool = False) -> Iterator[Report | None]:
+    """Show a bar on stderr while the work reports, unless it should be quiet.
+
+    Args:
+        quiet: Show nothing.
+        lines: For long work: where stderr is no terminal, print a line now and then. Else nothing is shown there.
+    """
     if quiet or not sys.stderr.isatty():
-        yield None
+        yield _line_by_line() if lines and not quiet else None
         return
     import click
     from rich.console import Console
@@ -207,6 +215,22 @@ def progress(*, quiet: bool) -> Iterator[Report | None]:
         finally:
             if context is not None:
                 del context.meta[BAR]
+
+
+def _line_by_line() -> Report:
+    """A line on stderr for each tenth of the work, and after half a minute without one."""
+    total_before, tenth_before, told = -1, 0, 0.0
+
+    def report(what: str, done: int, total: int) -> None:
+        nonlocal total_before, tenth_before, told
+        now, tenth = time.monotonic(), 10 * done // max(1, total)
+        if total != total_before:
+            total_before, tenth_before, told = total, 0, now
+        if tenth > tenth_before or now - told >= SILENCE:
+            tenth_before, told = tenth, now
+            print(f"hhsim: {what}: {done:,} of {total:,}", file=sys.stderr, flush=True)
+
+    return report
 
 
 def _plain(value: Any) -> Any:

@@ -73,7 +73,7 @@ def command(
     from hhsim.system.output_path import RESULTS
 
     chosen = SweepOptions(jobs or 0, scheduler, retry_failed, not summary_only)
-    with progress(quiet=quiet) as report:
+    with progress(quiet=quiet, lines=True) as report:
         if report is not None:
             report("reading the plan", 0, 1)
         read = load_plan(plan)
@@ -93,7 +93,8 @@ def command(
     elif not quiet:
         _print(ended, folder.path)
     if quiet and ended.failed:
-        print_notes([f"{len(ended.failed):,} cells failed"], prefix="missed")
+        shown = [f"{cell.label}: {why}" for cell, why in ended.failed[:MOST_FAILURES]]
+        print_notes([f"{_cells(len(ended.failed))} failed", *shown], prefix="missed")
     return 1 if ended.failed else 0
 
 
@@ -118,7 +119,8 @@ def _print(ended: "SweepSummary", folder: Path) -> None:
         print_line(f"{ended.ticks:,} ticks in {_lasting(ended.seconds)}{speed}")
     if ended.failed:
         print()
-        print_table(("cell", "failed since"), ended.failed[:MOST_FAILURES])
+        shown = [(cell.label, cell.stated, why) for cell, why in ended.failed[:MOST_FAILURES]]
+        print_table(("cell", "options", "failed since"), shown)
         more = len(ended.failed) - MOST_FAILURES
         print_line(f"{f'{more:,} more failed; ' if more > 0 else ''}--retry-failed runs them again")
     print_line(f"hhsim board {folder} shows them as one table")
@@ -130,7 +132,9 @@ def _document(ended: "SweepSummary", folder: Path, left_out: tuple[str, ...]) ->
         "cells": ended.cells,
         "done_now": ended.run,
         "done_before": ended.done_before,
-        "failed": [{"cell": cell, "reason": reason} for cell, reason in ended.failed],
+        "failed": [
+            {"cell": cell.label, "options": dict(cell.options), "reason": reason} for cell, reason in ended.failed
+        ],
         "ticks": ended.ticks,
         "seconds": ended.seconds,
         "notes": list(left_out),

@@ -18,12 +18,16 @@ APPROACH, CLOSING = 0.05, 0.1
 """Before the hold [s]."""
 
 
-def short_grasp(hold: float = 0.05, release: float = 0.0) -> Script:
+def short_grasp_text(hold: float = 0.05, release: float = 0.0) -> str:
     """A hand that comes from 5 mm, closes and holds, so long [s]; with a release, it opens again."""
     phases = {"approach": APPROACH, "grasp": CLOSING, "hold": hold, "release": release}
     tables = [f'[[phase]]\nname = "{name}"\nduration = {seconds}\n' for name, seconds in phases.items() if seconds]
-    text = 'title = "short"\npalm_gap = 0.005\ndepth = 0.015\n' + "".join(tables)
-    return parse_script(text, name="short", where="short")
+    return 'title = "short"\npalm_gap = 0.005\ndepth = 0.015\n' + "".join(tables)
+
+
+def short_grasp(hold: float = 0.05, release: float = 0.0) -> Script:
+    """The same, read."""
+    return parse_script(short_grasp_text(hold, release), name="short", where="short")
 
 
 @cache

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import h5py
+from short_grasp import short_grasp_text
 
 PLAN = """
 version = 1
@@ -13,26 +14,12 @@ methods = ["coupled", "penalty"]
 [options.usual]
 level = 2
 """
-MOTION = """
-title = "short"
-palm_gap = 0.005
-depth = 0.015
-[[phase]]
-name = "approach"
-duration = 0.05
-[[phase]]
-name = "grasp"
-duration = 0.1
-[[phase]]
-name = "hold"
-duration = 0.05
-"""
 TIMES = ("tick_cpu_p50", "tick_cpu_p99", "tick_cpu_max", "tick_wall_p50", "tick_wall_over_1ms")
 
 
 def write_plan(folder: Path, text: str = PLAN) -> Path:
     """Write a plan and its motion; where the plan is."""
-    (folder / "short.toml").write_text(MOTION, encoding="utf-8")
+    (folder / "short.toml").write_text(short_grasp_text(), encoding="utf-8")
     path = folder / "plan.toml"
     path.write_text(text, encoding="utf-8")
     return path

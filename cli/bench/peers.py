@@ -76,7 +76,7 @@ def command(settings: PeersSettings, plot: Path | None, output: options.Output) 
     output_path = output.table_path("peers")
     picture = picture_beside(output_path, plot)
     announce_compilation(quiet=output.quiet)
-    with progress(quiet=output.quiet) as report:
+    with progress(quiet=output.quiet, lines=True) as report:
         runs = measure(run, report)
     rows = table_rows(runs)
     notes = [*installed(run)[1], *remarks(runs)]

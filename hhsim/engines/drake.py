@@ -1,5 +1,6 @@
 """Drake: the hand as a multibody with implicit joint controllers, the object as convex parts or a hydroelastic mesh."""
 
+import gc
 import time
 from typing import Any, ClassVar
 
@@ -45,6 +46,8 @@ class Drake:
     def __init__(self, scene: MethodScene) -> None:
         """Build plant and scene."""
         require(self.name, self.missing)
+        # What Drake has of Python holds itself in circles, 0.5 GB of a hydroelastic scene that is no longer run.
+        gc.collect()
         from pydrake import geometry, math
         from pydrake.common.value import Value
         from pydrake.multibody import math as spatial

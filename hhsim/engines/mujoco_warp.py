@@ -1,4 +1,4 @@
-"""MuJoCo-Warp: MuJoCo's model and settings, its steps as one recorded graph of kernels, here for one world on the CPU."""
+"""MuJoCo-Warp: MuJoCo's model and settings, stepped by a recorded graph of kernels; here one world on the CPU."""
 
 from typing import Any, ClassVar
 

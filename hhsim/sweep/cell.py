@@ -89,6 +89,11 @@ class Cell:
         parts += [f"seed {self.seed}"] if self.seed else []
         return ", ".join(parts)
 
+    @property
+    def stated(self) -> str:
+        """The options that the plan states, as name=value."""
+        return " ".join(f"{name}={value}" for name, value in self.options.items())
+
     def solver_options(self) -> SolverOptions:
         """Of the solver.
 

@@ -7,7 +7,7 @@ from time import perf_counter
 
 from hhsim.errors import HhsimError
 from hhsim.solver.compile import warm_up
-from hhsim.sweep.cell import source_digest
+from hhsim.sweep.cell import Cell, source_digest
 from hhsim.sweep.cell_run import CellEnd, CellTask, cell_hand, cell_object, motion_of
 from hhsim.sweep.dask_engine import require_dask, run_on_dask
 from hhsim.sweep.folder import SweepFolder
@@ -48,7 +48,7 @@ class SweepSummary:
         cells: Of the plan.
         run: Done now.
         done_before: Done by an earlier sweep.
-        failed: What each cell is that failed, now or before, and why.
+        failed: Each cell that failed, now or before, and why.
         ticks: Run now.
         seconds: That took.
     """
@@ -56,7 +56,7 @@ class SweepSummary:
     cells: int
     run: int
     done_before: int
-    failed: tuple[tuple[str, str], ...]
+    failed: tuple[tuple[Cell, str], ...]
     ticks: int
     seconds: float
 
@@ -110,7 +110,7 @@ def run_sweep(
                 raise
         seconds = perf_counter() - began
         failed = [
-            (planned.cell.label, reason)
+            (planned.cell, reason)
             for planned in plan.cells
             if planned.digest not in before and (reason := folder.failure(planned))
         ]

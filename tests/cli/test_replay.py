@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from recording_samples import smooth_recording
 from sampled import sampled
+from short_grasp import short_grasp_text
 
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.recordings.repair import repair
@@ -30,24 +31,11 @@ mended_remark: Callable[..., list[str]] = importlib.import_module("hhsim.cli.rep
 Run = Callable[..., Any]
 MAIN = "from hhsim.cli.main import main; main()"
 
-SHORT = """
-title = "short"
-[[phase]]
-name = "approach"
-duration = 0.05
-[[phase]]
-name = "grasp"
-duration = 0.1
-[[phase]]
-name = "hold"
-duration = 0.05
-"""
-
 
 @pytest.fixture
 def short(tmp_path: Path) -> Path:
     path = tmp_path / "short.toml"
-    path.write_text(SHORT)
+    path.write_text(short_grasp_text())
     return path
 
 
@@ -293,7 +281,7 @@ def test_a_mesh_of_ones_own_is_replayed_and_its_size_doubted(run: Run, tmp_path:
     assert doubted.code == 0, "a size that was stated is not doubted"
 
 
-LONG = SHORT.replace("duration = 0.05\n", "duration = 30.0\n")
+LONG = short_grasp_text().replace("duration = 0.05\n", "duration = 30.0\n")
 
 
 def test_an_interrupt_keeps_the_ticks_and_says_where(tmp_path: Path) -> None:

@@ -56,7 +56,9 @@ def test_finer_parts_are_others_and_a_closed_mesh_is_not_remeshed(
     mesh = load_object("cup").mesh
     monkeypatch.setattr(module, "cache_root", lambda: tmp_path)
     monkeypatch.setattr(module, "_decompose", lambda mesh, concavity: [mesh.vertices[: round(1000 * concavity)]])
-    sizes = [len(part.points) for limit in (COARSE, FINE) for part in convex_parts(mesh, limit) if isinstance(part, Hull)]
+    sizes = [
+        len(part.points) for limit in (COARSE, FINE) for part in convex_parts(mesh, limit) if isinstance(part, Hull)
+    ]
     assert sizes == [20, 10]
     assert module._preparation(mesh) == "off"
     assert module._preparation(replace(mesh, faces=mesh.faces[1:])) == "auto"

@@ -13,10 +13,12 @@ from hhsim.engines.installed import lack_of, require
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.block import TickRecord
+from hhsim.mesh.catalogue import load_object
 from hhsim.scene.open_scene import open_scene
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.known_methods import declared_methods, find_method
 from hhsim.solver.options import SolverOptions
+from hhsim.solver.outside_method import MethodScene
 from hhsim.trees.contact_surface import contact_surface
 
 ENGINES = sorted(name for name, entry in declared_methods().items() if entry.value.startswith("hhsim.engines."))
@@ -33,7 +35,7 @@ def test_a_module_that_is_there_lacks_nothing() -> None:
 @pytest.mark.parametrize("name", ENGINES)
 def test_a_missing_engine_is_one_line(name: str, monkeypatch: pytest.MonkeyPatch, run: Run) -> None:
     made: Any = declared_methods()[name].load()
-    extra = name.partition("-")[0]
+    extra = name if name == "mujoco-warp" else name.partition("-")[0]
     monkeypatch.setattr(made, "missing", lack_of(extra, "no_such_engine"))
     line = f"needs no_such_engine, which is not installed: pip install 'hhsim[{extra}]'"
     assert find_method(name).missing == line
@@ -47,7 +49,10 @@ def test_a_missing_engine_is_one_line(name: str, monkeypatch: pytest.MonkeyPatch
     assert [one["missing"] for one in listed if one["name"] == name] == [line]
 
 
-@pytest.mark.parametrize("name", ENGINES)
+# The kernels of MuJoCo-Warp take a minute to compile, where Warp's cache does not have them.
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.soak] * (name == "mujoco-warp")) for name in ENGINES]
+)
 def test_an_engine_stops_at_a_ball_and_pushes_the_hand_back(name: str) -> None:
     if find_method(name).missing:
         pytest.skip(f"{name} {find_method(name).missing}")
@@ -73,3 +78,16 @@ def test_no_module_of_the_engines_needs_its_engine() -> None:
     for name in ENGINES:
         module, _, attribute = declared_methods()[name].value.partition(":")
         assert getattr(importlib.import_module(module), attribute).name == name
+
+
+def test_large_triangles_are_split_since_mujoco_misses_contacts_of_them() -> None:
+    pytest.importorskip("mujoco")
+    from hhsim.engines.mujoco import LONGEST, MuJoCoTriangles
+
+    mesh = load_object("cube").mesh
+    model: Any = MuJoCoTriangles(MethodScene(capsule_hand(), mesh, None, SolverOptions(surface="mesh")))._model
+    corners = model.flex_vert[model.flex_elem.reshape(-1, 3)]
+    edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+    assert np.linalg.norm(np.diff(mesh.triangles, axis=1), axis=2).max() > LONGEST >= edges.max()
+    area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum()
+    np.testing.assert_allclose(area, 6.0 * mesh.extent[0] ** 2)
