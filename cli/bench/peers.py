@@ -35,7 +35,9 @@ class PeersSettings(OptionGroup):
         )
     )
     quick: bool = option(is_flag=True, help="The bunny grasped, once.")
-    repetitions: int | None = option(type=COUNT, metavar="N", help="Repetitions of every run. Default: 3.")
+    repetitions: int | None = option(
+        type=COUNT, metavar="N", help="Repetitions of every run that takes less than 5 s. Default: 3."
+    )
     rate: float = shared(options.rate)
     seed: int = shared(options.seed)
 
@@ -54,10 +56,10 @@ class PeersSettings(OptionGroup):
 def command(settings: PeersSettings, plot: Path | None, output: options.Output) -> None:
     """Measure other physics engines beside our methods, on the same scenes, in one run.
 
-    MuJoCo, PyBullet and Drake, each tuned, are optional extras: hhsim methods says which are installed, and what is not
-    is left out. All have the same hand, its phalanges capsules. Errors are measured against the true mesh, by coal:
-    the deepest penetration, and how far off the mesh a body is that is pushed. The table goes to an HDF5 and a CSV
-    file, with a picture beside them.
+    MuJoCo, MuJoCo-Warp, PyBullet and Drake, each tuned, are optional extras: hhsim methods says which are installed,
+    and what is not is left out. All have the same hand, its phalanges capsules. Errors are measured against the true
+    mesh, by coal: the deepest penetration, and how far off the mesh a body is that is pushed. The table goes to an
+    HDF5 and a CSV file, with a picture beside them.
 
     \b
     Examples:

@@ -2,8 +2,9 @@
 
 Every method has a hand whose phalanges are capsules, which all engines know, so that all have the same geometry. The
 haptic input of a scene is made once. The runs take turns, each repetition in the opposite order of the one before; of
-each tick the median of the repetitions counts. Errors are those of the first repetition, against the true mesh, by
-coal: how deep the hand is in it, and how far from it a body is that the method says is pushed.
+each tick the median of the repetitions counts; runs that take long are made once. Errors are those of the first
+repetition, against the true mesh, by coal: how deep the hand is in it, and how far from it a body is that the method
+says is pushed.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -48,6 +49,8 @@ OURS: tuple[tuple[str, str], ...] = (("coupled", "mesh"), ("coupled", "spheres")
 """Our methods, and what of the object they touch."""
 OUR_PACKAGE = "hhsim"
 """Whose entry points are run where no method is named."""
+LONG = 5.0
+"""A run whose ticks take longer together [s, CPU] is not repeated."""
 PUSHED = 1e-2
 """A body that is pushed by less [N] may as well not touch: stiff engines ring."""
 
@@ -61,7 +64,7 @@ class PeersOptions:
         motions: Scripts of the catalogue that touch the object.
         methods: As `hhsim.solver.known_methods.method_names`, or `package.module:Class`; None for those of `OURS` and
             every engine that hhsim declares. What is not installed is left out.
-        repetitions: Of every run.
+        repetitions: Of every run that is not longer than `LONG`.
         rate: Ticks per second [Hz].
         seed: Of the tremor.
         hands: Of a run at most, that are held against the true mesh.
@@ -153,6 +156,7 @@ class PeerRun:
         cpu: CPU times of the ticks in contact [s], one array of shape (n,) a repetition.
         native: Of the same, what the engine says that its own step took.
         errors: Of the first repetition.
+        seconds: CPU time of all ticks of the first repetition, in contact or not.
         failure: Why it could not be run, or "".
     """
 
@@ -162,6 +166,7 @@ class PeerRun:
     cpu: list[FloatArray] = field(default_factory=list)
     native: list[FloatArray] = field(default_factory=list)
     errors: PeerErrors | None = None
+    seconds: float = 0.0
     failure: str = ""
 
     @property
@@ -236,7 +241,7 @@ def measure(options: PeersOptions, progress: Progress | None = None) -> list[Pee
                 if progress is not None:
                     what = f"{run.peer.method}, {scene.object_name}, {scene.motion}"
                     progress(f"{what}, repetition {repetition + 1} of {options.repetitions}", done, total)
-                if not run.failure:
+                if not run.failure and run.seconds <= LONG:
                     _repeat(hand, scene, run, options)
                 done += 1
                 check_interrupt()
@@ -268,6 +273,7 @@ def _repeat(hand: HandModel, scene: _Scene, run: PeerRun, options: PeersOptions)
         if not finite.all():
             raise HhsimError(f"the graphic hand is not finite after tick {int(finite.argmin())}")
         if run.errors is None:
+            run.seconds = 1e-9 * float(record.duration_cpu.sum())
             run.errors = _errors(hand, scene, surface, solver_options, record, options)
     except HhsimError as error:
         run.failure = str(error)

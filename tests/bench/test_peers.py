@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from conftest import Run
 
+from hhsim.bench import peers
 from hhsim.bench.peers import Peer, PeerErrors, PeerRun, PeersOptions, capsule_hand, installed, measure
 from hhsim.bench.peers_table import COLUMNS, remarks, table_rows, won_by_others
 from hhsim.bench.speed_error_table import ALL
@@ -94,6 +95,15 @@ def test_a_hand_inside_is_told_by_how_much() -> None:
     np.testing.assert_allclose(other.tick_native, 7e-9)
     rows = table_rows([ours, other])
     assert [set(row) for row in rows] == [{column.name for column in COLUMNS}] * len(rows)
+
+
+def test_a_run_that_takes_long_is_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    options = PeersOptions(objects=("cube",), motions=("touch",), methods=(FAKE,), repetitions=2, rate=50.0, hands=5)
+    (twice,) = measure(options)
+    monkeypatch.setattr(peers, "LONG", 0.0)
+    (once,) = measure(options)
+    assert (len(twice.cpu), len(once.cpu)) == (2, 1)
+    assert [row["repetitions"] for row in table_rows([twice, once])] == [2, 1, 1, 1]
 
 
 def test_who_is_as_near_and_faster_wins() -> None:
