@@ -293,10 +293,11 @@ class MuJoCoTriangles(MuJoCo):
     tuning = FAST
 
     def _add_object(self, spec: Any, scene: MethodScene) -> None:
-        from trimesh.remesh import subdivide_to_size
+        from trimesh import remesh
 
+        split: Any = remesh.subdivide_to_size
         mesh = self._mesh(scene)
-        vertices, faces = subdivide_to_size(mesh.vertices, mesh.faces, LONGEST)
+        vertices, faces = split(mesh.vertices, mesh.faces, LONGEST)
         spec.worldbody.add_body(name="object")
         flex = spec.add_flex()
         flex.name, flex.dim, flex.vertbody, flex.selfcollide = "object", 2, ["object"], 0

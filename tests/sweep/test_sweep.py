@@ -112,8 +112,8 @@ def test_a_failure_is_kept_and_tried_again_when_asked(
     for run, done_before in ((1, 0), (0, 1)):
         found = swept(path, out)
         assert (found.run, found.done_before) == (run, done_before)
-        ((label, why),) = found.failed
-        assert label == "cylinder, short, broken_method:Broken, usual" and reason in why
+        ((cell, why),) = found.failed
+        assert cell.label == "cylinder, short, broken_method:Broken, usual" and reason in why
     assert len(in_this_process) == 2
     assert swept(path, out, retry_failed=True).failed
     assert len(in_this_process) == 3
@@ -176,7 +176,8 @@ def test_processes_crash_one_cell_are_killed_and_go_on(tmp_path: Path) -> None:
     document = json.loads(second.stdout)
     assert second.returncode == 1, second.stderr
     ((failure),) = document["failed"]
-    assert failure == {"cell": "cylinder, short, broken_method:Crashing, usual", "reason": CRASHED}
+    label = "cylinder, short, broken_method:Crashing, usual"
+    assert failure == {"cell": label, "options": {"level": 2}, "reason": CRASHED}
     assert {row["cell"]["method"] for row in rows(out)} == {"coupled", "penalty", "progressive"}
     for name, content in kept.items():
         if "failed" not in name and (
