@@ -39,7 +39,7 @@ LINES = (
     Line("trajectories"),
     Line("methods"),
     Line("replay sphere short.toml --out a.h5"),
-    Line("replay sphere short.toml --method penalty --surface mesh --out b.h5"),
+    Line("replay sphere short.toml --method penalty --out b.h5"),
     Line("replay a.h5"),
     Line("compare a.h5 b.h5"),
     Line("export a.h5 a.csv"),

@@ -70,11 +70,10 @@ class RigidHand:
         """The hand with a coupling whose time constant τ is `response` [s]."""
         springs = (stiffness.translation, stiffness.rotation, stiffness.flexion)
         mass, inertia, armature = (response**2 * k for k in springs)
-        axis = np.cross(hand.dorsal, hand.distal)
         return cls(
             base=hand.base.copy(),
-            frame=np.stack([hand.distal, axis, hand.dorsal], axis=2),
-            abduction_sign=1.0 if hand.side == "right" else -1.0,
+            frame=np.stack([hand.distal, hand.flexion_axis, hand.dorsal], axis=2),
+            abduction_sign=hand.abduction_sign,
             length=hand.length.copy(),
             radius=0.5 * (hand.radius[:, :-1] + hand.radius[:, 1:]),
             limits=np.stack([hand.flexion_min, hand.flexion_max], axis=2),

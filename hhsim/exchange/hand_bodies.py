@@ -156,18 +156,14 @@ class HandBodies:
 def hand_bodies(hand: HandModel) -> HandBodies:
     """The bodies and joints of a hand."""
     bodies = [_palm(hand)]
-    sign = 1.0 if hand.side == "right" else -1.0
     for f, finger in enumerate(FINGERS):
-        distal, dorsal = hand.distal[f], hand.dorsal[f]
         limits = float(hand.abduction_min[f]), float(hand.abduction_max[f])
-        spread = HandJoint(f"{finger}_abd", sign * dorsal, *limits)
-        # About this axis a positive angle turns the finger from its back to its pad.
-        axis = np.cross(dorsal, distal)
+        spread = HandJoint(f"{finger}_abd", hand.abduction_sign * hand.dorsal[f], *limits)
         parent, offset = PALM, hand.base[f]
         for k in range(PHALANGES):
             limits = float(hand.flexion_min[f, k]), float(hand.flexion_max[f, k])
-            bend = HandJoint(f"{finger}_flex{k + 1}", axis, *limits)
-            end = hand.length[f, k] * distal
+            bend = HandJoint(f"{finger}_flex{k + 1}", hand.flexion_axis[f], *limits)
+            end = hand.length[f, k] * hand.distal[f]
             cone = RoundCone(end, float(hand.radius[f, k]), float(hand.radius[f, k + 1]))
             name, joints = f"{finger}_{k + 1}", (spread, bend) if k == 0 else (bend,)
             bodies.append(HandBody(name, parent, offset, joints, tuple(cone.capsules()), _of_cone(cone), cone))

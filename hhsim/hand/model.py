@@ -196,6 +196,16 @@ class HandModel:
         """
         return _model(parse_toml(read_toml_text(Path(path), "hand"), str(path)), side, str(path))
 
+    @property
+    def abduction_sign(self) -> float:
+        """+1 where a positive abduction turns a finger positively about `dorsal`, as in a right hand, else -1."""
+        return 1.0 if self.side == "right" else -1.0
+
+    @property
+    def flexion_axis(self) -> FloatArray:
+        """Unit vector in the palm about which a positive angle bends each finger to its pad, shape (5, 3)."""
+        return np.cross(self.dorsal, self.distal)
+
     def arrays(self) -> HandArrays:
         """The hand as the kernels take it."""
         slope = np.array(
@@ -215,7 +225,7 @@ class HandModel:
             base=self.base.copy(),
             distal=self.distal.copy(),
             dorsal=self.dorsal.copy(),
-            abduction_sign=np.array([1.0 if self.side == "right" else -1.0]),
+            abduction_sign=np.array([self.abduction_sign]),
             length=self.length.copy(),
             radius=self.radius.copy(),
             tan_slope=np.ascontiguousarray(slope[:, :, 0]),

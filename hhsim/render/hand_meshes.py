@@ -64,7 +64,7 @@ def piece_poses(
     origin, palm = np.asarray(position, np.float64).T, np.asarray(orientation, np.float64).T
     # Ticks last: all that is done here is done along them, and a viewer takes a piece's poses from one stretch.
     bend = np.cumsum(np.transpose(np.asarray(flexion, np.float64), (1, 2, 0)), axis=1)
-    sign = 1.0 if hand.side == "right" else -1.0
+    sign = hand.abduction_sign
     half_spread, half_bend = 0.5 * sign * np.asarray(abduction, np.float64).T, -0.5 * bend
     frames = np.stack([np.cross(hand.distal, hand.dorsal), hand.distal, hand.dorsal], axis=-1)
     fingers_base = quaternion_product(palm.T, quaternion_from_matrix(frames)[:, None])
