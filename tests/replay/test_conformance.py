@@ -34,7 +34,6 @@ def test_what_is_wrong_is_named(name: str, finding: str, verdict: str, says: str
 
 
 def test_our_own_method_from_outside_passes(run: Run) -> None:
-    assert {each.verdict for each in check_method("outside_methods:OurOwn")} == {OK}
     answer = run("methods", "check", "outside_methods:OurOwn")
     assert answer.code == 0 and answer.out.endswith("outside_methods:OurOwn can be measured\n")
     assert run("methods", "check", "outside_methods:NoTick").code == 1

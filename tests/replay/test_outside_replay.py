@@ -40,7 +40,7 @@ def test_its_errors_are_those_of_the_same_poses_from_inside(tmp_path: Path) -> N
         assert theirs[name] == pytest.approx(ours[name], rel=1e-12, abs=1e-12, nan_ok=True), name
 
 
-@pytest.mark.parametrize("name", ["Follow", "OurOwn"])
+@pytest.mark.parametrize("name", ["Follow", pytest.param("OurOwn", marks=pytest.mark.soak)])
 def test_the_referee_the_second_run_and_the_page_take_it(name: str, tmp_path: Path, run: Run) -> None:
     result = short_result(tmp_path / "result.h5", RELEASED, method=f"outside_methods:{name}")
     assert result.gives("times") and not result.gives("work") and result.gives("forces") == (name == "OurOwn")

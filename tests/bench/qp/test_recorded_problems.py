@@ -65,7 +65,8 @@ def test_every_program_of_a_stress_is_solved_or_proved_infeasible(method: str, k
         assert {program.kind for program in refused} == {"finger"}
 
 
-@pytest.mark.parametrize("problems", [120, pytest.param(2000, marks=pytest.mark.soak)])
+@pytest.mark.soak
+@pytest.mark.parametrize("problems", [2000])
 def test_programs_of_a_catalogue_s_scenes(problems: int) -> None:
     solver = ProgramSolver()
     kinds: dict[str, int] = {}
