@@ -1,7 +1,8 @@
-"""What a glove is to the loop: samples in, a position limit for each finger out.
+"""What a glove is to the loop: samples in; out, for each finger, where it is stopped and what it feels.
 
-A position limit is what the gloves that push back have in common: Dexmo's set point, the curl of OpenGloves and
-XR_MNDX_force_feedback_curl are one thing, the bend at which a finger is stopped. Newtons are never commanded.
+A position limit is what most gloves that push back have in common: Dexmo's set point, the curl of OpenGloves and
+XR_MNDX_force_feedback_curl are one thing, the bend at which a finger is stopped. Few take a force, in newtons and with
+a direction; others shake a finger. `Capability` says which.
 """
 
 from abc import ABC, abstractmethod
@@ -69,6 +70,12 @@ class Capability(Flag):
     """Tells its charge."""
     STAMPS = auto()
     """Stamps its samples."""
+    FORCE = auto()
+    """Takes the force vector on each fingertip."""
+    POWER = auto()
+    """Takes how strongly each finger is shaken, 0 to 1."""
+    PALM = auto()
+    """Tells where the palm is: `GloveDevice.palm`."""
 
 
 @dataclass(frozen=True)
@@ -131,10 +138,29 @@ class FingerCommand:
     Attributes:
         bend: Where each finger is stopped, 0 (flat) to 1 (fist), shape (5,).
         stiffness: How hard, 0 (free) to 1, shape (5,).
+        force: What the object does to each phalanx [N], in the frame of the shown hand's palm, shape (5, 3, 3): finger,
+            phalanx from the knuckle on, x y z. It comes and goes with the stiffness: by the same ramp, and 0 where that
+            is 0. Always 0 for a glove that takes neither FORCE nor POWER.
     """
 
     bend: Array = field(default_factory=lambda: np.zeros(FINGER_COUNT))
     stiffness: Array = field(default_factory=lambda: np.zeros(FINGER_COUNT))
+    force: Array = field(default_factory=lambda: np.zeros((FINGER_COUNT, 3, 3)))
+
+
+@dataclass
+class PalmReading:
+    """Where a glove says that the palm is; written in place, sample by sample.
+
+    Attributes:
+        came_ns: CLOCK_MONOTONIC when its bytes were read [ns], -1 before the first.
+        position: Palm origin [m], shape (3,), in a world with z up whose origin is the tracker's.
+        orientation: Unit (w, x, y, z), shape (4,), in that world.
+    """
+
+    came_ns: int = -1
+    position: Array = field(default_factory=lambda: np.zeros(3))
+    orientation: Array = field(default_factory=lambda: np.array([1.0, 0.0, 0.0, 0.0]))
 
 
 class Calibration(Protocol):
@@ -208,6 +234,8 @@ class GloveDevice(FingerRelease):
 
     info: GloveInfo
     counters: DeviceCounters
+    palm: PalmReading | None = None
+    """Of a glove that says where the palm is; else None."""
 
     @abstractmethod
     def open(self, timeout: float = 5.0) -> None:

@@ -1,4 +1,4 @@
-"""Where the palm is: gloves do not say, so the pose comes from elsewhere. What a source is, and which are there.
+"""Where the palm is: few gloves say, so the pose comes from elsewhere. What a source is, and which are there.
 
 To add one, write its class in a module of this package and add a line to `POSES`.
 """
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from hhsim.live.device import GloveDevice
     from hhsim.live.playback import Playback
     from hhsim.live.shared_memory import SharedBlock
 
@@ -24,10 +25,12 @@ class Pose:
 
     Attributes:
         about: What it is, in half a line.
-        source: Its `PoseSource`, as "module:Class"; called with a `PoseConfig` and the session's status block.
+        source: Its `PoseSource`, as "module:Class"; called with a `PoseConfig` and the session's status block, or with
+            the glove in the block's place.
         placed: It is, or begins, where it is told to.
         plays: It makes a motion: it is given a playback.
         back: Where nobody says where it begins, so far back from where the fingers grasp [m].
+        by_glove: The glove says it.
     """
 
     about: str
@@ -35,6 +38,7 @@ class Pose:
     placed: bool = False
     plays: bool = False
     back: float = 0.0
+    by_glove: bool = False
 
 
 POSES = {
@@ -43,6 +47,9 @@ POSES = {
     "fixed": Pose("at one place", "hhsim.live.pose.fixed:FixedPose", placed=True),
     "replay": Pose("as in --trajectory", "hhsim.live.pose.replay:ReplayPose", plays=True),
     "udp": Pose("by packets of a tracker", "hhsim.live.pose.udp_tracker:UdpPose"),
+    "glove": Pose(
+        "as a glove says that knows it", "hhsim.live.pose.glove:GlovePose", placed=True, back=0.06, by_glove=True
+    ),
 }
 """The sources that there are, by name; each is imported when it is made: a loop without a tracker needs no sockets."""
 USUAL_POSE_PORT = 24172
@@ -54,7 +61,7 @@ class PoseConfig:
 
     Attributes:
         kind: One of `POSES`.
-        position: Of `fixed`, and where `keyboard` begins [m], world.
+        position: Of `fixed`, and where `keyboard` and `glove` begin [m], world.
         orientation: Of `fixed`, and where `keyboard` begins, (w, x, y, z).
         playback: Motion of `replay`; the glove's own keeps palm and fingers together.
         host: From which the packets of `udp` come.
@@ -103,12 +110,15 @@ class PoseSource(ABC):
         return
 
 
-def make_pose_source(config: PoseConfig, status: "SharedBlock | None" = None) -> PoseSource:
+def make_pose_source(
+    config: PoseConfig, status: "SharedBlock | None" = None, glove: "GloveDevice | None" = None
+) -> PoseSource:
     """The source, not yet opened.
 
     Args:
         config: Which.
         status: Block of `LIVE_STATUS`, which `keyboard` reads.
+        glove: The session's, which `glove` asks.
 
     Raises:
         UnknownNameError: No such kind.
@@ -116,6 +126,7 @@ def make_pose_source(config: PoseConfig, status: "SharedBlock | None" = None) ->
     """
     if config.kind not in POSES:
         raise UnknownNameError("pose source", config.kind, POSES)
-    module, _, name = POSES[config.kind].source.partition(":")
-    source: PoseSource = getattr(import_module(module), name)(config, status)
+    pose = POSES[config.kind]
+    module, _, name = pose.source.partition(":")
+    source: PoseSource = getattr(import_module(module), name)(config, glove if pose.by_glove else status)
     return source

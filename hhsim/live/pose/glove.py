@@ -1,0 +1,51 @@
+"""The palm as the glove says it, which a hand tracked by a headset does."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import InputError
+from hhsim.live.pose.fixed import checked_pose
+from hhsim.live.pose.registry import PoseConfig, PoseSource
+
+if TYPE_CHECKING:
+    from hhsim.live.device import GloveDevice
+
+Array = NDArray[np.float64]
+
+
+class GlovePose(PoseSource):
+    """The palm begins where it is told to, and moves and turns from there as the hand does.
+
+    Its orientation is the hand's own from the first reading on: both worlds have the same up.
+
+    Args:
+        config: `position` is where it begins.
+        glove: That has a `palm`.
+
+    Raises:
+        InputError: A place that is none, or a glove that says nothing of the palm.
+    """
+
+    name = "pose of the glove"
+    may_stop = True
+
+    def __init__(self, config: PoseConfig, glove: "GloveDevice | None" = None) -> None:
+        """Nothing is read yet."""
+        if glove is None or glove.palm is None:
+            raise InputError("pose glove: this glove does not say where the palm is; expected openxr or manus")
+        self._palm = glove.palm
+        self._begin = checked_pose(config.position, config.orientation)[0]
+        self._first: Array | None = None
+
+    def read(self, now_ns: int, position_out: Array, orientation_out: Array) -> int:
+        """See `PoseSource.read`."""
+        palm = self._palm
+        if palm.came_ns >= 0:
+            if self._first is None:
+                self._first = palm.position.copy()
+            np.subtract(palm.position, self._first, out=position_out)
+            position_out += self._begin
+            orientation_out[:] = palm.orientation
+        return palm.came_ns
