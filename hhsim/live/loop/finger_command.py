@@ -35,6 +35,8 @@ class FingerCommander:
     def __init__(self, limits: OutputLimits, bend_lines: tuple[Array, Array], period: float) -> None:
         """Every finger is free."""
         self.command = FingerCommand()
+        self._turn = np.eye(3)
+        self._share = np.zeros(FINGER_COUNT)
         self._configured = np.array(limits.stiffness, np.float64)
         self._rise = limits.stiffness_rise * period
         self._move = limits.bend_speed * period
@@ -59,14 +61,22 @@ class FingerCommander:
         self._most = np.zeros(FINGER_COUNT)
         self._free = np.zeros(FINGER_COUNT, dtype=bool)
 
-    def update(self, flexion: Array, phalanx: Array, safety: int, kept_free: NDArray[np.bool_]) -> int:
+    def update(
+        self,
+        flexion: Array,
+        phalanx: Array,
+        safety: int,
+        kept_free: NDArray[np.bool_],
+        orientation: Array | None = None,
+    ) -> int:
         """Make the command of a tick.
 
         Args:
             flexion: Of the graphic hand [rad], shape (5, 3).
-            phalanx: Force on each phalanx [N], shape (5, 3, 3).
+            phalanx: Force on each phalanx [N], shape (5, 3, 3), world.
             safety: Bits of `Safety`; any of them frees all fingers.
             kept_free: Fingers on which nothing may push, shape (5,).
+            orientation: Of the graphic palm, unit (w, x, y, z), shape (4,), world; None where the glove takes no force.
 
         Returns:
             `safety`, with SOLVER_FAILED where an angle or a force is not finite.
@@ -86,11 +96,14 @@ class FingerCommander:
             return safety
         self._good_ticks = min(self._good_ticks + 1, self._ramp_ticks)
         self._press(kept_free)
+        if orientation is not None:
+            self._feel(phalanx, orientation)
         return safety
 
     def free(self) -> None:
         """Stiffness 0, and the ramp from the beginning."""
         self.command.stiffness[:] = 0.0
+        self.command.force[:] = 0.0
         self._good_ticks = 0
         self._easing = False
 
@@ -138,3 +151,16 @@ class FingerCommander:
             self._least[self._free] = 0.0
             self._easing = bool((self._least > stiffness).any())
             np.maximum(stiffness, self._least, out=stiffness)
+
+    def _feel(self, phalanx: Array, orientation: Array) -> None:
+        """The forces in the palm's frame, each finger's by the share that its stiffness has of the configured one."""
+        w, x, y, z = orientation.tolist()
+        turn, force = self._turn, self.command.force
+        turn[0] = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)
+        turn[1] = 2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)
+        turn[2] = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
+        self._share[:] = 0.0
+        np.divide(self.command.stiffness, self._configured, out=self._share, where=self._configured > 0.0)
+        # Rows times the matrix of the palm are turned back into its frame.
+        np.matmul(phalanx, turn, out=force)
+        np.multiply(force, self._share[:, None, None], out=force)

@@ -14,7 +14,7 @@ from hhsim.kernels.tick.state import (
     STATUS_START_INSIDE,
     WORK_TOUCHING,
 )
-from hhsim.live.device import COUNTERS, GLOVE_SAMPLE, DeviceCounters, DeviceError, GloveDevice
+from hhsim.live.device import COUNTERS, GLOVE_SAMPLE, Capability, DeviceCounters, DeviceError, GloveDevice
 from hhsim.live.ipc.config import LiveSetup
 from hhsim.live.ipc.session_memory import FAULT, INFORMATION, LIVE_TICK, WARNING, SessionMemory
 from hhsim.live.ipc.status import Stage
@@ -116,6 +116,8 @@ class LiveLoop:
         self._haptic = HapticBlock(*(self._rows[name] for name in names))
         self._position, self._orientation, self._flexion, self._abduction = (part[0] for part in self._haptic)
         self._graphic, self._phalanx = self._record.flexion[0], self._record.phalanx[0]
+        feels = device.info.capabilities & (Capability.FORCE | Capability.POWER)
+        self._palm_turn = self._record.orientation[0] if feels else None
         self._samples = np.zeros(MOST_SAMPLES, GLOVE_SAMPLE)
         self._sample_ns = self._pose_ns = -1
         self._input_seq = -1
@@ -322,7 +324,7 @@ class LiveLoop:
             self.memory.log(WARNING, BEGINS_INSIDE)
         if self.interlock.eases:
             self.commander.ease()
-        return True, self.commander.update(self._graphic, self._phalanx, safety, self.watch.free)
+        return True, self.commander.update(self._graphic, self._phalanx, safety, self.watch.free, self._palm_turn)
 
     def _send(self, safety: int) -> tuple[int, bool]:
         """Send the command; the tick's safety bits, and whether the glove has it (or would have it, in a dry run)."""

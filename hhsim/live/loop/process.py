@@ -129,7 +129,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if not end_with(setup.supervisor):
             raise HhsimError("the loop's supervisor ended before the loop began")
         device = open_device(setup.device)
-        run_session(setup, memory, device, make_pose_source(setup.pose, memory.status_block), ending)
+        pose = make_pose_source(setup.pose, memory.status_block, device)
+        run_session(setup, memory, device, pose, ending)
     except HhsimError as error:
         memory.log(FAULT, str(error))
         print(f"hhsim: {error}", file=sys.stderr)

@@ -143,3 +143,21 @@ def test_only_a_finger_that_carries_force_is_held() -> None:
     np.testing.assert_allclose(stage.force, [0.0, 0.12, 0.0, 0.05, 0.0])
     stage.update(np.zeros((5, 3)), np.zeros((5, 3, 3)), 0, NOBODY)
     assert (stage.command.stiffness == 0.0).all(), "it falls at once"
+
+
+def test_forces_are_in_the_palms_frame_and_come_and_go_with_the_stiffness() -> None:
+    stage = FingerCommander(OutputLimits(ramp=0.1, stiffness_rise=1e6), BEND_LINES, PERIOD)
+    force, kept_free = np.zeros((5, 3, 3)), np.arange(5) == 4
+    force[0, 2], force[1, 0], force[4, 2] = (0.0, 0.0, 2.0), (1.0, 0.0, 0.0), (0.0, 0.0, 3.0)
+    # A palm whose fingers (y) point to the world's -x: turned by 90° about z.
+    turn = np.array([np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])
+    for tick in range(1, 121):
+        stage.update(np.zeros((5, 3)), force, 0, kept_free, turn)
+        share = min(tick / 100, 1.0)
+        np.testing.assert_allclose(stage.command.force[0, 2], [0.0, 0.0, 2.0 * share], atol=1e-12)
+        np.testing.assert_allclose(stage.command.force[1, 0], [0.0, -share, 0.0], atol=1e-12)
+    assert not stage.command.force[[2, 3, 4]].any(), "a finger that is kept free feels nothing"
+    stage.update(np.zeros((5, 3)), force, int(Safety.STALE_INPUT), kept_free, turn)
+    assert not stage.command.force.any(), "it falls at once"
+    stage.update(np.zeros((5, 3)), force, 0, kept_free)
+    assert not stage.command.force.any(), "of a glove that takes none it stays 0"
