@@ -82,6 +82,8 @@ def _by_name() -> dict[str, dict[str, Field[Any]]]:
 
 def _type(item: Field[Any], setting: Setting) -> Any:
     (kind,) = [kind for kind in get_args(item.type) or (item.type,) if kind is not NoneType]
+    if setting.choices:
+        return click.Choice(setting.choices)
     if (setting.least, setting.most) != (None, None):
         bounded: Any = click.IntRange if kind is int else click.FloatRange
         return bounded(setting.least, setting.most)

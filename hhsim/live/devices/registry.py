@@ -32,6 +32,7 @@ class Setting:
         flags: Names of the option; by default the setting's own.
         least: Least value.
         most: Largest value.
+        choices: The words that there are, where it is one of some.
     """
 
     text: str
@@ -40,6 +41,7 @@ class Setting:
     flags: tuple[str, ...] = ()
     least: float | None = None
     most: float | None = None
+    choices: tuple[str, ...] = ()
 
 
 def setting(default: Any, text: str, metavar: str, **more: Any) -> Any:
@@ -82,6 +84,7 @@ class Glove:
         plays: Its fingers make a motion: it is given a playback.
         ends: A session ends with that motion.
         holds: Fingers stay held in it when nobody tells it otherwise: the watchdog needs a connection of its own.
+        palm: It says where the palm is.
     """
 
     about: str
@@ -91,6 +94,7 @@ class Glove:
     plays: bool = False
     ends: bool = False
     holds: bool = True
+    palm: bool = False
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 from hhsim.live.devices.registry import Glove, ServedOptions, setting
 
+TAKES = ("limits", "forces")
+
 
 @dataclass(frozen=True)
 class UdpOptions(ServedOptions):
@@ -11,9 +13,17 @@ class UdpOptions(ServedOptions):
 
     Attributes:
         port: Where its samples arrive; commands go to the next one.
+        takes: What its commands are: where each finger is stopped, or the force on each fingertip.
+        most_force: Of the forces that it is told [N]; longer ones are shortened.
     """
 
     port: int = setting(24170, "Port of the glove's server", "PORT", least=1, most=65535)
+    takes: str = setting(
+        "limits", "Whether it takes where fingers are stopped, or forces on their tips", "WHAT", choices=TAKES
+    )
+    most_force: float = setting(
+        5.0, "Most force on a fingertip, of a glove that takes forces", "N", unit="N", least=0.0
+    )
 
 
 GLOVE = Glove(

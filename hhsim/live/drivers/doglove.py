@@ -7,6 +7,7 @@ servos, as datagrams. A sample is made of each reading of the encoders, with the
 import math
 import time
 from collections import deque
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -42,8 +43,6 @@ SILENCE_NS = 500_000_000
 """A glove whose encoders say nothing for so long is gone [ns]; input is stale long before."""
 SERVO_STALE_NS = 100_000_000
 """Angles of the servos that are older make no sample that may be used [ns]."""
-MOST_DATAGRAMS = 64
-"""Taken in one call, so that whoever floods a port cannot hold up a tick."""
 MOST_DEGREES = 180.0
 """No joint of a hand is beyond this."""
 THUMB_ROTATE = 3
@@ -235,8 +234,7 @@ def hand_angles(encoders: Array, bend: Array) -> tuple[Array, Array]:
     return flexion, abduction
 
 
-def _arrived(port: UdpPort) -> list[tuple[Any, int]]:
-    found: list[tuple[Any, int]] = []
-    while len(found) < MOST_DATAGRAMS and (packet := port.receive()) is not None:
-        found.append(packet)
-    return found
+def _arrived(port: UdpPort) -> Iterator[tuple[Any, int]]:
+    for found in port.arrived():
+        port.keep_to_sender()
+        yield found

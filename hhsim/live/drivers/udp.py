@@ -1,237 +1,73 @@
 """Any glove, through a bridge that speaks the open packet of `hhsim.live.link.udp_codec`."""
 
-import contextlib
 import math
-import os
-import socket
 import time
-from collections import deque
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.live.device import (
-    FINGER_COUNT,
-    UNKNOWN,
-    Capability,
-    DeviceCounters,
-    DeviceError,
-    FingerCommand,
-    GloveDevice,
-    GloveInfo,
-)
+from hhsim.errors import InputError
+from hhsim.live.device import FINGER_COUNT, Capability, FingerCommand, GloveInfo
 from hhsim.live.devices.registry import GloveConfig
-from hhsim.live.devices.udp import UdpOptions
-from hhsim.live.link.udp import PacketOrder, UdpPort, resolve
-from hhsim.live.link.udp_codec import NONE_YET, Kind, Packet, encode_packet
+from hhsim.live.devices.udp import TAKES, UdpOptions
+from hhsim.live.drivers.packet_glove import PacketGlove
+from hhsim.live.link.udp_codec import Kind, Packet, encode_packet
 
 if TYPE_CHECKING:
     from hhsim.live.drivers.calibration import GloveCalibration
 
-SILENCE_NS = 500_000_000
-"""A bridge that says nothing for so long is gone [ns]; the fingers are free long before."""
 MOST_ANGLE = 2.0 * math.pi
-RELEASE_COPIES = 3
-"""A release is sent so often, for a datagram may be lost."""
-NO_FORCE = np.zeros(10)
-
-SAMPLES = (Kind.BENDS, Kind.CHANNELS, Kind.JOINTS)
+NO_LIMIT = np.zeros(10)
+NO_FORCE = np.zeros((FINGER_COUNT, 3))
 
 
-class UdpGlove(GloveDevice):
-    """The glove of a bridge.
-
-    Samples are taken in the order in which they were sent; what comes late is counted and left out, what never comes is
-    counted as dropped. The first packet says which kind of numbers the bridge sends.
+class UdpGlove(PacketGlove):
+    """The glove of a bridge, which takes a limit for each finger or a force on each fingertip.
 
     Args:
         config: With `UdpOptions`, and a `GloveCalibration` unless the glove is opened for release.
+
+    Raises:
+        InputError: It is to take what no bridge takes, or no force at most.
     """
+
+    SAMPLES = (Kind.BENDS, Kind.CHANNELS, Kind.JOINTS)
 
     def __init__(self, config: GloveConfig) -> None:
         """Nothing is opened yet."""
-        assert isinstance(config.options, UdpOptions)
-        self._host, self._port_number = config.options.host, config.options.port
+        options = config.options
+        assert isinstance(options, UdpOptions)
+        super().__init__(options.host, options.port, "udp bridge")
+        if options.takes not in TAKES:
+            raise InputError(f"a glove that takes '{options.takes}'; expected {' or '.join(TAKES)}")
+        if not 0.0 < options.most_force < math.inf:
+            raise InputError(f"most force {options.most_force:g} N; expected more than 0")
+        self._forces = options.takes == "forces"
+        self._most_force = options.most_force
         self._calibration = self._given = cast("GloveCalibration", config.calibration)
         self._hand = config.hand
-        self._name = f"udp bridge at {self._host}, samples to port {self._port_number}"
-        self._port: UdpPort | None = None
-        self._out: socket.socket | None = None
-        self._target = ("", 0)
-        self._session = int.from_bytes(os.urandom(4), "little")
-        self._sent = 0
-        self._answers = NONE_YET
-        self._order = PacketOrder()
-        self._kind = Kind.BENDS
-        self._unused: Kind | None = None
-        self._told = False
-        self._waiting: deque[tuple[Packet, int]] = deque()
-        self._heard_ns = 0
-        self._seq = 0
-        self._flexion, self._abduction = np.zeros((FINGER_COUNT, 3)), np.zeros(FINGER_COUNT)
-        self.counters = DeviceCounters()
-        self._known = False
 
-    def open(self, timeout: float = 5.0) -> None:
-        """See `GloveDevice.open`; waits for the first sample."""
-        self.open_for_release(timeout)
-        self._waiting.clear()
-        self._known, self._unused = False, None
-        try:
-            self._port = UdpPort(self._host, self._port_number)
-        except DeviceError:
-            self.close()
-            raise
-        deadline = time.monotonic() + timeout
-        while not self._waiting:
-            left = deadline - time.monotonic()
-            if left <= 0.0:
-                hint = self._in_vain() or "is the bridge running, and does it send to that port?"
-                self.close()
-                raise DeviceError(f"{self._name}: no sample came within {timeout:g} s: {hint}")
-            self._port.wait(left)
-            self._receive(1)
-        packet = self._waiting[0][0]
-        self._kind, self._known = packet.kind, True
-        self._calibration = self._given
-        if packet.kind is Kind.CHANNELS and np.isfinite(packet.values).all():
-            self._calibration = self._given.fitting(packet.values.tolist())
-        self.info = self._describe(battery=packet.battery >= 0)
-
-    def open_for_release(self, timeout: float = 5.0) -> None:
-        """See `GloveDevice.open_for_release`; the port of the samples stays with the loop."""
-        self.close()
-        self._target = (resolve(self._host), self._port_number + 1)
-        self._out = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._out.setblocking(False)
-
-    def read(self, samples_out: NDArray[np.void]) -> int:
-        """See `GloveDevice.read`."""
-        if self._port is None:
-            raise DeviceError(f"{self._name}: not open")
-        self._receive(len(samples_out) - len(self._waiting))
-        count = 0
-        while self._waiting and count < len(samples_out):
-            packet, now = self._waiting.popleft()
-            self._store(packet, now, samples_out[count])
-            count += 1
-        if count == 0 and time.monotonic_ns() - self._heard_ns > SILENCE_NS:
-            silence, hint = f"{1e-9 * SILENCE_NS:g} s", self._in_vain()
-            self._told = bool(hint)
-            what = f"no sample came for {silence}: {hint}" if hint else f"nothing came for {silence}"
-            raise DeviceError(f"{self._name}: {what}")
-        return count
-
-    def send(self, command: FingerCommand) -> bool:
-        """See `GloveDevice.send`; fingers of a command that is not finite are free."""
-        numbers = np.concatenate([command.bend, command.stiffness])
-        numbers = np.clip(numbers, 0.0, 1.0) if np.isfinite(numbers).all() else NO_FORCE
-        if self._send(numbers):
-            return True
-        self.counters.commands_refused += 1
-        return False
-
-    def release(self, timeout: float = 0.05) -> bool:
-        """See `GloveDevice.release`."""
-        sent = False
-        for _ in range(RELEASE_COPIES):
-            with contextlib.suppress(DeviceError):
-                sent = self._send(NO_FORCE) or sent
-        return sent
-
-    def reconnect(self) -> bool:
-        """See `GloveDevice.reconnect`; the bridge is back when a sample comes, whatever else it says."""
-        if self._port is None:
-            return self._out is not None
-        if not self._waiting:
-            self._receive(1)
-        if not self._waiting and not self._told and (hint := self._in_vain()):
-            self._told = True
-            raise DeviceError(f"{self._name}: {hint}")
-        return bool(self._waiting)
-
-    def close(self) -> None:
-        """See `GloveDevice.close`."""
-        if self._port is not None:
-            self._port.close()
-        if self._out is not None:
-            self._out.close()
-        self._port = self._out = None
-
-    def _send(self, numbers: NDArray[np.float64]) -> bool:
-        if self._out is None:
-            raise DeviceError(f"{self._name}: not open")
-        data = encode_packet(
-            Kind.COMMAND,
+    def _command(self, command: FingerCommand | None) -> bytes:
+        if self._forces:
+            kind, numbers = Kind.FORCES, NO_FORCE if command is None else limited(command.force[:, 2], self._most_force)
+        else:
+            kind, numbers = Kind.COMMAND, NO_LIMIT
+            if command is not None:
+                told = np.concatenate([command.bend, command.stiffness])
+                numbers = np.clip(told, 0.0, 1.0) if np.isfinite(told).all() else NO_LIMIT
+        return encode_packet(
+            kind,
             numbers,
             session=self._session,
             seq=self._sent,
             t_ns=time.monotonic_ns(),
             answers=self._answers,
         )
-        try:
-            self._out.sendto(data, self._target)
-        except (BlockingIOError, InterruptedError):
+
+    def _take(self, values: NDArray[np.float64], now_ns: int) -> bool:
+        if not np.isfinite(values).all():
             return False
-        except OSError as error:
-            raise DeviceError(f"{self._name}: cannot send: {error.strerror or error}") from None
-        self._sent += 1
-        self.counters.commands += 1
-        return True
-
-    def _receive(self, most: int) -> None:
-        """Take what has arrived, at most so many samples; each datagram is counted."""
-        assert self._port is not None
-        counters, before = self.counters, self._port.malformed
-        taken = 0
-        while taken < most and (found := self._port.receive()) is not None:
-            packet, now = found
-            counters.frames += 1
-            if packet.kind not in SAMPLES or (self._known and packet.kind is not self._kind):
-                counters.other += 1
-                self._unused = packet.kind
-            elif self._order.take(packet.session, packet.seq, now):
-                self._waiting.append(found)
-                self._heard_ns = now
-                self._unused, self._port.hint = None, ""
-                taken += 1
-            else:
-                counters.other += 1
-        malformed = self._port.malformed - before
-        counters.malformed += malformed
-        counters.frames += malformed
-        counters.dropped = self._order.lost
-        counters.resyncs = max(0, self._order.sessions - 1)
-
-    def _in_vain(self) -> str:
-        """What came since the last sample and is none, in words; "" where nothing did."""
-        if self._unused is None:
-            return self._port.hint if self._port is not None else ""
-        if self._known:
-            wanted = f"this glove's are of kind {int(self._kind)}"
-        else:
-            wanted = f"a glove's are of kind {', '.join(str(int(kind)) for kind in SAMPLES)}"
-        return f"packets of kind {int(self._unused)} come; {wanted}"
-
-    def _store(self, packet: Packet, now: int, row: np.void) -> None:
-        values = packet.values.astype(np.float64)
-        good = bool(np.isfinite(values).all()) and self._angles(values)
-        row["seq"] = self._seq
-        row["time_ns"] = now
-        row["device_time_ns"] = packet.t_ns if packet.t_ns < 2**63 else UNKNOWN
-        row["device_seq"] = self._answers = packet.seq
-        row["battery"] = packet.battery if 0 <= packet.battery <= 100 else UNKNOWN
-        row["good"] = good
-        row["channels"] = math.nan
-        row["channels"][: values.size] = values
-        row["flexion"], row["abduction"] = self._flexion, self._abduction
-        self._seq += 1
-        self.counters.samples += good
-        self.counters.rejected += not good
-
-    def _angles(self, values: NDArray[np.float64]) -> bool:
-        """Take finite numbers as the angles of the hand; False where they are those of no hand."""
         if self._kind is Kind.JOINTS:
             if (np.abs(values) > MOST_ANGLE).any():
                 return False
@@ -247,23 +83,26 @@ class UdpGlove(GloveDevice):
         self._flexion, self._abduction = found
         return True
 
-    def _describe(self, *, battery: bool) -> GloveInfo:
-        """What the first packet tells of the glove."""
+    def _describe(self, first: Packet) -> GloveInfo:
         from hhsim.recordings.column_map import JOINT_NAMES
         from hhsim.recordings.dexmo_regression import BEND, CHANNELS
 
+        self._calibration = self._given
+        if first.kind is Kind.CHANNELS and np.isfinite(first.values).all():
+            self._calibration = self._given.fitting(first.values.tolist())
         names = {
             Kind.BENDS: tuple(CHANNELS[index] for index in BEND),
             Kind.CHANNELS: CHANNELS,
             Kind.JOINTS: JOINT_NAMES,
         }
         doubts = self._kind is Kind.CHANNELS
-        can = Capability.POSITION_LIMIT | Capability.STIFFNESS | Capability.STAMPS
+        can = Capability.FORCE if self._forces else Capability.POSITION_LIMIT | Capability.STIFFNESS
+        can |= Capability.STAMPS
         if self._kind is not Kind.BENDS:
             can |= Capability.SPLAY
         if self._kind is Kind.JOINTS:
             can |= Capability.JOINTS
-        if battery:
+        if first.battery >= 0:
             can |= Capability.BATTERY
         return GloveInfo(
             name=self._name,
@@ -274,3 +113,11 @@ class UdpGlove(GloveDevice):
             doubtful=self._calibration.doubtful if doubts else (),
             kept_free=self._calibration.kept_free if doubts else (),
         )
+
+
+def limited(force: NDArray[np.float64], most: float) -> NDArray[np.float64]:
+    """Forces [N], shape (5, 3), none longer than `most` [N], in their directions; all 0 where one is not finite."""
+    size = np.sqrt((force * force).sum(axis=1, keepdims=True))
+    if not np.isfinite(size).all():
+        return NO_FORCE
+    return np.asarray(force * (most / np.maximum(size, most)))

@@ -1,9 +1,11 @@
-"""Datagrams: a port where packets arrive from one host, and which of them are new, late, or never came."""
+"""Datagrams: a port where packets arrive from one sender, and which of them are new, late, or never came."""
 
+import contextlib
+import ctypes
 import select
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from hhsim.live.device import DeviceError
@@ -13,13 +15,17 @@ from hhsim.live.link.udp_codec import LONGEST, PacketError, decode_packet
 BUFFER = 1 << 20
 """Of the system for what is not yet read [bytes]; some seconds at 1 kHz."""
 
-MOST_SKIPPED = 256
-"""Datagrams passed over in one call, so that whoever floods the port cannot hold up a tick."""
+MOST_LOOKED_AT = 64
+"""Datagrams taken from the system in one go, of whatever kind and sender, so that a flood cannot hold up a tick."""
 MODULUS = 2**32
 MOST_MISSING = 4096
 """Numbers that are remembered as missing; a datagram that is later than this counts as one that came twice."""
 SESSION_SILENCE_NS = 100_000_000
-"""A session must have been silent for so long before another one is taken [ns]."""
+"""A session, and a sender, must have been silent for so long before another one is taken [ns]."""
+
+_NOBODY = ctypes.create_string_buffer(16)
+"""A `sockaddr` of the family AF_UNSPEC: what a socket is connected to that is to take datagrams from everybody."""
+_C = ctypes.CDLL(None, use_errno=True)
 
 
 def resolve(host: str) -> str:
@@ -37,10 +43,18 @@ def resolve(host: str) -> str:
 class UdpPort:
     """Takes datagrams without waiting; those of other hosts are not looked at.
 
+    Once a sender is kept to, the system itself turns away everybody else, other programs of the same host too: a flood
+    of theirs costs the reader nothing. Who has been silent for `SESSION_SILENCE_NS` is kept to no longer.
+
     Args:
         host: From which they come.
         port: Where they arrive.
         decode: Reads one, and raises `PacketError` where it is none; of open packets by default.
+
+    Attributes:
+        strangers: Datagrams that came from others.
+        malformed: Datagrams that are no packets.
+        hint: What last came in vain, in words.
 
     Raises:
         DeviceError: No such host, or the port is taken.
@@ -51,10 +65,11 @@ class UdpPort:
         self._decode = decode
         self.address = resolve(host)
         self.name = f"udp port {port} from {host}"
-        self.strangers = 0
+        self.strangers = self.malformed = 0
         self.hint = ""
-        """What last came in vain, in words."""
-        self.malformed = 0
+        self._sender: tuple[str, int] | None = None
+        self._kept: tuple[str, int] | None = None
+        self._kept_ns = 0
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         # What comes from this machine is asked for on this machine only.
@@ -66,30 +81,48 @@ class UdpPort:
             self._socket.close()
             raise DeviceError(f"{self.name}: cannot listen: {error.strerror or error}") from None
 
-    def receive(self) -> tuple[Any, int] | None:
-        """The next packet and when it was read, CLOCK_MONOTONIC [ns]; None where no more has arrived.
+    def arrived(self) -> Iterator[tuple[Any, int]]:
+        """The packets that have arrived, oldest first, each with when it was read, CLOCK_MONOTONIC [ns].
 
-        Datagrams that are no packet are counted as malformed.
+        Ends after `MOST_LOOKED_AT` datagrams; what is left waits. Those that are no packet are counted as malformed.
         """
-        for _ in range(MOST_SKIPPED):
+        if self._kept is not None and time.monotonic_ns() - self._kept_ns > SESSION_SILENCE_NS:
+            self._keep_to_nobody()
+        for _ in range(MOST_LOOKED_AT):
             try:
                 data, sender = self._socket.recvfrom(LONGEST + 1)
             except BlockingIOError:
-                return None
+                return
             except OSError:
                 # The system may hand on a complaint about something that was sent; it says nothing of what arrives.
                 continue
             now = time.monotonic_ns()
-            if sender[0] != self.address:
+            # Some of others may have been on their way when the sender was kept to.
+            if sender[0] != self.address or (self._kept is not None and sender != self._kept):
                 self.strangers += 1
-                self.hint = f"packets come from {sender[0]} instead"
+                self.hint = f"packets come from {sender[0]} instead" if sender[0] != self.address else self.hint
                 continue
             try:
-                return self._decode(data), now
+                packet = self._decode(data)
             except PacketError as error:
                 self.malformed += 1
                 self.hint = f"what came is no {'open packet' if self._decode is decode_packet else 'packet'}: {error}"
-        return None
+                continue
+            self._sender = sender
+            yield packet, now
+
+    def keep_to_sender(self) -> None:
+        """Whoever sent the newest packet is the peer: take nothing of others while it goes on to send."""
+        self._kept_ns = time.monotonic_ns()
+        if self._kept is None and self._sender is not None:
+            # A sender that the system cannot connect to is kept to all the same, datagram by datagram.
+            with contextlib.suppress(OSError):
+                self._socket.connect(self._sender)
+            self._kept = self._sender
+
+    def _keep_to_nobody(self) -> None:
+        self._kept = None
+        _C.connect(self._socket.fileno(), _NOBODY, len(_NOBODY))
 
     def wait(self, timeout: float) -> bool:
         """Wait until something has arrived, or for so long [s]; True where it has."""

@@ -22,12 +22,15 @@ poses to 24172. Both directions have the same header of 32 bytes, little-endian,
 | 2 channels | 11 | thumb rotate, then split and bend of each finger: 0 to 1, or counts with a calibration file |
 | 3 joints | 20 | flexion of thumb to little finger, proximal to distal (15), then abduction (5) [rad] |
 | 4 pose | 7 | position of the palm [m], its orientation as unit quaternion (w, x, y, z); world |
+| 5 hand | 208 | OpenXR's 26 joints, each orientation (x, y, z, w), position [m], radius [m]; NaN where not valid |
 | 16 command | 10 | bend at which each finger is stopped (5), stiffness there, 0 free to 1 (5) |
+| 17 forces | 15 | force on each fingertip, x, y, z [N], thumb to little finger, in the frame of the palm |
 
 What a bridge must do for the hand in the glove: obey the newest command alone, free every finger when the numbers are
 not finite, and free every finger when no command came for 100 ms. Commands come from more than one sender (the watchdog
 has its own session), so the newest is the one that arrived last. Samples that are late, behind a newer one, are counted
-and not used; another session is taken when the one before has been silent for 100 ms.
+and not used. While a sender goes on to send, no other one is listened to; another session, or another sender, is taken
+when the one before has been silent for 100 ms.
 """
 
 import struct
@@ -51,10 +54,20 @@ class Kind(IntEnum):
     CHANNELS = 2
     JOINTS = 3
     POSE = 4
+    HAND = 5
     COMMAND = 16
+    FORCES = 17
 
 
-COUNT = {Kind.BENDS: 5, Kind.CHANNELS: 11, Kind.JOINTS: 20, Kind.POSE: 7, Kind.COMMAND: 10}
+COUNT = {
+    Kind.BENDS: 5,
+    Kind.CHANNELS: 11,
+    Kind.JOINTS: 20,
+    Kind.POSE: 7,
+    Kind.HAND: 208,
+    Kind.COMMAND: 10,
+    Kind.FORCES: 15,
+}
 """How many numbers each kind has."""
 LONGEST = HEADER.size + 4 * max(COUNT.values())
 

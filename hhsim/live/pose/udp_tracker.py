@@ -18,8 +18,6 @@ FARTHEST = 100.0
 """A palm beyond [m] was sent in millimetres."""
 UNIT_WITHIN = 0.1
 """A quaternion whose length differs more from 1 was something else."""
-MOST_PACKETS = 256
-"""Packets looked at in one call."""
 
 
 class UdpPose(PoseSource):
@@ -53,14 +51,11 @@ class UdpPose(PoseSource):
     def read(self, now_ns: int, position_out: Array, orientation_out: Array) -> int:
         """See `PoseSource.read`."""
         if self._port is not None:
-            for _ in range(MOST_PACKETS):
-                found = self._port.receive()
-                if found is None:
-                    break
-                packet, came = found
+            for packet, came in self._port.arrived():
                 if packet.kind is not Kind.POSE:
                     self.rejected += 1
                 elif self._order.take(packet.session, packet.seq, came):
+                    self._port.keep_to_sender()
                     self._take(packet.values.astype(np.float64), came)
         if self._came_ns >= 0:
             position_out[:] = self._position

@@ -115,23 +115,40 @@ def test_the_glove_of_another_process_is_read_by_its_line() -> None:
 
 
 @pytest.fixture
-def opened() -> Iterator[tuple[GloveDevice, int]]:
+def opened() -> Iterator[tuple[GloveDevice, int, socket.socket]]:
+    """A glove whose scripts are a socket of the test's."""
     port = free_ports(socket.SOCK_DGRAM)
-    with peer(port), closing(open_device(configure("doglove", port=port))) as glove:
+    encoders, servos = published_angles(20.0)
+    with (
+        closing(open_device(configure("doglove", port=port))) as glove,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as scripts,
+    ):
+
+        def speak() -> None:
+            scripts.sendto(datagram(servos), ("127.0.0.1", port + 1))
+            scripts.sendto(datagram(encoders), ("127.0.0.1", port))
+
+        helper = threading.Timer(0.1, speak)
+        helper.start()
         glove.open(20.0)
-        yield glove, port
+        helper.join()
+        yield glove, port, scripts
 
 
-def test_readings_of_no_hand_and_without_their_servos_are_not_used(opened: tuple[GloveDevice, int]) -> None:
-    glove, port = opened
+def test_readings_of_no_hand_are_not_used_and_those_of_others_not_read(
+    opened: tuple[GloveDevice, int, socket.socket],
+) -> None:
+    glove, port, scripts = opened
     reader = Reader(glove)
-    reader.until(lambda: reader.count() >= 2)
+    reader.until(lambda: reader.count() >= 1)
     encoders = published_angles(20.0)[0]
     for other in (np.nan, 999.0):
-        send(port, datagram([*encoders[:4], other, *encoders[5:]]))
-    send(port, b"three")
+        scripts.sendto(datagram([*encoders[:4], other, *encoders[5:]]), ("127.0.0.1", port))
+        # Another program of this machine.
+        send(port, datagram(published_angles(60.0)[0]))
+    scripts.sendto(b"three", ("127.0.0.1", port))
     reader.until(lambda: glove.counters.rejected >= 2 and glove.counters.malformed >= 1)
-    assert glove.counters.frames == glove.counters.samples + glove.counters.rejected + glove.counters.malformed
+    assert glove.counters.frames == glove.counters.samples + glove.counters.rejected + glove.counters.malformed == 4
 
 
 def test_old_angles_of_the_servos_make_no_good_sample(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,235 @@
+"""What the gloves share whose samples come in the open packet of `hhsim.live.link.udp_codec`."""
+
+import contextlib
+import math
+import os
+import socket
+import time
+from abc import abstractmethod
+from collections import deque
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.live.device import (
+    FINGER_COUNT,
+    UNKNOWN,
+    DeviceCounters,
+    DeviceError,
+    FingerCommand,
+    GloveDevice,
+    GloveInfo,
+)
+from hhsim.live.link.udp import PacketOrder, UdpPort, resolve
+from hhsim.live.link.udp_codec import NONE_YET, Kind, Packet
+
+SILENCE_NS = 500_000_000
+"""A bridge that says nothing for so long is gone [ns]; the fingers are free long before."""
+RELEASE_COPIES = 3
+"""A release is sent so often, for a datagram may be lost."""
+
+
+class PacketGlove(GloveDevice):
+    """The glove of a bridge.
+
+    Samples are taken in the order in which they were sent; what comes late is counted and left out, what never comes is
+    counted as dropped. The first packet says which kind of numbers the bridge sends.
+
+    Args:
+        host: Where the bridge is.
+        port: Where its samples arrive; commands go to the next one.
+        name: Of the glove, for messages.
+    """
+
+    SAMPLES: ClassVar[tuple[Kind, ...]]
+    """Kinds of packets that are samples."""
+
+    def __init__(self, host: str, port: int, name: str) -> None:
+        """Nothing is opened yet."""
+        self._host, self._port_number = host, port
+        self._name = f"{name} at {host}, samples to port {port}"
+        self._port: UdpPort | None = None
+        self._out: socket.socket | None = None
+        self._target = ("", 0)
+        self._session = int.from_bytes(os.urandom(4), "little")
+        self._sent = 0
+        self._answers = NONE_YET
+        self._order = PacketOrder()
+        self._kind = self.SAMPLES[0]
+        self._unused: Kind | None = None
+        self._told = False
+        self._waiting: deque[tuple[Packet, int]] = deque()
+        self._heard_ns = 0
+        self._seq = 0
+        self._flexion, self._abduction = np.zeros((FINGER_COUNT, 3)), np.zeros(FINGER_COUNT)
+        self.counters = DeviceCounters()
+        self._known = False
+
+    @abstractmethod
+    def _describe(self, first: Packet) -> GloveInfo:
+        """What the first packet tells of the glove; what follows is of its kind.
+
+        Raises:
+            InputError: Numbers that the settings do not fit.
+        """
+
+    @abstractmethod
+    def _take(self, values: NDArray[np.float64], now_ns: int) -> bool:
+        """Take the numbers of a sample as `_flexion` and `_abduction`; False where they are those of no hand."""
+
+    def _channels(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """What of a sample's numbers is recorded."""
+        return values
+
+    @abstractmethod
+    def _command(self, command: FingerCommand | None) -> bytes:
+        """The datagram that tells the fingers; None, or what is not finite, frees them."""
+
+    def open(self, timeout: float = 5.0) -> None:
+        """See `GloveDevice.open`; waits for the first sample."""
+        self.open_for_release(timeout)
+        self._waiting.clear()
+        self._known, self._unused = False, None
+        try:
+            self._port = UdpPort(self._host, self._port_number)
+        except DeviceError:
+            self.close()
+            raise
+        deadline = time.monotonic() + timeout
+        while not self._waiting:
+            left = deadline - time.monotonic()
+            if left <= 0.0:
+                hint = self._in_vain() or "is the bridge running, and does it send to that port?"
+                self.close()
+                raise DeviceError(f"{self._name}: no sample came within {timeout:g} s: {hint}")
+            self._port.wait(left)
+            self._receive(1)
+        packet = self._waiting[0][0]
+        self._kind, self._known = packet.kind, True
+        self.info = self._describe(packet)
+
+    def open_for_release(self, timeout: float = 5.0) -> None:
+        """See `GloveDevice.open_for_release`; the port of the samples stays with the loop."""
+        self.close()
+        self._target = (resolve(self._host), self._port_number + 1)
+        self._out = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._out.setblocking(False)
+
+    def read(self, samples_out: NDArray[np.void]) -> int:
+        """See `GloveDevice.read`."""
+        if self._port is None:
+            raise DeviceError(f"{self._name}: not open")
+        self._receive(len(samples_out) - len(self._waiting))
+        count = 0
+        while self._waiting and count < len(samples_out):
+            packet, now = self._waiting.popleft()
+            self._store(packet, now, samples_out[count])
+            count += 1
+        if count == 0 and time.monotonic_ns() - self._heard_ns > SILENCE_NS:
+            silence, hint = f"{1e-9 * SILENCE_NS:g} s", self._in_vain()
+            self._told = bool(hint)
+            what = f"no sample came for {silence}: {hint}" if hint else f"nothing came for {silence}"
+            raise DeviceError(f"{self._name}: {what}")
+        return count
+
+    def send(self, command: FingerCommand) -> bool:
+        """See `GloveDevice.send`; fingers of a command that is not finite are free."""
+        if self._send(self._command(command)):
+            return True
+        self.counters.commands_refused += 1
+        return False
+
+    def release(self, timeout: float = 0.05) -> bool:
+        """See `GloveDevice.release`."""
+        sent = False
+        for _ in range(RELEASE_COPIES):
+            with contextlib.suppress(DeviceError):
+                sent = self._send(self._command(None)) or sent
+        return sent
+
+    def reconnect(self) -> bool:
+        """See `GloveDevice.reconnect`; the bridge is back when a sample comes, whatever else it says."""
+        if self._port is None:
+            return self._out is not None
+        if not self._waiting:
+            self._receive(1)
+        if not self._waiting and not self._told and (hint := self._in_vain()):
+            self._told = True
+            raise DeviceError(f"{self._name}: {hint}")
+        return bool(self._waiting)
+
+    def close(self) -> None:
+        """See `GloveDevice.close`."""
+        if self._port is not None:
+            self._port.close()
+        if self._out is not None:
+            self._out.close()
+        self._port = self._out = None
+
+    def _send(self, data: bytes) -> bool:
+        if self._out is None:
+            raise DeviceError(f"{self._name}: not open")
+        try:
+            self._out.sendto(data, self._target)
+        except (BlockingIOError, InterruptedError):
+            return False
+        except OSError as error:
+            raise DeviceError(f"{self._name}: cannot send: {error.strerror or error}") from None
+        self._sent += 1
+        self.counters.commands += 1
+        return True
+
+    def _receive(self, most: int) -> None:
+        """Take what has arrived, at most so many samples; each datagram is counted."""
+        assert self._port is not None
+        counters, before = self.counters, self._port.malformed
+        if most < 1:
+            return
+        for packet, now in self._port.arrived():
+            counters.frames += 1
+            if packet.kind not in self.SAMPLES or (self._known and packet.kind is not self._kind):
+                counters.other += 1
+                self._unused = packet.kind
+            elif self._order.take(packet.session, packet.seq, now):
+                self._port.keep_to_sender()
+                self._waiting.append((packet, now))
+                self._heard_ns = now
+                self._unused, self._port.hint = None, ""
+                most -= 1
+                if most < 1:
+                    break
+            else:
+                counters.other += 1
+        malformed = self._port.malformed - before
+        counters.malformed += malformed
+        counters.frames += malformed
+        counters.dropped = self._order.lost
+        counters.resyncs = max(0, self._order.sessions - 1)
+
+    def _in_vain(self) -> str:
+        """What came since the last sample and is none, in words; "" where nothing did."""
+        if self._unused is None:
+            return self._port.hint if self._port is not None else ""
+        if self._known:
+            wanted = f"this glove's are of kind {int(self._kind)}"
+        else:
+            wanted = f"a glove's are of kind {', '.join(str(int(kind)) for kind in self.SAMPLES)}"
+        return f"packets of kind {int(self._unused)} come; {wanted}"
+
+    def _store(self, packet: Packet, now: int, row: np.void) -> None:
+        values = packet.values.astype(np.float64)
+        good = self._take(values, now)
+        row["seq"] = self._seq
+        row["time_ns"] = now
+        row["device_time_ns"] = packet.t_ns if packet.t_ns < 2**63 else UNKNOWN
+        row["device_seq"] = self._answers = packet.seq
+        row["battery"] = packet.battery if 0 <= packet.battery <= 100 else UNKNOWN
+        row["good"] = good
+        channels = self._channels(values)
+        row["channels"] = math.nan
+        row["channels"][: channels.size] = channels
+        row["flexion"], row["abduction"] = self._flexion, self._abduction
+        self._seq += 1
+        self.counters.samples += good
+        self.counters.rejected += not good
