@@ -23,6 +23,7 @@ RUN_ELSEWHERE = {
     "project_out.py": "replay/test_conformance.py",
     "sweep.toml": "sweep/test_plan.py",
     "udp_bridge.py": "live/drivers/test_udp.py",
+    "openxr_bridge.py": "live/drivers/test_openxr.py",
     "mug.stl": "test_readme_commands.py",
     "grab.csv": "test_readme_commands.py",
 }

@@ -49,9 +49,10 @@ class HandChoice(OptionGroup, heading="Hand"):
     )
     pose: str | None = option(
         type=click.Choice(list(POSES)),
-        help="Where the palm is, which no glove says. "
+        help="Where the palm is, which few gloves say. "
         f"{'; '.join(f'{name}: {pose.about}' for name, pose in POSES.items())}. "
-        "Default: replay where the glove plays a motion; else keyboard in a terminal, and fixed elsewhere.",
+        "Default: replay where the glove plays a motion, glove where it knows; else keyboard in a terminal, and fixed "
+        "elsewhere.",
     )
     palm: tuple[float, ...] | None = option(
         callback=number_list("x [mm]", "y [mm]", "z [mm]", signed=True),
@@ -82,9 +83,16 @@ class HandChoice(OptionGroup, heading="Hand"):
 
         settings = glove.settings()
         plays = find_glove(glove.device).plays
-        pose = self.pose or ("replay" if plays else "keyboard" if sys.stdin.isatty() else "fixed")
+        told = find_glove(glove.device).palm
+        usual = "replay" if plays else "glove" if told else "keyboard" if sys.stdin.isatty() else "fixed"
+        pose = self.pose or usual
+        if POSES[pose].by_glove and not told:
+            telling = " or ".join(name for name in glove_names() if find_glove(name).palm)
+            raise click.UsageError(f"--pose {pose} is for --device {telling}: others do not know where the palm is")
         if not POSES[pose].placed and (self.palm or self.palm_turn):
             raise click.UsageError(f"--palm and --palm-turn are for --pose fixed and keyboard, not {pose}")
+        if POSES[pose].by_glove and self.palm_turn:
+            raise click.UsageError(f"--palm-turn is for --pose fixed and keyboard: with {pose} the hand turns the palm")
         if self.palm_turn is not None and self.palm is None:
             raise click.UsageError("--palm-turn needs --palm, where the palm is")
         plays = plays or POSES[pose].plays

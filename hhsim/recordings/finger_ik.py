@@ -6,6 +6,8 @@ to: the least eigenvector of a 2 × 2 matrix, defined also for a fist, where the
 flexions are then angles in that plane. So the angles are those of our hand, whatever the recording's rig calls zero.
 """
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -56,6 +58,7 @@ def finger_angles(bones: Array, side: HandSide) -> tuple[Array, Array, Array]:
     return flexion, abduction, off
 
 
+@lru_cache
 def _finger_axes(side: HandSide) -> tuple[Array, Array, Array]:
     """Where our straight fingers point, out of their backs, and across them to the thumb's side, shapes (5, 3)."""
     sizes = default_fingers(DEFAULT_HAND_LENGTH, BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH)
@@ -116,12 +119,17 @@ def palm_from_knuckles(knuckles: Array, wrist: Array, side: HandSide) -> Array:
         wrist: Its middle, shape (T, 3).
         side: Which hand.
     """
+    return quaternion_product(_from_knuckles(knuckles, wrist, side), _back_to_palm(side))
+
+
+@lru_cache
+def _back_to_palm(side: HandSide) -> Array:
+    """Our palm frame as it lies in the frame of our wrist and knuckles, shape (1, 4)."""
     sizes = default_fingers(DEFAULT_HAND_LENGTH, BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH)
     distal, lateral = PALM_CENTER
     middle = np.array([lateral * BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH, -distal * DEFAULT_HAND_LENGTH, 0.0])
     mirror = np.array([-1.0 if side == "left" else 1.0, 1.0, 1.0])
-    ours = _from_knuckles((sizes["base"][1:] * mirror)[None], (middle * mirror)[None], side)
-    return quaternion_product(_from_knuckles(knuckles, wrist, side), conjugate(ours))
+    return conjugate(_from_knuckles((sizes["base"][1:] * mirror)[None], (middle * mirror)[None], side))
 
 
 def _from_knuckles(knuckles: Array, wrist: Array, side: HandSide) -> Array:
@@ -139,6 +147,11 @@ def palm_origin(knuckles: Array, orientation: Array, side: HandSide) -> Array:
         orientation: Of our palm frame in the same frame, unit (w, x, y, z), shape (T, 4).
         side: Which hand.
     """
+    return np.asarray(knuckles.mean(axis=1) - turned(orientation, _middle_of_knuckles(side)))
+
+
+@lru_cache
+def _middle_of_knuckles(side: HandSide) -> Array:
+    """Of our hand, from its origin [m], shape (3,)."""
     sizes = default_fingers(DEFAULT_HAND_LENGTH, BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH)
-    middle = sizes["base"][1:].mean(axis=0) * [-1.0 if side == "left" else 1.0, 1.0, 1.0]
-    return np.asarray(knuckles.mean(axis=1) - turned(orientation, middle))
+    return np.asarray(sizes["base"][1:].mean(axis=0) * [-1.0 if side == "left" else 1.0, 1.0, 1.0])

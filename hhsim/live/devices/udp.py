@@ -19,10 +19,10 @@ class UdpOptions(ServedOptions):
 
     port: int = setting(24170, "Port of the glove's server", "PORT", least=1, most=65535)
     takes: str = setting(
-        "limits", "Whether it takes where fingers are stopped, or forces on their tips", "WHAT", choices=TAKES
+        "limits", "Whether it takes where fingers are stopped, or forces on their tips", "limits|forces", choices=TAKES
     )
     most_force: float = setting(
-        5.0, "Most force on a fingertip, of a glove that takes forces", "N", unit="N", least=0.0
+        5.0, "Most force on a fingertip, of a glove that takes forces", "N", unit="N", least=0.1
     )
 
 

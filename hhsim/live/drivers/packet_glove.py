@@ -7,6 +7,7 @@ import socket
 import time
 from abc import abstractmethod
 from collections import deque
+from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -78,13 +79,17 @@ class PacketGlove(GloveDevice):
     def _take(self, values: NDArray[np.float64], now_ns: int) -> bool:
         """Take the numbers of a sample as `_flexion` and `_abduction`; False where they are those of no hand."""
 
+    def _look_ahead(self, packets: Sequence[Packet]) -> None:
+        """Look at the samples that are taken next, in their order, all at once; does nothing by default."""
+        return
+
     def _channels(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """What of a sample's numbers is recorded."""
         return values
 
-    @abstractmethod
     def _command(self, command: FingerCommand | None) -> bytes:
-        """The datagram that tells the fingers; None, or what is not finite, frees them."""
+        """The datagram that tells the fingers; None, or what is not finite, frees them. Empty where nothing is told."""
+        return b""
 
     def open(self, timeout: float = 5.0) -> None:
         """See `GloveDevice.open`; waits for the first sample."""
@@ -121,11 +126,12 @@ class PacketGlove(GloveDevice):
         if self._port is None:
             raise DeviceError(f"{self._name}: not open")
         self._receive(len(samples_out) - len(self._waiting))
-        count = 0
-        while self._waiting and count < len(samples_out):
-            packet, now = self._waiting.popleft()
-            self._store(packet, now, samples_out[count])
-            count += 1
+        count = min(len(self._waiting), len(samples_out))
+        taken = [self._waiting.popleft() for _ in range(count)]
+        if taken:
+            self._look_ahead([packet for packet, _ in taken])
+        for (packet, now), row in zip(taken, samples_out):
+            self._store(packet, now, row)
         if count == 0 and time.monotonic_ns() - self._heard_ns > SILENCE_NS:
             silence, hint = f"{1e-9 * SILENCE_NS:g} s", self._in_vain()
             self._told = bool(hint)
@@ -170,6 +176,8 @@ class PacketGlove(GloveDevice):
     def _send(self, data: bytes) -> bool:
         if self._out is None:
             raise DeviceError(f"{self._name}: not open")
+        if not data:
+            return True
         try:
             self._out.sendto(data, self._target)
         except (BlockingIOError, InterruptedError):

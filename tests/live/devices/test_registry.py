@@ -104,7 +104,7 @@ def text_glove(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path
 
 
 def test_every_glove_has_a_record_a_driver_and_settings_with_defaults() -> None:
-    assert set(glove_names()) == {"dexmo", "doglove", "opengloves", "replay", "sim", "udp"}
+    assert set(glove_names()) == {"dexmo", "doglove", "manus", "opengloves", "openxr", "replay", "sim", "udp"}
     for name in glove_names():
         glove = find_glove(name)
         module, _, inside = glove.driver.partition(":")

@@ -1,0 +1,204 @@
+"""A hand tracked by a headset: joints of our own hand, sent as the format has them, come back as its angles."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from joint_samples import JointSample, Side, joint_sample
+from live_peers import PATIENCE, Reader, free_ports
+from openxr_peer import Location, hand_datagram
+
+from hhsim.errors import InputError
+from hhsim.live.device import Capability, FingerCommand, GloveDevice, NothingHeld
+from hhsim.live.devices.registry import configure, open_device, open_release
+from hhsim.live.pose.registry import PoseConfig, make_pose_source
+from hhsim.recordings.joint_names import OPENXR_JOINTS
+from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
+from hhsim.recordings.recording_format import ReadOptions
+
+BRIDGE = Path(__file__).resolve().parents[3] / "examples" / "openxr_bridge.py"
+NOT_VALID = [float("nan")] * 3
+
+
+def locations(sample: JointSample, k: int) -> list[Location]:
+    """Row k of a motion as a runtime gives it; its orientations are arbitrary."""
+    points = sample.named(OPENXR_JOINTS)[k]
+    return [Location((0.0, 0.6, 0.0, 0.8), point, radius) for point, radius in zip(points, sample.radius)]
+
+
+class Headset:
+    """A bridge in the same process."""
+
+    def __init__(self) -> None:
+        self.port = free_ports(socket.SOCK_DGRAM)
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.session = int.from_bytes(os.urandom(4), "little")
+        self.seq = 0
+
+    def send(self, joints: list[Location]) -> None:
+        self.socket.sendto(hand_datagram(joints, self.session, self.seq, 1000 * self.seq), ("127.0.0.1", self.port))
+        self.seq += 1
+
+
+@contextmanager
+def opened(
+    sample: JointSample, side: Side, device: str = "openxr", **settings: Any
+) -> Iterator[tuple[GloveDevice, Headset]]:
+    """A device that has heard row 0 of a motion, and its headset."""
+    headset = Headset()
+    with (
+        closing(headset.socket),
+        closing(open_device(configure(device, hand=side, port=headset.port, **settings))) as glove,
+    ):
+        speaker = threading.Timer(0.05, headset.send, [locations(sample, 0)])
+        speaker.start()
+        glove.open(PATIENCE)
+        speaker.join()
+        yield glove, headset
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_our_own_hand_comes_back(side: Side) -> None:
+    sample = joint_sample(side)
+    with opened(sample, side) as (glove, headset):
+        for k in range(1, 30):
+            headset.send(locations(sample, k))
+        reader = Reader(glove)
+        reader.until(lambda: reader.count() >= 30)
+        samples = reader.samples
+        assert samples["good"].all()
+        assert samples["device_seq"].tolist() == list(range(30))
+        # Numbers of 32 bits: a bone of 20 mm is known to a few nm.
+        np.testing.assert_allclose(samples["flexion"], sample.motion.flexion[:30], atol=2e-5)
+        np.testing.assert_allclose(samples["abduction"], sample.motion.abduction[:30], atol=2e-5)
+        assert glove.palm is not None
+        np.testing.assert_allclose(glove.palm.position, sample.motion.position[29], atol=1e-6)
+        turn = sample.motion.orientation[29] / np.linalg.norm(sample.motion.orientation[29])
+        assert abs(float(glove.palm.orientation @ turn)) == pytest.approx(1.0, abs=1e-9)
+        assert glove.palm.came_ns == samples["time_ns"][-1]
+        assert glove.info.capabilities & (Capability.PALM | Capability.JOINTS) == Capability.PALM | Capability.JOINTS
+        # What is recorded is where the joints were, wrist first.
+        np.testing.assert_allclose(samples["channels"][29, :3], sample.named()[29, 0], atol=1e-6)
+        assert len(glove.info.channels) == 63
+
+
+def test_angles_are_those_of_the_importer_for_a_hand_that_is_not_ours() -> None:
+    sample = joint_sample("right", noise=0.002)
+    given = JointPositions(time=sample.motion.time, position=sample.named(), form="x", hand="right", unit=1.0, up="y")
+    imported = recording_of_joints(given, "x", ReadOptions())
+    with opened(sample, "right") as (glove, headset):
+        for k in range(1, 10):
+            headset.send(locations(sample, k))
+        reader = Reader(glove)
+        reader.until(lambda: reader.count() >= 10)
+        np.testing.assert_allclose(reader.samples["flexion"], imported.flexion[:10], atol=2e-5)
+        np.testing.assert_allclose(reader.samples["abduction"], imported.abduction[:10], atol=2e-5)
+
+
+def test_joints_of_no_hand_are_recorded_and_not_used() -> None:
+    sample = joint_sample("right")
+    with opened(sample, "right") as (glove, headset):
+        reader = Reader(glove)
+        reader.read()
+        good = locations(sample, 1)
+        hidden = [joint._replace(position=NOT_VALID) if k == 10 else joint for k, joint in enumerate(good)]
+        unused = [
+            joint._replace(position=NOT_VALID) if k in (0, 6, 11, 16, 21) else joint for k, joint in enumerate(good)
+        ]
+        millimetres = [joint._replace(position=[1000.0 * x for x in joint.position]) for joint in good]
+        nowhere = [joint._replace(position=[0.0] * 3) for joint in good]
+        huge = [joint._replace(position=[3e38, -3e38, 3e38]) for joint in good]
+        for joints in (hidden, unused, millimetres, nowhere, huge, good):
+            headset.send(joints)
+        reader.until(lambda: reader.count() >= 7)
+        samples = reader.samples[1:]
+        # The palm joint and the metacarpals of the fingers are not needed.
+        assert samples["good"].tolist() == [False, True, False, False, False, True]
+        assert np.isfinite(samples["flexion"]).all(), "what is not to be used holds no NaN"
+        assert (glove.counters.samples, glove.counters.rejected) == (3, 4)
+
+
+def test_nothing_is_told_and_nothing_held() -> None:
+    sample = joint_sample("right")
+    with opened(sample, "right") as (glove, headset):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as commands:
+            commands.bind(("127.0.0.1", headset.port + 1))
+            commands.setblocking(False)
+            assert glove.send(FingerCommand(np.ones(5), np.ones(5)))
+            assert glove.release()
+            with pytest.raises(BlockingIOError):
+                commands.recv(512)
+        assert glove.counters.commands == 0
+    assert isinstance(open_release(configure("openxr")), NothingHeld)
+
+
+def test_the_palm_begins_where_it_is_told_to_and_moves_as_the_hand_does() -> None:
+    sample = joint_sample("right")
+    with opened(sample, "right") as (glove, headset):
+        source = make_pose_source(PoseConfig("glove", position=(0.1, 0.2, 0.3)), None, glove)
+        assert source.may_stop
+        position, orientation = np.full(3, 9.0), np.full(4, 9.0)
+        assert source.read(time.monotonic_ns(), position, orientation) == -1
+        assert (position == 9.0).all()
+        reader = Reader(glove)
+        for k in range(1, 20):
+            reader.until(lambda k=k: reader.count() >= k)  # type: ignore[misc]
+            came = source.read(time.monotonic_ns(), position, orientation)
+            assert came == reader.samples["time_ns"][-1]
+            moved = sample.motion.position[k - 1] - sample.motion.position[0]
+            np.testing.assert_allclose(position, [0.1, 0.2, 0.3] + moved, atol=2e-6)
+            assert np.linalg.norm(orientation) == pytest.approx(1.0)
+            headset.send(locations(sample, k))
+
+
+@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
+def test_the_example_bridge_sends_a_hand_and_hands_on_powers(stop: signal.Signals) -> None:
+    port = free_ports(socket.SOCK_DGRAM)
+    words = [sys.executable, "-u", str(BRIDGE), str(port)]
+    bridge = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    try:
+        assert bridge.stdout is not None
+        with closing(open_device(configure("manus", port=port))) as glove:
+            glove.open(PATIENCE)
+            reader = Reader(glove)
+            reader.until(lambda: reader.count() >= 20)
+            samples = reader.samples
+            assert samples["good"].all()
+            assert glove.counters.dropped == 0
+            # A hand that points away from the user, flat above the ground; its fingers' joints bend as one, by less
+            # than 2° as ours, whose fingers do not lie in quite the same planes.
+            assert glove.palm is not None
+            np.testing.assert_allclose(np.abs(glove.palm.orientation), [1.0, 0.0, 0.0, 0.0], atol=0.1)
+            assert np.ptp(samples["flexion"][:, 1:, 1:], axis=(1, 2)).max() < np.radians(2.0)
+            command = FingerCommand()
+            command.force[1, 2] = 0.0, 0.0, 0.5
+            assert glove.send(command)
+            assert bridge.stdout.readline().split() == ["0.00", "0.25", "0.00", "0.00", "0.00"]
+            while (told := bridge.stdout.readline().split()) == ["0.00", "0.25", "0.00", "0.00", "0.00"]:
+                continue
+            assert told == ["0.00"] * 5, "nobody told it more for 100 ms"
+            assert glove.send(command)
+            bridge.stdout.readline()
+        bridge.send_signal(stop)
+        assert bridge.wait(PATIENCE) == 0
+        assert bridge.stdout.read().split()[-5:] == ["0.00"] * 5, "it lets go when it is stopped"
+    finally:
+        bridge.kill()
+        bridge.wait()
+        if bridge.stdout is not None:
+            bridge.stdout.close()
+
+
+def test_a_glove_that_knows_no_palm_is_told_so() -> None:
+    with pytest.raises(InputError, match="this glove does not say where the palm is; expected openxr or manus"):
+        make_pose_source(PoseConfig("glove"), None, open_device(configure("udp")))
