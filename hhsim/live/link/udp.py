@@ -16,7 +16,9 @@ BUFFER = 1 << 20
 """Of the system for what is not yet read [bytes]; some seconds at 1 kHz."""
 
 MOST_LOOKED_AT = 64
-"""Datagrams taken from the system in one go, of whatever kind and sender, so that a flood cannot hold up a tick."""
+"""Datagrams taken from the system in one go."""
+MOST_IN_VAIN = 32
+"""So many of them may be of no use, of whatever kind and sender: a flood cannot hold up a tick."""
 MODULUS = 2**32
 MOST_MISSING = 4096
 """Numbers that are remembered as missing; a datagram that is later than this counts as one that came twice."""
@@ -70,6 +72,7 @@ class UdpPort:
         self._sender: tuple[str, int] | None = None
         self._kept: tuple[str, int] | None = None
         self._kept_ns = 0
+        self._used = False
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         # What comes from this machine is asked for on this machine only.
@@ -84,14 +87,18 @@ class UdpPort:
     def arrived(self) -> Iterator[tuple[Any, int]]:
         """The packets that have arrived, oldest first, each with when it was read, CLOCK_MONOTONIC [ns].
 
-        Ends after `MOST_LOOKED_AT` datagrams; what is left waits. Those that are no packet are counted as malformed.
+        Ends after `MOST_LOOKED_AT` datagrams, or `MOST_IN_VAIN` after which the sender was not kept to; what is left
+        waits. Those that are no packet are counted as malformed.
         """
-        if self._kept is not None and time.monotonic_ns() - self._kept_ns > SESSION_SILENCE_NS:
-            self._keep_to_nobody()
+        in_vain = 0
         for _ in range(MOST_LOOKED_AT):
+            if in_vain == MOST_IN_VAIN:
+                return
+            in_vain += 1
             try:
                 data, sender = self._socket.recvfrom(LONGEST + 1)
             except BlockingIOError:
+                self._forget_who_is_silent()
                 return
             except OSError:
                 # The system may hand on a complaint about something that was sent; it says nothing of what arrives.
@@ -108,21 +115,24 @@ class UdpPort:
                 self.malformed += 1
                 self.hint = f"what came is no {'open packet' if self._decode is decode_packet else 'packet'}: {error}"
                 continue
-            self._sender = sender
+            self._sender, self._used = sender, False
             yield packet, now
+            in_vain -= self._used
 
     def keep_to_sender(self) -> None:
         """Whoever sent the newest packet is the peer: take nothing of others while it goes on to send."""
-        self._kept_ns = time.monotonic_ns()
+        self._kept_ns, self._used = time.monotonic_ns(), True
         if self._kept is None and self._sender is not None:
             # A sender that the system cannot connect to is kept to all the same, datagram by datagram.
             with contextlib.suppress(OSError):
                 self._socket.connect(self._sender)
             self._kept = self._sender
 
-    def _keep_to_nobody(self) -> None:
-        self._kept = None
-        _C.connect(self._socket.fileno(), _NOBODY, len(_NOBODY))
+    def _forget_who_is_silent(self) -> None:
+        # Only where nothing waits: a reader that was itself held up has not yet heard what the peer said meanwhile.
+        if self._kept is not None and time.monotonic_ns() - self._kept_ns > SESSION_SILENCE_NS:
+            self._kept = None
+            _C.connect(self._socket.fileno(), _NOBODY, len(_NOBODY))
 
     def wait(self, timeout: float) -> bool:
         """Wait until something has arrived, or for so long [s]; True where it has."""

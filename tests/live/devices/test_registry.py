@@ -1,5 +1,6 @@
 """The gloves that there are, and one more: a file of its own is all that it takes."""
 
+import contextlib
 import importlib
 import subprocess
 import sys
@@ -14,7 +15,7 @@ from live_scripted import FIST, FREE, FakeClock, make_setup
 
 import hhsim.live.devices
 from hhsim.errors import InputError, UnknownNameError
-from hhsim.live.device import FingerRelease, GloveDevice, NothingHeld
+from hhsim.live.device import DeviceError, FingerRelease, GloveDevice, NothingHeld
 from hhsim.live.devices.registry import (
     configure,
     find_glove,
@@ -26,8 +27,10 @@ from hhsim.live.devices.registry import (
 from hhsim.live.ipc.config import OutputLimits, SafetyLimits
 from hhsim.live.ipc.session_memory import SessionMemory
 from hhsim.live.loop.loop import LiveLoop
+from hhsim.live.playback import Playback
 from hhsim.live.pose.fixed import FixedPose
-from hhsim.live.pose.registry import PoseConfig
+from hhsim.live.pose.registry import POSES, PoseConfig, make_pose_source
+from hhsim.motion.trajectory import Trajectory
 
 Run = Callable[..., Any]
 
@@ -111,6 +114,33 @@ def test_every_glove_has_a_record_a_driver_and_settings_with_defaults() -> None:
         assert issubclass(getattr(importlib.import_module(module), inside), GloveDevice)
         for item in fields(glove.options):
             assert getattr(glove.options(), item.name) == item.default
+
+
+BOUND: list[Any] = []
+"""Addresses that sockets of this process were bound to."""
+
+
+def test_nothing_listens_beyond_the_loopback_unless_told() -> None:
+    sys.addaudithook(lambda event, values: BOUND.append(values[1]) if event == "socket.bind" else None)
+    BOUND.clear()
+    level = np.tile([1.0, 0.0, 0.0, 0.0], (2, 1))
+    motion = Playback(Trajectory(np.arange(2.0), np.zeros((2, 3)), level, np.zeros((2, 5, 3)), np.zeros((2, 5))))
+    for name in glove_names():
+        glove = open_device(configure(name, playback=motion))
+        with contextlib.closing(glove), contextlib.suppress(DeviceError):
+            glove.open(0.0)
+    knowing = open_device(configure("openxr"))
+    for kind in POSES:
+        source = make_pose_source(PoseConfig(kind, playback=motion), SessionMemory.create().status_block, knowing)
+        with contextlib.closing(source), contextlib.suppress(DeviceError):
+            source.open()
+    ports = {port for _, port in BOUND}
+    assert {5009, 5010, 24170, 24172} <= ports, "those that listen were opened"
+    assert {host for host, _ in BOUND} == {"127.0.0.1"}
+    BOUND.clear()
+    with contextlib.suppress(DeviceError):
+        open_device(configure("udp", host="192.0.2.1")).open(0.0)
+    assert BOUND == [("", 24170)], "told that its peer is another machine"
 
 
 def test_what_there_is_not_is_named_with_what_there_is() -> None:

@@ -1,0 +1,216 @@
+"""A flood of 100,000 datagrams a second around a peer: only the peer's samples are used, and a tick has a bound."""
+
+import contextlib
+import json
+import socket
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+import udp_flood
+from live_peers import PATIENCE, Reader, free_ports
+from live_scripted import make_setup
+from numpy.typing import NDArray
+
+from hhsim.live.devices.registry import configure, open_device
+from hhsim.live.ipc.config import SafetyLimits
+from hhsim.live.ipc.session_memory import SessionMemory
+from hhsim.live.link.udp import MOST_LOOKED_AT, UdpPort
+from hhsim.live.loop.loop import LiveLoop
+from hhsim.live.pose.registry import PoseConfig, make_pose_source
+from hhsim.live.real_time import RealTimeWishes, become_ordinary, become_real_time
+from hhsim.result.miss_cause import MissCause
+from hhsim.solver.compile import warm_up
+
+RATE = 100_000
+FLOOD = Path(udp_flood.__file__)
+TELLS = {"joints": 0, "hand": 1, "encoders": 3}
+"""The channel that tells which sample it is."""
+DEVICES = {"joints": "udp", "hand": "openxr", "encoders": "doglove"}
+
+
+class Flood:
+    """The flood while it runs, and what it sent when it has ended."""
+
+    def __init__(self, form: str, port: int, rate: float = RATE) -> None:
+        words = [sys.executable, str(FLOOD), form, str(port), str(rate)]
+        self._process = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
+        self.sent: dict[str, float] = {}
+
+    def end(self) -> None:
+        self._process.terminate()
+        out, _ = self._process.communicate(timeout=PATIENCE)
+        self.sent = json.loads(out)
+
+    @property
+    def own(self) -> float:
+        """Sent from the peer's own port."""
+        return sum(self.sent[kind] for kind in udp_flood.OWN)
+
+    @property
+    def foreign(self) -> float:
+        """Sent by others."""
+        return sum(self.sent[kind] for kind in udp_flood.KINDS if kind not in udp_flood.OWN)
+
+
+@contextmanager
+def flooded(form: str, port: int, rate: float = RATE) -> Iterator[Flood]:
+    flood = Flood(form, port, rate)
+    try:
+        yield flood
+    finally:
+        with contextlib.suppress(ValueError):
+            flood.end()
+
+
+class LooksAt:
+    """Counts what is taken from the system in one go, at every port."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.most = self.strangers = 0
+        arrived: Callable[[UdpPort], Iterator[tuple[Any, int]]] = UdpPort.arrived
+        real = socket.socket.recvfrom
+        taken = 0
+
+        def counted(link: socket.socket, *rest: Any) -> Any:
+            nonlocal taken
+            found = real(link, *rest)
+            taken += 1
+            return found
+
+        def looked(port: UdpPort) -> Iterator[tuple[Any, int]]:
+            nonlocal taken
+            taken, before = 0, port.strangers
+            yield from arrived(port)
+            self.most = max(self.most, taken)
+            self.strangers += port.strangers - before
+
+        monkeypatch.setattr(socket.socket, "recvfrom", counted)
+        monkeypatch.setattr(UdpPort, "arrived", looked)
+
+
+def own_samples(form: str, samples: NDArray[np.void]) -> NDArray[np.int64]:
+    """Numbers of the peer's samples that these are, which every good one of them has to be."""
+    told = samples["channels"][:, TELLS[form]]
+    numbers = np.rint((told - 2.0**-20) * 2.0**13).astype(np.int64)
+    assert np.array_equal(told, [udp_flood.own_number(number) for number in numbers])
+    if form != "encoders":
+        assert np.array_equal(numbers, samples["device_seq"] % 4096)
+        numbers = samples["device_seq"]
+    assert (np.diff(numbers) > 0).all()
+    return np.asarray(numbers)
+
+
+@pytest.mark.parametrize("form", ["joints", "hand", "encoders"])
+def test_nothing_is_used_that_is_not_the_peers_and_every_frame_is_accounted_for(
+    form: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    port, looks = free_ports(socket.SOCK_DGRAM), LooksAt(monkeypatch)
+    with closing(open_device(configure(DEVICES[form], port=port))) as glove, flooded(form, port) as flood:
+        glove.open(PATIENCE)
+        reader = Reader(glove)
+        reader.until(lambda: reader.count() >= 400)
+        early = looks.strangers
+        reader.until(lambda: reader.count() >= 800)
+        # Those that were on their way when the peer was known; since then the system turns them away.
+        assert looks.strangers == early
+        flood.end()
+        reader.until(lambda: len(reader.read()) == 0)
+    numbers, counters = own_samples(form, reader.samples), glove.counters
+    assert reader.samples["good"].all()
+    assert counters.samples == len(reader.samples)
+    assert counters.frames == counters.samples + counters.rejected + counters.other + counters.malformed <= flood.own
+    assert counters.malformed > 0
+    assert flood.foreign > 0
+    if form != "encoders":
+        assert counters.dropped == numbers[-1] - numbers[0] + 1 - len(numbers)
+        assert counters.other > 0, "what the peer said twice is counted"
+    assert 0 < looks.most <= MOST_LOOKED_AT
+
+
+class Run(NamedTuple):
+    """A session in this process whose glove and tracker were both flooded.
+
+    Attributes:
+        summary: Of the loop.
+        memory: Of the session.
+        looked_at: Most datagrams that it took at once.
+        fifo: Whether the loop had real-time scheduling.
+    """
+
+    summary: dict[str, Any]
+    memory: SessionMemory
+    looked_at: int
+    fifo: bool
+
+
+def run_flooded(seconds: float, rate: float, monkeypatch: pytest.MonkeyPatch, *, real_time: bool = False) -> Run:
+    port, pose_port, looks = free_ports(socket.SOCK_DGRAM), free_ports(socket.SOCK_DGRAM), LooksAt(monkeypatch)
+    setup = make_setup(
+        device=configure("udp", port=port),
+        pose=PoseConfig("udp", port=pose_port),
+        safety=SafetyLimits(watchdog=False),
+        duration=seconds,
+    )
+    warm_up(setup.hand, setup.options)
+    memory = SessionMemory.create()
+    with (
+        closing(open_device(setup.device)) as glove,
+        flooded("joints", port, rate),
+        flooded("pose", pose_port, rate),
+        closing(make_pose_source(setup.pose)) as pose,
+    ):
+        pose.open()
+        glove.open(PATIENCE)
+        loop = LiveLoop(setup, memory, glove, pose)
+        # After the floods have begun: what a real-time process starts is in real time too.
+        mode = become_real_time(RealTimeWishes() if real_time else RealTimeWishes.none())
+        try:
+            assert loop.run() == "duration"
+        finally:
+            become_ordinary()
+    return Run(loop.summary(), memory, looks.most, bool(mode.get("fifo")))
+
+
+def assert_only_the_peers(memory: SessionMemory) -> None:
+    """Every tick that is kept has a pose of the peers' own and joints of theirs."""
+    rows = memory.ticks.records[: min(memory.ticks.written, memory.ticks.capacity)]
+    own = {udp_flood.own_number(number) for number in range(4096)}
+    assert len(rows) > 0
+    assert set(rows["haptic_position"][:, 0].tolist()) <= own
+    assert set(rows["haptic_flexion"][:, 0, 0].tolist()) <= own
+
+
+def test_the_loops_count_of_ticks_is_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+    run = run_flooded(1.0, RATE, monkeypatch)
+    ticks = run.memory.ticks.records[: run.memory.ticks.written]
+    # Each tick says how many periods were missed right before it; the last one is the first at or beyond the end.
+    assert run.summary["ticks"] + run.summary["missed"] == ticks["tick"][-1] + 1 >= 1000
+    assert sum(run.summary["missed_by"].values()) == run.summary["missed"]
+    assert 0 < run.looked_at <= MOST_LOOKED_AT
+    assert_only_the_peers(run.memory)
+
+
+@pytest.mark.soak
+def test_half_a_minute_of_it_misses_no_more_ticks_of_the_loops_own_making(monkeypatch: pytest.MonkeyPatch) -> None:
+    runs = []
+    for rate in (1.0, RATE):
+        with monkeypatch.context() as patch:
+            runs.append(run_flooded(30.0, rate, patch, real_time=True))
+    quiet, flood = runs
+    if not flood.fifo:
+        pytest.skip("no real-time scheduling here: who takes the loop's time is not the loop")
+    # On a machine that is busy with other things a quiet loop computes too long now and then too.
+    assert own_misses(flood) <= own_misses(quiet) + 0.001 * 30_000, f"{flood.summary}; without: {quiet.summary}"
+    assert flood.looked_at <= MOST_LOOKED_AT
+    assert_only_the_peers(flood.memory)
+
+
+def own_misses(run: Run) -> int:
+    """Periods missed since the loop computed too long, or waited for a port."""
+    return sum(run.summary["missed_by"][cause.name.lower()] for cause in (MissCause.COMPUTED, MissCause.DEVICE))
