@@ -13,17 +13,11 @@ from numpy.typing import NDArray
 
 from hhsim.hand.model import BREADTH_PER_LENGTH, DEFAULT_HAND_LENGTH, PALM_CENTER, default_fingers
 from hhsim.hand.quaternion import conjugate, quaternion_product
+from hhsim.kernels.hand.tracked_hand import EXACT, LEAST, STRAIGHT
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.frames import quaternions_of, turned
 
 Array = NDArray[np.float64]
-
-STRAIGHT = 0.05
-"""Weight of "no abduction" against three unit bones that were measured: it decides where they decide nothing."""
-EXACT = 1e-8
-"""Bones that lie off their plane by less than this, squared, were not measured: they need no such weight."""
-LEAST = 1e-15
-"""What is left of that weight for them: below what an angle can show."""
 
 
 def finger_angles(bones: Array, side: HandSide) -> tuple[Array, Array, Array]:
@@ -38,7 +32,7 @@ def finger_angles(bones: Array, side: HandSide) -> tuple[Array, Array, Array]:
         Flexion [rad], shape (T, 5, 3); abduction [rad], shape (T, 5); and how far each bone is from its fit [rad],
         shape (T, 5, 3). NaN where a bone of the finger is missing.
     """
-    distal, dorsal, across = _finger_axes(side)
+    distal, dorsal, across = finger_axes(side)
     with np.errstate(invalid="ignore", divide="ignore"):
         unit = bones / np.linalg.norm(bones, axis=-1, keepdims=True)
     along, aside, above = (np.einsum("tfki,fi->tfk", unit, axes) for axes in (distal, across, dorsal))
@@ -59,7 +53,7 @@ def finger_angles(bones: Array, side: HandSide) -> tuple[Array, Array, Array]:
 
 
 @lru_cache
-def _finger_axes(side: HandSide) -> tuple[Array, Array, Array]:
+def finger_axes(side: HandSide) -> tuple[Array, Array, Array]:
     """Where our straight fingers point, out of their backs, and across them to the thumb's side, shapes (5, 3)."""
     sizes = default_fingers(DEFAULT_HAND_LENGTH, BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH)
     mirror = np.array([-1.0 if side == "left" else 1.0, 1.0, 1.0])
@@ -80,7 +74,7 @@ def finger_joints(base: Array, length: Array, flexion: Array, abduction: Array, 
         abduction: [rad], shape (T, 5).
         side: Which hand.
     """
-    distal, dorsal, across = _finger_axes(side)
+    distal, dorsal, across = finger_axes(side)
     turn = abduction[..., None]
     forward = np.cos(turn) * distal + np.sin(turn) * across
     total = np.cumsum(flexion, axis=2)[..., None]
@@ -119,12 +113,12 @@ def palm_from_knuckles(knuckles: Array, wrist: Array, side: HandSide) -> Array:
         wrist: Its middle, shape (T, 3).
         side: Which hand.
     """
-    return quaternion_product(_from_knuckles(knuckles, wrist, side), _back_to_palm(side))
+    return quaternion_product(_from_knuckles(knuckles, wrist, side), palm_in_knuckles(side))
 
 
 @lru_cache
-def _back_to_palm(side: HandSide) -> Array:
-    """Our palm frame as it lies in the frame of our wrist and knuckles, shape (1, 4)."""
+def palm_in_knuckles(side: HandSide) -> Array:
+    """Our palm frame as it lies in the frame of our wrist and knuckles, a quaternion (w, x, y, z), shape (1, 4)."""
     sizes = default_fingers(DEFAULT_HAND_LENGTH, BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH)
     distal, lateral = PALM_CENTER
     middle = np.array([lateral * BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH, -distal * DEFAULT_HAND_LENGTH, 0.0])
@@ -147,11 +141,11 @@ def palm_origin(knuckles: Array, orientation: Array, side: HandSide) -> Array:
         orientation: Of our palm frame in the same frame, unit (w, x, y, z), shape (T, 4).
         side: Which hand.
     """
-    return np.asarray(knuckles.mean(axis=1) - turned(orientation, _middle_of_knuckles(side)))
+    return np.asarray(knuckles.mean(axis=1) - turned(orientation, middle_of_knuckles(side)))
 
 
 @lru_cache
-def _middle_of_knuckles(side: HandSide) -> Array:
+def middle_of_knuckles(side: HandSide) -> Array:
     """Of our hand, from its origin [m], shape (3,)."""
     sizes = default_fingers(DEFAULT_HAND_LENGTH, BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH)
     return np.asarray(sizes["base"][1:].mean(axis=0) * [-1.0 if side == "left" else 1.0, 1.0, 1.0])

@@ -7,7 +7,6 @@ import socket
 import time
 from abc import abstractmethod
 from collections import deque
-from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -79,10 +78,6 @@ class PacketGlove(GloveDevice):
     def _take(self, values: NDArray[np.float64], now_ns: int) -> bool:
         """Take the numbers of a sample as `_flexion` and `_abduction`; False where they are those of no hand."""
 
-    def _look_ahead(self, packets: Sequence[Packet]) -> None:
-        """Look at the samples that are taken next, in their order, all at once; does nothing by default."""
-        return
-
     def _channels(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """What of a sample's numbers is recorded."""
         return values
@@ -126,12 +121,11 @@ class PacketGlove(GloveDevice):
         if self._port is None:
             raise DeviceError(f"{self._name}: not open")
         self._receive(len(samples_out) - len(self._waiting))
-        count = min(len(self._waiting), len(samples_out))
-        taken = [self._waiting.popleft() for _ in range(count)]
-        if taken:
-            self._look_ahead([packet for packet, _ in taken])
-        for (packet, now), row in zip(taken, samples_out):
-            self._store(packet, now, row)
+        count = 0
+        while self._waiting and count < len(samples_out):
+            packet, now = self._waiting.popleft()
+            self._store(packet, now, samples_out[count])
+            count += 1
         if count == 0 and time.monotonic_ns() - self._heard_ns > SILENCE_NS:
             silence, hint = f"{1e-9 * SILENCE_NS:g} s", self._in_vain()
             self._told = bool(hint)

@@ -1,0 +1,195 @@
+"""Our hand in the joints of a hand that is tracked: its palm, and the angles that bring our bones nearest.
+
+What `hhsim.recordings.finger_ik` does for whole recordings, for one hand within a tick: the same frame of wrist and
+knuckles, the same plane that a finger's three bones lie nearest to, the same angles in it.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT
+from hhsim.kernels.jit import jit
+
+Array = NDArray[np.float64]
+
+STRAIGHT = 0.05
+"""Weight of "no abduction" against three unit bones that were measured: it decides where they decide nothing."""
+EXACT = 1e-8
+"""Bones that lie off their plane by less than this, squared, were not measured: they need no such weight."""
+LEAST = 1e-15
+"""What is left of that weight for them: below what an angle can show."""
+
+
+class OurHand(NamedTuple):
+    """What of our own hand the joints are fitted with.
+
+    | field | meaning | shape |
+    |---|---|---|
+    | axes | of each straight finger: distal, dorsal, towards the thumb's side; palm frame | (5, 3, 3) |
+    | palm | palm frame in that of wrist and knuckles, a rotation matrix | (3, 3) |
+    | middle | of the knuckles of index to little finger [m], palm frame | (3,) |
+    | world | from the tracker's world to ours, a rotation matrix | (3, 3) |
+    | mirror | 1 for a right hand, -1 for a left one | (1,) |
+    """
+
+    axes: Array
+    palm: Array
+    middle: Array
+    world: Array
+    mirror: Array
+
+
+@jit
+def fit_tracked_hand(
+    joints: Array,
+    ours: OurHand,
+    rotation_out: Array,
+    position_out: Array,
+    orientation_out: Array,
+    flexion_out: Array,
+    abduction_out: Array,
+) -> float:
+    """Palm and angles of our hand.
+
+    Args:
+        joints: Wrist, then four of each finger from base to tip [m], tracker's world, shape (21, 3).
+        ours: Of the same side.
+        rotation_out: Scratch, shape (3, 3).
+        position_out: Palm origin [m], our world, shape (3,).
+        orientation_out: Palm, unit (w, x, y, z), our world, shape (4,).
+        flexion_out: [rad], shape (5, 3).
+        abduction_out: [rad], shape (5,).
+
+    Returns:
+        From the wrist along the bones to the tip of the middle finger [m]; NaN where something of the hand is not
+        finite.
+    """
+    mx = 0.25 * (joints[5, 0] + joints[9, 0] + joints[13, 0] + joints[17, 0])
+    my = 0.25 * (joints[5, 1] + joints[9, 1] + joints[13, 1] + joints[17, 1])
+    mz = 0.25 * (joints[5, 2] + joints[9, 2] + joints[13, 2] + joints[17, 2])
+    _lay_palm(joints, ours, mx, my, mz, rotation_out)
+    whole = 0.0
+    for f in range(FINGER_COUNT):
+        whole += _fit_finger(joints, ours.axes, rotation_out, f, flexion_out, abduction_out)
+    # Where our knuckles meet the tracked ones, in our world.
+    middle, world = ours.middle, ours.world
+    x = mx - _dot_row(rotation_out, 0, middle[0], middle[1], middle[2])
+    y = my - _dot_row(rotation_out, 1, middle[0], middle[1], middle[2])
+    z = mz - _dot_row(rotation_out, 2, middle[0], middle[1], middle[2])
+    for i in range(3):
+        position_out[i] = _dot_row(world, i, x, y, z)
+        whole += position_out[i]
+    for j in range(3):
+        a, b, c = rotation_out[0, j], rotation_out[1, j], rotation_out[2, j]
+        for i in range(3):
+            rotation_out[i, j] = _dot_row(world, i, a, b, c)
+    _to_quaternion(rotation_out, orientation_out)
+    for i in range(4):
+        whole += orientation_out[i]
+    length = _distance(joints, 0, 9) + _distance(joints, 9, 10) + _distance(joints, 10, 11) + _distance(joints, 11, 12)
+    # What is not finite makes the sum so.
+    return length + 0.0 * whole
+
+
+@jit
+def _lay_palm(joints: Array, ours: OurHand, mx: float, my: float, mz: float, rotation_out: Array) -> None:
+    """Our palm frame, a rotation matrix, from the wrist, the knuckles and their middle."""
+    yx, yy, yz = mx - joints[0, 0], my - joints[0, 1], mz - joints[0, 2]
+    size = math.sqrt(yx * yx + yy * yy + yz * yz)
+    yx, yy, yz = yx / size, yy / size, yz / size
+    mirror = ours.mirror[0]
+    ax, ay, az = joints[17, 0] - joints[5, 0], joints[17, 1] - joints[5, 1], joints[17, 2] - joints[5, 2]
+    # Out of the back; across y already.
+    zx, zy, zz = mirror * (ay * yz - az * yy), mirror * (az * yx - ax * yz), mirror * (ax * yy - ay * yx)
+    size = math.sqrt(zx * zx + zy * zy + zz * zz)
+    zx, zy, zz = zx / size, zy / size, zz / size
+    xx, xy, xz = yy * zz - yz * zy, yz * zx - yx * zz, yx * zy - yy * zx
+    palm = ours.palm
+    for j in range(3):
+        a, b, c = palm[0, j], palm[1, j], palm[2, j]
+        rotation_out[0, j] = xx * a + yx * b + zx * c
+        rotation_out[1, j] = xy * a + yy * b + zy * c
+        rotation_out[2, j] = xz * a + yz * b + zz * c
+
+
+@jit
+def _fit_finger(joints: Array, axes: Array, rotation: Array, f: int, flexion_out: Array, abduction_out: Array) -> float:
+    """Angles of one finger; their sum."""
+    first = 1 + 4 * f
+    pp = pq = qq = 0.0
+    for k in range(PHALANX_COUNT):
+        aside, along, _ = _bone(joints, first + k, rotation, axes, f)
+        pp += aside * aside
+        pq += aside * along
+        qq += along * along
+    off_plane = max(0.5 * (pp + qq - math.hypot(pp - qq, 2.0 * pq)), 0.0)
+    qq += STRAIGHT * off_plane / (off_plane + EXACT) + LEAST
+    abduction = 0.5 * math.atan2(2.0 * pq, qq - pp)
+    abduction_out[f] = abduction
+    cosine, sine = math.cos(abduction), math.sin(abduction)
+    whole, before = abduction, 0.0
+    for k in range(PHALANX_COUNT):
+        aside, along, above = _bone(joints, first + k, rotation, axes, f)
+        total = math.atan2(-above, cosine * along + sine * aside)
+        turn = total - before
+        if k > 0:
+            # A finger that curls past straight back has turned further, not less.
+            turn = (turn + 0.5 * math.pi) % (2.0 * math.pi) - 0.5 * math.pi
+        flexion_out[f, k] = turn
+        whole += turn
+        before = total
+    return whole
+
+
+@jit
+def _bone(joints: Array, k: int, rotation: Array, axes: Array, f: int) -> tuple[float, float, float]:
+    """Of the unit bone from joint k on: towards the thumb's side, along the finger, out of its back."""
+    bx, by, bz = joints[k + 1, 0] - joints[k, 0], joints[k + 1, 1] - joints[k, 1], joints[k + 1, 2] - joints[k, 2]
+    size = math.sqrt(bx * bx + by * by + bz * bz)
+    px = (rotation[0, 0] * bx + rotation[1, 0] * by + rotation[2, 0] * bz) / size
+    py = (rotation[0, 1] * bx + rotation[1, 1] * by + rotation[2, 1] * bz) / size
+    pz = (rotation[0, 2] * bx + rotation[1, 2] * by + rotation[2, 2] * bz) / size
+    along = axes[f, 0, 0] * px + axes[f, 0, 1] * py + axes[f, 0, 2] * pz
+    above = axes[f, 1, 0] * px + axes[f, 1, 1] * py + axes[f, 1, 2] * pz
+    aside = axes[f, 2, 0] * px + axes[f, 2, 1] * py + axes[f, 2, 2] * pz
+    return aside, along, above
+
+
+@jit
+def _dot_row(matrix: Array, i: int, x: float, y: float, z: float) -> float:
+    """Row i of a matrix times a vector."""
+    return matrix[i, 0] * x + matrix[i, 1] * y + matrix[i, 2] * z
+
+
+@jit
+def _distance(joints: Array, a: int, b: int) -> float:
+    x, y, z = joints[b, 0] - joints[a, 0], joints[b, 1] - joints[a, 1], joints[b, 2] - joints[a, 2]
+    return math.sqrt(x * x + y * y + z * z)
+
+
+@jit
+def _to_quaternion(matrix: Array, quaternion_out: Array) -> None:
+    """Unit quaternion with w >= 0, shape (4,), of a rotation matrix, shape (3, 3); NaN of NaN."""
+    a, b, c = matrix[0, 0], matrix[1, 1], matrix[2, 2]
+    wx, wy, wz = matrix[2, 1] - matrix[1, 2], matrix[0, 2] - matrix[2, 0], matrix[1, 0] - matrix[0, 1]
+    xy, xz, yz = matrix[0, 1] + matrix[1, 0], matrix[0, 2] + matrix[2, 0], matrix[1, 2] + matrix[2, 1]
+    ww, xx, yy, zz = 1.0 + a + b + c, 1.0 + a - b - c, 1.0 - a + b - c, 1.0 - a - b + c
+    # Each row is the quaternion times one of its components; the largest loses no digits.
+    if ww >= xx and ww >= yy and ww >= zz:
+        w, x, y, z = ww, wx, wy, wz
+    elif xx >= yy and xx >= zz:
+        w, x, y, z = wx, xx, xy, xz
+    elif yy >= zz:
+        w, x, y, z = wy, xy, yy, yz
+    else:
+        w, x, y, z = wz, xz, yz, zz
+    size = math.sqrt(w * w + x * x + y * y + z * z)
+    if w < 0.0:
+        size = -size
+    quaternion_out[0] = w / size
+    quaternion_out[1] = x / size
+    quaternion_out[2] = y / size
+    quaternion_out[3] = z / size

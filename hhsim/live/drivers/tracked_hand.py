@@ -1,0 +1,74 @@
+"""Our hand in OpenXR's joints, a sample at a time and in memory that is there before.
+
+As in recordings (`hhsim.recordings.joint_positions`) our palm is laid into wrist and knuckles, and our bones are
+brought nearest to those between the joints. What a runtime says of the joints' orientations and radii is not used: rigs
+differ in it.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.hand.quaternion import rotation_matrix
+from hhsim.kernels.hand.tracked_hand import OurHand, fit_tracked_hand
+from hhsim.kernels.jit import as_argument
+from hhsim.motion.trajectory import HandSide
+from hhsim.recordings.finger_ik import finger_axes, middle_of_knuckles, palm_in_knuckles
+from hhsim.recordings.frames import world_matrix
+from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS
+from hhsim.recordings.joint_positions import HAND_LENGTHS
+
+Array = NDArray[np.float64]
+
+FARTHEST = 100.0
+"""A joint beyond [m] was sent in another unit."""
+NUMBERS = 8
+"""Of a joint: its orientation (x, y, z, w), its position, its radius."""
+PLACE = 4
+"""The first of its position."""
+CHANNELS = tuple(f"{name}_{axis}" for name in KEYPOINTS for axis in "xyz")
+_USED = np.array([NUMBERS * OPENXR_JOINTS.index(name) + PLACE + k for name in KEYPOINTS for k in range(3)])
+
+
+class TrackedHand:
+    """The fit of our hand.
+
+    Args:
+        side: Which hand.
+
+    Attributes:
+        joints: Of the last sample, where the runtime said they are: wrist, then thumb to little finger from base to tip
+            [m], its own world, shape (21, 3).
+        position, orientation: Palm origin [m] and unit quaternion (w, x, y, z) in a world with z up.
+        flexion, abduction: [rad], shapes (5, 3) and (5,). Like the palm those of the last sample that could be used.
+    """
+
+    def __init__(self, side: HandSide) -> None:
+        """Compile the kernel, or load it: not in a tick."""
+        distal, dorsal, across = finger_axes(side)
+        self._ours = OurHand(
+            axes=as_argument(np.stack([distal, dorsal, across], axis=1)),
+            palm=as_argument(rotation_matrix(palm_in_knuckles(side)[0])),
+            middle=as_argument(middle_of_knuckles(side)),
+            world=as_argument(world_matrix("y")),
+            mirror=np.array([-1.0 if side == "left" else 1.0]),
+        )
+        self.joints = np.zeros((len(KEYPOINTS), 3))
+        self.position, self.orientation = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
+        self.flexion, self.abduction = np.zeros((5, 3)), np.zeros(5)
+        self._turn = np.zeros((3, 3))
+        self._found = (np.zeros(3), np.zeros(4), np.zeros((5, 3)), np.zeros(5))
+        fit_tracked_hand(self.joints, self._ours, self._turn, *self._found)
+
+    def take(self, numbers: Array) -> bool:
+        """Fit our hand to a sample; False where its joints are those of no hand.
+
+        Args:
+            numbers: Of the packet, shape (208,).
+        """
+        np.take(numbers, _USED, out=self.joints.reshape(-1))
+        length = fit_tracked_hand(self.joints, self._ours, self._turn, *self._found)
+        # NaN compares false.
+        if not (HAND_LENGTHS[0] <= length <= HAND_LENGTHS[1] and (np.abs(self.joints) <= FARTHEST).all()):
+            return False
+        self.position[:], self.orientation[:], self.flexion[:], self.abduction[:] = self._found
+        return True
