@@ -12,8 +12,9 @@ import pytest
 from live_scripted import FIST, FREE, FakeClock, Moment, ScriptedGlove, make_setup
 from numpy.typing import NDArray
 
+from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.tick.block import HapticBlock
-from hhsim.live.device import DeviceError, FingerCommand
+from hhsim.live.device import Capability, DeviceError, FingerCommand, GloveInfo
 from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
 from hhsim.live.ipc.session_memory import LIVE_TICK, SessionMemory
 from hhsim.live.ipc.status import Stage
@@ -89,6 +90,31 @@ def test_what_is_published_is_what_the_glove_was_told() -> None:
     sent = session.glove.commands
     np.testing.assert_array_equal(session.ticks["command_stiffness"], [command.stiffness for command in sent])
     np.testing.assert_array_equal(session.ticks["command_bend"], [command.bend for command in sent])
+
+
+@pytest.mark.parametrize("takes", [Capability.FORCE, Capability.POWER, Capability.POSITION_LIMIT])
+def test_a_glove_that_takes_forces_is_told_those_of_the_tick(takes: Capability) -> None:
+    session = Session(HOLDING)
+    session.glove.info = GloveInfo("scripted glove", takes, ("bend",))
+    session.loop = LiveLoop(session.setup, session.memory, session.glove, session.loop.pose, clock=session.clock)
+    told: list[Array] = []
+    send = session.glove.send
+
+    def kept(command: FingerCommand) -> bool:
+        told.append(command.force.copy())
+        return send(command)
+
+    session.glove.send = kept  # type: ignore[method-assign]
+    session.run()
+    if takes is Capability.POSITION_LIMIT:
+        assert not np.any(told)
+        return
+    turn = rotation_matrix(session.ticks["orientation"])
+    share = session.ticks["command_stiffness"] / 0.3
+    expected = np.einsum("tfkj,tji->tfki", session.ticks["phalanx"], turn) * share[..., None, None]
+    assert np.abs(expected).max() > 0.1
+    np.testing.assert_allclose(told, expected, atol=1e-12)
+    assert not told[-1].any(), "the last tick frees the fingers"
 
 
 def test_the_ticks_are_those_of_a_replay_bit_for_bit() -> None:
