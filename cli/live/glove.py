@@ -90,7 +90,8 @@ class HandChoice(OptionGroup, heading="Hand"):
             telling = " or ".join(name for name in glove_names() if find_glove(name).palm)
             raise click.UsageError(f"--pose {pose} is for --device {telling}: others do not know where the palm is")
         if not POSES[pose].placed and (self.palm or self.palm_turn):
-            raise click.UsageError(f"--palm and --palm-turn are for --pose fixed and keyboard, not {pose}")
+            placed = " or ".join(name for name, known in POSES.items() if known.placed)
+            raise click.UsageError(f"--palm and --palm-turn are for --pose {placed}, not {pose}")
         if POSES[pose].by_glove and self.palm_turn:
             raise click.UsageError(f"--palm-turn is for --pose fixed and keyboard: with {pose} the hand turns the palm")
         if self.palm_turn is not None and self.palm is None:

@@ -168,7 +168,9 @@ def library_defaults() -> Iterator[tuple[str, str, str]]:
     yield "hhsim bench qp", "--object", ",".join(qp_harvest.OBJECTS)
     yield "hhsim bench qp", "--motion", ",".join(qp_harvest.MOTIONS)
     yield "hhsim gate", "--processes", f"as the suite says, else {default_suite().processes}"
-    served: list[Any] = [(kind, configure(kind).options) for kind in ("dexmo", "doglove", "opengloves", "udp")]
+    served: list[Any] = [
+        (kind, configure(kind).options) for kind in ("dexmo", "doglove", "manus", "opengloves", "openxr", "udp")
+    ]
     ports = ", ".join(f"{options.port} for {kind}" for kind, options in served)
     yield "hhsim live glove", "--port", ports
     yield "hhsim live glove", "--stiffness", f"{live_setup.OutputLimits().stiffness[0]:g}"

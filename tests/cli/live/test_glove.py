@@ -45,8 +45,18 @@ HHSIM = [sys.executable, "-c", "from hhsim.cli.main import main; main()"]
         ),
         (
             ["--pose", "replay", "--palm", "0,0,0"],
-            "--palm and --palm-turn are for --pose fixed and keyboard, not replay",
+            "--palm and --palm-turn are for --pose keyboard or fixed or glove, not replay",
         ),
+        (
+            ["--device", "udp", "--pose", "glove"],
+            "--pose glove is for --device manus or openxr: others do not know where the palm is",
+        ),
+        (
+            ["--device", "openxr", "--palm", "0,0,0", "--palm-turn", "1,0,0,0"],
+            "--palm-turn is for --pose fixed and keyboard: with glove the hand turns the palm",
+        ),
+        (["--device", "udp", "--takes", "volts"], "Invalid value for '--takes': 'volts' is not one of"),
+        (["--device", "openxr", "--full-force", "1"], "--full-force is for --device manus, not openxr"),
         (["--pose", "fixed", "--palm-turn", "1,0,0,0"], "--palm-turn needs --palm, where the palm is"),
         (["--stiffness", "1.5"], "Invalid value for '--stiffness': '1.5', expected 0 (free) to 1, or five of that"),
         (["--stiffness", "0,1"], "Invalid value for '--stiffness': '0,1', expected 0 (free) to 1, or five of that"),

@@ -1,0 +1,166 @@
+"""The drills of the gloves that are told forces or powers: whatever breaks, they are told 0 in time.
+
+Their peers know the published formats alone (`openxr_peer`), and write down what they are told and when.
+"""
+
+import os
+import signal
+import socket
+import struct
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from live_drill import IN_TIME, LOOP, PATIENCE, WITHOUT_REAL_TIME, grasping_setup
+from live_peers import free_ports
+from openxr_peer import Location, hand_datagram, read_haptic
+
+from hhsim.hand.model import HandModel
+from hhsim.live.devices.registry import configure
+from hhsim.live.session.supervisor import Supervisor
+from hhsim.recordings.dexmo_regression import BEND, DexmoRegression
+
+pytestmark = pytest.mark.slow
+
+CLOSED = 0.95
+"""Bend at which the fingers rest on the cube, or would be in it."""
+RATE = 100.0
+LEAST = 0.05
+"""A finger that feels so much, of full power or in newtons, is told of."""
+
+
+@cache
+def right_hand() -> HandModel:
+    return HandModel.default("right")
+
+
+def hand_of_bends(bend: float, seq: int) -> bytes:
+    """26 joints of our own hand, all fingers bent alike."""
+    hand = right_hand()
+    channels = np.zeros(11)
+    channels[list(BEND)] = bend
+    fingers = hand.joints(
+        np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0, 0.0]), *DexmoRegression.default().angles(channels)
+    )
+    wrist = np.array([-0.070 * hand.hand_breadth, -0.223 * hand.hand_length, 1.0])
+    points = [wrist, wrist, *fingers[0]]
+    for finger in fingers[1:]:
+        points += [0.5 * (finger[0] + wrist), *finger]
+    # OpenXR's world has y up.
+    joints = [Location((0.0, 0.0, 0.0, 1.0), (float(x), float(z), -float(y)), 0.01) for x, y, z in points]
+    return hand_datagram(joints, 5, seq, 0)
+
+
+def bends(bend: float, seq: int) -> bytes:
+    header = struct.pack("<4sBBHIIQIi", b"HHGL", 1, 1, 5, 5, seq, 0, 2**32 - 1, -1)
+    return header + struct.pack("<5f", *[bend] * 5)
+
+
+def told_power(data: bytes) -> float:
+    return max(read_haptic(data).values)
+
+
+def told_force(data: bytes) -> float:
+    assert data[:6] == b"HHGL\x01\x11"
+    return float(np.abs(struct.unpack("<15f", data[32:])).max())
+
+
+class Peer(threading.Thread):
+    """A hand that closes and then rests; what it is told, with CLOCK_MONOTONIC [ns]."""
+
+    def __init__(self, port: int, sample: Callable[[float, int], bytes], told: Callable[[bytes], float]) -> None:
+        super().__init__(daemon=True)
+        self._sample, self._told, self._to = sample, told, ("127.0.0.1", port)
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.bind(("127.0.0.1", port + 1))
+        self.heard: list[tuple[int, float]] = []
+        self.stalled = self.ended = False
+
+    def run(self) -> None:
+        with self._socket as link:
+            begun, seq = time.monotonic(), 0
+            while not self.ended:
+                due = begun + seq / RATE
+                link.settimeout(max(due - time.monotonic(), 1e-6))
+                try:
+                    data = link.recv(2048)
+                except TimeoutError:
+                    if not self.stalled:
+                        link.sendto(self._sample(min(CLOSED, 0.6 * (due - begun)), seq), self._to)
+                    # Late ones are left out: what is heard is written down when it comes.
+                    seq = max(seq + 1, int(RATE * (time.monotonic() - begun)))
+                else:
+                    self.heard.append((time.monotonic_ns(), self._told(data)))
+
+    def felt_after(self, since: int) -> int:
+        """How long after `since` it was last told of a force [ns]; negative where it was not."""
+        felt = [now for now, most in self.heard if most > 0.0]
+        return max(felt) - since
+
+
+@pytest.fixture(params=["manus", "forces"])
+def peer(request: pytest.FixtureRequest) -> Iterator[tuple[Peer, Supervisor]]:
+    """A session in which a finger feels something."""
+    port = free_ports(socket.SOCK_DGRAM)
+    if request.param == "manus":
+        peer, device = Peer(port, hand_of_bends, told_power), configure("manus", port=port)
+    else:
+        peer, device = Peer(port, bends, told_force), configure("udp", port=port, takes="forces")
+    setup = replace(grasping_setup(1, None), device=device)
+    peer.start()
+    try:
+        with Supervisor(setup) as session:
+            until(session, lambda: bool(peer.heard) and peer.heard[-1][1] > LEAST)
+            yield peer, session
+    finally:
+        peer.ended = True
+        peer.join()
+
+
+def until(session: Supervisor, reached: Callable[[], bool]) -> None:
+    limit = time.monotonic() + PATIENCE
+    while not reached():
+        assert session.poll(), f"the session ended: {session.end().notices}"
+        assert time.monotonic() < limit, f"nothing is felt: {session.memory.status}"
+        time.sleep(0.002)
+
+
+def allowed(session: Supervisor) -> int:
+    return IN_TIME if session.memory.read_facts().get("real_time", {}).get("fifo") else WITHOUT_REAL_TIME
+
+
+def test_a_peer_that_stalls_is_told_nothing_in_time_and_feels_again_when_it_goes_on(
+    peer: tuple[Peer, Supervisor],
+) -> None:
+    hand, session = peer
+    limit = allowed(session)
+    stalled = time.monotonic_ns()
+    hand.stalled = True
+    end = time.monotonic() + 0.3
+    until(session, lambda: time.monotonic() > end)
+    assert hand.felt_after(stalled) <= limit
+    heard = len(hand.heard)
+    hand.stalled = False
+    until(session, lambda: hand.heard[-1][1] > LEAST)
+    first = next(most for _, most in hand.heard[heard:] if most > 0.0)
+    assert first < LEAST, "it comes back by the ramp"
+
+
+def test_a_loop_that_is_killed_leaves_nobody_to_feel(peer: tuple[Peer, Supervisor]) -> None:
+    hand, session = peer
+    limit = allowed(session)
+    pid = session.pid(LOOP)
+    assert pid is not None
+    killed = time.monotonic_ns()
+    os.kill(pid, signal.SIGKILL)
+    end = time.monotonic() + 0.3
+    while time.monotonic() < end:
+        session.poll()
+        time.sleep(0.002)
+    assert hand.felt_after(killed) <= limit
+    later = [most for now, most in hand.heard if now > killed]
+    assert later[-1] == 0.0, "the watchdog has told it"
