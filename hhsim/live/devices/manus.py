@@ -2,24 +2,25 @@
 
 from dataclasses import dataclass
 
-from hhsim.live.devices.openxr import HandOptions
-from hhsim.live.devices.registry import Glove, setting
+from hhsim.live.devices.registry import Glove, ReachedOptions, setting
 
 
 @dataclass(frozen=True)
-class ManusOptions(HandOptions):
+class ManusOptions(ReachedOptions):
     """Settings of a MANUS glove.
 
     Attributes:
+        port: Where the bridge's samples arrive; commands go to the next one.
         full_force: On a finger at which its motor has full power [N].
     """
 
+    port: int = setting(24170, "Port of the glove's server", "PORT", least=1, most=65535)
     full_force: float = setting(2.0, "Force on a finger that shakes it with full power", "N", unit="N", least=0.01)
 
 
 GLOVE = Glove(
     about="a MANUS glove at Isaac Teleop, by a bridge",
-    driver="hhsim.live.drivers.manus:ManusGlove",
+    driver="hhsim.live.drivers.openxr:ManusGlove",
     options=ManusOptions,
     palm=True,
 )

@@ -2,19 +2,17 @@
 
 from dataclasses import dataclass
 
-from hhsim.live.devices.registry import Glove, GloveOptions, setting
+from hhsim.live.devices.registry import Glove, ReachedOptions, setting
 
 
 @dataclass(frozen=True)
-class HandOptions(GloveOptions):
+class HandOptions(ReachedOptions):
     """Settings of a hand that is tracked by a headset.
 
     Attributes:
-        host: Of the bridge.
-        port: Where its samples arrive; commands, if any, go to the next one.
+        port: Where the bridge's samples arrive.
     """
 
-    host: str = setting("127.0.0.1", "Where the glove's server is", "HOST")
     port: int = setting(24170, "Port of the glove's server", "PORT", least=1, most=65535)
 
 

@@ -55,18 +55,27 @@ class GloveOptions:
 
 
 @dataclass(frozen=True)
-class ServedOptions(GloveOptions):
-    """Settings of a glove that is reached by a server, and whose readings can be calibrated.
+class ReachedOptions(GloveOptions):
+    """Settings of a glove that is reached by a server, or by a bridge.
 
     Attributes:
         host: Of the server.
         port: Of the server.
-        calibration: File of a calibration; "" for the default one.
-        profile: Of a calibration file that holds several; "" where there is one.
     """
 
     host: str = setting("127.0.0.1", "Where the glove's server is", "HOST")
     port: int = setting(0, "Port of the glove's server", "PORT", least=1, most=65535)
+
+
+@dataclass(frozen=True)
+class ServedOptions(ReachedOptions):
+    """Settings of a glove that is reached by a server, and whose readings can be calibrated.
+
+    Attributes:
+        calibration: File of a calibration; "" for the default one.
+        profile: Of a calibration file that holds several; "" where there is one.
+    """
+
     calibration: str = setting("", "Calibration of the glove: our TOML, or the vendor's JSON of profiles", "FILE")
     profile: str = setting("", "Profile of a calibration file that holds several", "NAME")
 

@@ -1,18 +1,22 @@
 """A hand that a headset tracks: OpenXR's 26 joints, by a bridge that sends them as open packets of the kind `HAND`.
 
 Order, frames and radii of the joints are those of XR_EXT_hand_tracking (OpenXR 1.1, `XrHandJointEXT` and
-`XrHandJointLocationEXT`).
+`XrHandJointLocationEXT`). A MANUS glove at NVIDIA's Isaac Teleop (Isaac Capture) is such a hand whose fingers can be
+shaken: its motors take powers, the size of the force on a finger by the force of full power, at most 1.
 """
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.live.device import Capability, GloveInfo, PalmReading
-from hhsim.live.devices.openxr import HandOptions
-from hhsim.live.devices.registry import GloveConfig
+from hhsim.errors import InputError
+from hhsim.live.device import FINGER_COUNT, Capability, FingerCommand, GloveInfo, PalmReading
+from hhsim.live.devices.manus import ManusOptions
+from hhsim.live.devices.registry import GloveConfig, ReachedOptions
 from hhsim.live.drivers.packet_glove import PacketGlove
+from hhsim.live.link.haptic_command import encode_haptic_command
 from hhsim.live.link.udp_codec import Kind, Packet
 
 if TYPE_CHECKING:
@@ -20,12 +24,14 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+NO_POWER = (0.0,) * FINGER_COUNT
+
 
 class OpenXrHand(PacketGlove):
     """A tracked hand, which is told nothing.
 
     Args:
-        config: With `HandOptions`.
+        config: With a host and a port.
     """
 
     SAMPLES = (Kind.HAND,)
@@ -37,7 +43,7 @@ class OpenXrHand(PacketGlove):
     def __init__(self, config: GloveConfig) -> None:
         """Nothing is opened yet."""
         options = config.options
-        assert isinstance(options, HandOptions)
+        assert isinstance(options, ReachedOptions)
         super().__init__(options.host, options.port, self.NAME)
         self._hand = config.hand
         self.palm: PalmReading = PalmReading()
@@ -68,3 +74,34 @@ class OpenXrHand(PacketGlove):
         if first.battery >= 0:
             can |= Capability.BATTERY
         return GloveInfo(self._name, can, CHANNELS, hand=self._hand, unit="m")
+
+
+class ManusGlove(OpenXrHand):
+    """One glove.
+
+    Args:
+        config: With `ManusOptions`.
+
+    Raises:
+        InputError: A force of full power that is none.
+    """
+
+    NAME = "manus bridge"
+    TAKES = Capability.POWER
+
+    def __init__(self, config: GloveConfig) -> None:
+        """Nothing is opened yet."""
+        super().__init__(config)
+        assert isinstance(config.options, ManusOptions)
+        self._full_force = config.options.full_force
+        if not 0.0 < self._full_force < math.inf:
+            raise InputError(f"full force {self._full_force:g} N; expected more than 0")
+
+    def _command(self, command: FingerCommand | None) -> bytes:
+        powers = NO_POWER
+        if command is not None:
+            force = np.add.reduce(command.force, axis=1)
+            size = np.sqrt(np.add.reduce(force * force, axis=1)) / self._full_force
+            if np.isfinite(size).all():
+                powers = tuple(np.minimum(size, 1.0).tolist())
+        return encode_haptic_command(self._hand, powers)

@@ -13,7 +13,7 @@ from openxr_peer import Haptic, read_haptic
 from hhsim.errors import InputError
 from hhsim.live.device import Capability, FingerCommand
 from hhsim.live.devices.registry import configure, for_release, open_device, open_release
-from hhsim.live.drivers.manus import ManusGlove
+from hhsim.live.drivers.openxr import ManusGlove
 from hhsim.live.link.haptic_command import encode_haptic_command
 
 BUILT = {
