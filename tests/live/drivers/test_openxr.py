@@ -49,6 +49,12 @@ class Headset:
         self.socket.sendto(hand_datagram(joints, self.session, self.seq, 1000 * self.seq), ("127.0.0.1", self.port))
         self.seq += 1
 
+    def send_when_heard(self, joints: list[Location]) -> None:
+        """Send once somebody has the port: a datagram before that is lost."""
+        while f":{self.port:04X} " not in Path("/proc/net/udp").read_text():
+            time.sleep(0.01)
+        self.send(joints)
+
 
 @contextmanager
 def opened(
@@ -60,7 +66,7 @@ def opened(
         closing(headset.socket),
         closing(open_device(configure(device, hand=side, port=headset.port, **settings))) as glove,
     ):
-        speaker = threading.Timer(0.05, headset.send, [locations(sample, 0)])
+        speaker = threading.Thread(target=headset.send_when_heard, args=[locations(sample, 0)], daemon=True)
         speaker.start()
         glove.open(PATIENCE)
         speaker.join()
