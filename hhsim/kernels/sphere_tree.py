@@ -86,16 +86,22 @@ def gather_round_cone(
             continue
         last = first + tree.child_count[node]
         tests += last - first
-        for child in range(last - 1, first - 1, -1):
+        # Leaves are listed at once where there is room for all. Which child is near is no branch: nobody can guess it.
+        leaves = first >= tree.leaf_start and count + last - first <= index_out.shape[0]
+        for i in range(last - first):
+            child = first + i if leaves else last - 1 - i
             dx, dy, dz = tree.x[child] - ax, tree.y[child] - ay, tree.z[child] - az
             s = round_cone_parameter(dx, dy, dz, ux, uy, uz, tan_slope, inverse_length)
             qx, qy, qz = dx - s * length * ux, dy - s * length * uy, dz - s * length * uz
             distance = math.sqrt(qx * qx + qy * qy + qz * qz) - radius_a + s * radius_drop - tree.radius[child]
-            if distance > margin:
-                clearance = min(clearance, distance)
+            near = distance <= margin
+            clearance = min(clearance, np.inf if near else distance)
+            if leaves:
+                index_out[count] = child
+                count += 1 if near else 0
             else:
                 stack[top] = child
-                top += 1
+                top += 1 if near else 0
     return count, clearance, tests
 
 
