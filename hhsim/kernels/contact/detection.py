@@ -92,7 +92,8 @@ def _point(hand: HandArrays, pose: Record, body: int, i: int) -> tuple[float, fl
 def follow_motion(hand: HandArrays, pose: Record, candidates: Record) -> None:
     """Take from the slack of each body how far it is from where it was gathered."""
     for body in range(BODY_COUNT):
-        fresh = candidates.fresh[body]
+        fresh, before = candidates.fresh[body], candidates.slack[body]
+        candidates.pace[body] = np.inf
         if not -np.inf < fresh < np.inf:
             candidates.slack[body] = fresh
             continue
@@ -102,6 +103,7 @@ def follow_motion(hand: HandArrays, pose: Record, candidates: Record) -> None:
             anchor = candidates.anchor[body, i]
             most = max(most, (x - anchor[0]) ** 2 + (y - anchor[1]) ** 2 + (z - anchor[2]) ** 2)
         candidates.slack[body] = fresh - math.sqrt(most)
+        candidates.pace[body] = abs(candidates.slack[body] - before)
 
 
 @jit
@@ -114,7 +116,13 @@ def _set_anchor(hand: HandArrays, pose: Record, body: int, candidates: Record) -
 
 
 AHEAD = 0.5
-"""A body whose slack is within this share of the skin of what it must be may be gathered ahead of need."""
+"""A body whose slack is within this share of the skin of what it must be, or of all that it had beyond that, may be
+gathered ahead of need."""
+LONG = 128.0
+STALE = 0.5
+LASTS = 50.0
+"""So may one with more pairs to measure than this that has moved by more than this share of what is needed, where it is
+so slow that it will not do so again in so many evaluations: a list from nearby measures less."""
 
 
 @jit
@@ -124,18 +132,24 @@ def choose_gathers(needed: float, margin: float, skin: float, candidates: Record
     Bodies that move together would else be gathered together, and their tick take many times another's.
     """
     candidates.needed = needed
-    soonest, least = -1, needed + AHEAD * skin
+    soonest, least = -1, np.inf
+    stale, longest = -1, LONG
     for body in range(BODY_COUNT):
         # Far from the object a long step leaves little slack, which would bound the next one; a walk there is cheap.
         slack, fresh = candidates.slack[body], candidates.fresh[body]
         due = slack < needed or (fresh > FAR * (margin + skin) and slack < 0.5 * fresh)
         candidates.due[body] = 1 if due else 0
+        moved, count = fresh - slack, candidates.count[body]
         if due:
-            least = -np.inf
-        elif slack < least and slack < fresh:
+            least, longest = -np.inf, np.inf
+        elif slack < least and moved > 0.0 and slack < needed + AHEAD * min(skin, fresh - needed):
             soonest, least = body, slack
+        elif count > longest and moved > STALE * needed and LASTS * candidates.pace[body] < STALE * needed:
+            stale, longest = body, count
     if soonest >= 0 and least > -np.inf:
         candidates.due[soonest] = 2
+    elif stale >= 0 and longest < np.inf:
+        candidates.due[stale] = 2
 
 
 @jit_inline
@@ -174,8 +188,8 @@ def evaluate_range(
         if candidates.count[body] == 0:
             candidates.nearest[body] = np.inf
         else:
-            work[COUNT_PAIR_TESTS] += candidates.count[body]
             candidates.nearest[body] = measure_pairs(surface, hand, pose, body, candidates)
+            work[COUNT_PAIR_TESTS] += candidates.count[body]
     return status
 
 

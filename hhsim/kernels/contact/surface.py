@@ -20,6 +20,7 @@ SHARED_CANDIDATES = [
     ("count", np.int64, (BODY_COUNT,)),
     ("slack", np.float64, (BODY_COUNT,)),
     ("fresh", np.float64, (BODY_COUNT,)),
+    ("pace", np.float64, (BODY_COUNT,)),
     ("anchor", np.float64, (BODY_COUNT, BOX_CORNERS, 3)),
     ("nearest", np.float64, (BODY_COUNT,)),
     ("due", np.int64, (BODY_COUNT,)),
@@ -29,9 +30,10 @@ SHARED_CANDIDATES = [
 
 | field | meaning |
 |---|---|
-| count | pairs of each body |
+| count | pairs of each body; where not all of them had to be measured, those that were |
 | slack | least distance that any piece left out can still have [m]; negative infinity: to be gathered |
 | fresh | slack when the body was gathered [m]; negative infinity before that, infinity where it never is |
+| pace | by how much the slack has changed since the last evaluation [m] |
 | anchor | where the body was then: the ends of its axis, or the corners of a box around the palm's centres [m] |
 | due | 1 where the body is to be gathered now, 2 where ahead of need, else 0 |
 | needed | slack that no body may have less of now [m] |
@@ -78,7 +80,10 @@ def gather_pairs(
 
 @generic
 def measure_pairs(surface: Any, hand: HandArrays, pose: Record, body: int, candidates: Record) -> float:
-    """Signed distances of the listed pairs of a body, which has at least one; returns the least [m]."""
+    """Signed distances of the listed pairs of a body, which has at least one; returns the least [m].
+
+    At least of those up to `candidates.needed`: what is not measured is farther than that, and than the least.
+    """
 
 
 @generic

@@ -229,27 +229,40 @@ def outside_cone(
 
 @jit_inline
 def edge_bound(
-    edge: Array, i: int, cone: RoundCone, wing: Array, wing_start: int, wing_stop: int, tolerance: float
+    edge: Array,
+    i: int,
+    cone: RoundCone,
+    wing: Array,
+    wing_start: int,
+    wing_stop: int,
+    tolerance: float,
+    reach: float,
 ) -> float:
     """How far a round cone must move at least, before it touches the inside of edge i, shape (·, 7) [m].
 
-    By its line, by the ends, and by its normal cone, which counts only by what is more than `tolerance` [m].
+    By its normal cone, which counts only by what is more than `tolerance` [m], and, where that is not beyond `reach`
+    [m], by its line and its ends.
     """
-    wx, wy, wz, extent = edge[i, 3], edge[i, 4], edge[i, 5], edge[i, 6]
     dx, dy, dz = cone.x - edge[i, 0], cone.y - edge[i, 1], cone.z - edge[i, 2]
+    out = outside_cone(wing, wing_start, wing_stop, cone.length, dx, dy, dz, cone.ux, cone.uy, cone.uz) - tolerance
+    if out > reach:
+        return out
+    wx, wy, wz, extent = edge[i, 3], edge[i, 4], edge[i, 5], edge[i, 6]
     line, _, _ = line_witness(cone, dx, dy, dz, wx, wy, wz)
     dw = dx * wx + dy * wy + dz * wz
     uw = cone.length * (cone.ux * wx + cone.uy * wy + cone.uz * wz)
     beyond = max(-max(dw, dw + uw), min(dw, dw + uw) - extent)
-    out = outside_cone(wing, wing_start, wing_stop, cone.length, dx, dy, dz, cone.ux, cone.uy, cone.uz)
-    return max(max(line, beyond - ON), out - tolerance)
+    return max(max(line, beyond - ON), out)
 
 
 @jit_inline
 def vertex_bound(
     vertex: Array, i: int, cone: RoundCone, spoke: Array, spoke_start: int, spoke_stop: int, tolerance: float
 ) -> float:
-    """The same for vertex i, shape (·, 3)."""
+    """How far a round cone must move at least, before it touches vertex i, shape (·, 3) [m].
+
+    By its distance, and by its normal cone, which counts only by what is more than `tolerance` [m].
+    """
     distance, _ = vertex_distance(vertex, i, cone)
     dx, dy, dz = cone.x - vertex[i, 0], cone.y - vertex[i, 1], cone.z - vertex[i, 2]
     out = outside_cone(spoke, spoke_start, spoke_stop, cone.length, dx, dy, dz, cone.ux, cone.uy, cone.uz)

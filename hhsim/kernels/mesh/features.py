@@ -262,21 +262,27 @@ def gather_faces(
         node = stack[top]
         _block_distances(spheres.block, node, cone, near)
         tests += GROUP_TESTS
-        for i in range(BRANCHING):
-            if near[i] > look_out:
-                clearance = min(clearance, near[i])
-                continue
-            child = spheres.child[node, i]
-            if child >= 0:
-                stack[top] = child
-                top += 1
-            elif near[i] > reach:
-                clearance = min(clearance, near[i])
-            elif count >= face_out.shape[0]:
+        if count + BRANCHING > face_out.shape[0]:
+            # There may not be room for all of them.
+            faces = 0
+            for i in range(BRANCHING):
+                faces += 1 if spheres.child[node, i] < 0 and near[i] <= reach else 0
+            if count + faces > face_out.shape[0]:
                 return -1, 0.0, tests
-            else:
+            spare = False
+        else:
+            spare = True
+        # Which child is near is no branch: nobody can guess it.
+        for i in range(BRANCHING):
+            child, away = spheres.child[node, i], near[i]
+            group = child >= 0 and away <= look_out
+            face = child < 0 and away <= reach
+            clearance = min(clearance, np.inf if group or face else away)
+            stack[top] = child
+            top += 1 if group else 0
+            if spare or face:
                 face_out[count] = -1 - child
-                count += 1
+            count += 1 if face else 0
     return count, clearance, tests
 
 

@@ -83,12 +83,21 @@ SOON = 0.7
 AHEAD_SPHERES = 6
 """In a tick that has nothing else to gather, up to so many of the palm's spheres are gathered ahead of need: of those
 whose slack exceeds what is needed by less than this share of the way to the reach."""
+PACE = 2.0
+"""A list reaches at least so many times as far as what is needed: that of a fast hand must last for some ticks too."""
 CROWD = 512
-SHARES = (1.0, 0.3, 0.1, 0.0)
+SHARES = (1.0, 0.3, 0.1, 0.03, 0.01)
 """Where more features than a crowd are within the reach of a part, the next share of the way from what is needed to
-that reach is tried: a list that is measured at every step must be short, however fine the mesh."""
+that reach is tried: a list must not take long to gather, however fine the mesh."""
+CROWD_FACES = 2 * CROWD
+"""Faces whose spheres are near are so many at most where their features are no crowd; beyond, the walk is left off."""
 LAST_SHARES = (0.25, 0.06, 0.015)
 """Of what is needed, where even that is more than there is room for: the steps are as short then."""
+TIERS = 8
+"""Lists are in the order of how far a part must move before it touches a feature, in so many steps: what cannot be
+within reach yet is not measured."""
+KINDS = 3
+"""Faces, edges, vertices."""
 MOST_ACROSS = 64
 """Faces of one plane that are gone through, before a place is taken to be on one of them."""
 FLAT = np.inf
@@ -111,6 +120,10 @@ CANDIDATES = np.dtype(
         ("faces", np.int64, (PARTS,)),
         ("edges", np.int64, (PARTS,)),
         ("vertices", np.int64, (PARTS,)),
+        ("tier_end", np.int64, (PARTS, KINDS, TIERS)),
+        ("tier_depth", np.float64, (PARTS,)),
+        ("measured", np.int64, (PARTS, KINDS)),
+        ("own", np.float64, (PARTS,)),
         ("spare", np.float64, (PARTS,)),
         ("least", np.float64, (PARTS,)),
         ("share", np.int64, (PARTS,)),
@@ -131,6 +144,9 @@ CANDIDATES = np.dtype(
 | edge_end | signed distance of the nearer end of a phalanx that is over the edge [m] |
 | edge_parameter, vertex_parameter | s of the witness on the axis [m] |
 | faces, edges, vertices | how many each part has |
+| tier_end, tier_depth | how many of each kind the tiers hold up to each one's end, and how deep a tier is [m] |
+| measured | how many of each kind have been measured: the first ones |
+| own | slack of each part when it was gathered [m] |
 | spare | slack of each of the palm's spheres beyond that of the palm [m] |
 | least | least distance of each part [m] |
 | share | which of `SHARES` each part was last gathered with |
@@ -185,27 +201,41 @@ def _pair_count(candidates: Record, part: int) -> int:
 
 
 @jit
+def _measured_count(candidates: Record, part: int) -> int:
+    measured = candidates.measured[part]
+    return measured[0] + measured[1] + measured[2]
+
+
+@jit
 def _list_features(
     mesh: MeshFeatures,
     cone: RoundCone,
     part: int,
     start: int,
     room: int,
+    most_faces: int,
     reach: float,
     candidates: Record,
     walk: Walk,
     work: Indices,
 ) -> float:
     # Returns the part's slack; a negative infinity where there is no room.
-    look_out = reach if _pair_count(candidates, part) > 0 else LOOK_OUT * reach
+    far = _pair_count(candidates, part) == 0 and candidates.own[part] > reach
+    look_out = LOOK_OUT * reach if far else reach
     found = walk.scratch
-    count, slack, tests = gather_faces(mesh.spheres, cone, reach, look_out, walk.stack, candidates.near[part], found)
+    stack, block = walk.stack, candidates.near[part]
+    count, slack, tests = gather_faces(mesh.spheres, cone, reach, look_out, stack, block, found[:most_faces])
     work[COUNT_NODE_TESTS] += tests + FINDING * max(count, 0)
     if count < 0:
         return -np.inf
     one_sided = mesh.pseudonormal.shape[0] > 0
     face_out, edge_out, vertex_out = candidates.face, candidates.edge, candidates.vertex
-    plane_out, line_out, point_out = candidates.face_plane, candidates.edge_line, candidates.vertex_point
+    # Until they are in order, the distances hold how far the part must move.
+    face_near, edge_near, vertex_near = (
+        candidates.face_distance,
+        candidates.edge_distance,
+        candidates.vertex_distance,
+    )
     face_edge, face_vertex = mesh.face_edge, mesh.face_vertex
     wing_start, spoke_start = mesh.wing_start, mesh.spoke_start
     tolerance = NEAR_CONE * (cone.radius + reach)
@@ -222,21 +252,20 @@ def _list_features(
             if faces >= start + room:
                 return -np.inf
             face_out[faces] = face
-            for m in range(FACE_FIELDS):
-                plane_out[m, faces] = mesh.face[face, m]
+            face_near[faces] = inside
             faces += 1
         for k in range(3):
             edge = face_edge[face, k]
             if edge >= 0:
-                near = edge_bound(mesh.edge, edge, cone, mesh.wing, wing_start[edge], wing_start[edge + 1], tolerance)
+                first, last = wing_start[edge], wing_start[edge + 1]
+                near = edge_bound(mesh.edge, edge, cone, mesh.wing, first, last, tolerance, reach)
                 if near > reach:
                     slack = min(slack, near)
                 elif edges >= start + room:
                     return -np.inf
                 else:
                     edge_out[edges] = edge
-                    for m in range(EDGE_FIELDS):
-                        line_out[m, edges] = mesh.edge[edge, m]
+                    edge_near[edges] = near
                     edges += 1
             vertex = face_vertex[face, k]
             if vertex >= 0:
@@ -249,14 +278,58 @@ def _list_features(
                     return -np.inf
                 else:
                     vertex_out[vertices] = vertex
-                    for m in range(3):
-                        point_out[m, vertices] = mesh.vertex[vertex, m]
+                    vertex_near[vertices] = near
                     vertices += 1
+    depth = reach / TIERS
+    ends = candidates.tier_end[part]
+    _put_in_order(start, faces, depth, face_near[:], ends[0], found, mesh.face, face_out[:], candidates.face_plane[:].T)
+    _put_in_order(start, edges, depth, edge_near[:], ends[1], found, mesh.edge, edge_out[:], candidates.edge_line[:].T)
+    points = candidates.vertex_point[:].T
+    _put_in_order(start, vertices, depth, vertex_near[:], ends[2], found, mesh.vertex, vertex_out[:], points)
+    candidates.tier_depth[part] = depth
     candidates.faces[part] = faces - start
     candidates.edges[part] = edges - start
     candidates.vertices[part] = vertices - start
     work[COUNT_NODE_TESTS] += LISTING * _pair_count(candidates, part)
     return slack
+
+
+@jit
+def _put_in_order(
+    start: int,
+    stop: int,
+    depth: float,
+    near: Array,
+    end_out: Indices,
+    scratch: Indices,
+    features: Array,
+    index: Indices,
+    fields_out: Array,
+) -> None:
+    # Sorts the features [start, stop) by tier, and copies their fields.
+    for t in range(TIERS):
+        end_out[t] = 0
+    for i in range(start, stop):
+        scratch[i - start] = index[i]
+        end_out[_tier(near[i], depth)] += 1
+    before = start
+    for t in range(TIERS):
+        before += end_out[t]
+        end_out[t] = before - end_out[t]
+    for i in range(start, stop):
+        t = _tier(near[i], depth)
+        place, feature = end_out[t], scratch[i - start]
+        end_out[t] = place + 1
+        index[place] = feature
+        for m in range(features.shape[1]):
+            fields_out[place, m] = features[feature, m]
+    for t in range(TIERS):
+        end_out[t] -= start
+
+
+@jit_inline
+def _tier(near: float, depth: float) -> int:
+    return int(min(max(near / depth, 0.0), TIERS - 0.5))
 
 
 @jit
@@ -274,18 +347,20 @@ def _gather_part(
     cone, start = _cone(hand, pose, part), _start(hand, part)
     room = PHALANX_ROOM if part < PALM_BODY else _palm_room(hand)
     needed, last = candidates.needed, len(SHARES) - 1
+    reach = max(reach, PACE * needed)
     slack = -np.inf
     for k in range(candidates.share[part], len(SHARES) + len(LAST_SHARES)):
         if k <= last:
             least = needed + SHARES[k] * max(reach - needed, 0.0)
         else:
             least = LAST_SHARES[k - len(SHARES)] * needed
-        most = min(CROWD, room) if k < last else room
-        slack = _list_features(mesh, cone, part, start, most, least, candidates, walk, work)
+        most, most_faces = (min(CROWD, room), CROWD_FACES) if k < last else (room, walk.scratch.shape[0])
+        slack = _list_features(mesh, cone, part, start, most, most_faces, least, candidates, walk, work)
         if slack > -np.inf:
             # Where few are left, more may be looked for the next time.
             few = 8 * _pair_count(candidates, part) < CROWD
             candidates.share[part] = max(k - 1, 0) if few else k
+            candidates.own[part] = slack
             break
     return slack
 
@@ -332,7 +407,8 @@ def _gather_palm_spheres(
                 LOOK_OUT * reach,
                 walk.stack,
                 candidates.near[PALM_BODY],
-                walk.scratch,
+                # Without room for a face the walk ends at the first one.
+                walk.scratch[:0],
             )
             work[COUNT_NODE_TESTS] += tests
             if count == 0:
@@ -396,45 +472,72 @@ def _least(distance: Array, start: int, stop: int) -> float:
 
 
 @jit
-def _measure_part(mesh: MeshFeatures, hand: HandArrays, pose: Record, part: int, candidates: Record) -> float:
+def _measure_part(
+    mesh: MeshFeatures, hand: HandArrays, pose: Record, part: int, candidates: Record, slack: float
+) -> float:
+    # Tier by tier: those that what is needed may reach, and on until nothing that is left can be nearer.
     start, cone = _start(hand, part), _cone(hand, pose, part)
-    distance = candidates.face_distance
-    stop = start + candidates.faces[part]
-    face_distances(candidates.face_plane[:].T, start, stop, cone, distance[:])
-    least = _least(distance[:], start, stop)
-    distance = candidates.edge_distance
-    stop = start + candidates.edges[part]
-    edge_distances(
-        candidates.edge_line[:].T, start, stop, cone, distance[:], candidates.edge_parameter[:], candidates.edge_end[:]
+    moved, needed, depth = candidates.own[part] - slack, candidates.needed, candidates.tier_depth[part]
+    ends, measured = candidates.tier_end[part], candidates.measured[part]
+    face_distance, edge_distance, vertex_distance = (
+        candidates.face_distance,
+        candidates.edge_distance,
+        candidates.vertex_distance,
     )
-    least = min(least, _least(distance[:], start, stop))
-    distance = candidates.vertex_distance
-    stop = start + candidates.vertices[part]
-    vertex_distances(candidates.vertex_point[:].T, start, stop, cone, distance[:], candidates.vertex_parameter[:])
-    return min(least, _least(distance[:], start, stop))
+    for kind in range(KINDS):
+        measured[kind] = 0
+    least, tier = ELSEWHERE, as_int64(0)
+    while tier < TIERS:
+        left = tier * depth - moved
+        if left > needed and left >= least:
+            break
+        tier += 1
+        while tier < TIERS and tier * depth - moved <= needed:
+            tier += 1
+        first, stop = start + measured[0], start + ends[0, tier - 1]
+        if first < stop:
+            face_distances(candidates.face_plane[:].T, first, stop, cone, face_distance[:])
+            least = min(least, _least(face_distance[:], first, stop))
+        first, stop = start + measured[1], start + ends[1, tier - 1]
+        if first < stop:
+            parameter, end = candidates.edge_parameter[:], candidates.edge_end[:]
+            edge_distances(candidates.edge_line[:].T, first, stop, cone, edge_distance[:], parameter, end)
+            least = min(least, _least(edge_distance[:], first, stop))
+        first, stop = start + measured[2], start + ends[2, tier - 1]
+        if first < stop:
+            parameter = candidates.vertex_parameter[:]
+            vertex_distances(candidates.vertex_point[:].T, first, stop, cone, vertex_distance[:], parameter)
+            least = min(least, _least(vertex_distance[:], first, stop))
+        for kind in range(KINDS):
+            measured[kind] = ends[kind, tier - 1]
+    return least
 
 
 @measure_pairs.of(MeshFeatures)
 @jit
 def _measure(mesh: MeshFeatures, hand: HandArrays, pose: Record, body: int, candidates: Record) -> float:
+    slack = candidates.slack[body]
     if body < PALM_BODY:
-        candidates.least[body] = _measure_part(mesh, hand, pose, body, candidates)
+        candidates.least[body] = _measure_part(mesh, hand, pose, body, candidates, slack)
+        candidates.count[body] = _measured_count(candidates, body)
         return float(candidates.least[body])
-    least = np.inf
+    least, count = np.inf, 0
     for part in range(PALM_BODY, PALM_BODY + hand.palm_radius.shape[0]):
         candidates.least[part] = np.inf
         if _pair_count(candidates, part) > 0:
-            candidates.least[part] = _measure_part(mesh, hand, pose, part, candidates)
+            candidates.least[part] = _measure_part(mesh, hand, pose, part, candidates, slack + candidates.spare[part])
+            count += _measured_count(candidates, part)
             least = min(least, candidates.least[part])
+    candidates.count[PALM_BODY] = count
     return least
 
 
 @jit
 def _within_part(hand: HandArrays, candidates: Record, part: int, limit: float) -> int:
-    start = _start(hand, part)
-    within = _count_within(candidates.face_distance[:], start, start + candidates.faces[part], limit)
-    within += _count_within(candidates.edge_distance[:], start, start + candidates.edges[part], limit)
-    return within + _count_within(candidates.vertex_distance[:], start, start + candidates.vertices[part], limit)
+    start, measured = _start(hand, part), candidates.measured[part]
+    within = _count_within(candidates.face_distance[:], start, start + measured[0], limit)
+    within += _count_within(candidates.edge_distance[:], start, start + measured[1], limit)
+    return within + _count_within(candidates.vertex_distance[:], start, start + measured[2], limit)
 
 
 @pairs_within.of(MeshFeatures)
@@ -714,13 +817,12 @@ def _record_part(
     start, cone = _start(hand, part), _cone(hand, pose, part)
     features = mesh.face.shape[0] + mesh.edge.shape[0] + mesh.vertex.shape[0]
     key = 3 * features * part
-    first = row
-    row = _face_rows(mesh, candidates, start, start + candidates.faces[part], cone, limit, key, row, contacts)
+    first, measured = row, candidates.measured[part]
+    row = _face_rows(mesh, candidates, start, start + measured[0], cone, limit, key, row, contacts)
     if row >= 0:
-        row = _edge_rows(mesh, candidates, start, start + candidates.edges[part], cone, limit, key, row, contacts)
+        row = _edge_rows(mesh, candidates, start, start + measured[1], cone, limit, key, row, contacts)
     if row >= 0:
-        stop = start + candidates.vertices[part]
-        row = _vertex_rows(mesh, candidates, start, stop, cone, limit, key, row, contacts)
+        row = _vertex_rows(mesh, candidates, start, start + measured[2], cone, limit, key, row, contacts)
     for i in range(first, row):
         contacts.body[i] = min(part, PALM_BODY)
     return row

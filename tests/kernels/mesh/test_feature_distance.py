@@ -334,7 +334,7 @@ def test_no_motion_beats_the_bounds_of_an_edge_or_a_vertex(seed: int, spokes: in
             start, along, extent = mesh.edge[e, :3], mesh.edge[e, 3:6], float(mesh.edge[e, 6])
             wing = mesh.wing[mesh.wing_start[e] : mesh.wing_start[e + 1]]
             first, last = int(mesh.wing_start[e]), int(mesh.wing_start[e + 1])
-            bound = edge_bound(mesh.edge, e, cones.kernel(i), mesh.wing, first, last, 0.0)
+            bound = edge_bound(mesh.edge, e, cones.kernel(i), mesh.wing, first, last, 0.0, np.inf)
 
             def touched(x: Array, start: Array = start, along: Array = along, extent: float = extent) -> Any:
                 foot = (x - start) @ along
@@ -387,8 +387,8 @@ def test_bounds_of_what_can_be_touched_straight_away_are_the_distances(seed: int
         if not (wing @ (center(cone, s) - mesh.edge[e, :3]) <= -1e-6).all():
             continue
         # The axis begins in the cone and its first end is above the edge.
-        assert edge_bound(mesh.edge, e, cone, mesh.wing, first, last, 0.0) <= value + EXACT
-        assert edge_bound(mesh.edge, e, cone, mesh.wing, first, last, 0.0) >= value - EXACT
+        assert edge_bound(mesh.edge, e, cone, mesh.wing, first, last, 0.0, np.inf) <= value + EXACT
+        assert edge_bound(mesh.edge, e, cone, mesh.wing, first, last, 0.0, np.inf) >= value - EXACT
     mesh = alone(np.array([[0.0, 0.0, 0.0], [0.04, 0.0, 0.0], [0.0, 0.04, 0.0]]))
     over = Cones(np.array([[0.01, 0.01, 0.02]]), np.array([[0.02, 0.01, 0.03]]), np.full(1, 0.007), np.full(1, 0.005))
     assert face_bounds(mesh.face, 0, over.kernel(0), True) == pytest.approx((0.013, 0.013), abs=EXACT)
