@@ -19,7 +19,7 @@ from hhsim.kernels.contact.surface import (
     record_pairs,
 )
 from hhsim.kernels.hand.kinematics import PALM_BODY, PHALANX_COUNT, HandArrays
-from hhsim.kernels.jit import Record, jit, jit_inline, jit_once, jit_vector
+from hhsim.kernels.jit import Record, as_int64, jit, jit_inline, jit_once, jit_vector
 from hhsim.kernels.round_cone_distance import (
     RoundCone,
     Spheres,
@@ -34,8 +34,14 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 PHALANX_PAIRS = 4096
-PALM_PAIRS = 16384
-"""Room for the near pairs of a phalanx, and of the palm; the paper's heaviest scenes have a few hundred."""
+PALM_SLOTS = 8
+SLOT_PAIRS = 4096
+PALM_PAIRS = PALM_SLOTS * SLOT_PAIRS
+"""Room for the near pairs of a phalanx, and of the palm; the paper's heaviest scenes have a few hundred.
+
+The palm's spheres are gathered by slots, each when its own slack is used up: all of them at once would take many times
+another tick.
+"""
 
 CANDIDATES = np.dtype(
     [
@@ -57,6 +63,8 @@ CANDIDATES = np.dtype(
         ("palm_sphere", np.int64, (PALM_PAIRS,)),
         ("palm_leaf", np.int64, (PALM_PAIRS,)),
         ("palm_distance", np.float64, (PALM_PAIRS,)),
+        ("palm_count", np.int64, (PALM_SLOTS,)),
+        ("palm_spare", np.float64, (PALM_SLOTS,)),
         *SHARED_CANDIDATES,
         ("scratch", np.int64, (PHALANX_PAIRS,)),
         ("stack", np.int64, (STACK_SIZE,)),
@@ -74,6 +82,8 @@ CANDIDATES = np.dtype(
 | object_x, object_y, object_z, object_radius | object sphere of each palm pair [m], world |
 | palm_sphere, palm_leaf | their indices |
 | palm_distance | signed distance [m] |
+| palm_count | pairs of each slot of the palm; each has its own stretch of the room |
+| palm_spare | slack of each slot beyond that of the palm [m] |
 | scratch, stack | of a walk |
 """
 
@@ -124,14 +134,21 @@ def _gather_phalanx(
 
 
 @jit_once
-def _gather_palm(
-    tree: TreeArrays, hand: HandArrays, pose: Record, reach: float, candidates: Record, walk: Walk, work: Indices
-) -> bool:
+def _gather_slot(
+    tree: TreeArrays,
+    hand: HandArrays,
+    pose: Record,
+    slot: int,
+    reach: float,
+    candidates: Record,
+    walk: Walk,
+    work: Indices,
+) -> float:
+    # Returns the slot's slack; a negative infinity where there is no room.
     rotation, position = pose.rotation, pose.position
-    capacity = PALM_PAIRS
-    total = 0
-    slack = np.inf
-    for sphere in range(hand.palm_radius.shape[0]):
+    spheres, start = hand.palm_radius.shape[0], slot * SLOT_PAIRS
+    place, slack = start, np.inf
+    for sphere in range(slot * spheres // PALM_SLOTS, (slot + 1) * spheres // PALM_SLOTS):
         hx, hy, hz = hand.palm_x[sphere], hand.palm_y[sphere], hand.palm_z[sphere]
         cone = sphere_cone(
             position[0] + rotation[0, 0] * hx + rotation[0, 1] * hy + rotation[0, 2] * hz,
@@ -142,21 +159,52 @@ def _gather_palm(
         count, clearance, tests = gather_round_cone(tree, cone, reach, walk.stack, walk.scratch)
         work[COUNT_NODE_TESTS] += tests
         slack = min(slack, clearance)
-        if count < 0 or total + count > capacity:
-            return False
+        if count < 0 or place + count > start + SLOT_PAIRS:
+            return -np.inf
         for i in range(count):
             node = walk.scratch[i]
-            candidates.hand_x[total] = hx
-            candidates.hand_y[total] = hy
-            candidates.hand_z[total] = hz
-            candidates.hand_radius[total] = hand.palm_radius[sphere]
-            candidates.object_x[total] = tree.x[node]
-            candidates.object_y[total] = tree.y[node]
-            candidates.object_z[total] = tree.z[node]
-            candidates.object_radius[total] = tree.radius[node]
-            candidates.palm_sphere[total] = sphere
-            candidates.palm_leaf[total] = node
-            total += 1
+            candidates.hand_x[place] = hx
+            candidates.hand_y[place] = hy
+            candidates.hand_z[place] = hz
+            candidates.hand_radius[place] = hand.palm_radius[sphere]
+            candidates.object_x[place] = tree.x[node]
+            candidates.object_y[place] = tree.y[node]
+            candidates.object_z[place] = tree.z[node]
+            candidates.object_radius[place] = tree.radius[node]
+            candidates.palm_sphere[place] = sphere
+            candidates.palm_leaf[place] = node
+            place += 1
+    candidates.palm_count[slot] = place - start
+    return slack
+
+
+@jit_once
+def _gather_palm(
+    tree: TreeArrays, hand: HandArrays, pose: Record, reach: float, candidates: Record, walk: Walk, work: Indices
+) -> bool:
+    # The slots that need it; far from the object, where a walk is cheap, all; ahead of need the one that soonest will.
+    spare, used, needed = candidates.palm_spare, candidates.slack[PALM_BODY], candidates.needed
+    soonest = as_int64(-1)
+    if candidates.due[PALM_BODY] == 2:
+        soonest = as_int64(0)
+        for slot in range(PALM_SLOTS):
+            soonest = slot if spare[slot] < spare[soonest] else soonest
+    every = soonest < 0 and used >= needed
+    total = 0
+    slack = np.inf
+    for slot in range(PALM_SLOTS):
+        own = used + spare[slot]
+        if every or slot == soonest or not own >= needed:
+            own = _gather_slot(tree, hand, pose, slot, reach, candidates, walk, work)
+            if own == -np.inf:
+                # What has been gathered anew has no common measure with what has not.
+                candidates.slack[PALM_BODY] = -np.inf
+                return False
+        spare[slot] = own
+        slack = min(slack, own)
+        total += candidates.palm_count[slot]
+    for slot in range(PALM_SLOTS):
+        spare[slot] = spare[slot] - slack if spare[slot] < np.inf else np.inf
     candidates.count[PALM_BODY] = total
     candidates.slack[PALM_BODY] = slack
     return True
@@ -205,12 +253,28 @@ def _measure(tree: TreeArrays, hand: HandArrays, pose: Record, body: int, candid
         cone = _phalanx(hand, pose, body // PHALANX_COUNT, body % PHALANX_COUNT)
         round_cone_distances(near, count, cone, candidates.distance[body], candidates.parameter[body])
         return _least(candidates.distance[body], count)
-    palm = Spheres(candidates.hand_x[:], candidates.hand_y[:], candidates.hand_z[:], candidates.hand_radius[:])
-    leaves = Spheres(
-        candidates.object_x[:], candidates.object_y[:], candidates.object_z[:], candidates.object_radius[:]
-    )
-    sphere_pair_distances(palm, leaves, count, pose.position[:], pose.rotation[:], candidates.palm_distance[:])
-    return _least(candidates.palm_distance[:], count)
+    least = np.inf
+    for slot in range(PALM_SLOTS):
+        start, count = slot * SLOT_PAIRS, candidates.palm_count[slot]
+        if count == 0:
+            continue
+        stop = start + count
+        palm = Spheres(
+            candidates.hand_x[start:stop],
+            candidates.hand_y[start:stop],
+            candidates.hand_z[start:stop],
+            candidates.hand_radius[start:stop],
+        )
+        leaves = Spheres(
+            candidates.object_x[start:stop],
+            candidates.object_y[start:stop],
+            candidates.object_z[start:stop],
+            candidates.object_radius[start:stop],
+        )
+        distance = candidates.palm_distance[start:stop]
+        sphere_pair_distances(palm, leaves, count, pose.position[:], pose.rotation[:], distance)
+        least = min(least, _least(distance, count))
+    return least
 
 
 @pairs_within.of(TreeArrays)
@@ -218,12 +282,16 @@ def _measure(tree: TreeArrays, hand: HandArrays, pose: Record, body: int, candid
 def _within(tree: TreeArrays, hand: HandArrays, candidates: Record, body: int, limit: float) -> int:
     if body < PALM_BODY:
         return _count_within(candidates.distance[body], candidates.count[body], limit)
-    return _count_within(candidates.palm_distance[:], candidates.count[PALM_BODY], limit)
+    within = 0
+    for slot in range(PALM_SLOTS):
+        start, count = slot * SLOT_PAIRS, candidates.palm_count[slot]
+        within += _count_within(candidates.palm_distance[start : start + count], count, limit)
+    return within
 
 
 @jit_once
 def _palm_contacts(
-    tree: TreeArrays, pose: Record, candidates: Record, margin: float, row: int, contacts: Record
+    tree: TreeArrays, pose: Record, slot: int, candidates: Record, margin: float, row: int, contacts: Record
 ) -> int:
     # Arrays are read out of their records before the loop: within it that costs a reference count each time.
     hand_x, hand_y, hand_z = candidates.hand_x, candidates.hand_y, candidates.hand_z
@@ -239,7 +307,8 @@ def _palm_contacts(
     r10, r11, r12 = rotation[1, 0], rotation[1, 1], rotation[1, 2]
     r20, r21, r22 = rotation[2, 0], rotation[2, 1], rotation[2, 2]
     capacity = body_out.shape[0]
-    for i in range(candidates.count[PALM_BODY]):
+    start = slot * SLOT_PAIRS
+    for i in range(start, start + candidates.palm_count[slot]):
         d = distance[i]
         if d > margin:
             continue
@@ -349,7 +418,11 @@ def _record(
 ) -> int:
     if body < PALM_BODY:
         return _phalanx_contacts(tree, hand, pose, body, candidates, limit, row, contacts)
-    return _palm_contacts(tree, pose, candidates, limit, row, contacts)
+    for slot in range(PALM_SLOTS):
+        row = _palm_contacts(tree, pose, slot, candidates, limit, row, contacts)
+        if row < 0:
+            return -1
+    return row
 
 
 @cone_contacts.of(TreeArrays)
