@@ -38,6 +38,11 @@ YIELD_SCALE = 100.0
 """1 / √YIELD_WEIGHT: what its columns are multiplied by there."""
 OSCILLATION_RATIO = 3.0
 """A way that has moved the hand this many times as far as it got goes on with palm and fingers together."""
+MOST_RELAPSES = 10
+REST_RATIO = 5.0
+REST_MARGINS = 10.0
+"""So does a hand that goes round and round while the user's rests: one that has left more often than this where it had
+arrived, or has gone so many times as far as it was from there, and so many margins more."""
 PALM_GROUPS = 1 + 2 * FINGER_COUNT
 
 FINGER_WORK = np.dtype(
@@ -380,7 +385,12 @@ def solve_progressive(method: Progressive, state: Record, qp: QpWork) -> int:
 def _is_oscillating(method: Progressive, state: Record, done: int) -> bool:
     # A palm that yields to a finger and is pulled back by the next program can do so until the tick ends, without one
     # step that fails. A long way that leads nowhere is known by its ends.
-    if state.in_one_program or state.way_steps + done < WAY_STEPS:
+    if state.in_one_program:
+        return False
+    rounds = REST_RATIO * (state.rest_way + REST_MARGINS * method.options.margin)
+    if state.relapses > MOST_RELAPSES or state.rest_moved > rounds:
+        return True
+    if state.way_steps + done < WAY_STEPS:
         return False
     moved = state.way_moved + state.moved
     return moved > OSCILLATION_RATIO * farthest_joint(state.pose.joints, state.way_joints)

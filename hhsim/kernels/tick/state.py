@@ -80,6 +80,9 @@ def tick_state_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
     | in_one_program | whatever the method, this tick solves palm and fingers in one: apart they found no step |
     | decoupling_latched, latch_joints | palm and fingers apart led nowhere near the haptic joints there [m] |
     | way_joints, way_steps, way_moved | joints [m] where the way at hand began, and what earlier ticks did of it |
+    | rest_joints, rest_way | of the haptic hand at rest, and how far from it the hand then was [m] |
+    | rest_moved | how far the hand has gone since, in ticks that lag [m] |
+    | relapses, lagged | how often it has since lagged after it had not; whether the last tick but one did |
     | hold_abduction | this tick keeps the abduction, since following it left no feasible step |
     | full | this tick met more pairs than the arrays hold |
     | accepted, bad_steps | whether a step was accepted in this tick; penetrating ones in a row |
@@ -125,6 +128,11 @@ def tick_state_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
             ("way_joints", np.float64, (FINGER_COUNT, PHALANX_COUNT + 1, 3)),
             ("way_steps", np.int64),
             ("way_moved", np.float64),
+            ("rest_joints", np.float64, (FINGER_COUNT, PHALANX_COUNT + 1, 3)),
+            ("rest_way", np.float64),
+            ("rest_moved", np.float64),
+            ("relapses", np.int64),
+            ("lagged", np.bool_),
             ("accepted", np.bool_),
             ("unfinished", np.bool_),
             ("idle", np.int64),

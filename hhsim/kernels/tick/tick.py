@@ -70,12 +70,13 @@ from hhsim.kernels.tick.step import (
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-REACH_PACE = 2.0
+REACH_PACE = 1.5
 REACH_FLOOR = 2.0
 REACH_GROWTH = 4.0
 """A tick's first program reaches as far as this many motions of the last tick, and this many settled steps.
 
-A step that is cut short by the reach lets the next one reach farther by the last factor, up to the margin.
+A step that is cut short by the reach lets the next one reach farther by the last factor, up to the margin; after a
+whole one the next reaches as far as that step was long.
 """
 TRUST_DECAY = 0.25
 TRUST_GROWTH = 4.0
@@ -172,7 +173,20 @@ def _take_over(options: TickOptions, state: Record) -> None:
 
 
 @jit_once
-def _follow_way(state: Record) -> None:
+def _follow_way(options: TickOptions, state: Record) -> None:
+    # Where the user's hand rests: how often the hand has left where it had arrived, and how far ticks that lag have
+    # moved it. A round may take many ticks.
+    lags = state.lag > 0.0
+    if lags:
+        if farthest_joint(state.rest_joints, state.haptic.joints) <= options.step_tolerance:
+            state.relapses += 0 if state.lagged else 1
+            state.rest_moved += state.moved
+        else:
+            copy_values(state.haptic.joints[:], state.rest_joints[:])
+            state.rest_way = farthest_joint(state.pose.joints, state.haptic.joints)
+            state.rest_moved = 0.0
+            state.relapses = 0
+    state.lagged = lags
     # A tick of few linearisations is too short to see whether the hand goes to and fro: several make one way.
     if state.lag > 0.0 and state.way_steps < WAY_STEPS:
         state.way_steps += state.work[WORK_LINEARISATIONS]
@@ -199,7 +213,7 @@ def begin_tick(options: TickOptions, state: Record) -> None:
     state.step.duration[:] = 0
     state.step.iterations = 0
     state.reach = _usual_reach(options, state)
-    _follow_way(state)
+    _follow_way(options, state)
     state.moved = 0.0
     state.lag = 0.0
 
@@ -363,6 +377,9 @@ def advance(hand: HandArrays, surface: Any, options: TickOptions, state: Record)
     state.moved += fraction * longest
     if fraction < 1.0 or state.clipped:
         state.reach = min(options.margin, REACH_GROWTH * state.reach)
+    else:
+        # What a whole step leaves to go is of second order: its contacts are near ones.
+        state.reach = min(state.reach, max(REACH_FLOOR * options.step_tolerance, longest))
     status = evaluate_pose(hand, surface, options, state)
     wanted = max(state.unclipped_motion if state.clipped else 0.0, longest)
     state.lag = wanted - fraction * longest

@@ -4,11 +4,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 from harvested_programs import HAND, TICKS, harvest, multipliers, optimum
 from numpy.typing import NDArray
 from sphere_scenes import Motion, brute_pairs, bumpy_ball, prepared, random_targets, solve_prepared, sphere_tree, still
 
+from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.kernels.qp.active_set import OPTIMAL
+from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
+from hhsim.mesh.features import mesh_features
 from hhsim.solver.contact_qp import coupled_problem, finger_problem, palm_problem
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
@@ -142,3 +146,16 @@ def test_relaxed_there_is_always_a_step() -> None:
                 assert solve_prepared(solver) == OPTIMAL
                 seen += 1
     assert seen > 100
+
+
+def test_a_hand_arrives_where_the_users_rests_and_does_not_go_round_and_round() -> None:
+    # A thin plate pinched between palm and fingers: with few linearisations the palm yields, arrives and is pulled
+    # back, every five ticks.
+    plate = trimesh.creation.box([0.12, 0.12, 0.0005])
+    mesh, _ = mesh_features(np.asarray(plate.vertices), np.asarray(plate.faces, np.int64), closed=True)
+    targets = RandomTargets(HAND, 537, StressOptions(), center=np.array([1e-4, 0.0, 0.0]), height=0.0).take(300)
+    solver = HandSolver(HAND, mesh, SolverOptions(method="progressive", surface="mesh", linearisations=3))
+    status = solver.run(*targets.hold(1000)).status
+    arrived = (status & (STATUS_LAG | STATUS_STUCK)) == 0
+    assert arrived[300:].any()
+    assert arrived[-500:].all()
