@@ -19,7 +19,7 @@ FloatArray = NDArray[np.float64]
 
 EXACT = 1e-9
 """Bounds this near to each other [m] have met."""
-_MOST_PIECES = 200
+_MOST_PIECES = 1000
 
 
 Shape = tuple[Any, Any]
