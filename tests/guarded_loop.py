@@ -6,6 +6,7 @@ stiffest finger. Lines are appended whole, so that two processes may write the s
 
 import argparse
 import os
+import sys
 import time
 from pathlib import Path
 
@@ -68,36 +69,54 @@ class LoggingGlove(GloveDevice):
 
 def main() -> None:
     parser = argparse.ArgumentParser()
-    parser.add_argument("who", choices=["loop", "watchdog"])
+    parser.add_argument("who", choices=["loop", "driver", "watchdog"])
     parser.add_argument("log", type=Path)
     known, rest = parser.parse_known_args()
-    glove = LoggingGlove(known.log, known.who)
-    if known.who == "watchdog":
+    if known.who == "loop":
+        run_loop(known.log, rest)
+        return
+    # What the loop's driver says is what the loop said.
+    glove = LoggingGlove(known.log, "loop" if known.who == "driver" else known.who)
+    if known.who == "driver":
+        run_driver(glove, rest)
+    else:
         parser.add_argument("--setup", type=int)
         setup = read_setup(parser.parse_args().setup, WatchdogSetup)
         watch(setup, None if setup.device is None else glove)
-    else:
-        run_loop(glove, rest)
 
 
-def run_loop(glove: LoggingGlove, arguments: list[str]) -> None:
+def run_loop(log: Path, arguments: list[str]) -> None:
     # The watchdog does without the numerics that these load.
+    from hhsim.live.child_process import ChildProcess
     from hhsim.live.ipc.config import LiveSetup
+    from hhsim.live.ipc.session_memory import SessionMemory
+    from hhsim.live.loop import process
+
+    class Driver(ChildProcess):
+        command: tuple[str, ...] = (__file__, "driver", str(log))
+
+    def start(setup: LiveSetup, memory: SessionMemory) -> ChildProcess:
+        given = [str(descriptor) for descriptor in memory.descriptors]
+        if setup.dry_run:
+            Driver.command = (*Driver.command, "--dry-run")
+        return Driver("driver", "", [*memory.arguments(), "--setup", given[0]], list(memory.descriptors))
+
+    sys.exit(process.main(arguments, start))
+
+
+def run_driver(glove: LoggingGlove, arguments: list[str]) -> None:
     from hhsim.live.ipc.session_memory import add_memory_options, attached
-    from hhsim.live.loop.process import Ending, run_session
-    from hhsim.live.pose.registry import make_pose_source
+    from hhsim.live.loop.driver import GloveDriver, drive
+    from hhsim.live.pose.fixed import FixedPose
+    from hhsim.live.pose.registry import PoseConfig
+    from hhsim.live.real_time import RealTimeWishes, end_with
 
     parser = argparse.ArgumentParser()
+    parser.add_argument("--dry-run", action="store_true")
     add_memory_options(parser)
+    end_with(os.getppid())
     options = parser.parse_args(arguments)
-    setup, memory = read_setup(options.setup, LiveSetup), attached(options)
-    memory.status["loop_pid"] = os.getpid()
-    ending = Ending()
-    ending.install()
-    try:
-        run_session(setup, memory, glove, make_pose_source(setup.pose), ending)
-    finally:
-        memory.status["stage"] = 3
+    drive(GloveDriver(attached(options), glove, FixedPose(PoseConfig()), dry_run=options.dry_run), RealTimeWishes())
 
 
 if __name__ == "__main__":

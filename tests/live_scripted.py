@@ -11,7 +11,11 @@ from hhsim.hand.model import HandModel
 from hhsim.live.device import Capability, DeviceCounters, DeviceError, FingerCommand, GloveDevice, GloveInfo
 from hhsim.live.devices.registry import configure
 from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.pose.registry import PoseConfig
+from hhsim.live.ipc.session_memory import SessionMemory
+from hhsim.live.loop.driver import GloveDriver
+from hhsim.live.loop.loop import LiveLoop
+from hhsim.live.pose.fixed import FixedPose
+from hhsim.live.pose.registry import PoseConfig, PoseSource
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.sphere_tree import SphereTree
 from tools.shapes.generators import sphere
@@ -101,6 +105,7 @@ class SentCommand:
     time_ns: int
     bend: Array
     stiffness: Array
+    force: Array
 
 
 @dataclass
@@ -158,7 +163,8 @@ class ScriptedGlove(GloveDevice):
     def send(self, command: FingerCommand) -> bool:
         if self._moment().send_fails:
             raise DeviceError("the scripted glove takes nothing")
-        self.commands.append(SentCommand(self.clock.now(), command.bend.copy(), command.stiffness.copy()))
+        told = (part.copy() for part in (command.bend, command.stiffness, command.force))
+        self.commands.append(SentCommand(self.clock.now(), *told))
         self.counters.commands += 1
         return True
 
@@ -171,3 +177,43 @@ class ScriptedGlove(GloveDevice):
 
     def close(self) -> None:
         self.closed = True
+
+
+class InStep:
+    """A loop and its driver in one thread: the driver looks right before each tick, and right after it."""
+
+    def __init__(
+        self,
+        setup: LiveSetup,
+        memory: SessionMemory,
+        glove: GloveDevice,
+        clock: FakeClock,
+        *,
+        pose: PoseSource | None = None,
+        accounts: FakeAccounts | None = None,
+    ) -> None:
+        source = pose or FixedPose(PoseConfig())
+        self.driver = GloveDriver(memory, glove, source, dry_run=setup.dry_run, now=clock.now)
+        self.loop = LiveLoop(setup, memory, glove.info, clock=clock, accounts=accounts)
+
+    def run(self) -> str:
+        """Run until the loop is told otherwise; returns why."""
+        loop, driver = self.loop, self.driver
+        try:
+            driver.take()
+            loop.begin()
+            while not loop.stopped:
+                self.step()
+        finally:
+            loop.end()
+            driver.close()
+            loop.story.tell()
+        return loop.stopped
+
+    def step(self) -> None:
+        """A period."""
+        self.loop.wait()
+        self.driver.take()
+        self.loop.tick()
+        self.driver.give()
+        self.loop.story.tell()

@@ -145,7 +145,9 @@ class Feedback(OptionGroup, heading="Forces"):
 class SessionSettings(OptionGroup, heading="Session"):
     """How fast and how long it runs, and where it is shown and recorded; `rate` in [Hz], `duration` in [s]."""
 
-    rate: float = option(type=click.FloatRange(10.0, 4000.0), default=1000.0, metavar="HZ", help="Ticks a second [Hz].")
+    rate: float = option(
+        type=click.FloatRange(10.0, 10_000.0), default=1000.0, metavar="HZ", help="Ticks a second [Hz]."
+    )
     duration: float | None = option(
         type=options.POSITIVE,
         metavar="S",

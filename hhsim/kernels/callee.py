@@ -137,6 +137,25 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
             callee._cache = KernelCache(self.py_func, _StoredCallee)
         return callee
 
+    def address(self, *arguments: Any) -> int:
+        """Where the machine code for arguments of these types begins; compiled, or loaded, if need be."""
+        found = self._compiled_for(arguments)
+        return int(found.library.get_pointer_to_function(found.fndesc.llvm_func_name))
+
+    def entry(self, *arguments: Any) -> Callable[..., Any]:
+        """The machine code for arguments of these types, to be called with such arguments and nothing else.
+
+        Which code is meant is known beforehand: a call of the kernel itself looks at the types of its arguments, which
+        takes milliseconds where they are many.
+        """
+        found: Callable[..., Any] = self._compiled_for(arguments).entry_point
+        return found
+
+    def _compiled_for(self, arguments: tuple[Any, ...]) -> Any:
+        kinds = tuple(self.typeof_pyval(argument) for argument in arguments)
+        self.compile(kinds)
+        return self.overloads[kinds]
+
     @property
     def _numba_type_(self) -> types.Dispatcher:
         return types.Dispatcher(self.callee)

@@ -37,13 +37,19 @@ def _clock_nanosleep(typing: Any, time_ns: Any) -> Any:
 
 if JIT_ENABLED:
     # An external symbol, as in `clock`: a kernel with a function pointer in it could not be kept.
-    _sleep_until = cast(Callable[[int], int], intrinsic(_clock_nanosleep))
+    _sleep = cast(Callable[[int], int], intrinsic(_clock_nanosleep))
 
 else:
 
-    def _sleep_until(time_ns: int) -> int:
+    def _sleep(time_ns: int) -> int:
         time.sleep(max(0.0, 1e-9 * (time_ns - time.monotonic_ns())))
         return 0
+
+
+@jit
+def sleep_until(time_ns: int) -> int:
+    """Sleep until CLOCK_MONOTONIC is `time_ns`, or until a signal came; 0, or the system's error."""
+    return _sleep(time_ns)
 
 
 @jit
@@ -67,7 +73,7 @@ def wait_periods(period: int, late_out: NDArray[np.int64]) -> int:
         deadline = began + (i + 1) * period
         now = monotonic_ns()
         while now < deadline:
-            _sleep_until(deadline)
+            sleep_until(deadline)
             now = monotonic_ns()
         late_out[i] = now - deadline
         passed = (now - deadline) // period

@@ -230,7 +230,7 @@ class NothingHeld(FingerRelease):
 
 
 class GloveDevice(FingerRelease):
-    """A glove. `read`, `send` and `reconnect` never block: they are called in a tick."""
+    """A glove. `read`, `send` and `reconnect` never block: commands and samples would come late."""
 
     info: GloveInfo
     counters: DeviceCounters
@@ -265,6 +265,10 @@ class GloveDevice(FingerRelease):
         Raises:
             DeviceError: The device is gone; `reconnect` may bring it back.
         """
+
+    def descriptors(self) -> tuple[int, ...]:
+        """What can be waited on for bytes of the glove; () where it is to be looked at again and again."""
+        return ()
 
     @abstractmethod
     def send(self, command: FingerCommand) -> bool:

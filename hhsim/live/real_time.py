@@ -12,7 +12,8 @@ from typing import Any, Self
 
 from hhsim.errors import InputError
 
-MCL_CURRENT, MCL_FUTURE = 1, 2
+MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT = 1, 2, 4
+MLOCK_ONFAULT = 1
 PR_SET_PDEATHSIG, PR_SET_TIMERSLACK, PR_GET_TIMERSLACK = 1, 29, 30
 
 THROTTLE = Path("/proc/sys/kernel/sched_rt_runtime_us")
@@ -25,6 +26,12 @@ _prctl.argtypes = (ctypes.c_int, ctypes.c_ulong, ctypes.c_ulong, ctypes.c_ulong,
 _mlockall = _libc.mlockall
 _mlockall.argtypes = (ctypes.c_int,)
 _munlockall = _libc.munlockall
+_mlock2 = _libc.mlock2
+_mlock2.argtypes = (ctypes.c_void_p, ctypes.c_size_t, ctypes.c_uint)
+
+MAPPINGS = Path("/proc/self/maps")
+SYSTEM_LIBRARIES = ("libc.so", "libc-", "libm.so", "libm-", "ld-linux", "ld-musl")
+"""Of the files that a process has mapped, those that compiled code calls."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +41,7 @@ class RealTimeWishes:
     Attributes:
         fifo: SCHED_FIFO, at `priority`, 1 to 98; the watchdog runs one above.
         priority: Of the loop.
-        lock_memory: No page of the process is taken away (mlockall).
+        lock_memory: No page that is used is taken away (mlock).
         timer_slack: Wake-ups are not put together with others (1 ns instead of 50 µs).
         cpu: The processor to stay on, None to choose the last that the process may use, -1 not to be pinned.
         freeze_gc: What is there when the loop begins is no more looked through for garbage.
@@ -64,12 +71,13 @@ class RealTimeWishes:
             raise InputError(f"the processor is {self.cpu}: expected its number, or -1 not to be pinned")
 
 
-def become_real_time(wishes: RealTimeWishes, *, above: int = 0) -> dict[str, Any]:
+def become_real_time(wishes: RealTimeWishes, *, above: int = 0, interpreter: bool = True) -> dict[str, Any]:
     """Ask the system for what is wished, for the calling thread and its process.
 
     Args:
         wishes: What is wished.
         above: How much higher than `wishes.priority` this process is to stand.
+        interpreter: As of `lock_memory`.
 
     Returns:
         The mode that was achieved, as plain values:
@@ -113,7 +121,7 @@ def become_real_time(wishes: RealTimeWishes, *, above: int = 0) -> dict[str, Any
             refused.append(f"not kept on one processor: {reason}")
     if wishes.lock_memory:
         try:
-            lock_memory()
+            lock_memory(interpreter=interpreter)
             mode["memory_locked"] = True
         except OSError as error:
             refused.append(f"memory is not locked: {error.strerror}; raise the limit memlock (ulimit -l)")
@@ -175,13 +183,33 @@ def _throttle() -> int:
         return 0
 
 
-def lock_memory() -> None:
-    """Keep every page that the process has, and will have, in memory.
+def lock_memory(*, interpreter: bool = True) -> None:
+    """Keep the pages in memory that the process uses; those that it never touches take no room.
+
+    Args:
+        interpreter: Whether Python is run in time. Compiled code alone uses data, its own code and what it shares with
+            other processes, and none of the libraries that it was made with.
 
     Raises:
         OSError: Not allowed, or more than the limit of locked memory.
     """
-    _check(_mlockall(MCL_CURRENT | MCL_FUTURE))
+    if interpreter:
+        _check(_mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT))
+        return
+    for line in MAPPINGS.read_text().splitlines():
+        span, rights, _, _, inode, *name = line.split(maxsplit=5)
+        path = name[0] if name else ""
+        shared = path.startswith("/memfd:")
+        library = inode != "0" and not shared
+        if "r" not in rights or path.startswith("[v") or (library and not _is_system_library(path)):
+            continue
+        begin, end = (int(number, 16) for number in span.split("-"))
+        # Shared memory is not yet touched where the others will write; it has a size of its own.
+        _check(_mlock2(begin, end - begin, 0 if shared else MLOCK_ONFAULT))
+
+
+def _is_system_library(path: str) -> bool:
+    return Path(path).name.startswith(SYSTEM_LIBRARIES)
 
 
 def unlock_memory() -> None:

@@ -63,7 +63,8 @@ class SharedRing:
         self._block = SharedBlock(descriptor, whole)
         self.descriptor = descriptor
         self.capacity = capacity
-        self._written = self._block.array["written"]
+        self.counter: NDArray[np.int64] = self._block.array["written"]
+        """Records written since the beginning, shape (1,)."""
         self.records = self._block.array["record"][0]
 
     @classmethod
@@ -76,15 +77,15 @@ class SharedRing:
     @property
     def written(self) -> int:
         """Records written since the beginning."""
-        return int(self._written[0])
+        return int(self.counter[0])
 
     def slot(self) -> Any:
         """The record to fill next, in place; nobody sees it before `publish`."""
-        return self.records[int(self._written[0]) % self.capacity]
+        return self.records[int(self.counter[0]) % self.capacity]
 
     def publish(self) -> None:
         """The record that `slot` gave is complete."""
-        self._written[0] += 1
+        self.counter[0] += 1
 
 
 class RingReader:

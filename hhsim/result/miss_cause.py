@@ -57,13 +57,6 @@ class TimeTaken(NamedTuple):
         coarse, so that less than one step of it may go unseen; then the device. What no account explains is woken late
         too: the system had the thread and did not let it run, as where a process is stopped, or a page is fetched.
         """
-        waited = min(self.kept, self.run_delay)
-        host = min(self.kept - waited, self.steal)
-        device = min(self.kept - waited - host, self.device)
-        took = {
-            MissCause.HOST: host,
-            MissCause.DEVICE: device,
-            MissCause.COMPUTED: self.computed,
-            MissCause.WOKEN_LATE: self.kept - host - device,
-        }
-        return max(took, key=lambda cause: took[cause])
+        from hhsim.kernels.live.accounts import cause_of
+
+        return MissCause(int(cause_of(*self)))

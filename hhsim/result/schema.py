@@ -289,7 +289,7 @@ LIVE_TICK_COLUMNS: tuple[Column, ...] = (
         (),
         "<i8",
         "ns",
-        "from the newest sample's bytes read to the command sent; -1: no new sample",
+        "from the newest sample's bytes read to the command handed over; -1: no new sample",
         "latency_ns",
     ),
     Column("missed", (), "<i8", "1", "periods without a tick right before this one", "missed"),

@@ -9,7 +9,7 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.penetration import HandSurface, PlacedHands, clearances
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.hand.pose import is_finite_configuration
-from hhsim.kernels.jit import as_argument
+from hhsim.kernels.jit import JIT_ENABLED, as_argument
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.kernels.tick.method import Coupled
@@ -86,6 +86,27 @@ class HandSolver:
             The tick's status bits (`hhsim.kernels.tick.state`).
         """
         return self._advance(haptic, record)
+
+    @property
+    def started(self) -> bool:
+        """Whether the graphic hand is somewhere: the first tick, or `place`, put it there."""
+        return self._started
+
+    def compiled_tick(self, haptic: HapticBlock, record: TickRecord) -> tuple[int, tuple[Any, ...]]:
+        """What `tick` comes to once the solver has started, for a loop in compiled code.
+
+        Args:
+            haptic, record: As in `tick`; each tick reads and writes these very arrays.
+
+        Returns:
+            The address of machine code and what it is given; the address is 0 where Python takes part in every tick.
+        """
+        options, workspace = self.options, self.workspace
+        if JIT_ENABLED and options.qp == "active-set" and find_method(options.method).compiled:
+            engine: Any = self.engine
+            return workspace.block(engine.method, haptic, record)
+        method = Coupled(workspace.tick_options)
+        return 0, (method, workspace.hand, workspace.surface, workspace.states, workspace.qp, haptic, record)
 
     def _advance(self, haptic: HapticBlock, record: TickRecord) -> int:
         """One tick for each configuration, at least one; returns the status bits of the last one that was run."""

@@ -115,6 +115,12 @@ class TickWorkspace:
         """Run one tick of a compiled method for each row of the haptic input; returns the ticks done."""
         return int(run_block(method, self.hand, self.surface, self.states, self.qp, haptic, record))
 
+    def block(self, method: Any, haptic: HapticBlock, record: TickRecord) -> tuple[int, tuple[Any, ...]]:
+        """Where the machine code of `run_block` begins, and what it is given, for a loop that calls it by itself."""
+        given = (method, self.hand, self.surface, self.states, self.qp, haptic, record)
+        compiled: Any = run_block
+        return compiled.address(*given), given
+
 
 def tick_state(
     stiffness: NDArray[np.float64], modelled: NDArray[np.bool_] | None = None, surface: Surface = SPHERES

@@ -23,18 +23,21 @@ class CpuAccounts:
         proc: Where the accounts are.
 
     Attributes:
+        processors: Those whose steal counts.
+        schedule, stat: Descriptors of the thread's schedstat and of /proc/stat, -1 where there is none.
+        stat_bytes: What the lines of all processors have in it at most.
         steal_step_ns: What `steal_ns` counts in [ns]: 10 ms on most systems, although the system knows better.
     """
 
     def __init__(self, cpu: int | None = None, proc: Path = Path("/proc")) -> None:
         """Open what there is; what there is not is `UNKNOWN` for good."""
-        numbers = sorted(os.sched_getaffinity(0)) if cpu is None else [cpu]
-        self._names = frozenset(f"cpu{number}".encode() for number in numbers)
-        self._stat = _opened(proc / "stat")
+        self.processors = tuple(sorted(os.sched_getaffinity(0))) if cpu is None else (cpu,)
+        self._names = frozenset(f"cpu{number}".encode() for number in self.processors)
+        self.stat = _opened(proc / "stat")
         # The path names the thread that opens it, and the descriptor stays with that one.
-        self._schedule = _opened(proc / "thread-self" / "schedstat")
+        self.schedule = _opened(proc / "thread-self" / "schedstat")
         # The lines of the processors come first, that of all together before them.
-        self._stat_bytes = LINE_BYTES * ((os.cpu_count() or 1) + 1)
+        self.stat_bytes = LINE_BYTES * ((os.cpu_count() or 1) + 1)
         self.steal_step_ns = 1_000_000_000 // os.sysconf("SC_CLK_TCK")
 
     def cpu_ns(self) -> int:
@@ -43,7 +46,7 @@ class CpuAccounts:
 
     def run_delay_ns(self) -> int:
         """How long the thread could have run and was not let, since it began [ns]; `UNKNOWN` where nobody counts it."""
-        text = _read(self._schedule, LINE_BYTES)
+        text = _read(self.schedule, LINE_BYTES)
         try:
             return int(text.split()[1])
         except (IndexError, ValueError):
@@ -52,7 +55,7 @@ class CpuAccounts:
     def steal_ns(self) -> int:
         """How long the host of a virtual machine ran something else, since it was started [ns]; `UNKNOWN` as above."""
         ticks, found = 0, False
-        for line in _read(self._stat, self._stat_bytes).splitlines():
+        for line in _read(self.stat, self.stat_bytes).splitlines():
             fields = line.split()
             if fields and fields[0] in self._names and len(fields) > STEAL_COLUMN:
                 ticks, found = ticks + int(fields[STEAL_COLUMN]), True
@@ -62,11 +65,11 @@ class CpuAccounts:
 
     def close(self) -> None:
         """Let go of the descriptors; may be called twice."""
-        for descriptor in (self._stat, self._schedule):
+        for descriptor in (self.stat, self.schedule):
             if descriptor >= 0:
                 with contextlib.suppress(OSError):
                     os.close(descriptor)
-        self._stat = self._schedule = UNKNOWN
+        self.stat = self.schedule = UNKNOWN
 
 
 def risen(before: int, after: int) -> int:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.verify.claim import NOT_JUDGED, Claim, all_true, judged
-from hhsim.verify.session_rows import QUIET, SessionRows
+from hhsim.verify.session_rows import HANDED_OVER, QUIET, SessionRows
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -48,8 +48,16 @@ def _reasons(rows: SessionRows) -> Claim:
         wrong["stale"] = known & (age > round(1e9 * safety["stale"])) & (bits & STALE == 0)
     clear = rows.clear
     if clear.any():
-        bad = ~rows.usable[np.maximum(rows.newest, 0)]
-        wrong["not finite"] |= clear & (bad != (bits & NOT_FINITE > 0)) & (status & INPUT_INVALID == 0)
+        # The newest sample that a tick took cannot be used, and so is one after that which it uses.
+        after = rows.used + 1
+        bad = ~np.append(rows.usable, True)[after]
+        came = np.append(rows.samples["time"], np.iinfo(np.int64).max)[after]
+        told = bits & NOT_FINITE > 0
+        # A tick that tells a latency took a sample: where it is not the one in use, it cannot be used.
+        took = rows.follows & (rows.latency != -1) & (rows.used == np.concatenate([[-2], rows.used[:-1]]))
+        missing = ~told & bad & (took | (came < rows.woke - HANDED_OVER))
+        groundless = told & ~(bad & (came < rows.over)) & (status & INPUT_INVALID == 0)
+        wrong["not finite"] |= clear & (missing | groundless)
     if rows.dry_run or not safety["watchdog"]:
         wrong["no watchdog"] = bits & NO_WATCHDOG > 0
     found = [f"{name} at {int(ticks.argmax()):,}" for name, ticks in wrong.items() if ticks.any()]

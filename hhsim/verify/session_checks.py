@@ -105,15 +105,17 @@ def _latency(rows: SessionRows) -> Claim:
     sampled = np.flatnonzero(rows.latency != -1)
     lost = (rows.safety[sampled] & DEVICE_LOST > 0) & (not rows.dry_run)
     off = np.where((rows.latency[sampled] < 0) | lost, np.inf, 0.0)
-    clear = rows.clear[sampled]
+    # Of a tick whose newest sample was not used, that one's time is not told.
+    usable = np.append(rows.usable, True)
+    clear = rows.clear[sampled] & usable[rows.used[sampled] + 1]
     at = sampled[clear]
-    read = rows.samples["time"][rows.newest[at]]
-    sent = read + rows.latency[at]
+    sent = rows.samples["time"][rows.used[at]] + rows.latency[at]
     begin = rows.woke[at] + np.asarray(rows.result["duration/total"], np.int64)[at]
     outside = np.maximum(np.maximum(0, begin - sent), sent - rows.over[at])
     # Without a sample of its own, a tick has no latency to tell.
-    off[clear] = np.maximum(off[clear], np.where(read < rows.woke[at], np.inf, 1e-9 * outside))
-    says = "from a sample that the tick read to a command after its work and before the next deadline"
+    before = np.concatenate([[-1], rows.used[:-1]])[at]
+    off[clear] = np.maximum(off[clear], np.where((rows.used[at] == before) & rows.follows[at], np.inf, 1e-9 * outside))
+    says = "from a sample that the tick took to a command after its work and before the next deadline"
     return judged("latency", says, off, 0.0, "s", ONE_CLOCK, ticks=sampled, note=_unclear(rows))
 
 
@@ -132,11 +134,15 @@ def _newest(rows: SessionRows) -> Claim:
     wrong[known] |= ~rows.usable[used[known]]
     late = known & rows.closed
     wrong[late] |= rows.samples["time"][used[late]] >= rows.over[late]
+    wrong[1:] |= rows.follows[1:] & known[1:] & known[:-1] & (used[1:] < used[:-1])
+    # A tick that tells a latency took a sample: the one that it uses, or one after that which cannot be used.
+    again = np.flatnonzero(rows.follows & known & (rows.latency != -1) & (used == np.concatenate([[-2], used[:-1]])))
+    wrong[again] |= np.append(rows.usable, True)[used[again] + 1]
     usable = np.flatnonzero(rows.usable)
     clear = np.flatnonzero(rows.clear)
     place = np.searchsorted(usable, rows.newest[clear], side="right") - 1
-    wrong[clear] |= (place < 0) | (usable[np.maximum(place, 0)] != used[clear]) if len(usable) else True
-    says = "a tick has the newest usable sample whose bytes were read in it"
+    wrong[clear] |= (place >= 0) & (usable[np.maximum(place, 0)] > used[clear]) if len(usable) else True
+    says = "a tick has a usable sample no older than the one before, and none is passed over that had been handed over"
     return all_true("newest sample", says, wrong, ticks=rows.numbers, note=_unclear(rows))
 
 

@@ -21,7 +21,9 @@ BoolArray = NDArray[np.bool_]
 MOST_ANGLE = 2.0 * np.pi
 """No joint of a hand is beyond this [rad]: a sample that says so is not used."""
 MOST_READ = 64
-"""Samples that a tick reads at most; what is left waits for the next one."""
+"""Samples that a tick takes at most; what is left waits for the next one."""
+HANDED_OVER = 20_000_000
+"""A driver that takes longer from the bytes of a sample to its record [ns] counts as gone."""
 
 SOLVER_FAILED = "the solver failed"
 """How a line of the log begins that tells of a tick without a hand."""
@@ -110,12 +112,12 @@ class SessionRows:
 
     @cached_property
     def newest(self) -> IntArray:
-        """Row of the last sample whose bytes were read before each tick was over, -1 for none, shape (T,)."""
-        return np.searchsorted(self.samples["time"], self.over) - 1
+        """Row of the last sample that must have been there when each tick began, -1 for none, shape (T,)."""
+        return np.searchsorted(self.samples["time"], self.woke - HANDED_OVER) - 1
 
     @cached_property
     def clear(self) -> BoolArray:
-        """Ticks of which it is known what they read: a burst of more than `MOST_READ` samples is read in several."""
+        """Ticks of which it is known what they took: a burst of more than `MOST_READ` samples is taken in several."""
         if not self.samples_whole:
             return np.zeros(self.result.ticks, bool)
         before = np.concatenate([[-1], self.used[:-1]])

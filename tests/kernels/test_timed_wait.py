@@ -1,10 +1,11 @@
 """Deadlines waited for in compiled code: none is left early, and those that had passed are told."""
 
+import errno
 import time
 
 import numpy as np
 
-from hhsim.kernels.timed_wait import PASSED, wait_periods
+from hhsim.kernels.timed_wait import PASSED, sleep_until, wait_periods
 
 
 def test_no_deadline_is_left_early() -> None:
@@ -28,3 +29,8 @@ def test_what_has_passed_is_left_out_and_counted() -> None:
         following = passed[i + 1 : i + 1 + late[i] // 1_000]
         assert following.all(), "every deadline in the time overslept has passed"
     assert late[0] >= 0
+
+
+def test_a_time_that_is_none_is_refused() -> None:
+    assert sleep_until(time.monotonic_ns() - 1) == 0
+    assert sleep_until(-(2**40)) == errno.EINVAL

@@ -4,7 +4,6 @@ import json
 import os
 import subprocess
 import sys
-import time
 
 import pytest
 from live_scripted import make_setup
@@ -12,7 +11,6 @@ from live_scripted import make_setup
 from hhsim.live.devices.registry import configure
 from hhsim.live.ipc.session_memory import FAULT, SessionMemory
 from hhsim.live.ipc.status import Stage
-from hhsim.live.loop.deadlines import AbsoluteSleep
 from hhsim.live.real_time import RealTimeWishes, described
 from hhsim.live.shared_memory import RingReader, write_setup
 
@@ -77,12 +75,33 @@ def test_no_wishes_change_nothing() -> None:
     assert cpus == sorted(os.sched_getaffinity(0))
 
 
-def test_absolute_sleep_refuses_a_time_that_is_none() -> None:
-    sleep = AbsoluteSleep()
-    begin = time.monotonic_ns()
-    sleep.until(begin - 1)
-    with pytest.raises(OSError, match="Invalid"):
-        sleep.until(-(2**40))
+LOCKED = """
+import numpy, re
+from hhsim.live.real_time import lock_memory
+from hhsim.live.shared_memory import SharedBlock
+block = SharedBlock.create("block", numpy.dtype((numpy.int64, 100_000)))
+try:
+    lock_memory(interpreter=False)
+except OSError:
+    raise SystemExit(77)
+locked = {}
+for line in open("/proc/self/smaps"):
+    if re.match("[0-9a-f]+-", line):
+        name = (line.split(maxsplit=5)[5:] or ["data"])[0].strip().rsplit("/", 1)[-1]
+    elif line.startswith("Locked:"):
+        locked[name] = locked.get(name, 0) + int(line.split()[1])
+print(*(name for name, size in locked.items() if size), sep="\\n")
+"""
+
+
+def test_a_loop_in_compiled_code_locks_what_it_uses_and_no_other_library() -> None:
+    child = subprocess.run([sys.executable, "-c", LOCKED], capture_output=True, text=True, check=False)
+    if child.returncode == 77:
+        pytest.skip("no memory can be locked here")
+    names = child.stdout.splitlines()
+    assert {"data", "[heap]", "memfd:hhsim-block (deleted)"} <= set(names), child.stderr
+    libraries = [name for name in names if ".so" in name]
+    assert libraries and all(name.startswith(("libc", "libm", "ld-")) for name in libraries)
 
 
 def run_loop(**changes: object) -> tuple[subprocess.CompletedProcess[str], SessionMemory]:

@@ -13,19 +13,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from live_rings import FACTS, ended
-from live_scripted import FIST, FREE, FakeAccounts, FakeClock, Moment, ScriptedGlove, make_setup
+from live_scripted import FIST, FREE, FakeAccounts, FakeClock, InStep, Moment, ScriptedGlove, make_setup
 from sealed_change import changed
 from verify_document import documented_faults
 
+from hhsim.kernels.live import plausibility as looked_at
+from hhsim.kernels.live import tick as live_loop
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_INPUT_INVALID
 from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
 from hhsim.live.ipc.session_memory import SessionMemory
-from hhsim.live.loop import loop as live_loop
 from hhsim.live.loop import plausibility as glove_watch
 from hhsim.live.loop.interlock import QUIET_NS, WORDS
-from hhsim.live.loop.loop import LiveLoop, loop_options
-from hhsim.live.pose.fixed import FixedPose
-from hhsim.live.pose.registry import PoseConfig
+from hhsim.live.loop.loop import loop_options
 from hhsim.live.session import recorder
 from hhsim.live.session.recorder import Recorder
 from hhsim.live.session.writer import SessionWriter
@@ -94,9 +93,9 @@ class Scripted:
         clock = FakeClock()
         mishaps = {OVERSLEPT: lambda: clock.oversleep.append(int(3.4 * PERIOD)), FAILED: self.fail_once}
         glove = ScriptedGlove(clock, script, mishaps)
-        pose = FixedPose(PoseConfig())
-        self.loop = LiveLoop(self.setup, self.memory, glove, pose, clock=clock, accounts=FakeAccounts())
-        self.reason = self.loop.run()
+        both = InStep(self.setup, self.memory, glove, clock, accounts=FakeAccounts())
+        self.loop = both.loop
+        self.reason = both.run()
         # The solver measures by the true clock: its times are made those of the script's.
         ticks = self.memory.ticks.records
         ticks["duration"], ticks["duration_total"], ticks["duration_cpu"] = 1000, 120_000, 100_000
@@ -499,7 +498,7 @@ def test_the_referee_and_the_loop_mean_the_same_bits_and_words() -> None:
     )
     assert WORDS[Safety.SOLVER_FAILED][1] == verify_rows.SOLVER_FAILED
     assert (recorder.LOOP_DIED, QUIET_NS) == (verify_rows.LOOP_DIED, verify_rows.QUIET)
-    assert (live_loop.MOST_SAMPLES, glove_watch.MOST_ANGLE) == (verify_rows.MOST_READ, verify_rows.MOST_ANGLE)
+    assert (live_loop.MOST_SAMPLES, looked_at.MOST_ANGLE) == (verify_rows.MOST_READ, verify_rows.MOST_ANGLE)
     assert glove_watch.NAMES == verify_session.FINGER_NAMES
 
 

@@ -127,6 +127,10 @@ class DexmoGlove(GloveDevice):
             raise self._lost
         return count
 
+    def descriptors(self) -> tuple[int, ...]:
+        """See `GloveDevice.descriptors`."""
+        return (self._link.descriptor(),) if self._link.connected else ()
+
     def send(self, command: FingerCommand) -> bool:
         """See `GloveDevice.send`; fingers of a command that is not finite are free."""
         if self._device_id is None:

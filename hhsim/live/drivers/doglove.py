@@ -127,6 +127,11 @@ class Doglove(GloveDevice):
             raise DeviceError(f"{self._name}: no reading of the encoders came for {1e-9 * SILENCE_NS:g} s")
         return count
 
+    def descriptors(self) -> tuple[int, ...]:
+        """See `GloveDevice.descriptors`."""
+        ports = tuple(port.descriptor for port in (self._encoders, self._servos) if port is not None)
+        return (*ports, self._line.descriptor()) if self._line is not None and self._line.connected else ports
+
     def send(self, command: FingerCommand) -> bool:
         """See `GloveDevice.send`; nothing is sent, and what is not sent is not counted."""
         return True

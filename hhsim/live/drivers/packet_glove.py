@@ -133,6 +133,10 @@ class PacketGlove(GloveDevice):
             raise DeviceError(f"{self._name}: {what}")
         return count
 
+    def descriptors(self) -> tuple[int, ...]:
+        """See `GloveDevice.descriptors`."""
+        return () if self._port is None else (self._port.descriptor,)
+
     def send(self, command: FingerCommand) -> bool:
         """See `GloveDevice.send`; fingers of a command that is not finite are free."""
         if self._send(self._command(command)):

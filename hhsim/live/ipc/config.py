@@ -25,7 +25,7 @@ from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
 
-RATE_RANGE = (10.0, 4000.0)
+RATE_RANGE = (10.0, 10_000.0)
 """Ticks per second [Hz] that a loop is asked for."""
 
 

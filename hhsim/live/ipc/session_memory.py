@@ -1,13 +1,14 @@
-"""The shared memory of one live session: the status block, the three rings, and a page of facts.
+"""The shared memory of one live session: the status block, the rings, two pages of facts, and what wakes the driver.
 
 Made by the supervisor; every other process attaches to it by the descriptors that it inherits and is told on its
 command line::
 
-    --setup FD --status FD --ticks FD --samples FD --events FD --facts FD
+    --setup FD --status FD --ticks FD --samples FD --events FD --words FD --facts FD --device FD --wake FD
 """
 
 import argparse
 import json
+import os
 import time
 from collections.abc import Mapping
 from typing import Any, NamedTuple, Self
@@ -23,6 +24,7 @@ from hhsim.result.schema import TICK_FIELDS
 TICK_CAPACITY = 16_384
 SAMPLE_CAPACITY = 16_384
 EVENT_CAPACITY = 1_024
+WORD_CAPACITY = 64
 FACT_BYTES = 65_520
 
 LIVE_TICK = np.dtype([(field.name, field.type, field.shape) for field in TICK_FIELDS], align=True)
@@ -38,14 +40,13 @@ FACTS = np.dtype([("version", np.int64), ("size", np.int64), ("text", np.uint8, 
 """A JSON document; `version` is odd while it is being written, 0 before the first."""
 
 EVENT_BYTES = EVENT["text"].itemsize
-NOT_KNOWN_YET = (
-    *("battery", "sample_ns"),
-    *("wakeup_p50_ns", "wakeup_p99_ns", "latency_p50_ns", "latency_p99_ns"),
-)
+NOT_KNOWN_YET = ("battery", "sample_ns")
 """Fields of the status that are -1 until the loop knows better."""
 
 INFORMATION, WARNING, FAULT = 0, 1, 2
 """Levels of an event."""
+REASON = 3
+"""Of the driver's words alone: why the glove is gone, for when the loop tells of it."""
 
 
 class Descriptors(NamedTuple):
@@ -55,7 +56,52 @@ class Descriptors(NamedTuple):
     ticks: int
     samples: int
     events: int
+    words: int
     facts: int
+    device: int
+    wake: int
+
+
+class FactPage:
+    """A page of plain values, as JSON: one writer, any number of readers.
+
+    Args:
+        block: Of `FACTS`.
+    """
+
+    def __init__(self, block: SharedBlock) -> None:
+        """Take over memory that is mapped."""
+        self._block = block
+        self._page = block.array[0]
+
+    def write(self, facts: Mapping[str, Any]) -> None:
+        """Replace what the page says.
+
+        Raises:
+            ValueError: More than fits.
+        """
+        encoded = json.dumps(facts).encode("utf-8")
+        if len(encoded) > FACT_BYTES:
+            raise ValueError(f"{len(encoded):,} bytes of facts; {FACT_BYTES:,} fit")
+        page = self._page
+        page["version"] += 1
+        page["text"][: len(encoded)] = np.frombuffer(encoded, np.uint8)
+        page["size"] = len(encoded)
+        page["version"] += 1
+
+    def read(self) -> dict[str, Any]:
+        """What the page says, empty before it has said anything."""
+        page = self._page
+        while True:
+            version = int(page["version"])
+            if version == 0:
+                return {}
+            if version % 2 == 0:
+                encoded = page["text"][: int(page["size"])].tobytes()
+                if int(page["version"]) == version:
+                    facts: dict[str, Any] = json.loads(encoded)
+                    return facts
+            time.sleep(1e-4)
 
 
 class SessionMemory:
@@ -64,28 +110,38 @@ class SessionMemory:
     Args:
         status: Of `LIVE_STATUS`.
         ticks: Of `LIVE_TICK`, written by the loop.
-        samples: Of `GLOVE_SAMPLE`, written by the loop.
+        samples: Of `GLOVE_SAMPLE`, written by the driver.
         events: Of `EVENT`, written by the loop.
+        words: Of `EVENT`, written by the driver for the loop, which tells them.
         facts: Of `FACTS`, written by the loop.
+        device: Of `FACTS`, written by the driver: the fields of `hhsim.live.device.GloveInfo`, and the pose's name.
+        wake: Descriptor of the event by which the loop wakes the driver.
 
     Attributes:
         status: The one record of `LIVE_STATUS`; `status["heartbeat_ns"]` reads and writes in place.
+        device: What the driver says of its glove.
     """
 
     def __init__(
-        self, status: SharedBlock, ticks: SharedRing, samples: SharedRing, events: SharedRing, facts: SharedBlock
+        self,
+        status: SharedBlock,
+        ticks: SharedRing,
+        samples: SharedRing,
+        events: SharedRing,
+        words: SharedRing,
+        facts: SharedBlock,
+        device: SharedBlock,
+        wake: int,
     ) -> None:
         """Take over memory that is mapped."""
         self.status_block = status
         self.status = status.array[0]
-        self.ticks = ticks
-        self.samples = samples
-        self.events = events
-        self._facts_block = facts
-        self._facts = facts.array[0]
-        self.descriptors = Descriptors(
-            status.descriptor, ticks.descriptor, samples.descriptor, events.descriptor, facts.descriptor
-        )
+        self.ticks, self.samples = ticks, samples
+        self.events, self.words = events, words
+        self._facts, self.device = FactPage(facts), FactPage(device)
+        self.wake = wake
+        mapped = (status, ticks, samples, events, words, facts, device)
+        self.descriptors = Descriptors._make([*(memory.descriptor for memory in mapped), wake])
 
     @classmethod
     def create(cls) -> Self:
@@ -98,7 +154,10 @@ class SessionMemory:
             SharedRing.create("ticks", LIVE_TICK, TICK_CAPACITY),
             SharedRing.create("samples", GLOVE_SAMPLE, SAMPLE_CAPACITY),
             SharedRing.create("events", EVENT, EVENT_CAPACITY),
+            SharedRing.create("words", EVENT, WORD_CAPACITY),
             SharedBlock.create("facts", FACTS),
+            SharedBlock.create("device", FACTS),
+            os.eventfd(0, os.EFD_NONBLOCK),
         )
 
     @classmethod
@@ -109,7 +168,10 @@ class SessionMemory:
             SharedRing(descriptors.ticks, LIVE_TICK, TICK_CAPACITY),
             SharedRing(descriptors.samples, GLOVE_SAMPLE, SAMPLE_CAPACITY),
             SharedRing(descriptors.events, EVENT, EVENT_CAPACITY),
+            SharedRing(descriptors.words, EVENT, WORD_CAPACITY),
             SharedBlock(descriptors.facts, FACTS),
+            SharedBlock(descriptors.device, FACTS),
+            descriptors.wake,
         )
 
     def arguments(self) -> list[str]:
@@ -129,12 +191,11 @@ class SessionMemory:
             text: One line.
             time_ns: CLOCK_MONOTONIC [ns]; now by default.
         """
-        slot = self.events.slot()
-        slot["time_ns"] = time.monotonic_ns() if time_ns is None else time_ns
-        slot["level"] = level
-        encoded = text.encode("utf-8", "replace")[:EVENT_BYTES]
-        slot["text"] = encoded.decode("utf-8", "ignore").encode("utf-8")
-        self.events.publish()
+        _add_line(self.events, level, text, time.monotonic_ns() if time_ns is None else time_ns)
+
+    def say(self, level: int, text: str) -> None:
+        """Have the loop tell something, or know a REASON; only the driver may."""
+        _add_line(self.words, level, text, time.monotonic_ns())
 
     def write_facts(self, facts: Mapping[str, Any]) -> None:
         """Say what is known of the session, as plain values; only the loop may, before it runs and when it has ended.
@@ -142,14 +203,7 @@ class SessionMemory:
         Raises:
             ValueError: More than fits.
         """
-        encoded = json.dumps(facts).encode("utf-8")
-        if len(encoded) > FACT_BYTES:
-            raise ValueError(f"{len(encoded):,} bytes of facts; {FACT_BYTES:,} fit")
-        page = self._facts
-        page["version"] += 1
-        page["text"][: len(encoded)] = np.frombuffer(encoded, np.uint8)
-        page["size"] = len(encoded)
-        page["version"] += 1
+        self._facts.write(facts)
 
     def read_facts(self) -> dict[str, Any]:
         """What the loop says of the session, empty before it has said anything.
@@ -161,17 +215,16 @@ class SessionMemory:
         | pose | name of the source of the palm's pose |
         | summary | when it has ended: ticks, missed, wakeup and latency with their percentiles [ns], counters, reason |
         """
-        page = self._facts
-        while True:
-            version = int(page["version"])
-            if version == 0:
-                return {}
-            if version % 2 == 0:
-                encoded = page["text"][: int(page["size"])].tobytes()
-                if int(page["version"]) == version:
-                    facts: dict[str, Any] = json.loads(encoded)
-                    return facts
-            time.sleep(1e-4)
+        return self._facts.read()
+
+
+def _add_line(ring: SharedRing, level: int, text: str, time_ns: int) -> None:
+    slot = ring.slot()
+    slot["time_ns"] = time_ns
+    slot["level"] = level
+    encoded = text.encode("utf-8", "replace")[:EVENT_BYTES]
+    slot["text"] = encoded.decode("utf-8", "ignore").encode("utf-8")
+    ring.publish()
 
 
 def add_memory_options(parser: argparse.ArgumentParser) -> None:

@@ -1,12 +1,16 @@
-"""The status block of a live session, and the setup of the process that watches it: all that the watchdog shares."""
+"""The status block of a live session, and the setups of the processes that need little: its watchdog and its driver."""
 
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hhsim.live.devices.registry import GloveConfig
 from hhsim.live.real_time import RealTimeWishes
+
+if TYPE_CHECKING:
+    from hhsim.live.pose.registry import PoseConfig
 
 
 class Stage(IntEnum):
@@ -32,14 +36,22 @@ LIVE_STATUS = np.dtype(
         ("contacts", np.int64),
         ("battery", np.int64),
         ("sample_ns", np.int64),
-        ("wakeup_p50_ns", np.int64),
-        ("wakeup_p99_ns", np.int64),
-        ("latency_p50_ns", np.int64),
-        ("latency_p99_ns", np.int64),
         ("force", np.float64, (5,)),
         ("command_bend", np.float64, (5,)),
         ("command_stiffness", np.float64, (5,)),
+        ("command_force", np.float64, (5, 3, 3)),
+        ("command_safety", np.int64),
+        ("command_version", np.int64, (1,)),
+        ("loop_ready", np.int64),
+        # Written by the driver.
+        ("driver_ns", np.int64),
+        ("driver_begun", np.int64),
+        ("device_lost", np.int64),
         ("counters", np.int64, (9,)),
+        ("palm_ns", np.int64),
+        ("palm_position", np.float64, (3,)),
+        ("palm_orientation", np.float64, (4,)),
+        ("palm_version", np.int64, (1,)),
         # Written by the watchdog.
         ("watchdog_ns", np.int64),
         ("watchdog_armed", np.int64),
@@ -59,9 +71,20 @@ LIVE_STATUS = np.dtype(
     align=True,
 )
 """The state of a session that changes in place; every field has one writer. `counters` are those of `DeviceCounters`
-in their order, `missed_by` is by `MissCause` without NONE; times are CLOCK_MONOTONIC [ns]. `pose_version` is odd while
-the pose of the keyboard is being written.
+in their order, `missed_by` is by `MissCause` without NONE; times are CLOCK_MONOTONIC [ns]. `command_version`,
+`palm_version` and `pose_version` are odd while the command, the palm's pose and the pose of the keyboard are being
+written. `loop_ready` is 1 when the glove may be opened and 2 when the loop is about to begin; `driver_begun` is 1 when
+what came before is in the ring of samples.
 """
+
+
+PERIODS = 2.5
+"""A slow loop may keep still for this many periods."""
+
+
+def oldest_heartbeat(heartbeat_stale: float, period_ns: int) -> int:
+    """From which age on a loop's sign of life is none [ns], of the limit [s] and its period."""
+    return max(round(1e9 * heartbeat_stale), round(PERIODS * period_ns))
 
 
 @dataclass(frozen=True)
@@ -83,3 +106,24 @@ class WatchdogSetup:
     heartbeat_stale: float
     real_time: RealTimeWishes
     supervisor: int
+
+
+@dataclass(frozen=True)
+class DriverSetup:
+    """What the driver of a session has to know: neither hand nor object.
+
+    Attributes:
+        device: Which glove.
+        pose: Where the palm's pose comes from.
+        dry_run: Nothing is sent to the glove.
+        oldest_ns: Age of the loop's last sign of life at which its command is none any more [ns].
+        real_time: What the loop asks the system for.
+        parent: Process id of the loop.
+    """
+
+    device: GloveConfig
+    pose: "PoseConfig"
+    dry_run: bool
+    oldest_ns: int
+    real_time: RealTimeWishes
+    parent: int

@@ -134,6 +134,11 @@ class UdpPort:
             self._kept = None
             _C.connect(self._socket.fileno(), _NOBODY, len(_NOBODY))
 
+    @property
+    def descriptor(self) -> int:
+        """Of the port, to wait on."""
+        return self._socket.fileno()
+
     def wait(self, timeout: float) -> bool:
         """Wait until something has arrived, or for so long [s]; True where it has."""
         return ready(self._socket.fileno(), select.POLLIN, timeout)

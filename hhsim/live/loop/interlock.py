@@ -1,24 +1,19 @@
-"""Why the fingers must be free in a tick, judged anew in every tick."""
+"""From when on the fingers must be free, and what the log says of it."""
 
+from typing import Any
+
+from hhsim.kernels.live.interlock import DRY_RUN, INTERLOCK
 from hhsim.live.ipc.config import SafetyLimits
 from hhsim.live.ipc.session_memory import FAULT, INFORMATION, WARNING
 from hhsim.result.safety import Safety
+from hhsim.solver.workspace import zeroed
 
-# Numbers: operations on flags take a microsecond each.
-_STALE_INPUT = int(Safety.STALE_INPUT)
-_NOT_FINITE = int(Safety.NOT_FINITE)
-_OVERRUN_STREAK = int(Safety.OVERRUN_STREAK)
-_DEVICE_LOST = int(Safety.DEVICE_LOST)
-_STOPPING = int(Safety.STOPPING)
-_NO_WATCHDOG = int(Safety.NO_WATCHDOG)
-_DRY_RUN = int(Safety.DRY_RUN)
-_NO_INPUT_YET = int(Safety.NO_INPUT_YET)
+NEVER = 1 << 60
+"""More periods than a session can miss."""
 
 
 class Interlock:
-    """Judges what is known of a tick before it is solved.
-
-    A bit stands as long as its reason does; the output's ramp then keeps the fingers from being seized at once.
+    """The limits by which `hhsim.kernels.live.interlock.judge` frees the fingers.
 
     Args:
         limits: From when on the fingers are freed.
@@ -26,65 +21,20 @@ class Interlock:
         period_ns: Of a tick [ns]; 1 kHz by default.
 
     Attributes:
-        streak: Periods missed since the last tick that came in time.
-        eases: Whether these are a stall after which the stiffness is to fall, but not at once.
+        state: Of `INTERLOCK`, shape (1,).
+        at: Its one record.
     """
 
     def __init__(self, limits: SafetyLimits, *, dry_run: bool = False, period_ns: int = 1_000_000) -> None:
         """Nothing has been missed."""
-        self._stale_ns = round(1e9 * limits.stale)
-        self._watchdog_ns = round(1e9 * limits.watchdog_stale)
-        self._eased = limits.overruns if limits.after_stall == "ease" else None
-        self._released = limits.release_at(period_ns)
-        self._watchdog = limits.watchdog and not dry_run
-        self._always = _DRY_RUN if dry_run else 0
-        self.streak = 0
-        self.eases = False
-
-    def judge(
-        self,
-        now_ns: int,
-        *,
-        sample_ns: int,
-        pose_ns: int,
-        usable: bool,
-        missed: int,
-        watchdog_ns: int,
-        armed: bool,
-        lost: bool,
-        stopping: bool,
-    ) -> int:
-        """Bits of `Safety` for a tick.
-
-        Args:
-            now_ns: CLOCK_MONOTONIC [ns].
-            sample_ns: Of the sample in use, -1 before the first.
-            pose_ns: Of the pose in use, -1 before the first.
-            usable: Whether the newest sample that came can be used.
-            missed: Periods missed right before this tick.
-            watchdog_ns: The watchdog's last sign of life, 0 before the first.
-            armed: Whether the watchdog can reach the glove.
-            lost: Whether the glove is gone.
-            stopping: Whether this is one of the last ticks.
-        """
-        bits = self._always
-        if sample_ns < 0 or pose_ns < 0:
-            bits |= _NO_INPUT_YET
-        elif now_ns - min(sample_ns, pose_ns) > self._stale_ns:
-            bits |= _STALE_INPUT
-        if not usable:
-            bits |= _NOT_FINITE
-        self.streak = self.streak + missed if missed else 0
-        if self.streak >= self._released:
-            bits |= _OVERRUN_STREAK
-        self.eases = self._eased is not None and self.streak >= self._eased
-        if lost:
-            bits |= _DEVICE_LOST
-        if stopping:
-            bits |= _STOPPING
-        if self._watchdog and not (armed and now_ns - watchdog_ns <= self._watchdog_ns):
-            bits |= _NO_WATCHDOG
-        return bits
+        self.state = zeroed(INTERLOCK)
+        self.at: Any = self.state[0]
+        self.at.stale_ns = round(1e9 * limits.stale)
+        self.at.watchdog_ns = round(1e9 * limits.watchdog_stale)
+        self.at.eased = limits.overruns if limits.after_stall == "ease" else NEVER
+        self.at.released = limits.release_at(period_ns)
+        self.at.watched = limits.watchdog and not dry_run
+        self.at.always = DRY_RUN if dry_run else 0
 
 
 WORDS: dict[Safety, tuple[int, str, str]] = {

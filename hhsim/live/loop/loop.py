@@ -1,54 +1,59 @@
-"""The loop: glove in, graphic hand, fingers out, once a period, in memory that is there before the first tick."""
+"""A session's loop: its memory, what it is made of, and what it tells; `hhsim.kernels.live` runs and decides.
 
-from collections.abc import Callable
-from dataclasses import asdict, replace
-from operator import attrgetter
+The ticks run in one compiled call, `run_loop`. It asks Python for one thing alone: to solve the first tick, in which
+the shown hand is put where it can begin, and those of methods and QP solvers that are not compiled.
+"""
+
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from hhsim.kernels.tick.block import HapticBlock, TickRecord
-from hhsim.kernels.tick.state import (
-    STATUS_CAPACITY_EXCEEDED,
-    STATUS_INPUT_INVALID,
-    STATUS_START_INSIDE,
-    WORK_TOUCHING,
+from hhsim.kernels.jit import JIT_ENABLED
+from hhsim.kernels.live.loop import ASKS_PYTHON, Block, run_loop, wake_driver
+from hhsim.kernels.live.notes import NOTES
+from hhsim.kernels.live.tick import (
+    LOOP,
+    STOP_ASKED,
+    STOP_DURATION,
+    STOP_SIGNAL,
+    LiveArrays,
+    begin_tick,
+    command_tick,
+    count_work,
+    look_for_stop,
+    publish_tick,
 )
-from hhsim.live.device import COUNTERS, GLOVE_SAMPLE, Capability, DeviceCounters, DeviceError, GloveDevice
+from hhsim.kernels.tick.block import HapticBlock, TickRecord
+from hhsim.live.device import MOST_CHANNELS, Capability, GloveInfo
 from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.ipc.session_memory import FAULT, INFORMATION, LIVE_TICK, WARNING, SessionMemory
+from hhsim.live.ipc.session_memory import INFORMATION, LIVE_TICK, SessionMemory
 from hhsim.live.ipc.status import Stage
 from hhsim.live.loop.deadlines import Clock, Deadlines
 from hhsim.live.loop.finger_command import FingerCommander
-from hhsim.live.loop.interlock import Interlock, SafetyLog
-from hhsim.live.loop.miss_accounts import Accounts, MissAccounts
-from hhsim.live.loop.plausibility import GloveWatch, reading_of_no_hand
-from hhsim.live.loop.sample_interval import SampleInterval
+from hhsim.live.loop.interlock import Interlock
+from hhsim.live.loop.miss_accounts import NO_FILES, Accounts, MissAccounts
+from hhsim.live.loop.plausibility import GloveWatch
+from hhsim.live.loop.story import Story
 from hhsim.live.loop.tick_times import TickTimes
-from hhsim.live.pose.registry import PoseSource
-from hhsim.result.miss_cause import WORDS, MissCause, TimeTaken, by_name
+from hhsim.result.miss_cause import by_name
 from hhsim.result.safety import Safety
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
+from hhsim.solver.workspace import zeroed
+from hhsim.system.log_histogram import LogHistogram
 
-MOST_SAMPLES = 64
-"""Read in one tick; what is left waits for the next one."""
-RECONNECT_SECONDS = 0.01
-BEGINS_INSIDE = (
-    "the hand begins inside the object: the shown hand begins at the nearest free place, and may be caught there; "
-    "begin anew with the hand open, or elsewhere"
-)
 STEAL_UNREAD = "what the host takes cannot be read in a tick here: periods that it took are named woken late"
-_NONE_TAKEN = TimeTaken(0, 0, 0, 0, 0)
-COUNTER_TICKS = 16
-"""Counters of the glove are shown once in so many ticks."""
+WAKE_NS = 500_000
+"""The driver is woken for a command once in so long, and at once where a finger is let go."""
+REFUSED = np.dtype(
+    [("channels", np.float64, (MOST_CHANNELS,)), ("known", np.int64, (MOST_CHANNELS,))],
+    align=True,
+)
+"""The channels of a sample that could not be used, and which of them the last usable one had as finite numbers."""
+REASONS = {STOP_ASKED: "stopped", STOP_DURATION: "duration"}
 
-_read_counters: Callable[[DeviceCounters], tuple[int, ...]] = attrgetter(*COUNTERS)
 _SOLVER_FAILED = int(Safety.SOLVER_FAILED)
-_NOT_FINITE = int(Safety.NOT_FINITE)
-_OVERRUN_STREAK = int(Safety.OVERRUN_STREAK)
-_DEVICE_LOST = int(Safety.DEVICE_LOST)
-_STALE_INPUT = int(Safety.STALE_INPUT)
 
 
 def loop_options(options: SolverOptions, rate: float) -> SolverOptions:
@@ -67,332 +72,196 @@ class LiveLoop:
     Args:
         setup: Of the session.
         memory: Of the session; this is the loop that writes it.
-        device: The glove, open.
-        pose: Of the palm, open.
-        clock: CLOCK_MONOTONIC by default.
+        info: Of the glove, as its driver says.
+        clock: Of `tick` and `wait`; CLOCK_MONOTONIC by default, as it always is of `run`.
         accounts: Of who had the processor; the system's by default.
 
     Attributes:
         deadlines: Of the periods.
         wakeups: How late the loop woke, from the deadline that was slept for.
-        latencies: From the newest sample's bytes read to the command sent.
+        latencies: From the newest sample's bytes read to the command handed to the driver.
         works: From waking to the end of the tick's work.
+        story: What the loop has to tell.
     """
 
     def __init__(
         self,
         setup: LiveSetup,
         memory: SessionMemory,
-        device: GloveDevice,
-        pose: PoseSource,
+        info: GloveInfo,
         *,
         clock: Clock | None = None,
         accounts: Accounts | None = None,
     ) -> None:
-        """Allocate everything; nothing is read, sent or computed yet."""
+        """Allocate everything; nothing is taken, commanded or computed yet."""
         self.setup = setup
         self.memory = memory
-        self.device = device
-        self.pose = pose
         period = setup.period_ns
         self.deadlines = Deadlines(period, clock)
         self._misses = MissAccounts(self.deadlines, accounts)
-        self.wakeups, self.latencies, self.works = TickTimes(), TickTimes(), TickTimes()
+        largest = np.zeros(3, np.int64)
+        self.wakeups, self.latencies, self.works = (TickTimes(largest[i : i + 1]) for i in range(3))
         self.solver = HandSolver(setup.hand, setup.surface_arrays(), loop_options(setup.options, setup.rate))
-        self.commander = FingerCommander(setup.output, setup.bend_lines(), 1e-9 * period)
+        feels = bool(info.capabilities & (Capability.FORCE | Capability.POWER))
+        self.commander = FingerCommander(setup.output, setup.bend_lines(), 1e-9 * period, feels=feels)
         self.interlock = Interlock(setup.safety, dry_run=setup.dry_run, period_ns=period)
-        self.watch = GloveWatch(device.info)
-        self._safety_log = SafetyLog()
-        self._interval = SampleInterval()
-        self._periods = None if setup.duration is None else max(1, round(setup.duration * setup.rate))
-        self._reconnect_ticks = max(1, round(RECONNECT_SECONDS * setup.rate))
-        self._longest_ns = setup.safety.release_at(period) * period
-        self._next_reconnect = 0
-        self._stop = ""
-        self._rows = np.zeros(1, LIVE_TICK)
-        self._row = self._rows[0]
-        self._record = TickRecord(*(self._rows[name] for name in TickRecord._fields))
+        self.watch = GloveWatch(info)
+        self._rows: Any = zeroed(LIVE_TICK)
+        self._rows["haptic_orientation"][:, 0] = 1.0
+        self._rows["input_seq"] = -1
+        self._record = TickRecord(*(self._rows[name].view(np.ndarray) for name in TickRecord._fields))
         names = ("haptic_position", "haptic_orientation", "haptic_flexion", "haptic_abduction")
-        self._haptic = HapticBlock(*(self._rows[name] for name in names))
-        self._position, self._orientation, self._flexion, self._abduction = (part[0] for part in self._haptic)
-        self._graphic, self._phalanx = self._record.flexion[0], self._record.phalanx[0]
-        feels = device.info.capabilities & (Capability.FORCE | Capability.POWER)
-        self._palm_turn = self._record.orientation[0] if feels else None
-        self._samples = np.zeros(MOST_SAMPLES, GLOVE_SAMPLE)
-        self._sample_ns = self._pose_ns = -1
-        self._input_seq = -1
-        self._usable = True
-        self._lost = self._stale = False
-        self._status = memory.status
-        self._due: list[Callable[[], None]] = []
-        self._row["input_seq"] = -1
-        self._orientation[0] = 1.0
+        self._haptic = HapticBlock(*(self._rows[name].view(np.ndarray) for name in names))
+        self._loop = zeroed(LOOP)
+        self.at: Any = self._loop[0]
+        self._refused = zeroed(REFUSED)
+        notes = zeroed(NOTES)
+        self.live = LiveArrays(
+            loop=self._loop,
+            deadlines=self.deadlines.state,
+            interlock=self.interlock.state,
+            commander=self.commander.state,
+            watch=self.watch.state,
+            misses=self._misses.state,
+            notes=notes,
+            refused=self._refused,
+            status=memory.status_block.array.view(np.recarray),
+            row=self._rows,
+            ticks=memory.ticks.records.view(np.recarray),
+            ticks_written=memory.ticks.counter,
+            samples=memory.samples.records.view(np.recarray),
+            samples_written=memory.samples.counter,
+            wakeups=self.wakeups.counts,
+            latencies=self.latencies.counts,
+            works=self.works.counts,
+            largest=largest,
+        )
+        self.story = Story(setup, memory, info, notes, self._refused, self._loop)
+        self._signal = ""
+        self._block: Any = None
+        self._run: Any = None
+        self._set_limits(setup)
+
+    def _set_limits(self, setup: LiveSetup) -> None:
+        at, period = self.at, setup.period_ns
+        at.periods = -1 if setup.duration is None else max(1, round(setup.duration * setup.rate))
+        at.longest_ns = setup.safety.release_at(period) * period
+        at.driver_ns = round(1e9 * setup.safety.heartbeat_stale)
+        at.sample_ns = at.pose_ns = at.input_seq = at.arrived_ns = at.latency_ns = -1
+        at.usable = 1
+        at.wake_ns = min(WAKE_NS, period // 2)
+        at.ratio = LogHistogram.RATIO
+
+    @property
+    def compiled(self) -> bool:
+        """Whether no tick but the first ones needs Python."""
+        return bool(self._block[0])
+
+    @property
+    def stopped(self) -> str:
+        """Why the loop is to end, "" while it is not."""
+        code = int(self._loop["stop"][0, 0])
+        return self._signal if code == STOP_SIGNAL else REASONS.get(code, "")
 
     def stop(self, reason: str) -> None:
         """Make the next tick the last one; safe to call from a signal's handler."""
-        self._stop = self._stop or reason
+        if not self.stopped:
+            self._signal = reason
+            self._loop["stop"][0, 0] = STOP_SIGNAL
 
-    def run(self) -> str:
-        """Run until told otherwise, then release the glove.
+    def run(self, cpu: int = -1) -> str:
+        """Run until told otherwise, then free the fingers; `prepare` came before, and another thread tells the `story`.
+
+        Args:
+            cpu: The processor that the calling thread stays on; -1 for any.
 
         Returns:
             Why it ended.
         """
-        self._begin()
         try:
-            while not self._stop:
-                self.deadlines.wait()
-                self._look_for_stop()
-                self.tick()
+            files = self.begin(cpu)
+            while not self.stopped or self.at.asks:
+                address, block = self._block
+                code = self._run(self.live, files, address if self.solver.started else 0, block)
+                if code == ASKS_PYTHON:
+                    self.at.solved, self.at.status = self._solve()
         finally:
             self.end()
-        return self._stop
+        return self.stopped
 
-    def _begin(self) -> None:
-        status = self._status
-        self._pass_over_backlog()
+    def prepare(self) -> None:
+        """Compile, or load from the cache, what `run` calls; the solver's own kernels are there."""
+        address, block = self.solver.compiled_tick(self._haptic, self._record)
+        self._block = address, Block(*block)
+        compiled: Any = run_loop
+        self._run = compiled.entry(self.live, NO_FILES, *self._block) if JIT_ENABLED else run_loop
+
+    def begin(self, cpu: int = -1) -> Any:
+        """Begin the first period, and pass over what came before: read at once, it has lost its times.
+
+        Args:
+            cpu: As in `run`.
+
+        Returns:
+            What compiled code reads of the system.
+        """
+        self.at.taken = self.memory.samples.written
         self.deadlines.start()
-        self._misses.begin()
+        files = self._misses.begin(cpu)
+        files.descriptors[2] = -1 if self.setup.dry_run else self.memory.wake
+        self._wake = int(files.descriptors[2])
         if self._misses.steal_unread:
             self.memory.log(INFORMATION, STEAL_UNREAD)
-        status["heartbeat_ns"] = self.deadlines.woke_ns
-        self._log_plausibility()
+        status = self.memory.status
+        status["heartbeat_ns"] = self.deadlines.at.woke_ns
         status["stage"] = Stage.RUNNING
+        return files
 
     def end(self) -> None:
-        """Release the glove and say so; may be called twice."""
-        self._status["stage"] = Stage.ENDING
-        self._status["command_stiffness"] = 0.0
-        self.commander.free()
-        if not self.setup.dry_run and not self.device.release():
-            self.memory.log(FAULT, "the glove could not be told to free the fingers")
-        self._status["counters"][:] = _read_counters(self.device.counters)
+        """Command free fingers and say that the session ends, on which the driver releases the glove."""
+        status = self.memory.status
+        self.commander.command.stiffness[:] = 0.0
+        self.commander.command.force[:] = 0.0
+        status["command_stiffness"] = status["command_force"] = 0.0
+        status["stage"] = Stage.ENDING
+
+    def wait(self) -> None:
+        """Sleep until the next period, in Python."""
+        self.deadlines.wait()
+        look_for_stop(self.live)
 
     def tick(self) -> None:
-        """All that is done in a period, after `deadlines.wait`."""
-        deadlines, row, status, clock = self.deadlines, self._row, self._status, self.deadlines.clock
-        now = deadlines.woke_ns
-        status["heartbeat_ns"] = now
+        """All that is done in a period, after `wait`, in Python: what `run_loop` does, on whatever clock."""
+        clock, live = self.deadlines.clock, self.live
         self._misses.woke()
-        asked = clock.now()
-        arrived = self._take_samples()
-        pose_ns = self.pose.read(now, self._position, self._orientation)
-        self._misses.device_ns += clock.now() - asked
-        if pose_ns >= 0:
-            self._pose_ns = pose_ns
-        safety = self.interlock.judge(
-            now,
-            sample_ns=self._sample_ns,
-            pose_ns=self._pose_ns,
-            usable=self._usable,
-            missed=deadlines.missed,
-            watchdog_ns=int(status["watchdog_ns"]),
-            armed=bool(status["watchdog_armed"]),
-            lost=self._lost,
-            stopping=bool(self._stop),
-        )
-        solved = self._sample_ns >= 0 and self._pose_ns >= 0
+        solved, status = bool(begin_tick(live)), 0
         if solved:
-            solved, safety = self._solve(safety)
-        if clock.now() - now >= self._longest_ns:
-            # What was judged good then need not be so now.
-            safety |= _OVERRUN_STREAK
-            self._safety_log.detail[Safety.OVERRUN_STREAK] = "during a tick; the recording tells the cause"
-        if safety or not solved:
-            self.commander.free()
-        asked = clock.now()
-        safety, sent = self._send(safety)
+            solved, status = self._solve()
+        command_tick(live, clock.now(), solved, status)
+        wake_driver(live, self._wake, clock.now())
         done = clock.now()
-        self._misses.device_ns += done - asked
-        cause, taken = self._name_miss()
-        latency = done - arrived if sent and arrived >= 0 else -1
-        if solved:
-            row["tick"] = deadlines.tick
-            row["time_ns"] = deadlines.deadline_ns
-            row["wakeup_ns"] = deadlines.late_ns
-            row["latency_ns"] = latency
-            row["missed"] = deadlines.missed
-            row["input_seq"] = self._input_seq
-            row["safety"] = safety
-            row["cause"] = cause
-            row["taken"] = taken
-            row["command_bend"] = self.commander.command.bend
-            row["command_stiffness"] = self.commander.command.stiffness
-            ticks = self.memory.ticks
-            ticks.records[ticks.written % ticks.capacity] = row
-            ticks.publish()
-        self._show(safety)
-        self._count(latency)
-        if safety & _STALE_INPUT and not self._stale:
-            self._tell_age()
-        self._stale = bool(safety & _STALE_INPUT)
-        for level, text in self._safety_log.changed(safety, now):
-            self.memory.log(level, text, now)
-        self._work_at_leisure(clock.now() - now)
+        self._misses.name()
+        publish_tick(live, done, solved)
+        count_work(live, clock.now())
 
-    def _name_miss(self) -> tuple[MissCause, TimeTaken]:
-        """Who took the time of the periods missed right before this tick; NONE where none was."""
-        missed = self.deadlines.missed
-        if not missed:
-            return MissCause.NONE, _NONE_TAKEN
-        taken = self._misses.taken()
-        cause = taken.cause()
-        self._status["missed_by"][cause - 1] += missed
-        self._safety_log.detail[Safety.OVERRUN_STREAK] = f"{missed:,} the last time, {WORDS[cause]}"
-        return cause, taken
-
-    def _tell_age(self) -> None:
-        stale = self.setup.safety.stale
-        self._safety_log.detail[Safety.STALE_INPUT] = (
-            f"for more than {1e3 * stale:g} ms, as --stale says{self._interval.hint(stale)}"
-        )
-
-    def _pass_over_backlog(self) -> None:
-        """Record what came while the loop was made ready, and use none of it: read at once, it has lost its times."""
+    def _solve(self) -> tuple[bool, int]:
+        """Whether there is a graphic hand, and the solver's status bits."""
         try:
-            while True:
-                count = self.device.read(self._samples)
-                self._keep(count)
-                if count < MOST_SAMPLES:
-                    return
-        except DeviceError as error:
-            self._lose(error)
-
-    def _keep(self, count: int) -> None:
-        ring = self.memory.samples
-        for sample in self._samples[:count]:
-            ring.records[ring.written % ring.capacity] = sample
-            ring.publish()
-
-    def _take_samples(self) -> int:
-        """Read the glove; returns when the newest sample's bytes were read [ns], -1 where none came."""
-        if self._lost and not self._reconnected():
-            return -1
-        try:
-            count = self.device.read(self._samples)
-        except DeviceError as error:
-            self._lose(error)
-            return -1
-        if count == 0:
-            return -1
-        self._keep(count)
-        for sample in self._samples[:count]:
-            was_usable, self._usable = self._usable, self.watch.use(sample, self._flexion, self._abduction)
-            if was_usable and not self._usable:
-                self._safety_log.detail[Safety.NOT_FINITE] = reading_of_no_hand(
-                    sample, self.device.info, self.watch.known
-                )
-            if self._usable:
-                self._sample_ns = int(sample["time_ns"])
-                self._interval.add(self._sample_ns)
-                self._input_seq = int(sample["seq"])
-        self._status["sample_ns"] = self._sample_ns
-        self._status["battery"] = sample["battery"]
-        self._log_plausibility()
-        return int(sample["time_ns"])
-
-    def _reconnected(self) -> bool:
-        if self.deadlines.tick < self._next_reconnect:
-            return False
-        self._next_reconnect = self.deadlines.tick + self._reconnect_ticks
-        try:
-            if not self.device.reconnect():
-                return False
-        except DeviceError as error:
-            self.memory.log(WARNING, f"the glove is still gone: {error}")
-            return False
-        self._lost = False
-        return True
-
-    def _lose(self, error: DeviceError) -> None:
-        self._lost = True
-        self._safety_log.detail[Safety.DEVICE_LOST] = str(error)
-
-    def _solve(self, safety: int) -> tuple[bool, int]:
-        """Solve the tick and make its command; whether there is a graphic hand, and the tick's safety bits."""
-        try:
-            status = self.solver.tick(self._haptic, self._record)
+            return True, self.solver.tick(self._haptic, self._record)
         except Exception as error:  # whatever it is, the fingers are freed and the loop goes on
-            self._safety_log.detail[Safety.SOLVER_FAILED] = f"{type(error).__name__}: {error}"
-            return False, safety | _SOLVER_FAILED
-        if status & STATUS_CAPACITY_EXCEEDED:
-            self._safety_log.detail[Safety.SOLVER_FAILED] = "more contacts than the solver holds"
-            safety |= _SOLVER_FAILED
-        if status & STATUS_INPUT_INVALID:
-            safety |= _NOT_FINITE
-        if status & STATUS_START_INSIDE:
-            self.memory.log(WARNING, BEGINS_INSIDE)
-        if self.interlock.eases:
-            self.commander.ease()
-        return True, self.commander.update(self._graphic, self._phalanx, safety, self.watch.free, self._palm_turn)
-
-    def _send(self, safety: int) -> tuple[int, bool]:
-        """Send the command; the tick's safety bits, and whether the glove has it (or would have it, in a dry run)."""
-        if self.setup.dry_run:
-            return safety, True
-        if self._lost:
-            return safety, False
-        try:
-            return safety, self.device.send(self.commander.command)
-        except DeviceError as error:
-            self._lose(error)
-            self.commander.free()
-            return safety | _DEVICE_LOST, False
-
-    def _show(self, safety: int) -> None:
-        status, deadlines = self._status, self.deadlines
-        status["ticks"] += 1
-        status["missed"] = deadlines.missed_total
-        status["streak"] = self.interlock.streak
-        status["safety"] = safety
-        status["contacts"] = self._record.work[0, WORK_TOUCHING]
-        status["force"] = self.commander.force
-        status["command_bend"] = self.commander.command.bend
-        status["command_stiffness"] = self.commander.command.stiffness
-        if deadlines.tick % COUNTER_TICKS == 0:
-            status["counters"][:] = _read_counters(self.device.counters)
-
-    def _count(self, latency: int) -> None:
-        if self.wakeups.add(self.deadlines.late_ns):
-            self._due += [self.wakeups.count, self._show_wakeups]
-        if latency >= 0 and self.latencies.add(latency):
-            self._due += [self.latencies.count, self._show_latencies]
-
-    def _work_at_leisure(self, work_ns: int) -> None:
-        """Count the tick's work, and do one thing that was put off: none of them delays what the fingers are told."""
-        if self.works.add(work_ns):
-            self._due.append(self.works.count)
-        if self._due:
-            self._due.pop(0)()
-        self._misses.at_leisure()
-
-    def _show_wakeups(self) -> None:
-        self._status["wakeup_p50_ns"] = self.wakeups.percentile(50.0)
-        self._status["wakeup_p99_ns"] = self.wakeups.percentile(99.0)
-
-    def _show_latencies(self) -> None:
-        self._status["latency_p50_ns"] = self.latencies.percentile(50.0)
-        self._status["latency_p99_ns"] = self.latencies.percentile(99.0)
-
-    def _log_plausibility(self) -> None:
-        for level, text in self.watch.events():
-            self.memory.log(level, text)
-
-    def _look_for_stop(self) -> None:
-        if self._status["stop_requested"]:
-            self.stop("stopped")
-        if self._periods is not None and self.deadlines.tick + 1 >= self._periods:
-            self.stop("duration")
+            self.at.safety |= _SOLVER_FAILED
+            self.story.detail[Safety.SOLVER_FAILED] = f"{type(error).__name__}: {error}"
+            return False, 0
 
     def summary(self) -> dict[str, Any]:
         """What became of the ticks, as plain values; times in ns."""
+        status = self.memory.status
         return {
-            "reason": self._stop,
-            "ticks": int(self._status["ticks"]),
-            "missed": self.deadlines.missed_total,
-            "missed_by": by_name(self._status["missed_by"]),
+            "reason": self.stopped,
+            "ticks": int(status["ticks"]),
+            "missed": int(status["missed"]),
+            "missed_by": by_name(status["missed_by"]),
             "wakeup": self.wakeups.summary(),
             "latency": self.latencies.summary(),
             "work": self.works.summary(),
-            "counters": asdict(self.device.counters),
         }

@@ -1,13 +1,16 @@
 """Who took the time of a period that was missed, from what the system and the loop's own clock say of it."""
 
-from typing import Protocol
+from typing import Any, Protocol
 
+import numpy as np
+
+from hhsim.kernels.live.accounts import MISSES, account_steal, account_waking, name_miss
+from hhsim.kernels.live.loop import SystemFiles
 from hhsim.live.loop.deadlines import Deadlines
 from hhsim.result.miss_cause import TimeTaken
-from hhsim.system.cpu_accounts import CpuAccounts, risen
+from hhsim.solver.workspace import zeroed
+from hhsim.system.cpu_accounts import LINE_BYTES, CpuAccounts
 
-STEAL_TICKS = 32
-"""What the host has taken is read once in so many ticks, and where a period was missed."""
 STEAL_SHARE = 0.1
 """Of a period: where one reading takes longer, as on machines of very many processors, it is done without."""
 
@@ -26,14 +29,15 @@ class Accounts(Protocol):
 
 
 class MissAccounts:
-    """Keeps what is needed to say of a missed period who took it: a few microseconds a tick.
+    """Keeps what is needed to say of a missed period who took it; `hhsim.kernels.live.accounts` says it.
 
     Args:
         deadlines: Of the loop.
         accounts: Of its thread; by default those of the system, of the thread that calls `begin`.
 
     Attributes:
-        device_ns: What the calls to the devices of this tick took; the loop adds to it.
+        state: Of `MISSES`, shape (1,).
+        at: Its one record.
         steal_unread: Reading what the host took is too slow here.
     """
 
@@ -41,57 +45,68 @@ class MissAccounts:
         """Nothing is read yet."""
         self._deadlines = deadlines
         self._accounts = accounts
-        self.device_ns = 0
+        self.state = zeroed(MISSES)
+        self.at: Any = self.state[0]
         self.steal_unread = False
-        self._device_before = 0
-        self._woke = self._woke_before = self._late = self._late_before = 0
-        self._cpu = self._cpu_before = self._delay = self._delay_before = self._steal = -1
 
-    def begin(self) -> None:
-        """Take the readings that the first tick is compared with, in the loop's thread."""
+    def begin(self, cpu: int = -1) -> SystemFiles:
+        """Take the readings that the first tick is compared with, in the loop's thread.
+
+        Args:
+            cpu: The processor that it stays on; -1 for any.
+
+        Returns:
+            Of the system's accounts, for a loop in compiled code; without what wakes a driver.
+        """
         if self._accounts is None:
-            self._accounts = CpuAccounts()
+            self._accounts = CpuAccounts(None if cpu < 0 else cpu)
         accounts, clock = self._accounts, self._deadlines.clock
         took = []
         for _ in range(3):
             began = clock.now()
-            self._steal = accounts.steal_ns()
+            steal = accounts.steal_ns()
             took.append(clock.now() - began)
-        self.steal_unread = min(took) > STEAL_SHARE * self._deadlines.period_ns
-        if self.steal_unread:
-            self._steal = -1
-        self._cpu, self._delay, self._woke = accounts.cpu_ns(), accounts.run_delay_ns(), self._deadlines.woke_ns
+        self.steal_unread = min(took) > STEAL_SHARE * self._deadlines.at.period_ns
+        self.at.steal_read = not self.steal_unread
+        account_steal(self.at, clock.now(), -1 if self.steal_unread else steal)
+        account_waking(self.at, self._deadlines.at.woke_ns, 0, accounts.cpu_ns(), accounts.run_delay_ns())
+        return system_files(accounts) if isinstance(accounts, CpuAccounts) else NO_FILES
 
     def woke(self) -> None:
-        """A tick begins: what was counted until now is that of the one before."""
-        accounts = self._accounts
-        if accounts is None:
+        """A tick begins, in a loop that Python runs."""
+        if self._accounts is not None:
+            at = self._deadlines.at
+            account_waking(self.at, at.woke_ns, at.wakeup_ns, self._accounts.cpu_ns(), self._accounts.run_delay_ns())
+
+    def name(self) -> None:
+        """Say who took the periods that this tick missed, and read now and then what the host took; as `woke`."""
+        at, now = self._deadlines.at, self._deadlines.clock.now()
+        missed = int(at.missed) > 0
+        if self._accounts is None or not (missed or (self.at.steal_read and now >= self.at.steal_due_ns)):
             return
-        self._device_before, self.device_ns = self.device_ns, 0
-        self._woke_before, self._woke = self._woke, self._deadlines.woke_ns
-        self._late_before, self._late = self._late, self._deadlines.wakeup_ns
-        self._cpu_before, self._cpu = self._cpu, accounts.cpu_ns()
-        self._delay_before, self._delay = self._delay, accounts.run_delay_ns()
+        steal = self._accounts.steal_ns() if self.at.steal_read else -1
+        if missed:
+            name_miss(self.at, at.asked_ns, at.late_ns, steal)
+        account_steal(self.at, now, steal)
 
     def taken(self) -> TimeTaken:
-        """Where the time since the deadline of the tick before went, where this tick missed periods."""
-        deadlines, before = self._deadlines, self._steal
-        self._read_steal()
-        computed = risen(self._cpu_before, self._cpu)
-        worked = deadlines.asked_ns - self._woke_before
-        return TimeTaken(
-            computed=computed,
-            kept=self._late_before + max(0, worked - computed) + deadlines.late_ns,
-            run_delay=risen(self._delay_before, self._delay),
-            steal=risen(before, self._steal),
-            device=self._device_before,
-        )
+        """Where the time went that the tick named last had missed."""
+        return TimeTaken(*map(int, self.at.taken))
 
-    def at_leisure(self) -> None:
-        """Read now and then what the host has taken, so that a miss is not charged with what it took long before."""
-        if self._deadlines.tick % STEAL_TICKS == 0:
-            self._read_steal()
 
-    def _read_steal(self) -> None:
-        if self._accounts is not None and not self.steal_unread:
-            self._steal = self._accounts.steal_ns()
+def system_files(accounts: CpuAccounts) -> SystemFiles:
+    """The accounts of the system for a loop in compiled code."""
+    allowed = np.zeros(max(accounts.processors, default=0) + 1, np.bool_)
+    allowed[list(accounts.processors)] = True
+    return SystemFiles(
+        descriptors=np.array([accounts.schedule, accounts.stat, -1]),
+        line=np.zeros(LINE_BYTES, np.uint8),
+        lines=np.zeros(accounts.stat_bytes, np.uint8),
+        allowed=allowed,
+        step=np.array([accounts.steal_step_ns]),
+    )
+
+
+NO_FILES = SystemFiles(
+    np.full(3, -1), np.zeros(1, np.uint8), np.zeros(1, np.uint8), np.zeros(1, np.bool_), np.ones(1, np.int64)
+)

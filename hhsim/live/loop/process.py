@@ -1,7 +1,7 @@
 """The process of the loop: `python -m hhsim.live.loop.process --setup FD --status FD …`, started by the supervisor.
 
-Kernels are ready and everything is allocated before the glove is connected. However the process ends, short of being
-killed outright, the glove is released; then the watchdog does it.
+Kernels are ready before the driver, a process that this one starts, connects to the glove. However the process ends,
+the driver is told by the system, and releases the glove.
 
 Exit codes: 0 it was stopped, 1 a fault of hhsim's own, 2 the glove or the pose cannot be reached, or a setup that
 cannot be used. The reason is the last event and a line on stderr.
@@ -11,24 +11,32 @@ import argparse
 import os
 import signal
 import sys
+import threading
+import time
 import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from types import FrameType
 from typing import Any
 
 from hhsim.errors import HhsimError
-from hhsim.live.device import GloveDevice
-from hhsim.live.devices.registry import open_device
+from hhsim.live.child_process import ChildProcess
+from hhsim.live.device import COUNTERS, Capability, GloveInfo
 from hhsim.live.ipc.config import LiveSetup
 from hhsim.live.ipc.session_memory import FAULT, INFORMATION, WARNING, SessionMemory, add_memory_options, attached
-from hhsim.live.ipc.status import Stage
+from hhsim.live.ipc.status import DriverSetup, Stage, oldest_heartbeat
+from hhsim.live.loop.driver import BEGIN, OPEN, glove_info
 from hhsim.live.loop.loop import LiveLoop, loop_options
-from hhsim.live.pose.registry import PoseSource, make_pose_source
 from hhsim.live.real_time import become_ordinary, become_real_time, described, end_with
-from hhsim.live.shared_memory import read_setup
+from hhsim.live.shared_memory import read_setup, write_setup
 from hhsim.solver.compile import warm_up
 
+StartDriver = Callable[[LiveSetup, SessionMemory], ChildProcess]
+TELL_SECONDS = 0.02
+"""Between two looks at what the loop noted."""
+DRIVER_PATIENCE = 2.0
+"""How long the driver has to release the glove and end [s]."""
+DEVICE_FACTS = ("name", "hand", "channels", "unit", "capabilities", "doubtful")
 SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 
 
@@ -52,85 +60,130 @@ class Ending:
             raise SystemExit(0)
 
 
-def run_session(setup: LiveSetup, memory: SessionMemory, device: GloveDevice, pose: PoseSource, ending: Ending) -> None:
-    """Make everything ready, run the loop until it is stopped, and leave the glove released and closed.
+def run_session(setup: LiveSetup, memory: SessionMemory, ending: Ending, driver: ChildProcess) -> None:
+    """Make everything ready, run the loop until it is stopped, and leave the glove released.
+
+    The loop has a thread of its own, in which compiled code runs; this one tells what the loop notes.
 
     Args:
         setup: Of the session.
         memory: Of the session.
-        device: Not yet opened.
-        pose: Not yet opened.
         ending: What signals do, installed.
+        driver: The process that has the glove.
 
     Raises:
-        HhsimError: The glove or the pose cannot be reached.
+        HhsimError: The glove or the pose cannot be reached, or the driver has died.
     """
-    facts: dict[str, Any] = {}
-    opened = False
-    try:
-        prepare_kernels(setup)
-        pose.open()
-        opened = True
-        device.open()
-        loop = LiveLoop(setup, memory, device, pose)
-        mode = become_real_time(setup.real_time)
-        facts = {"real_time": mode, "device": device_facts(device), "pose": pose.name}
-        memory.write_facts(facts)
-        memory.log(INFORMATION, f"the loop runs at {setup.rate:g} Hz: {described(mode)}")
-        for line in mode["refused"]:
-            memory.log(WARNING, line)
-        ending.loop = loop
-        loop.run()
-        become_ordinary()
-        facts["summary"] = loop.summary()
-        memory.write_facts(facts)
-    finally:
-        if opened:
-            if not setup.dry_run:
-                device.release()
+    prepare_kernels(setup, memory)
+    memory.status["loop_ready"] = OPEN
+    while not (device := memory.device.read()):
+        if not driver.running:
+            raise HhsimError(driver.complaint() or f"the glove's driver {driver.how_it_ended()}")
+        time.sleep(TELL_SECONDS / 10)
+    loop = LiveLoop(setup, memory, glove_info(device))
+    loop.prepare()
+    thread = LoopThread(loop, device)
+    ending.loop = loop
+    thread.start()
+    died = ""
+    while thread.is_alive():
+        loop.story.tell()
+        if not driver.running and not died and not loop.stopped:
+            died = f"the glove's driver {driver.how_it_ended()}"
+            loop.stop(died)
+        thread.join(TELL_SECONDS)
+    loop.story.tell()
+    if thread.failure is not None:
+        raise thread.failure
+    if not driver.wait(DRIVER_PATIENCE):
+        memory.log(FAULT, "the glove's driver does not end: it is killed")
+        driver.send(signal.SIGKILL)
+        driver.wait(DRIVER_PATIENCE)
+    loop.story.tell()
+    counters = dict(zip(COUNTERS, map(int, memory.status["counters"]), strict=True))
+    memory.write_facts(thread.facts | {"summary": loop.summary() | {"counters": counters}})
+    if died:
+        raise HhsimError(died)
+
+
+class LoopThread(threading.Thread):
+    """The thread of a loop: what the system grants is its own.
+
+    Args:
+        loop: That runs in it.
+        device: What the driver says of glove and pose.
+
+    Attributes:
+        facts: What was said of the session when it began.
+        failure: What ended it, where it did not end by itself.
+    """
+
+    def __init__(self, loop: LiveLoop, device: dict[str, Any]) -> None:
+        """Nothing runs yet."""
+        super().__init__(name="hhsim-loop", daemon=True)
+        self._loop = loop
+        self.facts = {"device": {name: device[name] for name in DEVICE_FACTS}, "pose": device["pose"]}
+        self.failure: BaseException | None = None
+
+    def run(self) -> None:
+        """Become real time, say so, and run the loop."""
+        loop, memory = self._loop, self._loop.memory
+        try:
+            mode = become_real_time(loop.setup.real_time, interpreter=not loop.compiled)
+            self.facts["real_time"] = mode
+            memory.write_facts(self.facts)
+            memory.log(INFORMATION, f"the loop runs at {loop.setup.rate:g} Hz: {described(mode)}")
+            for line in mode["refused"]:
+                memory.log(WARNING, line)
+            # A glove that plays a motion begins it now, and what others sent before has lost its times.
+            memory.status["loop_ready"] = BEGIN
+            begun = time.monotonic() + DRIVER_PATIENCE
+            while not memory.status["driver_begun"] and time.monotonic() < begun:
+                time.sleep(0.0005)
+            loop.run(mode["cpu"])
             become_ordinary()
-            device.close()
-        pose.close()
+        except BaseException as error:  # raised again where the thread was started
+            self.failure = error
+            loop.end()
 
 
-def prepare_kernels(setup: LiveSetup) -> None:
+def prepare_kernels(setup: LiveSetup, memory: SessionMemory) -> None:
     """Compile, or load from the cache, every kernel that a tick runs, whatever the place where the hand begins."""
     options = loop_options(setup.options, setup.rate)
     warm_up(setup.hand, options)
     if options.method not in ("coupled", "progressive"):
         # A hand that begins inside the object is brought out by `coupled`.
         warm_up(setup.hand, replace(options, method="coupled"))
+    LiveLoop(setup, memory, GloveInfo("", Capability.NONE, ())).prepare()
 
 
-def device_facts(device: GloveDevice) -> dict[str, Any]:
-    """What a driver says of its glove, as plain values."""
-    info = device.info
-    return {
-        "name": info.name,
-        "hand": info.hand,
-        "channels": list(info.channels),
-        "unit": info.unit,
-        "capabilities": [flag.name for flag in info.capabilities],
-        "doubtful": list(info.doubtful),
-    }
+def start_driver(setup: LiveSetup, memory: SessionMemory) -> ChildProcess:
+    """Start the process that has the glove; it waits until the loop is ready."""
+    oldest = oldest_heartbeat(setup.safety.heartbeat_stale, setup.period_ns)
+    given = DriverSetup(setup.device, setup.pose, setup.dry_run, oldest, setup.real_time, os.getpid())
+    descriptor = write_setup(given)
+    arguments = ["--setup", str(descriptor), *memory.arguments()]
+    child = ChildProcess("driver", "hhsim.live.loop.driver", arguments, [descriptor, *memory.descriptors])
+    os.close(descriptor)
+    return child
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the loop of a session; returns the exit code."""
+def main(arguments: Sequence[str] | None = None, start: StartDriver = start_driver) -> int:
+    """Run the loop of a session, with the driver that `start` starts; returns the exit code."""
     parser = argparse.ArgumentParser(prog="python -m hhsim.live.loop.process", description=__doc__)
     add_memory_options(parser)
     options = parser.parse_args(arguments)
     setup, memory = read_setup(options.setup, LiveSetup), attached(options)
     ending = Ending()
     ending.install()
+    driver: ChildProcess | None = None
     memory.status["loop_pid"] = os.getpid()
     memory.status["stage"] = Stage.STARTING
     try:
         if not end_with(setup.supervisor):
             raise HhsimError("the loop's supervisor ended before the loop began")
-        device = open_device(setup.device)
-        pose = make_pose_source(setup.pose, memory.status_block, device)
-        run_session(setup, memory, device, pose, ending)
+        driver = start(setup, memory)
+        run_session(setup, memory, ending, driver)
     except HhsimError as error:
         memory.log(FAULT, str(error))
         print(f"hhsim: {error}", file=sys.stderr)
@@ -140,6 +193,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         traceback.print_exc()
         return 1
     finally:
+        memory.status["stage"] = Stage.ENDING
+        if driver is not None and not driver.wait(DRIVER_PATIENCE):
+            driver.send(signal.SIGKILL)
         memory.status["stage"] = Stage.ENDED
     return 0
 

@@ -21,7 +21,7 @@ from types import FrameType
 
 from hhsim.live.device import DeviceError, FingerRelease
 from hhsim.live.devices.registry import open_release
-from hhsim.live.ipc.status import LIVE_STATUS, Stage, WatchdogSetup
+from hhsim.live.ipc.status import LIVE_STATUS, Stage, WatchdogSetup, oldest_heartbeat
 from hhsim.live.real_time import become_ordinary, become_real_time
 from hhsim.live.shared_memory import SharedBlock, read_setup
 
@@ -33,8 +33,6 @@ CONNECT_NS = 250_000_000
 """Between two tries to reach the glove."""
 LAST_WORDS_NS = 200_000_000
 """How long the fingers are freed again and again after the loop has gone without saying so."""
-PERIODS = 2.5
-"""A slow loop may keep still for this many periods."""
 
 
 class Watchdog:
@@ -48,7 +46,7 @@ class Watchdog:
     def __init__(self, setup: WatchdogSetup, device: FingerRelease | None) -> None:
         """Nothing is connected yet."""
         self._supervisor = setup.supervisor
-        self._stale_ns = max(round(1e9 * setup.heartbeat_stale), round(PERIODS * setup.period_ns))
+        self._stale_ns = oldest_heartbeat(setup.heartbeat_stale, setup.period_ns)
         self._block = SharedBlock(setup.status, LIVE_STATUS)
         self._status = self._block.array[0]
         self._device = device
@@ -88,6 +86,8 @@ class Watchdog:
             return self._loop.gone or not self._loop.known
         running = stage in (Stage.RUNNING, Stage.ENDING)
         amiss = running and (self._loop.gone or now - int(status["heartbeat_ns"]) > self._stale_ns)
+        # A driver that is dead or hangs sends no command any more, not even one that frees the fingers.
+        amiss = amiss or (stage == Stage.RUNNING and now - int(status["driver_ns"]) > self._stale_ns)
         if amiss and now - self._released_ns >= RELEASE_NS:
             self._released_ns = now
             if self._free_fingers():

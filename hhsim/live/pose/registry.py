@@ -91,6 +91,10 @@ class PoseSource(ABC):
         """
         return
 
+    def descriptors(self) -> tuple[int, ...]:
+        """What can be waited on for a new pose; () where there is nothing to wait for."""
+        return ()
+
     @abstractmethod
     def read(self, now_ns: int, position_out: "NDArray[np.float64]", orientation_out: "NDArray[np.float64]") -> int:
         """Write the newest pose.

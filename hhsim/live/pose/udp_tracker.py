@@ -48,6 +48,10 @@ class UdpPose(PoseSource):
         self.close()
         self._port = UdpPort(self._config.host, self._config.port)
 
+    def descriptors(self) -> tuple[int, ...]:
+        """See `PoseSource.descriptors`."""
+        return () if self._port is None else (self._port.descriptor,)
+
     def read(self, now_ns: int, position_out: Array, orientation_out: Array) -> int:
         """See `PoseSource.read`."""
         if self._port is not None:

@@ -21,11 +21,11 @@ from types import TracebackType
 from typing import Any, Self
 
 from hhsim.errors import HhsimError
+from hhsim.live.child_process import ChildProcess
 from hhsim.live.device import DeviceCounters, DeviceError
 from hhsim.live.ipc.config import LiveSetup
 from hhsim.live.ipc.session_memory import FAULT, INFORMATION, WARNING, SessionMemory
 from hhsim.live.ipc.status import Stage
-from hhsim.live.session.child_process import ChildProcess
 from hhsim.live.session.statistics import LiveTally
 from hhsim.live.shared_memory import RingReader, write_setup
 from hhsim.result.miss_cause import by_name

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from live_scripted import FIST, FREE, FakeClock, make_setup
+from live_scripted import FIST, FREE, FakeClock, InStep, make_setup
 
 import hhsim.live.devices
 from hhsim.errors import InputError, UnknownNameError
@@ -26,9 +26,7 @@ from hhsim.live.devices.registry import (
 )
 from hhsim.live.ipc.config import OutputLimits, SafetyLimits
 from hhsim.live.ipc.session_memory import SessionMemory
-from hhsim.live.loop.loop import LiveLoop
 from hhsim.live.playback import Playback
-from hhsim.live.pose.fixed import FixedPose
 from hhsim.live.pose.registry import POSES, PoseConfig, make_pose_source
 from hhsim.motion.trajectory import Trajectory
 
@@ -176,8 +174,7 @@ def test_a_glove_in_one_file_drives_the_loop_and_is_stopped(text_glove: Path, tm
     glove: Any = open_device(setup.device)
     glove.clock = clock.now
     glove.open()
-    loop = LiveLoop(setup, memory, glove, FixedPose(PoseConfig()), clock=clock)
-    assert loop.run() == "duration"
+    assert InStep(setup, memory, glove, clock).run() == "duration"
     ticks = memory.ticks.records[: memory.ticks.written]
     assert len(ticks) == 250
     np.testing.assert_allclose(ticks["haptic_flexion"][120], FIST, atol=1e-6)

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from hhsim.kernels.live.finger_command import update_command
 from hhsim.live.ipc.config import OutputLimits
 from hhsim.live.loop.finger_command import FingerCommander
 from hhsim.recordings.dexmo_regression import DexmoRegression
@@ -16,7 +17,8 @@ from hhsim.result.safety import Safety
 Array = NDArray[np.float64]
 
 PERIOD = 1e-3
-NOBODY = np.zeros(5, dtype=bool)
+NOBODY = np.zeros(5, np.int64)
+LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 REGRESSION = DexmoRegression.default()
 BEND_LINES = REGRESSION.bend_lines()
 ROUNDING = 1e-12
@@ -60,8 +62,8 @@ def test_no_input_breaks_the_limits(limits: OutputLimits, steps: list[Input]) ->
     command = stage.command
     before, bend_before, begun, since = command.stiffness.copy(), None, False, 0
     for step in steps:
-        kept_free = np.arange(5) == step.free
-        safety = stage.update(*fill(step.flexion, step.force), step.safety, kept_free)
+        kept_free = (np.arange(5) == step.free).astype(np.int64)
+        safety = update_command(stage.at, *fill(step.flexion, step.force), LEVEL, step.safety, kept_free)
         assert np.isfinite(command.stiffness).all()
         assert np.isfinite(command.bend).all()
         assert ((command.bend >= 0.0) & (command.bend <= 1.0)).all()
@@ -76,7 +78,7 @@ def test_no_input_breaks_the_limits(limits: OutputLimits, steps: list[Input]) ->
             # The ramp, in ticks without a fault.
             most = np.array(limits.stiffness) * min(1.0, since * PERIOD / max(limits.ramp, PERIOD))
             assert (command.stiffness <= most + ROUNDING).all()
-        assert (command.stiffness[kept_free] == 0.0).all()
+        assert (command.stiffness[kept_free == 1] == 0.0).all()
         # Each of three phalanges feels this along three axes. NaN compares false.
         if not 3.0 * np.sqrt(3.0) * abs(step.force) >= limits.contact_force - ROUNDING:
             assert (command.stiffness == 0.0).all()
@@ -90,12 +92,12 @@ def test_no_input_breaks_the_limits(limits: OutputLimits, steps: list[Input]) ->
 def test_every_safety_bit_frees_the_fingers_in_its_tick_and_the_ramp_follows(bit: Safety) -> None:
     stage = FingerCommander(OutputLimits(ramp=0.1, stiffness_rise=1e6), BEND_LINES, PERIOD)
     for _ in range(200):
-        stage.update(*fill(0.5, 1.0), 0, NOBODY)
+        update_command(stage.at, *fill(0.5, 1.0), LEVEL, 0, NOBODY)
     assert (stage.command.stiffness == 0.3).all()
-    assert stage.update(*fill(0.5, 1.0), int(bit), NOBODY) == bit
+    assert update_command(stage.at, *fill(0.5, 1.0), LEVEL, int(bit), NOBODY) == bit
     assert (stage.command.stiffness == 0.0).all()
     for tick in range(1, 101):
-        stage.update(*fill(0.5, 1.0), 0, NOBODY)
+        update_command(stage.at, *fill(0.5, 1.0), LEVEL, 0, NOBODY)
         np.testing.assert_allclose(stage.command.stiffness, 0.3 * tick / 100)
 
 
@@ -105,11 +107,11 @@ def test_every_safety_bit_frees_the_fingers_in_its_tick_and_the_ramp_follows(bit
 def test_a_solver_that_is_not_finite_has_failed(bad: float, place: str, finger: int) -> None:
     stage = FingerCommander(OutputLimits(ramp=0.0), BEND_LINES, PERIOD)
     for _ in range(100):
-        stage.update(*fill(0.5, 1.0), 0, NOBODY)
+        update_command(stage.at, *fill(0.5, 1.0), LEVEL, 0, NOBODY)
     bend = stage.command.bend.copy()
     flexion, force = fill(0.5, 1.0)
     (flexion if place == "flexion" else force)[finger, 2, ...] = bad
-    assert stage.update(flexion, force, 0, NOBODY) == Safety.SOLVER_FAILED
+    assert update_command(stage.at, flexion, force, LEVEL, 0, NOBODY) == Safety.SOLVER_FAILED
     assert (stage.command.stiffness == 0.0).all()
     assert np.array_equal(stage.command.bend, bend)
 
@@ -119,7 +121,7 @@ def test_set_points_are_those_of_the_regression() -> None:
     stage = FingerCommander(OutputLimits(bend_speed=1e6), BEND_LINES, PERIOD)
     for _ in range(100):
         flexion = random.uniform(-0.3, 2.0, (5, 3))
-        stage.update(flexion, np.zeros((5, 3, 3)), 0, NOBODY)
+        update_command(stage.at, flexion, np.zeros((5, 3, 3)), LEVEL, 0, NOBODY)
         np.testing.assert_allclose(stage.command.bend, REGRESSION.bends(flexion), atol=1e-12)
 
 
@@ -128,7 +130,7 @@ def test_a_finger_whose_bend_means_nothing_is_told_zero() -> None:
     slope[3:6] = 0.0
     dead = DexmoRegression(REGRESSION.open, REGRESSION.closed, slope, REGRESSION.offset)
     stage = FingerCommander(OutputLimits(), dead.bend_lines(), PERIOD)
-    stage.update(*fill(0.5, 1.0), 0, NOBODY)
+    update_command(stage.at, *fill(0.5, 1.0), LEVEL, 0, NOBODY)
     assert stage.command.bend[1] == dead.bends(np.full((5, 3), 0.5))[1] == 0.0
 
 
@@ -138,26 +140,28 @@ def test_only_a_finger_that_carries_force_is_held() -> None:
     # Forces that are opposed are forces too.
     force[1, 0, 0], force[1, 1, 0] = 0.06, -0.06
     force[3, 2] = 0.05, 0.0, 0.0
-    stage.update(np.zeros((5, 3)), force, 0, NOBODY)
+    update_command(stage.at, np.zeros((5, 3)), force, LEVEL, 0, NOBODY)
     assert stage.command.stiffness.tolist() == [0.0, 0.3, 0.0, 0.0, 0.0]
     np.testing.assert_allclose(stage.force, [0.0, 0.12, 0.0, 0.05, 0.0])
-    stage.update(np.zeros((5, 3)), np.zeros((5, 3, 3)), 0, NOBODY)
+    update_command(stage.at, np.zeros((5, 3)), np.zeros((5, 3, 3)), LEVEL, 0, NOBODY)
     assert (stage.command.stiffness == 0.0).all(), "it falls at once"
 
 
 def test_forces_are_in_the_palms_frame_and_come_and_go_with_the_stiffness() -> None:
-    stage = FingerCommander(OutputLimits(ramp=0.1, stiffness_rise=1e6), BEND_LINES, PERIOD)
-    force, kept_free = np.zeros((5, 3, 3)), np.arange(5) == 4
+    limits = OutputLimits(ramp=0.1, stiffness_rise=1e6)
+    stage, numb = FingerCommander(limits, BEND_LINES, PERIOD, feels=True), FingerCommander(limits, BEND_LINES, PERIOD)
+    force, kept_free = np.zeros((5, 3, 3)), (np.arange(5) == 4).astype(np.int64)
     force[0, 2], force[1, 0], force[4, 2] = (0.0, 0.0, 2.0), (1.0, 0.0, 0.0), (0.0, 0.0, 3.0)
     # A palm whose fingers (y) point to the world's -x: turned by 90° about z.
     turn = np.array([np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])
     for tick in range(1, 121):
-        stage.update(np.zeros((5, 3)), force, 0, kept_free, turn)
+        for each in (stage, numb):
+            update_command(each.at, np.zeros((5, 3)), force, turn, 0, kept_free)
         share = min(tick / 100, 1.0)
         np.testing.assert_allclose(stage.command.force[0, 2], [0.0, 0.0, 2.0 * share], atol=1e-12)
         np.testing.assert_allclose(stage.command.force[1, 0], [0.0, -share, 0.0], atol=1e-12)
     assert not stage.command.force[[2, 3, 4]].any(), "a finger that is kept free feels nothing"
-    stage.update(np.zeros((5, 3)), force, int(Safety.STALE_INPUT), kept_free, turn)
+    assert numb.command.stiffness.any()
+    assert not numb.command.force.any(), "of a glove that takes none it stays 0"
+    update_command(stage.at, np.zeros((5, 3)), force, turn, int(Safety.STALE_INPUT), kept_free)
     assert not stage.command.force.any(), "it falls at once"
-    stage.update(np.zeros((5, 3)), force, 0, kept_free)
-    assert not stage.command.force.any(), "of a glove that takes none it stays 0"

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from live_scripted import FIST, FREE, FakeClock, Moment, ScriptedGlove, make_setup
+from live_scripted import FIST, FREE, FakeClock, InStep, Moment, ScriptedGlove, make_setup
 from numpy.typing import NDArray
 
 from hhsim.hand.quaternion import rotation_matrix
@@ -18,8 +18,8 @@ from hhsim.live.device import Capability, DeviceError, FingerCommand, GloveInfo
 from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
 from hhsim.live.ipc.session_memory import LIVE_TICK, SessionMemory
 from hhsim.live.ipc.status import Stage
-from hhsim.live.loop.loop import BEGINS_INSIDE, LiveLoop, loop_options
-from hhsim.live.loop.tick_times import BATCH
+from hhsim.live.loop.loop import loop_options
+from hhsim.live.loop.story import BEGINS_INSIDE
 from hhsim.live.pose.fixed import FixedPose
 from hhsim.live.pose.registry import PoseConfig, PoseSource
 from hhsim.live.shared_memory import RingReader
@@ -41,17 +41,20 @@ HOLDING = [*CLOSING, *[Moment(FIST)] * 60]
 class Session:
     """A loop that has run a script to its end."""
 
-    def __init__(self, script: Sequence[Moment], pose: PoseSource | None = None, **changes: Any) -> None:
+    def __init__(
+        self, script: Sequence[Moment], pose: PoseSource | None = None, unit: str = "", **changes: Any
+    ) -> None:
         given: dict[str, Any] = {"output": QUICK, "safety": SafetyLimits(watchdog=False)}
         self.setup: LiveSetup = make_setup(**(given | {"duration": 1e-3 * (len(script) + 1)} | changes))
         self.memory = SessionMemory.create()
         self.clock = FakeClock()
         self.glove = ScriptedGlove(self.clock, script)
-        source = pose or FixedPose(PoseConfig())
-        self.loop = LiveLoop(self.setup, self.memory, self.glove, source, clock=self.clock)
+        self.glove.info = replace(self.glove.info, unit=unit)
+        self.both = InStep(self.setup, self.memory, self.glove, self.clock, pose=pose)
+        self.loop = self.both.loop
 
     def run(self) -> "Session":
-        self.reason = self.loop.run()
+        self.reason = self.both.run()
         self.ticks: NDArray[Any] = RingReader(self.memory.ticks).read(10**6)[1]
         self.samples = RingReader(self.memory.samples).read(10**6)[1]
         self.events = [text.decode() for text in RingReader(self.memory.events).read(1000)[1]["text"]]
@@ -82,7 +85,7 @@ def test_a_hand_that_holds_is_held_and_is_released_at_the_end() -> None:
     assert session.ticks["input_seq"].tolist() == list(range(121))
     assert (session.ticks["latency_ns"] >= 0).all()
     assert len(session.samples) == 121
-    assert session.loop.summary()["counters"]["commands"] == 121
+    assert session.memory.status["counters"][7] == 121
 
 
 def test_what_is_published_is_what_the_glove_was_told() -> None:
@@ -96,16 +99,10 @@ def test_what_is_published_is_what_the_glove_was_told() -> None:
 def test_a_glove_that_takes_forces_is_told_those_of_the_tick(takes: Capability) -> None:
     session = Session(HOLDING)
     session.glove.info = GloveInfo("scripted glove", takes, ("bend",))
-    session.loop = LiveLoop(session.setup, session.memory, session.glove, session.loop.pose, clock=session.clock)
-    told: list[Array] = []
-    send = session.glove.send
-
-    def kept(command: FingerCommand) -> bool:
-        told.append(command.force.copy())
-        return send(command)
-
-    session.glove.send = kept  # type: ignore[method-assign]
+    session.both = InStep(session.setup, session.memory, session.glove, session.clock)
+    session.loop = session.both.loop
     session.run()
+    told = [command.force for command in session.glove.commands]
     if takes is Capability.POSITION_LIMIT:
         assert not np.any(told)
         return
@@ -189,9 +186,7 @@ def test_a_sample_that_is_not_good_frees_the_fingers_in_its_tick_and_is_never_us
     ],
 )
 def test_a_reading_of_no_hand_is_named(unit: str, reading: float, detail: str) -> None:
-    session = Session([Moment(FREE), Moment(FREE, good=False, reading=reading), Moment(FREE)])
-    session.glove.info = replace(session.glove.info, unit=unit)
-    session.run()
+    session = Session([Moment(FREE), Moment(FREE, good=False, reading=reading), Moment(FREE)], unit=unit).run()
     assert f"a sample that is not finite, or of no hand: the fingers are free{detail}" in session.events
 
 
@@ -237,7 +232,7 @@ def test_a_streak_of_overruns_frees_the_fingers() -> None:
     slow = [Moment(FIST, work_ns=PERIOD + 1)] * 14
     session = Session([*HOLDING, *slow, *[Moment(FIST)] * 30], duration=0.17).run()
     ticks = session.ticks
-    assert ticks["missed"].sum() == 14 == session.loop.deadlines.missed_total
+    assert ticks["missed"].sum() == 14 == session.loop.deadlines.at.missed_total
     freed = (ticks["safety"] & Safety.OVERRUN_STREAK) != 0
     # The tenth tick in a row that comes a period late, and the four after it.
     assert np.flatnonzero(freed).tolist() == [130, 131, 132, 133, 134]
@@ -257,7 +252,7 @@ def test_a_command_that_was_long_in_the_making_frees_the_fingers() -> None:
     solve = session.loop.solver.tick
 
     def dawdle(*given: Any) -> int:
-        if session.loop.deadlines.tick == 120:
+        if session.loop.deadlines.at.tick == 120:
             session.clock.work(10 * PERIOD)
         return solve(*given)
 
@@ -273,7 +268,7 @@ def test_a_glove_that_goes_is_free_when_it_comes_back() -> None:
     tries: list[int] = []
 
     def reconnect() -> bool:
-        tries.append(session.loop.deadlines.tick)
+        tries.append(session.loop.deadlines.at.tick)
         return len(tries) == 3
 
     session.glove.reconnect = reconnect  # type: ignore[method-assign]
@@ -286,14 +281,50 @@ def test_a_glove_that_goes_is_free_when_it_comes_back() -> None:
     assert "the glove is back" in session.events
 
 
-def test_a_glove_that_takes_nothing_counts_as_gone_in_the_same_tick() -> None:
+def test_a_glove_that_takes_nothing_counts_as_gone_in_the_next_tick() -> None:
     session = Session([*HOLDING, Moment(FIST, send_fails=True), *[Moment(FIST)] * 20]).run()
-    tick = session.ticks[120]
+    assert session.ticks["safety"][120] == 0, "the command was handed over before the glove refused it"
+    tick = session.ticks[121]
     assert tick["safety"] == Safety.DEVICE_LOST
     assert (tick["command_stiffness"] == 0.0).all()
     assert tick["latency_ns"] == -1
-    assert session.ticks["safety"][121] == 0, "it is reached again, and ramped"
-    assert session.ticks["command_stiffness"][121].max() == pytest.approx(0.03)
+    assert session.ticks["safety"][122] == 0, "it is reached again, and ramped"
+    assert session.ticks["command_stiffness"][122].max() == pytest.approx(0.03)
+    assert len(session.glove.commands) == len(session.ticks) - 2, (
+        "the one that it refused is not sent late, nor is one while it is gone"
+    )
+
+
+def test_a_driver_that_falls_silent_frees_the_fingers() -> None:
+    session = Session([*HOLDING, *[Moment(FIST)] * 60])
+    take = session.both.driver.take
+    session.both.driver.take = lambda: None if 100 <= session.loop.deadlines.at.tick < 140 else take()  # type: ignore[method-assign]
+    session.run()
+    freed = session.ticks["tick"][(session.ticks["safety"] & Safety.DEVICE_LOST) != 0]
+    # Its last sign of life was in tick 99, and 20 ms have passed when tick 120 begins.
+    assert freed.tolist() == list(range(120, 140))
+    assert (session.ticks["command_stiffness"][120:140] == 0.0).all()
+    assert any("its driver has given no sign of life" in text for text in session.events)
+
+
+def test_what_was_held_before_a_loss_never_comes_to_a_glove_that_is_back() -> None:
+    session = Session([*HOLDING, Moment(FIST), *[Moment(FIST)] * 20])
+    loop, driver, status = session.loop, session.both.driver, session.memory.status
+    loop.begin()
+    for _ in range(100):
+        session.both.step()
+    held = len(session.glove.commands)
+    loop.wait()
+    loop.tick()
+    assert status["command_stiffness"].max() == 0.3
+    driver._lose(DeviceError("on purpose"))
+    for _ in range(3):
+        driver.take()
+        driver.give()
+    assert len(session.glove.commands) == held, "the loop has not freed the fingers yet"
+    session.both.step()
+    session.both.step()
+    assert session.glove.commands[held].stiffness.max() <= 0.03 + 1e-12
 
 
 def test_a_solver_that_raises_frees_the_fingers_and_the_loop_goes_on() -> None:
@@ -301,7 +332,7 @@ def test_a_solver_that_raises_frees_the_fingers_and_the_loop_goes_on() -> None:
     solve = session.loop.solver.tick
 
     def fail(*given: Any) -> int:
-        if 100 <= session.loop.deadlines.tick < 103:
+        if 100 <= session.loop.deadlines.at.tick < 103:
             raise ZeroDivisionError("on purpose")
         return solve(*given)
 
@@ -440,25 +471,25 @@ class QuietGlove(ScriptedGlove):
 
 def test_ticks_keep_no_memory() -> None:
     session = Session(HOLDING, duration=None)
-    glove = QuietGlove(session.clock, HOLDING)
-    loop = LiveLoop(session.setup, session.memory, glove, FixedPose(PoseConfig()), clock=session.clock)
+    both = InStep(session.setup, session.memory, QuietGlove(session.clock, HOLDING), session.clock)
+    both.driver.take()
+    both.loop.begin()
     session.clock.slept = deque(maxlen=1)
 
     def run(ticks: int) -> int:
         before = sys.getallocatedblocks()
         for _ in range(ticks):
-            loop.deadlines.wait()
-            loop.tick()
+            both.step()
         return sys.getallocatedblocks() - before
 
-    run(3 * BATCH)
+    run(1500)
     gc.collect()
     gc.disable()
     try:
         # What the collector freed beyond the loop's own is taken again first.
-        run(BATCH)
+        run(500)
         # A loop of hours has its collector off: what is kept, or lies in a cycle, adds up.
-        assert run(6 * BATCH) < BATCH
+        assert run(3000) < 500
     finally:
         gc.enable()
 

@@ -11,14 +11,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from live_scripted import FIST, FREE, FakeAccounts, FakeClock, Moment, ScriptedGlove, make_setup
+from live_scripted import FIST, FREE, FakeAccounts, FakeClock, InStep, Moment, ScriptedGlove, make_setup
 
+from hhsim.kernels.live.accounts import STEAL_NS
 from hhsim.live.ipc.config import SafetyLimits
 from hhsim.live.ipc.session_memory import SessionMemory
-from hhsim.live.loop.loop import STEAL_UNREAD, LiveLoop
-from hhsim.live.loop.miss_accounts import STEAL_TICKS
-from hhsim.live.pose.fixed import FixedPose
-from hhsim.live.pose.registry import PoseConfig
+from hhsim.live.loop.loop import STEAL_UNREAD
 from hhsim.live.session.statistics import LiveTally, session_figures
 from hhsim.live.session.summary_table import session_rows
 from hhsim.live.shared_memory import RingReader
@@ -41,8 +39,8 @@ class Planted:
         self.glove = ScriptedGlove(self.clock, script)
         self.memory = SessionMemory.create()
         setup = make_setup(safety=SafetyLimits(watchdog=False), duration=1e-3 * (ticks + 1))
-        pose = FixedPose(PoseConfig())
-        self.loop = LiveLoop(setup, self.memory, self.glove, pose, clock=self.clock, accounts=self.accounts)
+        self.both = InStep(setup, self.memory, self.glove, self.clock, accounts=self.accounts)
+        self.loop = self.both.loop
 
     def at(self, tick: int, action: Callable[[], None]) -> None:
         """Let something happen while a tick is solved."""
@@ -50,14 +48,14 @@ class Planted:
         sound = solver.tick
 
         def solve(*given: Any) -> int:
-            if self.loop.deadlines.tick == tick:
+            if self.loop.deadlines.at.tick == tick:
                 action()
             return int(sound(*given))
 
         solver.tick = solve
 
     def run(self) -> "Planted":
-        self.loop.run()
+        self.both.run()
         self.ticks = RingReader(self.memory.ticks).read(10**6)[1]
         self.events = [text.decode() for text in RingReader(self.memory.events).read(1000)[1]["text"]]
         return self
@@ -99,30 +97,11 @@ def test_a_tick_that_takes_too_long_is_named(given: dict[str, int], cause: MissC
         "kept": 5 * MS + 100_000 - given["cpu"],
         "run_delay": given.get("delay", 0),
         "steal": given.get("steal", 0),
-        "device": 100_000,
+        "device": 0,
     }
     assert planted.memory.status["missed_by"].tolist() == [5 if each is cause else 0 for each in CAUSES]
     others = planted.ticks[planted.ticks["missed"] == 0]
     assert not others["cause"].any() and not others["taken"].any()
-
-
-def test_a_device_that_keeps_the_loop_waiting_is_named() -> None:
-    row = Planted(moments={AT: Moment(FIST, work_ns=5 * MS)}).run().only_miss()
-    assert (row["missed"], row["cause"], row["taken"][4]) == (5, MissCause.DEVICE, 5 * MS)
-
-
-def test_a_command_that_is_taken_late_is_the_devices_too() -> None:
-    planted = Planted()
-    send = planted.glove.send
-
-    def slow(command: Any) -> bool:
-        if planted.glove.tick == AT:
-            planted.clock.work(3 * MS)
-        return send(command)
-
-    planted.glove.send = slow  # type: ignore[method-assign]
-    row = planted.run().only_miss()
-    assert (row["missed"], row["cause"], row["taken"][4]) == (3, MissCause.DEVICE, 3 * MS + 100_000)
 
 
 @pytest.mark.parametrize(("steal", "cause"), [(0, MissCause.WOKEN_LATE), (10 * MS, MissCause.HOST)])
@@ -150,7 +129,7 @@ def test_a_tick_that_was_woken_so_late_that_its_usual_work_was_too_much_is_named
     sound: Any = planted.loop.solver.tick
 
     def solve(*given: Any) -> int:
-        if planted.loop.deadlines.tick == AT + 1:
+        if planted.loop.deadlines.at.tick == AT + 1:
             takes(planted, 400_000, cpu=400_000)()
         return int(sound(*given))
 
@@ -164,11 +143,11 @@ def test_a_tick_that_was_woken_so_late_that_its_usual_work_was_too_much_is_named
 def test_what_the_host_took_long_before_is_not_charged_to_a_miss() -> None:
     planted = Planted(ticks=150)
     planted.at(AT, takes(planted, 0, steal=50 * MS))
-    later = AT + STEAL_TICKS + 5
+    later = AT + STEAL_NS // PERIOD + 5
     sound: Any = planted.loop.solver.tick
 
     def solve(*given: Any) -> int:
-        if planted.loop.deadlines.tick == later:
+        if planted.loop.deadlines.at.tick == later:
             planted.clock.oversleep.append(4 * MS)
         return int(sound(*given))
 
@@ -222,7 +201,7 @@ def test_the_table_has_a_line_for_each_cause_that_there_was() -> None:
 
 
 CHILD = """
-import json, sys, time
+import json, time
 from hhsim.live.loop.deadlines import Deadlines
 from hhsim.live.loop.miss_accounts import MissAccounts
 deadlines = Deadlines(10_000_000)
@@ -233,7 +212,8 @@ misses.begin()
 def tick(work=lambda: None):
     deadlines.wait()
     misses.woke()
-    found = misses.taken() if deadlines.missed else None
+    misses.name()
+    found = misses.taken() if deadlines.at.missed else None
     work()
     return found
 
@@ -242,15 +222,9 @@ def compute():
     while time.thread_time_ns() < end:
         pass
 
-def device():
-    began = deadlines.clock.now()
-    time.sleep(0.06)
-    misses.device_ns += deadlines.clock.now() - began
-
-for work in (compute, device):
-    tick(work)
-    found = tick()
-    print(json.dumps([*found, int(found.cause())]), flush=True)
+tick(compute)
+found = tick()
+print(json.dumps([*found, int(found.cause())]), flush=True)
 print("stop me", flush=True)
 while True:
     found = tick()
@@ -263,18 +237,17 @@ while True:
 def test_the_systems_own_accounts_tell_what_was_planted() -> None:
     with subprocess.Popen([sys.executable, "-c", CHILD], stdout=subprocess.PIPE, text=True) as child:
         assert child.stdout is not None
-        computed, device = (json.loads(child.stdout.readline()) for _ in range(2))
+        computed = json.loads(child.stdout.readline())
         assert child.stdout.readline() == "stop me\n"
         os.kill(child.pid, signal.SIGSTOP)
         time.sleep(0.3)
         os.kill(child.pid, signal.SIGCONT)
         stopped = json.loads(child.stdout.readline())
         assert child.wait(10.0) == 0
-    for found in (computed, device, stopped):
+    for found in (computed, stopped):
         assert found[5] == TimeTaken(*found[:5]).cause()
     # However busy the machine is: what was planted is at least as long as it was planted.
     assert computed[0] >= 60 * MS
-    assert device[1] >= device[4] - device[0] >= 55 * MS
     assert stopped[1] >= 200 * MS and stopped[0] < 100 * MS
     assert stopped[5] in (MissCause.WOKEN_LATE, MissCause.HOST)
     assert np.array(stopped[:5]).min() >= 0

@@ -1,13 +1,18 @@
 """Fingers that jump, stuck sensors, channels that say nothing: named, and nothing pushes there."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from hhsim.kernels.live.notes import CAPACITY, NOTES
+from hhsim.kernels.live.plausibility import BURST, CONFIRM, JOINT_SPEED, STUCK_TIME, use_sample
 from hhsim.live.device import GLOVE_SAMPLE, Capability, GloveInfo
-from hhsim.live.loop.plausibility import BURST, CONFIRM, JOINT_SPEED, STUCK_TIME, GloveWatch
+from hhsim.live.loop.plausibility import GloveWatch, doubts, found_in_sample
+from hhsim.solver.workspace import zeroed
 
 Array = NDArray[np.float64]
 INFO = GloveInfo("a glove", Capability.NONE, ())
@@ -23,18 +28,24 @@ class Run:
         self.now = 10**9
         self.flexion = np.full((5, 3), np.nan)
         self.abduction = np.full(5, np.nan)
-        self.texts = [text for _, text in self.watch.events()]
+        self.texts = doubts(info)
+        self.notes = zeroed(NOTES)[0]
+        self.told = 0
 
     def step(self, flexion: Array | float, abduction: float = 0.0, good: bool = True, step: int = STEP) -> bool:
-        sample = np.zeros(1, GLOVE_SAMPLE)[0]
+        sample: Any = zeroed(GLOVE_SAMPLE)[0]
         self.now += step
         sample["time_ns"] = self.now
         sample["good"] = good
         sample["flexion"] = flexion
         sample["abduction"] = abduction
-        used = self.watch.use(sample, self.flexion, self.abduction)
-        self.texts += [text for _, text in self.watch.events()]
-        return used
+        used = use_sample(self.watch.at, self.notes, sample, self.flexion, self.abduction)
+        while self.told < self.notes.written[0]:
+            i = self.told % CAPACITY
+            code, place, count = (int(getattr(self.notes, name)[i]) for name in ("code", "place", "count"))
+            self.texts.append(found_in_sample(code, place, count, float(self.notes.value[i]))[1])
+            self.told += 1
+        return bool(used)
 
 
 def bent(finger: int, angle: float, rest: float = 0.1) -> Array:

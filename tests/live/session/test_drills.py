@@ -162,6 +162,33 @@ def test_loop_hangs(drill: Drill) -> None:
     assert_ramp(commands[commands["time_ns"] > going])
 
 
+def driver_of(drill: Drill) -> int:
+    """The process that the loop started."""
+    (pid,) = Path(f"/proc/{drill.session.pid(LOOP)}/task/{drill.session.pid(LOOP)}/children").read_text().split()
+    return int(pid)
+
+
+def test_driver_hangs(drill: Drill) -> None:
+    drill.grasp()
+    pid = driver_of(drill)
+    hung = time.monotonic_ns()
+    os.kill(pid, signal.SIGSTOP)
+    try:
+        drill.go_on(WHILE)
+        commands, ticks = drill.commands(), drill.ticks
+        assert drill.session.memory.status["safety"] & Safety.DEVICE_LOST
+        going = time.monotonic_ns()
+    finally:
+        os.kill(pid, signal.SIGCONT)
+    assert_free_in_time(drill, commands, hung)
+    assert_free_in_time(drill, ticks, hung)
+    assert len(commands[commands["time_ns"] > hung + drill.allowed]) > 3, "the watchdog says it again and again"
+    drill.until(lambda: drill.stiffness > STIFF, "finger that is stopped again")
+    drill.go_on(0.05)
+    commands = drill.commands()
+    assert_ramp(commands[commands["time_ns"] > going])
+
+
 def test_watchdog_killed(drill: Drill) -> None:
     drill.grasp()
     first = drill.session.pid(WATCHDOG)
@@ -233,6 +260,19 @@ def test_recorder_killed_then_loop_killed(glove: FakeDexmo, tmp_path: Path) -> N
     assert not result.complete
     assert result.ticks > 500
     assert np.isfinite(result["graphic/position"]).all()
+
+
+def test_driver_killed(glove: FakeDexmo, tmp_path: Path) -> None:
+    with Drill(glove) as drill:
+        drill.grasp()
+        killed = time.monotonic_ns()
+        os.kill(driver_of(drill), signal.SIGKILL)
+        while drill.session.poll():
+            time.sleep(0.002)
+        drill.session.end()
+        commands = drill.commands()
+        assert_free_in_time(drill, commands, killed)
+    assert "driver was ended by SIGKILL" in drill.session.end().loop_failed
 
 
 def test_a_session_ends_with_free_fingers(drill: Drill) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from hhsim.live.session.child_process import ChildProcess
+from hhsim.live.child_process import ChildProcess
 
 Start = Callable[..., ChildProcess]
 

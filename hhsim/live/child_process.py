@@ -24,8 +24,11 @@ class ChildProcess:
         descriptors: That it inherits.
 
     Attributes:
+        command: What the interpreter runs, before the arguments; by default the module.
         reported: Whether its end has been reported; for the supervisor.
     """
+
+    command: tuple[str, ...] = ()
 
     def __init__(self, name: str, module: str, arguments: Sequence[str], descriptors: Sequence[int]) -> None:
         """Start it."""
@@ -34,7 +37,7 @@ class ChildProcess:
         self._output = os.memfd_create(f"hhsim-{name}-output")
         self._process = subprocess.Popen(
             # -P: a folder of clones, or a file that is named as a module, may be where the command was typed.
-            [sys.executable, "-P", "-m", module, *arguments],
+            [sys.executable, "-P", *(self.command or ("-m", module)), *arguments],
             stdin=subprocess.DEVNULL,
             stdout=self._output,
             stderr=self._output,

@@ -1,0 +1,78 @@
+"""The periods of a loop: absolute deadlines, of which those that cannot be met are skipped and counted."""
+
+import numpy as np
+
+from hhsim.kernels.jit import Record, jit
+
+DEADLINES = np.dtype(
+    [
+        ("period_ns", np.int64),
+        ("tick", np.int64),
+        ("deadline_ns", np.int64),
+        ("asked_ns", np.int64),
+        ("woke_ns", np.int64),
+        ("wakeup_ns", np.int64),
+        ("late_ns", np.int64),
+        ("missed", np.int64),
+        ("missed_total", np.int64),
+        ("aim_ns", np.int64),
+        ("passed", np.int64),
+    ],
+    align=True,
+)
+"""Where a loop is among its periods; times are CLOCK_MONOTONIC [ns].
+
+| field | meaning |
+|---|---|
+| period_ns | one period |
+| tick | number of the present one, from 0; missed ones leave gaps |
+| deadline_ns | when it began |
+| asked_ns | when the loop began to wait: its work was done |
+| woke_ns | when it woke |
+| wakeup_ns | how long after `deadline_ns` that was |
+| late_ns | how long after the deadline that was slept for; more than `wakeup_ns` where whole periods went by |
+| missed, missed_total | periods between the tick before and this one, and since the start |
+| aim_ns, passed | the deadline that is slept for, and the periods that had passed before |
+"""
+
+
+@jit
+def begin_periods(deadlines: Record, now: int) -> None:
+    """Begin to count: the first deadline is one period from now [ns]."""
+    deadlines.tick = -1
+    deadlines.deadline_ns = deadlines.asked_ns = deadlines.woke_ns = now
+    deadlines.wakeup_ns = deadlines.late_ns = deadlines.missed = deadlines.missed_total = 0
+    deadlines.aim_ns = now
+    deadlines.passed = 0
+
+
+@jit
+def next_deadline(deadlines: Record, now: int) -> int:
+    """The deadline to sleep for [ns].
+
+    One that has passed is missed, however little: the loop goes on at the next one, so that ticks never follow each
+    other without a pause, and a loop that is too slow leaves the processor to others.
+    """
+    aim = deadlines.deadline_ns + deadlines.period_ns
+    deadlines.asked_ns = now
+    deadlines.passed = 0
+    if now >= aim:
+        deadlines.passed = (now - aim) // deadlines.period_ns + 1
+        aim += deadlines.passed * deadlines.period_ns
+    deadlines.aim_ns = aim
+    return aim
+
+
+@jit
+def woken(deadlines: Record, now: int) -> None:
+    """The loop woke; where that is periods too late, it goes on in the period that it is in."""
+    late = now - deadlines.aim_ns
+    overslept = late // deadlines.period_ns
+    missed = deadlines.passed + overslept
+    deadlines.tick += 1 + missed
+    deadlines.deadline_ns = deadlines.aim_ns + overslept * deadlines.period_ns
+    deadlines.woke_ns = now
+    deadlines.wakeup_ns = late - overslept * deadlines.period_ns
+    deadlines.late_ns = late
+    deadlines.missed = missed
+    deadlines.missed_total += missed

@@ -1,0 +1,164 @@
+"""The loop: it waits, ticks and records until it is to stop, in one call that no interpreter takes part in."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+from numpy.typing import NDArray
+
+from hhsim.kernels.clock import monotonic_ns, thread_cpu_ns
+from hhsim.kernels.jit import JIT_ENABLED, jit
+from hhsim.kernels.live.accounts import account_steal, account_waking, name_miss, read_run_delay, read_steal
+from hhsim.kernels.live.deadlines import next_deadline, woken
+from hhsim.kernels.live.tick import (
+    LiveArrays,
+    begin_tick,
+    command_tick,
+    count_work,
+    look_for_stop,
+    publish_tick,
+)
+from hhsim.kernels.timed_wait import sleep_until
+
+Bytes = NDArray[np.uint8]
+
+ASKS_PYTHON = 0
+"""Of `run_loop`: a hand is to be solved for."""
+
+
+class Block(NamedTuple):
+    """What `hhsim.kernels.tick.block.run_block` is given, of one tick."""
+
+    method: Any
+    hand: Any
+    surface: Any
+    states: Any
+    qp: Any
+    haptic: Any
+    record: Any
+
+
+class SystemFiles(NamedTuple):
+    """What the loop reads and writes of the system; a descriptor is -1 where there is none.
+
+    Attributes:
+        descriptors: Of schedstat, of /proc/stat, and of the event that wakes the driver, shape (3,).
+        line, lines: Room for the text of both.
+        allowed: Processors whose steal counts, by their numbers.
+        step: What it is counted in, shape (1,) [ns].
+    """
+
+    descriptors: NDArray[np.int64]
+    line: Bytes
+    lines: Bytes
+    allowed: NDArray[np.bool_]
+    step: NDArray[np.int64]
+
+
+def _call_block(typing: Any, address: Any, block: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        kinds = signature.args[1].types
+        values = cgutils.unpack_tuple(builder, arguments[1])
+        kind = context.call_conv.get_function_type(types.int64, kinds)
+        function = builder.inttoptr(arguments[0], kind.as_pointer())
+        _, done = context.call_conv.call_function(builder, function, types.int64, kinds, values)
+        return done
+
+    return types.int64(types.int64, block), generate
+
+
+def _write_event(typing: Any, descriptor: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        word, number = ir.IntType(64), ir.IntType(32)
+        one = cgutils.alloca_once_value(builder, word(1))
+        kind = ir.FunctionType(word, (number, one.type, word))
+        function = cgutils.get_or_insert_function(builder.module, kind, "write")
+        return builder.call(function, (builder.trunc(arguments[0], number), one, word(8)))
+
+    return types.int64(types.int64), generate
+
+
+if JIT_ENABLED:
+    # By its address: a tick then is the very code that a replay runs, and is compiled once.
+    _run_block = cast(Callable[[int, Block], int], intrinsic(_call_block))
+    _wake = cast(Callable[[int], int], intrinsic(_write_event))
+
+else:
+
+    def _run_block(address: int, block: Block) -> int:
+        return address
+
+    def _wake(descriptor: int) -> int:
+        return 0
+
+
+@jit
+def wake_driver(live: LiveArrays, descriptor: int, now: int) -> None:
+    """Wake the driver for the command, where the last time was long enough ago, or a finger is to be let go."""
+    loop = live.loop[0]
+    if descriptor >= 0 and (now - loop.woken_ns >= loop.wake_ns or loop.safety != loop.told):
+        loop.woken_ns = now
+        _wake(descriptor)
+
+
+@jit
+def _finish(live: LiveArrays, files: SystemFiles, solved: bool, status: int) -> None:
+    """All of a tick that comes after its solving."""
+    deadlines, misses = live.deadlines[0], live.misses[0]
+    command_tick(live, monotonic_ns(), solved, status)
+    wake_driver(live, files.descriptors[2], monotonic_ns())
+    done = monotonic_ns()
+    if deadlines.missed > 0 or (misses.steal_read == 1 and done >= misses.steal_due_ns):
+        steal = -1
+        if misses.steal_read == 1:
+            steal = read_steal(files.descriptors[1], files.lines, files.allowed, files.step[0])
+        if deadlines.missed > 0:
+            name_miss(misses, deadlines.asked_ns, deadlines.late_ns, steal)
+        account_steal(misses, done, steal)
+    publish_tick(live, done, solved)
+    count_work(live, monotonic_ns())
+
+
+@jit
+def run_loop(live: LiveArrays, files: SystemFiles, address: int, block: Block) -> int:
+    """Tick until the loop is to stop, or a hand is to be solved for by Python.
+
+    Args:
+        live: The loop; its periods have begun.
+        files: Of the system.
+        address: Of the machine code of `run_block` for the types of `block`; 0 to have Python solve.
+        block: What it is given; haptic hand and record are those of the loop's row.
+
+    Returns:
+        Why it stopped, `STOP_…`, or `ASKS_PYTHON` in the middle of a tick: the next call, with `LOOP.solved` and
+        `LOOP.status` set, goes on with it.
+    """
+    loop, deadlines, misses = live.loop[0], live.deadlines[0], live.misses[0]
+    if loop.asks == 1:
+        loop.asks = 0
+        _finish(live, files, loop.solved == 1, loop.status)
+    while loop.stop[0] == 0:
+        aim = next_deadline(deadlines, monotonic_ns())
+        now = deadlines.asked_ns
+        while now < aim:
+            sleep_until(aim)
+            now = monotonic_ns()
+        woken(deadlines, now)
+        look_for_stop(live)
+        account_waking(
+            misses, now, deadlines.wakeup_ns, thread_cpu_ns(), read_run_delay(files.descriptors[0], files.line)
+        )
+        solved = begin_tick(live)
+        status = 0
+        if solved:
+            if address == 0:
+                loop.asks = 1
+                return ASKS_PYTHON
+            _run_block(address, block)
+            status = block.record.status[0]
+        _finish(live, files, solved, status)
+    return loop.stop[0]

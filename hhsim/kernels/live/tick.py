@@ -1,0 +1,356 @@
+"""A tick of the loop: samples in, judged, solved elsewhere, command out, recorded; nothing is allocated.
+
+What the processes of a session share is written here by records that need no lock. A command has a version that is odd
+while the command is being written; the palm's pose that the driver writes has one too.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.kernels.copy import copy_values
+from hhsim.kernels.jit import as_int64, jit
+from hhsim.kernels.live.accounts import CAUSES
+from hhsim.kernels.live.finger_command import ease_fingers, free_fingers, update_command
+from hhsim.kernels.live.interlock import DEVICE_LOST, DRY_RUN, NOT_FINITE, OVERRUN_STREAK, SOLVER_FAILED, judge
+from hhsim.kernels.live.notes import (
+    BEGAN_INSIDE,
+    DRIVER_SILENT,
+    FULL,
+    LONG_TICK,
+    MISSED,
+    REFUSED,
+    SAFETY_CHANGED,
+    note,
+)
+from hhsim.kernels.live.plausibility import use_sample
+from hhsim.kernels.live.tick_times import count_time
+from hhsim.kernels.parallel.atomic import fetch_add, load_acquire, store_release
+from hhsim.kernels.tick.state import (
+    STATUS_CAPACITY_EXCEEDED,
+    STATUS_INPUT_INVALID,
+    STATUS_START_INSIDE,
+    WORK_TOUCHING,
+)
+
+Indices = NDArray[np.int64]
+
+MOST_SAMPLES = 64
+"""Used in one tick; what is left waits for the next one."""
+INTERVAL_STEP = 1.05
+"""What is taken for a glove's usual interval goes by this factor towards each one: half are longer, half shorter."""
+
+LOOP = np.dtype(
+    [
+        ("stop", np.int64, (1,)),
+        ("periods", np.int64),
+        ("longest_ns", np.int64),
+        ("driver_ns", np.int64),
+        ("taken", np.int64),
+        ("palm_seen", np.int64),
+        ("sample_ns", np.int64),
+        ("pose_ns", np.int64),
+        ("input_seq", np.int64),
+        ("usable", np.int64),
+        ("arrived_ns", np.int64),
+        ("usual_ns", np.float64),
+        ("asks", np.int64),
+        ("solved", np.int64),
+        ("status", np.int64),
+        ("safety", np.int64),
+        ("told", np.int64),
+        ("latency_ns", np.int64),
+        ("wake_ns", np.int64),
+        ("woken_ns", np.int64),
+        ("ratio", np.float64),
+    ],
+    align=True,
+)
+"""What the loop keeps from tick to tick, and its limits; times in ns.
+
+| field | meaning |
+|---|---|
+| stop | `STOP_…`: the next tick is the last one |
+| periods | after so many the loop ends by itself, -1: never |
+| longest_ns | a tick that takes so long has judged what is no longer so |
+| driver_ns | a driver that gives no sign of life for so long counts as gone |
+| taken | samples that were taken from their ring |
+| palm_seen | version of the palm's pose in use |
+| sample_ns, pose_ns | when sample and pose in use came, -1 before the first |
+| input_seq | number of the sample in use, -1 before the first |
+| usable | 1: the newest sample that came can be used |
+| arrived_ns | when the newest of this tick's samples came, -1 where none did |
+| usual_ns | between two samples of the glove, 0 before there are two |
+| asks, solved, status | 1: Python solves this tick; 1: it did, with these status bits |
+| safety, told | bits of this tick, and those that were noted last |
+| latency_ns | from `arrived_ns` to the command, -1 where there is none |
+| wake_ns, woken_ns | the driver is woken for a command once in so long; when it last was |
+| ratio | of the bins of the counted times |
+"""
+
+STOP_ASKED, STOP_DURATION, STOP_SIGNAL = 1, 2, 3
+
+
+class LiveArrays(NamedTuple):
+    """All that a tick of the loop reads and writes, records of shape (1,) but for the rings.
+
+    Attributes:
+        loop: Of `LOOP`.
+        deadlines: Of `hhsim.kernels.live.deadlines.DEADLINES`.
+        interlock: Of `hhsim.kernels.live.interlock.INTERLOCK`.
+        commander: Of `hhsim.kernels.live.finger_command.COMMANDER`.
+        watch: Of `hhsim.kernels.live.plausibility.WATCH`.
+        misses: Of `hhsim.kernels.live.accounts.MISSES`.
+        notes: Of `hhsim.kernels.live.notes.NOTES`.
+        refused: A glove's sample that could not be used.
+        status: The session's, of `hhsim.live.ipc.status.LIVE_STATUS`.
+        row: The tick's record.
+        ticks, ticks_written: The ring that it goes to, and how many records were written to it.
+        samples, samples_written: The ring of the glove's samples.
+        wakeups, latencies, works: Bins of counted times.
+        largest: The largest of each, shape (3,).
+    """
+
+    loop: Any
+    deadlines: Any
+    interlock: Any
+    commander: Any
+    watch: Any
+    misses: Any
+    notes: Any
+    refused: Any
+    status: Any
+    row: Any
+    ticks: Any
+    ticks_written: Indices
+    samples: Any
+    samples_written: Indices
+    wakeups: Indices
+    latencies: Indices
+    works: Indices
+    largest: Indices
+
+
+@jit
+def look_for_stop(live: LiveArrays) -> None:
+    """Whether this tick is the last one: asked for by the command, or by the session's duration."""
+    loop = live.loop[0]
+    if loop.stop[0] != 0:
+        return
+    if live.status[0].stop_requested != 0:
+        loop.stop[0] = STOP_ASKED
+    elif loop.periods >= 0 and live.deadlines[0].tick + 1 >= loop.periods:
+        loop.stop[0] = STOP_DURATION
+
+
+@jit
+def usual_interval(usual: float, step: int) -> float:
+    """The running median of a glove's intervals [ns], 0 before the first, after one more; a pause is one."""
+    if step <= 0:
+        return usual
+    if usual == 0.0:
+        return float(step)
+    if step > usual:
+        return usual * INTERVAL_STEP
+    return max(usual / INTERVAL_STEP, float(step))
+
+
+@jit
+def _take_sample(live: LiveArrays, place: int) -> None:
+    loop, row = live.loop[0], live.row[0]
+    sample = live.samples[place]
+    loop.arrived_ns = sample.time_ns
+    usable = use_sample(live.watch[0], live.notes[0], sample, row.haptic_flexion[:], row.haptic_abduction[:])
+    if usable:
+        if loop.sample_ns >= 0:
+            loop.usual_ns = usual_interval(loop.usual_ns, sample.time_ns - loop.sample_ns)
+        loop.sample_ns = sample.time_ns
+        loop.input_seq = sample.seq
+        live.status[0].sample_ns = sample.time_ns
+        for i in range(sample.channels.shape[0]):
+            live.refused[0].known[i] = np.isfinite(sample.channels[i])
+    elif loop.usable == 1:
+        for i in range(sample.channels.shape[0]):
+            live.refused[0].channels[i] = sample.channels[i]
+        note(live.notes[0], sample.time_ns, as_int64(REFUSED), as_int64(0), as_int64(0), 0.0)
+    loop.usable = 1 if usable else 0
+    live.status[0].battery = sample.battery
+
+
+@jit
+def _take_samples(live: LiveArrays) -> None:
+    """Use what the driver has put into its ring since the tick before, oldest first."""
+    loop = live.loop[0]
+    loop.arrived_ns = -1
+    written = load_acquire(live.samples_written, as_int64(0))
+    capacity = live.samples.shape[0]
+    # What is older may be overwritten while it is read.
+    loop.taken = max(loop.taken, written - capacity // 2)
+    last = min(written, loop.taken + MOST_SAMPLES)
+    for number in range(loop.taken, last):
+        _take_sample(live, number % capacity)
+    loop.taken = last
+
+
+@jit
+def _take_palm(live: LiveArrays) -> None:
+    """Use the newest pose of the palm; one that is being written waits for the next tick."""
+    loop, status, row = live.loop[0], live.status[0], live.row[0]
+    version = load_acquire(status.palm_version[:], as_int64(0))
+    if version % 2 == 1 or version == loop.palm_seen:
+        return
+    kept = row.haptic_position[0], row.haptic_position[1], row.haptic_position[2]
+    turn = row.haptic_orientation[0], row.haptic_orientation[1], row.haptic_orientation[2], row.haptic_orientation[3]
+    copy_values(status.palm_position[:], row.haptic_position[:])
+    copy_values(status.palm_orientation[:], row.haptic_orientation[:])
+    came = status.palm_ns
+    if fetch_add(status.palm_version[:], as_int64(0), as_int64(0)) == version:
+        loop.palm_seen = version
+        loop.pose_ns = came
+        return
+    for i in range(3):
+        row.haptic_position[i] = kept[i]
+    for i in range(4):
+        row.haptic_orientation[i] = turn[i]
+
+
+@jit
+def begin_tick(live: LiveArrays) -> bool:
+    """After waking: take what came, and judge it; returns whether there is a hand to solve for."""
+    loop, status, deadlines = live.loop[0], live.status[0], live.deadlines[0]
+    now = deadlines.woke_ns
+    status.heartbeat_ns = now
+    _take_samples(live)
+    _take_palm(live)
+    silent = now - status.driver_ns
+    lost = status.device_lost != 0
+    if silent > loop.driver_ns and not lost:
+        lost = True
+        if loop.told & DEVICE_LOST == 0:
+            note(live.notes[0], now, as_int64(DRIVER_SILENT), as_int64(0), silent, 0.0)
+    loop.safety = judge(
+        live.interlock[0],
+        now,
+        loop.sample_ns,
+        loop.pose_ns,
+        loop.usable == 1,
+        deadlines.missed,
+        status.watchdog_ns,
+        status.watchdog_armed != 0,
+        lost,
+        loop.stop[0] != 0,
+    )
+    return loop.sample_ns >= 0 and loop.pose_ns >= 0
+
+
+@jit
+def _hand_over(live: LiveArrays) -> None:
+    """Put the command where the driver finds it."""
+    status, commander = live.status[0], live.commander[0]
+    version = status.command_version[:]
+    fetch_add(version, as_int64(0), as_int64(1))
+    copy_values(commander.bend[:], status.command_bend[:])
+    copy_values(commander.stiffness[:], status.command_stiffness[:])
+    for finger in range(commander.phalanx.shape[0]):
+        for joint in range(commander.phalanx.shape[1]):
+            copy_values(commander.phalanx[finger, joint], status.command_force[finger, joint])
+    status.command_safety = live.loop[0].safety
+    fetch_add(version, as_int64(0), as_int64(1))
+
+
+@jit
+def command_tick(live: LiveArrays, now: int, solved: bool, status: int) -> None:
+    """Make the command of a tick and hand it over.
+
+    Args:
+        live: The loop.
+        now: When the solver was done [ns].
+        solved: Whether the row has a graphic hand.
+        status: The solver's status bits.
+    """
+    loop, row, commander = live.loop[0], live.row[0], live.commander[0]
+    woke = live.deadlines[0].woke_ns
+    if solved:
+        if status & STATUS_CAPACITY_EXCEEDED:
+            note(live.notes[0], woke, as_int64(FULL), as_int64(0), as_int64(0), 0.0)
+            loop.safety |= SOLVER_FAILED
+        if status & STATUS_INPUT_INVALID:
+            loop.safety |= NOT_FINITE
+        if status & STATUS_START_INSIDE:
+            note(live.notes[0], woke, as_int64(BEGAN_INSIDE), as_int64(0), as_int64(0), 0.0)
+        if live.interlock[0].eases == 1:
+            ease_fingers(commander)
+        loop.safety = update_command(
+            commander, row.flexion[:], row.phalanx[:], row.orientation[:], loop.safety, live.watch[0].free[:]
+        )
+    if now - woke >= loop.longest_ns:
+        # What was judged good then need not be so now.
+        loop.safety |= OVERRUN_STREAK
+        note(live.notes[0], woke, as_int64(LONG_TICK), as_int64(0), as_int64(0), 0.0)
+    if loop.safety != 0 or not solved:
+        free_fingers(commander)
+    _hand_over(live)
+
+
+@jit
+def _publish(live: LiveArrays) -> None:
+    row, loop, deadlines, commander = live.row[0], live.loop[0], live.deadlines[0], live.commander[0]
+    row.tick = deadlines.tick
+    row.time_ns = deadlines.deadline_ns
+    row.wakeup_ns = deadlines.late_ns
+    row.latency_ns = loop.latency_ns
+    row.missed = deadlines.missed
+    row.input_seq = loop.input_seq
+    row.safety = loop.safety
+    if deadlines.missed > 0:
+        row.cause = live.misses[0].cause
+        copy_values(live.misses[0].taken[:], row.taken[:])
+    else:
+        row.cause = 0
+        row.taken[:] = 0
+    copy_values(commander.bend[:], row.command_bend[:])
+    copy_values(commander.stiffness[:], row.command_stiffness[:])
+    written = live.ticks_written[0]
+    live.ticks[written % live.ticks.shape[0]] = row
+    store_release(live.ticks_written, as_int64(0), written + 1)
+
+
+@jit
+def publish_tick(live: LiveArrays, done: int, solved: bool) -> None:
+    """Record a tick whose command was handed over, and tell of it.
+
+    A tick without a graphic hand is not published: there is nothing to replay.
+
+    Args:
+        live: The loop.
+        done: When the command was handed over [ns].
+        solved: Whether the row has a graphic hand.
+    """
+    loop, status, deadlines = live.loop[0], live.status[0], live.deadlines[0]
+    sent = loop.safety & DRY_RUN != 0 or loop.safety & DEVICE_LOST == 0
+    loop.latency_ns = done - loop.arrived_ns if sent and loop.arrived_ns >= 0 else -1
+    if deadlines.missed > 0:
+        cause = live.misses[0].cause
+        status.missed_by[min(max(cause, 1), CAUSES) - 1] += deadlines.missed
+        note(live.notes[0], deadlines.woke_ns, as_int64(MISSED), cause, deadlines.missed, 0.0)
+    if solved:
+        _publish(live)
+    status.ticks += 1
+    status.missed = deadlines.missed_total
+    status.streak = live.interlock[0].streak
+    status.safety = loop.safety
+    status.contacts = live.row[0].work[WORK_TOUCHING]
+    copy_values(live.commander[0].force[:], status.force[:])
+    if loop.safety != loop.told:
+        note(live.notes[0], deadlines.woke_ns, as_int64(SAFETY_CHANGED), as_int64(0), loop.safety, 0.0)
+        loop.told = loop.safety
+    count_time(live.wakeups, live.largest[0:1], loop.ratio, deadlines.late_ns)
+    if loop.latency_ns >= 0:
+        count_time(live.latencies, live.largest[1:2], loop.ratio, loop.latency_ns)
+
+
+@jit
+def count_work(live: LiveArrays, now: int) -> None:
+    """Count how long the tick's work took, at its end [ns]."""
+    count_time(live.works, live.largest[2:3], live.loop[0].ratio, now - live.deadlines[0].woke_ns)

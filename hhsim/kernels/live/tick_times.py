@@ -1,0 +1,23 @@
+"""Times of ticks, counted in bins of equal ratio: one logarithm each, in memory that does not grow."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.kernels.jit import jit
+
+
+@jit
+def count_time(counts: NDArray[np.int64], largest: NDArray[np.int64], ratio: float, time_ns: int) -> None:
+    """Count a time [ns].
+
+    Args:
+        counts: Bins of a `hhsim.system.log_histogram.LogHistogram`.
+        largest: The largest one so far, shape (1,).
+        ratio: Of a bin.
+        time_ns: What is below 1 counts as 1.
+    """
+    place = int(math.log(max(float(time_ns), 1.0)) / math.log(ratio))
+    counts[min(place, counts.shape[0] - 1)] += 1
+    largest[0] = max(largest[0], time_ns)

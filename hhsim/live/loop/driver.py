@@ -1,0 +1,311 @@
+"""The driver's process: glove and palm's pose in, commands out; `python -m hhsim.live.loop.driver --setup FD …`.
+
+The loop starts it and ends with it. It stands below the loop under SCHED_FIFO and decides nothing of its own: a sample
+goes into its ring with the time when its bytes were read, the newest command goes to the glove, and nothing is ever
+sent late. However it ends, short of being killed outright, the glove is released; then the watchdog does it.
+
+Exit codes: 0 the session ended, 1 a fault of hhsim's own, 2 the glove or the pose cannot be reached.
+"""
+
+import argparse
+import contextlib
+import os
+import select
+import signal
+import sys
+import time
+import traceback
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, fields, replace
+from operator import attrgetter
+from types import FrameType
+from typing import Any
+
+import numpy as np
+
+from hhsim.errors import HhsimError
+from hhsim.live.device import (
+    COUNTERS,
+    GLOVE_SAMPLE,
+    Capability,
+    DeviceCounters,
+    DeviceError,
+    FingerCommand,
+    GloveDevice,
+    GloveInfo,
+)
+from hhsim.live.devices.registry import open_device
+from hhsim.live.ipc.session_memory import FAULT, REASON, WARNING, SessionMemory, add_memory_options, attached
+from hhsim.live.ipc.status import DriverSetup, Stage
+from hhsim.live.pose.registry import PoseSource, make_pose_source
+from hhsim.live.real_time import RealTimeWishes, become_ordinary, become_real_time, end_with
+from hhsim.live.shared_memory import read_setup
+from hhsim.result.safety import Safety
+
+OPEN, BEGIN = 1, 2
+"""What the loop is ready for: that the glove is opened, and that its samples are taken."""
+MOST_SAMPLES = 64
+"""Read in one go."""
+RECONNECT_NS = 10_000_000
+LOOK_SECONDS = 0.004
+"""The driver looks at least this often."""
+UNTOLD_SECONDS = 0.0005
+"""And this often where a glove does not tell when something has come."""
+BREATH_SECONDS = 0.0005
+"""Between two looks at what comes without a pause, so that who floods a port has the driver and not the processor."""
+COUNTER_STEPS = 16
+"""Counters of the glove are shown once in so many looks."""
+
+_read_counters: Callable[[DeviceCounters], tuple[int, ...]] = attrgetter(*COUNTERS)
+_DEVICE_LOST = int(Safety.DEVICE_LOST)
+
+
+class GloveDriver:
+    """Carries bytes between a glove and the records of a session.
+
+    Args:
+        memory: Of the session; this is the driver that writes it.
+        device: The glove, not yet opened.
+        pose: Of the palm, not yet opened.
+        dry_run: Nothing is sent.
+        oldest_ns: A loop without a sign of life for so long holds no finger any more.
+        now: The present, CLOCK_MONOTONIC [ns].
+    """
+
+    def __init__(
+        self,
+        memory: SessionMemory,
+        device: GloveDevice,
+        pose: PoseSource,
+        *,
+        dry_run: bool = False,
+        oldest_ns: int = 20_000_000,
+        now: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        """Nothing is opened yet."""
+        self.memory = memory
+        self.device, self.pose = device, pose
+        self._dry_run = dry_run
+        self._oldest_ns = oldest_ns
+        self._now = now
+        self._status = memory.status
+        self._command = FingerCommand()
+        self._version = memory.field("command_version")[0]
+        self._told = 0
+        self._samples = np.zeros(MOST_SAMPLES, GLOVE_SAMPLE)
+        self._position, self._orientation = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
+        self._lost = False
+        self._reconnect_ns = 0
+        self._steps = 0
+        self._vain = 0
+        self._stop = False
+
+    def open(self) -> None:
+        """Connect, and say what the glove is.
+
+        Raises:
+            HhsimError: The glove or the pose cannot be reached.
+        """
+        self.pose.open()
+        self.device.open()
+        self._status["driver_ns"] = self._now()
+        self.memory.device.write(device_facts(self.device.info) | {"pose": self.pose.name})
+
+    def close(self) -> None:
+        """Release the glove, and let go of everything."""
+        if not self._dry_run and not self.device.release():
+            self.memory.say(FAULT, "the glove could not be told to free the fingers")
+        self._status["counters"][:] = _read_counters(self.device.counters)
+        self.device.close()
+        self.pose.close()
+
+    def stop(self) -> None:
+        """End with the next look; safe to call from a signal's handler."""
+        self._stop = True
+
+    def until_loop(self, ready: int) -> bool:
+        """Wait until the loop is so far, `OPEN` or `BEGIN`; False where it ends before."""
+        while self._status["loop_ready"] < ready:
+            if self._stop or self._status["stage"] >= Stage.ENDING:
+                return False
+            time.sleep(0.001)
+        return True
+
+    def run(self) -> None:
+        """Carry on until the loop has ended; what had come before is taken first."""
+        ring = self.memory.samples
+        before = -MOST_SAMPLES
+        while ring.written - before >= MOST_SAMPLES:
+            before = ring.written
+            self.take()
+        self._status["driver_begun"] = 1
+        while not self._stop and self._status["stage"] < Stage.ENDING:
+            self.wait()
+            self.take()
+            self.give()
+
+    def wait(self) -> None:
+        """Sleep until something comes from glove or tracker, a command is there, or it is time to look."""
+        if self._vain > 1:
+            time.sleep(BREATH_SECONDS)
+        sources = () if self._lost else (*self.device.descriptors(), *self.pose.descriptors())
+        timeout = LOOK_SECONDS if sources or self._lost else UNTOLD_SECONDS
+        with contextlib.suppress(OSError, ValueError):
+            ready, _, _ = select.select((self.memory.wake, *sources), (), (), timeout)
+            if self.memory.wake in ready:
+                os.eventfd_read(self.memory.wake)
+            self._vain = self._vain + 1 if any(source in ready for source in sources) else 0
+
+    def take(self) -> None:
+        """Put what came from the glove into its ring, and the palm's pose into the status."""
+        now = self._now()
+        status = self._status
+        status["driver_ns"] = now
+        if not self._lost or self._reconnected(now):
+            try:
+                count = self.device.read(self._samples)
+            except DeviceError as error:
+                self._lose(error)
+            else:
+                self._keep(count)
+                if 0 < count < MOST_SAMPLES:
+                    self._vain = 0
+        came = self.pose.read(now, self._position, self._orientation)
+        if came >= 0:
+            status["palm_version"][0] += 1
+            status["palm_position"] = self._position
+            status["palm_orientation"] = self._orientation
+            status["palm_ns"] = came
+            status["palm_version"][0] += 1
+        self._steps += 1
+        if self._steps % COUNTER_STEPS == 0:
+            status["counters"][:] = _read_counters(self.device.counters)
+
+    def give(self) -> None:
+        """Send the newest command that was not sent yet, if there is one."""
+        if not self._new_command() or self._dry_run or self._lost:
+            return
+        if self._now() - int(self._status["heartbeat_ns"]) > self._oldest_ns:
+            # The driver comes too late with it: the watchdog may have freed the fingers since.
+            self._command.stiffness[:] = 0.0
+            self._command.force[:] = 0.0
+        try:
+            self.device.send(self._command)
+        except DeviceError as error:
+            self._lose(error)
+
+    def _new_command(self) -> bool:
+        version = int(self._version[0])
+        # One that is being written wakes the driver when it is whole.
+        if version == self._told or version % 2 == 1:
+            return False
+        self._command.bend[:] = self._status["command_bend"]
+        self._command.stiffness[:] = self._status["command_stiffness"]
+        self._command.force[:] = self._status["command_force"]
+        if int(self._version[0]) != version:
+            return False
+        self._told = version
+        return True
+
+    def _keep(self, count: int) -> None:
+        ring = self.memory.samples
+        for sample in self._samples[:count]:
+            ring.records[ring.written % ring.capacity] = sample
+            ring.publish()
+
+    def _lose(self, error: DeviceError) -> None:
+        self._lost = True
+        self._reconnect_ns = 0
+        self.memory.say(REASON, str(error))
+        self._status["device_lost"] = 1
+
+    def _reconnected(self, now: int) -> bool:
+        # Not before the loop has begun its ramp anew: what it had commanded before must not come to the glove again.
+        if now < self._reconnect_ns or not self._status["command_safety"] & _DEVICE_LOST:
+            return False
+        self._reconnect_ns = now + RECONNECT_NS
+        try:
+            if not self.device.reconnect():
+                return False
+        except DeviceError as error:
+            self.memory.say(WARNING, f"the glove is still gone: {error}")
+            return False
+        self._lost = False
+        self._status["device_lost"] = 0
+        return True
+
+
+def device_facts(info: GloveInfo) -> dict[str, Any]:
+    """What a driver says of its glove, as plain values."""
+    return asdict(info) | {"capabilities": [flag.name for flag in info.capabilities]}
+
+
+def glove_info(facts: dict[str, Any]) -> GloveInfo:
+    """The glove of which `device_facts` spoke."""
+    given: dict[str, Any] = {
+        item.name: tuple(facts[item.name]) if isinstance(facts[item.name], list) else facts[item.name]
+        for item in fields(GloveInfo)
+    }
+    capabilities = Capability.NONE
+    for name in given["capabilities"]:
+        capabilities |= Capability[name]
+    return GloveInfo(**(given | {"capabilities": capabilities}))
+
+
+def drive(driver: GloveDriver, wishes: RealTimeWishes) -> None:
+    """Carry a session's glove in this process, from when its loop is ready until it has ended.
+
+    Args:
+        driver: Of the session.
+        wishes: Of the loop, below which the driver stands.
+
+    Raises:
+        HhsimError: The glove or the pose cannot be reached.
+    """
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        driver.stop()
+
+    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, stop)
+    if not driver.until_loop(OPEN):
+        return
+    opened = False
+    try:
+        driver.open()
+        opened = True
+        become_real_time(replace(wishes, lock_memory=False, cpu=-1), above=-1)
+        if driver.until_loop(BEGIN):
+            driver.run()
+    finally:
+        if opened:
+            driver.close()
+        become_ordinary()
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Drive the glove of a session; returns the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m hhsim.live.loop.driver", description=__doc__)
+    add_memory_options(parser)
+    options = parser.parse_args(arguments)
+    setup, memory = read_setup(options.setup, DriverSetup), attached(options)
+    try:
+        if not end_with(setup.parent):
+            return 0
+        device = open_device(setup.device)
+        pose = make_pose_source(setup.pose, memory.status_block, device)
+        drive(
+            GloveDriver(memory, device, pose, dry_run=setup.dry_run, oldest_ns=setup.oldest_ns),
+            setup.real_time,
+        )
+    except HhsimError as error:
+        print(f"hhsim: {error}", file=sys.stderr)
+        return error.exit_code
+    except Exception:  # said, and the fingers are free by now
+        traceback.print_exc()
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

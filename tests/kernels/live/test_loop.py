@@ -1,0 +1,78 @@
+"""The loop in compiled code, by the system's clock, with its driver in another thread."""
+
+import threading
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+from live_scripted import FIST, FREE, FakeClock, Moment, ScriptedGlove, make_setup
+
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.live.ipc.config import OutputLimits, SafetyLimits
+from hhsim.live.ipc.session_memory import SessionMemory
+from hhsim.live.loop.driver import GloveDriver
+from hhsim.live.loop.loop import LiveLoop, loop_options
+from hhsim.live.pose.fixed import FixedPose
+from hhsim.live.pose.registry import PoseConfig
+from hhsim.live.shared_memory import RingReader
+from hhsim.solver.hand_solver import HandSolver
+
+TIMINGS = {"duration", "duration_total", "duration_cpu"}
+CLOSING = [Moment(FREE + (FIST - FREE) * i / 60) for i in range(61)]
+
+
+class PresentClock(FakeClock):
+    """The time of now, which no work adds to."""
+
+    def now(self) -> int:
+        return time.monotonic_ns()
+
+
+def run(rate: float) -> tuple[LiveLoop, SessionMemory, int]:
+    """A hand that closes on the ball; also how often Python was asked to solve."""
+    safety = SafetyLimits(watchdog=False, stale=1.0, heartbeat_stale=1.0)
+    setup = make_setup(output=OutputLimits(ramp=0.01), safety=safety, rate=rate, duration=0.3)
+    memory, glove = SessionMemory.create(), ScriptedGlove(PresentClock(), CLOSING)
+    driver = GloveDriver(memory, glove, FixedPose(PoseConfig()))
+    driver.open()
+    loop = LiveLoop(setup, memory, glove.info)
+    loop.prepare()
+    solver: Any = loop.solver
+    asked, solve = [], solver.tick
+
+    def tick(*given: Any) -> int:
+        asked.append(given)
+        return int(solve(*given))
+
+    solver.tick = tick
+    thread = threading.Thread(target=driver.run)
+    thread.start()
+    try:
+        assert loop.run() == "duration"
+    finally:
+        loop.end()
+        thread.join()
+        driver.close()
+    loop.story.tell()
+    assert glove.commands, "the driver was woken"
+    return loop, memory, len(asked)
+
+
+@pytest.mark.parametrize("rate", [1000.0, 10_000.0])
+def test_ticks_of_compiled_code_are_those_of_a_replay_bit_for_bit(rate: float) -> None:
+    loop, memory, asked = run(rate)
+    assert asked == 1, "Python solves the first tick, and no other"
+    ticks = RingReader(memory.ticks).read(10**6)[1]
+    period, missed = ticks["tick"], ticks["missed"]
+    np.testing.assert_array_equal(np.diff(period), 1 + missed[1:])
+    np.testing.assert_array_equal(np.diff(ticks["time_ns"]), np.diff(period) * round(1e9 / rate))
+    assert ticks["total"].any(), "the hand touches the ball"
+    again = HandSolver(loop.setup.hand, loop.setup.tree.arrays(), loop_options(loop.setup.options, rate)).run(
+        *(ticks[f"haptic_{name}"] for name in ("position", "orientation", "flexion", "abduction"))
+    )
+    for name in set(TickRecord._fields) - TIMINGS:
+        np.testing.assert_array_equal(getattr(again, name), ticks[name], err_msg=name)
+    summary = loop.summary()
+    assert summary["wakeup"]["count"] == summary["work"]["count"] == memory.status["ticks"]
+    assert summary["missed"] == sum(summary["missed_by"].values())
