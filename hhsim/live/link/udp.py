@@ -18,7 +18,7 @@ BUFFER = 1 << 20
 MOST_LOOKED_AT = 64
 """Datagrams taken from the system in one go."""
 MOST_IN_VAIN = 32
-"""So many of them may be of no use, of whatever kind and sender: a flood cannot hold up a tick."""
+"""So many of them may be of no use, of whatever kind and sender: a flood cannot hold up who looks."""
 MODULUS = 2**32
 MOST_MISSING = 4096
 """Numbers that are remembered as missing; a datagram that is later than this counts as one that came twice."""
