@@ -30,6 +30,7 @@ def rows() -> Iterator[list[dict[str, Any]]]:
         yield measure(SMALL)
 
 
+@pytest.mark.soak
 def test_there_is_a_row_for_each_size_and_method(rows: list[dict[str, Any]]) -> None:
     triangles = len(load_object("cube").mesh.faces)
     assert [(row["triangles"], row["method"]) for row in rows] == [
@@ -38,6 +39,7 @@ def test_there_is_a_row_for_each_size_and_method(rows: list[dict[str, Any]]) -> 
     assert all(set(row) == {column.name for column in COLUMNS} for row in rows)
 
 
+@pytest.mark.soak
 def test_the_object_as_it_is_is_what_the_others_are_held_against(rows: list[dict[str, Any]]) -> None:
     for row in rows:
         first = next(other for other in rows if other["method"] == row["method"])
@@ -47,6 +49,7 @@ def test_the_object_as_it_is_is_what_the_others_are_held_against(rows: list[dict
         assert 0 < row["candidates"] <= row["pair_tests"]
 
 
+@pytest.mark.soak
 def test_a_fresh_process_says_what_it_took(rows: list[dict[str, Any]]) -> None:
     for row in rows:
         assert row["ready"] > 0.0 and row["ready_again"] > 0.0

@@ -158,6 +158,7 @@ def test_methods_that_nobody_named_are_those_that_take_the_surface() -> None:
     assert SpeedErrorOptions.quick(levels=(2,)).levels == (2,)
 
 
+@pytest.mark.soak
 def test_the_mesh_is_the_truth(small: list[Run]) -> None:
     runs = measure(replace(SMALL, surfaces=("mesh",), repetitions=1))
     assert [run.configuration.level for run in runs] == [NO_LEVEL] * 4

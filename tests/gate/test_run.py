@@ -219,7 +219,8 @@ def test_a_recorded_baseline_with_times_is_the_same_again(run: Run, suite: Path,
     assert "reference workload 2 there, 1 here" in answer.err
 
 
-@pytest.mark.parametrize("timed", [False, pytest.param(True, marks=pytest.mark.soak)])
+@pytest.mark.soak
+@pytest.mark.parametrize("timed", [False, True])
 def test_the_shell_example_gates_base_and_head(repository: Path, tmp_path: Path, timed: bool) -> None:
     folder = tmp_path / "suite"
     folder.mkdir()

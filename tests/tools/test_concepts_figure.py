@@ -72,6 +72,7 @@ def test_a_spring_goes_from_end_to_end() -> None:
     np.testing.assert_allclose(corners.mean(axis=0), 0.5 * (start + end), atol=2e-4)
 
 
+@pytest.mark.soak
 def test_writes_the_picture(result: Result, tmp_path: Path) -> None:
     import matplotlib.image
 

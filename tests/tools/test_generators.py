@@ -21,6 +21,8 @@ from tools.shapes.generators import (
     triangular_prism,
 )
 
+pytestmark = pytest.mark.soak
+
 GENUS = {"cup": 1}
 
 

@@ -31,6 +31,7 @@ def test_poses_lie_within_the_limits(pose: tuple[tuple[tuple[float, ...], ...], 
     assert ((hand.abduction_min <= abduction) & (abduction <= hand.abduction_max)).all()
 
 
+@pytest.mark.soak
 def test_writes_the_picture_or_says_why_not(tmp_path: Path) -> None:
     import matplotlib.image
 

@@ -28,6 +28,7 @@ touch = { index = "stem" }
 """
 
 
+@pytest.mark.soak
 def test_a_place_is_found_where_the_finger_touches_the_part_and_again(monkeypatch: pytest.MonkeyPatch) -> None:
     for name, value in (("DRAWS", 300), ("LEADERS", 6), ("STEPS", 40), ("PLAYED", 6), ("PLAYED_STEPS", 4)):
         monkeypatch.setattr(placement_search, name, value)

@@ -36,6 +36,7 @@ def test_rows_that_were_never_sent_are_noticed() -> None:
         places_of(sent, np.array([[7, 7]]))
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("device", sampled(["dexmo", "opengloves", "udp"], lambda place, device: device == "dexmo"))
 def test_a_short_run_accounts_for_everything_and_finds_what_is_missing(
     device: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

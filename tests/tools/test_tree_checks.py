@@ -16,7 +16,8 @@ def judged(mesh: Mesh) -> Verdict:
     return referee(mesh, tree, [2], mesh_points=20_000, sphere_points=40_000)[0]
 
 
-@pytest.mark.parametrize("name", [pytest.param("bunny", marks=pytest.mark.soak), "cube"])
+@pytest.mark.soak
+@pytest.mark.parametrize("name", ["bunny", "cube"])
 def test_a_motion_and_a_scale_change_the_errors_by_less_than_two_percent(name: str) -> None:
     mesh = load_object(name).mesh
     mesh = mesh.scaled(0.1 / float(mesh.extent.max()))
@@ -29,6 +30,7 @@ def test_a_motion_and_a_scale_change_the_errors_by_less_than_two_percent(name: s
     assert found.gap <= 1e-9 * scale
 
 
+@pytest.mark.soak
 def test_the_command_prints_a_table(capsys: pytest.CaptureFixture[str]) -> None:
     few = ["cube", "--size", "100", "--level", "1", "--points", "2000"]
     main(few)

@@ -16,6 +16,7 @@ from tools.tree_to_hand import EndToEnd, cells, end_to_end, main, sphere_distanc
 ROW = EndToEnd("cube", "grasp", 3, 512, 1e-3, 10, 0.0, 0.0, 0.9e-3, 0.8e-3, 5, 0.5e-3, 1e-3, 1e-5, 2e-5)
 
 
+@pytest.mark.soak
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "level", "most"), sampled([("cube", 3, 1.2e-3), ("bunny", 4, 0.2e-3)], lambda place, case: place == 0)
@@ -49,6 +50,7 @@ def test_distances_to_spheres_are_those_of_brute_force() -> None:
     assert found[15] == pytest.approx(pairs[15:].min(), abs=1e-12)
 
 
+@pytest.mark.soak
 def test_the_command_prints_a_table(capsys: pytest.CaptureFixture[str]) -> None:
     lines: list[str] = []
     arguments = ["--object", "cube", "--level", "2", "--motion", "touch", "--every", "300"]

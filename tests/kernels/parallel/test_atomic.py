@@ -98,13 +98,14 @@ def test_a_contended_exchange_loses_nothing(threads: int) -> None:
     assert shared.sum() == shared[63]
 
 
-def test_what_is_written_before_a_release_is_seen_after_the_acquire() -> None:
+@pytest.mark.parametrize("count", [2_000, pytest.param(20_000, marks=pytest.mark.soak)])
+def test_what_is_written_before_a_release_is_seen_after_the_acquire(count: int) -> None:
     shared, letters = np.zeros(32, np.int64), np.zeros(64, np.int64)
     send(shared, letters, 0)
     receive(shared, letters, 0)
-    sender = threading.Thread(target=send, args=(shared, letters, 20_000))
+    sender = threading.Thread(target=send, args=(shared, letters, count))
     sender.start()
-    wrong = receive(shared, letters, 20_000)
+    wrong = receive(shared, letters, count)
     sender.join()
     assert wrong == 0
 
