@@ -12,7 +12,7 @@ PACKAGES = (
     "hhsim",
     *(
         f"hhsim.kernels{part}"
-        for part in ("", ".hand", ".parallel", ".mesh", ".cover", ".contact", ".surfaces", ".qp", ".tick")
+        for part in ("", ".hand", ".parallel", ".mesh", ".cover", ".contact", ".surfaces", ".qp", ".tick", ".free")
     ),
     *("hhsim.system", "hhsim.mesh", "hhsim.trees", "hhsim.hand", "hhsim.exchange", "hhsim.motion"),
     "hhsim.result",

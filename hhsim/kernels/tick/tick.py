@@ -293,8 +293,9 @@ def recover(hand: HandArrays, surface: Any, options: TickOptions, state: Record)
 
 
 @jit
-def _shortening(hand: HandArrays, options: TickOptions, state: Record) -> tuple[float, float]:
-    # The share of the step that the pairs at hand vouch for, and how far it would move the farthest point of the hand.
+def shortening(hand: HandArrays, options: TickOptions, state: Record) -> tuple[float, float]:
+    """The share of the step that the pairs at hand vouch for, and how far it would move the farthest point of the hand.
+    """
     candidates = state.candidates
     reach = min(state.reach, state.trust)
     motion_bounds(hand, state.step.delta, state.problem.abduction_step, state.motion)
@@ -319,7 +320,7 @@ def _shortening(hand: HandArrays, options: TickOptions, state: Record) -> tuple[
 def clip_target(hand: HandArrays, options: TickOptions, last_chance: bool, state: Record) -> bool:
     """Bring a far target nearer where the step would be shortened to less than half.
 
-    With `last_chance`, to where the hand is: the step then only mends, see `_is_last_chance`. True where the program is
+    With `last_chance`, to where the hand is: the step then only mends, see `is_last_chance`. True where the program is
     to be solved anew.
 
     Shortening a step also shortens what it does to mend a penetration or to keep a clearance; a program with a nearer
@@ -327,7 +328,7 @@ def clip_target(hand: HandArrays, options: TickOptions, last_chance: bool, state
     """
     if state.clipped:
         return False
-    fraction, longest = _shortening(hand, options, state)
+    fraction, longest = shortening(hand, options, state)
     if last_chance:
         fraction = 0.0
     elif fraction >= 0.5:
@@ -356,7 +357,7 @@ def advance(hand: HandArrays, surface: Any, options: TickOptions, state: Record)
     # million times stiffer than a joint that adds up.
     for f in range(FINGER_COUNT):
         clamp_to_limits(hand, state.pose, f, step.delta[:])
-    fraction, longest = _shortening(hand, options, state)
+    fraction, longest = shortening(hand, options, state)
     move(state.pose, step.delta, problem.abduction_step, fraction)
     for body in range(BODY_COUNT):
         state.since_safe[body] += fraction * state.motion[body]
@@ -399,9 +400,11 @@ def advance(hand: HandArrays, surface: Any, options: TickOptions, state: Record)
 
 
 @jit_once
-def _cap_lag(state: Record) -> None:
-    # A program's step can be longer than any way that is left, where a soft direction is all but free: no point of the
-    # hand has further to go than from where it is shown to where the user has it.
+def cap_lag(state: Record) -> None:
+    """Let the lag be no longer than from where the hand is shown to where the user has it.
+
+    A program's step can be longer than any way that is left, where a soft direction is all but free.
+    """
     state.lag = min(state.lag, farthest_joint(state.pose.joints, state.haptic.joints))
 
 
@@ -434,10 +437,13 @@ def _settle_forces(hand: HandArrays, surface: Any, options: TickOptions, state: 
 
 
 @jit
-def _is_last_chance(options: TickOptions, state: Record, done: int) -> bool:
-    # Where an axis lies along an edge its nearest place runs along it as it turns, and each step that goes on towards
-    # the user brings as much penetration as it mends. A tick that has taken steps back for that, and stands inside
-    # before its last linearisation, has come somewhere by the step that leaves the object and does no more.
+def is_last_chance(options: TickOptions, state: Record, done: int) -> bool:
+    """Whether the tick's next step, its last, only leaves the object.
+
+    Where an axis lies along an edge its nearest place runs along it as it turns, and each step that goes on towards
+    the user brings as much penetration as it mends. A tick that has taken steps back for that, and stands inside
+    before its last linearisation, has come somewhere by the step that leaves the object and does no more.
+    """
     shorter = state.trust < options.margin
     return shorter and state.bad_steps > 0 and not state.accepted and done == options.linearisations - 1
 
@@ -478,7 +484,7 @@ def finish_tick(hand: HandArrays, surface: Any, options: TickOptions, strained: 
     if state.accepted and state.hold_abduction:
         status |= STATUS_ABDUCTION_HELD
     if status & (STATUS_STUCK | STATUS_LAG):
-        _cap_lag(state)
+        cap_lag(state)
     _, touching = pairs_near(surface, hand, candidates, options.touch)
     state.work[WORK_TOUCHING] = touching
     detected = monotonic_ns()
@@ -516,7 +522,7 @@ def converge(method: Any, hand: HandArrays, surface: Any, state: Record, qp: QpW
             status |= STATUS_CAPACITY_EXCEEDED
             break
         solved = OPTIMAL
-        last_chance = _is_last_chance(options, state, i)
+        last_chance = is_last_chance(options, state, i)
         while contacts > 0:
             solved = solve_program(method, state, qp)
             if solved != OPTIMAL or not clip_target(hand, options, last_chance, state):
