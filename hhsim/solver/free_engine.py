@@ -108,8 +108,10 @@ class FreeEngine:
         body.center[:] = body.position[:] = free.center
         body.axes[:] = axes.T
         body.moment[:] = moment
-        body.inverse_root[:3] = period / np.sqrt(free.mass)
-        body.inverse_root[3:] = period / np.sqrt(moment)
+        # Damping at the end of the step weighs as mass: forces balance as they would without it.
+        damped = period / np.sqrt(1.0 + free.damping * period)
+        body.inverse_root[:3] = damped / np.sqrt(free.mass)
+        body.inverse_root[3:] = damped / np.sqrt(moment)
         body.gravity[:] = free.gravity
         body.damping = free.damping
         body.friction, body.torsion = free.friction, free.torsion
