@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any, Self
 
 import numpy as np
@@ -96,13 +96,6 @@ class FreeObject:
     def of_table(self) -> float:
         """μ of table and object."""
         return self.friction if self.table_friction is None else self.table_friction
-
-    def placed(self, rotation: ArrayLike, position: ArrayLike) -> Self:
-        """The same with its mesh moved by `rotation @ vertex + position`; shapes (3, 3) and (3,) [m]."""
-        turn = np.asarray(rotation, np.float64)
-        inertia = turn @ np.array(self.inertia) @ turn.T
-        center = turn @ np.array(self.center) + np.asarray(position, np.float64)
-        return replace(self, center=_triple(center), inertia=_rows(0.5 * (inertia + inertia.T)))
 
     def to_json(self) -> dict[str, Any]:
         """All of it as plain values."""
