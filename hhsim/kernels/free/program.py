@@ -32,9 +32,11 @@ Indices = NDArray[np.int64]
 
 ROUNDS = 4
 """Most solutions of a program with one Γ after another."""
-SETTLED = 1e-8
-SETTLED_SHARE = 1e-3
-"""A Γ that would change by no more than this [m] and this share of it is left."""
+SETTLED = 2e-8
+SETTLED_SHARE = 2e-3
+"""A Γ that would change by no more than this [m] and this share of it is left: as much a contact may float."""
+ASTRAY = 0.02
+"""A t_1 is turned to the slip where one minus the cosine of the angle between them is more than this."""
 NO_LOAD = 1e-3
 """A contact whose normal row bears no more than this share of its load rubs with all of it."""
 AT_REST = 1e-11
@@ -168,7 +170,7 @@ def _correct(body: Record, problem: Record, friction: Record) -> bool:
         if slip > 100.0 * TINY:
             t = friction.first[i]
             across = slip - (x * t[0] + y * t[1] + z * t[2])
-            if across > SETTLED_SHARE * slip and orient(friction, i, x, y, z):
+            if across > ASTRAY * slip and orient(friction, i, x, y, z):
                 changed = True
     return changed
 
