@@ -33,9 +33,9 @@ def solver_of(mesh: Mesh, free: FreeObject, hand: HandModel | None = None, **opt
 
 
 def far_hand(ticks: int) -> Pose:
-    """A hand that is far from everything and stands still."""
+    """A hand that is 1.7 m from the origin and stands still."""
     flat = np.zeros((ticks, 5, 3)), np.zeros((ticks, 5))
-    return np.full((ticks, 3), 10.0), np.tile([1.0, 0.0, 0.0, 0.0], (ticks, 1)), *flat
+    return np.full((ticks, 3), 1.0), np.tile([1.0, 0.0, 0.0, 0.0], (ticks, 1)), *flat
 
 
 TIP = 0.008

@@ -60,6 +60,7 @@ BODY = np.dtype(
         ("start_orientation", np.float64, (4,)),
         ("goal_position", np.float64, (3,)),
         ("goal_orientation", np.float64, (4,)),
+        ("left", np.float64, (OBJECT_DOF,)),
         ("velocity", np.float64, (3,)),
         ("spin", np.float64, (3,)),
         ("quaternion", np.float64, (4,)),
@@ -83,6 +84,7 @@ BODY = np.dtype(
 | position, orientation, rotation | centre of mass [m], object's frame to world |
 | safe_…, start_… | the same where nothing penetrates, and at the start of the tick |
 | goal_… | where the body would be at the end of the tick by itself |
+| left | of the last step, what the hand's way past the object left no room for, as `body_target` gives it |
 | velocity | of the centre [m/s] |
 | spin | angular velocity about the principal axes [rad/s] |
 | quaternion, other, vector | scratch |
@@ -171,6 +173,7 @@ def predict(body: Record) -> None:
     """Where the body would be at the end of the tick without contacts."""
     period = body.period
     kept = 1.0 / (1.0 + body.damping * period)
+    body.left[:] = 0.0
     copy_values(body.position[:], body.start_position[:])
     copy_values(body.orientation[:], body.start_orientation[:])
     for j in range(3):
@@ -191,6 +194,7 @@ def keep_body(body: Record) -> None:
 @jit
 def take_body_back(body: Record) -> None:
     """Return to the safe pose."""
+    body.left[:] = 0.0
     copy_values(body.safe_position[:], body.position[:])
     copy_values(body.safe_orientation[:], body.orientation[:])
     quaternion_to_matrix(body.orientation[:], body.rotation[:])
@@ -222,14 +226,16 @@ def move_body(body: Record, step: Array, fraction: float) -> None:
 
 @jit_once
 def take_velocity(body: Record) -> None:
-    """The velocities of the tick that ends: what was moved, over its period."""
-    rate = 1.0 / body.period
-    for j in range(3):
-        body.velocity[j] = rate * (body.position[j] - body.start_position[j])
+    """The velocities of the tick that ends: what was moved, and what was left of the last step, over its period."""
+    rate, left = 1.0 / body.period, body.left
+    x, y, z = turn_out(body, left[0], left[1], left[2])
+    body.velocity[0] = rate * (body.position[0] - body.start_position[0] + x)
+    body.velocity[1] = rate * (body.position[1] - body.start_position[1] + y)
+    body.velocity[2] = rate * (body.position[2] - body.start_position[2] + z)
     rotation_vector_between(body.start_orientation[:], body.orientation[:], body.vector[:])
-    x, y, z = turn_in(body, rate * body.vector[0], rate * body.vector[1], rate * body.vector[2])
+    x, y, z = turn_in(body, body.vector[0], body.vector[1], body.vector[2])
     x, y, z = along_axes(body, x, y, z)
-    body.spin[0], body.spin[1], body.spin[2] = x, y, z
+    body.spin[0], body.spin[1], body.spin[2] = rate * (x + left[3]), rate * (y + left[4]), rate * (z + left[5])
 
 
 @jit_once

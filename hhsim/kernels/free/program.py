@@ -15,10 +15,10 @@ from hhsim.kernels.free.rows import (
     TABLE_GROUP,
     TABLE_KEYS,
     TINY,
-    coefficient,
-    displacement,
     friction_rows,
+    measure_slip,
     orient,
+    torsion_radius,
 )
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.jit import Record, as_int64, jit, jit_once
@@ -36,7 +36,7 @@ SETTLED = 2e-8
 SETTLED_SHARE = 2e-3
 """A Γ that would change by no more than this [m] and this share of it is left: as much a contact may float."""
 ASTRAY = 0.02
-"""A t_1 is turned to the slip where one minus the cosine of the angle between them is more than this."""
+"""An e_1 is turned to the slip where one minus the cosine of the angle between them is more than this."""
 NO_LOAD = 1e-3
 """A contact whose normal row bears no more than this share of its load rubs with all of it."""
 AT_REST = 1e-11
@@ -97,7 +97,7 @@ def take_step(pose: Record, body: Record, problem: Record, step_out: Array) -> N
 
 
 @jit_once
-def _read(body: Record, pose: Record, problem: Record, friction: Record, loaded: Record, qp: QpWork) -> None:
+def _read(body: Record, problem: Record, friction: Record, loaded: Record, qp: QpWork) -> None:
     # The solution: the step, the loaded rows, and what each contact with friction bears and slips.
     delta, weight = problem.delta, problem.inverse_root
     for j in range(6):
@@ -106,7 +106,7 @@ def _read(body: Record, pose: Record, problem: Record, friction: Record, loaded:
     for j in range(6, DOF):
         delta[6 + j] = qp.x[6 + j] * weight[j]
     for i in range(friction.count):
-        friction.plain[i] = friction.cone[i] = friction.spun[i] = 0.0
+        friction.plain[i] = friction.cone[i] = 0.0
     loaded.count = qp.counts[0]
     for j in range(loaded.count):
         row = qp.active[j]
@@ -119,58 +119,46 @@ def _read(body: Record, pose: Record, problem: Record, friction: Record, loaded:
             kind = problem.kind[row]
             if kind == 0:
                 friction.plain[owner] += multiplier
-            elif kind <= DIRECTIONS:
-                friction.cone[owner] += multiplier
             else:
-                friction.spun[owner] += multiplier
-    for i in range(friction.count):
-        point, normal = friction.point[i], friction.normal[i]
-        x, y, z = displacement(
-            pose, body, problem.abduction_step[:], delta[:], friction.body[i], point[0], point[1], point[2]
-        )
-        along = x * normal[0] + y * normal[1] + z * normal[2]
-        friction.slip[i, 0] = x - along * normal[0]
-        friction.slip[i, 1] = y - along * normal[1]
-        friction.slip[i, 2] = z - along * normal[2]
+                friction.cone[owner] += multiplier
 
 
 @jit_once
 def _mobility(body: Record, problem: Record, friction: Record, i: int) -> float:
-    # How far a unit force along t_1 would move the contact, were it alone [m/N]: from its rows n ± μ t_1.
+    # How far a newton against e_1 would move the contact, were it alone [m]: from its rows n ± e_1.
     common, block = problem.common, problem.block
     row = friction.row[i]
-    mu = coefficient(body, friction.body[i])
+    other = row + (DIRECTIONS if torsion_radius(body, friction.body[i]) > 0.0 else DIRECTIONS - 1)
     square = 0.0
     for j in range(COMMON):
-        square += (common[j, row + 2] - common[j, row]) ** 2
+        square += (common[j, other] - common[j, row]) ** 2
     for j in range(PHALANX_COUNT):
-        square += (block[j, row + 2] - block[j, row]) ** 2
-    return square / (4.0 * mu * mu)
+        square += (block[j, other] - block[j, row]) ** 2
+    return 0.25 * square
 
 
 @jit_once
-def _correct(body: Record, problem: Record, friction: Record) -> bool:
+def _correct(pose: Record, body: Record, problem: Record, friction: Record) -> bool:
     # De Saxcé's Γ of the solution at hand; True where a contact that bears a force has another one than it was given.
     changed = False
     for i in range(friction.count):
         load = friction.plain[i] + friction.cone[i]
-        mu = coefficient(body, friction.body[i])
-        if friction.rubs[i] == 0 or load == 0.0 or mu == 0.0:
+        if friction.rubs[i] == 0 or load == 0.0:
             continue
-        x, y, z = friction.slip[i, 0], friction.slip[i, 1], friction.slip[i, 2]
-        slip = math.sqrt(x * x + y * y + z * z)
-        shift = mu * slip
+        slip = measure_slip(pose, body, problem, problem.delta[:], friction, i)
+        shift = slip
         if friction.plain[i] > NO_LOAD * load:
             if friction.shift[i] == 0.0:
                 continue
-            shift = mu * max(0.0, slip - mu * friction.plain[i] * _mobility(body, problem, friction, i))
+            shift = max(0.0, slip - friction.plain[i] * _mobility(body, problem, friction, i))
         if abs(shift - friction.shift[i]) > SETTLED + SETTLED_SHARE * shift:
             changed = True
             friction.shift[i] = shift
         if slip > 100.0 * TINY:
-            t = friction.first[i]
-            across = slip - (x * t[0] + y * t[1] + z * t[2])
-            if across > ASTRAY * slip and orient(friction, i, x, y, z):
+            x, y, z, spin = friction.slip[i, 0], friction.slip[i, 1], friction.slip[i, 2], friction.spin[i]
+            t = friction.along[i, 0]
+            across = slip - (x * t[0] + y * t[1] + z * t[2] + spin * friction.about[i, 0])
+            if across > ASTRAY * slip and orient(friction, i, x, y, z, spin):
                 changed = True
     return changed
 
@@ -233,8 +221,8 @@ def solve_free(
         step.iterations += qp.counts[1]
         if status != OPTIMAL:
             return status
-        _read(body, pose, problem, friction, loaded, qp)
-        if i == ROUNDS - 1 or not _correct(body, problem, friction):
+        _read(body, problem, friction, loaded, qp)
+        if i == ROUNDS - 1 or not _correct(pose, body, problem, friction):
             break
     if loaded.count > 0:
         _rest(body, problem)
@@ -247,20 +235,22 @@ def hold_loads(problem: Record, friction: Record, loaded: Record, held: Record) 
     """Remember what the contacts with friction bear, to begin the next program from."""
     count = as_int64(0)
     for i in range(friction.count):
-        load = friction.plain[i] + friction.cone[i] + friction.spun[i]
+        load = friction.plain[i] + friction.cone[i]
         if load == 0.0 or friction.rubs[i] == 0:
             continue
         held.key[count] = TABLE_KEYS - friction.key[i] if friction.body[i] == ON_TABLE else friction.key[i]
         held.load[count] = load
+        held.about[count] = 0.0
         for j in range(3):
-            held.friction[count, j] = 0.0
+            held.along[count, j] = 0.0
         for k in range(loaded.count):
             row = loaded.row[k]
             kind = problem.kind[row]
-            if problem.owner[row] == i and 1 <= kind <= DIRECTIONS:
-                sign = -loaded.multiplier[k] if kind <= 2 else loaded.multiplier[k]
-                t = friction.first[i] if kind % 2 == 1 else friction.second[i]
+            if problem.owner[row] == i and kind > 0:
+                e = (kind - 1) % DIRECTIONS
+                size = loaded.multiplier[k] if kind <= DIRECTIONS else -loaded.multiplier[k]
+                held.about[count] += size * friction.about[i, e]
                 for j in range(3):
-                    held.friction[count, j] += sign * t[j]
+                    held.along[count, j] += size * friction.along[i, e, j]
         count += 1
     held.count = count

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.free.body import from_axes, turn_out
-from hhsim.kernels.free.rows import DIRECTIONS, ON_TABLE, coefficient, displacement
+from hhsim.kernels.free.rows import DIRECTIONS, ON_TABLE, coefficient, displacement, torsion_radius
 from hhsim.kernels.jit import Record, as_int64, jit, jit_once
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 
@@ -121,16 +121,16 @@ def find_borne(
         n, p = borne.normal[at], borne.point[at]
         mx, my, mz = n[0], n[1], n[2]
         borne.load[at] += force
-        if 1 <= kind <= DIRECTIONS:
-            mu = coefficient(body, of)
-            sign = -mu if kind <= 2 else mu
-            t = friction.first[owner] if kind % 2 == 1 else friction.second[owner]
-            mx, my, mz = mx + sign * t[0], my + sign * t[1], mz + sign * t[2]
-            for j in range(3):
-                borne.friction[at, j] += force * sign * t[j]
         moment = 0.0
-        if kind > DIRECTIONS:
-            moment = body.torsion * force if kind == 1 + DIRECTIONS else -body.torsion * force
+        if kind > 0:
+            e = (kind - 1) % DIRECTIONS
+            sign = -1.0 if kind <= DIRECTIONS else 1.0
+            push = sign * coefficient(body, of)
+            t = friction.along[owner, e]
+            mx, my, mz = mx + push * t[0], my + push * t[1], mz + push * t[2]
+            for j in range(3):
+                borne.friction[at, j] += force * push * t[j]
+            moment = sign * torsion_radius(body, of) * friction.about[owner, e] * force
             borne.moment[at] += moment
         rx, ry, rz = p[0] - body.center[0], p[1] - body.center[1], p[2] - body.center[2]
         wrench = borne.table_wrench if of == ON_TABLE else borne.hand_wrench

@@ -5,13 +5,14 @@ point of the hand relative to the object's in this step, n the normal, t_k four 
 relative rotation,
 
     n · Δ                   >= ε - d,
-    (n - μ t_k) · Δ         >= ε - d - Γ,
-    n · Δ ± γ n · φ         >= ε - d.
+    n · Δ - e_k · s         >= ε - d - Γ,        s = (μ Δ_t, γ n · φ),
 
-The second kind is Anitescu's cone. Its multipliers push along n - μ t_k, and with Γ = μ |Δ_t| at the solution, which is
-de Saxcé's correction, it is Coulomb's law; whatever Γ is, the first row keeps the contact from penetrating. The third
-bounds a torsional moment by γ times the normal force. The four directions are turned so that one lies against the load:
-along that the cone of the four is as wide as Coulomb's.
+with γ the torsional moment that a contact bears per newton of its force. The second kind is Anitescu's cone, with
+torsion as a third direction beside the two along the surface. Its multipliers push along n and against s; with
+Γ = |s| at the solution, which is de Saxcé's correction, that is Coulomb's law, and with torsion the ellipsoid
+(f_t / μ)² + (τ / γ)² <= f_n². Whatever Γ is, the first row keeps the contact from penetrating. The directions e_k are
+pairs ± e_1, ± e_2, ± e_3 at right angles, turned so that e_1 lies against the load: along that their cone is as wide as
+the law's.
 
 Only a contact that is as good as closed has rows of friction. A contact of object and table is one of a point or a
 sphere of the object's hull with a plane, and has columns of the object alone.
@@ -37,9 +38,9 @@ COMMON = 6 + OBJECT_DOF
 HAND_FRICTION = 48
 TABLE_CONTACTS = 24
 FRICTIONS = HAND_FRICTION + TABLE_CONTACTS
-DIRECTIONS = 4
-PER_CONTACT = DIRECTIONS + 2
-FREE_ROWS = ROW_CAPACITY + HAND_FRICTION * PER_CONTACT + TABLE_CONTACTS * (1 + DIRECTIONS) + 32
+DIRECTIONS = 3
+PER_CONTACT = 2 * DIRECTIONS
+FREE_ROWS = ROW_CAPACITY + HAND_FRICTION * PER_CONTACT + TABLE_CONTACTS * (1 + PER_CONTACT) + 32
 """Room: hand contacts with friction, contacts of the table, and all rows."""
 
 FREE_GROUPS = 3 * FINGER_COUNT + 3
@@ -49,7 +50,7 @@ ON_TABLE = -1
 """Stands for the table where others name a body of the hand."""
 
 KINDS = 8
-"""Keys of rows: that of their contact times this, plus 0 for its normal row, or 1 and on for friction and torsion."""
+"""Keys of rows: that of their contact times this, plus 0 for its normal row, or 1 and on for those of friction."""
 TABLE_KEYS = -1000
 """Keys of the table's rows go down from here; those of joint limits from -1."""
 
@@ -89,7 +90,7 @@ FREE_PROBLEM = np.dtype(
 | block | columns of the row's own finger, scaled |
 | rhs | [m] for contacts, [rad] for limits |
 | key | names the same row at every tick |
-| owner, kind | its place in FRICTION, or -1; 0 normal, 1 to 4 friction, 5 and 6 torsion |
+| owner, kind | its place in FRICTION, or -1; 0 normal, 1 to 3 for e_1 to e_3, 4 to 6 for their opposites |
 | hand_target, body_target | step to the user's hand, and to where the body would go by itself, unscaled |
 | target | both, scaled, in the program's order |
 | inverse_root | 1 / √G of the hand's variables |
@@ -107,15 +108,15 @@ FRICTION = np.dtype(
         ("rubs", np.int64, (FRICTIONS,)),
         ("point", np.float64, (FRICTIONS, 3)),
         ("normal", np.float64, (FRICTIONS, 3)),
-        ("first", np.float64, (FRICTIONS, 3)),
-        ("second", np.float64, (FRICTIONS, 3)),
+        ("along", np.float64, (FRICTIONS, DIRECTIONS, 3)),
+        ("about", np.float64, (FRICTIONS, DIRECTIONS)),
         ("distance", np.float64, (FRICTIONS,)),
         ("shift", np.float64, (FRICTIONS,)),
         ("row", np.int64, (FRICTIONS,)),
         ("slip", np.float64, (FRICTIONS, 3)),
+        ("spin", np.float64, (FRICTIONS,)),
         ("plain", np.float64, (FRICTIONS,)),
         ("cone", np.float64, (FRICTIONS,)),
-        ("spun", np.float64, (FRICTIONS,)),
         ("near", np.int64, (NEAR_POINTS,)),
         ("near_distance", np.float64, (NEAR_POINTS,)),
     ],
@@ -129,11 +130,11 @@ FRICTION = np.dtype(
 | body | of the hand, or ON_TABLE |
 | rubs | 1 where it has rows of friction; contacts of the table may have none |
 | point, normal | [m]; out of the object, of the table into it; object's frame |
-| first, second | t_1 and t_2; t_3 and t_4 are opposite to them |
+| along, about | e_1 to e_3: their parts along the surface, object's frame, and about the normal |
 | distance, shift | d and Γ [m] |
 | row | its first row of friction |
-| slip | Δ_t of the last solution [m] |
-| plain, cone, spun | multipliers of it: of the normal row, of friction, of torsion [N] |
+| slip, spin | s of the last solution: μ Δ_t, and γ n · φ [m] |
+| plain, cone | multipliers of it: of the normal row, and of friction [N] |
 | near, near_distance | points of the hull within reach of the table, and how far they are [m] |
 """
 
@@ -142,11 +143,13 @@ HELD = np.dtype(
         ("count", np.int64),
         ("key", np.int64, (FRICTIONS,)),
         ("load", np.float64, (FRICTIONS,)),
-        ("friction", np.float64, (FRICTIONS, 3)),
+        ("along", np.float64, (FRICTIONS, 3)),
+        ("about", np.float64, (FRICTIONS,)),
     ],
     align=True,
 )
-"""The contacts with friction that bore a force at the last solution: its normal part [N], and friction, object's frame.
+"""The contacts with friction that bore a force at the last solution: its normal part [N], and the direction against
+which it rubbed, along the surface and about the normal, times that of its force that did [N]; object's frame.
 """
 
 
@@ -236,6 +239,27 @@ def displacement(
         y += turn * (az * rx - ax * rz)
         z += turn * (ax * ry - ay * rx)
     return x, y, z
+
+
+@jit
+def relative_turn(
+    pose: Record, body: Record, abduction_step: Array, step: Array, of: int, nx: float, ny: float, nz: float
+) -> float:
+    """The turn about a direction [rad] of what `displacement` takes, relative to what it touches."""
+    wx, wy, wz = from_axes(body, step[9], step[10], step[11])
+    if of == ON_TABLE:
+        return wx * nx + wy * ny + wz * nz
+    wx, wy, wz = step[3] - wx, step[4] - wy, step[5] - wz
+    if of < PALM_BODY:
+        f = of // PHALANX_COUNT
+        total = 0.0
+        for k in range(of % PHALANX_COUNT + 1):
+            total += step[COMMON + PHALANX_COUNT * f + k]
+        turn = abduction_step[f]
+        wx += total * pose.axis[f, 0] + turn * pose.abduction_axis[f, 0]
+        wy += total * pose.axis[f, 1] + turn * pose.abduction_axis[f, 1]
+        wz += total * pose.axis[f, 2] + turn * pose.abduction_axis[f, 2]
+    return wx * nx + wy * ny + wz * nz
 
 
 @jit
@@ -416,20 +440,38 @@ def find_frictions(
 
 
 @jit
-def orient(friction: Record, i: int, x: float, y: float, z: float) -> bool:
-    """Turn the directions of a contact so that t_1 is along a vector's tangential part; False where it has none."""
+def orient(friction: Record, i: int, x: float, y: float, z: float, spin: float) -> bool:
+    """Turn the directions of a contact so that e_1 is along s, a vector's tangential part and a spin about the normal.
+
+    False where s is none.
+    """
     nx, ny, nz = friction.normal[i, 0], friction.normal[i, 1], friction.normal[i, 2]
-    along = x * nx + y * ny + z * nz
-    tx, ty, tz = x - along * nx, y - along * ny, z - along * nz
-    length = math.sqrt(tx * tx + ty * ty + tz * tz)
+    normal = x * nx + y * ny + z * nz
+    tx, ty, tz = x - normal * nx, y - normal * ny, z - normal * nz
+    flat = math.sqrt(tx * tx + ty * ty + tz * tz)
+    length = math.sqrt(flat * flat + spin * spin)
     if not length > TINY:
         return False
-    scale = 1.0 / length
-    tx, ty, tz = tx * scale, ty * scale, tz * scale
-    friction.first[i, 0], friction.first[i, 1], friction.first[i, 2] = tx, ty, tz
-    friction.second[i, 0] = ny * tz - nz * ty
-    friction.second[i, 1] = nz * tx - nx * tz
-    friction.second[i, 2] = nx * ty - ny * tx
+    if flat > 1e-6 * length:
+        scale = 1.0 / flat
+        tx, ty, tz = tx * scale, ty * scale, tz * scale
+    else:
+        # Any direction along the surface is as good.
+        flat = 0.0
+        if abs(nx) < 0.7:
+            tx, ty, tz = 0.0, nz, -ny
+        else:
+            tx, ty, tz = -nz, 0.0, nx
+        scale = 1.0 / math.sqrt(tx * tx + ty * ty + tz * tz)
+        tx, ty, tz = tx * scale, ty * scale, tz * scale
+    c, w = flat / length, spin / length
+    along, about = friction.along, friction.about
+    along[i, 0, 0], along[i, 0, 1], along[i, 0, 2], about[i, 0] = c * tx, c * ty, c * tz, w
+    along[i, 1, 0] = ny * tz - nz * ty
+    along[i, 1, 1] = nz * tx - nx * tz
+    along[i, 1, 2] = nx * ty - ny * tx
+    about[i, 1] = 0.0
+    along[i, 2, 0], along[i, 2, 1], along[i, 2, 2], about[i, 2] = -w * tx, -w * ty, -w * tz, c
     return True
 
 
@@ -437,6 +479,28 @@ def orient(friction: Record, i: int, x: float, y: float, z: float) -> bool:
 def coefficient(body: Record, of: int) -> float:
     """μ of a contact."""
     return body.table_friction if of == ON_TABLE else body.friction
+
+
+@jit
+def torsion_radius(body: Record, of: int) -> float:
+    """γ of a contact [m]."""
+    return 0.0 if of == ON_TABLE else body.torsion
+
+
+@jit
+def measure_slip(pose: Record, body: Record, problem: Record, step: Array, friction: Record, i: int) -> float:
+    """Set s of a contact for a step, unscaled and in the program's order; returns its length [m]."""
+    of, p, n = friction.body[i], friction.point[i], friction.normal[i]
+    mu = coefficient(body, of)
+    x, y, z = displacement(pose, body, problem.abduction_step[:], step, of, p[0], p[1], p[2])
+    normal = x * n[0] + y * n[1] + z * n[2]
+    x, y, z = mu * (x - normal * n[0]), mu * (y - normal * n[1]), mu * (z - normal * n[2])
+    spin = 0.0
+    radius = torsion_radius(body, of)
+    if radius > 0.0:
+        spin = radius * relative_turn(pose, body, problem.abduction_step[:], step, of, n[0], n[1], n[2])
+    friction.slip[i, 0], friction.slip[i, 1], friction.slip[i, 2], friction.spin[i] = x, y, z, spin
+    return math.sqrt(x * x + y * y + z * z + spin * spin)
 
 
 @jit_once
@@ -472,31 +536,45 @@ def begin_frictions(pose: Record, body: Record, problem: Record, first: bool, he
         for j in range(held.count):
             if held.key[j] == key:
                 load, at = held.load[j], as_int64(j)
-        point, normal = friction.point, friction.normal
-        x, y, z = displacement(
-            pose, body, problem.abduction_step[:], problem.before[:], of, point[i, 0], point[i, 1], point[i, 2]
-        )
-        along = x * normal[i, 0] + y * normal[i, 1] + z * normal[i, 2]
-        x, y, z = x - along * normal[i, 0], y - along * normal[i, 1], z - along * normal[i, 2]
-        slip = math.sqrt(x * x + y * y + z * z)
-        mu = coefficient(body, of)
-        if slip > TINY and orient(friction, i, x, y, z):
+        slip = measure_slip(pose, body, problem, problem.before[:], friction, i)
+        x, y, z, spin = friction.slip[i, 0], friction.slip[i, 1], friction.slip[i, 2], friction.spin[i]
+        if slip > TINY and orient(friction, i, x, y, z, spin):
             if first:
-                t = friction.first[i]
-                square = _write_row(
-                    pose, body, problem, of, as_int64(FREE_ROWS - 1), point[i], t[0], t[1], t[2], 0.0, 0.0, 0.0, 0.0
-                )
-                friction.shift[i] = mu * max(0.0, slip - mu * load * square)
+                square = _slip_row(pose, body, problem, friction, i)
+                friction.shift[i] = max(0.0, slip - load * square)
             continue
-        if at >= 0 and orient(
-            friction, i, -1e3 * held.friction[at, 0], -1e3 * held.friction[at, 1], -1e3 * held.friction[at, 2]
-        ):
+        if at >= 0 and orient(friction, i, held.along[at, 0], held.along[at, 1], held.along[at, 2], held.about[at]):
             continue
         sign = 1.0 if of == ON_TABLE else -1.0
-        if orient(friction, i, sign * gx, sign * gy, sign * gz):
+        if orient(friction, i, sign * gx, sign * gy, sign * gz, 0.0):
             continue
-        if not orient(friction, i, 1.0, 0.0, 0.0) or abs(normal[i, 0]) > 0.9:
-            orient(friction, i, 0.0, 1.0, 0.0)
+        if abs(friction.normal[i, 0]) > 0.7:
+            orient(friction, i, 0.0, 1.0, 0.0, 0.0)
+        else:
+            orient(friction, i, 1.0, 0.0, 0.0, 0.0)
+
+
+@jit_once
+def _slip_row(pose: Record, body: Record, problem: Record, friction: Record, i: int) -> float:
+    # Squared length of the row of s along e_1: how far a newton against it would move the contact, were it alone [m].
+    of = friction.body[i]
+    mu, radius = coefficient(body, of), torsion_radius(body, of)
+    t, n, w = friction.along[i, 0], friction.normal[i], radius * friction.about[i, 0]
+    return _write_row(
+        pose,
+        body,
+        problem,
+        of,
+        as_int64(FREE_ROWS - 1),
+        friction.point[i],
+        mu * t[0],
+        mu * t[1],
+        mu * t[2],
+        w * n[0],
+        w * n[1],
+        w * n[2],
+        0.0,
+    )
 
 
 @jit
@@ -546,35 +624,26 @@ def friction_rows(
 def _contact_rows(
     pose: Record, body: Record, offset: float, relaxed: bool, i: int, row: int, problem: Record, friction: Record
 ) -> int:
-    of, point = friction.body[i], friction.point[i]
-    n, first, second = friction.normal[i], friction.first[i], friction.second[i]
-    mu, d = coefficient(body, of), friction.distance[i]
+    of, point, n = friction.body[i], friction.point[i], friction.normal[i]
+    mu, radius, d = coefficient(body, of), torsion_radius(body, of), friction.distance[i]
     friction.row[i] = row
-    key = TABLE_KEYS - KINDS * friction.key[i] if of == ON_TABLE else KINDS * friction.key[i]
     rhs = offset - d - friction.shift[i]
     if relaxed and d >= 0.0:
         rhs = min(rhs, 0.0)
-    if mu > 0.0:
-        for k in range(DIRECTIONS):
-            sign = mu if k < 2 else -mu
-            t = first if k % 2 == 0 else second
-            mx, my, mz = n[0] - sign * t[0], n[1] - sign * t[1], n[2] - sign * t[2]
-            _write_row(pose, body, problem, of, row, point, mx, my, mz, 0.0, 0.0, 0.0, rhs)
-            problem.key[row] = key - 1 - k if of == ON_TABLE else key + 1 + k
-            problem.owner[row] = i
-            problem.kind[row] = 1 + k
-            row += 1
-    if of != ON_TABLE and body.torsion > 0.0:
-        rhs = offset - d
-        if relaxed and d >= 0.0:
-            rhs = min(rhs, 0.0)
-        for k in range(2):
-            w = body.torsion if k == 0 else -body.torsion
-            _write_row(
-                pose, body, problem, of, row, point, n[0], n[1], n[2], w * n[0], w * n[1], w * n[2], rhs
-            )
-            problem.key[row] = key + 1 + DIRECTIONS + k
-            problem.owner[row] = i
-            problem.kind[row] = 1 + DIRECTIONS + k
-            row += 1
+    for k in range(PER_CONTACT):
+        e = k % DIRECTIONS
+        if e == DIRECTIONS - 1 and radius == 0.0:
+            continue
+        sign = 1.0 if k < DIRECTIONS else -1.0
+        t, w = friction.along[i, e], -sign * radius * friction.about[i, e]
+        push = sign * mu
+        mx, my, mz = n[0] - push * t[0], n[1] - push * t[1], n[2] - push * t[2]
+        _write_row(pose, body, problem, of, row, point, mx, my, mz, w * n[0], w * n[1], w * n[2], rhs)
+        if of == ON_TABLE:
+            problem.key[row] = TABLE_KEYS - KINDS * friction.key[i] - 1 - k
+        else:
+            problem.key[row] = KINDS * friction.key[i] + 1 + k
+        problem.owner[row] = i
+        problem.kind[row] = 1 + k
+        row += 1
     return row

@@ -17,6 +17,7 @@ from hhsim.kernels.contact.linearise import build_rows, clamp_to_limits, limit_s
 from hhsim.kernels.contact.redundant_contacts import drop_redundant_contacts
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.free.body import (
+    OBJECT_DOF,
     Support,
     body_target,
     keep_body,
@@ -273,6 +274,8 @@ def _advance(hand: HandArrays, method: Free, surface: Any, state: Record) -> boo
     )
     move(state.pose, step.delta, problem.abduction_step, fraction)
     move_body(body, problem.delta[6:12], fraction)
+    for j in range(OBJECT_DOF):
+        body.left[j] = (1.0 - fraction) * problem.delta[6 + j]
     for b in range(BODY_COUNT):
         state.since_safe[b] += fraction * state.motion[b]
     state.moved += fraction * longest
