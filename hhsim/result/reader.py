@@ -185,7 +185,7 @@ class Result:
         return self._loaded[name]
 
     def keys(self) -> list[str]:
-        """Names that `result[name]` takes: the datasets of /tick, and those of a session under `live/`, of a free object's `contact/`."""
+        """Names that `result[name]` takes: the datasets of /tick, and those under `live/` and `contact/`."""
         with _opened(self.path) as file:
             found = _dataset_names(file["tick"])
             for group in (LIVE, CONTACT):

@@ -243,7 +243,9 @@ OBJECT_COLUMNS: tuple[Column, ...] = (
 
 FREE_COLUMNS: tuple[Column, ...] = (
     Column("object/velocity", (3,), "<f8", "m/s", "velocity of the object's centre of mass, world", "velocity"),
-    Column("object/angular_velocity", (3,), "<f8", "rad/s", "angular velocity of the object, world", "angular_velocity"),
+    Column(
+        "object/angular_velocity", (3,), "<f8", "rad/s", "angular velocity of the object, world", "angular_velocity"
+    ),
     Column(
         "object/hand_wrench",
         (6,),
@@ -272,7 +274,9 @@ CONTACT_COLUMNS: tuple[Column, ...] = (
     Column("body", (), "<i4", "1", "0 to 14 phalanx, finger by finger; 15 palm; -1 the table", "body"),
     Column("point", (3,), "<f8", "m", "where it touches, world", "point"),
     Column("normal", (3,), "<f8", "1", "from the object to the hand; from the table to the object; world", "normal"),
-    Column("normal_force", (), "<f8", "N", "along the normal, on the hand; of the table, on the object", "normal_force"),
+    Column(
+        "normal_force", (), "<f8", "N", "along the normal, on the hand; of the table, on the object", "normal_force"
+    ),
     Column("friction_force", (3,), "<f8", "N", "along the surface, on the same, world", "friction_force"),
     Column("torsional_moment", (), "<f8", "N·m", "about the normal, on the same", "torsional_moment"),
     Column("slip", (), "<f8", "m", "way along the surface in this tick", "slip"),

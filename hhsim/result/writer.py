@@ -142,7 +142,8 @@ class ResultWriter:
 
         Args:
             block: One array for each of `TICK_COLUMNS`, and of `OBJECT_COLUMNS` where the object moves, and of
-                `FREE_COLUMNS` where it is free, by its name; each of shape (ticks, *column.shape). Nothing at all where no tick came.
+                `FREE_COLUMNS` where it is free, by its name; each of shape (ticks, *column.shape). Nothing at all where
+                no tick came.
             others: The same for `tables` and `CONTACT_COLUMNS`, by group.
             attributes: Of groups, to set or to replace.
 

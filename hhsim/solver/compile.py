@@ -34,8 +34,7 @@ def start_numba() -> None:
 
 
 def warm_up(hand: HandModel, options: SolverOptions, free: FreeObject | None = None) -> WarmUp:
-    """Run one tick of a hand far from a small object with every kernel of a replay, of a free object where one is given.
-    """
+    """Run one tick of a hand far from a small object, fixed or free, with every kernel of a replay."""
     began = time.perf_counter()
     before = cached_kernels()
     far = np.full((3, 3), 100.0) + 0.01 * np.eye(3)

@@ -1,7 +1,5 @@
 """The program of hand and free object, solved until friction opposes the slip that comes out of it."""
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,9 +8,7 @@ from hhsim.kernels.free.rows import (
     COMMON,
     DIRECTIONS,
     FREE_DOF,
-    KINDS,
     ON_TABLE,
-    TABLE_GROUP,
     TABLE_KEYS,
     TINY,
     friction_rows,
@@ -20,7 +16,7 @@ from hhsim.kernels.free.rows import (
     orient,
     torsion_radius,
 )
-from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
+from hhsim.kernels.hand.kinematics import DOF, PHALANX_COUNT
 from hhsim.kernels.jit import Record, as_int64, jit, jit_once
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork, solve
 from hhsim.kernels.qp.row_scan import ProgramRows
@@ -30,10 +26,10 @@ from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-ROUNDS = 4
+ROUNDS = 3
 """Most solutions of a program with one Γ after another."""
-SETTLED = 2e-8
-SETTLED_SHARE = 2e-3
+SETTLED = 2e-7
+SETTLED_SHARE = 1e-3
 """A Γ that would change by no more than this [m] and this share of it is left: as much a contact may float."""
 ASTRAY = 0.02
 """An e_1 is turned to the slip where one minus the cosine of the angle between them is more than this."""

@@ -153,9 +153,7 @@ def find_borne(
     borne.count = count
     for i in range(count):
         p, n = borne.point[i], borne.normal[i]
-        x, y, z = displacement(
-            pose, body, problem.abduction_step[:], problem.total[:], borne.body[i], p[0], p[1], p[2]
-        )
+        x, y, z = displacement(pose, body, problem.abduction_step[:], problem.total[:], borne.body[i], p[0], p[1], p[2])
         along = x * n[0] + y * n[1] + z * n[2]
         x, y, z = x - along * n[0], y - along * n[1], z - along * n[2]
         borne.slip[i] = math.sqrt(x * x + y * y + z * z)

@@ -33,7 +33,6 @@ from hhsim.kernels.free.rows import (
     FREE_DOF,
     begin_frictions,
     find_frictions,
-    friction_rows,
     object_columns,
     table_distances,
 )
@@ -90,18 +89,14 @@ class Free(NamedTuple):
 @jit_once
 def _see_haptic(hand: HandArrays, state: Record) -> None:
     haptic = state.haptic
-    see_hand(
-        state.body, state.palm_position[:], state.palm_orientation[:], haptic.position[:], haptic.orientation[:]
-    )
+    see_hand(state.body, state.palm_position[:], state.palm_orientation[:], haptic.position[:], haptic.orientation[:])
     update_kinematics(hand, haptic)
 
 
 @jit_once
 def _aim(state: Record) -> None:
     pose, haptic, problem = state.pose, state.haptic, state.free_problem
-    see_hand(
-        state.body, state.palm_position[:], state.palm_orientation[:], haptic.position[:], haptic.orientation[:]
-    )
+    see_hand(state.body, state.palm_position[:], state.palm_orientation[:], haptic.position[:], haptic.orientation[:])
     rotation_vector_between(pose.orientation[:], haptic.orientation[:], state.scratch[:])
     for i in range(3):
         problem.hand_target[i] = haptic.position[i] - pose.position[i]

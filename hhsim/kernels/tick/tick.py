@@ -294,8 +294,7 @@ def recover(hand: HandArrays, surface: Any, options: TickOptions, state: Record)
 
 @jit
 def shortening(hand: HandArrays, options: TickOptions, state: Record) -> tuple[float, float]:
-    """The share of the step that the pairs at hand vouch for, and how far it would move the farthest point of the hand.
-    """
+    """The share of the step that the pairs at hand vouch for, and the way of the hand's farthest point in it [m]."""
     candidates = state.candidates
     reach = min(state.reach, state.trust)
     motion_bounds(hand, state.step.delta, state.problem.abduction_step, state.motion)
