@@ -16,7 +16,7 @@ Triple = tuple[float, float, float]
 GRAVITY: Triple = (0.0, 0.0, -9.81)
 """[m/s²], world."""
 USUAL_FRICTION = 0.6
-"""Skin on aluminium (Seo, Armstrong & Drinkaus 2009)."""
+"""Skin on aluminium (Seo et al. 2009)."""
 LAW = "Coulomb with de Saxcé's correction, cone of 4 directions turned to the load; impacts inelastic; implicit Euler"
 """What is solved, for results to say."""
 
