@@ -1,4 +1,4 @@
-"""A free object's result: its motion and contacts in the world, in balance, the same in a second run, and never inside."""
+"""A free object's result: motion and contacts in the world, in balance, the same in a second run, and never inside."""
 
 from dataclasses import replace
 from pathlib import Path

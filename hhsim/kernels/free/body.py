@@ -273,7 +273,7 @@ def as_object_moves(body: Record, origin: Array, hand: Array, step: Array, relat
         relative_out[3 + j] = body.vector[j]
 
 
-@jit_once
+@jit
 def see_hand(body: Record, position: Array, orientation: Array, position_out: Array, orientation_out: Array) -> None:
     """A palm's pose in the world, as the object sees it; shapes (3,) and (4,)."""
     center = body.center

@@ -72,7 +72,7 @@ def _guess(problem: Record, loaded: Record) -> int:
     return filled
 
 
-@jit_once
+@jit
 def scale_target(body: Record, problem: Record) -> None:
     """The program's target, scaled and in its order."""
     hand, target, weight = problem.hand_target, problem.target, problem.inverse_root
@@ -83,7 +83,7 @@ def scale_target(body: Record, problem: Record) -> None:
         target[6 + j] = hand[j] / weight[j]
 
 
-@jit_once
+@jit
 def take_step(pose: Record, body: Record, problem: Record, step_out: Array) -> None:
     """The hand's step as the object sees it, shape (21,), of the program's."""
     delta = problem.delta
@@ -92,7 +92,7 @@ def take_step(pose: Record, body: Record, problem: Record, step_out: Array) -> N
         step_out[j] = delta[6 + j]
 
 
-@jit_once
+@jit
 def _read(body: Record, problem: Record, friction: Record, loaded: Record, qp: QpWork) -> None:
     # The solution: the step, the loaded rows, and what each contact with friction bears and slips.
     delta, weight = problem.delta, problem.inverse_root
@@ -159,7 +159,7 @@ def _correct(pose: Record, body: Record, problem: Record, friction: Record) -> b
     return changed
 
 
-@jit_once
+@jit
 def _rest(body: Record, problem: Record) -> None:
     delta = problem.delta
     size = 0.0
@@ -222,7 +222,7 @@ def solve_free(
             break
     if loaded.count > 0:
         _rest(body, problem)
-    take_step(pose, body, problem, step.delta)
+    take_step(pose, body, problem, step.delta[:])
     return status
 
 

@@ -93,7 +93,7 @@ def _see_haptic(hand: HandArrays, state: Record) -> None:
     update_kinematics(hand, haptic)
 
 
-@jit_once
+@jit
 def _aim(state: Record) -> None:
     pose, haptic, problem = state.pose, state.haptic, state.free_problem
     see_hand(state.body, state.palm_position[:], state.palm_orientation[:], haptic.position[:], haptic.orientation[:])

@@ -86,7 +86,7 @@ LATCH_MARGINS = 10.0
 """How far the user's hand goes from where palm and fingers apart came to nothing before they are tried apart again."""
 
 
-@jit_once
+@jit
 def set_haptic(
     hand: HandArrays, position: Array, orientation: Array, flexion: Array, abduction: Array, state: Record
 ) -> int:
@@ -128,7 +128,7 @@ def evaluate_pose(hand: HandArrays, surface: Any, options: TickOptions, state: R
     return evaluate(hand, pose, surface, needed, margin, skin, candidates, state.work)
 
 
-@jit_once
+@jit
 def least_distance(candidates: Record) -> float:
     """Least signed distance [m] of all pairs at hand, infinite where there is none."""
     least = np.inf
@@ -398,7 +398,7 @@ def advance(hand: HandArrays, surface: Any, options: TickOptions, state: Record)
     return done
 
 
-@jit_once
+@jit
 def cap_lag(state: Record) -> None:
     """Let the lag be no longer than from where the hand is shown to where the user has it.
 
