@@ -65,7 +65,7 @@ def test_the_contacts_add_up_to_the_wrenches_and_these_to_the_motion(result: Res
     force = (result["object/hand_wrench"] + result["object/table_wrench"])[1:, :3] + (0.0, 0.0, -0.2 * GRAVITY)
     momentum = 0.2 * np.diff(result["object/velocity"], axis=0) * result.rate
     once = (result["work/linearisations"] == 1)[1:] & (result["status"] == 0)[1:]
-    assert once.sum() > 100
+    assert once.sum() > 50
     assert momentum[once] == pytest.approx(force[once], abs=2e-3 * (1.0 + np.abs(force).max()))
 
 
