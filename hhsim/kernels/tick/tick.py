@@ -31,7 +31,7 @@ from hhsim.kernels.hand.kinematics import (
     motion_bounds,
 )
 from hhsim.kernels.hand.pose import copy_configuration, farthest_joint, is_finite_configuration, move, update_kinematics
-from hhsim.kernels.jit import Record, as_bool, jit, jit_once
+from hhsim.kernels.jit import Record, as_bool, jit, jit_inline, jit_once
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
 from hhsim.kernels.rotation import rotation_vector_between
 from hhsim.kernels.tick.coupled import solve_coupled
@@ -86,7 +86,7 @@ LATCH_MARGINS = 10.0
 """How far the user's hand goes from where palm and fingers apart came to nothing before they are tried apart again."""
 
 
-@jit
+@jit_inline
 def set_haptic(
     hand: HandArrays, position: Array, orientation: Array, flexion: Array, abduction: Array, state: Record
 ) -> int:
@@ -128,7 +128,7 @@ def evaluate_pose(hand: HandArrays, surface: Any, options: TickOptions, state: R
     return evaluate(hand, pose, surface, needed, margin, skin, candidates, state.work)
 
 
-@jit
+@jit_inline
 def least_distance(candidates: Record) -> float:
     """Least signed distance [m] of all pairs at hand, infinite where there is none."""
     least = np.inf
