@@ -15,6 +15,9 @@ from hhsim.mesh.topology import is_closed, merged_vertices
 
 Array = NDArray[np.float64]
 
+LEAST_FILLED = 1e-6
+"""A mesh that encloses less than this share of its longest extent cubed has sides that cancel out."""
+
 
 class MassProperties(NamedTuple):
     """Of a solid of density 1.
@@ -36,10 +39,16 @@ def mass_properties(mesh: Mesh) -> MassProperties:
     Raises:
         MeshError: The triangles enclose nothing, or are wound inside out.
     """
-    if not is_closed(merged_vertices(mesh.vertices, mesh.faces)[1]) or mesh.volume <= 0.0:
+    # Corners of equal places are one: a file may have given each triangle its own.
+    if not is_closed(merged_vertices(mesh.vertices, mesh.faces)[1]):
         raise MeshError(
-            f"{mesh.name}: the triangles enclose nothing, so it has no volume and no mass: a free object needs a "
-            "closed mesh, wound outward"
+            f"{mesh.name}: the mesh is not closed, so it encloses nothing that has a mass; make sheets of its open "
+            "parts (--thickness), let hhsim close it (--surface spheres), or let the object stand still"
+        )
+    if mesh.volume <= LEAST_FILLED * float(mesh.extent.max()) ** 3:
+        raise MeshError(
+            f"{mesh.name}: the triangles enclose {1e6 * mesh.volume:.3g} cm³, so it has no mass: a free object needs a "
+            "solid, wound outward"
         )
     origin = mesh.bounds.mean(axis=0)
     corners = mesh.triangles - origin
