@@ -18,7 +18,7 @@ PACKAGES = (
     "hhsim.result",
     *("hhsim.recordings", "hhsim.recordings.formats", "hhsim.metrics", "hhsim.metrics.run", "hhsim.scene"),
     *("hhsim.solver", "hhsim.solver.methods", "hhsim.replay", "hhsim.submissions", "hhsim.verify"),
-    *("hhsim.bench", "hhsim.bench.paper", "hhsim.bench.robustness", "hhsim.bench.qp"),
+    *("hhsim.bench", "hhsim.bench.paper", "hhsim.bench.robustness", "hhsim.bench.qp", "hhsim.bench.manipulation"),
     *("hhsim.gate", "hhsim.render", "hhsim.view"),
     *(
         f"hhsim.live{part}"

@@ -25,8 +25,8 @@ REACH = sum(LENGTHS)
 THUMB, INDEX = 0, 1
 BEHIND = np.array([0.0, -0.5, 0.0])
 """Where the palm's spheres are [m]: out of the way."""
-COUPLING = Stiffness(translation=1000.0, rotation=1000.0, flexion=14.5)
-"""The fingertips are held by Σ lever² / k_θ = 1 / (1,000 N/m); the palm turns by little."""
+FLEXION = 0.0145
+"""k_θ of a fingertip held by 1 N/m: Σ lever² of its joints [m²]."""
 
 
 def gripper(opening: float, tip_radius: float) -> HandModel:
@@ -55,10 +55,13 @@ def gripper(opening: float, tip_radius: float) -> HandModel:
     )
 
 
-def gripper_options(offset: float | None = None) -> SolverOptions:
-    """The solver's for it: the mesh itself, and the two fingers."""
-    options = SolverOptions(method="coupled", surface="mesh", fingers=("thumb", "index"), stiffness=COUPLING)
-    return options if offset is None else replace(options, offset=offset)
+def gripper_options(stiffness: float = 1000.0) -> SolverOptions:
+    """The solver's for it: the mesh itself, two fingers, palm and fingertips held by so much [N/m].
+
+    The palm hardly turns: k_r is what `stiffness` at a lever of 1 m would be.
+    """
+    coupling = Stiffness(translation=stiffness, rotation=stiffness, flexion=FLEXION * stiffness)
+    return SolverOptions(method="coupled", surface="mesh", fingers=("thumb", "index"), stiffness=coupling)
 
 
 def closed(inward: Array, position: Array) -> HandConfiguration:

@@ -1,10 +1,10 @@
-"""The pinch of the bench in MuJoCo: a block between two round fingertips on springs, with its default and other options.
+"""The pinch of the bench in MuJoCo: a block between two round fingertips, by its default options and by others.
 
 The hand of the bench is two fingers on a palm; here each fingertip is a ball on three position actuators of 1,000 N/m,
-critically damped, which is what a tracked hand is in an engine (McCrae et al. 2023 list what toolkits do). Squeeze,
-friction, mass and motion are the same. Options are of MuJoCo's documentation, "Computation" and "XML reference":
-friction cones pyramidal or elliptic, `impratio` (how hard friction is beside the normal direction), `noslip` iterations,
-`solref` and `solimp` (how hard contacts are), and how many steps a tick takes.
+critically damped, as a tracked hand is in an engine. Squeeze, friction, mass and motion are the same. The options are
+those of MuJoCo's documentation ("Computation", "XML Reference"): friction cones pyramidal or elliptic, `impratio`, by
+which friction is harder than contact, `noslip_iterations`, `solref` and `solimp`, the softness of contacts, and how
+many steps a tick takes.
 """
 
 from dataclasses import dataclass
@@ -42,7 +42,7 @@ CONFIGURATIONS = {
         steps=4,
     ),
 }
-"""What is run: as installed, and as users tune it; the last one is the hardest that stays stable here."""
+"""What is run: as it comes, and as its documentation says to tune it against slip."""
 
 
 def mujoco_pinch(pinch: Pinch, options: EngineOptions) -> PinchOutcome:
@@ -83,7 +83,9 @@ def _scene(pinch: Pinch, options: EngineOptions) -> str:
     )
     damping = 2.0 * np.sqrt(pinch.stiffness * TIP_MASS)
     actuators = "".join(
-        f'<position joint="{name}{axis}" kp="{pinch.stiffness}" kv="{damping}"/>' for name in ("left", "right") for axis in "xyz"
+        f'<position joint="{name}{axis}" kp="{pinch.stiffness}" kv="{damping}"/>'
+        for name in ("left", "right")
+        for axis in "xyz"
     )
     return f"""
 <mujoco>

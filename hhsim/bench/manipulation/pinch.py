@@ -17,12 +17,12 @@ LIFTED = 0.9
 
 @dataclass(frozen=True)
 class PinchOutcome:
-    """What a pinch came to.
+    """What a pinch came to; figures of the hold are those after its first quarter.
 
     Attributes:
         lifted: Whether the block came along.
-        hangs: How far below the command the block hangs when the lift is over [m].
-        creep: How far the block moves in the hold, after its first quarter [m]; NaN where it was not lifted.
+        hangs: How far below the command the block hangs [m]; NaN where it was not lifted.
+        creep: How far the block's height changes in the hold [m]; NaN where it was not lifted.
         depth: Deepest that a fingertip was in the block [m].
         squeeze: Normal force on a fingertip in the hold, mean [N]; NaN where nobody looked.
     """
@@ -49,6 +49,8 @@ class Pinch:
         lift: How far up [m].
         gap: Between fingertip and block at first [m].
         closing, settling, lifting: How long the fingers close and press, wait, and lift [s].
+        easing: How long they then ease [s], before the hold.
+        eased: To which share of the squeeze.
         gravity: [m/s²].
     """
 
@@ -63,7 +65,9 @@ class Pinch:
     gap: float = 0.002
     closing: float = 0.3
     settling: float = 0.2
-    lifting: float = 0.5
+    lifting: float = 1.0
+    easing: float = 0.0
+    eased: float = 1.0
     gravity: float = 9.81
 
     @property
@@ -74,6 +78,11 @@ class Pinch:
     @property
     def held_from(self) -> int:
         """First tick of the hold."""
+        return self.eased_from + round(RATE * self.easing)
+
+    @property
+    def eased_from(self) -> int:
+        """First tick of the easing."""
         return round(RATE * (self.closing + self.settling + self.lifting))
 
     @property
@@ -86,8 +95,12 @@ class Pinch:
         return minimum_jerk(np.asarray(tick) / (0.5 * RATE * self.closing))
 
     def squeeze_at(self, tick: ArrayLike) -> Array:
-        """Force commanded at the ticks [N]: grows in the second half of the closing."""
-        return self.squeeze * minimum_jerk(np.asarray(tick) / (0.5 * RATE * self.closing) - 1.0)
+        """Force commanded at the ticks [N]: grows in the second half of the closing, and falls evenly in the easing."""
+        pressed = self.squeeze * minimum_jerk(np.asarray(tick) / (0.5 * RATE * self.closing) - 1.0)
+        if self.easing == 0.0:
+            return np.asarray(pressed)
+        gone = np.clip((np.asarray(tick) - self.eased_from) / (RATE * self.easing), 0.0, 1.0)
+        return np.asarray(pressed * (1.0 - (1.0 - self.eased) * gone))
 
     def height_at(self, tick: ArrayLike) -> Array:
         """Height commanded at the ticks [m]."""
@@ -100,4 +113,5 @@ class Pinch:
         lifted = bool(held[0] > LIFTED * self.lift)
         rest = held[len(held) // 4 :]
         creep = float(np.abs(rest - rest[0]).max()) if lifted else float("nan")
-        return PinchOutcome(lifted, self.lift - float(held[len(held) // 4]), creep, depth, squeeze)
+        hangs = self.lift - float(rest[0]) if lifted else float("nan")
+        return PinchOutcome(lifted, hangs, creep, depth, squeeze)

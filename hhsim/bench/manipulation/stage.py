@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -39,6 +40,7 @@ class Played:
         hand_wrench, table_wrench: On the object, [N] and [N·m] about the centre of mass, shape (T, 6).
         table_distance: Of its lowest point [m], shape (T,).
         palm: Where the palm is shown [m], shape (T, 3).
+        joints: Of the shown hand [m], in the frame that moves with the object, shape (T, 5, 4, 3).
         status: Flags of the ticks, shape (T,).
         tick, body, point, normal_force, slip: Of every contact that bears a force, first axis the contact.
         period: Of a tick [s].
@@ -53,6 +55,7 @@ class Played:
     table_wrench: Array
     table_distance: Array
     palm: Array
+    joints: Array
     status: NDArray[np.int64]
     tick: NDArray[np.int64]
     body: NDArray[np.int64]
@@ -69,7 +72,7 @@ class Played:
     def summed(self, values: Array, of_table: bool) -> Array:
         """Sum over the contacts of each tick, of the table or of the hand, shape (T,)."""
         chosen = (self.body == TABLE) == of_table
-        return np.bincount(self.tick[chosen], weights=values[chosen], minlength=self.ticks)
+        return np.asarray(np.bincount(self.tick[chosen], weights=values[chosen], minlength=self.ticks), np.float64)
 
     def slipped(self, of_table: bool) -> Array:
         """The farthest that a contact slips in each tick [m], shape (T,)."""
@@ -88,12 +91,13 @@ class Played:
         spin = np.einsum("tji,tj->ti", self.rotation, self.angular_velocity)
         rotational = 0.5 * np.einsum("ti,ij,tj->t", spin, np.array(free.inertia), spin)
         kinetic = 0.5 * free.mass * (self.velocity**2).sum(axis=1)
-        return np.asarray(kinetic + rotational - free.mass * self.center @ np.array(free.gravity))
+        potential = -free.mass * self.center @ np.array(free.gravity)
+        return np.asarray(kinetic + rotational + potential, np.float64)
 
     def angular_momentum(self) -> Array:
         """About the centre of mass [N·m·s], shape (T, 3)."""
         inertia = self.rotation @ np.array(self.free.inertia) @ self.rotation.transpose(0, 2, 1)
-        return np.einsum("tij,tj->ti", inertia, self.angular_velocity)
+        return np.asarray(np.einsum("tij,tj->ti", inertia, self.angular_velocity))
 
 
 def play(
@@ -108,7 +112,7 @@ def play(
     return _joined(free, list(_blocks(solver, haptic)), options.period)
 
 
-def _blocks(solver: HandSolver, haptic: HandConfiguration) -> Iterator[dict[str, Array]]:
+def _blocks(solver: HandSolver, haptic: HandConfiguration) -> Iterator[dict[str, NDArray[Any]]]:
     begun = 0
     for first in range(0, haptic.ticks, BLOCK):
         record = solver.run(*haptic.part(first, first + BLOCK))
@@ -116,9 +120,7 @@ def _blocks(solver: HandSolver, haptic: HandConfiguration) -> Iterator[dict[str,
         ticks, rows = len(found.turn), int(found.contact[-1])
         # The hand is recorded as the object sees it.
         palm = np.einsum("tij,tj->ti", rotation_matrix(found.turn), record.position) + found.shift
-        contacts = {
-            name: np.array(getattr(found, name)[:rows]) for name in ("body", "point", "normal_force", "slip")
-        }
+        contacts = {name: np.array(getattr(found, name)[:rows]) for name in ("body", "point", "normal_force", "slip")}
         yield {
             **{
                 name: getattr(found, name)
@@ -130,12 +132,13 @@ def _blocks(solver: HandSolver, haptic: HandConfiguration) -> Iterator[dict[str,
             **contacts,
             "tick": begun + np.repeat(np.arange(ticks), np.diff(found.contact[: ticks + 1])),
             "palm": palm,
+            "joints": record.joints,
             "status": record.status.astype(np.int64),
         }
         begun += ticks
 
 
-def _joined(free: FreeObject, blocks: list[dict[str, Array]], period: float) -> Played:
+def _joined(free: FreeObject, blocks: list[dict[str, NDArray[Any]]], period: float) -> Played:
     whole = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
     turn, shift = whole.pop("turn"), whole.pop("shift")
     center = np.einsum("tij,j->ti", rotation_matrix(turn), np.array(free.center)) + shift
@@ -145,7 +148,10 @@ def _joined(free: FreeObject, blocks: list[dict[str, Array]], period: float) -> 
 def away(ticks: int) -> HandConfiguration:
     """A hand that has nothing to do."""
     return HandConfiguration(
-        np.tile(AWAY, (ticks, 1)), np.tile([1.0, 0.0, 0.0, 0.0], (ticks, 1)), np.zeros((ticks, 5, 3)), np.zeros((ticks, 5))
+        np.tile(AWAY, (ticks, 1)),
+        np.tile([1.0, 0.0, 0.0, 0.0], (ticks, 1)),
+        np.zeros((ticks, 5, 3)),
+        np.zeros((ticks, 5)),
     )
 
 
