@@ -10,7 +10,7 @@ from hhsim.hand.quaternion import quaternion_product
 from hhsim.kernels.free.record import STICKS, ObjectRecord
 from hhsim.motion.object_motion import ObjectMotion, RigidMotion
 from hhsim.result.object_frame import in_the_world
-from hhsim.result.schema import CONTACT_COLUMNS, FREE_COLUMNS, OBJECT_COLUMNS
+from hhsim.result.schema import CONTACT, CONTACT_COLUMNS, FREE_COLUMNS, OBJECT_COLUMNS
 
 Array = NDArray[Any]
 
@@ -52,6 +52,24 @@ def free_block(
         **{column.name: values for column, values in zip(OBJECT_COLUMNS, pose, strict=True)},
         **{column.name: column.taken(fields) for column in FREE_COLUMNS},
     }
+
+
+class FreeSeries:
+    """What the table needs of a free object's ticks and contacts: datasets of the result file, kept block by block."""
+
+    def __init__(self) -> None:
+        """Nothing is kept yet."""
+        self._parts: dict[str, list[Array]] = {}
+
+    def keep(self, block: dict[str, Array], contacts: dict[str, Array]) -> None:
+        """Keep a block as the file holds it."""
+        for column in (*OBJECT_COLUMNS, *FREE_COLUMNS):
+            self._parts.setdefault(column.name, []).append(block[column.name])
+        for name, values in contacts.items():
+            self._parts.setdefault(f"{CONTACT}/{name}", []).append(values)
+
+    def __getitem__(self, name: str) -> Array:
+        return np.concatenate(self._parts[name])
 
 
 def contact_rows(ticks: ObjectRecord, first: int) -> dict[str, Array]:

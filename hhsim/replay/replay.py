@@ -13,7 +13,7 @@ import numpy as np
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.replay.driven_ticks import world_block
-from hhsim.replay.free_ticks import as_seen, contact_rows, free_block
+from hhsim.replay.free_ticks import FreeSeries, as_seen, contact_rows, free_block
 from hhsim.replay.stored_scene import describe_scene, static_arrays
 from hhsim.replay.summary import ReplaySummary, TickSeries, summarise
 from hhsim.replay.tick_columns import TickColumns
@@ -82,7 +82,7 @@ def replay(
         **({} if free is None else {"free": free.to_json(), "friction_law": LAW}),
         **describe_scene(scene.mesh, scene.tree, scene.hand, options, static, free=free is not None),
     }
-    series = TickSeries(total)
+    series, kept = TickSeries(total), FreeSeries()
     columns = TickColumns(surface.arrays, scene.hand, options)
     with ResultWriter(
         Path(output_path),
@@ -114,12 +114,14 @@ def replay(
                     seen = as_seen(haptic, moved)
                     block = columns.block(ticks.time[part], ticks.input_seq[part], seen, record)
                     pose = (motion.object_position, motion.object_orientation)
-                    writer.append(free_block(block, haptic, moved, *pose), {CONTACT: contact_rows(moved, first)})
+                    whole, contacts = free_block(block, haptic, moved, *pose), contact_rows(moved, first)
+                    writer.append(whole, {CONTACT: contacts})
+                    kept.keep(whole, contacts)
                 series.keep(part, block)
                 check_interrupt()
         if progress is not None:
             progress("ticks", total, total)
-        summary = summarise(scene, surface, options, series, prepared, of_paper=of_the_paper(described))
+        summary = summarise(scene, surface, options, series, prepared, kept, of_paper=of_the_paper(described))
         path = writer.finish(summary.attributes())
     return summary.at(path)
 

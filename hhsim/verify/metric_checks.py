@@ -124,6 +124,9 @@ def required_figures(result: Result) -> list[str]:
     """What the summary of a complete replay has to have; of a trembling hand only where a hold stands still."""
     known = known_figures([what for what in EVERYTHING if result.gives(what)])
     names = [name for name in REQUIRED if name in {*known, "ticks"}]
+    if result.free:
+        # No further run of the solver is of an object that moves.
+        return [name for name in names if name != "tracking_excess"]
     if not (result.gives("forces") and result.gives("runs")):
         return names
     hold = next((phase for phase in result.phases if phase.name == "hold"), None)
