@@ -290,7 +290,7 @@ def command(
         words = moving.words(object_, trajectory, mesh_file, tree, seed)
         placed = described_scene(words, mesh, chosen.tree, chosen.level, hand, motion, solver_options.fingers)
         remarks += filter(None, [placed.note])
-        scene = replace(placed.scene, free=free.object(placed.scene.mesh))
+        scene = replace(placed.scene, free=free.object(placed.scene.mesh, object_))
         runs = [
             run(
                 scene,

@@ -30,14 +30,19 @@ def read_table(context: click.Context, parameter: click.Parameter, value: str | 
 
 
 class FreeChoice(OptionGroup, heading="Free object"):
-    """An object that the hand can move: mass [kg], friction, and the table [mm] that it rests on."""
+    """An object that the hand can move: mass or density, friction, and the table [mm] that it rests on."""
 
     free: bool = option(
         "--free", is_flag=True, help="The object is free: it has mass and friction, falls, and rests on a table."
     )
-    mass: float | None = option(type=POSITIVE, metavar="KG", help="Its mass [kg]. Default: as of water.")
+    mass: float | None = option(type=POSITIVE, metavar="KG", help="Its mass [kg]. Default: by its density.")
+    density: float | None = option(
+        type=POSITIVE, metavar="KG/M3", help="Its density [kg/m³]. Default: as hhsim objects has it, or of water."
+    )
     friction: float | None = option(
-        type=NOT_NEGATIVE, metavar="MU", help="Coefficient of friction of hand and object. Default: 0.6."
+        type=NOT_NEGATIVE,
+        metavar="MU",
+        help="Coefficient of friction of hand and object. Default: as hhsim objects has it, or 0.6.",
     )
     torsion: float | None = option(
         type=NOT_NEGATIVE,
@@ -61,6 +66,8 @@ class FreeChoice(OptionGroup, heading="Free object"):
             InputError: A method that has no free objects.
         """
         given = self.given()
+        if "mass" in given and "density" in given:
+            raise click.UsageError("--mass and --density exclude each other: one follows from the other")
         if given.pop("free"):
             from hhsim.solver.free_engine import require_free
 
@@ -69,17 +76,25 @@ class FreeChoice(OptionGroup, heading="Free object"):
             name = next(iter(given)).replace("_", "-")
             raise click.UsageError(f"--{name} is for a free object: add --free")
 
-    def object(self, mesh: "Mesh") -> "FreeObject | None":
+    def object(self, mesh: "Mesh", word: str) -> "FreeObject | None":
         """The free object of a mesh, where it is at first; None where it is not to be free.
+
+        Args:
+            mesh: Where the scene has it [m].
+            word: That names it on the command line: of the catalogue, which has its density and friction, or a file.
 
         Raises:
             HhsimError: A mesh without inside, or impossible numbers.
         """
+        from hhsim.mesh.catalogue import names_a_file, object_description
         from hhsim.scene.free_object import FreeObject
 
         given = self.given()
         if not given.pop("free"):
             return None
+        if not names_a_file(word):
+            known = object_description(word)
+            given = {"density": known["density"], "friction": known["friction"], **given}
         table = given.pop("table", UNDER)
         if "torsion" in given:
             given["torsion"] *= 1e-3

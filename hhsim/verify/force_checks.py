@@ -42,7 +42,7 @@ def force_claims(judge: JudgedTicks) -> list[Claim]:
     claims.append(_fingertips(judge))
     if judge.result.free:
         # With friction these are other claims: `hhsim.verify.free_object_checks`.
-        return [*claims, _complementarity(judge)]
+        return claims
     method, force = judge.options["method"], judge.options["force"]
     if method == "coupled":
         claims.append(_stationarity(judge))

@@ -28,6 +28,8 @@ LENGTH = 1e-9
 WHY_FORCE = "a millionth: a ten-thousandth of the least force that has a rate"
 STICKS = 1e-9
 """A contact that slips by no more in a tick [m] sticks, says the file."""
+RADIUS = 0.02
+"""The shortest phalanx about which a contact turns [m]."""
 AGAINST = np.cos(np.radians(45.0)) - 1e-6
 """Four directions stand for a circle: the friction of a contact that slips is at most 45° off."""
 
@@ -227,12 +229,14 @@ def _slips(motion: FreeMotion) -> list[Claim]:
     """Coulomb: what slips bears all the friction that there is, against its way."""
     way = _ways(motion)
     own = np.linalg.norm(way, axis=1)
-    # The places of both bodies at the beginning and the end of a tick: what rolls or turns has a way of second order.
-    room = STICKS + 1e-2 * own
+    joints = np.asarray(motion.result["graphic/joints"])
+    moved = np.linalg.norm(np.diff(joints, axis=0, prepend=joints[:1]), axis=3).max(axis=(1, 2))
+    # A step of the solver is straight, and what turns goes round: ½ way² / radius.
+    room = STICKS + 1e-2 * own + 0.5 * moved[motion.tick] ** 2 / RADIUS
     wrong = (np.asarray(motion.result["contact/sticks"]) == 1) != (motion.slip <= STICKS)
     apart = judged(
         *("slip", "the way of a contact along the surface is that of the two bodies", np.abs(own - motion.slip), room),
-        *("m", "a hundredth, and what rolling and turning add in a tick"),
+        *("m", "a hundredth, and what a turn about a joint adds to a straight step"),
         ticks=motion.tick,
     )
     full = motion.coefficient * motion.load
@@ -320,6 +324,27 @@ def free_hand_claim(judge: JudgedTicks) -> Claim:
     says = "the coupling of a settled tick is borne by its contacts, friction and all, and by joints at their limits"
     room = force_slack(judge, size, judge.chosen)[places]
     return judged("hand's balance", says, off, room, "N", WHY_SLACK, ticks=judge.chosen[places])
+
+
+def free_complementarity_claim(judge: JudgedTicks) -> Claim:
+    """What does not touch bears nothing, but what slides, which floats by μ times its way in a tick.
+
+    Args:
+        judge: Of a result with a free object, as it sees the hand.
+    """
+    motion = FreeMotion(judge.result)
+    of_hand = ~motion.of_table
+    floats = np.zeros((len(motion.ticks), PALM + 1))
+    np.maximum.at(floats, (motion.tick[of_hand], motion.body[of_hand]), motion.slip[of_hand])
+    places = np.flatnonzero(judge.status[judge.chosen] & STUCK == 0)
+    ticks = judge.chosen[places]
+    late = judge.status[ticks] & LAG > 0
+    bears = np.where(late, judge.bearing, judge.touch)[:, None] + float(motion.free["friction"]) * floats[ticks]
+    apart = judge.candidates.nearest(len(judge.chosen))[places] > bears + LENGTH
+    size = np.linalg.norm(judge.stored_forces(ticks), axis=2)
+    off = np.where(apart, size, 0.0).max(axis=1)
+    says = "what does not touch bears no force, but for what slides, which floats by μ times its way"
+    return judged("complementarity", says, off, FORCE, "N", "rounding of a sum", ticks=ticks)
 
 
 def _on_hand(posed: Posed, i: int, motion: FreeMotion, row: int) -> FloatArray:

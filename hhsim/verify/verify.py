@@ -22,7 +22,7 @@ from hhsim.verify.claim import FAILS, HOLDS, NOT_CLAIMED, NOT_JUDGED, Claim
 from hhsim.verify.depth_checks import contact_error_claim, depth_claims
 from hhsim.verify.file_checks import file_claims
 from hhsim.verify.force_checks import force_claims
-from hhsim.verify.free_object_checks import free_claims, free_hand_claim
+from hhsim.verify.free_object_checks import free_claims, free_complementarity_claim, free_hand_claim
 from hhsim.verify.input_hand_check import input_hand_claims
 from hhsim.verify.metric_checks import metric_claims
 from hhsim.verify.object_frame import object_motion_claims, seen_by_referee
@@ -121,7 +121,7 @@ def verify(result: Result, *, every: int = 10, again: bool = False, progress: Pr
     ]
     claims += free_claims(result)
     if result.free:
-        claims.append(free_hand_claim(JudgedTicks(result, chosen)))
+        claims += [free_hand_claim(JudgedTicks(result, chosen)), free_complementarity_claim(judge)]
     if again:
         claims += again_claims(result, report)
     stationarity = next((claim.worst for claim in claims if claim.name == "stationarity"), float("nan"))
