@@ -47,7 +47,9 @@ TILT = math.radians(15.0)
 TABLE_WEIGHT = 40.0
 """A hand that goes down to the table as far as `UNDER` is as bad as one that reaches with no finger."""
 LEVEL_WEIGHT = 20.0
-"""So bad is a push straight down."""
+"""So bad is a push straight down on what is to be moved."""
+OPPOSE_WEIGHT = 20.0
+"""So good is a grasp of it whose thumb pushes against the fingers."""
 SLIDE_WEIGHT = 40.0
 """A slide that loses all fingers is as bad as a grasp that reaches with none."""
 
@@ -259,12 +261,16 @@ class _Search(Closer):
         for f, phalanx, normal in normals:
             push[f] = max(push[f], -float(moved[f, phalanx + 1] @ normal))
         score += 8.0 * float(np.clip(push[self.fingers] / max(self.script.depth, 1e-6), 0.0, 1.0).mean())
-        if self.script.push_distance > 0.0:
+        if self.script.moves_object:
+            # What is moved is held level and about its middle; what is pushed need not be held from two sides.
             steep = float(np.mean([abs(normal[2]) for _, _, normal in normals]))
             high = float(np.mean([abs(before[f, k + 1, 2] - self.middle[2]) for f, k, _ in normals])) / self.half_height
-            return score - LEVEL_WEIGHT * steep - 0.5 * LEVEL_WEIGHT * min(1.0, high)
+            score -= LEVEL_WEIGHT * (steep + 0.5 * min(1.0, high))
+        if self.script.push_distance > 0.0:
+            return score
         # The fingers oppose each other instead of pushing the object away.
-        score += 4.0 * (1.0 - float(np.linalg.norm(np.mean([normal for _, _, normal in normals], axis=0))))
+        oppose = OPPOSE_WEIGHT if self.script.moves_object else 4.0
+        score += oppose * (1.0 - self._one_sided(normals))
         # Fingers that do not take part are well out of the way.
         idle = [f for f in range(len(FINGERS)) if f not in self.fingers]
         if idle:
@@ -273,6 +279,19 @@ class _Search(Closer):
         # The pads touch, and more phalanges hold better than fewer.
         touching = closure.touching[self.fingers]
         return score + 3.0 * float(touching[:, 2].mean()) + 6.0 * float(touching.mean())
+
+    def _one_sided(self, normals: list[tuple[int, int, Array]]) -> float:
+        """How far the fingers push to one side: 0 where the thumb holds against all others, 1 where all push alike.
+
+        For what is to be moved, the thumb's side counts as much as that of all fingers together.
+        """
+        if not self.script.moves_object:
+            return float(np.linalg.norm(np.mean([normal for _, _, normal in normals], axis=0)))
+        sides = [[normal for f, _, normal in normals if (f == 0) == thumb] for thumb in (True, False)]
+        if not all(sides):
+            return 1.0
+        mean = [np.mean(side, axis=0) for side in sides]
+        return float(np.linalg.norm(0.5 * (mean[0] + mean[1])))
 
     def _bearing(self, closure: FingerClosure) -> float:
         """Share of the palm's spheres that lie within `BEARING` of the object where the palm touches it."""
