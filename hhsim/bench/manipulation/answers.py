@@ -205,12 +205,13 @@ def thresholds(lengths: Lengths) -> list[Answer]:
 def torsion(lengths: Lengths) -> list[Answer]:
     """A block held beside its centre turns where friction and torsion together leave their limit.
 
-    A contact bears |f| / μ + |τ| / γ up to its normal force: the weight takes m g / 2 μ of it, the moment m g d / 2 γ.
+    A contact bears (|f| / μ)² + (τ / γ)² up to its normal force squared: the weight's share is m g / 2 μ, the moment's
+    m g d / 2 γ.
     """
     found = []
     for limit, off_center in ((0.005, 0.01), (0.002, 0.01), (0.01, 0.015)):
         pinch = Pinch(friction=2.0, hold=0.1, easing=4.0)
-        exact = pinch.threshold + 0.5 * pinch.mass * pinch.gravity * off_center / limit
+        exact = math.hypot(pinch.threshold, 0.5 * pinch.mass * pinch.gravity * off_center / limit)
         pinch = replace(pinch, squeeze=EASED_FROM * exact, eased=EASED_TO / EASED_FROM)
         played = gripped(pinch, torsion=limit, off_center=off_center)
         first = played.orientation[pinch.eased_from]
