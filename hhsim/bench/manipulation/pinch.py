@@ -11,13 +11,15 @@ Array = NDArray[np.float64]
 
 RATE = 1000.0
 """Ticks per second [Hz]."""
+QUIET = 500
+"""Ticks of a hold, or a quarter of it, until the lift has died away."""
 LIFTED = 0.9
 """A block that came along for this share of the way at least was lifted."""
 
 
 @dataclass(frozen=True)
 class PinchOutcome:
-    """What a pinch came to; figures of the hold are those after its first quarter.
+    """What a pinch came to; figures of the hold are those after its first `QUIET` ticks.
 
     Attributes:
         lifted: Whether the block came along.
@@ -111,7 +113,7 @@ class Pinch:
         """Of the block's height over where it stood at every tick [m], shape (ticks,)."""
         held = height[self.held_from :]
         lifted = bool(held[0] > LIFTED * self.lift)
-        rest = held[len(held) // 4 :]
+        rest = held[min(QUIET, len(held) // 4) :]
         creep = float(np.abs(rest - rest[0]).max()) if lifted else float("nan")
         hangs = self.lift - float(rest[0]) if lifted else float("nan")
         return PinchOutcome(lifted, hangs, creep, depth, squeeze)
