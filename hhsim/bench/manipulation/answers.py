@@ -238,7 +238,7 @@ def held(lengths: Lengths) -> list[Answer]:
     height = float(center[-1, 2] - played.center[0, 2])
     sinks = pinch.mass * pinch.gravity * (1.0 + REACH**2) / pinch.stiffness
     case = "100 g held at 1.05 times the least squeeze"
-    creep = float(np.linalg.norm(center - center[0], axis=1).max())
+    creep = float(np.linalg.norm(center - center[0], axis=1).max()) if height > 0.5 * pinch.lift else math.nan
     return [
         _near(case, "hangs below the command", "m", sinks, pinch.lift - height),
         Answer(case, f"creep in {lengths.held:g} s", "m", 0.0, creep, 1e-6),

@@ -14,7 +14,7 @@ from hhsim.errors import InputError, UnknownNameError
 SHORT = Lengths(rest=1.0, held=1.0)
 
 
-@pytest.mark.parametrize("case", ["slope", "rolling", "held", "rest"])
+@pytest.mark.parametrize("case", ["slope", "rolling", "tipping", "rest"])
 def test_what_is_quick_to_play_holds(case: str) -> None:
     answers = CASES[case](SHORT)
     assert answers and all(answer.holds for answer in answers), [answer for answer in answers if not answer.holds]
