@@ -12,7 +12,7 @@ from hhsim.scene.scene import Scene
 from hhsim.solver.options import SolverOptions
 
 
-def free_scene(mass: float = 5.0, friction: float = 2.0) -> Scene:
+def free_scene(mass: float = 50.0, friction: float = 2.0) -> Scene:
     """A cylinder that is too heavy and too rough to go far, on a table, grasped."""
     scene = short_scene(short_grasp(hold=0.09))
     table = float(scene.mesh.bounds[0, 2])

@@ -75,7 +75,7 @@ def faster_object(file: h5py.File) -> None:
 
 
 def lighter_object(file: h5py.File) -> None:
-    forge_scene(file, lambda scene: scene["free"].update(mass=4.9))
+    forge_scene(file, lambda scene: scene["free"].update(mass=49.0))
 
 
 def stronger_gravity(file: h5py.File) -> None:

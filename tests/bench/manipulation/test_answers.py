@@ -28,7 +28,7 @@ def test_an_answer_that_is_off_or_unknown_does_not_hold() -> None:
 
 
 def test_a_pinch_holds_and_its_fingers_never_enter() -> None:
-    pinch = Pinch(squeeze=1.5 * Pinch().threshold, hold=0.2)
+    pinch = Pinch(squeeze=1.5 * Pinch().threshold, hold=1.0)
     played = gripped(pinch)
     assert clearance(played, pinch).min() >= 0.0
     normal = 0.5 * played.summed(played.normal_force, of_table=False)
