@@ -30,6 +30,8 @@ FLOOR = 1e-4
 """Errors below this are drawn at it [mm]: a logarithm has no zero."""
 TIMES = (5, 10, 20, 50, 100, 200, 500, 1000, 5000)
 ERRORS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50)
+NAMES_AT, LINE = 0.74, 0.036
+"""Where the names of engines begin, and how far they are apart at least, of a panel's width and height."""
 DECADES = (0.0001, 0.001, 0.01, 0.1, 1, 10, 100)
 """What is marked where a panel is of few decades, and of many: spheres and the mesh lie two apart."""
 
@@ -55,7 +57,7 @@ def draw_speed_error(path: Path, rows: Sequence[Row], peers: Sequence[Row] = ())
     panels = figure.subplots(1, len(shown) + 1, squeeze=False)[0]
     for axes, name in zip(panels, shown):
         mine = chosen(rows, object=name, motion=ALL)
-        _draw_panel(axes, mine, "mesh_error", "mesh_frontier", 1.6e4 if others[name] else 2e3)
+        _draw_panel(axes, mine, "mesh_error", "mesh_frontier", 5e4 if others[name] else 2e3)
         _name_surfaces(axes, mine, "mesh_error")
         _draw_peers(axes, others[name])
         axes.set_title(f"{name}: off the true mesh [mm]", fontsize=15, loc="left")
@@ -110,7 +112,7 @@ def _draw_panel(axes: "Axes", rows: Sequence[Row], error: str, flag: str, longes
     high = 1.6 * max([*errors, 2.0])
     fastest = min([1e6 * row["tick_cpu_p50"] for row in rows if row["tick_cpu_p50"] > 0.0], default=5.0)
     marked = DECADES if high > 3e3 * low else ERRORS
-    logarithmic(axes, (min(4.0, 0.3 * fastest), longest), (low, high), TIMES, marked)
+    logarithmic(axes, (min(4.0, 0.25 * fastest), longest), (low, high), TIMES, marked)
 
 
 def _name_surfaces(axes: "Axes", rows: Sequence[Row], error: str) -> None:
@@ -140,24 +142,29 @@ def chosen_peers(peers: Sequence[Row], name: str) -> list[Row]:
 
 
 def _draw_peers(axes: "Axes", peers: Sequence[Row]) -> None:
-    from matplotlib.patheffects import withStroke
-
+    """Crosses, and their names down the right side in the same order, each with a thin line to its own."""
     if not peers:
         return
-    for peer in peers:
-        place = 1e6 * peer["tick_cpu_p50"], max(FLOOR, 1e3 * peer["mesh_error"])
-        axes.plot(*place, "x", color=GREY, markersize=8, markeredgewidth=2.0, zorder=3)
+    low, high = np.log(axes.get_ylim())
+    places = [(1e6 * peer["tick_cpu_p50"], max(FLOOR, 1e3 * peer["mesh_error"])) for peer in peers]
+    order = sorted(range(len(peers)), key=lambda i: -places[i][1])
+    heights = _spread([float((np.log(places[i][1]) - low) / (high - low)) for i in order])
+    for i, height in zip(order, heights):
+        axes.plot(*places[i], "x", color=GREY, markersize=8, markeredgewidth=2.0, zorder=3)
+        line = {"arrowstyle": "-", "color": "0.75", "linewidth": 0.8, "shrinkA": 1.0, "shrinkB": 6.0}
         axes.annotate(
-            peer["method"],
-            place,
-            (6.0, 4.0),
-            textcoords="offset points",
-            ha="left",
-            va="center",
-            fontsize=11,
-            color=GREY,
-            path_effects=[withStroke(linewidth=3.0, foreground="white")],
-        )
+            peers[i]["method"], places[i], (NAMES_AT, height), textcoords="axes fraction",
+            ha="left", va="center", fontsize=11, color=GREY, arrowprops={**line, "relpos": (0.0, 0.5)},
+        )  # fmt: skip
+
+
+def _spread(heights: Sequence[float]) -> list[float]:
+    """Heights of lines of text, from the top down: near those wanted, without one upon another."""
+    down, up = list(heights), list(heights)
+    for i in range(1, len(heights)):
+        down[i] = min(down[i], down[i - 1] - LINE)
+        up[-1 - i] = max(up[-1 - i], up[-i] + LINE)
+    return [(low + high) / 2.0 for low, high in zip(down, up)]
 
 
 def _draw_legend(figure: Any, rows: Sequence[Row], *, peers: bool) -> None:
