@@ -82,9 +82,10 @@ class SolverSettings(options.Linearising, options.SolverChoice):
 
         Raises:
             UsageError: An option of another method.
-            HhsimError: No such QP solver, or a number out of range.
+            HhsimError: No such QP solver, a method whose engine is not installed, or a number out of range.
         """
-        from hhsim.errors import UnknownNameError
+        from hhsim.errors import InputError, UnknownNameError
+        from hhsim.solver.known_methods import find_method
         from hhsim.solver.options import SolverOptions
         from hhsim.solver.qp import ACTIVE_SET, available_backends
 
@@ -92,6 +93,8 @@ class SolverSettings(options.Linearising, options.SolverChoice):
         changed.pop("penalty_stiffness", None)
         if self.qp != ACTIVE_SET and self.qp not in available_backends():
             raise UnknownNameError("QP solver", self.qp, available_backends())
+        if missing := find_method(self.method).missing:
+            raise InputError(f"method {self.method} {missing}")
         return SolverOptions(**{name: value for name, value in changed.items() if value is not None})
 
     def _stiffness(self) -> "Stiffness | None":
