@@ -8,6 +8,7 @@ What comes later in a process finds there what it shares with what came before.
 import gc
 import subprocess
 import sys
+from pathlib import Path
 
 from hhsim.mesh.catalogue import load_object
 from hhsim.trees.builder import build_sphere_tree
@@ -57,16 +58,48 @@ def distances() -> None:
     brute_clearance(*leaves, *sizes, joints, motion.position, motion.orientation)
 
 
-def spheres() -> None:
-    """What the ticks of all methods run on spheres, what makes scenes, and what tests measure by."""
-    ticks("coupled", "progressive", "paper", "penalty")
+def phases() -> None:
+    """A tick of either method phase by phase, its programs taken out and solved."""
+    from hhsim.bench.qp.backends import ProgramSolver
+    from hhsim.bench.qp.recorded_problems import QpBenchOptions, harvest
+
+    solver = ProgramSolver()
+    for program in harvest(QpBenchOptions(problems=20, objects=("sphere",), motions=("grasp",))):
+        solver.solve(program)
+
+
+def sessions() -> None:
+    """A session's loop: the compiled one, and what Python calls in its place."""
+    from live_scripted import FakeClock, InStep, Moment, ScriptedGlove, make_setup
+
+    from hhsim.live.ipc.config import SafetyLimits
+    from hhsim.live.ipc.session_memory import SessionMemory
+
+    setup, clock = make_setup(safety=SafetyLimits(watchdog=False), duration=2e-3), FakeClock()
+    both = InStep(setup, SessionMemory.create(), ScriptedGlove(clock, [Moment(0.0)]), clock)
+    both.loop.prepare()
+    both.run()
+
+
+def first() -> None:
+    """What the ticks of our own methods run on spheres, and what is made of these ticks."""
+    ticks("coupled", "progressive")
+    phases()
+    sessions()
+
+
+def second() -> None:
+    """The same on triangles, the other methods, what makes scenes, and what tests measure by."""
+    triangles()
+    ticks("paper", "penalty")
     trees()
     distances()
 
 
-PARTS = {"spheres": spheres, "triangles": triangles}
+PARTS = {"first": first, "second": second}
 
 if __name__ == "__main__":
+    sys.path.append(str(Path(__file__).resolve().parent.parent))  # of the tools that tests use
     if len(sys.argv) > 1:
         gc.disable()  # a third of the time, in a process that soon ends
         PARTS[sys.argv[1]]()

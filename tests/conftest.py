@@ -1,6 +1,9 @@
 """What test modules share: the hypothesis profile, the folder of real meshes and recordings, the command line."""
 
+import atexit
+import contextlib
 import gc
+import importlib
 import importlib.metadata
 import os
 import signal
@@ -41,6 +44,23 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     return LoadFileScheduling(config, log)
 
 
+def pytest_collection(session: pytest.Session) -> None:
+    """Have each worker import the test files from another one on.
+
+    Each has to import them all. Where they would do so in one order, each would rewrite every file's assertions and
+    compile every library anew; so does each find what the others have left.
+    """
+    workers = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+    if workers == 1 or session.config.args_source is not pytest.Config.ArgsSource.TESTPATHS:
+        return
+    files = sorted((REPOSITORY / "tests").rglob("test_*.py"))
+    first = len(files) * int(os.environ["PYTEST_XDIST_WORKER"].removeprefix("gw")) // workers
+    for file in files[first:] + files[:first]:
+        # What cannot be imported is told, or skipped, when it is collected.
+        with contextlib.suppress(Exception, pytest.skip.Exception):
+            importlib.import_module(".".join(file.relative_to(REPOSITORY).with_suffix("").parts))
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Begin with the files that take longest, so that no worker is left with one of them at the end."""
     long = {item.path for item in items if item.get_closest_marker("slow")}
@@ -48,14 +68,14 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_collection_finish() -> None:
-    """Have the collector look from here on, at what is made from here on."""
+    """Have the collector look from here on, at what is made from here on.
+
+    What was set aside is freed when the process ends, as some libraries expect, and after pytest has had it looked
+    through twice.
+    """
     gc.freeze()
     gc.enable()
-
-
-def pytest_unconfigure() -> None:
-    """Have what was set aside freed, which some libraries expect of a process that ends."""
-    gc.unfreeze()
+    atexit.register(gc.unfreeze)
 
 
 @pytest.fixture(scope="session")

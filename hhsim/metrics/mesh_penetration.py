@@ -12,6 +12,7 @@ from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.contact.mesh_distance import hand_mesh_distances
 from hhsim.kernels.hand.hand_shape import HandShape
+from hhsim.kernels.jit import as_argument
 from hhsim.kernels.mesh.bvh import MeshBvh, mesh_signed_distance
 
 FloatArray = NDArray[np.float64]
@@ -44,8 +45,11 @@ def mesh_clearance(bvh: MeshBvh, shape: HandShape, placed: PlacedHand, limit: fl
         limit: Stands for everything from here on [m].
     """
     distance = np.empty(len(placed.joints))
+    radius, palm_center, palm_radius = map(as_argument, shape)
     hand_mesh_distances(
-        *shape,
+        radius,
+        palm_center,
+        palm_radius,
         bvh,
         placed.joints,
         placed.position,

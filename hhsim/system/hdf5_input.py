@@ -5,6 +5,7 @@ The HDF5 library can spin for ever, crash, or ask for all memory on a file with 
 another program, is read once from end to end by a child with limits of time and memory (`hhsim.system.hdf5_probe`).
 """
 
+import signal
 import subprocess
 import sys
 import time
@@ -20,7 +21,9 @@ from hhsim.system.checksummed_file import seal_holds
 DAMAGE = (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, MemoryError, OverflowError)
 """What h5py raises on a file with wrong bytes in it."""
 SECONDS = 8.0
-"""What reading a small file may take its child, by the wall clock and by the processor's."""
+"""What reading a small file may take its child of the processor's time."""
+PATIENCE = 10.0
+"""By the wall clock it may take so many times more: where others have the processor, a sound file takes longer too."""
 BYTES_PER_SECOND = 20e6
 """A larger file gets as much more time as it takes at this rate."""
 
@@ -99,8 +102,13 @@ def _read_by_child(path: Path) -> str:
     # -P: the folder of the probe is no place to import from.
     command = [sys.executable, "-P", hdf5_probe.__file__, str(path), str(int(seconds) + 1)]
     try:
-        done = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=seconds, check=False)
+        done = subprocess.run(
+            command, capture_output=True, text=True, errors="replace", timeout=PATIENCE * seconds, check=False
+        )
+        ended = done.returncode != -signal.SIGXCPU
     except subprocess.TimeoutExpired:
+        ended = False
+    if not ended:
         return f"a damaged file: reading it does not end within {seconds:.0f} s"
     if done.returncode == hdf5_probe.BUSY:
         raise BlockingIOError("another process is writing it")

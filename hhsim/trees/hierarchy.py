@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.enclosing_sphere import enclosing_sphere
+from hhsim.kernels.jit import as_argument
 from hhsim.trees.level_cover import LevelCover
 from hhsim.trees.sphere_tree import SphereTree, enclosing_radius
 
@@ -74,7 +75,7 @@ def at_level(tree: SphereTree, level: int) -> SphereTree:
 
 def _grow(center: FloatArray, radius: FloatArray, level: int, branching: int) -> tuple[SphereTree, IntArray]:
     """Return the tree, and which sphere became which leaf."""
-    center, radius = np.ascontiguousarray(center, np.float64), np.ascontiguousarray(radius, np.float64)
+    center, radius = as_argument(center), as_argument(radius)
     nodes, spheres, levels, parents = [np.arange(len(radius))], [np.empty((0, 4))], [0], [-1]
     sphere = np.empty(4)
     first = 0

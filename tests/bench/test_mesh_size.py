@@ -95,11 +95,12 @@ def test_what_cannot_be_measured_is_refused() -> None:
             MeshSizeOptions(subdivisions=(times,))
 
 
-def test_the_command_writes_its_table(
-    run: Run, tmp_path: Path, rows: list[dict[str, Any]], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    failed = {**rows[-1], "failure": "too many pairs", "tick_p50": None, "tick_ratio": None}
-    monkeypatch.setattr(mesh_size, "measure", lambda options, report: [*rows[:-1], failed])
+def test_the_command_writes_its_table(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    names = [column.name for column in COLUMNS]
+    row = {**dict.fromkeys(names, 1.0), "method": "coupled", "triangles": 12, "ticks": 700, "failure": ""}
+    failed = {**row, "failure": "too many pairs", "tick_p50": None, "tick_ratio": None}
+    rows = [row, {**row, "method": "progressive"}, failed]
+    monkeypatch.setattr(mesh_size, "measure", lambda options, report: rows)
     done = run("bench", "mesh-size", "--object", "cube", "--subdivisions", "1", "--out", str(tmp_path / "sizes.h5"))
     assert done.code == 0 and "too many pairs" in done.out + done.err
     table = load_table(tmp_path / "sizes.h5")

@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -55,13 +56,26 @@ EDITS = {
 
 
 def test_an_edit_makes_the_kernels_stale_that_call_it_and_no_others(copy: Path) -> None:
-    before = kernel_caches(copy, *WATCHED)
-    for name, stale in EDITS.items():
-        source = copy / "hhsim" / name
-        source.write_text(source.read_text() + "\n# one more line\n")
-        after = kernel_caches(copy, *WATCHED)
-        assert {module for module, folder in before.items() if after[module] != folder} == stale, name
-        before = after
+    # In one process, which forgets between two edits what it has read: as many processes would take seconds.
+    script = (
+        "import sys, hhsim.kernels.kernel_cache as cache; from pathlib import Path\n"
+        "watched, edits = (argument.split(',') for argument in sys.argv[1:])\n"
+        "print(cache.__file__)\n"
+        "for name in ['', *edits]:\n"
+        "    for path in [Path('hhsim', name)] * bool(name):\n"
+        "        path.write_text(path.read_text() + '\\n# one more line\\n')\n"
+        "    for known in (cache.imported_kernels, cache.implementing_kernels, cache.module_digest):\n"
+        "        known.cache_clear()\n"
+        "    print(*(cache.module_cache(f'hhsim.kernels.{name}').name for name in watched))"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(copy), "HHSIM_CACHE_DIR": str(copy / "cache")}
+    command = [sys.executable, "-c", script, ",".join(WATCHED), ",".join(EDITS)]
+    done = subprocess.run(command, cwd=copy, env=environment, capture_output=True, text=True, check=True)
+    read_from, *folders = done.stdout.splitlines()
+    assert Path(read_from).is_relative_to(copy), "not the copy"
+    for (name, stale), (before, after) in zip(EDITS.items(), pairwise(folders), strict=True):
+        changed = zip(WATCHED, before.split(), after.split(), strict=True)
+        assert {module for module, old, new in changed if old != new} == stale, name
 
 
 FORMS = (

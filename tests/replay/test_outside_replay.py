@@ -44,7 +44,7 @@ def test_its_errors_are_those_of_the_same_poses_from_inside(tmp_path: Path) -> N
 def test_the_referee_the_second_run_and_the_page_take_it(name: str, tmp_path: Path, run: Run) -> None:
     result = short_result(tmp_path / "result.h5", RELEASED, method=f"outside_methods:{name}")
     assert result.gives("times") and not result.gives("work") and result.gives("forces") == (name == "OurOwn")
-    judged = verify(result, every=5, again=True)
+    judged = verify(result, every=20, again=True)
     assert judged.passed, [claim for claim in judged.claims if claim.failed]
     forces = next(claim for claim in judged.claims if claim.name == "forces")
     assert forces.verdict == "not judged"

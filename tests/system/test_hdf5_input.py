@@ -1,6 +1,8 @@
 """No HDF5 file is parsed before its seal or a child process has vouched for it, and nothing goes past that door."""
 
 import ast
+import signal
+import subprocess
 import sys
 from pathlib import Path
 
@@ -81,14 +83,28 @@ def test_no_byte_of_a_sealed_file_changes_unnoticed(image: bytes, tmp_path: Path
             open_hdf5(path)
 
 
-def test_a_reader_that_never_ends_is_ended(image: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path, script = tmp_path / "bare.h5", tmp_path / "spin.py"
+@pytest.mark.parametrize(
+    "never_ends", ["import time\ntime.sleep(1000)\n", "import os, signal\nos.kill(os.getpid(), signal.SIGXCPU)\n"]
+)
+def test_a_reader_that_never_ends_is_ended(
+    never_ends: str, image: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By the wall clock; or by the system, once it has used its time of the processor."""
+    path, script = tmp_path / "bare.h5", tmp_path / "reader.py"
     path.write_bytes(image)
-    script.write_text("while True: pass\n")
+    script.write_text(never_ends)
     monkeypatch.setattr(hdf5_probe, "__file__", str(script))
-    monkeypatch.setattr(hdf5_input, "SECONDS", 0.3)
+    monkeypatch.setattr(hdf5_input, "PATIENCE", 0.1 if "sleep" in never_ends else 10.0)
     with pytest.raises(DamagedFileError, match="reading it does not end within"):
         open_hdf5(path)
+
+
+def test_the_probe_is_ended_where_its_time_of_the_processor_is_used() -> None:
+    spins = "import itertools, pathlib, sys, runpy\nprobe = runpy.run_path(sys.argv[1])\n"
+    spins += "probe['main'].__globals__['_read'] = lambda path: all(itertools.repeat(True))\n"
+    spins += "probe['main'](pathlib.Path('any'), 1)"
+    done = subprocess.run([sys.executable, "-c", spins, hdf5_probe.__file__], check=False)
+    assert done.returncode == -signal.SIGXCPU
 
 
 def test_a_reader_that_breaks_down_takes_nothing_with_it(

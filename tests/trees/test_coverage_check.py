@@ -1,6 +1,7 @@
 """The check of a cover's proof: it passes what the builder made, and nothing that was tampered with."""
 
 from dataclasses import replace
+from functools import cache
 from typing import Literal
 
 import numpy as np
@@ -20,6 +21,7 @@ from hhsim.trees.coverage_check import faults
 from hhsim.trees.error import prove_cover
 from hhsim.trees.level_cover import LevelCover
 from hhsim.trees.options import TreeOptions
+from hhsim.trees.sphere_tree import SphereTree
 from tools.shapes.rock import rock
 
 Array = NDArray[np.float64]
@@ -31,7 +33,11 @@ def mesh_of(shape: trimesh.Trimesh) -> Mesh:
 
 
 MESH = mesh_of(trimesh.creation.torus(0.04, 0.012, major_sections=24, minor_sections=12))
-TREE = build_sphere_tree(MESH, TreeOptions(level=2))
+
+
+@cache
+def built() -> SphereTree:
+    return build_sphere_tree(MESH, TreeOptions(level=2))
 
 
 def pieces(triangle: Array, codes: list[int]) -> list[tuple[int, Array]]:
@@ -55,12 +61,12 @@ def faults_of(cover: LevelCover) -> tuple[str, ...]:
 
 
 def test_what_the_builder_proves_holds() -> None:
-    assert TREE.check(MESH) == ()
-    assert all(cover.proved for cover in TREE.covers)
+    assert built().check(MESH) == ()
+    assert all(cover.proved for cover in built().covers)
 
 
 def test_a_proof_says_what_its_format_says() -> None:
-    cover = TREE.covers[-1]
+    cover = built().covers[-1]
     codes = cover.proof.tolist()
     area = 0.0
     for triangle in MESH.triangles:
@@ -73,7 +79,7 @@ def test_a_proof_says_what_its_format_says() -> None:
 
 
 def test_a_wrong_owner_is_found() -> None:
-    cover = TREE.covers[-1]
+    cover = built().covers[-1]
     ends = np.flatnonzero(cover.proof >= 0)
     for place in ends[:: len(ends) // 40]:
         sphere = cover.proof[place]
@@ -82,7 +88,7 @@ def test_a_wrong_owner_is_found() -> None:
 
 
 def test_a_ball_taken_away_is_found() -> None:
-    cover = TREE.covers[-1]
+    cover = built().covers[-1]
     last = len(cover.radius) - 1
     assert last in cover.proof
     fewer = LevelCover(cover.center[:last], cover.radius[:last], cover.depth[:last], 0.0, cover.proof)
@@ -90,7 +96,7 @@ def test_a_ball_taken_away_is_found() -> None:
 
 
 def test_a_smaller_ball_is_found() -> None:
-    cover = TREE.covers[-1]
+    cover = built().covers[-1]
     for sphere in np.unique(cover.proof[cover.proof >= 0])[::7]:
         radius = cover.radius.copy()
         radius[sphere] *= 0.7
@@ -104,14 +110,14 @@ def test_a_smaller_ball_is_found() -> None:
 def test_a_moved_corner_of_the_mesh_is_found() -> None:
     vertices = MESH.vertices.copy()
     vertices[5] *= 1.3
-    assert TREE.check(Mesh(vertices, MESH.faces))
+    assert built().check(Mesh(vertices, MESH.faces))
     other_faces = np.concatenate([MESH.faces, MESH.faces[:1]])
-    assert "ends too early" in TREE.check(Mesh(MESH.vertices, other_faces))[0]
-    assert "goes on after" in TREE.check(Mesh(MESH.vertices, MESH.faces[:-1]))[0]
+    assert "ends too early" in built().check(Mesh(MESH.vertices, other_faces))[0]
+    assert "goes on after" in built().check(Mesh(MESH.vertices, MESH.faces[:-1]))[0]
 
 
 def test_a_centre_less_deep_than_stated_is_found() -> None:
-    cover = TREE.covers[-1]
+    cover = built().covers[-1]
     depth = cover.depth.copy()
     depth[3] += 1e-5
     assert faults_of(replace(cover, depth=depth)) == (
@@ -120,7 +126,7 @@ def test_a_centre_less_deep_than_stated_is_found() -> None:
 
 
 def test_broken_codes_are_found_and_nothing_is_read_beyond_them() -> None:
-    cover = TREE.covers[-1]
+    cover = built().covers[-1]
     spheres = len(cover.radius)
     halved = int(np.flatnonzero(cover.proof < 0)[0])
     for place, code, message in [
@@ -142,7 +148,7 @@ def test_broken_codes_are_found_and_nothing_is_read_beyond_them() -> None:
 @settings(max_examples=60)
 @given(st.data())
 def test_no_change_of_a_code_goes_unseen_unless_it_is_as_true(data: st.DataObject) -> None:
-    cover = TREE.covers[1]
+    cover = built().covers[1]
     place = data.draw(st.integers(0, len(cover.proof) - 1))
     code = data.draw(st.integers(-5, len(cover.radius) + 1))
     other = changed(cover, place, code)
@@ -172,10 +178,10 @@ def test_rocks(seed: int, shape: tuple[int, int]) -> None:
 
 def test_a_moved_tree_is_proved_of_the_moved_mesh() -> None:
     rotation = Rotation.from_rotvec([0.3, -0.2, 1.0]).as_matrix()
-    moved = TREE.scaled(0.3).transformed(rotation, [0.2, -0.1, 0.4])
+    moved = built().scaled(0.3).transformed(rotation, [0.2, -0.1, 0.4])
     assert moved.check(MESH.scaled(0.3).transformed(rotation, [0.2, -0.1, 0.4])) == ()
     assert moved.check(MESH) != ()
-    mirrored = TREE.transformed(np.diag([-1.0, 1.0, 1.0]), np.zeros(3))
+    mirrored = built().transformed(np.diag([-1.0, 1.0, 1.0]), np.zeros(3))
     assert not any(cover.proved for cover in mirrored.covers)
     image = Mesh(MESH.vertices * [-1.0, 1.0, 1.0], MESH.faces[:, ::-1], name="image")
     assert proved_anew(mirrored, image).check(image) == ()

@@ -1,5 +1,6 @@
 """Trees of other programs: their frame, unit and faults, as the toolkit leaves them, and the errors they have."""
 
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,11 @@ from hhsim.trees.sphere_tree import SphereTree
 AWAY = np.array([0.3, -0.1, 0.05])
 BOX = trimesh.creation.box((0.1, 0.06, 0.04))
 MESH = Mesh(np.asarray(BOX.vertices) + AWAY, np.asarray(BOX.faces), name="box")
-BUILT = build_sphere_tree(MESH, TreeOptions(level=2))
+
+
+@cache
+def built() -> SphereTree:
+    return build_sphere_tree(MESH, TreeOptions(level=2))
 
 
 def toolkit_file(
@@ -61,14 +66,14 @@ def test_the_frame_is_found_and_the_parents_are_mended(
     tmp_path: Path, frame: str, shift: NDArray[np.float64], unit: float
 ) -> None:
     path = tmp_path / "box.sph"
-    toolkit_file(path, BUILT, shift=shift, unit=unit)
+    toolkit_file(path, built(), shift=shift, unit=unit)
     found = import_tree(path, MESH, unit_length=unit)
     assert found.frame == frame
     assert found.tree.mesh_sha256 == MESH.sha256
     assert found.tree.options["frame"] == frame
     rounding = 1e-6 * unit
-    assert np.abs(found.tree.leaf_center - BUILT.leaf_center).max() <= rounding
-    assert np.abs(found.tree.leaf_radius - BUILT.leaf_radius).max() <= rounding
+    assert np.abs(found.tree.leaf_center - built().leaf_center).max() <= rounding
+    assert np.abs(found.tree.leaf_radius - built().leaf_radius).max() <= rounding
     # Every ancestor holds its leaves, one by one.
     ancestor = np.arange(found.tree.leaf_start, len(found.tree.radius))
     for _ in range(2):
@@ -78,7 +83,7 @@ def test_the_frame_is_found_and_the_parents_are_mended(
     notes = " ".join(found.notes)
     assert "9 of 9 inner spheres did not enclose" in notes
     assert f"count from {'the centre of the mesh' if frame == 'centred' else 'the mesh'}" in notes
-    for ours, theirs in zip(BUILT.errors[-1:], found.tree.errors[-1:]):
+    for ours, theirs in zip(built().errors[-1:], found.tree.errors[-1:]):
         assert theirs.bound == pytest.approx(ours.bound, abs=3.0 * rounding)
         assert theirs.protrusion_max == pytest.approx(ours.protrusion_max, abs=0.03 * ours.bound)
         assert theirs.gap_max <= 3.0 * rounding
@@ -86,7 +91,7 @@ def test_the_frame_is_found_and_the_parents_are_mended(
 
 def test_a_tree_with_holes_has_its_gap_measured_and_no_proof(tmp_path: Path) -> None:
     path = tmp_path / "box.sph"
-    toolkit_file(path, BUILT, shift=AWAY, drop=6)
+    toolkit_file(path, built(), shift=AWAY, drop=6)
     found = import_tree(path, MESH)
     assert found.unproved > 0
     error = found.tree.errors[-1]
@@ -98,10 +103,10 @@ def test_a_tree_with_holes_has_its_gap_measured_and_no_proof(tmp_path: Path) -> 
 
 
 def test_a_whole_cover_stays_proved(tmp_path: Path) -> None:
-    save_sph(BUILT, tmp_path / "box.sph")
+    save_sph(built(), tmp_path / "box.sph")
     found = import_tree(tmp_path / "box.sph", MESH)
     assert (found.frame, found.unproved) == ("mesh", 0)
-    assert found.tree.errors[-1] == BUILT.errors[-1]
+    assert found.tree.errors[-1] == built().errors[-1]
     assert not any("enclose" in note or "proved" in note for note in found.notes)
 
 
@@ -117,7 +122,7 @@ def test_where_both_frames_leave_no_gap_the_one_that_sticks_out_less(tmp_path: P
 
 def test_a_frame_can_be_forced_and_a_wrong_one_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "box.sph"
-    toolkit_file(path, BUILT, shift=AWAY)
+    toolkit_file(path, built(), shift=AWAY)
     assert import_tree(path, MESH, frame="centred").frame == "centred"
     with pytest.raises(InputError, match="is it in another frame"):
         import_tree(path, MESH, frame="mesh")
@@ -131,7 +136,7 @@ def test_a_frame_can_be_forced_and_a_wrong_one_is_refused(tmp_path: Path) -> Non
 
 def test_a_tree_of_another_mesh_is_measured_but_not_replayed(tmp_path: Path) -> None:
     path = tmp_path / "box.h5"
-    save_tree(BUILT, path)
+    save_tree(built(), path)
     assert load_tree_for(path, MESH).notes == ()
     longer = Mesh(AWAY + 1.05 * (MESH.vertices - AWAY), MESH.faces, name="longer")
     found = import_tree(path, longer)
