@@ -18,8 +18,8 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.bench.table import Column
 from hhsim.errors import HhsimError, InputError, check_known
 from hhsim.hand.configuration import HandConfiguration
@@ -38,7 +38,6 @@ from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.triangle_tree import tree_of_any
 
-FloatArray = NDArray[np.float64]
 Row = dict[str, Any]
 Progress = Callable[[str, int, int], None]
 
@@ -141,7 +140,7 @@ class _Size:
     again: Preparation
     surface: Any
     cpu: dict[str, list[FloatArray]] = field(default_factory=lambda: {method: [] for method in METHODS})
-    work: dict[str, NDArray[np.int64]] = field(default_factory=dict)
+    work: dict[str, IntArray] = field(default_factory=dict)
     failure: dict[str, str] = field(default_factory=dict)
 
     def tick_cpu(self, method: str) -> FloatArray:

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import BoolArray, FloatArray
 from hhsim.bench.run_errors import NEAR, hand_clearance, placed_of
 from hhsim.bench.sampled_ticks import sampled
 from hhsim.errors import HhsimError, InputError, check_known
@@ -42,7 +42,6 @@ from hhsim.trees.contact_surface import contact_surface
 from hhsim.verify.mesh_distance import HandReferee
 from hhsim.verify.verify import require_coal
 
-FloatArray = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
 
 OURS: tuple[tuple[str, str], ...] = (("coupled", "mesh"), ("coupled", "spheres"), ("penalty", "spheres"))
@@ -186,7 +185,7 @@ class _Scene:
     motion: str
     mesh: Mesh
     haptic: TickInput
-    contact: NDArray[np.bool_]
+    contact: BoolArray
     referee: HandReferee
     surfaces: dict[str, Any]
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import BoolArray, FloatArray
 from hhsim.bench.mesh_errors import MeshReferee
 from hhsim.bench.sampled_ticks import sampled
 from hhsim.hand.configuration import HandConfiguration
@@ -24,9 +24,6 @@ from hhsim.motion.trajectory import TickInput
 from hhsim.replay.tremor_hold import tremor_variation
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.reference_optimum import best_hands, reference_excess
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 NEAR = 1e-3
 """A tick is one in contact if the haptic hand is nearer than this to the mesh, or inside [m]."""

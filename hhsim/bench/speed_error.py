@@ -12,8 +12,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.bench.mesh_errors import MOST_HANDS, MeshReferee
 from hhsim.bench.run_errors import ErrorScene, RunErrors, digest_of, error_scene, run_errors
 from hhsim.errors import HhsimError, InputError, check_known
@@ -36,8 +36,6 @@ from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.options import MOST_LEVEL, TreeOptions
 from hhsim.verify.verify import require_coal
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Progress = Callable[[str, int, int], None]
 
 DEFAULT_LEVEL = 4

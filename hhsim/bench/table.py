@@ -15,8 +15,8 @@ from typing import Any, TypeAlias
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import AnyArray
 from hhsim.errors import DamagedFileError, InputError, OutputError
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.system import environment as info
@@ -201,7 +201,7 @@ def _read(file: h5py.File, path: Path) -> Table:
     )
 
 
-def _array(name: str, values: Sequence[Any]) -> NDArray[Any]:
+def _array(name: str, values: Sequence[Any]) -> AnyArray:
     """The values of a column as one array: object (of str), bool, int64 or float64."""
     plain = [value.item() if isinstance(value, np.generic) else value for value in values]
     kinds = {type(value) for value in plain if value is not None}
@@ -218,7 +218,7 @@ def _array(name: str, values: Sequence[Any]) -> NDArray[Any]:
     raise ValueError(f"column {name} mixes {' and '.join(mixed)}: give it values of one kind")
 
 
-def _csv_text(columns: Sequence[Column], arrays: Mapping[str, NDArray[Any]]) -> str:
+def _csv_text(columns: Sequence[Column], arrays: Mapping[str, AnyArray]) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([column.name if column.unit == "1" else f"{column.name} [{column.unit}]" for column in columns])

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.bench.table import Column
 from hhsim.errors import InputError, check_known
 from hhsim.hand.configuration import HandConfiguration
@@ -32,7 +32,6 @@ from hhsim.solver.options import SolverOptions
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 
-FloatArray = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
 
 MOTIONS = {"SF": "touch", "TF": "pinch", "FF": "grasp", "WH": "whole-hand"}
@@ -103,7 +102,7 @@ class _Replay:
     scene: Scene
     labels: dict[str, str]
     solver: SolverOptions
-    instances: NDArray[np.int64] | None = None
+    instances: IntArray | None = None
     contacts: float = 0.0
     rounds: list[FloatArray] = field(default_factory=list)
 
@@ -164,7 +163,7 @@ def _run(replay: _Replay, instances: int) -> None:
     replay.rounds.append(1e-9 * times)
 
 
-def _sample(replay: _Replay, record: TickRecord, instances: int) -> NDArray[np.int64]:
+def _sample(replay: _Replay, record: TickRecord, instances: int) -> IntArray:
     """Ticks with candidate pairs, evenly spread over the phases in which the hand closes and holds."""
     inside = np.zeros(len(record.status), dtype=bool)
     for phase in replay.scene.ticks.phases:

@@ -13,9 +13,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import HhsimError
-
-Array = NDArray[np.float64]
 
 FINGER_COUNT = 5
 MOST_CHANNELS = 64
@@ -143,9 +142,9 @@ class FingerCommand:
             is 0. Always 0 for a glove that takes neither FORCE nor POWER.
     """
 
-    bend: Array = field(default_factory=lambda: np.zeros(FINGER_COUNT))
-    stiffness: Array = field(default_factory=lambda: np.zeros(FINGER_COUNT))
-    force: Array = field(default_factory=lambda: np.zeros((FINGER_COUNT, 3, 3)))
+    bend: FloatArray = field(default_factory=lambda: np.zeros(FINGER_COUNT))
+    stiffness: FloatArray = field(default_factory=lambda: np.zeros(FINGER_COUNT))
+    force: FloatArray = field(default_factory=lambda: np.zeros((FINGER_COUNT, 3, 3)))
 
 
 @dataclass
@@ -159,14 +158,14 @@ class PalmReading:
     """
 
     came_ns: int = -1
-    position: Array = field(default_factory=lambda: np.zeros(3))
-    orientation: Array = field(default_factory=lambda: np.array([1.0, 0.0, 0.0, 0.0]))
+    position: FloatArray = field(default_factory=lambda: np.zeros(3))
+    orientation: FloatArray = field(default_factory=lambda: np.array([1.0, 0.0, 0.0, 0.0]))
 
 
 class Calibration(Protocol):
     """What the readings of a glove mean: all that a session asks of it, whatever else a driver does."""
 
-    def bend_lines(self) -> tuple[Array, Array]:
+    def bend_lines(self) -> tuple[FloatArray, FloatArray]:
         """Angles of each finger as its bend alone moves them [rad]: slope and offset, each of shape (5, 3)."""
 
 

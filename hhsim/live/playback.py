@@ -6,12 +6,10 @@ One `Playback` is given to both of them, so that fingers and palm stay together 
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.motion.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 RETURN_TIME = 1.0
 """From the last sample of a repeated motion back to its first one [s]."""
@@ -39,7 +37,7 @@ class Playback:
     rate: float = 0.0
     repeat: bool = False
     start_ns: int = -1
-    stamps: Array = field(init=False)
+    stamps: FloatArray = field(init=False)
     period: float = field(init=False)
 
     def __post_init__(self) -> None:

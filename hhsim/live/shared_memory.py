@@ -12,8 +12,8 @@ import sys
 from typing import Any, Self, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import AnyArray, IntArray
 from hhsim.errors import HhsimError
 
 Setup = TypeVar("Setup")
@@ -31,7 +31,7 @@ class SharedBlock:
         """Map the memory of a descriptor."""
         self.descriptor = descriptor
         self._map = mmap.mmap(descriptor, dtype.itemsize)
-        self.array: NDArray[Any] = np.frombuffer(self._map, dtype, 1)
+        self.array: AnyArray = np.frombuffer(self._map, dtype, 1)
 
     @classmethod
     def create(cls, name: str, dtype: np.dtype[Any]) -> Self:
@@ -63,7 +63,7 @@ class SharedRing:
         self._block = SharedBlock(descriptor, whole)
         self.descriptor = descriptor
         self.capacity = capacity
-        self.counter: NDArray[np.int64] = self._block.array["written"]
+        self.counter: IntArray = self._block.array["written"]
         """Records written since the beginning, shape (1,)."""
         self.records = self._block.array["record"][0]
 
@@ -104,7 +104,7 @@ class RingReader:
         self.next = 0
         self.lost = 0
 
-    def read(self, most: int) -> tuple[int, NDArray[Any]]:
+    def read(self, most: int) -> tuple[int, AnyArray]:
         """The oldest records not yet read.
 
         Args:

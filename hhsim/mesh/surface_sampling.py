@@ -1,12 +1,9 @@
 """Points spread over a triangle mesh so that each face has some."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.mesh.topology import face_areas
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 def face_samples(

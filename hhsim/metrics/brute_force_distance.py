@@ -5,12 +5,14 @@ Quilez ("Round cone", 2018), not the clamped axis parameter of the kernels.
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from hhsim.arrays import FloatArray
 
 
-def round_cone_distance(points: Array, a: Array, b: Array, radius_a: float, radius_b: float) -> Array:
+def round_cone_distance(
+    points: FloatArray, a: FloatArray, b: FloatArray, radius_a: float, radius_b: float
+) -> FloatArray:
     """Signed distance [m] of points to the hull of two spheres, neither inside the other; shape (N,).
 
     Args:
@@ -35,11 +37,11 @@ def round_cone_distance(points: Array, a: Array, b: Array, radius_a: float, radi
     side = (np.sqrt(h2 * slant / square) + along * drop) / square - radius_a
     at_tip = np.sign(beyond) * slant * beyond * beyond * square > k
     at_base = np.sign(along) * slant * along * along * square < k
-    distance: Array = np.where(at_tip, tip, np.where(at_base, base, side))
+    distance: FloatArray = np.where(at_tip, tip, np.where(at_base, base, side))
     return distance
 
 
-def palm_spheres(palm_center: ArrayLike, position: ArrayLike, orientation: ArrayLike) -> Array:
+def palm_spheres(palm_center: ArrayLike, position: ArrayLike, orientation: ArrayLike) -> FloatArray:
     """World centres of the palm's spheres [m], shape (P, 3).
 
     Args:
@@ -49,13 +51,15 @@ def palm_spheres(palm_center: ArrayLike, position: ArrayLike, orientation: Array
     """
     quaternion, center = np.asarray(orientation, np.float64), np.asarray(palm_center, np.float64)
     w, v = float(quaternion[0]), quaternion[1:]
-    turned: Array = center + 2.0 * (w * np.cross(v, center) + np.cross(v, np.cross(v, center))) + np.asarray(position)
+    turned: FloatArray = (
+        center + 2.0 * (w * np.cross(v, center) + np.cross(v, np.cross(v, center))) + np.asarray(position)
+    )
     return turned
 
 
 def brute_clearance(
-    leaf_center: Array,
-    leaf_radius: Array,
+    leaf_center: FloatArray,
+    leaf_radius: FloatArray,
     phalanx_radius: ArrayLike,
     palm_center: ArrayLike,
     palm_radius: ArrayLike,
@@ -88,7 +92,9 @@ def brute_clearance(
     return least
 
 
-def sphere_contact(leaf_center: Array, leaf_radius: Array, center: Array, radius: float) -> tuple[Array, Array]:
+def sphere_contact(
+    leaf_center: FloatArray, leaf_radius: FloatArray, center: FloatArray, radius: float
+) -> tuple[FloatArray, FloatArray]:
     """Signed distances [m] of a sphere to leaves, and the point of each leaf that is nearest to it.
 
     Args:
@@ -107,8 +113,8 @@ def sphere_contact(leaf_center: Array, leaf_radius: Array, center: Array, radius
 
 
 def round_cone_contact(
-    leaf_center: Array, leaf_radius: Array, a: Array, b: Array, radius_a: float, radius_b: float
-) -> tuple[Array, Array]:
+    leaf_center: FloatArray, leaf_radius: FloatArray, a: FloatArray, b: FloatArray, radius_a: float, radius_b: float
+) -> tuple[FloatArray, FloatArray]:
     """As `sphere_contact`, for the hull of two spheres (`round_cone_distance`).
 
     The nearest place lies against the gradient of the distance; of a leaf centred on the axis, where there is none, the

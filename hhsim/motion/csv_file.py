@@ -28,8 +28,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError, UnknownNameError
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.object_motion import ObjectMotion
@@ -180,7 +180,7 @@ def _numbers(cells: Sequence[str], columns: Sequence[str], order: Sequence[int],
     return values
 
 
-def object_pose(remarks: dict[str, str]) -> dict[str, NDArray[np.float64]]:
+def object_pose(remarks: dict[str, str]) -> dict[str, FloatArray]:
     """The object's pose in the remarks, as far as it is there.
 
     Raises:
@@ -199,7 +199,7 @@ def object_pose(remarks: dict[str, str]) -> dict[str, NDArray[np.float64]]:
     return pose
 
 
-def phases_of(names: Sequence[str], time: NDArray[np.float64]) -> tuple[Phase, ...]:
+def phases_of(names: Sequence[str], time: FloatArray) -> tuple[Phase, ...]:
     """Phases from the name at each sample: runs of equal names.
 
     A run ends at the stamp after it, the last one at the last stamp.

@@ -9,13 +9,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError, UnknownNameError
 from hhsim.motion.csv_file import read_remarks
 from hhsim.recordings.recording import MOST_SAMPLES, Finding, note
-
-Array = NDArray[np.float64]
 
 DELIMITERS = (",", ";", "\t", " ")
 MISSING = {"", "nan", "na", "n/a", "null", "none", "-", "inf", "-inf", "+inf", "infinity", "-infinity"}
@@ -41,7 +39,7 @@ class Table:
     decimal: str
     findings: tuple[Finding, ...]
 
-    def numbers(self, columns: Sequence[str]) -> tuple[Array, int]:
+    def numbers(self, columns: Sequence[str]) -> tuple[FloatArray, int]:
         """The numbers of some columns, shape (T, C), NaN where there is none, and how many cells are no number at all.
 
         Raises:

@@ -10,11 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.kernels.sphere_rasterizer import nearest_spheres
 from hhsim.render.triangle_soup import Surface, count_up
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Image = NDArray[np.floating[Any]]
 
 LIGHT = np.array([-0.45, 0.55, 0.90])
@@ -60,7 +59,7 @@ class Layer:
     depth: FloatArray
     facing: Image
 
-    def seen(self) -> NDArray[np.bool_]:
+    def seen(self) -> BoolArray:
         """Where the surface is, shape (rows, columns)."""
         return np.isfinite(self.depth)
 

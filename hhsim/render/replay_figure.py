@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, OutputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
@@ -30,8 +30,6 @@ from hhsim.system.output_path import check_output_path
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-FloatArray = NDArray[np.float64]
 
 VIEW = View(125.0, 12.0)
 PANEL = (580, 620)

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError, OutputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
@@ -43,7 +44,6 @@ from hhsim.result.reader import Result
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.output_path import check_output_path
 
-FloatArray = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 Progress = Callable[[str, int, int], None]
 
@@ -144,7 +144,7 @@ def write_video(
     return len(ticks)
 
 
-def video_ticks(result: Result, options: VideoOptions) -> NDArray[np.int64]:
+def video_ticks(result: Result, options: VideoOptions) -> IntArray:
     """The tick that each frame shows, shape (frames,): the newest one at its time, the last tick last.
 
     Raises:
@@ -160,7 +160,7 @@ def video_ticks(result: Result, options: VideoOptions) -> NDArray[np.int64]:
     return ticks if ticks[-1] == result.ticks - 1 else np.append(ticks, result.ticks - 1)
 
 
-def video_frames(result: Result, ticks: NDArray[np.int64], options: VideoOptions) -> Iterator[Picture]:
+def video_frames(result: Result, ticks: IntArray, options: VideoOptions) -> Iterator[Picture]:
     """Render ticks of a result, all by one camera that sees both hands and the object near them all the time.
 
     Args:

@@ -3,8 +3,8 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import AnyArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
@@ -13,8 +13,6 @@ from hhsim.kernels.tick.block import TickRecord
 from hhsim.metrics.metrics import force_variation_rate, penetration
 from hhsim.result.schema import TICK_COLUMNS
 from hhsim.solver.options import SolverOptions
-
-Array = NDArray[Any]
 
 
 class TickColumns:
@@ -37,7 +35,9 @@ class TickColumns:
         self._total = np.full((1, 3), np.nan)
         self._finger = np.full((1, 5, 3), np.nan)
 
-    def block(self, time: Array, input_seq: Array, haptic: HandConfiguration, record: TickRecord) -> dict[str, Array]:
+    def block(
+        self, time: AnyArray, input_seq: AnyArray, haptic: HandConfiguration, record: TickRecord
+    ) -> dict[str, AnyArray]:
         """The columns of the next ticks.
 
         Args:

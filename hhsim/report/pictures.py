@@ -1,11 +1,11 @@
 """The report's pictures of the hand: skin for the graphic hand, blue glass for the haptic one, forces in red."""
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import AnyArray, FloatArray
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.kernels.contact.surface import ContactPoints
@@ -28,8 +28,6 @@ from hhsim.view.viewer import shown_scene
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-FloatArray = NDArray[np.float64]
 
 PICTURE = (3.6, 3.2)
 """Width and height of the picture of one tick [inches]."""
@@ -206,7 +204,7 @@ def _moment(result: Result, tick: int, view: View | None, usual: View | None = N
 
 
 def _shown(result: Result, tick: int) -> ShownTicks:
-    def column(name: str) -> NDArray[Any]:
+    def column(name: str) -> AnyArray:
         return np.ascontiguousarray(result.at(tick, (name,))[name][None])
 
     return shown_ticks(column, [tick], [0], [0])

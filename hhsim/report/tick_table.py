@@ -1,11 +1,11 @@
 """What a report computes of the ticks of a result, read block by block: its table, a line a phase, a line a finger."""
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import AnyArray
 from hhsim.hand.fingers import FINGERS
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
 from hhsim.metrics import metrics
@@ -15,8 +15,6 @@ from hhsim.replay.summary_table import SummaryRow, summary_rows
 from hhsim.result.reader import Result
 from hhsim.scene.motion_catalogue import of_the_paper
 from hhsim.solver.method import EVERYTHING, TIMES
-
-Array = NDArray[Any]
 
 BLOCK_TICKS = 16_384
 """Ticks that are read at a time."""
@@ -84,7 +82,7 @@ def report_ticks(result: Result) -> RunTicks:
     """Read what a report needs of every tick, some 170 bytes; nothing else of the file is kept in memory."""
     result = result.seen_from_object
     names = dict.fromkeys((*needed_columns(), *PHASE_COLUMNS))
-    parts: dict[str, list[Array]] = {name: [] for name in names}
+    parts: dict[str, list[AnyArray]] = {name: [] for name in names}
     for block in result.blocks(list(names), BLOCK_TICKS):
         for name, values in block.items():
             # What is infinite is no figure either.

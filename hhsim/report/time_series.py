@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.metrics.run_metric import PAPER_RATE
 from hhsim.metrics.run_ticks import HOLD
 from hhsim.report.figure import (
@@ -36,8 +36,6 @@ from hhsim.scene.motion_catalogue import of_the_paper
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-FloatArray = NDArray[np.float64]
 
 PAIRS = ("within the margin", "touching")
 """Which pairs are drawn."""

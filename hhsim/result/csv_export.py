@@ -7,8 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import OutputError, UnknownNameError
 from hhsim.result.reader import CHUNK_TICKS, Result
 from hhsim.result.schema import LIVE_TICK, LIVE_TICK_COLUMNS, OBJECT_COLUMNS, TICK_COLUMNS, Column
@@ -90,7 +90,7 @@ def export_ticks(
     return headings
 
 
-def _sizes(force: NDArray[np.float64]) -> NDArray[np.float64]:
+def _sizes(force: FloatArray) -> FloatArray:
     """Sizes of forces [N]: of one a tick, shape (T, 3), or of the sums over phalanges, (T, fingers, 3, 3)."""
     return np.asarray(np.linalg.norm(force if force.ndim == 2 else force.sum(axis=2), axis=-1))
 

@@ -4,8 +4,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
@@ -14,9 +14,6 @@ from hhsim.kernels.tick.state import STATUS_STUCK
 from hhsim.metrics.metrics import tracking_energy, tracking_excess
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import BY_SURFACE, UNLIMITED, SolverOptions
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 REFERENCE_LINEARISATIONS = 400
 REFERENCE_STEP_TOLERANCE = 1e-8

@@ -29,8 +29,8 @@ from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import DamagedFileError, InputError, OutputError, UnknownNameError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
@@ -38,8 +38,6 @@ from hhsim.motion.csv_file import ABDUCTION_COLUMNS, FLEXION_COLUMNS, read_remar
 from hhsim.system.atomic_write import hdf5_image, write_atomically
 from hhsim.system.checksummed_file import sealed
 from hhsim.system.hdf5_input import DAMAGE, open_hdf5
-
-Array = NDArray[np.float64]
 
 FORMAT = "hhsim-poses"
 KEYS = ("scene", "made_by", "method", "hand")
@@ -103,17 +101,17 @@ class Submission:
 
     method: str
     scene: str
-    time: Array
+    time: FloatArray
     poses: HandConfiguration
-    phalanx_force: Array | None = None
-    palm_force: Array | None = None
-    duration: Array | None = None
+    phalanx_force: FloatArray | None = None
+    palm_force: FloatArray | None = None
+    duration: FloatArray | None = None
     made_by: Mapping[str, Any] = field(default_factory=dict)
     hand: str = ""
     path: Path | None = None
 
     @property
-    def arrays(self) -> dict[str, Array]:
+    def arrays(self) -> dict[str, FloatArray]:
         """Those that it has, by the names in `PARTS`."""
         values = {"time": self.time, **self.poses._asdict()}
         more = {name: getattr(self, name) for name in PARTS if name not in values}
@@ -181,7 +179,7 @@ def format_poses(submission: Submission) -> str:
     return text.getvalue()
 
 
-def parse_poses(text: str) -> tuple[dict[str, str], dict[str, Array]]:
+def parse_poses(text: str) -> tuple[dict[str, str], dict[str, FloatArray]]:
     """What a CSV text says of itself, and its arrays.
 
     Raises:
@@ -244,7 +242,7 @@ def _is_number(cell: str) -> bool:
     return True
 
 
-def _read_hdf5(path: Path) -> tuple[dict[str, str], dict[str, Array]]:
+def _read_hdf5(path: Path) -> tuple[dict[str, str], dict[str, FloatArray]]:
     try:
         with open_hdf5(path) as file:
             if file.attrs.get("format") != FORMAT:
@@ -279,7 +277,7 @@ def _write_hdf5(submission: Submission, file: h5py.File) -> None:
         dataset.attrs["units"] = PARTS[name].unit
 
 
-def _submission(said: Mapping[str, str], arrays: dict[str, Array], path: Path) -> Submission:
+def _submission(said: Mapping[str, str], arrays: dict[str, FloatArray], path: Path) -> Submission:
     ticks = len(arrays["time"]) if arrays["time"].ndim else 0
     if ticks == 0:
         raise InputError("no ticks; expected a pose for every tick of the scene")

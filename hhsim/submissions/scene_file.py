@@ -11,9 +11,9 @@ from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim import __version__
+from hhsim.arrays import AnyArray
 from hhsim.errors import DamagedFileError, InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.motion.trajectory import Phase, TickInput, TickPhase, Trajectory
@@ -25,8 +25,6 @@ from hhsim.scene.scene import Scene
 from hhsim.system.atomic_write import hdf5_image
 from hhsim.system.checksummed_file import sealed
 from hhsim.system.hdf5_input import DAMAGE, open_hdf5
-
-Array = NDArray[Any]
 
 FORMAT = "hhsim-scene"
 SCHEMA_VERSION = 1
@@ -48,7 +46,7 @@ NAMES = ("object", "trajectory", "unit", "size_mm", "level", "hand", "rate", "sa
 def scene_digest(scene: Scene) -> str:
     """SHA-256 [hex] of mesh, hand, motion and rate, with lengths and angles to `ROUNDED` decimals."""
     hand, ticks = scene.hand, scene.ticks
-    parts: list[Array] = [scene.mesh.vertices, scene.mesh.faces]
+    parts: list[AnyArray] = [scene.mesh.vertices, scene.mesh.faces]
     parts += [hand.base, hand.distal, hand.dorsal, hand.length, hand.radius]
     parts += [hand.flexion_min, hand.flexion_max, hand.abduction_min, hand.abduction_max]
     parts += [hand.palm_tree.leaf_center, hand.palm_tree.leaf_radius, *HandConfiguration.of(ticks)]

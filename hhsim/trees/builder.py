@@ -5,8 +5,8 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError, MeshError
 from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
@@ -19,8 +19,6 @@ from hhsim.trees.sphere_count_search import find_fewest
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.trees.surface_cover import cover_of, in_own_frame
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Progress = Callable[[str, int, int], None]
 
 GROWTH = 1e-6

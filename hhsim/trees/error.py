@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.kernels.cover.certify import certify_cover
 from hhsim.kernels.cover.sampled_error import exposed, union_distance
 from hhsim.kernels.mesh.bvh import MeshBvh, mesh_signed_distance
@@ -15,8 +16,6 @@ from hhsim.system.thread_pool import Workers, ranges
 from hhsim.trees.sphere_tree import LevelError, SphereTree
 from hhsim.trees.surface_cover import ROUNDING
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Codes = NDArray[np.int32]
 Progress = Callable[[str, int, int], None]
 

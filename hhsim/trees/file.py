@@ -3,12 +3,11 @@
 import json
 from dataclasses import asdict, fields
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import AnyArray
 from hhsim.errors import InputError
 from hhsim.system.atomic_write import hdf5_image, write_atomically
 from hhsim.system.checksummed_file import sealed
@@ -81,7 +80,7 @@ def _write(tree: SphereTree, file: h5py.File) -> None:
         _write_dataset(group, name, values, "m" if name in LENGTHS else "1", long_name)
 
 
-def _write_dataset(group: h5py.Group, name: str, data: NDArray[Any], units: str, long_name: str) -> None:
+def _write_dataset(group: h5py.Group, name: str, data: AnyArray, units: str, long_name: str) -> None:
     # Bytes in turn help where the values are of one magnitude; the codes of a proof repeat as they are.
     packing = {"compression": "gzip", "shuffle": data.dtype.kind == "f"} if data.size > _WORTH_PACKING else {}
     dataset = group.create_dataset(name, data=data, track_times=False, **packing)

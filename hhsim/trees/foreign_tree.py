@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.kernels.cover.sampled_error import union_distance
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
@@ -22,7 +22,6 @@ from hhsim.trees.file import load_tree
 from hhsim.trees.sph_format import load_sph
 from hhsim.trees.sphere_tree import SphereTree
 
-FloatArray = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
 
 Frame = Literal["auto", "mesh", "centred"]

@@ -5,8 +5,8 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import MeshError
 from hhsim.kernels.cover.greedy_cover import assign, covering_radius, greedy_cover, longest_edges, owner_cost
 from hhsim.kernels.cover.micro_triangle import MicroTriangles, cut_mesh, edges_for, halve
@@ -16,8 +16,6 @@ from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, face_normals
 from hhsim.mesh.canonical_frame import GRID, CanonicalFrame, canonical_frame
 from hhsim.system.thread_pool import Workers, ranges
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Progress = Callable[[str, int, int], None]
 
 COARSE = 60
@@ -107,7 +105,7 @@ class _Cover:
                 break
             self.halve(chosen)
 
-    def halve(self, chosen: NDArray[np.bool_]) -> None:
+    def halve(self, chosen: BoolArray) -> None:
         """Halve micro-triangles; the halves stay with the spheres that were the best two."""
         self.micro, source = halve(self.micro, chosen)
         self.owner, self.second_owner = self.owner[source], self.second_owner[source]

@@ -7,8 +7,8 @@ the tree serves there is to close a script's fingers on the object and to find w
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import MeshError
 from hhsim.mesh.mesh import Mesh
 from hhsim.trees.cache import Progress, cached_sphere_tree
@@ -16,8 +16,6 @@ from hhsim.trees.contact_surface import encloses
 from hhsim.trees.hierarchy import build_hierarchy
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
-
-FloatArray = NDArray[np.float64]
 
 BRANCHING = 8
 MANY = 20_000
@@ -91,7 +89,7 @@ def _around(triangles: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.where(smaller[:, None], middle, best), np.where(smaller, other, size)
 
 
-def _grouped(center: FloatArray, most: int) -> list[NDArray[np.int64]]:
+def _grouped(center: FloatArray, most: int) -> list[IntArray]:
     """Halve the places along their widest side until there are no more than `most` groups."""
     groups = [np.arange(len(center))]
     if len(center) <= most:

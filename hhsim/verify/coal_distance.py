@@ -11,11 +11,9 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.mesh.mesh import Mesh
-
-FloatArray = NDArray[np.float64]
 
 EXACT = 1e-9
 """Bounds this near to each other [m] have met."""

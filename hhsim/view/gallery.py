@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.model import HandModel
 from hhsim.mesh.file import read_triangles
@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     import rerun as rr
     import rerun.blueprint as rrb
 
-FloatArray = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
 
 STILLS = 50

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import AnyArray
 from hhsim.errors import InputError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
@@ -36,7 +36,6 @@ from hhsim.view.status_text import status_words
 if TYPE_CHECKING:
     import rerun.blueprint as rrb
 
-Array = NDArray[Any]
 Progress = Callable[[str, int, int], None]
 
 BLOCK_TICKS = 16_384
@@ -218,10 +217,10 @@ def description(result: Result) -> str:
 def read_ticks(file: h5py.File, first: int, end: int, every: int, moved: RigidMotion | None = None) -> ShownTicks:
     """Ticks `first` to `end` (not included) of a result, every so-manieth of them; `moved` as of `shown_ticks`."""
 
-    def column(name: str) -> Array:
+    def column(name: str) -> AnyArray:
         return np.asarray(file[f"tick/{name}"][first:end])
 
-    def live(name: str) -> Array:
+    def live(name: str) -> AnyArray:
         return np.asarray(file[f"{LIVE_TICK}/{name}"][first:end])
 
     more = {}
@@ -242,13 +241,13 @@ def log_phases(viewer: RerunScene, result: Result, time: Any) -> None:
     viewer.log_states("phase", ticks, [float(time[tick]) for tick in ticks], [changes[tick] for tick in ticks])
 
 
-def log_lane(viewer: RerunScene, lane: str, time: Array, bits: Array, words: Callable[[int], str]) -> None:
+def log_lane(viewer: RerunScene, lane: str, time: AnyArray, bits: AnyArray, words: Callable[[int], str]) -> None:
     """Send the bits of the ticks in words as a lane of the state timeline, where they change."""
     change = np.flatnonzero(np.concatenate([[True], bits[1:] != bits[:-1]]))
     viewer.log_states(lane, change.tolist(), time[change].tolist(), [words(int(bits[tick])) for tick in change])
 
 
-def log_session(viewer: RerunScene, file: h5py.File, time: Array) -> None:
+def log_session(viewer: RerunScene, file: h5py.File, time: AnyArray) -> None:
     """Send what only a live session has besides its plots: why the fingers were free, and its log."""
     log_lane(viewer, "fingers", time, file[f"{LIVE_TICK}/safety"][: len(time)], why_free_or_held)
     begin = float(file[f"{LIVE_TICK}/deadline"][0]) - 1e9 * float(time[0])

@@ -15,15 +15,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.bench.qp.program import Program
 from hhsim.kernels.qp.active_set import INFEASIBLE, OPTIMAL, new_work
 from hhsim.kernels.qp.standalone import PROGRAM, solve_repeatedly
 from hhsim.solver.qp import BACKEND_OPTIONS
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Solve = Callable[[], tuple[Any, Any, float | None]]
 """Solves its program once: y, None where it claims no solution; multipliers of the rows; the solver's own seconds."""
 

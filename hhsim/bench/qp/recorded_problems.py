@@ -12,8 +12,8 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.bench.qp.backends import ProgramSolver
 from hhsim.bench.qp.program import Program
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
@@ -39,8 +39,6 @@ from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Progress = Callable[[str, int, int], None]
 
 OBJECTS = ("sphere", "cube", "rock", "cup", "teapot", "bunny")

@@ -8,8 +8,8 @@ tick, finds no way either.
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import BoolArray, FloatArray
 from hhsim.bench.robustness.case import DEEPEST, Figure, Outcome
 from hhsim.bench.robustness.failure import recorded_penetration
 from hhsim.bench.robustness.local_optimality import way_out
@@ -23,8 +23,6 @@ from hhsim.kernels.tick.state import STATUS_INPUT_INVALID, STATUS_STUCK
 from hhsim.metrics.metrics import hand_clearance
 from hhsim.motion.tick_motion import hold_readings
 from hhsim.solver.options import SolverOptions
-
-Array = NDArray[np.float64]
 
 TIMINGS = ("duration", "duration_total", "duration_cpu")
 """What of a record is no result: it differs from run to run."""
@@ -60,10 +58,10 @@ def worst_penetration(hand: HandModel, surface: Any, record: TickRecord) -> floa
     return float(depth.max()) if len(depth) else 0.0
 
 
-def least_clearance(hand: HandModel, surface: Any, placed: PlacedHand, limit: float) -> Array:
+def least_clearance(hand: HandModel, surface: Any, placed: PlacedHand, limit: float) -> FloatArray:
     """Least signed distance of hand and object at every tick [m], shape (T,); `limit` stands for all above it."""
     palm, finger = hand_clearance(surface, *hand_shape(hand), *placed, limit=limit)
-    least: Array = np.minimum(palm, finger.min(axis=1))
+    least: FloatArray = np.minimum(palm, finger.min(axis=1))
     return least
 
 
@@ -89,7 +87,7 @@ def shown_hand(record: TickRecord) -> PlacedHand:
     return PlacedHand(record.joints, record.position, record.orientation)
 
 
-def shown_points(record: TickRecord) -> Array:
+def shown_points(record: TickRecord) -> FloatArray:
     """Joints and palm of the shown hand [m], shape (T, 21, 3): where it is, in one kind of number."""
     return shown_hand(record).points
 
@@ -133,12 +131,12 @@ def unexplained_stuck(
     return unexplained
 
 
-def sound_samples(motion: HandConfiguration) -> NDArray[np.bool_]:
+def sound_samples(motion: HandConfiguration) -> BoolArray:
     """Samples that are a hand's, shape (T,): from the input itself, not from what a method says of it."""
     return np.array([is_finite_configuration(*sample) for sample in zip(*motion, strict=True)], dtype=bool)
 
 
-def held(record: TickRecord) -> NDArray[np.bool_]:
+def held(record: TickRecord) -> BoolArray:
     """Ticks that say that their input was unusable, shape (T,)."""
-    flags: NDArray[np.bool_] = (record.status & STATUS_INPUT_INVALID) > 0
+    flags: BoolArray = (record.status & STATUS_INPUT_INVALID) > 0
     return flags

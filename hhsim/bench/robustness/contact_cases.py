@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.bench.robustness.acceptance import least_clearance, part_of, shown_hand
 from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome
 from hhsim.bench.robustness.postures import FIST, HALF, INDEX, POINTING, threaded, tip_at
@@ -29,13 +29,11 @@ from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 
-Array = NDArray[np.float64]
-
 HANDLE_ROOM = 1e-3
 """A handle this much wider than the finger in it [m]."""
 
 
-def _handle_place() -> tuple[Array, Array, float]:
+def _handle_place() -> tuple[FloatArray, FloatArray, float]:
     hand = right_hand()
     joints = hand.joints(np.zeros(3), quaternion(np.zeros(3)), POINTING, np.zeros(5))[INDEX]
     axis = (joints[2] - joints[1]) / np.linalg.norm(joints[2] - joints[1])
@@ -182,10 +180,10 @@ def _judge_inside(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
     ]
 
 
-def _fist_middle() -> Array:
+def _fist_middle() -> FloatArray:
     # What the four fingers curl around.
     joints = right_hand().joints(np.zeros(3), quaternion(np.zeros(3)), FIST, np.zeros(5))
-    middle: Array = joints[1:, 1:3].reshape(-1, 3).mean(axis=0)
+    middle: FloatArray = joints[1:, 1:3].reshape(-1, 3).mean(axis=0)
     return middle
 
 

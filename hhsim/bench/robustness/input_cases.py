@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.bench.robustness.acceptance import (
     held,
     least_clearance,
@@ -23,8 +23,6 @@ from hhsim.hand.quaternion import quaternion, quaternion_product
 from hhsim.metrics.metrics import frozen_decay
 from hhsim.motion.analytic_motion import still
 from hhsim.motion.tick_motion import hold_readings
-
-Array = NDArray[np.float64]
 
 TOUCHING = 1e-5
 """A hand this near [m] touches."""
@@ -60,7 +58,7 @@ def _swipe(seed: int) -> Sequence[HardRun]:
     upright = quaternion(np.zeros(3))
     tilted = quaternion(np.array([0.5, 0.3, 0.2]))
 
-    def run(name: str, direction: tuple[float, float, float], orientation: Array, finger: bool) -> HardRun:
+    def run(name: str, direction: tuple[float, float, float], orientation: FloatArray, finger: bool) -> HardRun:
         way = 0.1 * np.array(direction) / np.linalg.norm(direction)
         flexion = POINTING if finger else HALF
         middle = tip_at(hand, np.zeros(3), orientation, flexion) if finger else np.zeros(3)

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import AnyArray, IntArray
 from hhsim.bench.robustness.acceptance import unexplained_stuck
 from hhsim.bench.robustness.failure import SAFE_DEPTH, not_finite, recorded_penetration
 from hhsim.bench.robustness.pieces import Pieces, hand_distance, pieces_of
@@ -221,7 +221,7 @@ def run_scene(
     pieces = pieces_of(solver.surface, scene.mesh, scene.tree)
     running = HandSolver(scene.hand, surface, solver)
     ticks = scene.ticks
-    blocks: list[tuple[NDArray[Any], ...]] = []
+    blocks: list[tuple[AnyArray, ...]] = []
     cpu, candidates, unexplained = LogHistogram(), 0, 0
     brute = _BruteForce(pieces, hand_shape(scene.hand), ticks.tick_count, np.random.default_rng(seed))
     fingers = np.array([finger in solver.fingers for finger in FINGERS])
@@ -284,7 +284,7 @@ class _BruteForce:
         self._every = max(1, ticks // BRUTE_TICKS)
         self.ticks, self.depth = 0, float("nan")
 
-    def look(self, record: TickRecord, touching: NDArray[np.int64]) -> None:
+    def look(self, record: TickRecord, touching: IntArray) -> None:
         """Recompute some of a block's ticks in touch."""
         count = min(len(touching), -(-len(record.status) // self._every))
         for tick in self._random.choice(touching, count, replace=False) if count else ():

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.live.device import (
     FINGER_COUNT,
@@ -36,8 +37,6 @@ from hhsim.live.link.doglove_codec import (
 )
 from hhsim.live.link.serial import SerialLink
 from hhsim.live.link.udp import UdpPort
-
-Array = NDArray[np.float64]
 
 SILENCE_NS = 500_000_000
 """A glove whose encoders say nothing for so long is gone [ns]; input is stale long before."""
@@ -207,7 +206,7 @@ class Doglove(GloveDevice):
         return f"{self._name}: no {missing} came within {timeout:g} s: {hint}"
 
 
-def servo_zero(text: str) -> Array:
+def servo_zero(text: str) -> FloatArray:
     """What the servos read with a flat hand [deg], shape (5,).
 
     Raises:
@@ -222,7 +221,7 @@ def servo_zero(text: str) -> Array:
     return zero
 
 
-def hand_angles(encoders: Array, bend: Array) -> tuple[Array, Array]:
+def hand_angles(encoders: FloatArray, bend: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Joints of the hand [deg] from what the glove reads.
 
     Args:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.live.device import (
     FINGER_COUNT,
@@ -269,7 +270,7 @@ class OpenGlovesGlove(GloveDevice):
         return True
 
 
-def our_joints(line: GloveLine) -> NDArray[np.float64]:
+def our_joints(line: GloveLine) -> FloatArray:
     """Readings of our three joints of each finger, shape (5, 3), NaN where the glove does not send them."""
     bones = np.array(line.joints)
     # Our first joint is the knuckle, which moves the proximal bone; gloves without a distal sensor number from the

@@ -9,8 +9,8 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.live.device import FINGER_COUNT, Capability, FingerCommand, GloveInfo, PalmReading
 from hhsim.live.devices.manus import ManusOptions
@@ -21,8 +21,6 @@ from hhsim.live.link.udp_codec import Kind, Packet
 
 if TYPE_CHECKING:
     from hhsim.live.drivers.tracked_hand import TrackedHand
-
-Array = NDArray[np.float64]
 
 NO_POWER = (0.0,) * FINGER_COUNT
 
@@ -56,7 +54,7 @@ class OpenXrHand(PacketGlove):
         self._fit = TrackedHand(self._hand)
         super().open(timeout)
 
-    def _take(self, values: Array, now_ns: int) -> bool:
+    def _take(self, values: FloatArray, now_ns: int) -> bool:
         fit, palm = self._fit, self.palm
         if not fit.take(values):
             return False
@@ -64,7 +62,7 @@ class OpenXrHand(PacketGlove):
         palm.position[:], palm.orientation[:], palm.came_ns = fit.position, fit.orientation, now_ns
         return True
 
-    def _channels(self, values: Array) -> Array:
+    def _channels(self, values: FloatArray) -> FloatArray:
         return self._fit.joints.ravel()
 
     def _describe(self, first: Packet) -> GloveInfo:

@@ -12,6 +12,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.live.device import (
     FINGER_COUNT,
     UNKNOWN,
@@ -75,10 +76,10 @@ class PacketGlove(GloveDevice):
         """
 
     @abstractmethod
-    def _take(self, values: NDArray[np.float64], now_ns: int) -> bool:
+    def _take(self, values: FloatArray, now_ns: int) -> bool:
         """Take the numbers of a sample as `_flexion` and `_abduction`; False where they are those of no hand."""
 
-    def _channels(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _channels(self, values: FloatArray) -> FloatArray:
         """What of a sample's numbers is recorded."""
         return values
 

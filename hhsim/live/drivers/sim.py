@@ -11,6 +11,7 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.live.device import (
     FINGER_COUNT,
@@ -25,8 +26,6 @@ from hhsim.live.device import (
 from hhsim.live.devices.registry import GloveConfig
 from hhsim.live.devices.sim import SimOptions
 from hhsim.recordings.dexmo_regression import BEND, DexmoRegression
-
-Array = NDArray[np.float64]
 
 MOTOR_STIFFNESS = 20.0
 """Of the motor at stiffness 1 against the user's muscle."""
@@ -123,7 +122,7 @@ class SimGlove(NothingHeld, GloveDevice):
         sample["flexion"] = flexion + (felt / COUNTS - bend)[:, None] * self._slope
         sample["abduction"] = abduction
 
-    def _wanted(self, elapsed: float) -> tuple[Array, Array]:
+    def _wanted(self, elapsed: float) -> tuple[FloatArray, FloatArray]:
         """Flexion (5, 3) and abduction (5,) [rad] that the user is at without a motor."""
         if self._playback is not None:
             motion = self._playback.trajectory

@@ -11,9 +11,7 @@ from typing import TYPE_CHECKING
 from hhsim.errors import UnknownNameError
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
+    from hhsim.arrays import FloatArray
     from hhsim.live.device import GloveDevice
     from hhsim.live.playback import Playback
     from hhsim.live.shared_memory import SharedBlock
@@ -96,7 +94,7 @@ class PoseSource(ABC):
         return ()
 
     @abstractmethod
-    def read(self, now_ns: int, position_out: "NDArray[np.float64]", orientation_out: "NDArray[np.float64]") -> int:
+    def read(self, now_ns: int, position_out: "FloatArray", orientation_out: "FloatArray") -> int:
         """Write the newest pose.
 
         Args:

@@ -18,8 +18,8 @@ import sys
 import time
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import HhsimError
 from hhsim.live.link.dexmo_codec import (
     LENGTH,
@@ -66,7 +66,7 @@ class FakeDexmoServer(FakePeer):
         self._plugged = True
         self._streams: dict[int, MessageStream] = {}
 
-    def send(self, number: int, channels: NDArray[np.float64]) -> None:
+    def send(self, number: int, channels: FloatArray) -> None:
         """See `FakePeer.send`."""
         if self._counts:
             channels = np.round(COUNT_LOW + COUNT_SPAN * channels)
