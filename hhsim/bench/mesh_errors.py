@@ -83,7 +83,6 @@ class MeshReferee:
 
         Args:
             surface: What the run touched, world: the arrays of a surface.
-            shape: Sizes of the hand.
             placed: Where the hand was at every tick.
             touch: A body and a piece of the surface no farther apart than this touch [m].
             contact: Ticks to look at, ascending.

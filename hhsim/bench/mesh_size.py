@@ -153,10 +153,6 @@ class _Size:
 def measure(options: MeshSizeOptions, progress: Progress | None = None) -> list[Row]:
     """Measure every size with both methods; a row each, by the names of `COLUMNS`.
 
-    Args:
-        options: What.
-        progress: Called with what is being done, how much is done and how much there is.
-
     Raises:
         TrajectoryError: The object cannot be grasped.
     """

@@ -111,7 +111,6 @@ class Peer:
     """A method, and which surface of ours it is given.
 
     Attributes:
-        method: Its name.
         surface: Engines make one of their own of mesh or tree, and are judged on the mesh.
     """
 
@@ -154,7 +153,6 @@ class PeerRun:
         object_name, motion, peer: What was run.
         cpu: CPU times of the ticks in contact [s], one array of shape (n,) a repetition.
         native: Of the same, what the engine says that its own step took.
-        errors: Of the first repetition.
         seconds: CPU time of all ticks of the first repetition, in contact or not.
         failure: Why it could not be run, or "".
     """
@@ -213,10 +211,6 @@ def installed(options: PeersOptions) -> tuple[list[Peer], list[str]]:
 
 def measure(options: PeersOptions, progress: Progress | None = None) -> list[PeerRun]:
     """Run everything that is installed.
-
-    Args:
-        options: What.
-        progress: Called with what is being done, how much is done and how much there is.
 
     Returns:
         The runs, scene by scene, method by method.

@@ -68,9 +68,7 @@ class ErrorScene:
     """What the errors of a run are measured against, the same for every method and surface.
 
     Attributes:
-        hand: The hand.
         referee: Of the true mesh, world.
-        haptic: The input.
         haptic_placed: The haptic hand at every tick.
         optimum: The graphic hand of the converged optimum on the mesh, every tick.
         contact: Ticks in contact, shape (T,); the haptic hand decides, so that they are the same for every method.
@@ -97,9 +95,7 @@ def error_scene(
     """Prepare what runs on one motion and object are measured against.
 
     Args:
-        hand: The hand.
         referee: Of the true mesh, world.
-        haptic: The input.
         surface: The same mesh in the kernels' form, closed or not: the arrays of the surface `mesh`.
         options: Stiffness and lengths of the runs.
         seed: Of the tremor.
@@ -145,10 +141,7 @@ def run_errors(
     """Measure a run.
 
     Args:
-        scene: What to measure against.
         surface: What the run touched, world: the arrays of the surface that its options name.
-        options: Those of the run.
-        record: Its ticks.
         window: Ticks of the scene that the run did; figures of the holds need all of them and are NaN otherwise.
     """
     placed = placed_of(record)

@@ -158,7 +158,6 @@ class Run:
         object_name, motion, configuration: What was run.
         cpu, wall: Times of the ticks in contact [s], one array of shape (n,) a repetition.
         candidates, work: Candidate pairs and work units of the same ticks, shape (n,).
-        errors: Of the first repetition.
         digest: Of its poses and forces.
         repeatable: Whether all repetitions had the same.
         ticks: In each repetition.
@@ -235,10 +234,6 @@ def backend_configurations(options: SpeedErrorOptions) -> list[Configuration]:
 
 def measure(options: SpeedErrorOptions, progress: Progress | None = None) -> list[Run]:
     """Run everything.
-
-    Args:
-        options: What.
-        progress: Called with what is being done, how much is done and how much there is.
 
     Returns:
         The runs, scene by scene, configuration by configuration.

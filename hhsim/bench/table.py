@@ -61,7 +61,6 @@ class Table:
         suite: That wrote it.
         columns: In order.
         rows: One dictionary a row, by column name: str, bool, int or float.
-        options: Of the run.
         attributes: The other attributes of the file: versions, machine, revision, time.
     """
 
@@ -106,7 +105,6 @@ def write_table(
     Args:
         output_path: The HDF5 file; its name ends in .h5.
         suite: Name of the suite, as after `hhsim bench`.
-        columns: Of the table.
         rows: A value for every column by its name, no more and no less. A column's values are of one kind: str, bool,
             int or float; None is a missing number (NaN), or a missing word (empty) in a column of words.
         options: Of the run, as JSON-able values.

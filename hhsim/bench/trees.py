@@ -102,7 +102,6 @@ def measure(options: TreesOptions, progress: Progress | None = None) -> list[Row
     """Build and measure every tree; rows in the order of objects and sizes, references last of each object.
 
     Args:
-        options: What to build.
         progress: Called with (object and spheres, trees done, trees).
 
     Raises:

@@ -38,7 +38,6 @@ def collect(folders: Sequence[Path], progress: Progress | None = None) -> Board:
 
     Args:
         folders: Of sweeps, or of results; single results too.
-        progress: Called with what is being done, how much is done and how much there is.
 
     Raises:
         InputError: No such folder, or no result in any of them.

@@ -88,13 +88,10 @@ def gate_suite(
     """Run every scene of a suite and judge it.
 
     Args:
-        suite: Scenes and limits.
-        head: What is judged.
         base: What it is compared with, run in the same job.
         baseline: A recorded one; where both are given, counters are compared with this one, times with `base`.
         timed: Whether times are judged, by the base and by limits.
         record_times: Whether times of head are taken for a baseline to come, even where nothing is compared.
-        progress: Called with what is being done, how much is done and how much there is.
 
     Raises:
         InputError: A scene that hhsim refuses: an unknown object, a bad option; or a suite that is wrong.
@@ -130,8 +127,6 @@ def gate_result(result: Result, suite: GateSuite, base: Result | Baseline | None
     Times are not compared: those of two runs that were not run in turn say nothing.
 
     Args:
-        result: What is judged.
-        suite: Limits.
         base: What it is compared with.
         timed: Whether times that the suite limits are judged.
 

@@ -133,7 +133,6 @@ class HandModel:
     """Sizes and limits of one hand, palm frame; fingers in the order of `FINGERS`.
 
     Attributes:
-        side: Right or left.
         hand_length: Wrist crease to middle fingertip [m].
         hand_breadth: Across the knuckles [m].
         base: First joint of each finger [m], shape (5, 3).

@@ -22,7 +22,6 @@ class Playback:
     """A trajectory and the instant at which it began.
 
     Attributes:
-        trajectory: The motion.
         rate: Samples a second instead of the stamps' own [Hz]; 0 for the stamps.
         repeat: Begin anew after the end, with `RETURN_TIME` for the way back; else the last sample stays.
         start_ns: CLOCK_MONOTONIC of the first sample [ns]; -1 until somebody asks, which starts the motion.

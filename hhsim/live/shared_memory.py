@@ -23,7 +23,6 @@ class SharedBlock:
     """An array of one element in shared memory.
 
     Args:
-        descriptor: Of the memory.
         dtype: Of its one element; every process must agree.
     """
 
@@ -52,8 +51,6 @@ class SharedRing:
     """Records in shared memory: the writer never waits, a reader that falls behind loses the oldest and knows it.
 
     Args:
-        descriptor: Of the memory.
-        dtype: Of a record.
         capacity: How many records the ring holds.
     """
 
@@ -106,9 +103,6 @@ class RingReader:
 
     def read(self, most: int) -> tuple[int, AnyArray]:
         """The oldest records not yet read.
-
-        Args:
-            most: At most this many.
 
         Returns:
             The number of the first one, counted from the ring's beginning, and copies of the records; numbers that

@@ -15,7 +15,6 @@ def face_samples(
         vertices: Shape (V, 3).
         faces: Shape (F, 3).
         count: How many, beside the one on each.
-        rng: Of the places.
 
     Returns:
         Points, shape (n, 3); the face of each, shape (n,), in order; and the area that each stands for, shape (n,).

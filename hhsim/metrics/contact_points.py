@@ -33,8 +33,6 @@ def find_contact_points(
 
     Args:
         surface: The object's, world.
-        shape: Sizes of the hand.
-        placed: The ticks.
         touch: [m]; what a result's contacts/touching counts is within `SolverOptions.touch`.
         chosen: Ticks to look at, in order; all where it is not given.
         fingers: Which fingers count, shape (5,), all where it is not given.

@@ -68,7 +68,6 @@ def input_hand(
     """Measure the user's hand and the shown one of a run.
 
     Args:
-        hand: The hand.
         depths: In the object, where it stands still.
         haptic: The user's hand at each tick, as the object sees it; ticks that are not finite are left out.
         shown: Where the shown hand is, in the same frame.
@@ -96,8 +95,6 @@ def object_depths(surface: Any, mesh: Mesh, shape: HandShape, fingers: BoolArray
 
     Args:
         surface: Arrays of the object's surface.
-        mesh: Its mesh.
-        shape: Sizes of the hand.
         fingers: Which ones are modelled, shape (5,).
     """
     if isinstance(surface, MeshFeatures) and surface.pseudonormal.shape[0] > 0:

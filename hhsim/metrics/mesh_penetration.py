@@ -38,8 +38,6 @@ def mesh_clearance(bvh: MeshBvh, shape: HandShape, placed: PlacedHand, limit: fl
 
     Args:
         bvh: Of the object's closed mesh, world.
-        shape: Sizes of the hand.
-        placed: The ticks.
         limit: Stands for everything from here on [m].
     """
     distance = np.empty(len(placed.joints))

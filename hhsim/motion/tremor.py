@@ -59,7 +59,6 @@ class Disturbance:
         """The disturbed motion.
 
         Args:
-            seed: Of everything random here.
             time: [s], shape (T,).
             position: [m], shape (T, 3), world.
             orientation: Unit (w, x, y, z), shape (T, 4).

@@ -29,7 +29,6 @@ class Table:
         header: Names of the columns.
         rows: Cells, as many a row as names.
         remarks: The `# key: value` lines before the header.
-        decimal: The decimal sign.
         findings: Lines that were left out.
     """
 
@@ -79,7 +78,6 @@ def read_table(
     Args:
         text: The content of the file.
         delimiter: Between cells; found in the header if not given.
-        decimal: The decimal sign.
         names: Of the columns, where the first line is a sample; None where it has them.
 
     Raises:

@@ -253,7 +253,6 @@ def parse_calibration(text: str, *, where: str) -> DexmoRegression:
     """Make a calibration from TOML text; joints that it does not name keep their default.
 
     Args:
-        text: The document.
         where: Names it in messages.
 
     Raises:

@@ -72,7 +72,6 @@ def finger_joints(
         length: Of its bones [m], shape (5, 3).
         flexion: [rad], shape (T, 5, 3).
         abduction: [rad], shape (T, 5).
-        side: Which hand.
     """
     distal, dorsal, across = finger_axes(side)
     turn = abduction[..., None]
@@ -111,7 +110,6 @@ def palm_from_knuckles(knuckles: FloatArray, wrist: FloatArray, side: HandSide) 
     Args:
         knuckles: First joints of index to little finger, any unit, shape (T, 4, 3).
         wrist: Its middle, shape (T, 3).
-        side: Which hand.
     """
     return quaternion_product(_from_knuckles(knuckles, wrist, side), palm_in_knuckles(side))
 
@@ -139,7 +137,6 @@ def palm_origin(knuckles: FloatArray, orientation: FloatArray, side: HandSide) -
     Args:
         knuckles: First joints of index to little finger [m], shape (T, 4, 3).
         orientation: Of our palm frame in the same frame, unit (w, x, y, z), shape (T, 4).
-        side: Which hand.
     """
     return np.asarray(knuckles.mean(axis=1) - turned(orientation, middle_of_knuckles(side)))
 

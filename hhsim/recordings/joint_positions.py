@@ -94,7 +94,6 @@ def recording_of_joints(joints: JointPositions, name: str, options: ReadOptions)
 
     Args:
         joints: Of the device.
-        name: Of the recording.
         options: What the user says: the hand, the unit, the axis that points up.
 
     Raises:

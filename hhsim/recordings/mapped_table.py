@@ -22,8 +22,6 @@ def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
     """The recording of a table by its mapping.
 
     Args:
-        table: The table.
-        columns: What its columns mean.
         name: Of the recording where the mapping names none.
         form: The word for the format.
 

@@ -40,7 +40,6 @@ class PoseLines:
     """The poses of one hand.
 
     Attributes:
-        hand: Which.
         time: Stamps from the first one on [s], NaN where missing, shape (T,).
         stamps: As in the file [ns], NaN where missing, shape (T,).
         translation: Of the wrist [m], world, shape (T, 3).
@@ -64,7 +63,6 @@ def read_pose_lines(text: str, key: str, wanted: HandSide) -> PoseLines:
     """The poses of the hand that is asked for, else of the one in more lines, the right one of equals.
 
     Args:
-        text: The file.
         key: "joint_angles" or "pose".
         wanted: What the user says; "" for nothing.
 

@@ -54,7 +54,6 @@ class RecordedBones:
     """Sizes of the recorded hand, palm frame, and the error of its fit.
 
     Attributes:
-        hand: Which hand.
         hand_length: Wrist to middle fingertip [m].
         base: First joint of each finger [m], shape (5, 3); the origin is that of the palm in the recording.
         length: Between joints, the last one to the tip [m], shape (5, 3).
@@ -93,7 +92,6 @@ def recorded_bones(fingers: FingerChains, posture: Posture, hand: HandSide) -> R
     Args:
         fingers: As recorded.
         posture: As fitted.
-        hand: Which hand.
     """
     at = in_palm(fingers.joints - posture.position[:, None, None], posture.orientation)
     lengths = np.linalg.norm(np.diff(at, axis=2), axis=3)

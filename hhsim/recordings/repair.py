@@ -91,7 +91,6 @@ class Repaired(NamedTuple):
     """A trajectory, with the bits of each sample in its `flags`.
 
     Attributes:
-        trajectory: The motion.
         findings: What was found and done, in the order of the repairs.
         hand_length: Of the recorded hand [m], None where it is not known.
     """

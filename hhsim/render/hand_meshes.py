@@ -54,7 +54,6 @@ def piece_poses(
     """Where the pieces are.
 
     Args:
-        hand: The hand.
         position: Palm origin [m], world, shape (T, 3).
         orientation: Palm to world, unit (w, x, y, z), shape (T, 4).
         flexion: [rad], shape (T, 5, 3).

@@ -128,7 +128,6 @@ def see_spheres(center: ArrayLike, radius: ArrayLike, camera: Camera) -> tuple[F
     Args:
         center: [m], shape (n, 3), world.
         radius: [m], shape (n,).
-        camera: That sees them.
 
     Returns:
         Depth and normals as `lit` takes them, and whose surface it is at the pixels where one is, shape (pixels,).
@@ -154,7 +153,6 @@ def lit(depth: FloatArray, normals: Image, color: Image, camera: Camera) -> Laye
         depth: Towards the viewer [m], minus infinity where nothing is, shape (rows, columns).
         normals: Unit normals of the n pixels where something is, right, up and towards the viewer, shape (n, 3).
         color: Of these pixels, shape (n, 3).
-        camera: That sees it.
     """
     rows, columns = depth.shape
     scale, pixel = rows / camera.height, np.flatnonzero(np.isfinite(depth))

@@ -120,8 +120,6 @@ def write_video(
     Args:
         result: Of a replay or a session, complete or not.
         output_path: Ends in .gif or .mp4; it appears when it is whole, and a file that is there is replaced.
-        options: How it is made.
-        progress: Called with what is being done, how much is done and how much there is.
 
     Returns:
         How many frames it has.
@@ -166,7 +164,6 @@ def video_frames(result: Result, ticks: IntArray, options: VideoOptions) -> Iter
     Args:
         result: Of a replay or a session.
         ticks: Their numbers, shape (frames,).
-        options: How large.
 
     Yields:
         Pictures, shape (rows, columns, 3).

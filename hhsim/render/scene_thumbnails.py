@@ -29,7 +29,6 @@ def scene_picture(
     Args:
         run: Of one motion.
         mesh: The object's, its own frame.
-        moment: Which.
         shape: Rows and columns of the picture [pixels].
         view: Towards the viewer, shape (3,); None for `best_view`.
 

@@ -34,7 +34,6 @@ class Finding:
     """One thing that was looked at.
 
     Attributes:
-        name: Of the thing.
         verdict: `OK`, `WRONG`, or `NOTE` for what is no fault but worth knowing.
         says: In a sentence.
     """

@@ -20,7 +20,6 @@ class TickColumns:
 
     Args:
         surface: The object's, world.
-        hand: The hand.
         options: Of the solver; fingers that the scene does not use have no penetration.
     """
 

@@ -59,9 +59,7 @@ def trembling_hold(
     """Repeat a hold with a hand that is not still.
 
     Args:
-        hand: The hand.
         surface: The object's, world frame, as `HandSolver` takes it.
-        options: Of the solver.
         haptic: Haptic hand at each tick of the hold.
         graphic: Graphic hand at each tick of the hold; the repetition starts from its first one.
         rate: Ticks per second [Hz].

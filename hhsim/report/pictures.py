@@ -125,7 +125,6 @@ def held_picture(result: Result, view: View | None = None) -> ReportFigure:
     """Of the same tick as the overview the second half alone, as large as fits beside that of another result.
 
     Args:
-        result: What was run.
         view: Of the viewer; None for that of the overview.
 
     Raises:
@@ -151,7 +150,6 @@ def hand_picture(
     """The hand at one tick, with contact points and forces.
 
     Args:
-        result: What was run.
         tick: Number of the tick, from 0.
         view: Azimuth from x to y and elevation [degrees] of the viewer; None for that of the overview, or for the
             clearest of some where much is hidden there.

@@ -65,8 +65,6 @@ class Report:
     """A report that is not written yet.
 
     Attributes:
-        title: Of the page.
-        html: The page.
         pictures: PNGs by the name that each file gets.
         runs: What was computed of each result.
         comparisons: Of each but the first one with the first one.
@@ -115,12 +113,7 @@ class Report:
 
 @dataclass(frozen=True)
 class ReportFiles:
-    """Where a report is.
-
-    Attributes:
-        page: The HTML.
-        pictures: The PNG files.
-    """
+    """Where a report is."""
 
     page: Path
     pictures: tuple[Path, ...]
@@ -135,7 +128,6 @@ def make_report(paths: Sequence[Path], *, progress: Progress | None = None) -> R
 
     Args:
         paths: Files, in the order of the page; results are compared with the first of them.
-        progress: Called with what is being done, how much is done and how much there is.
 
     Raises:
         InputError: No file, or one that is neither a result nor a table of hhsim bench.
@@ -194,7 +186,6 @@ def write_report(report: Report, output_path: Path) -> ReportFiles:
     """Write the page and its pictures, each in one step, the page last.
 
     Args:
-        report: The report.
         output_path: As for `check_report_path`. Of NAME.html the pictures are NAME-….png beside it.
 
     Raises:

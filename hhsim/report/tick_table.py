@@ -33,7 +33,6 @@ class PhaseFigures(NamedTuple):
     """One phase; NaN where undefined.
 
     Attributes:
-        name: Of the phase.
         first, last: Its ticks, both included.
         seconds: How long it lasts [s].
         cpu_p50, cpu_p99: Of its ticks in contact [µs].
@@ -62,7 +61,6 @@ class FingerFigures(NamedTuple):
     """One finger; NaN where it never bears a force.
 
     Attributes:
-        name: Of the finger.
         ticks: In which it bears one.
         mean, largest: Size of the sum of the forces on its phalanges in these ticks [N].
         step: Largest change of that sum, as a vector, from one tick to the next [N]; a touch that begins or ends
@@ -106,12 +104,7 @@ class FigureTable(NamedTuple):
 
 
 def figure_table(result: Result, ticks: RunTicks) -> FigureTable:
-    """Compute what the ticks say, and set what the file says in its place.
-
-    Args:
-        result: Whose table it is.
-        ticks: Of it.
-    """
+    """Compute what the ticks say, and set what the file says in its place."""
     known = known_figures([what for what in EVERYTHING if result.gives(what)])
     own, stated = {name: value for name, value in tick_figures(ticks).items() if name in known}, {}
     if result.complete and result.live is None:
@@ -165,7 +158,6 @@ def finger_figures(result: Result, ticks: RunTicks) -> list[FingerFigures]:
     """A line for each finger, thumb to little finger; no line where there is no tick.
 
     Args:
-        result: Whose forces are read.
         ticks: Of it; they say where ticks are missing.
     """
     # Summed block by block: the forces on all phalanges of a long session do not fit into memory.

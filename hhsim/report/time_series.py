@@ -59,7 +59,6 @@ class Run:
 
     Attributes:
         label: In the legend.
-        result: The file.
         columns: Its ticks.
         worst: Of a single result its worst ticks, which are marked.
     """

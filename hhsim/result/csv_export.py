@@ -41,7 +41,6 @@ def export_ticks(
         path: The table; a file that is there is replaced when the new one is complete.
         columns: Names of datasets of /tick or of `SIZES`, of a session also of /live/tick, as live/tick/latency; or
             `all`. None for the usual ones.
-        progress: Called with what is being done, how much is done and how much there is.
 
     Returns:
         The headings: name of the dataset, index of the element where there are several, unit in brackets.

@@ -17,7 +17,6 @@ def as_object_sees(name: str, values: AnyArray, moved: RigidMotion) -> AnyArray:
     """Rows of a dataset of /tick in the frame that moves with the object, which is the world's at the first tick.
 
     Args:
-        name: Of the dataset.
         values: World, shape (T, ...).
         moved: How the object moved since the first tick.
     """

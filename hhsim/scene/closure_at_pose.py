@@ -53,7 +53,6 @@ def close_placed(
 
     Args:
         script: Which fingers close, and how deep they are commanded.
-        hand: The hand.
         tree: The object, world frame.
         placement: The place, object's frame.
         object_position: [m], shape (3,), world; None for the origin.

@@ -79,9 +79,7 @@ def touch_distances(
     By brute force over all spheres: the least distance of the part to a sphere that it would touch within the region.
 
     Args:
-        touches: What is demanded.
         object_name: Of the catalogue, whose regions are meant; may be anything where all touches are anywhere.
-        hand: The hand.
         tree: The object at rest in its own frame.
         joints: Of the hand [m], object's frame, shape (5, 4, 3).
         position: Of the palm [m], object's frame, shape (3,).

@@ -60,7 +60,6 @@ class Closer:
 
     Args:
         script: Which fingers close, and how deep they are commanded.
-        hand: The hand.
         tree: The object at rest, world frame.
     """
 

@@ -67,7 +67,6 @@ def place_object(motion: Trajectory, hand: HandModel, tree: SphereTree, wanted: 
 
     Args:
         motion: Of a hand, without regard for its object pose.
-        hand: Which hand.
         tree: The object at rest in its own frame, z up.
         wanted: What is to be touched, by what.
 

@@ -139,7 +139,6 @@ def place_at_grasp(motion: Trajectory, hand: HandModel, tree: SphereTree) -> Gra
 
     Args:
         motion: Of a hand, without regard for its object pose.
-        hand: Which hand.
         tree: The object at rest in its own frame, z up.
 
     Raises:

@@ -93,7 +93,6 @@ class OutsideEngine:
         name: For messages.
         make: Of the method for a scene.
         forces: Whether its ticks have forces.
-        workspace: Of hand and object.
     """
 
     def __init__(

@@ -125,7 +125,6 @@ class QpSolution:
         x: δ, shape (n,) [m] and [rad]; the target where there is no solution.
         multiplier: λ >= 0 of each row, shape (m,); [N] for contact rows; zeros where there is no solution.
         status: See `QpStatus`; compares equal to its string.
-        backend: Name of the backend.
         message: What went wrong, empty for an optimum.
     """
 

@@ -24,7 +24,6 @@ def best_hands(hand: HandModel, mesh_surface: Any, options: SolverOptions, hapti
     """The best pose of every tick: `coupled` on the triangles, converged, from the user's first hand on.
 
     Args:
-        hand: The hand.
         mesh_surface: The object in the kernels' form, world: the surface `mesh`.
         options: Stiffness and lengths.
         haptic: The user's hand at every tick.
@@ -59,12 +58,10 @@ def reference_excess(
     The optimum is the local one that `coupled` converges to from the method's own graphic hand with the input held.
 
     Args:
-        hand: The hand.
         surface: The object's, world frame, as `HandSolver` takes it.
         options: Those of the method; stiffness and lengths are kept.
         haptic: Haptic hand at every tick.
         graphic: Graphic hand at every tick.
-        ticks: Which ticks.
 
     Returns:
         Shape (len(ticks),); NaN in free space, and where the graphic hand is so deep inside that the reference finds no

@@ -54,7 +54,6 @@ class TickWorkspace:
     """One hand, one object, and the memory of their ticks, of whatever method.
 
     Args:
-        model: The hand.
         surface: The object's, world frame: a `ContactSurface`, or its arrays alone.
         options: Method, stiffness and lengths.
 
@@ -128,7 +127,6 @@ def tick_state(stiffness: FloatArray, modelled: BoolArray | None = None, surface
     Args:
         stiffness: The coupling's G, shape (21,).
         modelled: Which bodies the scene uses, shape (16,); all where it is not given.
-        surface: The object's.
     """
     states = zeroed(tick_state_dtype(surface.candidates))
     state = states[0]

@@ -96,7 +96,6 @@ class Submission:
         duration: What each tick took [s], by the method's own measure, shape (T,); None where nobody measured.
         made_by: What the scene is made by (`hhsim.submissions.scene_file.scene_names`).
         hand: Of which side, right or left; "" is not said.
-        path: The file.
     """
 
     method: str

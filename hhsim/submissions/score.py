@@ -75,7 +75,6 @@ def scene_of(submission: Submission, folder: Path | None = None) -> Scene:
     """Find the scene of a submission: in a folder, in its own one, or made again by what it says.
 
     Args:
-        submission: Which says its scene.
         folder: That `hhsim scene` made; None looks beside the submission.
 
     Raises:
@@ -111,11 +110,9 @@ def score(
 
     Args:
         submission: Poses for each tick of the scene.
-        scene: Its scene.
         output_path: The result; what is there is replaced when the new one is complete.
         surface: What of the object contacts are looked for on: spheres or mesh.
         command: That makes the result, word by word, for the file to say.
-        progress: Called with what is being done, how much is done and how much there is.
 
     Raises:
         InputError: It is of another scene, or ticks are missing.

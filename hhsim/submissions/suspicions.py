@@ -108,7 +108,6 @@ def suspicions(submission: Submission, scene: Scene) -> tuple[str, ...]:
 
     Args:
         submission: Of this scene (`require_scene`).
-        scene: The scene.
     """
     shown, user = submission.poses, HandConfiguration.of(scene.ticks)
     free = _free(scene)

@@ -47,7 +47,6 @@ def estimate(plan: SweepPlan, folder: SweepFolder, progress: Progress | None = N
     Args:
         plan: What is to be run.
         folder: Where; it need not exist.
-        progress: Called with what is being done, how much is done and how much there is.
     """
     done = [planned for planned in plan.cells if folder.done(planned)]
     finished = {planned.digest for planned in done}

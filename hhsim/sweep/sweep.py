@@ -66,12 +66,6 @@ def run_sweep(
 ) -> SweepSummary:
     """Run what is not done yet.
 
-    Args:
-        plan: What to run.
-        folder: Where its files go.
-        options: How.
-        progress: Called with what is being done, how much is done and how much there is.
-
     Raises:
         InputError: No Dask, or no scheduler.
         OutputError: The folder cannot be written, or another sweep works in it.

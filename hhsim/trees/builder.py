@@ -134,7 +134,6 @@ def proved_cover(
     Args:
         vertices: [m], shape (V, 3).
         faces: Wound outward, shape (F, 3).
-        bvh: Over the mesh.
         center: [m], shape (n, 3).
         radius: [m], shape (n,).
         balanced: Take half of the bound off all radii, so that the spheres miss the surface by as little outside as

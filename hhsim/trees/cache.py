@@ -38,7 +38,6 @@ def cached_sphere_tree(
         mesh: Watertight and wound outward.
         options: None for the defaults.
         progress: As for `build_sphere_tree`, where it comes to that.
-        threads: The same.
 
     Raises:
         InputError: No tree is within the largest error.

@@ -228,7 +228,6 @@ def cover_of(
     Where the mesh lies, how it is turned and how large it is make no difference: the cover is found in its own frame.
 
     Args:
-        mesh: The mesh.
         spheres: Most spheres.
         progress: Called with ("cover", cycles done, cycles).
         workers: Threads to build with; None for the calling one. The same bytes with any number.

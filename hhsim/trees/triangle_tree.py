@@ -47,7 +47,6 @@ def tree_of_any(mesh: Mesh, level: int, progress: Progress | None = None) -> Sph
 
     Args:
         mesh: Any triangles [m].
-        level: Of the leaves.
         progress: As for `hhsim.trees.builder.build_sphere_tree`.
     """
     if len(mesh.faces) <= MANY and encloses(mesh):

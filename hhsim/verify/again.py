@@ -40,7 +40,6 @@ def again_claims(result: Result, progress: Progress) -> list[Claim]:
 
     Args:
         result: Of a replay or a session.
-        progress: Called with what is being done, how much is done and how much there is.
     """
     claims = [_motion(result)]
     try:

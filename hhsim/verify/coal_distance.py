@@ -54,7 +54,6 @@ def coal_distance(a: FloatArray, b: FloatArray, radius_a: float, radius_b: float
         a, b: Centres of the spheres [m], shape (3,).
         radius_a, radius_b: Theirs [m].
         shape: Of coal.
-        place: Where it is.
     """
     import coal
 

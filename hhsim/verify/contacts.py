@@ -73,8 +73,6 @@ def near_pairs(
     """All pairs of a body and a sphere no more than `near` [m] apart.
 
     Args:
-        hand: Sizes.
-        posed: The ticks.
         center: Of the spheres [m], world, shape (L, 3).
         radius: [m], shape (L,).
         fingers: Which fingers count, shape (5,).

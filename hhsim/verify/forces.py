@@ -64,7 +64,6 @@ def balance(at: Moment, scale: FloatArray, pull: FloatArray | None = None) -> fl
     """How far [N] the coupling is from being balanced by pushes at what touches and joints at their limits.
 
     Args:
-        at: The tick.
         scale: Of the 21 rows, to N.
         pull: Another one than the coupling's, shape (21,).
     """
@@ -76,7 +75,6 @@ def explained(at: Moment, scale: FloatArray, stored: FloatArray, pull: FloatArra
     """How far [N] stored forces are from pushes at what touches that also balance a pull.
 
     Args:
-        at: The tick.
         scale: Of the 21 rows, to N.
         stored: Force of each body [N], the palm's last, shape (48,).
         pull: Shape (21,).
@@ -132,8 +130,6 @@ def proxy_forces(pairs: Pairs, graphic: Posed, haptic: Posed, turn: FloatArray, 
     """Eq. 14 summed over pairs, each body's force [N], shape (16, 3).
 
     Args:
-        pairs: What touches.
-        graphic, haptic: The hands.
         turn: Graphic to haptic palm, shape (3, 3).
         i: The tick, of both hands.
         stiffness: k [N/m].

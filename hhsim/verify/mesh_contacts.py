@@ -62,8 +62,6 @@ def near_triangle_pairs(hand: OwnHand, posed: Posed, triangles: FloatArray, fing
     distance is deeper than the radius: that of a body whose axis goes through the triangle.
 
     Args:
-        hand: Sizes.
-        posed: The ticks.
         triangles: Corners [m], world, shape (F, 3, 3).
         fingers: Which fingers count, shape (5,).
         near: [m].

@@ -54,8 +54,6 @@ class HandReferee:
         that is what is told of it.
 
         Args:
-            shape: Sizes of the hand.
-            placed: The ticks.
             limit: Stands for everything from here on [m].
         """
         found = np.full((len(placed.joints), BODIES), limit)

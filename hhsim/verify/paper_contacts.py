@@ -21,7 +21,6 @@ def on_another_part(
     """Whether `paper` may have each pair on another part than the nearest point's, shape (N,).
 
     Args:
-        hand: Sizes.
         posed: The ticks of the pairs.
         pairs: N pairs of a hand body and a leaf sphere that touch.
         center: Of all leaf spheres [m], world, shape (L, 3).

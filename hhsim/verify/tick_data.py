@@ -33,7 +33,6 @@ class JudgedTicks:
 
     Attributes:
         hand: As the file has it.
-        options: Of the solver.
         fingers: Which ones the scene models, shape (5,).
         status: Flags of all ticks, shape (T,).
         numbers: Of all ticks, shape (T,).

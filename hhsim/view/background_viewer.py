@@ -44,9 +44,6 @@ class ViewAhead:
     """Shows one result that does not exist yet; use it in a `with`, before any thread is started.
 
     Where no process can be forked, everything is done here, in `show`.
-
-    Args:
-        target: Where the recording goes.
     """
 
     def __init__(self, target: RerunTarget) -> None:
@@ -96,10 +93,6 @@ class ViewAhead:
 
     def show(self, path: Path, progress: Progress | None = None) -> "Viewed":
         """Show a result.
-
-        Args:
-            path: Of the result.
-            progress: Called with what is being done, how much is done and how much there is.
 
         Raises:
             InputError, OutputError: As `load_result` and `view_result`.

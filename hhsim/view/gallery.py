@@ -54,7 +54,6 @@ class Shown:
     """One of the files that are shown.
 
     Attributes:
-        path: Of the file.
         kind: What it is.
         root: Before the names of its entities.
         content: What was read: `Result`, `Trajectory`, `SphereTree` or `Mesh`.
@@ -87,11 +86,9 @@ def view_files(
 
     Args:
         paths: Results, trajectories, sphere trees and meshes, told apart by their content.
-        target: Where they go.
         every: Of results, only every so-manieth tick is shown.
         spheres: Of results, show the leaf spheres in the place of the object's mesh.
         unit: Of meshes, one of `hhsim.mesh.mesh.METRES_PER_UNIT`.
-        progress: Called with what is being done, how much is done and how much there is.
 
     Raises:
         InputError: No file, one that is none of these or cannot be read, or a result without a tick.

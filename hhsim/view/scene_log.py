@@ -100,7 +100,6 @@ class ShownScene:
     Attributes:
         mesh: The object [m], world.
         tree: Its sphere tree, world.
-        hand: The hand.
         fingers: Which fingers the scene uses, shape (5,); the others go through the object.
         touch: Pairs nearer than this touch [m].
         surface: Of the object that the hand touches, by name.
@@ -134,7 +133,6 @@ class RerunScene:
 
     Args:
         stream: The recording, its sinks set.
-        scene: What is shown.
     """
 
     stream: "rr.RecordingStream"

@@ -79,10 +79,8 @@ def view_result(
 
     Args:
         result: Of a replay or a session, complete or not.
-        target: Where it goes.
         every: Only every so-manieth tick is shown; the plots then show the worst of the ticks between, but for forces.
         spheres: Show the leaf spheres, in the place of the object's mesh.
-        progress: Called with what is being done, how much is done and how much there is.
 
     Raises:
         InputError: The result holds no tick, or cannot be read; as `rerun_stream`.
@@ -109,12 +107,9 @@ def send_ticks(
     """Send all of a result, what is fixed first.
 
     Args:
-        viewer: Where it goes.
-        result: What is sent.
         file: Its file, open.
         plots: That it has.
         every: As of `view_result`.
-        progress: The same.
     """
     group = file["tick"]
     viewer.log_static(plots)

@@ -40,7 +40,6 @@ class PaperOptions:
     """What is measured.
 
     Attributes:
-        methods: Of the solver.
         objects: Of the catalogue; None for all.
         level: Of every sphere tree; None for the paper's, 3 for the simple objects and 4 for the complex ones.
         instances: Most of a case of Fig. 15.
@@ -111,10 +110,6 @@ class PaperRuns:
 
 def measure(options: PaperOptions, progress: Progress | None = None) -> PaperRuns:
     """Play everything.
-
-    Args:
-        options: What.
-        progress: Called with what is being done, how much is done and how much there is.
 
     Raises:
         TrajectoryError: A motion that cannot be done on an object.

@@ -22,11 +22,7 @@ def hold_distances(
 
     Args:
         script: That the motion was made from.
-        object_name: Of the catalogue.
-        hand: The hand.
         tree: The object, whose frame is the world's.
-        ticks: The motion.
-        record: The run.
     """
     found = []
     holds = [phase.last_tick for phase in ticks.phases if phase.name == "hold"]

@@ -90,7 +90,6 @@ class SceneRun:
 
     Attributes:
         stage: What was played.
-        options: Of the solver.
         candidates, touching: Pairs near each other, and touching, at each tick, shape (T,).
         status: Of each tick, shape (T,).
         digest: Of the poses.

@@ -50,9 +50,7 @@ class Stage:
     """What a scene is played on.
 
     Attributes:
-        scenario: The scene.
         script: Its motion.
-        hand: The hand.
         tree: The object at rest, its frame the world's.
         motions: The haptic hand, one motion or as many as there are instances.
     """
@@ -73,8 +71,6 @@ def make_stage(scenario: Scenario, hand: HandModel, tree: SphereTree, instances:
     """Find the hand's place, or places, and make the motions.
 
     Args:
-        scenario: The scene.
-        hand: The hand.
         tree: The object.
         instances: Most motions; a scene that is shown once has one.
         seed: Of the instances' places.

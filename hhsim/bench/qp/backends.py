@@ -95,7 +95,6 @@ def prepare(backend: str, program: Program, python_share: float = 0.0) -> Callab
 
     Args:
         backend: By name; `daqp, warm` also gets the guess.
-        program: To be solved.
         python_share: What a call of a backend that reports no time of its own takes in Python [ns], see `overhead`.
     """
     matrix, norm = program.unit_rows()

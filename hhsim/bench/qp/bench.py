@@ -140,9 +140,7 @@ def bench_qp(
     """Harvest, solve, check and time; returns a row for each kind of program and solver, by the names of `COLUMNS`.
 
     Args:
-        options: What is run.
         programs: Where the harvested programs go, see `hhsim.bench.qp.problem_file`; None for nowhere.
-        progress: Called with what is being done, how much is done and how much there is.
 
     Raises:
         OutputError: The programs cannot be written.

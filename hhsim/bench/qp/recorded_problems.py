@@ -62,7 +62,6 @@ class QpBenchOptions:
         objects: Of the harvest.
         motions: Of the harvest.
         backends: Solvers besides ours; None for all that are installed.
-        seed: Of everything random.
 
     Raises:
         UnknownNameError: An object, a motion or a solver that there is not.

@@ -106,7 +106,6 @@ def unexplained_stuck(
     used: by distances and derivatives of its own, and by the distances at the step's end.
 
     Args:
-        hand: The hand.
         pieces: Of the object, world.
         options: Of the method; lengths and stiffness count.
         motion: The haptic input, samples that are not finite included.

@@ -49,7 +49,6 @@ class HardRun:
 
     Attributes:
         name: Among the runs of its case.
-        hand: The hand.
         tree: The object's leaf spheres, world frame; None where it is triangles alone.
         motion: What the haptic hand does.
         adapt: What the case changes in the options of the method.
@@ -83,7 +82,6 @@ class Outcome:
     """What a method made of a run.
 
     Attributes:
-        run: The run.
         options: What it was solved with.
         record: The ticks of the motion, the last time it was done; None where the method refused the scene.
         refusal: What the method said when it refused, else empty.

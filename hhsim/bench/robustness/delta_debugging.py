@@ -72,7 +72,6 @@ def delta_debug(
 
     Args:
         motion: Haptic hand, tick by tick; ticks that are no reading repeat the last one, as for the solver.
-        trial: Runs a motion.
         graphic: The graphic hand after each tick of a longer run that `motion` is the last stretch of, and whose last
             tick fails. Needed where the motion alone does not fail from its first sample on.
         most_runs: Candidates that are tried at most.

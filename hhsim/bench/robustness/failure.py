@@ -117,8 +117,6 @@ class Provenance:
         failing_tick: Of the kept motion at which it fails.
         depth: Penetration there [m].
         stress: Options of the random targets.
-        solver: Options of the solver.
-        hand: Right or left.
     """
 
     kind: str

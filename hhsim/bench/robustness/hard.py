@@ -35,7 +35,6 @@ class CaseResult:
     """How one method did in one case.
 
     Attributes:
-        case, method: Their names.
         surface: What of the objects the hand touched; of a case that is spheres alone they, whatever was asked for.
         figures: All of them, the common ones first; empty where an exception ended the case.
         reason: Why it failed where no figure says it: the exception, or the refusal; empty otherwise.

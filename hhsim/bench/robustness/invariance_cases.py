@@ -35,7 +35,6 @@ class Variant:
     """A scene that must come out like the usual one, and how to bring it back to that.
 
     Attributes:
-        name: Of the run.
         motion, tree, mesh, hand: The scene.
         adapt: Its options.
         back: The shown points [m], shape (T, 21, 3), as the usual scene has them.

@@ -37,7 +37,6 @@ def way_out(
     the abduction. It counts where all pieces stay clear of the hand and the energy falls as the program promised.
 
     Args:
-        hand: The hand.
         pieces: Of the object, world.
         options: Of the solver: stiffness, margin, offset.
         graphic: One tick, where the hand stood still.

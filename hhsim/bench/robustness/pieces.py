@@ -61,7 +61,6 @@ def hand_bodies(shape: HandShape, joints: ArrayLike, position: ArrayLike, orient
     """All bodies of one hand: the 15 phalanges, then the palm's spheres.
 
     Args:
-        shape: Its sizes.
         joints: [m], world, shape (5, 4, 3).
         position: Of the palm [m], world, shape (3,).
         orientation: Palm to world, unit (w, x, y, z), shape (4,).

@@ -82,7 +82,6 @@ class RandomTargets:
 
     Args:
         hand: The hand, for its limits and its size.
-        seed: Of everything random.
         options: How targets are drawn; None for the defaults.
         center: What the targets lie around [m], world, shape (3,).
         height: Of the first tick's hand above the centre [m], upright with straight fingers; its target too.

@@ -114,8 +114,6 @@ def bench_recorded(
     Args:
         files: Recordings, as `recording_files` lists them.
         objects: At rest in their own frames.
-        solvers: The methods.
-        options: Of all runs.
         progress: Called with the recording, the runs done and all runs.
     """
     options = options or RecordedOptions()
@@ -207,7 +205,6 @@ def run_scene(
 
     Args:
         scene: Object, hand and recording.
-        solver: The method.
         known: What is already known of the run.
         seed: Of the choice of ticks that are recomputed by brute force.
         check: Called between blocks.

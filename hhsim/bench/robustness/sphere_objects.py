@@ -97,7 +97,6 @@ def mould(pose: HandConfiguration, spheres: int, gap: float, radius: float, rand
 
     Args:
         pose: The hand, one tick.
-        spheres: How many.
         gap: Between the hand's surface and theirs [m].
         radius: Theirs [m].
         random: Where they are.

@@ -47,7 +47,6 @@ def run_case(
     """Run one case.
 
     Args:
-        case: What to run.
         make_solver: Makes the solver, for the run and for every candidate of the shrinking.
         check: Called between blocks.
 

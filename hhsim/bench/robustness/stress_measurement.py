@@ -38,7 +38,6 @@ def coupling_force(case: StressCase, haptic: HandConfiguration, record: TickReco
     Args:
         case: For the hand and its stiffness.
         haptic: Readings of a hand at every tick.
-        record: Of these ticks.
     """
     bend = np.clip(haptic.flexion, case.hand.flexion_min, case.hand.flexion_max) - record.flexion
     joint = case.solver.stiffness.flexion * np.abs(bend) / case.hand.length

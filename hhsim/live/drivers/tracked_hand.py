@@ -30,9 +30,6 @@ _USED = np.array([NUMBERS * OPENXR_JOINTS.index(name) + PLACE + k for name in KE
 class TrackedHand:
     """The fit of our hand.
 
-    Args:
-        side: Which hand.
-
     Attributes:
         joints: Of the last sample, where the runtime said they are: wrist, then thumb to little finger from base to tip
             [m], its own world, shape (21, 3).

@@ -119,7 +119,6 @@ class LiveSetup:
     Attributes:
         mesh: The object's surface [m], world frame.
         tree: Its sphere tree, world frame.
-        hand: The hand.
         options: Of the solver; its period is that of the rate.
         device: Which glove; its calibration says what a bend is in angles, and so makes the set points.
         pose: Where the palm's pose comes from.

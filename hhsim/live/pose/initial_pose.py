@@ -18,7 +18,6 @@ def palm_place(hand: HandModel, tree: SphereTree, back: float = 0.0) -> tuple[Fl
     """Find a place for the palm.
 
     Args:
-        hand: Which hand.
         tree: The object, world frame.
         back: How far the palm is drawn back from where the fingers grasp [m].
 

@@ -118,7 +118,6 @@ def make_pose_source(
     """The source, not yet opened.
 
     Args:
-        config: Which.
         status: Block of `LIVE_STATUS`, which `keyboard` reads.
         glove: The session's, which `glove` asks.
 

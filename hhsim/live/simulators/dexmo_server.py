@@ -37,11 +37,7 @@ COUNT_LOW, COUNT_SPAN = 700.0, 2400.0
 
 
 class FakeDexmoServer(FakePeer):
-    """The server.
-
-    Args:
-        options: Of the command line.
-    """
+    """The server."""
 
     def __init__(self, options: argparse.Namespace) -> None:
         """Listen."""

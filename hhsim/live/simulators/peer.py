@@ -221,7 +221,6 @@ def peer_parser(module: str, description: str, rate: float = 200.0) -> argparse.
 
     Args:
         module: Its module, in `hhsim.live.simulators`.
-        description: What it is.
         rate: The usual one [Hz].
     """
     parser = argparse.ArgumentParser(

@@ -88,7 +88,6 @@ def calibration_of(path: Path, options: ReadOptions) -> DexmoRegression:
     """The calibration that a recording gives itself by its poses.
 
     Args:
-        path: The file.
         options: With which it is read.
 
     Raises:
