@@ -9,7 +9,6 @@ all sizes take turns in this one, so that what else the machine does falls on al
 import resource
 import sys
 import time
-from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from multiprocessing import get_context
@@ -33,13 +32,13 @@ from hhsim.scene.scene import make_scene
 from hhsim.solver.compile import warm_up
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
+from hhsim.system.progress import Progress, silent
 from hhsim.trees.cache import cache_path, cached_sphere_tree
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.triangle_tree import tree_of_any
 
 Row = dict[str, Any]
-Progress = Callable[[str, int, int], None]
 
 METHODS = ("coupled", "progressive")
 MOTION = "grasp"
@@ -150,13 +149,12 @@ class _Size:
         return 1e-9 * np.median(self.cpu[method], axis=0)[self.work[method][:, WORK_TOUCHING] > 0]
 
 
-def measure(options: MeshSizeOptions, progress: Progress | None = None) -> list[Row]:
+def measure(options: MeshSizeOptions, progress: Progress = silent) -> list[Row]:
     """Measure every size with both methods; a row each, by the names of `COLUMNS`.
 
     Raises:
         TrajectoryError: The object cannot be grasped.
     """
-    report = progress or (lambda what, done, total: None)
     hand = HandModel.default()
     for method in METHODS:
         warm_up(hand, SolverOptions(method=method, surface="mesh"))
@@ -166,10 +164,10 @@ def measure(options: MeshSizeOptions, progress: Progress | None = None) -> list[
     sizes = []
     wanted = (0, *sorted(options.subdivisions))
     for i, times in enumerate(wanted):
-        report("getting ready", i, len(wanted))
+        progress("getting ready", i, len(wanted))
         sizes.append(_size(finer_mesh(mesh, times)))
     for number in range(ROUNDS):
-        report(f"round {number + 1} of {ROUNDS}", number, ROUNDS)
+        progress(f"round {number + 1} of {ROUNDS}", number, ROUNDS)
         for size in sizes if number % 2 == 0 else reversed(sizes):
             for method in METHODS:
                 _run(hand, haptic, size, method)

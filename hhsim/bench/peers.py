@@ -7,7 +7,7 @@ repetition, against the true mesh, by coal: how deep the hand is in it, and how 
 says is pushed.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -37,12 +37,11 @@ from hhsim.solver.known_methods import declared_methods, find_method
 from hhsim.solver.method import FORCES
 from hhsim.solver.options import SolverOptions
 from hhsim.system.deferred_sigint import interruptible_between
+from hhsim.system.progress import Progress, silent
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.verify.mesh_distance import HandReferee
 from hhsim.verify.verify import require_coal
-
-Progress = Callable[[str, int, int], None]
 
 OURS: tuple[tuple[str, str], ...] = (("coupled", "mesh"), ("coupled", "spheres"), ("penalty", "spheres"))
 """Our methods, and what of the object they touch."""
@@ -209,7 +208,7 @@ def installed(options: PeersOptions) -> tuple[list[Peer], list[str]]:
     return found, notes
 
 
-def measure(options: PeersOptions, progress: Progress | None = None) -> list[PeerRun]:
+def measure(options: PeersOptions, progress: Progress = silent) -> list[PeerRun]:
     """Run everything that is installed.
 
     Returns:
@@ -231,9 +230,8 @@ def measure(options: PeersOptions, progress: Progress | None = None) -> list[Pee
     with interruptible_between() as check_interrupt:
         for repetition in range(options.repetitions):
             for scene, run in work if repetition % 2 == 0 else reversed(work):
-                if progress is not None:
-                    what = f"{run.peer.method}, {scene.object_name}, {scene.motion}"
-                    progress(f"{what}, repetition {repetition + 1} of {options.repetitions}", done, total)
+                what = f"{run.peer.method}, {scene.object_name}, {scene.motion}"
+                progress(f"{what}, repetition {repetition + 1} of {options.repetitions}", done, total)
                 if not run.failure and run.seconds <= LONG:
                     _repeat(hand, scene, run, options)
                 done += 1
@@ -241,10 +239,9 @@ def measure(options: PeersOptions, progress: Progress | None = None) -> list[Pee
     return [run for _, run in work]
 
 
-def _scenes(hand: HandModel, options: PeersOptions, progress: Progress | None) -> Iterator[_Scene]:
+def _scenes(hand: HandModel, options: PeersOptions, progress: Progress) -> Iterator[_Scene]:
     for i, name in enumerate(options.objects):
-        if progress is not None:
-            progress("scenes", i, len(options.objects))
+        progress("scenes", i, len(options.objects))
         mesh = load_object(name).mesh
         tree = cached_sphere_tree(mesh)
         surfaces = {surface: contact_surface(surface, mesh, tree) for surface in ("mesh", "spheres")}

@@ -7,7 +7,7 @@ all of them; of each tick the median of the repetitions counts. The errors are t
 the mesh and the optimum on it; the others must give the same poses.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -31,12 +31,11 @@ from hhsim.solver.options import SolverOptions
 from hhsim.solver.qp import ACTIVE_SET, available_backends
 from hhsim.solver.surface import SURFACES
 from hhsim.system.deferred_sigint import interruptible_between
+from hhsim.system.progress import Progress, silent
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.options import MOST_LEVEL, TreeOptions
 from hhsim.verify.verify import require_coal
-
-Progress = Callable[[str, int, int], None]
 
 DEFAULT_LEVEL = 4
 NO_LEVEL = 0
@@ -232,7 +231,7 @@ def backend_configurations(options: SpeedErrorOptions) -> list[Configuration]:
     ]
 
 
-def measure(options: SpeedErrorOptions, progress: Progress | None = None) -> list[Run]:
+def measure(options: SpeedErrorOptions, progress: Progress = silent) -> list[Run]:
     """Run everything.
 
     Returns:
@@ -258,8 +257,7 @@ def measure(options: SpeedErrorOptions, progress: Progress | None = None) -> lis
     with interruptible_between() as check_interrupt:
         for repetition in range(options.repetitions):
             for scene, run in work if repetition % 2 == 0 else reversed(work):
-                if progress is not None:
-                    progress(f"runs, repetition {repetition + 1} of {options.repetitions}", done, total)
+                progress(f"runs, repetition {repetition + 1} of {options.repetitions}", done, total)
                 if not run.failure:
                     _repeat(hand, scene, run)
                 done += 1
@@ -267,7 +265,7 @@ def measure(options: SpeedErrorOptions, progress: Progress | None = None) -> lis
     return [run for _, run in work]
 
 
-def _scenes(hand: HandModel, options: SpeedErrorOptions, progress: Progress | None) -> Iterator[_Scene]:
+def _scenes(hand: HandModel, options: SpeedErrorOptions, progress: Progress) -> Iterator[_Scene]:
     count = len(options.objects) * len(options.motions)
     for i, name in enumerate(options.objects):
         mesh = load_object(name).mesh
@@ -279,8 +277,7 @@ def _scenes(hand: HandModel, options: SpeedErrorOptions, progress: Progress | No
         surfaces["mesh", NO_LEVEL] = triangles
         referee = MeshReferee(mesh, options.hands)
         for j, motion in enumerate(options.motions):
-            if progress is not None:
-                progress("scenes, with their optima", i * len(options.motions) + j, count)
+            progress("scenes, with their optima", i * len(options.motions) + j, count)
             trajectory = synthesize(load_script(motion), hand, finest, options.seed)
             ticks = make_scene(mesh, finest, hand, trajectory, rate=options.rate).ticks
             errors = error_scene(hand, referee, ticks, triangles, SolverOptions(), options.seed)

@@ -25,8 +25,7 @@ from hhsim.gate.verdict import (
 )
 from hhsim.kernels.machine_calibration import REFERENCE_VERSION
 from hhsim.result.reader import Result
-
-Progress = Callable[[str, int, int], None]
+from hhsim.system.progress import Progress, silent
 
 
 @dataclass(frozen=True)
@@ -83,7 +82,7 @@ def gate_suite(
     baseline: Baseline | None = None,
     timed: bool = True,
     record_times: bool = False,
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> GateReport:
     """Run every scene of a suite and judge it.
 
@@ -101,15 +100,13 @@ def gate_suite(
     for i, scene in enumerate(suite.scenes):
 
         def step(what: str, i: int = i) -> None:
-            if progress is not None:
-                progress(what, i, len(suite.scenes))
+            progress(what, i, len(suite.scenes))
 
         run = _SceneRun(suite, scene, head, base, baseline, timed, record_times, step)
         rows += run.rows
         if run.recorded is not None:
             recorded[scene.name] = run.recorded
-    if progress is not None:
-        progress("done", len(suite.scenes), len(suite.scenes))
+    progress("done", len(suite.scenes), len(suite.scenes))
     if len(recorded) < len(suite.scenes):
         recorded = {}
     against = [f"the baseline {baseline.source}"] if baseline else []

@@ -10,7 +10,7 @@ import os
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -43,9 +43,9 @@ from hhsim.replay.stored_scene import stored_hand, stored_mesh
 from hhsim.result.reader import Result
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.output_path import check_output_path
+from hhsim.system.progress import Progress, silent
 
 Picture = NDArray[np.uint8]
-Progress = Callable[[str, int, int], None]
 
 SUFFIXES = (".gif", ".mp4")
 ASPECT = 0.75
@@ -113,7 +113,7 @@ def check_video_path(output_path: Path) -> None:
 
 
 def write_video(
-    result: Result, output_path: Path, options: VideoOptions | None = None, progress: Progress | None = None
+    result: Result, output_path: Path, options: VideoOptions | None = None, progress: Progress = silent
 ) -> int:
     """Make a film of a result.
 
@@ -134,8 +134,7 @@ def write_video(
 
     def frames() -> Iterator[Picture]:
         for number, picture in enumerate(video_frames(result, ticks, chosen)):
-            if progress is not None:
-                progress("frames", number, len(ticks))
+            progress("frames", number, len(ticks))
             yield picture
 
     (_write_gif if output_path.suffix.lower() == ".gif" else _write_mp4)(frames(), output_path, chosen)

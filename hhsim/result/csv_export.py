@@ -2,7 +2,7 @@
 
 import csv
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +13,7 @@ from hhsim.errors import OutputError, UnknownNameError
 from hhsim.result.reader import CHUNK_TICKS, Result
 from hhsim.result.schema import LIVE_TICK, LIVE_TICK_COLUMNS, OBJECT_COLUMNS, TICK_COLUMNS, Column
 from hhsim.system.output_path import check_output_path
+from hhsim.system.progress import Progress, silent
 
 USUAL = (
     *("time", "input_seq", "haptic/position", "graphic/position", "force/total", "force/size", "force/finger"),
@@ -28,11 +29,10 @@ SIZES = {
 """Columns that are no datasets: sizes of forces summed over phalanges, and the dataset that each is computed from."""
 ALL = "all"
 SUFFIX = ".csv"
-Progress = Callable[[str, int, int], None]
 
 
 def export_ticks(
-    result: Result, path: Path, columns: Sequence[str] | None = None, progress: Progress | None = None
+    result: Result, path: Path, columns: Sequence[str] | None = None, progress: Progress = silent
 ) -> tuple[str, ...]:
     """Write datasets of every tick.
 
@@ -74,8 +74,7 @@ def export_ticks(
             first = 0
             needed = tuple(dict.fromkeys(SIZES[name][1] if name in SIZES else name for name in wanted))
             for block in result.blocks(needed, CHUNK_TICKS):
-                if progress is not None:
-                    progress("ticks", first, result.ticks)
+                progress("ticks", first, result.ticks)
                 # As Python's numbers: they are written with as many digits as give the same number back.
                 values = [_sizes(block[SIZES[name][1]]) if name in SIZES else block[name] for name in wanted]
                 flat = [each.reshape(len(each), -1).tolist() for each in values]

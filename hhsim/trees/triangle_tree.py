@@ -11,7 +11,8 @@ import numpy as np
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import MeshError
 from hhsim.mesh.mesh import Mesh
-from hhsim.trees.cache import Progress, cached_sphere_tree
+from hhsim.system.progress import Progress, silent
+from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.contact_surface import encloses
 from hhsim.trees.hierarchy import build_hierarchy
 from hhsim.trees.options import TreeOptions
@@ -42,7 +43,7 @@ def triangle_tree(mesh: Mesh, level: int) -> SphereTree:
     return replace(tree, mesh_sha256=mesh.sha256, options={**OPTIONS, "level": level})
 
 
-def tree_of_any(mesh: Mesh, level: int, progress: Progress | None = None) -> SphereTree:
+def tree_of_any(mesh: Mesh, level: int, progress: Progress = silent) -> SphereTree:
     """The usual tree of a mesh that encloses something; a `triangle_tree` of one that does not, or has very many faces.
 
     Args:

@@ -8,7 +8,6 @@ while ticks are timed: `settle` waits until it is idle.
 import signal
 import sys
 import warnings
-from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
@@ -19,12 +18,12 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 from hhsim.errors import HhsimError, InputError, OutputError
 from hhsim.result.reader import load_result
 from hhsim.solver.compile import start_numba
+from hhsim.system.progress import Progress, silent
 from hhsim.view.sink import RerunTarget
 
 if TYPE_CHECKING:
     from hhsim.view.viewer import Viewed
 
-Progress = Callable[[str, int, int], None]
 Word = Literal["ready", "progress", "viewed", "refused"]
 """What the process beside says, each with a value of its own."""
 
@@ -91,7 +90,7 @@ class ViewAhead:
             self._answer("ready", None)
             self._ready = True
 
-    def show(self, path: Path, progress: Progress | None = None) -> "Viewed":
+    def show(self, path: Path, progress: Progress = silent) -> "Viewed":
         """Show a result.
 
         Raises:
@@ -109,7 +108,7 @@ class ViewAhead:
         viewed: Viewed = self._answer("viewed", progress)
         return viewed
 
-    def _answer(self, wanted: Word, progress: Progress | None) -> Any:
+    def _answer(self, wanted: Word, progress: Progress) -> Any:
         assert self._channel is not None
         while True:
             try:
@@ -123,8 +122,7 @@ class ViewAhead:
             if word == "refused":
                 kind, text = value
                 raise kind(text)
-            if progress is not None:
-                progress(*value)
+            progress(*value)
 
 
 def _serve(channel: "Connection[Any, Any]", parents: "Connection[Any, Any]", target: RerunTarget) -> None:

@@ -1,6 +1,6 @@
 """Results, motions, meshes and sphere trees together in the rerun viewer, a view for each, on one time axis."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -17,6 +17,7 @@ from hhsim.motion.trajectory import Trajectory
 from hhsim.render.hand_meshes import PIECES, piece_poses, piece_surfaces
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import LIVE_TICK
+from hhsim.system.progress import Progress, silent
 from hhsim.trees.file import load_tree
 from hhsim.view.blueprint import BACKGROUND, DISTANCE, VIEW
 from hhsim.view.file_kind import Kind, file_kind
@@ -36,7 +37,6 @@ if TYPE_CHECKING:
     import rerun as rr
     import rerun.blueprint as rrb
 
-Progress = Callable[[str, int, int], None]
 
 STILLS = 50
 """Poses of a motion that decide about where it is looked at from."""
@@ -80,7 +80,7 @@ def view_files(
     every: int = 1,
     spheres: bool = False,
     unit: str = "m",
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> list[Shown]:
     """Show files side by side.
 
@@ -102,8 +102,7 @@ def view_files(
     with rerun_stream(target, APPLICATION, _arranged(shown, spheres=spheres)) as stream:
         stream.send_recording_name(", ".join(dict.fromkeys(path.name for path in paths)))
         for number, one in enumerate(shown):
-            if progress is not None:
-                progress(one.path.name, number, len(shown))
+            progress(one.path.name, number, len(shown))
             _send(_Rooted(stream, one.root), one, every, spheres=spheres)
     return shown
 

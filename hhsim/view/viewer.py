@@ -25,6 +25,7 @@ from hhsim.result.safety import why_free_or_held
 from hhsim.result.schema import LIVE_EVENT, LIVE_TICK
 from hhsim.solver.options import TOUCH
 from hhsim.system.hdf5_input import open_hdf5
+from hhsim.system.progress import Progress, silent
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.view.blueprint import blueprint
 from hhsim.view.decimation import ShownTicks, shown_ticks
@@ -36,7 +37,6 @@ from hhsim.view.status_text import status_words
 if TYPE_CHECKING:
     import rerun.blueprint as rrb
 
-Progress = Callable[[str, int, int], None]
 
 BLOCK_TICKS = 16_384
 """Ticks that are read and sent at a time; a multiple of no use to the viewer, which joins and splits as it likes."""
@@ -73,7 +73,7 @@ def view_result(
     *,
     every: int = 1,
     spheres: bool = False,
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> Viewed:
     """Show a result.
 
@@ -102,7 +102,7 @@ def view_result(
 
 
 def send_ticks(
-    viewer: RerunScene, result: Result, file: h5py.File, plots: Sequence[Plot], every: int, progress: Progress | None
+    viewer: RerunScene, result: Result, file: h5py.File, plots: Sequence[Plot], every: int, progress: Progress
 ) -> None:
     """Send all of a result, what is fixed first.
 
@@ -121,13 +121,11 @@ def send_ticks(
     # A block holds whole groups of ticks, so that each shown tick has those that it stands for.
     step = max(1, BLOCK_TICKS // every) * every
     for first in range(0, result.ticks, step):
-        if progress is not None:
-            progress("ticks", first, result.ticks)
+        progress("ticks", first, result.ticks)
         end = min(first + step, result.ticks)
         moved = result.moved_since_first(slice(first, end)) if result.driven else None
         viewer.log_ticks(read_ticks(file, first, end, every, moved))
-    if progress is not None:
-        progress("ticks", result.ticks, result.ticks)
+    progress("ticks", result.ticks, result.ticks)
 
 
 def get_ready() -> None:

@@ -37,11 +37,11 @@ from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.system.deferred_sigint import interruptible_between
 from hhsim.system.log_histogram import LogHistogram
+from hhsim.system.progress import Progress, silent
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 
 Placing = Literal["auto", "recorded"]
-Progress = Callable[[str, int, int], None]
 
 BLOCK = 2048
 """Ticks that are run and measured at a time."""
@@ -107,7 +107,7 @@ def bench_recorded(
     objects: Sequence[BenchObject],
     solvers: Sequence[SolverOptions],
     options: RecordedOptions | None = None,
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> Iterator[RecordedFigures]:
     """Run every recording against every object by every method, in this order.
 
@@ -121,8 +121,7 @@ def bench_recorded(
     each = len(objects) * len(solvers)
     with interruptible_between() as check:
         for number, file in enumerate(files):
-            if progress is not None:
-                progress(file.stem, number * each, len(files) * each)
+            progress(file.stem, number * each, len(files) * each)
             try:
                 motion = load_recorded(file)
             except HhsimError as error:
@@ -132,8 +131,7 @@ def bench_recorded(
             hand = hands["left" if motion.hand == "left" else "right"]
             for placed in objects:
                 yield from _runs(motion, file.stem, hand, placed, solvers, options, check)
-    if progress is not None:
-        progress("recordings", len(files) * each, len(files) * each)
+    progress("recordings", len(files) * each, len(files) * each)
 
 
 def _runs(
