@@ -11,7 +11,7 @@ from enum import Flag, auto
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import HhsimError
@@ -235,6 +235,8 @@ class GloveDevice(FingerRelease):
     counters: DeviceCounters
     palm: PalmReading | None = None
     """Of a glove that says where the palm is; else None."""
+    _seq = 0
+    """Of the next sample."""
 
     @abstractmethod
     def open(self, timeout: float = 5.0) -> None:
@@ -268,6 +270,34 @@ class GloveDevice(FingerRelease):
     def descriptors(self) -> tuple[int, ...]:
         """What can be waited on for bytes of the glove; () where it is to be looked at again and again."""
         return ()
+
+    def _write_sample(
+        self,
+        row: np.void,
+        now: int,
+        good: bool,
+        channels: ArrayLike,
+        angles: tuple[ArrayLike, ArrayLike],
+        **more: int,
+    ) -> None:
+        """Write the next sample as a row of `GLOVE_SAMPLE`, and count it.
+
+        Args:
+            now: When its bytes were read, CLOCK_MONOTONIC [ns].
+            good: Whether all that the driver uses of it is finite and in range.
+            channels: As many as the glove has.
+            angles: Flexion, shape (5, 3), and abduction, shape (5,) [rad].
+            more: Fields that this glove knows, of those that are unknown otherwise.
+        """
+        row["seq"], row["time_ns"], row["good"] = self._seq, now, good
+        for name in ("device_time_ns", "device_seq", "battery"):
+            row[name] = more.get(name, UNKNOWN)
+        row["channels"] = np.nan
+        row["channels"][: np.size(channels)] = channels
+        row["flexion"], row["abduction"] = angles
+        self._seq += 1
+        self.counters.samples += good
+        self.counters.rejected += not good
 
     @abstractmethod
     def send(self, command: FingerCommand) -> bool:

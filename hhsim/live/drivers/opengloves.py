@@ -18,7 +18,6 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.live.device import (
     FINGER_COUNT,
-    UNKNOWN,
     Capability,
     DeviceCounters,
     DeviceError,
@@ -83,7 +82,6 @@ class OpenGlovesGlove(GloveDevice):
         self._lost: DeviceError | None = None
         self._malformed_run = 0
         self._overlong = 0
-        self._seq = 0
         self.counters = DeviceCounters()
 
     def open(self, timeout: float = 5.0) -> None:
@@ -239,16 +237,8 @@ class OpenGlovesGlove(GloveDevice):
             self.counters.other += 1
             return 0
         good = self._angles(found)
-        row["seq"] = self._seq
-        row["time_ns"] = now
-        row["device_time_ns"] = row["device_seq"] = row["battery"] = UNKNOWN
-        row["good"] = good
-        row["channels"] = math.nan
-        row["channels"][:30] = (*found.curl, *found.splay, *(value for bones in found.joints for value in bones))
-        row["flexion"], row["abduction"] = self._flexion, self._abduction
-        self._seq += 1
-        self.counters.samples += good
-        self.counters.rejected += not good
+        channels = (*found.curl, *found.splay, *(value for bones in found.joints for value in bones))
+        self._write_sample(row, now, good, channels, (self._flexion, self._abduction))
         return 1
 
     def _angles(self, line: GloveLine) -> bool:
