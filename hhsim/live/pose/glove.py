@@ -27,7 +27,6 @@ class GlovePose(PoseSource):
     """
 
     name = "pose of the glove"
-    may_stop = True
 
     def __init__(self, config: PoseConfig, glove: "GloveDevice | None" = None) -> None:
         """Nothing is read yet."""

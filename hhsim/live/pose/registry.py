@@ -78,8 +78,6 @@ class PoseSource(ABC):
     """Gives the palm's pose in the world frame; `read` never blocks."""
 
     name: str
-    may_stop: bool = False
-    """Whether the source can go silent, so that its age counts as the input's."""
 
     def open(self) -> None:
         """Connect, where there is something to connect to.

@@ -29,8 +29,6 @@ class UdpPose(PoseSource):
         rejected: Packets of another kind, or with a pose that is none.
     """
 
-    may_stop = True
-
     def __init__(self, config: PoseConfig, status: "SharedBlock | None" = None) -> None:
         """Nothing is opened yet."""
         self.name = f"udp pose from {config.host} at port {config.port}"
