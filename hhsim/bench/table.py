@@ -20,8 +20,7 @@ from hhsim.arrays import AnyArray
 from hhsim.errors import DamagedFileError, InputError, OutputError
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.system import environment as info
-from hhsim.system.atomic_write import hdf5_image, write_atomically
-from hhsim.system.checksummed_file import sealed
+from hhsim.system.atomic_write import put_dataset, sealed_hdf5, write_atomically
 from hhsim.system.hdf5_input import DAMAGE, hdf5_format, open_hdf5
 from hhsim.system.output_path import check_output_path
 
@@ -134,13 +133,12 @@ def write_table(
         for column in columns:
             values = arrays[column.name]
             kind = h5py.string_dtype() if values.dtype == object else values.dtype
-            dataset = file.create_dataset(column.name, data=values, dtype=kind, track_times=False)
-            dataset.attrs["units"], dataset.attrs["long_name"] = column.unit, column.long_name
+            put_dataset(file, column.name, values, column.unit, column.long_name, dtype=kind)
         file.attrs["complete"] = 1
 
-    image = hdf5_image(fill)
+    image = sealed_hdf5(fill)
     write_atomically(csv_path(output_path), _csv_text(columns, arrays).encode())
-    write_atomically(output_path, sealed(image))
+    write_atomically(output_path, image)
 
 
 def load_table(path: Path) -> Table:

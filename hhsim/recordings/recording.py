@@ -15,6 +15,7 @@ from hhsim.errors import TrajectoryError
 from hhsim.motion.object_motion import ObjectMotion
 from hhsim.motion.sample_flags import SampleFlag, mark
 from hhsim.motion.trajectory import HandSide, Phase, RawChannel
+from hhsim.motion.validation import as_numbers
 from hhsim.recordings.recorded_bones import RecordedBones
 
 Flags = NDArray[np.uint32]
@@ -107,7 +108,7 @@ class Recording:
             "abduction": (count, 5),
         }
         for key, shape in shapes.items():
-            values = _numbers(key, getattr(self, key))
+            values = as_numbers(key, getattr(self, key))
             if values.shape != shape:
                 raise TrajectoryError(f"{key} has shape {values.shape}; expected {shape} for {count} stamp(s)")
             # Infinity is as little a reading as NaN is, and what overflows when it is squared.
@@ -116,7 +117,7 @@ class Recording:
             object.__setattr__(self, key, values)
         if self.object_motion is not None:
             moved = ObjectMotion(
-                *(_numbers(f"object's {name}", values) for name, values in self.object_motion._asdict().items())
+                *(as_numbers(f"object's {name}", values) for name, values in self.object_motion._asdict().items())
             )
             if moved.position.shape != (count, 3) or moved.orientation.shape != (count, 4):
                 raise TrajectoryError(
@@ -177,10 +178,3 @@ class Recording:
 
 MOTION = ("position", "orientation", "flexion", "abduction")
 """The arrays of a motion, one row a sample."""
-
-
-def _numbers(label: str, values: Any) -> FloatArray:
-    try:
-        return np.array(values, dtype=np.float64, order="C")
-    except (TypeError, ValueError):
-        raise TrajectoryError(f"{label} is not an array of numbers") from None

@@ -35,8 +35,7 @@ from hhsim.errors import DamagedFileError, InputError, OutputError, UnknownNameE
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.csv_file import ABDUCTION_COLUMNS, FLEXION_COLUMNS, read_remarks
-from hhsim.system.atomic_write import hdf5_image, write_atomically
-from hhsim.system.checksummed_file import sealed
+from hhsim.system.atomic_write import sealed_hdf5, write_atomically
 from hhsim.system.hdf5_input import DAMAGE, open_hdf5
 
 FORMAT = "hhsim-poses"
@@ -158,7 +157,7 @@ def write_submission(submission: Submission, path: Path) -> None:
     if suffix == ".csv":
         write_atomically(path, format_poses(submission).encode())
     elif suffix in HDF5_SUFFIXES:
-        write_atomically(path, sealed(hdf5_image(lambda file: _write_hdf5(submission, file))))
+        write_atomically(path, sealed_hdf5(lambda file: _write_hdf5(submission, file)))
     else:
         raise OutputError(f"{path}: unknown suffix '{suffix}'; expected .csv or .h5")
 
