@@ -7,14 +7,14 @@ repetition, against the true mesh, by coal: how deep the hand is in it, and how 
 says is pushed.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray
-from hhsim.bench.run_errors import NEAR, hand_clearance, placed_of
+from hhsim.bench.run_errors import NEAR, check_finite, first_hold_tremor, hand_clearance, placed_of
 from hhsim.bench.sampled_ticks import sampled
 from hhsim.errors import HhsimError, InputError, check_known
 from hhsim.hand.configuration import HandConfiguration
@@ -27,7 +27,6 @@ from hhsim.metrics import metrics
 from hhsim.metrics.run.registry import run_figure
 from hhsim.metrics.run_ticks import RunTicks, hold_slices
 from hhsim.motion.trajectory import TickInput
-from hhsim.replay.tremor_hold import tremor_variation
 from hhsim.scene.motion_catalogue import load_script, script_names
 from hhsim.scene.scene import make_scene
 from hhsim.scene.synthesis import synthesize
@@ -259,9 +258,7 @@ def _repeat(hand: HandModel, scene: _Scene, run: PeerRun, options: PeersOptions)
     surface, contact = scene.surfaces[run.peer.surface], scene.contact
     try:
         record = HandSolver(hand, surface, solver_options).run(*HandConfiguration.of(scene.haptic))
-        finite = np.isfinite(record.joints).all(axis=(1, 2, 3))
-        if not finite.all():
-            raise HhsimError(f"the graphic hand is not finite after tick {int(finite.argmin())}")
+        check_finite(record)
         if run.errors is None:
             run.seconds = 1e-9 * float(record.duration_cpu.sum())
             run.errors = _errors(hand, scene, surface, solver_options, record, options)
@@ -313,7 +310,7 @@ def _errors(
         palm_lag_max=_most(off[~scene.contact & ~(push > 0.0).any(axis=1)]),
         force_hold=run_figure("force_hold_mean", run),
         force_variation_hold=run_figure("force_variation_hold", run),
-        force_variation_tremor=_tremor(hand, scene, surface, solver_options, record, options),
+        force_variation_tremor=first_hold_tremor(hand, surface, solver_options, haptic, record, options.seed),
         force_step=run_figure("force_step", run),
         force_step_newton=_most(steps),
         samples=len(looked),
@@ -329,20 +326,3 @@ def pushes(record: TickRecord) -> FloatArray:
 
 def _most(values: FloatArray) -> float:
     return float(values.max()) if values.size else np.nan
-
-
-def _tremor(
-    hand: HandModel,
-    scene: _Scene,
-    surface: Any,
-    solver_options: SolverOptions,
-    record: TickRecord,
-    options: PeersOptions,
-) -> float:
-    """Mean force variation [%] of the first hold, repeated by a hand that trembles."""
-    holds: Sequence[slice] = hold_slices(scene.haptic.phases, scene.haptic.tick_count)
-    if not holds:
-        return np.nan
-    held, shown = (HandConfiguration.of(posed).at(holds[0]) for posed in (scene.haptic, record))
-    found = tremor_variation(hand, surface, solver_options, held, shown, options.rate, options.seed)
-    return np.nan if found is None else found.mean

@@ -15,7 +15,7 @@ import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.bench.mesh_errors import MOST_HANDS, MeshReferee
-from hhsim.bench.run_errors import ErrorScene, RunErrors, digest_of, error_scene, run_errors
+from hhsim.bench.run_errors import ErrorScene, RunErrors, check_finite, digest_of, error_scene, run_errors
 from hhsim.errors import HhsimError, InputError, check_known
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
@@ -294,9 +294,7 @@ def _repeat(hand: HandModel, scene: _Scene, run: Run) -> None:
         if window.start > 0:
             _begin_at(solver, hand, scene, configuration, window.start)
         record = solver.run(*HandConfiguration.of(haptic).at(window))
-        finite = np.isfinite(record.joints).all(axis=(1, 2, 3))
-        if not finite.all():
-            raise HhsimError(f"the graphic hand is not finite after tick {int(finite.argmin())}")
+        check_finite(record)
         digest = digest_of(record)
         if run.errors is None:
             run.errors = run_errors(scene.errors, surface, options, record, window)

@@ -14,6 +14,7 @@ from hhsim.bench.robustness.case import DEEPEST, Figure, Outcome
 from hhsim.bench.robustness.failure import recorded_penetration
 from hhsim.bench.robustness.local_optimality import way_out
 from hhsim.bench.robustness.pieces import Pieces
+from hhsim.bench.run_errors import placed_of
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.hand.model import HandModel
@@ -82,14 +83,9 @@ def limit_excess(hand: HandModel, record: TickRecord) -> float:
     return float(max(0.0, np.max(low), np.max(high))) if np.isfinite(record.flexion).all() else float("nan")
 
 
-def shown_hand(record: TickRecord) -> PlacedHand:
-    """The graphic hand of a run."""
-    return PlacedHand(record.joints, record.position, record.orientation)
-
-
 def shown_points(record: TickRecord) -> FloatArray:
     """Joints and palm of the shown hand [m], shape (T, 21, 3): where it is, in one kind of number."""
-    return shown_hand(record).points
+    return placed_of(record).points
 
 
 def motion_difference(first: TickRecord, second: TickRecord) -> float:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.bench.robustness.acceptance import least_clearance, part_of, shown_hand
+from hhsim.bench.robustness.acceptance import least_clearance, part_of
 from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome
 from hhsim.bench.robustness.postures import FIST, HALF, INDEX, POINTING, threaded, tip_at
 from hhsim.bench.robustness.sphere_objects import BALL_RADIUS, ball, mould, plate, right_hand, ring, tree_of, usual_ball
@@ -17,6 +17,7 @@ from hhsim.bench.robustness.triangle_objects import (
     roof_mesh,
     usual_ball_mesh,
 )
+from hhsim.bench.run_errors import placed_of
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.hand.quaternion import quaternion, quaternion_product
@@ -170,7 +171,7 @@ def _judge_inside(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
     for outcome in outcomes:
         record = outcome.ticks
         unmarked += not record.status[0] & STATUS_START_INSIDE
-        held = shown_hand(part_of(record, 0, 100))
+        held = placed_of(part_of(record, 0, 100))
         gap = max(gap, float(least_clearance(outcome.run.hand, outcome.surface, held, 1.0)[-1]))
         away = max(away, float(np.linalg.norm(record.position[-1] - outcome.run.motion.position[-1])))
     return [

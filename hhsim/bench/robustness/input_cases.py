@@ -10,7 +10,6 @@ from hhsim.bench.robustness.acceptance import (
     least_clearance,
     motion_difference,
     part_of,
-    shown_hand,
     shown_points,
     sound_samples,
 )
@@ -18,6 +17,7 @@ from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome
 from hhsim.bench.robustness.postures import HALF, POINTING, crossings, handling, tip_at
 from hhsim.bench.robustness.sphere_objects import ball, disc, plate, right_hand, tree_of, usual_ball
 from hhsim.bench.robustness.triangle_objects import ball_mesh, box_mesh, disc_mesh, usual_ball_mesh
+from hhsim.bench.run_errors import placed_of
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.quaternion import quaternion, quaternion_product
 from hhsim.metrics.metrics import frozen_decay
@@ -44,7 +44,7 @@ def _deep(seed: int) -> Sequence[HardRun]:
 def _judge_deep(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
     outcome = outcomes[0]
     record = outcome.ticks
-    gap = float(least_clearance(outcome.run.hand, outcome.surface, shown_hand(part_of(record, -1)), 1.0)[0])
+    gap = float(least_clearance(outcome.run.hand, outcome.surface, placed_of(part_of(record, -1)), 1.0)[0])
     still_after = frozen_decay(record.total[190:])
     return [
         Figure("gap to the surface at the end", gap, TOUCHING, "m"),

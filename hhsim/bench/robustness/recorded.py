@@ -17,10 +17,11 @@ from hhsim.bench.robustness.acceptance import unexplained_stuck
 from hhsim.bench.robustness.failure import SAFE_DEPTH, not_finite, recorded_penetration
 from hhsim.bench.robustness.pieces import Pieces, hand_distance, pieces_of
 from hhsim.bench.robustness.recorded_metrics import RecordedFigures, longest_run
+from hhsim.bench.run_errors import placed_of
 from hhsim.errors import HhsimError, InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
-from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
+from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.kernels.tick.block import TickRecord
@@ -236,7 +237,7 @@ def run_scene(
         unexplained += unexplained_stuck(scene.hand, pieces, solver, motion, record)
         brute.look(record, np.flatnonzero(touching))
         some = touching & ((first + np.arange(len(touching))) % looked_at == 0)
-        placed = PlacedHand(record.joints, record.position, record.orientation)
+        placed = placed_of(record)
         off_mesh.append(statistics(touched_object.contact_error(placed, some)).max)
         check()
     status, force, lag, depth, lost, touched = (np.concatenate(values) for values in zip(*blocks))
