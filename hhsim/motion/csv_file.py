@@ -24,7 +24,7 @@ the next line begins. Raw channels are not part of a CSV file.
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -113,7 +113,7 @@ def parse_csv(text: str, *, name: str = "") -> Trajectory:
             continue
         if len(cells) != len(header):
             raise TrajectoryError(f"line {number} has {len(cells)} values; expected {len(header)} as in the header")
-        rows.append(_numbers(cells, columns, order, number))
+        rows.append(numbers_of(cells, columns, order, number))
         names.append(cells[phase_column].strip() if phase_column is not None else "")
         if flags_column is not None:
             flags.append(cells[flags_column])
@@ -170,7 +170,12 @@ def _check_header(header: Sequence[str]) -> None:
             raise TrajectoryError(f"the header has column {column} twice")
 
 
-def _numbers(cells: Sequence[str], columns: Sequence[str], order: Sequence[int], line: int) -> list[float]:
+def numbers_of(cells: Sequence[str], columns: Sequence[str], order: Iterable[int], line: int) -> list[float]:
+    """The numbers in the cells of `columns`, which stand at the places `order`.
+
+    Raises:
+        TrajectoryError: A cell holds none; the message names its line and its column.
+    """
     values = []
     for column, index in zip(columns, order):
         try:

@@ -34,7 +34,7 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import DamagedFileError, InputError, OutputError, UnknownNameError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
-from hhsim.motion.csv_file import ABDUCTION_COLUMNS, FLEXION_COLUMNS, read_remarks
+from hhsim.motion.csv_file import ABDUCTION_COLUMNS, FLEXION_COLUMNS, numbers_of, read_remarks
 from hhsim.system.atomic_write import sealed_hdf5, write_atomically
 from hhsim.system.hdf5_input import DAMAGE, open_hdf5
 
@@ -196,11 +196,7 @@ def parse_poses(text: str) -> tuple[dict[str, str], dict[str, FloatArray]]:
             continue
         if len(cells) != len(header):
             raise InputError(f"line {number} has {len(cells)} values; expected {len(header)} as in the header")
-        try:
-            rows.append([float(cell) for cell in cells])
-        except ValueError:
-            place = next(i for i, cell in enumerate(cells) if not _is_number(cell))
-            raise InputError(f"line {number}: {header[place]} is '{cells[place]}'; expected a number") from None
+        rows.append(numbers_of(cells, header, range(len(header)), number))
     table = np.array(rows, dtype=np.float64).reshape(len(rows), len(header))
     arrays = {}
     for name, part in PARTS.items():
@@ -230,14 +226,6 @@ def _columns(headings: Sequence[str]) -> list[str]:
             more = f" and {len(missing) - 4} more" if len(missing) > 4 else ""
             raise InputError(f"the header lacks {', '.join(missing[:4])}{more}")
     return found
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
 
 
 def _read_hdf5(path: Path) -> tuple[dict[str, str], dict[str, FloatArray]]:
