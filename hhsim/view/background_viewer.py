@@ -87,7 +87,7 @@ class ViewAhead:
             HhsimError: It cannot get ready.
         """
         if self._channel is not None and not self._ready:
-            self._answer("ready", None)
+            self._answer("ready", silent)
             self._ready = True
 
     def show(self, path: Path, progress: Progress = silent) -> "Viewed":

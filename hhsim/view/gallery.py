@@ -167,7 +167,7 @@ def _send(stream: Any, one: Shown, every: int, *, spheres: bool) -> None:
         result: Result = one.content
         viewer = RerunScene(stream, shown_scene(result, spheres=spheres))
         with opened(one.path) as file:
-            send_ticks(viewer, result, file, LIVE_PLOTS if LIVE_TICK in file else RESULT_PLOTS, every, None)
+            send_ticks(viewer, result, file, LIVE_PLOTS if LIVE_TICK in file else RESULT_PLOTS, every, silent)
         return
     stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     if one.kind == "motion":
