@@ -8,10 +8,10 @@ import sys
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, TypeAlias
+from typing import Any
 
-Report: TypeAlias = Callable[[str, int, int], None]
-"""Called with what is being done, how much of it is done, and how much there is."""
+from hhsim.system.progress import Progress, silent
+
 SILENCE = 30.0
 """How long nothing is said of long work where there is no bar [s]."""
 BAR = "hhsim.bar"
@@ -171,7 +171,7 @@ def print_notes(notes: Sequence[str], *, prefix: str = "note") -> None:
 
 
 @contextmanager
-def progress(*, quiet: bool, lines: bool = False) -> Iterator[Report | None]:
+def progress(*, quiet: bool, lines: bool = False) -> Iterator[Progress]:
     """Show a bar on stderr while the work reports, unless it should be quiet.
 
     Args:
@@ -179,11 +179,12 @@ def progress(*, quiet: bool, lines: bool = False) -> Iterator[Report | None]:
         lines: For long work: where stderr is no terminal, print a line now and then. Else nothing is shown there.
     """
     if quiet or not sys.stderr.isatty():
-        yield _line_by_line() if lines and not quiet else None
+        yield _line_by_line() if lines and not quiet else silent
         return
     import click
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
 
     # What is being done, the seconds that it has taken, and the share of it that is done.
     columns = (
@@ -193,7 +194,7 @@ def progress(*, quiet: bool, lines: bool = False) -> Iterator[Report | None]:
         TextColumn("{task.fields[amount]}"),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("getting ready", total=None, amount="")
         now = "getting ready"
 
@@ -217,7 +218,7 @@ def progress(*, quiet: bool, lines: bool = False) -> Iterator[Report | None]:
                 del context.meta[BAR]
 
 
-def _line_by_line() -> Report:
+def _line_by_line() -> Progress:
     """A line on stderr for each tenth of the work, and after half a minute without one."""
     total_before, tenth_before, told = -1, 0, 0.0
 

@@ -13,12 +13,10 @@ class LazyGroup(click.Group):
     """A group that imports a command when it is run.
 
     Args:
-        name: Of the group.
         lines: Every command with its one line, in the order of the help.
         module: Name of the module, in this package, that holds a command as `command`.
         kind: What its commands are called.
         meant: What to type instead of words that are no command, but that people try.
-        options: As for click.Group.
     """
 
     def __init__(

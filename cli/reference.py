@@ -57,7 +57,6 @@ class CommandHelp:
 
     Attributes:
         path: How it is called, such as `hhsim live glove`.
-        command: The command.
         context: That its help is made in.
     """
 

@@ -74,8 +74,7 @@ def command(
 
     chosen = SweepOptions(jobs or 0, scheduler, retry_failed, not summary_only)
     with progress(quiet=quiet, lines=True) as report:
-        if report is not None:
-            report("reading the plan", 0, 1)
+        report("reading the plan", 0, 1)
         read = load_plan(plan)
         folder = SweepFolder(out or RESULTS / read.name)
         if not quiet and not as_json:

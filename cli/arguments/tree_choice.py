@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
-from ..console import Report
+from hhsim.system.progress import Progress
+
 from .option_group import OptionGroup, option
 from .options import FILE
 
@@ -68,7 +69,7 @@ class TreeChoice(OptionGroup, heading="Sphere tree"):
         "coarsest level that is proved to be within it.",
     )
 
-    def choose(self, mesh: "Mesh", usual_level: int, report: Report | None, *, solid: bool = True) -> ChosenTree:
+    def choose(self, mesh: "Mesh", usual_level: int, report: Progress, *, solid: bool = True) -> ChosenTree:
         """Build the tree, or take it from the cache; without `solid` also of triangles that enclose nothing.
 
         Raises:

@@ -18,7 +18,6 @@ def run_session(setup: "LiveSetup", heading: str, *, quiet: bool) -> "tuple[Sess
     """Run a session to its end, on whatever way.
 
     Args:
-        setup: Of the session.
         heading: What runs, for the display.
         quiet: Show nothing but warnings and faults.
 

@@ -71,7 +71,6 @@ class LiveStatus:
 
         Args:
             status: The session's record of `LIVE_STATUS`.
-            tally: Of its ticks.
             recording: Where the recording goes, "" for nowhere.
             palm: That the keys move; None where they do not.
         """
@@ -110,7 +109,6 @@ def status_rows(status: Any, tally: "LiveTally", recording: str, now_ns: int) ->
 
     Args:
         status: One record of `LIVE_STATUS`.
-        tally: Of the session's ticks.
         recording: Where it goes, "" for nowhere.
         now_ns: CLOCK_MONOTONIC [ns].
     """

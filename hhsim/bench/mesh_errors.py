@@ -7,8 +7,8 @@ in it, is told by coal (`hhsim.verify.mesh_distance`), which shares no code with
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.bench.sampled_ticks import sampled
 from hhsim.errors import MeshError
 from hhsim.hand.forward_kinematics import PlacedHand
@@ -18,9 +18,6 @@ from hhsim.metrics.contact_points import find_contact_points
 from hhsim.verify.mesh_distance import HandReferee
 from hhsim.verify.tree_checks import coal_model, nearest_on
 from hhsim.verify.verify import require_coal
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 MOST_HANDS = 400
 """Hands of a run whose depth is measured, at 6 to 18 ms each: all that differ in a grasp, two in five in a slide."""
@@ -86,7 +83,6 @@ class MeshReferee:
 
         Args:
             surface: What the run touched, world: the arrays of a surface.
-            shape: Sizes of the hand.
             placed: Where the hand was at every tick.
             touch: A body and a piece of the surface no farther apart than this touch [m].
             contact: Ticks to look at, ascending.

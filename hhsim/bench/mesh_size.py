@@ -9,7 +9,6 @@ all sizes take turns in this one, so that what else the machine does falls on al
 import resource
 import sys
 import time
-from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from multiprocessing import get_context
@@ -18,8 +17,8 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.bench.table import Column
 from hhsim.errors import HhsimError, InputError, check_known
 from hhsim.hand.configuration import HandConfiguration
@@ -33,14 +32,13 @@ from hhsim.scene.scene import make_scene
 from hhsim.solver.compile import warm_up
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
+from hhsim.system.progress import Progress, silent
 from hhsim.trees.cache import cache_path, cached_sphere_tree
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.triangle_tree import tree_of_any
 
-FloatArray = NDArray[np.float64]
 Row = dict[str, Any]
-Progress = Callable[[str, int, int], None]
 
 METHODS = ("coupled", "progressive")
 MOTION = "grasp"
@@ -141,7 +139,7 @@ class _Size:
     again: Preparation
     surface: Any
     cpu: dict[str, list[FloatArray]] = field(default_factory=lambda: {method: [] for method in METHODS})
-    work: dict[str, NDArray[np.int64]] = field(default_factory=dict)
+    work: dict[str, IntArray] = field(default_factory=dict)
     failure: dict[str, str] = field(default_factory=dict)
 
     def tick_cpu(self, method: str) -> FloatArray:
@@ -151,17 +149,12 @@ class _Size:
         return 1e-9 * np.median(self.cpu[method], axis=0)[self.work[method][:, WORK_TOUCHING] > 0]
 
 
-def measure(options: MeshSizeOptions, progress: Progress | None = None) -> list[Row]:
+def measure(options: MeshSizeOptions, progress: Progress = silent) -> list[Row]:
     """Measure every size with both methods; a row each, by the names of `COLUMNS`.
-
-    Args:
-        options: What.
-        progress: Called with what is being done, how much is done and how much there is.
 
     Raises:
         TrajectoryError: The object cannot be grasped.
     """
-    report = progress or (lambda what, done, total: None)
     hand = HandModel.default()
     for method in METHODS:
         warm_up(hand, SolverOptions(method=method, surface="mesh"))
@@ -171,10 +164,10 @@ def measure(options: MeshSizeOptions, progress: Progress | None = None) -> list[
     sizes = []
     wanted = (0, *sorted(options.subdivisions))
     for i, times in enumerate(wanted):
-        report("getting ready", i, len(wanted))
+        progress("getting ready", i, len(wanted))
         sizes.append(_size(finer_mesh(mesh, times)))
     for number in range(ROUNDS):
-        report(f"round {number + 1} of {ROUNDS}", number, ROUNDS)
+        progress(f"round {number + 1} of {ROUNDS}", number, ROUNDS)
         for size in sizes if number % 2 == 0 else reversed(sizes):
             for method in METHODS:
                 _run(hand, haptic, size, method)

@@ -7,14 +7,14 @@ repetition, against the true mesh, by coal: how deep the hand is in it, and how 
 says is pushed.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hhsim.bench.run_errors import NEAR, hand_clearance, placed_of
+from hhsim.arrays import BoolArray, FloatArray
+from hhsim.bench.run_errors import NEAR, check_finite, first_hold_tremor, hand_clearance, placed_of
 from hhsim.bench.sampled_ticks import sampled
 from hhsim.errors import HhsimError, InputError, check_known
 from hhsim.hand.configuration import HandConfiguration
@@ -27,7 +27,6 @@ from hhsim.metrics import metrics
 from hhsim.metrics.run.registry import run_figure
 from hhsim.metrics.run_ticks import RunTicks, hold_slices
 from hhsim.motion.trajectory import TickInput
-from hhsim.replay.tremor_hold import tremor_variation
 from hhsim.scene.motion_catalogue import load_script, script_names
 from hhsim.scene.scene import make_scene
 from hhsim.scene.synthesis import synthesize
@@ -37,13 +36,11 @@ from hhsim.solver.known_methods import declared_methods, find_method
 from hhsim.solver.method import FORCES
 from hhsim.solver.options import SolverOptions
 from hhsim.system.deferred_sigint import interruptible_between
+from hhsim.system.progress import Progress, silent
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.verify.mesh_distance import HandReferee
 from hhsim.verify.verify import require_coal
-
-FloatArray = NDArray[np.float64]
-Progress = Callable[[str, int, int], None]
 
 OURS: tuple[tuple[str, str], ...] = (("coupled", "mesh"), ("coupled", "spheres"), ("penalty", "spheres"))
 """Our methods, and what of the object they touch."""
@@ -112,7 +109,6 @@ class Peer:
     """A method, and which surface of ours it is given.
 
     Attributes:
-        method: Its name.
         surface: Engines make one of their own of mesh or tree, and are judged on the mesh.
     """
 
@@ -155,7 +151,6 @@ class PeerRun:
         object_name, motion, peer: What was run.
         cpu: CPU times of the ticks in contact [s], one array of shape (n,) a repetition.
         native: Of the same, what the engine says that its own step took.
-        errors: Of the first repetition.
         seconds: CPU time of all ticks of the first repetition, in contact or not.
         failure: Why it could not be run, or "".
     """
@@ -186,7 +181,7 @@ class _Scene:
     motion: str
     mesh: Mesh
     haptic: TickInput
-    contact: NDArray[np.bool_]
+    contact: BoolArray
     referee: HandReferee
     surfaces: dict[str, Any]
 
@@ -212,12 +207,8 @@ def installed(options: PeersOptions) -> tuple[list[Peer], list[str]]:
     return found, notes
 
 
-def measure(options: PeersOptions, progress: Progress | None = None) -> list[PeerRun]:
+def measure(options: PeersOptions, progress: Progress = silent) -> list[PeerRun]:
     """Run everything that is installed.
-
-    Args:
-        options: What.
-        progress: Called with what is being done, how much is done and how much there is.
 
     Returns:
         The runs, scene by scene, method by method.
@@ -238,9 +229,8 @@ def measure(options: PeersOptions, progress: Progress | None = None) -> list[Pee
     with interruptible_between() as check_interrupt:
         for repetition in range(options.repetitions):
             for scene, run in work if repetition % 2 == 0 else reversed(work):
-                if progress is not None:
-                    what = f"{run.peer.method}, {scene.object_name}, {scene.motion}"
-                    progress(f"{what}, repetition {repetition + 1} of {options.repetitions}", done, total)
+                what = f"{run.peer.method}, {scene.object_name}, {scene.motion}"
+                progress(f"{what}, repetition {repetition + 1} of {options.repetitions}", done, total)
                 if not run.failure and run.seconds <= LONG:
                     _repeat(hand, scene, run, options)
                 done += 1
@@ -248,10 +238,9 @@ def measure(options: PeersOptions, progress: Progress | None = None) -> list[Pee
     return [run for _, run in work]
 
 
-def _scenes(hand: HandModel, options: PeersOptions, progress: Progress | None) -> Iterator[_Scene]:
+def _scenes(hand: HandModel, options: PeersOptions, progress: Progress) -> Iterator[_Scene]:
     for i, name in enumerate(options.objects):
-        if progress is not None:
-            progress("scenes", i, len(options.objects))
+        progress("scenes", i, len(options.objects))
         mesh = load_object(name).mesh
         tree = cached_sphere_tree(mesh)
         surfaces = {surface: contact_surface(surface, mesh, tree) for surface in ("mesh", "spheres")}
@@ -269,9 +258,7 @@ def _repeat(hand: HandModel, scene: _Scene, run: PeerRun, options: PeersOptions)
     surface, contact = scene.surfaces[run.peer.surface], scene.contact
     try:
         record = HandSolver(hand, surface, solver_options).run(*HandConfiguration.of(scene.haptic))
-        finite = np.isfinite(record.joints).all(axis=(1, 2, 3))
-        if not finite.all():
-            raise HhsimError(f"the graphic hand is not finite after tick {int(finite.argmin())}")
+        check_finite(record)
         if run.errors is None:
             run.seconds = 1e-9 * float(record.duration_cpu.sum())
             run.errors = _errors(hand, scene, surface, solver_options, record, options)
@@ -323,7 +310,7 @@ def _errors(
         palm_lag_max=_most(off[~scene.contact & ~(push > 0.0).any(axis=1)]),
         force_hold=run_figure("force_hold_mean", run),
         force_variation_hold=run_figure("force_variation_hold", run),
-        force_variation_tremor=_tremor(hand, scene, surface, solver_options, record, options),
+        force_variation_tremor=first_hold_tremor(hand, surface, solver_options, haptic, record, options.seed),
         force_step=run_figure("force_step", run),
         force_step_newton=_most(steps),
         samples=len(looked),
@@ -339,20 +326,3 @@ def pushes(record: TickRecord) -> FloatArray:
 
 def _most(values: FloatArray) -> float:
     return float(values.max()) if values.size else np.nan
-
-
-def _tremor(
-    hand: HandModel,
-    scene: _Scene,
-    surface: Any,
-    solver_options: SolverOptions,
-    record: TickRecord,
-    options: PeersOptions,
-) -> float:
-    """Mean force variation [%] of the first hold, repeated by a hand that trembles."""
-    holds: Sequence[slice] = hold_slices(scene.haptic.phases, scene.haptic.tick_count)
-    if not holds:
-        return np.nan
-    held, shown = (HandConfiguration.of(posed).at(holds[0]) for posed in (scene.haptic, record))
-    found = tremor_variation(hand, surface, solver_options, held, shown, options.rate, options.seed)
-    return np.nan if found is None else found.mean

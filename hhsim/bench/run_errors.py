@@ -9,10 +9,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import BoolArray, FloatArray
 from hhsim.bench.mesh_errors import MeshReferee
 from hhsim.bench.sampled_ticks import sampled
+from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
@@ -24,9 +25,6 @@ from hhsim.motion.trajectory import TickInput
 from hhsim.replay.tremor_hold import tremor_variation
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.reference_optimum import best_hands, reference_excess
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 NEAR = 1e-3
 """A tick is one in contact if the haptic hand is nearer than this to the mesh, or inside [m]."""
@@ -71,9 +69,7 @@ class ErrorScene:
     """What the errors of a run are measured against, the same for every method and surface.
 
     Attributes:
-        hand: The hand.
         referee: Of the true mesh, world.
-        haptic: The input.
         haptic_placed: The haptic hand at every tick.
         optimum: The graphic hand of the converged optimum on the mesh, every tick.
         contact: Ticks in contact, shape (T,); the haptic hand decides, so that they are the same for every method.
@@ -100,9 +96,7 @@ def error_scene(
     """Prepare what runs on one motion and object are measured against.
 
     Args:
-        hand: The hand.
         referee: Of the true mesh, world.
-        haptic: The input.
         surface: The same mesh in the kernels' form, closed or not: the arrays of the surface `mesh`.
         options: Stiffness and lengths of the runs.
         seed: Of the tremor.
@@ -128,6 +122,29 @@ def placed_of(record: TickRecord) -> PlacedHand:
     return PlacedHand(record.joints, record.position, record.orientation)
 
 
+def check_finite(record: TickRecord) -> None:
+    """Refuse a run that lost the hand.
+
+    Raises:
+        HhsimError: A joint of the graphic hand is nowhere; the message names the first such tick.
+    """
+    finite = np.isfinite(record.joints).all(axis=(1, 2, 3))
+    if not finite.all():
+        raise HhsimError(f"the graphic hand is not finite after tick {int(finite.argmin())}")
+
+
+def first_hold_tremor(
+    hand: HandModel, surface: Any, options: SolverOptions, haptic: TickInput, record: TickRecord, seed: int
+) -> float:
+    """Mean force variation [%] of the first hold, repeated by a hand that trembles; NaN where there is none."""
+    holds = hold_slices(haptic.phases, haptic.tick_count)
+    if not holds:
+        return np.nan
+    held, shown = (HandConfiguration.of(posed).at(holds[0]) for posed in (haptic, record))
+    found = tremor_variation(hand, surface, options, held, shown, haptic.rate, seed)
+    return np.nan if found is None else found.mean
+
+
 def digest_of(record: TickRecord) -> str:
     """Of the poses and forces of a run: the same for the same bytes."""
     digest = hashlib.sha256()
@@ -148,10 +165,7 @@ def run_errors(
     """Measure a run.
 
     Args:
-        scene: What to measure against.
         surface: What the run touched, world: the arrays of the surface that its options name.
-        options: Those of the run.
-        record: Its ticks.
         window: Ticks of the scene that the run did; figures of the holds need all of them and are NaN otherwise.
     """
     placed = placed_of(record)
@@ -191,7 +205,9 @@ def run_errors(
         off_optimum_max=float(off.max()) if off.size else np.nan,
         force_hold=run_figure("force_hold_mean", run),
         force_variation_hold=run_figure("force_variation_hold", run),
-        force_variation_tremor=_tremor(scene, surface, options, record) if held else np.nan,
+        force_variation_tremor=(
+            first_hold_tremor(scene.hand, surface, options, scene.haptic, record, scene.seed) if whole else np.nan
+        ),
         force_ripple=run_figure("force_ripple_hold", run),
         force_step=run_figure("force_step", run),
         posture_jump_max=metrics.statistics(jump).max,
@@ -233,11 +249,3 @@ def _excess(
     graphic = HandConfiguration.of(record)
     excess = reference_excess(scene.hand, surface, options, haptic, graphic, chosen)
     return metrics.statistics(excess).mean
-
-
-def _tremor(scene: ErrorScene, surface: Any, options: SolverOptions, record: TickRecord) -> float:
-    """Mean force variation [%] of the first hold, repeated by a hand that trembles."""
-    part, haptic = scene.holds[0], HandConfiguration.of(scene.haptic)
-    held, shown = haptic.at(part), HandConfiguration.of(record).at(part)
-    found = tremor_variation(scene.hand, surface, options, held, shown, scene.haptic.rate, scene.seed)
-    return np.nan if found is None else found.mean

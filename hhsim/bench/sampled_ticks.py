@@ -3,9 +3,8 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-IntArray = NDArray[np.int64]
+from hhsim.arrays import IntArray
 
 
 def sampled(ticks: IntArray, count: int, also: Sequence[int] = ()) -> IntArray:

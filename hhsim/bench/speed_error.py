@@ -7,15 +7,15 @@ all of them; of each tick the median of the repetitions counts. The errors are t
 the mesh and the optimum on it; the others must give the same poses.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.bench.mesh_errors import MOST_HANDS, MeshReferee
-from hhsim.bench.run_errors import ErrorScene, RunErrors, digest_of, error_scene, run_errors
+from hhsim.bench.run_errors import ErrorScene, RunErrors, check_finite, digest_of, error_scene, run_errors
 from hhsim.errors import HhsimError, InputError, check_known
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
@@ -31,14 +31,11 @@ from hhsim.solver.options import SolverOptions
 from hhsim.solver.qp import ACTIVE_SET, available_backends
 from hhsim.solver.surface import SURFACES
 from hhsim.system.deferred_sigint import interruptible_between
+from hhsim.system.progress import Progress, silent
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.options import MOST_LEVEL, TreeOptions
 from hhsim.verify.verify import require_coal
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-Progress = Callable[[str, int, int], None]
 
 DEFAULT_LEVEL = 4
 NO_LEVEL = 0
@@ -160,7 +157,6 @@ class Run:
         object_name, motion, configuration: What was run.
         cpu, wall: Times of the ticks in contact [s], one array of shape (n,) a repetition.
         candidates, work: Candidate pairs and work units of the same ticks, shape (n,).
-        errors: Of the first repetition.
         digest: Of its poses and forces.
         repeatable: Whether all repetitions had the same.
         ticks: In each repetition.
@@ -235,12 +231,8 @@ def backend_configurations(options: SpeedErrorOptions) -> list[Configuration]:
     ]
 
 
-def measure(options: SpeedErrorOptions, progress: Progress | None = None) -> list[Run]:
+def measure(options: SpeedErrorOptions, progress: Progress = silent) -> list[Run]:
     """Run everything.
-
-    Args:
-        options: What.
-        progress: Called with what is being done, how much is done and how much there is.
 
     Returns:
         The runs, scene by scene, configuration by configuration.
@@ -265,8 +257,7 @@ def measure(options: SpeedErrorOptions, progress: Progress | None = None) -> lis
     with interruptible_between() as check_interrupt:
         for repetition in range(options.repetitions):
             for scene, run in work if repetition % 2 == 0 else reversed(work):
-                if progress is not None:
-                    progress(f"runs, repetition {repetition + 1} of {options.repetitions}", done, total)
+                progress(f"runs, repetition {repetition + 1} of {options.repetitions}", done, total)
                 if not run.failure:
                     _repeat(hand, scene, run)
                 done += 1
@@ -274,7 +265,7 @@ def measure(options: SpeedErrorOptions, progress: Progress | None = None) -> lis
     return [run for _, run in work]
 
 
-def _scenes(hand: HandModel, options: SpeedErrorOptions, progress: Progress | None) -> Iterator[_Scene]:
+def _scenes(hand: HandModel, options: SpeedErrorOptions, progress: Progress) -> Iterator[_Scene]:
     count = len(options.objects) * len(options.motions)
     for i, name in enumerate(options.objects):
         mesh = load_object(name).mesh
@@ -286,8 +277,7 @@ def _scenes(hand: HandModel, options: SpeedErrorOptions, progress: Progress | No
         surfaces["mesh", NO_LEVEL] = triangles
         referee = MeshReferee(mesh, options.hands)
         for j, motion in enumerate(options.motions):
-            if progress is not None:
-                progress("scenes, with their optima", i * len(options.motions) + j, count)
+            progress("scenes, with their optima", i * len(options.motions) + j, count)
             trajectory = synthesize(load_script(motion), hand, finest, options.seed)
             ticks = make_scene(mesh, finest, hand, trajectory, rate=options.rate).ticks
             errors = error_scene(hand, referee, ticks, triangles, SolverOptions(), options.seed)
@@ -304,9 +294,7 @@ def _repeat(hand: HandModel, scene: _Scene, run: Run) -> None:
         if window.start > 0:
             _begin_at(solver, hand, scene, configuration, window.start)
         record = solver.run(*HandConfiguration.of(haptic).at(window))
-        finite = np.isfinite(record.joints).all(axis=(1, 2, 3))
-        if not finite.all():
-            raise HhsimError(f"the graphic hand is not finite after tick {int(finite.argmin())}")
+        check_finite(record)
         digest = digest_of(record)
         if run.errors is None:
             run.errors = run_errors(scene.errors, surface, options, record, window)

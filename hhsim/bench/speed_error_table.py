@@ -6,8 +6,9 @@ from dataclasses import asdict, fields
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from hhsim.arrays import AnyArray, IntArray
 from hhsim.bench.run_errors import RunErrors
 from hhsim.bench.speed_error import NO_LEVEL, Configuration, Run
 from hhsim.bench.table import Column, metric_column
@@ -165,17 +166,17 @@ def _summed_up(name: str, values: Sequence[float]) -> float | int:
     return found.max if name in WORST else found.mean
 
 
-def joined(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
+def joined(parts: Sequence[AnyArray]) -> AnyArray:
     """The ticks of several runs in one array; empty where there is no run."""
     return np.concatenate(parts) if parts else np.zeros(0)
 
 
-def percentile(values: NDArray[Any], percent: float) -> float:
+def percentile(values: AnyArray, percent: float) -> float:
     """Of the ticks of a group of runs; NaN where there are none."""
     return float(np.percentile(values, percent)) if values.size else np.nan
 
 
-def frontier(time: ArrayLike, error: ArrayLike, gain: float = 0.0) -> NDArray[np.int64]:
+def frontier(time: ArrayLike, error: ArrayLike, gain: float = 0.0) -> IntArray:
     """Indices of the points that no other point beats, by growing time.
 
     A point beats another if it is no worse in both and better in one. Of equal points the first counts; a point with a

@@ -15,13 +15,12 @@ from typing import Any, TypeAlias
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import AnyArray
 from hhsim.errors import DamagedFileError, InputError, OutputError
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.system import environment as info
-from hhsim.system.atomic_write import hdf5_image, write_atomically
-from hhsim.system.checksummed_file import sealed
+from hhsim.system.atomic_write import put_dataset, sealed_hdf5, write_atomically
 from hhsim.system.hdf5_input import DAMAGE, hdf5_format, open_hdf5
 from hhsim.system.output_path import check_output_path
 
@@ -61,7 +60,6 @@ class Table:
         suite: That wrote it.
         columns: In order.
         rows: One dictionary a row, by column name: str, bool, int or float.
-        options: Of the run.
         attributes: The other attributes of the file: versions, machine, revision, time.
     """
 
@@ -106,7 +104,6 @@ def write_table(
     Args:
         output_path: The HDF5 file; its name ends in .h5.
         suite: Name of the suite, as after `hhsim bench`.
-        columns: Of the table.
         rows: A value for every column by its name, no more and no less. A column's values are of one kind: str, bool,
             int or float; None is a missing number (NaN), or a missing word (empty) in a column of words.
         options: Of the run, as JSON-able values.
@@ -136,13 +133,12 @@ def write_table(
         for column in columns:
             values = arrays[column.name]
             kind = h5py.string_dtype() if values.dtype == object else values.dtype
-            dataset = file.create_dataset(column.name, data=values, dtype=kind, track_times=False)
-            dataset.attrs["units"], dataset.attrs["long_name"] = column.unit, column.long_name
+            put_dataset(file, column.name, values, column.unit, column.long_name, dtype=kind)
         file.attrs["complete"] = 1
 
-    image = hdf5_image(fill)
+    image = sealed_hdf5(fill)
     write_atomically(csv_path(output_path), _csv_text(columns, arrays).encode())
-    write_atomically(output_path, sealed(image))
+    write_atomically(output_path, image)
 
 
 def load_table(path: Path) -> Table:
@@ -201,7 +197,7 @@ def _read(file: h5py.File, path: Path) -> Table:
     )
 
 
-def _array(name: str, values: Sequence[Any]) -> NDArray[Any]:
+def _array(name: str, values: Sequence[Any]) -> AnyArray:
     """The values of a column as one array: object (of str), bool, int64 or float64."""
     plain = [value.item() if isinstance(value, np.generic) else value for value in values]
     kinds = {type(value) for value in plain if value is not None}
@@ -218,7 +214,7 @@ def _array(name: str, values: Sequence[Any]) -> NDArray[Any]:
     raise ValueError(f"column {name} mixes {' and '.join(mixed)}: give it values of one kind")
 
 
-def _csv_text(columns: Sequence[Column], arrays: Mapping[str, NDArray[Any]]) -> str:
+def _csv_text(columns: Sequence[Column], arrays: Mapping[str, AnyArray]) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([column.name if column.unit == "1" else f"{column.name} [{column.unit}]" for column in columns])

@@ -7,13 +7,13 @@ they cost is the processor time of all of them, which includes waiting for work.
 """
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.bench.table import Column
 from hhsim.errors import InputError, check_known
 from hhsim.hand.configuration import HandConfiguration
@@ -29,11 +29,9 @@ from hhsim.solver.compile import warm_up
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.method import methods_that
 from hhsim.solver.options import SolverOptions
+from hhsim.system.progress import Progress, silent
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
-
-FloatArray = NDArray[np.float64]
-Progress = Callable[[str, int, int], None]
 
 MOTIONS = {"SF": "touch", "TF": "pinch", "FF": "grasp", "WH": "whole-hand"}
 """The cases of Fig. 15 (single finger, two and five fingers, whole hand) and the motion of the catalogue for each."""
@@ -103,39 +101,38 @@ class _Replay:
     scene: Scene
     labels: dict[str, str]
     solver: SolverOptions
-    instances: NDArray[np.int64] | None = None
+    instances: IntArray | None = None
     contacts: float = 0.0
     rounds: list[FloatArray] = field(default_factory=list)
 
 
-def measure(options: ThreadsOptions, progress: Progress | None = None) -> list[dict[str, Any]]:
+def measure(options: ThreadsOptions, progress: Progress = silent) -> list[dict[str, Any]]:
     """Replay everything in turns; returns a row a replay, by the names of COLUMNS, times in s.
 
     Raises:
         InputError: A motion brings no tick in contact.
     """
-    report = progress or (lambda what, done, total: None)
     hand = HandModel.default()
-    groups = _groups(options, hand, report)
+    groups = _groups(options, hand, progress)
     for method in methods_that("takes_threads"):
         for threads in options.threads:
             warm_up(hand, SolverOptions(method=method, threads=threads))
     total = options.rounds * len(groups)
     for number in range(options.rounds):
         for place, group in enumerate(groups):
-            report(f"round {number + 1} of {options.rounds}", number * len(groups) + place, total)
+            progress(f"round {number + 1} of {options.rounds}", number * len(groups) + place, total)
             # Turn and turn about: who comes first finds other caches than who comes second.
             for i in range(len(group)):
                 _run(group[(i + number) % len(group)], options.instances)
     return [row for group in groups for row in _rows(group)]
 
 
-def _groups(options: ThreadsOptions, hand: HandModel, report: Progress) -> list[list[_Replay]]:
+def _groups(options: ThreadsOptions, hand: HandModel, progress: Progress) -> list[list[_Replay]]:
     # One group for each scene and method: the replays that are compared with each other.
     groups = []
     for name in options.objects:
         mesh = load_object(name).mesh
-        tree = cached_sphere_tree(mesh, TreeOptions(level=options.level), report)
+        tree = cached_sphere_tree(mesh, TreeOptions(level=options.level), progress)
         for case, motion in MOTIONS.items():
             scene = make_scene(mesh, tree, hand, load_script(motion))
             for method in methods_that("takes_threads"):
@@ -164,7 +161,7 @@ def _run(replay: _Replay, instances: int) -> None:
     replay.rounds.append(1e-9 * times)
 
 
-def _sample(replay: _Replay, record: TickRecord, instances: int) -> NDArray[np.int64]:
+def _sample(replay: _Replay, record: TickRecord, instances: int) -> IntArray:
     """Ticks with candidate pairs, evenly spread over the phases in which the hand closes and holds."""
     inside = np.zeros(len(record.status), dtype=bool)
     for phase in replay.scene.ticks.phases:

@@ -4,7 +4,7 @@ Each tree is measured by code that shares nothing with the builder (`hhsim.verif
 where that is not installed as every tree is (`hhsim.trees.error`). Errors are the same in every run; times are not.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import files
 from importlib.util import find_spec
@@ -17,13 +17,13 @@ from hhsim.errors import HhsimError, InputError
 from hhsim.mesh.catalogue import load_object
 from hhsim.mesh.file import read_own_ply
 from hhsim.mesh.mesh import Mesh
+from hhsim.system.progress import Progress, silent
 from hhsim.trees.builder import build_sphere_tree
 from hhsim.trees.options import MOST_LEVEL, TreeOptions
 from hhsim.trees.published_results import BARS, EXTENT, LEAST_GAP, REFERENCES
 from hhsim.trees.sphere_tree import SphereTree
 
 Row = dict[str, Any]
-Progress = Callable[[str, int, int], None]
 
 BRANCHING = 8
 MOST_SPHERES = BRANCHING**MOST_LEVEL
@@ -98,11 +98,10 @@ def comparison_object(name: str, size: float) -> Mesh:
     return replace(mesh.scaled(size / float(mesh.extent.max())), name=name)
 
 
-def measure(options: TreesOptions, progress: Progress | None = None) -> list[Row]:
+def measure(options: TreesOptions, progress: Progress = silent) -> list[Row]:
     """Build and measure every tree; rows in the order of objects and sizes, references last of each object.
 
     Args:
-        options: What to build.
         progress: Called with (object and spheres, trees done, trees).
 
     Raises:
@@ -116,13 +115,11 @@ def measure(options: TreesOptions, progress: Progress | None = None) -> list[Row
     for name in options.objects:
         mesh = comparison_object(name, options.size)
         for spheres in sorted(options.spheres):
-            if progress is not None:
-                progress(f"{name}, {spheres:,} spheres", done, total)
+            progress(f"{name}, {spheres:,} spheres", done, total)
             rows.append(_row(mesh, spheres, options))
             done += 1
         rows += _references(name, options.size)
-    if progress is not None:
-        progress("done", total, total)
+    progress("done", total, total)
     return rows
 
 

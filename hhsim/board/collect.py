@@ -1,6 +1,6 @@
 """Gathers the runs of folders: the rows of sweeps, and every other result that lies there."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,8 +12,7 @@ from hhsim.sweep.cell_row import FAILED as FAILED_ENDING
 from hhsim.sweep.cell_row import read_row
 from hhsim.sweep.folder import CELLS, is_sweep
 from hhsim.system.hdf5_input import hdf5_format
-
-Progress = Callable[[str, int, int], None]
+from hhsim.system.progress import Progress, silent
 
 
 @dataclass(frozen=True)
@@ -33,12 +32,11 @@ class Board:
     notes: tuple[str, ...]
 
 
-def collect(folders: Sequence[Path], progress: Progress | None = None) -> Board:
+def collect(folders: Sequence[Path], progress: Progress = silent) -> Board:
     """Read folders.
 
     Args:
         folders: Of sweeps, or of results; single results too.
-        progress: Called with what is being done, how much is done and how much there is.
 
     Raises:
         InputError: No such folder, or no result in any of them.
@@ -47,8 +45,7 @@ def collect(folders: Sequence[Path], progress: Progress | None = None) -> Board:
     entries: list[Entry] = []
     notes: list[str] = []
     for number, path in enumerate(paths):
-        if progress is not None:
-            progress("results", number, len(paths))
+        progress("results", number, len(paths))
         try:
             if path.suffix == ".json":
                 entries.append(_of_row(path))

@@ -33,7 +33,6 @@ class Entry:
         own_core: Whether its ticks had a core of their own: else its times say little.
         verdict: Word of it; "failed" where there is no result.
         figures: SI or %, by the names of `hhsim.metrics.run.registry.run_metrics`; what cannot be known is missing.
-        source: The file.
         reason: Why it failed, or "".
     """
 

@@ -60,12 +60,7 @@ for (const input of document.querySelectorAll("input[data-table]")) {
 
 
 def board_page(board: Board, standings: Sequence[Standing]) -> str:
-    """The document: the standings, then each run.
-
-    Args:
-        board: The runs.
-        standings: Of them.
-    """
+    """The document: the standings, then each run."""
     runs = [*board.entries, *board.failed]
     title = f"Board of {len(board.entries):,} runs"
     machines = [f"{label}: {machine_line(json.loads(machine))}" for machine, label in board.machines.items()]

@@ -12,15 +12,13 @@ from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import OutputError
 from hhsim.kernels.kernel_cache import cache_root
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.topology import is_closed
 from hhsim.system.atomic_write import write_atomically
-
-Array = NDArray[np.float64]
 
 COARSE, FINE = 0.02, 0.01
 """CoACD's thresholds, as a share of the object's half size: at the lower end of what it takes (0.01 to 1), since parts
@@ -36,7 +34,7 @@ ROUND = 2e-3
 class Ball:
     """A ball, world [m]."""
 
-    center: Array
+    center: FloatArray
     radius: float
 
 
@@ -44,15 +42,15 @@ class Ball:
 class Box:
     """A box along the axes of the world [m]."""
 
-    center: Array
-    half: Array
+    center: FloatArray
+    half: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class Hull:
     """The convex hull of points, world [m], shape (V, 3)."""
 
-    points: Array
+    points: FloatArray
 
 
 Part = Ball | Box | Hull
@@ -93,7 +91,7 @@ def _simple(mesh: Mesh) -> Part | None:
     return Hull(points[hull.vertices])
 
 
-def _decomposition(mesh: Mesh, concavity: float) -> list[Array]:
+def _decomposition(mesh: Mesh, concavity: float) -> list[FloatArray]:
     path = _cache_path(mesh, concavity)
     try:
         with np.load(path) as kept:
@@ -112,7 +110,7 @@ def _decomposition(mesh: Mesh, concavity: float) -> list[Array]:
     return parts
 
 
-def _decompose(mesh: Mesh, concavity: float) -> list[Array]:
+def _decompose(mesh: Mesh, concavity: float) -> list[FloatArray]:
     import coacd
 
     coacd.set_log_level("error")

@@ -5,8 +5,8 @@ import time
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.engines.convex_parts import COARSE, FINE, Ball, Box, convex_parts
 from hhsim.engines.installed import lack_of, require
 from hhsim.engines.rigid_hand import PALM, PHALANX_MASS, STILL, RigidHand, earlier, speed_between
@@ -15,8 +15,6 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS, PHALANGES
 from hhsim.mesh.mesh import Mesh
 from hhsim.solver.outside_method import MethodScene, TickAnswer
-
-Array = NDArray[np.float64]
 
 RESPONSE = 0.005
 """τ of `hhsim.engines.rigid_hand` [s]."""
@@ -146,15 +144,15 @@ class Drake:
         push = self._forces()
         return TickAnswer(pose, push[:PALM].reshape(len(FINGERS), PHALANGES, 3), push[PALM], native)
 
-    def _palm(self) -> tuple[Array, Array]:
+    def _palm(self) -> tuple[FloatArray, FloatArray]:
         pose = self._plant.EvalBodyPoseInWorld(self._context, self._bodies[PALM])
         return np.array(pose.translation()), np.array(pose.rotation().ToQuaternion().wxyz())
 
-    def _angles(self, abduction: Array, flexion: Array) -> Array:
+    def _angles(self, abduction: FloatArray, flexion: FloatArray) -> FloatArray:
         """As the joints have them, a finger after the other, its abduction first, shape (20,)."""
         return np.column_stack([self._hand.abduction_sign * abduction, flexion]).ravel()
 
-    def _forces(self) -> Array:
+    def _forces(self) -> FloatArray:
         """Contact force on each body of the hand [N], world, shape (16, 3)."""
         found = np.zeros((PALM + 1, 3))
         results = self._plant.get_contact_results_output_port().Eval(self._context)
@@ -232,7 +230,7 @@ class Drake:
         actuator.set_controller_gains(self._tree.PdControllerGains(p=stiffness, d=damping))
         self._joints.append(joint)
 
-    def _hinge(self, parent: Any, place: Any, child: Any, axis: Array, limits: Any) -> Any:
+    def _hinge(self, parent: Any, place: Any, child: Any, axis: FloatArray, limits: Any) -> Any:
         tree = self._tree
         frame = self._plant.AddFrame(tree.FixedOffsetFrame(f"{child.name()} hinge", parent.body_frame(), place))
         joint = tree.RevoluteJoint(
@@ -275,7 +273,7 @@ class DrakeHydroelastic(Drake):
         )
 
 
-def _quaternion(values: Array) -> Any:
+def _quaternion(values: FloatArray) -> Any:
     from pydrake.common.eigen_geometry import Quaternion
 
     kind: Any = Quaternion

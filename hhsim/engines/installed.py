@@ -22,7 +22,6 @@ def require(method: str, missing: str) -> None:
     """Refuse to make a method whose engine is missing.
 
     Args:
-        method: Its name.
         missing: From `lack_of`.
 
     Raises:

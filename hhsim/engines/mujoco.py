@@ -6,6 +6,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.engines.convex_parts import COARSE, FINE, Ball, Box, convex_parts
 from hhsim.engines.installed import lack_of, require
 from hhsim.engines.rigid_hand import PALM, PHALANX_MASS, STILL, RigidHand, speed_between
@@ -14,8 +15,6 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS, PHALANGES
 from hhsim.mesh.mesh import Mesh
 from hhsim.solver.outside_method import MethodScene, TickAnswer
-
-Array = NDArray[np.float64]
 
 BODIES = PALM + 1
 THICKNESS = 1e-6
@@ -67,8 +66,8 @@ class Contacts(NamedTuple):
 
     row: NDArray[np.int32]
     geom: NDArray[np.int32]
-    normal: Array
-    force: Array
+    normal: FloatArray
+    force: FloatArray
 
 
 class MuJoCo:
@@ -167,7 +166,7 @@ class MuJoCo:
         data = self._data
         return Contacts(data.contact.efc_address, data.contact.geom, data.contact.frame[:, :3], data.efc_force)
 
-    def _forces(self) -> Array:
+    def _forces(self) -> FloatArray:
         """Contact force on each body of the hand [N], world, shape (17, 3), the object's last."""
         found = np.zeros((BODIES + 1, 3))
         row, geom, normal, efc_force = self._contacts()

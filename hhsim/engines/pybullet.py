@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.engines.installed import lack_of, require
 from hhsim.engines.rigid_hand import (
     PALM,
@@ -23,8 +23,6 @@ from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS, PHALANGES
 from hhsim.solver.outside_method import MethodScene, TickAnswer
-
-Array = NDArray[np.float64]
 
 RESPONSE = 0.005
 """τ of `hhsim.engines.rigid_hand` [s]."""
@@ -110,17 +108,17 @@ class PyBullet:
         push = self._forces()
         return TickAnswer(pose, push[:PALM].reshape(len(FINGERS), PHALANGES, 3), push[PALM], native)
 
-    def _palm(self) -> tuple[Array, Array]:
+    def _palm(self) -> tuple[FloatArray, FloatArray]:
         """Position [m] and orientation w x y z of the shown palm, world."""
         position, (x, y, z, w) = self._bullet.getBasePositionAndOrientation(self._body)
         quaternion = np.array([w, x, y, z])
         return np.array(position), quaternion / np.sqrt(quaternion @ quaternion)
 
-    def _spread(self, abduction: Array) -> None:
+    def _spread(self, abduction: FloatArray) -> None:
         for link, angle in zip(self._spreads, abduction):
             self._bullet.resetJointState(self._body, link, self._hand.abduction_sign * angle, 0.0)
 
-    def _forces(self) -> Array:
+    def _forces(self) -> FloatArray:
         """Contact force on each body of the hand [N], world, shape (16, 3)."""
         found = np.zeros((PALM + 1, 3))
         for contact in self._bullet.getContactPoints(self._body, self._object):
@@ -128,7 +126,7 @@ class PyBullet:
             found[self._row[contact[3]]] += contact[9] * np.array(contact[7])
         return found
 
-    def _add_object(self, vertices: Array, faces: NDArray[np.int64]) -> int:
+    def _add_object(self, vertices: FloatArray, faces: IntArray) -> int:
         bullet = self._bullet
         shape = bullet.createCollisionShape(
             bullet.GEOM_MESH,
@@ -204,7 +202,7 @@ def _link(name: str, mass: float, inertia: float, collision: str = "") -> str:
 
 
 def _hinge(
-    parent: str, child: str, place: Array, axis: Sequence[float], limits: Sequence[float], turn: str = "0 0 0"
+    parent: str, child: str, place: FloatArray, axis: Sequence[float], limits: Sequence[float], turn: str = "0 0 0"
 ) -> str:
     return (
         f'<joint name="{child}" type="revolute"><parent link="{parent}"/><child link="{child}"/>'
@@ -213,7 +211,7 @@ def _hinge(
     )
 
 
-def _roll_pitch_yaw(matrix: Array) -> str:
+def _roll_pitch_yaw(matrix: FloatArray) -> str:
     from scipy.spatial.transform import Rotation
 
     return _spaced(Rotation.from_matrix(matrix).as_euler("xyz"))

@@ -11,8 +11,8 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion_from_matrix
@@ -20,8 +20,6 @@ from hhsim.kernels.hand.kinematics import PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.jit import as_argument
 from hhsim.kernels.rotation import rotation_vector_between
 from hhsim.solver.options import Stiffness
-
-Array = NDArray[np.float64]
 
 PALM = PALM_BODY
 """Number of the palm among the bodies; phalanx k of finger f is 3 f + k."""
@@ -51,14 +49,14 @@ class RigidHand:
         damping: Of the same three, critical [N s/m, N·m s/rad].
     """
 
-    base: Array
-    frame: Array
+    base: FloatArray
+    frame: FloatArray
     abduction_sign: float
-    length: Array
-    radius: Array
-    limits: Array
-    palm_center: Array
-    palm_radius: Array
+    length: FloatArray
+    radius: FloatArray
+    limits: FloatArray
+    palm_center: FloatArray
+    palm_radius: FloatArray
     mass: float
     inertia: float
     armature: float
@@ -86,7 +84,7 @@ class RigidHand:
             damping=(2.0 * response * springs[0], 2.0 * response * springs[1], 2.0 * response * springs[2]),
         )
 
-    def place(self, finger: int, k: int) -> Array:
+    def place(self, finger: int, k: int) -> FloatArray:
         """Where phalanx k begins in the frame of the one before it, the first one in its finger's [m], shape (3,)."""
         return np.array([self.length[finger, k - 1] if k else 0.0, 0.0, 0.0])
 
@@ -105,11 +103,11 @@ class RigidHand:
         self,
         target: HandConfiguration,
         speed: "HandSpeed",
-        position: Array,
-        orientation: Array,
-        linear: Array,
-        angular: Array,
-    ) -> tuple[Array, Array]:
+        position: FloatArray,
+        orientation: FloatArray,
+        linear: FloatArray,
+        angular: FloatArray,
+    ) -> tuple[FloatArray, FloatArray]:
         """What the coupling does to the palm: force [N] and torque about its origin [N·m], world.
 
         Args:
@@ -122,7 +120,9 @@ class RigidHand:
         turn = rotation_between(orientation, target.orientation)
         return force, self.stiffness[1] * turn + self.damping[1] * (speed.angular - angular)
 
-    def bend(self, target: HandConfiguration, speed: "HandSpeed", flexion: Array, bending: Array) -> Array:
+    def bend(
+        self, target: HandConfiguration, speed: "HandSpeed", flexion: FloatArray, bending: FloatArray
+    ) -> FloatArray:
         """What the coupling does to the hinges [N·m], shape (15,), where they are bent [rad] and bend [rad/s] so."""
         return self.stiffness[2] * (target.flexion.ravel() - flexion) + self.damping[2] * (
             speed.flexion.ravel() - bending
@@ -138,9 +138,9 @@ class HandSpeed(NamedTuple):
         flexion: [rad/s], shape (5, 3).
     """
 
-    linear: Array
-    angular: Array
-    flexion: Array
+    linear: FloatArray
+    angular: FloatArray
+    flexion: FloatArray
 
 
 STILL = HandSpeed(np.zeros(3), np.zeros(3), np.zeros((5, PHALANX_COUNT)))
@@ -155,7 +155,7 @@ def speed_between(before: HandConfiguration, now: HandConfiguration, period: flo
     )
 
 
-def rotation_between(first: Array, second: Array) -> Array:
+def rotation_between(first: FloatArray, second: FloatArray) -> FloatArray:
     """Rotation vector [rad], shape (3,), world, that turns one orientation, w x y z, to another the short way round."""
     vector = np.empty(3)
     rotation_vector_between(as_argument(first), as_argument(second), vector)

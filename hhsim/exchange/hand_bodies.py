@@ -10,12 +10,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.fingers import FINGERS, PHALANGES
 from hhsim.hand.model import HandModel
-
-Array = NDArray[np.float64]
 
 PALM = "palm"
 """Name of the body that all others hang on: its origin and its frame are the palm's."""
@@ -36,7 +34,7 @@ class HandJoint:
     """
 
     name: str
-    axis: Array
+    axis: FloatArray
     lower: float
     upper: float
 
@@ -50,8 +48,8 @@ class Capsule:
         radius: Of both.
     """
 
-    start: Array
-    end: Array
+    start: FloatArray
+    end: FloatArray
     radius: float
 
     @property
@@ -69,7 +67,7 @@ class RoundCone:
         start_radius, end_radius: Of the two.
     """
 
-    end: Array
+    end: FloatArray
     start_radius: float
     end_radius: float
 
@@ -102,8 +100,8 @@ class Inertial:
     """
 
     mass: float
-    center: Array
-    inertia: Array
+    center: FloatArray
+    inertia: FloatArray
 
 
 @dataclass(frozen=True)
@@ -122,7 +120,7 @@ class HandBody:
 
     name: str
     parent: str
-    offset: Array
+    offset: FloatArray
     joints: tuple[HandJoint, ...]
     shapes: tuple[Capsule, ...]
     inertial: Inertial
@@ -144,7 +142,7 @@ class HandBodies:
         """All joints in their order: abduction and three flexions a finger, 20 in all."""
         return tuple(joint for body in self.bodies for joint in body.joints)
 
-    def angles(self, flexion: Array, abduction: Array) -> dict[str, float]:
+    def angles(self, flexion: FloatArray, abduction: FloatArray) -> dict[str, float]:
         """The angle of each joint [rad] by name, for flexion, shape (5, 3), and abduction, shape (5,)."""
         found = {}
         for f, finger in enumerate(FINGERS):

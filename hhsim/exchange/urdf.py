@@ -3,14 +3,12 @@
 from xml.etree import ElementTree as Xml
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.exchange.hand_bodies import Capsule, HandBody, HandJoint, Inertial, hand_bodies
 from hhsim.exchange.mjcf import numbers
 from hhsim.hand.fingers import FINGERS, PHALANGES
 from hhsim.hand.model import HandModel
-
-Array = NDArray[np.float64]
 
 LIMITS = {"effort": "10.0", "velocity": "100.0"}
 """Of a joint [N·m, rad/s]: URDF demands them, and hhsim's hand has none."""
@@ -81,13 +79,13 @@ def _add_shape(link: Xml.Element, role: str, shape: Capsule) -> None:
         Xml.SubElement(Xml.SubElement(part, "geometry"), "cylinder", radius=radius, length=numbers([length]))
 
 
-def _turn_of_z(direction: Array) -> Array:
+def _turn_of_z(direction: FloatArray) -> FloatArray:
     """Roll, pitch and yaw [rad] that turn z, along which a cylinder lies, to a unit direction."""
     x, y, z = direction
     return np.array([0.0, np.arctan2(np.hypot(x, y), z), np.arctan2(y, x)])
 
 
-def _add_joint(robot: Xml.Element, joint: HandJoint, parent: str, child: str, offset: Array) -> None:
+def _add_joint(robot: Xml.Element, joint: HandJoint, parent: str, child: str, offset: FloatArray) -> None:
     element = Xml.SubElement(robot, "joint", name=joint.name, type="revolute")
     _connect(element, parent, child, offset)
     Xml.SubElement(element, "axis", xyz=numbers(joint.axis))
@@ -95,7 +93,7 @@ def _add_joint(robot: Xml.Element, joint: HandJoint, parent: str, child: str, of
     Xml.SubElement(element, "limit", {**limits, **LIMITS})
 
 
-def _connect(element: Xml.Element, parent: str, child: str, offset: Array) -> None:
+def _connect(element: Xml.Element, parent: str, child: str, offset: FloatArray) -> None:
     Xml.SubElement(element, "parent", link=parent)
     Xml.SubElement(element, "child", link=child)
     Xml.SubElement(element, "origin", xyz=numbers(offset))

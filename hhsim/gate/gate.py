@@ -25,8 +25,7 @@ from hhsim.gate.verdict import (
 )
 from hhsim.kernels.machine_calibration import REFERENCE_VERSION
 from hhsim.result.reader import Result
-
-Progress = Callable[[str, int, int], None]
+from hhsim.system.progress import Progress, silent
 
 
 @dataclass(frozen=True)
@@ -83,18 +82,15 @@ def gate_suite(
     baseline: Baseline | None = None,
     timed: bool = True,
     record_times: bool = False,
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> GateReport:
     """Run every scene of a suite and judge it.
 
     Args:
-        suite: Scenes and limits.
-        head: What is judged.
         base: What it is compared with, run in the same job.
         baseline: A recorded one; where both are given, counters are compared with this one, times with `base`.
         timed: Whether times are judged, by the base and by limits.
         record_times: Whether times of head are taken for a baseline to come, even where nothing is compared.
-        progress: Called with what is being done, how much is done and how much there is.
 
     Raises:
         InputError: A scene that hhsim refuses: an unknown object, a bad option; or a suite that is wrong.
@@ -104,15 +100,13 @@ def gate_suite(
     for i, scene in enumerate(suite.scenes):
 
         def step(what: str, i: int = i) -> None:
-            if progress is not None:
-                progress(what, i, len(suite.scenes))
+            progress(what, i, len(suite.scenes))
 
         run = _SceneRun(suite, scene, head, base, baseline, timed, record_times, step)
         rows += run.rows
         if run.recorded is not None:
             recorded[scene.name] = run.recorded
-    if progress is not None:
-        progress("done", len(suite.scenes), len(suite.scenes))
+    progress("done", len(suite.scenes), len(suite.scenes))
     if len(recorded) < len(suite.scenes):
         recorded = {}
     against = [f"the baseline {baseline.source}"] if baseline else []
@@ -130,8 +124,6 @@ def gate_result(result: Result, suite: GateSuite, base: Result | Baseline | None
     Times are not compared: those of two runs that were not run in turn say nothing.
 
     Args:
-        result: What is judged.
-        suite: Limits.
         base: What it is compared with.
         timed: Whether times that the suite limits are judged.
 

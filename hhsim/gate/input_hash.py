@@ -36,7 +36,6 @@ class RunInputs:
     Attributes:
         schema: Of the result file.
         mesh: SHA-256 of the object's mesh.
-        ticks: How many.
         spheres: Leaves of the object's tree.
         options: Of the replay, by name.
         solver: Options of the solver, by name; those of the stiffness as `stiffness.name`.

@@ -8,8 +8,8 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import AnyArray
 from hhsim.gate.input_hash import RunInputs, run_inputs
 from hhsim.gate.limits import limitable
 from hhsim.hand.fingers import FINGERS
@@ -19,8 +19,6 @@ from hhsim.metrics.run_metric import Figure
 from hhsim.metrics.run_ticks import result_ticks
 from hhsim.replay.stored_scene import stored_tree
 from hhsim.result.reader import Result
-
-Array = NDArray[Any]
 
 COUNTERS: dict[str, tuple[str, Figure]] = {
     "node_tests": ("work/node_tests", Figure("node_tests", "tree nodes tested")),
@@ -111,7 +109,7 @@ class _ComputedAnew:
     def __init__(self, result: Result) -> None:
         self._result = result
 
-    def __getitem__(self, name: str) -> Array:
+    def __getitem__(self, name: str) -> AnyArray:
         stored = self._result[name]
         if name == "force_variation_rate":
             return metrics.force_variation_rate(self._result["force/total"])
@@ -122,7 +120,7 @@ class _ComputedAnew:
         return stored
 
 
-def _depth(result: Result) -> Array:
+def _depth(result: Result) -> AnyArray:
     """Penetration [m] of the stored graphic hand in the stored tree's leaves, shape (T,)."""
     static = result.static
     return metrics.penetration(

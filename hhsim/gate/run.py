@@ -45,7 +45,6 @@ class Side:
 
     Attributes:
         name: Base or head.
-        python: Its interpreter.
         version: Of its hhsim.
         package: The folder that its hhsim is imported from.
     """
@@ -59,7 +58,6 @@ class Side:
         """Run a scene and read what is wanted from its result, which is then deleted.
 
         Args:
-            scene: What to run.
             folder: The current folder of the run, which paths are relative to.
             read: Takes the result.
 

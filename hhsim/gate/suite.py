@@ -76,7 +76,6 @@ class GateScene:
         name: In tables and baselines; unique.
         object: As `hhsim replay` takes it; a mesh file is relative to the suite's folder.
         trajectory: The same.
-        method: Of the solver.
         level: Of the sphere tree; None: the object's usual one.
         arguments: More arguments of `hhsim replay`.
         timed: Whether its time is judged.

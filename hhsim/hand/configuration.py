@@ -6,24 +6,22 @@ They have no stamps and are not checked: they may hold what a broken device send
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.hand.quaternion import conjugate, quaternion, quaternion_product, rotation_vector
-
-Array = NDArray[np.float64]
 
 
 class _Posed(Protocol):
     """Whatever holds the four arrays among others: ticks, a record of them, a trajectory."""
 
     @property
-    def position(self) -> Array: ...
+    def position(self) -> FloatArray: ...
     @property
-    def orientation(self) -> Array: ...
+    def orientation(self) -> FloatArray: ...
     @property
-    def flexion(self) -> Array: ...
+    def flexion(self) -> FloatArray: ...
     @property
-    def abduction(self) -> Array: ...
+    def abduction(self) -> FloatArray: ...
 
 
 class HandConfiguration(NamedTuple):
@@ -36,10 +34,10 @@ class HandConfiguration(NamedTuple):
         abduction: Thumb to little finger [rad], shape (T, 5).
     """
 
-    position: Array
-    orientation: Array
-    flexion: Array
-    abduction: Array
+    position: FloatArray
+    orientation: FloatArray
+    flexion: FloatArray
+    abduction: FloatArray
 
     @classmethod
     def of(cls, posed: _Posed) -> "HandConfiguration":
@@ -55,7 +53,7 @@ class HandConfiguration(NamedTuple):
         """Ticks `first` to `last` - 1, as views; negative ones count from the end."""
         return self.at(slice(first, last))
 
-    def at(self, ticks: int | slice | NDArray[np.int64]) -> "HandConfiguration":
+    def at(self, ticks: int | slice | IntArray) -> "HandConfiguration":
         """A single tick or a slice, as views, or the ticks of these numbers in this order, as copies."""
         return HandConfiguration(*(values[ticks] for values in self))
 

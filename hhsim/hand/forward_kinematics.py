@@ -4,15 +4,14 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.kernels.hand.placed_hands import place_hands
 from hhsim.kernels.jit import as_argument
-
-FloatArray = NDArray[np.float64]
 
 
 class PlacedHand(NamedTuple):
@@ -22,7 +21,7 @@ class PlacedHand(NamedTuple):
     position: FloatArray
     orientation: FloatArray
 
-    def at(self, ticks: slice | NDArray[np.int64] | Sequence[int]) -> "PlacedHand":
+    def at(self, ticks: slice | IntArray | Sequence[int]) -> "PlacedHand":
         """The hand at some of the ticks."""
         return PlacedHand(*(np.ascontiguousarray(values[ticks]) for values in self))
 

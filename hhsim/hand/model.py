@@ -39,8 +39,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.palm_mesh import palm_mesh
@@ -53,7 +54,6 @@ from hhsim.trees.cache import cached_sphere_tree, shipped_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 
-FloatArray = NDArray[np.float64]
 Side = Literal["right", "left"]
 
 
@@ -133,7 +133,6 @@ class HandModel:
     """Sizes and limits of one hand, palm frame; fingers in the order of `FINGERS`.
 
     Attributes:
-        side: Right or left.
         hand_length: Wrist crease to middle fingertip [m].
         hand_breadth: Across the knuckles [m].
         base: First joint of each finger [m], shape (5, 3).
@@ -367,7 +366,7 @@ def _model(sizes: Mapping[str, Any], side: Side, where: str) -> HandModel:
     )
 
 
-def _palm_groups(tree: SphereTree) -> tuple[FloatArray, NDArray[np.int64]]:
+def _palm_groups(tree: SphereTree) -> tuple[FloatArray, IntArray]:
     # The spheres above the leaves, as rows x, y, z, radius, and the first leaf of each, and the end.
     leaves = np.flatnonzero(tree.level == tree.depth)
     parent, first = np.unique(tree.parent[leaves], return_index=True)

@@ -10,13 +10,10 @@ import functools
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import InputError
 from hhsim.mesh.mesh import Mesh
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 RAYS_PER_EDGE = (16, 16, 8)
 """Squares along x, y and z of the box whose grid names the rays: 4 (16·16 + 16·8 + 8·16) = 2,048 triangles."""
@@ -112,7 +109,7 @@ def _palm_mesh(
     half_extent = np.array([HALF_EXTENT[0] * hand_breadth, HALF_EXTENT[1] * hand_length, HALF_EXTENT[2] * hand_breadth])
     rays, faces = box_rays(half_extent)
 
-    def inside(distance: FloatArray) -> NDArray[np.bool_]:
+    def inside(distance: FloatArray) -> BoolArray:
         d = parts.distance(center + distance[:, None] * rays)
         least = d.min(axis=1)
         return np.asarray(least - blend * np.log(np.exp((least[:, None] - d) / blend).sum(axis=1)) < 0.0)

@@ -1,12 +1,12 @@
 """Rotations of the library as unit quaternions (w, x, y, z), whole arrays of them at a time."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from hhsim.arrays import FloatArray
 
 
-def quaternion(vector: ArrayLike) -> Array:
+def quaternion(vector: ArrayLike) -> FloatArray:
     """Unit quaternions (w, x, y, z), shape (..., 4), of rotation vectors [rad], shape (..., 3)."""
     turns = np.asarray(vector, np.float64)
     half = 0.5 * np.linalg.norm(turns, axis=-1, keepdims=True)
@@ -14,18 +14,18 @@ def quaternion(vector: ArrayLike) -> Array:
     return np.concatenate([np.cos(half), 0.5 * np.sinc(half / np.pi) * turns], axis=-1)
 
 
-def rotation_vector(quaternions: ArrayLike) -> Array:
+def rotation_vector(quaternions: ArrayLike) -> FloatArray:
     """Rotation vectors [rad], shape (..., 3), the short way round, of unit quaternions (w, x, y, z), shape (..., 4)."""
     q = np.asarray(quaternions, np.float64)
     q = np.where(q[..., :1] < 0.0, -q, q)
     sine = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
     small = sine < 1e-12
     scale = np.where(small, 2.0, 2.0 * np.arctan2(sine, q[..., :1]) / np.where(small, 1.0, sine))
-    vector: Array = scale * q[..., 1:]
+    vector: FloatArray = scale * q[..., 1:]
     return vector
 
 
-def quaternion_product(first: ArrayLike, second: ArrayLike) -> Array:
+def quaternion_product(first: ArrayLike, second: ArrayLike) -> FloatArray:
     """The rotation `second` and then `first`, shapes (..., 4)."""
     aw, ax, ay, az = np.moveaxis(np.asarray(first, np.float64), -1, 0)
     bw, bx, by, bz = np.moveaxis(np.asarray(second, np.float64), -1, 0)
@@ -40,13 +40,13 @@ def quaternion_product(first: ArrayLike, second: ArrayLike) -> Array:
     )
 
 
-def conjugate(quaternions: ArrayLike) -> Array:
+def conjugate(quaternions: ArrayLike) -> FloatArray:
     """The inverse of unit quaternions, shape (..., 4)."""
-    turned: Array = np.asarray(quaternions, np.float64) * [1.0, -1.0, -1.0, -1.0]
+    turned: FloatArray = np.asarray(quaternions, np.float64) * [1.0, -1.0, -1.0, -1.0]
     return turned
 
 
-def rotation_matrix(quaternions: ArrayLike) -> Array:
+def rotation_matrix(quaternions: ArrayLike) -> FloatArray:
     """Matrices, shape (..., 3, 3), of unit quaternions (w, x, y, z), shape (..., 4)."""
     w, x, y, z = np.moveaxis(np.asarray(quaternions, np.float64), -1, 0)
     entries = [
@@ -57,7 +57,7 @@ def rotation_matrix(quaternions: ArrayLike) -> Array:
     return np.stack(entries, axis=-1).reshape(*np.shape(w), 3, 3)
 
 
-def quaternion_from_matrix(matrix: ArrayLike) -> Array:
+def quaternion_from_matrix(matrix: ArrayLike) -> FloatArray:
     """Unit quaternions (w, x, y, z), w >= 0, shape (..., 4), of rotation matrices, shape (..., 3, 3); NaN of NaN."""
     m = np.moveaxis(np.asarray(matrix, np.float64), (-2, -1), (0, 1))
     wx, wy, wz = m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]

@@ -19,8 +19,6 @@ class ChildProcess:
 
     Args:
         name: For people.
-        module: That is run.
-        arguments: Of its command line.
         descriptors: That it inherits.
 
     Attributes:

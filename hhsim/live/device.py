@@ -11,11 +11,10 @@ from enum import Flag, auto
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import HhsimError
-
-Array = NDArray[np.float64]
 
 FINGER_COUNT = 5
 MOST_CHANNELS = 64
@@ -143,9 +142,9 @@ class FingerCommand:
             is 0. Always 0 for a glove that takes neither FORCE nor POWER.
     """
 
-    bend: Array = field(default_factory=lambda: np.zeros(FINGER_COUNT))
-    stiffness: Array = field(default_factory=lambda: np.zeros(FINGER_COUNT))
-    force: Array = field(default_factory=lambda: np.zeros((FINGER_COUNT, 3, 3)))
+    bend: FloatArray = field(default_factory=lambda: np.zeros(FINGER_COUNT))
+    stiffness: FloatArray = field(default_factory=lambda: np.zeros(FINGER_COUNT))
+    force: FloatArray = field(default_factory=lambda: np.zeros((FINGER_COUNT, 3, 3)))
 
 
 @dataclass
@@ -159,14 +158,14 @@ class PalmReading:
     """
 
     came_ns: int = -1
-    position: Array = field(default_factory=lambda: np.zeros(3))
-    orientation: Array = field(default_factory=lambda: np.array([1.0, 0.0, 0.0, 0.0]))
+    position: FloatArray = field(default_factory=lambda: np.zeros(3))
+    orientation: FloatArray = field(default_factory=lambda: np.array([1.0, 0.0, 0.0, 0.0]))
 
 
 class Calibration(Protocol):
     """What the readings of a glove mean: all that a session asks of it, whatever else a driver does."""
 
-    def bend_lines(self) -> tuple[Array, Array]:
+    def bend_lines(self) -> tuple[FloatArray, FloatArray]:
         """Angles of each finger as its bend alone moves them [rad]: slope and offset, each of shape (5, 3)."""
 
 
@@ -236,6 +235,8 @@ class GloveDevice(FingerRelease):
     counters: DeviceCounters
     palm: PalmReading | None = None
     """Of a glove that says where the palm is; else None."""
+    _seq = 0
+    """Of the next sample."""
 
     @abstractmethod
     def open(self, timeout: float = 5.0) -> None:
@@ -269,6 +270,34 @@ class GloveDevice(FingerRelease):
     def descriptors(self) -> tuple[int, ...]:
         """What can be waited on for bytes of the glove; () where it is to be looked at again and again."""
         return ()
+
+    def _write_sample(
+        self,
+        row: np.void,
+        now: int,
+        good: bool,
+        channels: ArrayLike,
+        angles: tuple[ArrayLike, ArrayLike],
+        **more: int,
+    ) -> None:
+        """Write the next sample as a row of `GLOVE_SAMPLE`, and count it.
+
+        Args:
+            now: When its bytes were read, CLOCK_MONOTONIC [ns].
+            good: Whether all that the driver uses of it is finite and in range.
+            channels: As many as the glove has.
+            angles: Flexion, shape (5, 3), and abduction, shape (5,) [rad].
+            more: Fields that this glove knows, of those that are unknown otherwise.
+        """
+        row["seq"], row["time_ns"], row["good"] = self._seq, now, good
+        for name in ("device_time_ns", "device_seq", "battery"):
+            row[name] = more.get(name, UNKNOWN)
+        row["channels"] = np.nan
+        row["channels"][: np.size(channels)] = channels
+        row["flexion"], row["abduction"] = angles
+        self._seq += 1
+        self.counters.samples += good
+        self.counters.rejected += not good
 
     @abstractmethod
     def send(self, command: FingerCommand) -> bool:

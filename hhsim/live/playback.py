@@ -6,12 +6,10 @@ One `Playback` is given to both of them, so that fingers and palm stay together 
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.motion.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 RETURN_TIME = 1.0
 """From the last sample of a repeated motion back to its first one [s]."""
@@ -24,7 +22,6 @@ class Playback:
     """A trajectory and the instant at which it began.
 
     Attributes:
-        trajectory: The motion.
         rate: Samples a second instead of the stamps' own [Hz]; 0 for the stamps.
         repeat: Begin anew after the end, with `RETURN_TIME` for the way back; else the last sample stays.
         start_ns: CLOCK_MONOTONIC of the first sample [ns]; -1 until somebody asks, which starts the motion.
@@ -39,7 +36,7 @@ class Playback:
     rate: float = 0.0
     repeat: bool = False
     start_ns: int = -1
-    stamps: Array = field(init=False)
+    stamps: FloatArray = field(init=False)
     period: float = field(init=False)
 
     def __post_init__(self) -> None:

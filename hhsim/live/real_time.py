@@ -75,7 +75,6 @@ def become_real_time(wishes: RealTimeWishes, *, above: int = 0, interpreter: boo
     """Ask the system for what is wished, for the calling thread and its process.
 
     Args:
-        wishes: What is wished.
         above: How much higher than `wishes.priority` this process is to stand.
         interpreter: As of `lock_memory`.
 

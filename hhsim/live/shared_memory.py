@@ -12,8 +12,8 @@ import sys
 from typing import Any, Self, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import AnyArray, IntArray
 from hhsim.errors import HhsimError
 
 Setup = TypeVar("Setup")
@@ -23,7 +23,6 @@ class SharedBlock:
     """An array of one element in shared memory.
 
     Args:
-        descriptor: Of the memory.
         dtype: Of its one element; every process must agree.
     """
 
@@ -31,7 +30,7 @@ class SharedBlock:
         """Map the memory of a descriptor."""
         self.descriptor = descriptor
         self._map = mmap.mmap(descriptor, dtype.itemsize)
-        self.array: NDArray[Any] = np.frombuffer(self._map, dtype, 1)
+        self.array: AnyArray = np.frombuffer(self._map, dtype, 1)
 
     @classmethod
     def create(cls, name: str, dtype: np.dtype[Any]) -> Self:
@@ -52,8 +51,6 @@ class SharedRing:
     """Records in shared memory: the writer never waits, a reader that falls behind loses the oldest and knows it.
 
     Args:
-        descriptor: Of the memory.
-        dtype: Of a record.
         capacity: How many records the ring holds.
     """
 
@@ -63,7 +60,7 @@ class SharedRing:
         self._block = SharedBlock(descriptor, whole)
         self.descriptor = descriptor
         self.capacity = capacity
-        self.counter: NDArray[np.int64] = self._block.array["written"]
+        self.counter: IntArray = self._block.array["written"]
         """Records written since the beginning, shape (1,)."""
         self.records = self._block.array["record"][0]
 
@@ -104,11 +101,8 @@ class RingReader:
         self.next = 0
         self.lost = 0
 
-    def read(self, most: int) -> tuple[int, NDArray[Any]]:
+    def read(self, most: int) -> tuple[int, AnyArray]:
         """The oldest records not yet read.
-
-        Args:
-            most: At most this many.
 
         Returns:
             The number of the first one, counted from the ring's beginning, and copies of the records; numbers that

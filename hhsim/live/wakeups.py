@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import IntArray
 from hhsim.kernels.timed_wait import PASSED, wait_periods
 from hhsim.live.real_time import RealTimeWishes, become_real_time, unlock_memory
 from hhsim.result.miss_cause import CAUSES, MissCause, TimeTaken
@@ -32,7 +32,7 @@ class Wakeups:
     """
 
     rate: float
-    late: NDArray[np.int64]
+    late: IntArray
     missed: int
     streak: int
     causes: dict[MissCause, int]

@@ -6,9 +6,8 @@ What is computed in it does not depend on where the mesh lies, how it is turned,
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from hhsim.arrays import FloatArray
 
 GRID = 2.0**-30
 """Step of the coordinates in the frame [-]: coarser than the rounding of a motion, so that it leaves no trace."""

@@ -8,8 +8,8 @@ are left out.
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import MeshError
 from hhsim.kernels.mesh.bvh import pseudonormals
 from hhsim.kernels.mesh.feature_distance import ON
@@ -21,9 +21,6 @@ from hhsim.kernels.mesh.features import (
     touchable_vertices,
 )
 from hhsim.mesh.topology import distinct_rows, merged_vertices
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 SAME_PLACE = 1e-10
 """Vertices of an open mesh that are closer than this share of its longest extent are one: each copy of an edge would
@@ -168,7 +165,7 @@ def _along_a_curve(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, I
     return place[order], corners[np.argsort(corners.min(axis=1), kind="stable")]
 
 
-def _normals(place: FloatArray, corners: IntArray) -> tuple[FloatArray, NDArray[np.bool_]]:
+def _normals(place: FloatArray, corners: IntArray) -> tuple[FloatArray, BoolArray]:
     # Unit normals by the two shorter sides, and which triangles have one.
     a, b, c = (place[corners[:, k]] for k in range(3))
     sides = np.stack([b - a, c - b, a - c], axis=1)
@@ -216,7 +213,7 @@ def _wings(
     return np.ascontiguousarray(inward[order]), start
 
 
-def _is_flat(wing: FloatArray, start: IntArray) -> NDArray[np.bool_]:
+def _is_flat(wing: FloatArray, start: IntArray) -> BoolArray:
     two = np.diff(start) == 2
     flat = np.zeros(len(two), dtype=bool)
     first = start[:-1][two]
@@ -224,7 +221,7 @@ def _is_flat(wing: FloatArray, start: IntArray) -> NDArray[np.bool_]:
     return flat
 
 
-def _is_convex(wing: FloatArray, start: IntArray, normal: FloatArray) -> NDArray[np.bool_]:
+def _is_convex(wing: FloatArray, start: IntArray, normal: FloatArray) -> BoolArray:
     # Seen from outside; what is not an edge of two faces counts as convex. The normals are of the wings' faces.
     convex = np.ones(len(start) - 1, dtype=bool)
     two = np.diff(start) == 2

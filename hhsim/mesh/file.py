@@ -4,8 +4,8 @@ import warnings
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError, MeshError
 from hhsim.system.media_kind import media_kind_of
 
@@ -13,7 +13,7 @@ ENCODING_GUESSER = "charset_normalizer"
 """The package that trimesh asks in which encoding a text is that is no UTF-8."""
 
 
-def read_triangles(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def read_triangles(path: Path) -> tuple[FloatArray, IntArray]:
     """Read the triangles of a file; the parts of a scene are joined in the scene's frame.
 
     Returns:
@@ -80,7 +80,7 @@ end_header
 """
 
 
-def read_own_ply(content: bytes, name: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def read_own_ply(content: bytes, name: str) -> tuple[FloatArray, IntArray]:
     """Read binary PLY with 64-bit coordinates, as the shipped meshes are: without trimesh, whose import costs more.
 
     Raises:

@@ -1,16 +1,12 @@
 """A closed mesh of a solid that is known only by a test of points: adaptive, to a tolerance that is then measured."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.kernels.mesh.inside_field import SolidField, inside, leave_inside, near
 from hhsim.mesh.tet_grid import HALVINGS, TetGrid
 from hhsim.mesh.topology import is_closed, part_labels, used_vertices
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 COARSE = 16
 """Cubes along the longest extent, to begin with …"""

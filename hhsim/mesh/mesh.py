@@ -6,13 +6,11 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError, MeshError
 from hhsim.mesh.file import read_triangles
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254}
 """The units that `load_mesh` takes, and their length [m]."""

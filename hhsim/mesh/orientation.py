@@ -5,14 +5,11 @@ meshes based on ray-casting" (2014): rays from both sides of each part; those th
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.kernels.mesh.inside_field import count_hits
 from hhsim.mesh.topology import alike_wound, face_areas, part_labels
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 RAYS = 60_000
 """Rays in all, shared out by area, but …"""

@@ -1,8 +1,8 @@
 """Checks of a triangle mesh, and the repairs that are safe: each is named, and what is not safe is refused."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import MeshError
 from hhsim.mesh.holes import hole_caps
 from hhsim.mesh.repair_log import MeshInRepair, counted
@@ -17,10 +17,6 @@ from hhsim.mesh.topology import (
     undirected_edges,
     used_vertices,
 )
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 NEAR_VERTEX = 1e-5
 """Vertices closer than this share of the longest extent are merged where that closes open edges."""

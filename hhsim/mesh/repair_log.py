@@ -3,10 +3,8 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from hhsim.arrays import FloatArray, IntArray
 
 
 @dataclass

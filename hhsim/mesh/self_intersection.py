@@ -1,15 +1,12 @@
 """Which way a closed surface is wound, and where it overlaps itself: its winding number is made to be 0 or 1."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import MeshError
 from hhsim.kernels.mesh.winding_number import winding_numbers
 from hhsim.mesh.repair_log import MeshInRepair, percent
 from hhsim.mesh.topology import in_fixed_order, is_closed, merged_vertices, part_labels, signed_volume
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 WINDING_TOLERANCE = 0.05
 CROSSING_SHARE = 0.001

@@ -7,8 +7,8 @@ winding number exceeds 1/2. Of it a closed mesh is made; how far that is from th
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import MeshError
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, face_normals, mesh_signed_distance
 from hhsim.kernels.mesh.fast_winding_number import fast_winding_numbers, winding_moments
@@ -20,10 +20,6 @@ from hhsim.mesh.repair_log import MeshInRepair, counted, percent
 from hhsim.mesh.surface_sampling import face_samples
 from hhsim.mesh.thin_sheets import slab_union
 from hhsim.mesh.topology import face_areas, in_fixed_order, is_closed, part_labels, undirected_edges, used_vertices
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 TOLERANCE = 5e-4
 """Wanted distance of the new mesh from the triangles of the file, as a share of the longest extent."""

@@ -1,12 +1,9 @@
 """Points spread over a triangle mesh so that each face has some."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.mesh.topology import face_areas
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 def face_samples(
@@ -18,7 +15,6 @@ def face_samples(
         vertices: Shape (V, 3).
         faces: Shape (F, 3).
         count: How many, beside the one on each.
-        rng: Of the places.
 
     Returns:
         Points, shape (n, 3); the face of each, shape (n,), in order; and the area that each stands for, shape (n,).

@@ -1,13 +1,9 @@
 """A box of tetrahedra that is refined where it is asked to be, and the closed surface between inside and outside."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.kernels.mesh.tet_grid import MOST_COORDINATE, Tets, fill_table, halve_tets, locate
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 HALVINGS = 11
 """How often the edge of a cube can be halved."""

@@ -1,12 +1,9 @@
 """Sheets of few triangles as a union of slabs: each triangle with all that is near it."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.kernels.mesh.bvh import face_normals
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 ROUND = 8
 """Directions around a rim; the sphere about a corner is the hull of three such rings and two poles."""

@@ -1,17 +1,13 @@
 """How triangles hang together: shared vertices, edges, parts, boundary loops, winding."""
 
 from collections import deque
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
+from hhsim.arrays import AnyArray, BoolArray, FloatArray, IntArray
 
 
-def distinct_rows(rows: NDArray[Any]) -> tuple[IntArray, IntArray]:
+def distinct_rows(rows: AnyArray) -> tuple[IntArray, IntArray]:
     """Which rows of a table are equal; as `numpy.unique` finds them along an axis, in a third of its time.
 
     Args:

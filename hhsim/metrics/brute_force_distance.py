@@ -5,12 +5,14 @@ Quilez ("Round cone", 2018), not the clamped axis parameter of the kernels.
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from hhsim.arrays import FloatArray
 
 
-def round_cone_distance(points: Array, a: Array, b: Array, radius_a: float, radius_b: float) -> Array:
+def round_cone_distance(
+    points: FloatArray, a: FloatArray, b: FloatArray, radius_a: float, radius_b: float
+) -> FloatArray:
     """Signed distance [m] of points to the hull of two spheres, neither inside the other; shape (N,).
 
     Args:
@@ -35,11 +37,11 @@ def round_cone_distance(points: Array, a: Array, b: Array, radius_a: float, radi
     side = (np.sqrt(h2 * slant / square) + along * drop) / square - radius_a
     at_tip = np.sign(beyond) * slant * beyond * beyond * square > k
     at_base = np.sign(along) * slant * along * along * square < k
-    distance: Array = np.where(at_tip, tip, np.where(at_base, base, side))
+    distance: FloatArray = np.where(at_tip, tip, np.where(at_base, base, side))
     return distance
 
 
-def palm_spheres(palm_center: ArrayLike, position: ArrayLike, orientation: ArrayLike) -> Array:
+def palm_spheres(palm_center: ArrayLike, position: ArrayLike, orientation: ArrayLike) -> FloatArray:
     """World centres of the palm's spheres [m], shape (P, 3).
 
     Args:
@@ -49,46 +51,15 @@ def palm_spheres(palm_center: ArrayLike, position: ArrayLike, orientation: Array
     """
     quaternion, center = np.asarray(orientation, np.float64), np.asarray(palm_center, np.float64)
     w, v = float(quaternion[0]), quaternion[1:]
-    turned: Array = center + 2.0 * (w * np.cross(v, center) + np.cross(v, np.cross(v, center))) + np.asarray(position)
+    turned: FloatArray = (
+        center + 2.0 * (w * np.cross(v, center) + np.cross(v, np.cross(v, center))) + np.asarray(position)
+    )
     return turned
 
 
-def brute_clearance(
-    leaf_center: Array,
-    leaf_radius: Array,
-    phalanx_radius: ArrayLike,
-    palm_center: ArrayLike,
-    palm_radius: ArrayLike,
-    joints: ArrayLike,
-    position: ArrayLike,
-    orientation: ArrayLike,
-) -> float:
-    """Least signed distance [m] of one hand to all leaves, NaN for a hand that is nowhere.
-
-    Args:
-        leaf_center: Of the object's leaf spheres [m], world, shape (L, 3).
-        leaf_radius: [m], shape (L,).
-        phalanx_radius: [m], shape (5, 4).
-        palm_center: Of the palm's spheres [m], palm frame, shape (P, 3).
-        palm_radius: [m], shape (P,).
-        joints: [m], world, shape (5, 4, 3).
-        position: Of the palm [m], world, shape (3,).
-        orientation: Palm to world, unit (w, x, y, z), shape (4,).
-    """
-    joint, radius = np.asarray(joints, np.float64), np.asarray(phalanx_radius, np.float64)
-    least = np.inf
-    for finger in range(joint.shape[0]):
-        for k in range(joint.shape[1] - 1):
-            ends, radii = joint[finger, k : k + 2], radius[finger, k : k + 2]
-            distance = round_cone_distance(leaf_center, ends[0], ends[1], float(radii[0]), float(radii[1]))
-            least = float(np.minimum(least, (distance - leaf_radius).min()))
-    for place, size in zip(palm_spheres(palm_center, position, orientation), np.asarray(palm_radius, np.float64)):
-        distance = np.linalg.norm(leaf_center - place, axis=1) - leaf_radius - size
-        least = float(np.minimum(least, distance.min()))
-    return least
-
-
-def sphere_contact(leaf_center: Array, leaf_radius: Array, center: Array, radius: float) -> tuple[Array, Array]:
+def sphere_contact(
+    leaf_center: FloatArray, leaf_radius: FloatArray, center: FloatArray, radius: float
+) -> tuple[FloatArray, FloatArray]:
     """Signed distances [m] of a sphere to leaves, and the point of each leaf that is nearest to it.
 
     Args:
@@ -107,8 +78,8 @@ def sphere_contact(leaf_center: Array, leaf_radius: Array, center: Array, radius
 
 
 def round_cone_contact(
-    leaf_center: Array, leaf_radius: Array, a: Array, b: Array, radius_a: float, radius_b: float
-) -> tuple[Array, Array]:
+    leaf_center: FloatArray, leaf_radius: FloatArray, a: FloatArray, b: FloatArray, radius_a: float, radius_b: float
+) -> tuple[FloatArray, FloatArray]:
     """As `sphere_contact`, for the hull of two spheres (`round_cone_distance`).
 
     The nearest place lies against the gradient of the distance; of a leaf centred on the axis, where there is none, the

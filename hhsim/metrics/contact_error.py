@@ -7,15 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.contact_points import find_contact_points
-
-FloatArray = NDArray[np.float64]
 
 MOST_CONTACT_ERROR = 1e-3
 """Contacts farther from the mesh than this [m] are worth a warning: a user sees the gap."""
@@ -23,7 +21,7 @@ MOST_TICKS = 4000
 """Of a run with more ticks in contact, so many are looked at, spread evenly: a recording may be of ten minutes."""
 
 
-def ticks_looked_at(contact: NDArray[np.bool_]) -> NDArray[np.int64]:
+def ticks_looked_at(contact: BoolArray) -> IntArray:
     """The ticks that the figure is of, ascending: all in contact, or `MOST_TICKS` of them, spread evenly.
 
     Args:
@@ -50,10 +48,10 @@ class TouchedObject:
     mesh: Mesh
     surface: Any
     shape: HandShape
-    fingers: NDArray[np.bool_]
+    fingers: BoolArray
     touch: float
 
-    def contact_error(self, placed: PlacedHand, contact: NDArray[np.bool_]) -> FloatArray:
+    def contact_error(self, placed: PlacedHand, contact: BoolArray) -> FloatArray:
         """Farthest that a contact point of a tick is from the mesh [m], shape (T,).
 
         NaN where nothing touches and where nobody looked. A contact point is that of a hand body which is nearest to

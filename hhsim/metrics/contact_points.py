@@ -3,17 +3,15 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from hhsim.arrays import BoolArray, IntArray
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.kernels.contact.contact_points import find_contact_pairs
 from hhsim.kernels.contact.surface import ContactPoints
 from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.kernels.jit import as_argument
 from hhsim.system.thread_pool import Workers, ranges, usual_threads
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 ROOM = 64
 """Room for the pairs of a tick at first; more is made where it is too little."""
@@ -35,8 +33,6 @@ def find_contact_points(
 
     Args:
         surface: The object's, world.
-        shape: Sizes of the hand.
-        placed: The ticks.
         touch: [m]; what a result's contacts/touching counts is within `SolverOptions.touch`.
         chosen: Ticks to look at, in order; all where it is not given.
         fingers: Which fingers count, shape (5,), all where it is not given.
@@ -55,7 +51,7 @@ def find_contact_points(
 
 
 def _contact_points(
-    surface: Any, shape: HandShape, placed: PlacedHand, touch: float, ticks: IntArray, counted: NDArray[np.bool_]
+    surface: Any, shape: HandShape, placed: PlacedHand, touch: float, ticks: IntArray, counted: BoolArray
 ) -> ContactPoints:
     room = max(ROOM, 4 * len(ticks))
     count = -1

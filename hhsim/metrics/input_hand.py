@@ -8,8 +8,8 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import BoolArray, FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics
 from hhsim.hand.model import HandModel
@@ -21,8 +21,6 @@ from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.topology import merged_vertices
 from hhsim.metrics.mesh_penetration import mesh_clearance
 from hhsim.metrics.metrics import penetration
-
-Array = NDArray[np.float64]
 
 BLOCK_TICKS = 8_192
 """Hands that are placed at a time."""
@@ -43,9 +41,9 @@ class Correction(NamedTuple):
         farthest: Largest distance of one of them [m], shape (N,).
     """
 
-    palm: Array
-    joints: Array
-    farthest: Array
+    palm: FloatArray
+    joints: FloatArray
+    farthest: FloatArray
 
 
 class InputHand(NamedTuple):
@@ -65,12 +63,11 @@ def input_hand(
     depths: "Depths",
     haptic: HandConfiguration,
     shown: PlacedHand,
-    touch: NDArray[np.bool_],
+    touch: BoolArray,
 ) -> InputHand:
     """Measure the user's hand and the shown one of a run.
 
     Args:
-        hand: The hand.
         depths: In the object, where it stands still.
         haptic: The user's hand at each tick, as the object sees it; ticks that are not finite are left out.
         shown: Where the shown hand is, in the same frame.
@@ -89,17 +86,15 @@ def input_hand(
     return InputHand(depth, Correction(*(np.concatenate(values) for values in zip(*parts))))
 
 
-Depths = Callable[[PlacedHand], Array]
+Depths = Callable[[PlacedHand], FloatArray]
 """Depths of some hands [m], shape (T, 6) of each finger and the palm; below 0 by no more than it is free, or 0."""
 
 
-def object_depths(surface: Any, mesh: Mesh, shape: HandShape, fingers: NDArray[np.bool_]) -> Depths:
+def object_depths(surface: Any, mesh: Mesh, shape: HandShape, fingers: BoolArray) -> Depths:
     """Depths in what the hand touches: an object's leaf spheres, or its triangles.
 
     Args:
         surface: Arrays of the object's surface.
-        mesh: Its mesh.
-        shape: Sizes of the hand.
         fingers: Which ones are modelled, shape (5,).
     """
     if isinstance(surface, MeshFeatures) and surface.pseudonormal.shape[0] > 0:
@@ -107,23 +102,23 @@ def object_depths(surface: Any, mesh: Mesh, shape: HandShape, fingers: NDArray[n
     return _surface_depths(surface, shape, fingers)
 
 
-def _surface_depths(surface: Any, shape: HandShape, fingers: NDArray[np.bool_]) -> Depths:
+def _surface_depths(surface: Any, shape: HandShape, fingers: BoolArray) -> Depths:
     """Depths in single pieces: spheres, or triangles that enclose nothing and are reached through by so much."""
 
-    def of(placed: PlacedHand) -> Array:
+    def of(placed: PlacedHand) -> FloatArray:
         found = penetration(surface, *shape, *placed, fingers)
         return np.concatenate([np.nan_to_num(found.finger), found.palm[:, None]], axis=1)
 
     return of
 
 
-def _mesh_depths(mesh: Mesh, shape: HandShape, fingers: NDArray[np.bool_]) -> Depths:
+def _mesh_depths(mesh: Mesh, shape: HandShape, fingers: BoolArray) -> Depths:
     """Depths in a closed mesh: of the deepest point of the hand, which a distance of its nearest triangle is not."""
     bvh = build_mesh_bvh(*merged_vertices(mesh.vertices, mesh.faces))
     nowhere = np.full((4, 3), AWAY)
     empty = HandShape(shape.phalanx_radius, np.empty((0, 3)), np.empty(0))
 
-    def of(placed: PlacedHand) -> Array:
+    def of(placed: PlacedHand) -> FloatArray:
         depth = np.zeros((len(placed.joints), 6))
         for part in (*np.flatnonzero(fingers), 5):
             joints = np.broadcast_to(nowhere, placed.joints.shape).copy()
@@ -136,7 +131,7 @@ def _mesh_depths(mesh: Mesh, shape: HandShape, fingers: NDArray[np.bool_]) -> De
     return of
 
 
-def deepest(depths: Depths, palm_center: Array, placed: PlacedHand, known: float = 0.0) -> float:
+def deepest(depths: Depths, palm_center: FloatArray, placed: PlacedHand, known: float = 0.0) -> float:
     """Depth of the deepest of some hands [m], to `SAME_DEPTH`; `known` where none is deeper than that.
 
     No finger is deeper than at another tick by more than its surface moves between them: most are never looked at.
@@ -166,7 +161,7 @@ def deepest(depths: Depths, palm_center: Array, placed: PlacedHand, known: float
         looked, depth = np.insert(looked, open_ + 1, more), np.insert(depth, open_ + 1, found, axis=0)
 
 
-def _moved(palm_center: Array, placed: PlacedHand) -> Array:
+def _moved(palm_center: FloatArray, placed: PlacedHand) -> FloatArray:
     """At least the way of any point of each finger's and the palm's surface to the next tick [m], shape (T - 1, 6)."""
     fingers = np.sqrt((np.diff(placed.joints, axis=0) ** 2).sum(axis=3).max(axis=2))
     low, high = palm_center.min(axis=0), palm_center.max(axis=0)

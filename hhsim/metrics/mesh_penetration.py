@@ -6,16 +6,15 @@ By hhsim's own distance kernels, not by an independent library. Exact but slow, 
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.contact.mesh_distance import hand_mesh_distances
 from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.kernels.jit import as_argument
 from hhsim.kernels.mesh.bvh import MeshBvh, mesh_signed_distance
-
-FloatArray = NDArray[np.float64]
 
 RESOLUTION = 1e-4
 """Length of the pieces that a phalanx's axis is cut into where it is nearest [m]."""
@@ -40,8 +39,6 @@ def mesh_clearance(bvh: MeshBvh, shape: HandShape, placed: PlacedHand, limit: fl
 
     Args:
         bvh: Of the object's closed mesh, world.
-        shape: Sizes of the hand.
-        placed: The ticks.
         limit: Stands for everything from here on [m].
     """
     distance = np.empty(len(placed.joints))

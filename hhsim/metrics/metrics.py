@@ -11,16 +11,14 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from hhsim.arrays import BoolArray, FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.contact.penetration import HandSurface, PlacedHands, clearances
 from hhsim.kernels.jit import as_argument
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 FORCE_FLOOR = 0.01
 """Forces [N] weaker than this have no meaningful rate of change."""
@@ -39,9 +37,9 @@ TICK_BUDGET = 1_000_000
 class Penetration(NamedTuple):
     """Penetration depths [m], 0 where free: depth (T,) of the deepest body, palm (T,), finger (T, 5)."""
 
-    depth: Array
-    palm: Array
-    finger: Array
+    depth: FloatArray
+    palm: FloatArray
+    finger: FloatArray
 
 
 @dataclass(frozen=True)
@@ -65,13 +63,13 @@ class TickStatistics:
     count: int
 
 
-def phase_mask(ticks: int, first: int, last: int) -> Mask:
+def phase_mask(ticks: int, first: int, last: int) -> BoolArray:
     """Ticks `first` to `last`, both included, of `ticks`; shape (ticks,)."""
     index = np.arange(ticks)
     return (index >= first) & (index <= last)
 
 
-def statistics(values: ArrayLike, mask: Mask | None = None) -> Statistics:
+def statistics(values: ArrayLike, mask: BoolArray | None = None) -> Statistics:
     """Mean, spread and maximum of the defined values, shape (T,) or (T, ...), in the ticks of `mask` or all."""
     array = np.asarray(values, dtype=np.float64)
     if mask is not None:
@@ -127,7 +125,7 @@ def hand_clearance(
     position: ArrayLike,
     orientation: ArrayLike,
     limit: float,
-) -> tuple[Array, Array]:
+) -> tuple[FloatArray, FloatArray]:
     """Least signed distance [m] of the palm, shape (T,), and of each finger, shape (T, 5), to the object.
 
     To its surface; negative inside. `limit` [m] stands for everything from there on. Arguments as `penetration`.
@@ -152,7 +150,7 @@ def hand_clearance(
     return palm, finger
 
 
-def force_variation_rate(force: ArrayLike, floor: float = FORCE_FLOOR) -> Array:
+def force_variation_rate(force: ArrayLike, floor: float = FORCE_FLOOR) -> FloatArray:
     """One-tick change of the force's size, |‖F_t‖ - ‖F_{t-1}‖| / ‖F_{t-1}‖ [%].
 
     The paper's stability measure: the variation rate of the contact force between two adjacent time steps.
@@ -167,7 +165,7 @@ def force_variation_rate(force: ArrayLike, floor: float = FORCE_FLOOR) -> Array:
     return _rate(np.linalg.norm(_vectors(force), axis=-1), floor)
 
 
-def component_variation_rate(force: ArrayLike, floor: float = FORCE_FLOOR) -> Array:
+def component_variation_rate(force: ArrayLike, floor: float = FORCE_FLOOR) -> FloatArray:
     """`force_variation_rate` of each component by itself, |F_{t,i} - F_{t-1,i}| / |F_{t-1,i}| [%]; shape as `force`.
 
     The floor holds for the component: one that is near zero has no rate, however strong the others are.
@@ -175,7 +173,7 @@ def component_variation_rate(force: ArrayLike, floor: float = FORCE_FLOOR) -> Ar
     return _rate(_vectors(force), floor)
 
 
-def sample_variation_rate(force: ArrayLike, input_seq: ArrayLike, floor: float = FORCE_FLOOR) -> Array:
+def sample_variation_rate(force: ArrayLike, input_seq: ArrayLike, floor: float = FORCE_FLOOR) -> FloatArray:
     """`force_variation_rate` per new input sample: each tick with a new sample against the one with the sample before.
 
     A glove that sends 100 samples/s leaves nine of ten ticks without news, which a rate per tick counts as still.
@@ -190,7 +188,7 @@ def sample_variation_rate(force: ArrayLike, input_seq: ArrayLike, floor: float =
     """
     vectors = _vectors(force)
     sequence = np.asarray(input_seq)
-    rate: Array = np.full(vectors.shape[:-1], np.nan)
+    rate: FloatArray = np.full(vectors.shape[:-1], np.nan)
     if sequence.size:
         new = np.concatenate([[True], sequence[1:] != sequence[:-1]])
         rate[new] = _rate(np.linalg.norm(vectors[new], axis=-1), floor)
@@ -228,7 +226,7 @@ def force_ripple(force: ArrayLike, rate: float, low: float = RIPPLE_BAND[0], hig
     return float(np.sqrt(power[(frequency >= low) & (frequency <= high)].sum()))
 
 
-def worst_force_ripple(force: ArrayLike, rate: float, breaks: Mask | None = None) -> float:
+def worst_force_ripple(force: ArrayLike, rate: float, breaks: BoolArray | None = None) -> float:
     """Largest `force_ripple` of any `RIPPLE_SPAN` of a force [N]: how hard it shakes what makes it, a glove's motor.
 
     It needs no hold: a recording or a session has it too. A step of the force shakes as well, and counts.
@@ -253,7 +251,7 @@ def worst_force_ripple(force: ArrayLike, rate: float, breaks: Mask | None = None
     return statistics(found).max
 
 
-def force_step(force: ArrayLike, moving: Mask, hold: Mask, floor: float = FORCE_FLOOR) -> float:
+def force_step(force: ArrayLike, moving: BoolArray, hold: BoolArray, floor: float = FORCE_FLOOR) -> float:
     """Largest one-tick change of the total force while moving, relative to the mean hold force [%].
 
     The change is that of the vector, ‖F_t - F_{t-1}‖: a force that turns at once jerks the hand, whatever its size.
@@ -272,7 +270,7 @@ def force_step(force: ArrayLike, moving: Mask, hold: Mask, floor: float = FORCE_
     return float(100.0 * change.max() / held.mean())
 
 
-def contact_force_step(force: ArrayLike, touch: Mask, breaks: Mask | None = None) -> float:
+def contact_force_step(force: ArrayLike, touch: BoolArray, breaks: BoolArray | None = None) -> float:
     """Largest one-tick change of the total force in contact, ‖F_t - F_{t-1}‖ [N]: the hardest jerk that was felt.
 
     Of the vector, as in `force_step`, but without a hold: a recording or a session has it too.
@@ -294,7 +292,7 @@ def contact_force_step(force: ArrayLike, touch: Mask, breaks: Mask | None = None
     return float(change.max()) if change.size else np.nan
 
 
-def posture_jump(haptic: ArrayLike, graphic: ArrayLike) -> Array:
+def posture_jump(haptic: ArrayLike, graphic: ArrayLike) -> FloatArray:
     """How far the shown hand jumps in one tick beyond what the user's hand did [m], shape (T,).
 
     The largest motion of any point of the graphic hand since the tick before, less that of any point of the haptic
@@ -308,7 +306,7 @@ def posture_jump(haptic: ArrayLike, graphic: ArrayLike) -> Array:
     Returns:
         [m]; NaN at the first tick.
     """
-    jump: Array = np.full(np.shape(haptic)[0], np.nan)
+    jump: FloatArray = np.full(np.shape(haptic)[0], np.nan)
     theirs, ours = (
         np.linalg.norm(np.diff(np.asarray(points, dtype=np.float64), axis=0), axis=2).max(axis=1)
         for points in (haptic, graphic)
@@ -344,7 +342,7 @@ def frozen_decay(force: ArrayLike, limit: float = FROZEN_LIMIT, floor: float = F
     return last if last < vectors.shape[0] - 1 else None
 
 
-def tracking_energy(haptic: HandConfiguration, graphic: HandConfiguration, stiffness: ArrayLike) -> Array:
+def tracking_energy(haptic: HandConfiguration, graphic: HandConfiguration, stiffness: ArrayLike) -> FloatArray:
     """Coupling energy ½ (Δp·k_t Δp + Δφ·k_r Δφ + Σ k_θ Δθ²) [J] between graphic and haptic hand, shape (T,).
 
     The objective of every method (virtual coupling of the paper's Eq. 1). Δφ is the rotation vector from graphic to
@@ -362,30 +360,30 @@ def tracking_energy(haptic: HandConfiguration, graphic: HandConfiguration, stiff
     turn = _rotation_vectors(graphic.orientation, haptic.orientation)
     bend = (haptic.flexion - graphic.flexion).reshape(-1, 15)
     offset = np.concatenate([shift, turn, bend], axis=1)
-    energy: Array = 0.5 * (offset * offset) @ diagonal
+    energy: FloatArray = 0.5 * (offset * offset) @ diagonal
     return energy
 
 
-def tracking_excess(energy: ArrayLike, reference: ArrayLike, floor: float = 1e-9) -> Array:
+def tracking_excess(energy: ArrayLike, reference: ArrayLike, floor: float = 1e-9) -> FloatArray:
     """How far a method's coupling energy is from the reference optimum's, (energy - reference) / reference [-], (T,).
 
     NaN where the reference is below `floor` [J], that is in free space.
     """
     ours, best = np.asarray(energy, dtype=np.float64), np.asarray(reference, dtype=np.float64)
-    excess: Array = np.full(ours.shape, np.nan)
+    excess: FloatArray = np.full(ours.shape, np.nan)
     defined = best >= floor
     excess[defined] = (ours[defined] - best[defined]) / best[defined]
     return excess
 
 
-def palm_distance_mm(haptic: ArrayLike, graphic: ArrayLike) -> Array:
+def palm_distance_mm(haptic: ArrayLike, graphic: ArrayLike) -> FloatArray:
     """How far the shown palm is from the user's, tick by tick [mm], shape (T,).
 
     Args:
         haptic: Palm of the user's hand [m], world, shape (T, 3).
         graphic: Palm of the shown hand [m], world, shape (T, 3).
     """
-    apart: Array = 1e3 * np.linalg.norm(np.asarray(haptic) - np.asarray(graphic), axis=1)
+    apart: FloatArray = 1e3 * np.linalg.norm(np.asarray(haptic) - np.asarray(graphic), axis=1)
     return apart
 
 
@@ -402,22 +400,22 @@ def tick_statistics(duration: ArrayLike) -> TickStatistics:
     return TickStatistics(float(p50), float(p99), float(array.max()) / 1e3, over, array.size)
 
 
-def _vectors(force: ArrayLike) -> Array:
+def _vectors(force: ArrayLike) -> FloatArray:
     array = np.asarray(force, dtype=np.float64)
     if array.ndim < 2 or array.shape[-1] != 3:
         raise InputError(f"force has shape {array.shape}, expected (T, 3) or (T, fingers, 3)")
     return array
 
 
-def _rate(values: Array, floor: float) -> Array:
-    rate: Array = np.full(values.shape, np.nan)
+def _rate(values: FloatArray, floor: float) -> FloatArray:
+    rate: FloatArray = np.full(values.shape, np.nan)
     before = np.abs(values[:-1])
     defined = before >= floor
     rate[1:][defined] = 100.0 * np.abs(values[1:] - values[:-1])[defined] / before[defined]
     return rate
 
 
-def _rotation_vectors(source: Array, target: Array) -> Array:
+def _rotation_vectors(source: FloatArray, target: FloatArray) -> FloatArray:
     # Vectors v [rad], world, with exp(v) source = target, the short way round.
     scalar = np.sum(source * target, axis=1)
     a, b = source[:, 1:], target[:, 1:]
@@ -426,5 +424,5 @@ def _rotation_vectors(source: Array, target: Array) -> Array:
     sine = np.linalg.norm(vector, axis=1)
     small = sine < 1e-8
     scale = np.where(small, 2.0, 2.0 * np.arctan2(sine, np.abs(scalar)) / np.where(small, 1.0, sine))
-    rotation: Array = scale[:, None] * vector
+    rotation: FloatArray = scale[:, None] * vector
     return rotation

@@ -44,7 +44,6 @@ def random_targets(
     Args:
         hand: Its limits bound flexion and abduction.
         ticks: T.
-        random: Source of everything random.
         hold: Ticks that a target stands.
     """
     count = -(-ticks // hold)

@@ -24,12 +24,12 @@ the next line begins. Raw channels are not part of a CSV file.
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError, UnknownNameError
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.object_motion import ObjectMotion
@@ -113,7 +113,7 @@ def parse_csv(text: str, *, name: str = "") -> Trajectory:
             continue
         if len(cells) != len(header):
             raise TrajectoryError(f"line {number} has {len(cells)} values; expected {len(header)} as in the header")
-        rows.append(_numbers(cells, columns, order, number))
+        rows.append(numbers_of(cells, columns, order, number))
         names.append(cells[phase_column].strip() if phase_column is not None else "")
         if flags_column is not None:
             flags.append(cells[flags_column])
@@ -170,7 +170,12 @@ def _check_header(header: Sequence[str]) -> None:
             raise TrajectoryError(f"the header has column {column} twice")
 
 
-def _numbers(cells: Sequence[str], columns: Sequence[str], order: Sequence[int], line: int) -> list[float]:
+def numbers_of(cells: Sequence[str], columns: Sequence[str], order: Iterable[int], line: int) -> list[float]:
+    """The numbers in the cells of `columns`, which stand at the places `order`.
+
+    Raises:
+        TrajectoryError: A cell holds none; the message names its line and its column.
+    """
     values = []
     for column, index in zip(columns, order):
         try:
@@ -180,7 +185,7 @@ def _numbers(cells: Sequence[str], columns: Sequence[str], order: Sequence[int],
     return values
 
 
-def object_pose(remarks: dict[str, str]) -> dict[str, NDArray[np.float64]]:
+def object_pose(remarks: dict[str, str]) -> dict[str, FloatArray]:
     """The object's pose in the remarks, as far as it is there.
 
     Raises:
@@ -199,7 +204,7 @@ def object_pose(remarks: dict[str, str]) -> dict[str, NDArray[np.float64]]:
     return pose
 
 
-def phases_of(names: Sequence[str], time: NDArray[np.float64]) -> tuple[Phase, ...]:
+def phases_of(names: Sequence[str], time: FloatArray) -> tuple[Phase, ...]:
     """Phases from the name at each sample: runs of equal names.
 
     A run ends at the stamp after it, the last one at the last stamp.

@@ -19,8 +19,7 @@ from hhsim.motion.csv_file import CSV_SUFFIX, TEXTS, format_csv, parse_csv
 from hhsim.motion.object_motion import object_fields
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import Phase, RawChannel, Trajectory
-from hhsim.system.atomic_write import hdf5_image, write_atomically
-from hhsim.system.checksummed_file import sealed
+from hhsim.system.atomic_write import put_dataset, sealed_hdf5, write_atomically
 from hhsim.system.hdf5_input import DAMAGE, open_hdf5
 from hhsim.system.output_path import check_output_path
 
@@ -59,7 +58,7 @@ def save_trajectory(trajectory: Trajectory, path: str | Path) -> None:
     if suffix == CSV_SUFFIX:
         write_atomically(target, format_csv(trajectory).encode())
     elif suffix in HDF5_SUFFIXES:
-        write_atomically(target, sealed(hdf5_image(lambda file: _write(trajectory, file))))
+        write_atomically(target, sealed_hdf5(lambda file: _write(trajectory, file)))
     else:
         raise OutputError(f"{target}: unknown suffix '{suffix}'; expected .h5 or .csv")
 
@@ -116,26 +115,21 @@ def _write(trajectory: Trajectory, file: h5py.File) -> None:
     for key in TEXTS:
         file.attrs[key] = getattr(trajectory, key)
     for key, (units, long_name) in SAMPLES.items():
-        _put(file, key, getattr(trajectory, key), units, long_name)
+        put_dataset(file, key, getattr(trajectory, key), units, long_name)
     moving = trajectory.object_motion
     for key, (units, long_name) in OBJECT.items():
         values = getattr(trajectory, key.replace("/", "_")) if moving is None else getattr(moving, key.split("/")[1])
-        _put(file, key, values, units, long_name if moving is not None else f"{long_name}, constant")
+        put_dataset(file, key, values, units, long_name if moving is not None else f"{long_name}, constant")
     for key, (units, long_name) in PHASE_COLUMNS.items():
         values = [getattr(phase, key) for phase in trajectory.phases]
         kind = h5py.string_dtype() if key == "name" else np.float64
-        _put(file, f"phase/{key}", np.array(values, dtype=kind), units, long_name)
+        put_dataset(file, f"phase/{key}", np.array(values, dtype=kind), units, long_name)
     if trajectory.flags is not None:
-        _put(file, "flags", trajectory.flags, "1", "what was mended in the sample or is in doubt, sum of bits")
+        put_dataset(file, "flags", trajectory.flags, "1", "what was mended in the sample or is in doubt, sum of bits")
         file["flags"].attrs["flag_masks"] = np.array([flag.value for flag in SampleFlag], dtype=np.uint32)
         file["flags"].attrs["flag_meanings"] = " ".join(flag.word for flag in SampleFlag)
     for channel in trajectory.raw:
-        _put(file, f"raw/{channel.name}", channel.values, channel.unit, channel.meaning)
-
-
-def _put(file: h5py.File, key: str, values: Any, units: str, long_name: str) -> None:
-    dataset = file.create_dataset(key, data=values, track_times=False)
-    dataset.attrs["units"], dataset.attrs["long_name"] = units, long_name
+        put_dataset(file, f"raw/{channel.name}", channel.values, channel.unit, channel.meaning)
 
 
 def read_fields(path: Path) -> dict[str, Any]:

@@ -7,11 +7,9 @@ solved and measured as beside an object that is fixed; forces and poses are brou
 from typing import Any, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.hand.quaternion import conjugate, quaternion_product, rotation_matrix
-
-Array = NDArray[np.float64]
 
 
 class ObjectMotion(NamedTuple):
@@ -22,19 +20,19 @@ class ObjectMotion(NamedTuple):
         orientation: Object to world, unit (w, x, y, z), shape (T, 4).
     """
 
-    position: Array
-    orientation: Array
+    position: FloatArray
+    orientation: FloatArray
 
     @property
     def stands_still(self) -> bool:
         """Whether every pose is the first one."""
         return all(bool((values == values[:1]).all()) for values in self)
 
-    def at(self, index: int | slice | NDArray[np.int64]) -> Self:
+    def at(self, index: int | slice | IntArray) -> Self:
         """Some of its poses."""
         return type(self)(self.position[index], self.orientation[index])
 
-    def since(self, position: Array, orientation: Array) -> "RigidMotion":
+    def since(self, position: FloatArray, orientation: FloatArray) -> "RigidMotion":
         """What moves the object from a pose, shapes (3,) and (4,), to each of its own."""
         turn = quaternion_product(self.orientation, conjugate(orientation))
         return RigidMotion(turn, self.position - _turned(turn, np.broadcast_to(position, self.position.shape)))
@@ -48,30 +46,30 @@ class RigidMotion(NamedTuple):
         shift: [m], shape (T, 3).
     """
 
-    turn: Array
-    shift: Array
+    turn: FloatArray
+    shift: FloatArray
 
-    def points(self, seen: Array) -> Array:
+    def points(self, seen: FloatArray) -> FloatArray:
         """World points [m], shape (T, ..., 3), of those that the object sees."""
         return _turned(self.turn, seen) + _beside(self.shift, seen)
 
-    def vectors(self, seen: Array) -> Array:
+    def vectors(self, seen: FloatArray) -> FloatArray:
         """World vectors, shape (T, ..., 3), of those that the object sees."""
         return _turned(self.turn, seen)
 
-    def orientations(self, seen: Array) -> Array:
+    def orientations(self, seen: FloatArray) -> FloatArray:
         """World quaternions, shape (T, 4), of those that the object sees."""
         return quaternion_product(self.turn, seen)
 
-    def seen_points(self, world: Array) -> Array:
+    def seen_points(self, world: FloatArray) -> FloatArray:
         """World points [m], shape (T, ..., 3), as the object sees them."""
         return _turned(conjugate(self.turn), world - _beside(self.shift, world))
 
-    def seen_vectors(self, world: Array) -> Array:
+    def seen_vectors(self, world: FloatArray) -> FloatArray:
         """World vectors, shape (T, ..., 3), as the object sees them."""
         return _turned(conjugate(self.turn), world)
 
-    def seen_orientations(self, world: Array) -> Array:
+    def seen_orientations(self, world: FloatArray) -> FloatArray:
         """World quaternions, shape (T, 4), as the object sees them."""
         return quaternion_product(conjugate(self.turn), world)
 
@@ -89,12 +87,12 @@ def object_fields(given: dict[str, Any]) -> dict[str, Any]:
     return {"object_motion": ObjectMotion(*rows)}
 
 
-def _beside(rows: Array, values: Array) -> Array:
+def _beside(rows: FloatArray, values: FloatArray) -> FloatArray:
     """One row a tick, shape (T, 3), with the axes that `values` has between."""
     return rows.reshape(len(rows), *[1] * (values.ndim - 2), 3)
 
 
-def _turned(turn: Array, values: Array) -> Array:
+def _turned(turn: FloatArray, values: FloatArray) -> FloatArray:
     x, y, z = np.moveaxis(np.asarray(values, np.float64), -1, 0)
     matrix = rotation_matrix(turn).reshape(len(turn), *[1] * (x.ndim - 1), 3, 3)
     # Sums written out: the same bytes however many ticks there are at a time.

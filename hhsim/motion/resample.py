@@ -10,10 +10,8 @@ tick rate is replayed unchanged.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from hhsim.arrays import BoolArray, FloatArray, IntArray
 
 STAMP_TOLERANCE = 1e-9
 """A stamp this close to a tick [s] is that tick: stamps such as 3 · 0.001 and 3 / 1000 differ in the last bit."""
@@ -22,13 +20,13 @@ SMALL_ARC = 1e-6
 """Below this angle [rad] between quaternions the chord is the arc in double precision."""
 
 
-def tick_times(duration: float, rate: float) -> Array:
+def tick_times(duration: float, rate: float) -> FloatArray:
     """K / rate [s] for k = 0, 1, … up to `duration` [s] inclusive, shape (N,)."""
     count = int(np.floor((duration + STAMP_TOLERANCE) * rate)) + 1
     return np.arange(count) / rate
 
 
-def newest_sample(time: Array, ticks: Array) -> Indices:
+def newest_sample(time: FloatArray, ticks: FloatArray) -> IntArray:
     """Index of the newest sample at or before each tick, shape (N,).
 
     Args:
@@ -39,14 +37,14 @@ def newest_sample(time: Array, ticks: Array) -> Indices:
     return np.asarray(np.maximum(index, 0), dtype=np.int64)
 
 
-def on_stamp(time: Array, ticks: Array, newest: Indices) -> NDArray[np.bool_]:
+def on_stamp(time: FloatArray, ticks: FloatArray, newest: IntArray) -> BoolArray:
     """Where a tick falls on its newest sample, or after the last one, and so takes the sample itself; shape (N,)."""
-    sample: NDArray[np.bool_] = np.abs(ticks - time[newest]) <= STAMP_TOLERANCE
+    sample: BoolArray = np.abs(ticks - time[newest]) <= STAMP_TOLERANCE
     sample |= newest == time.shape[0] - 1
     return sample
 
 
-def monotone_slopes(time: Array, values: Array) -> Array:
+def monotone_slopes(time: FloatArray, values: FloatArray) -> FloatArray:
     """Slopes of the shape-preserving cubic at the samples.
 
     Args:
@@ -82,7 +80,7 @@ def monotone_slopes(time: Array, values: Array) -> Array:
     return slopes
 
 
-def _end_slope(step: Array, next_step: Array, secant: Array, next_secant: Array) -> Array:
+def _end_slope(step: FloatArray, next_step: FloatArray, secant: FloatArray, next_secant: FloatArray) -> FloatArray:
     """Three-point slope at an end, cut back so that the end interval stays monotone."""
     slope = ((2.0 * step + next_step) * secant - step * next_secant) / (step + next_step)
     wrong_way = np.sign(slope) != np.sign(secant)
@@ -90,7 +88,7 @@ def _end_slope(step: Array, next_step: Array, secant: Array, next_secant: Array)
     return np.where(wrong_way, 0.0, np.where(too_steep, 3.0 * secant, slope))
 
 
-def interpolate_monotone(time: Array, values: Array, ticks: Array) -> Array:
+def interpolate_monotone(time: FloatArray, values: FloatArray, ticks: FloatArray) -> FloatArray:
     """Shape-preserving cubic through the samples.
 
     Args:
@@ -118,7 +116,7 @@ def interpolate_monotone(time: Array, values: Array, ticks: Array) -> Array:
     return np.ascontiguousarray(out.reshape(ticks.shape[0], *values.shape[1:]))
 
 
-def interpolate_orientation(time: Array, quaternions: Array, ticks: Array) -> Array:
+def interpolate_orientation(time: FloatArray, quaternions: FloatArray, ticks: FloatArray) -> FloatArray:
     """Great-arc interpolation (slerp) between neighbouring samples, the short way round.
 
     Args:

@@ -5,6 +5,8 @@ from enum import IntFlag
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.arrays import BoolArray
+
 
 class SampleFlag(IntFlag):
     """One bit a finding; a sample's flags are their sum, 0 where nothing was found."""
@@ -65,12 +67,12 @@ MENDED = (
 """Flags of samples whose numbers, or place in time, are not what came in."""
 
 
-def marked(flags: NDArray[np.uint32], flag: SampleFlag) -> NDArray[np.bool_]:
+def marked(flags: NDArray[np.uint32], flag: SampleFlag) -> BoolArray:
     """Where any bit of `flag` is set, shape (T,)."""
-    found: NDArray[np.bool_] = (flags & np.uint32(flag.value)) != 0
+    found: BoolArray = (flags & np.uint32(flag.value)) != 0
     return found
 
 
-def mark(flags: NDArray[np.uint32], where: NDArray[np.bool_], flag: SampleFlag) -> None:
+def mark(flags: NDArray[np.uint32], where: BoolArray, flag: SampleFlag) -> None:
     """Set `flag` where `where` says, in place."""
     flags[where] |= np.uint32(flag.value)

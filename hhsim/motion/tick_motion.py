@@ -42,7 +42,6 @@ def trajectory_of(motion: HandConfiguration, *, name: str = "", source: str = ""
 
     Args:
         motion: One configuration a tick.
-        name: A short name.
         source: Who or what made the motion.
 
     Raises:

@@ -10,6 +10,7 @@ from typing import Any, Literal, NamedTuple, Self, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.motion.object_motion import ObjectMotion
 from hhsim.motion.resample import (
@@ -27,8 +28,6 @@ from hhsim.motion.validation import (
     continuous_orientation,
 )
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 Flags = NDArray[np.uint32]
 HandSide = Literal["", "right", "left"]
 ResampleMode = Literal["interpolate", "hold"]
@@ -74,7 +73,7 @@ class RawChannel:
     """
 
     name: str
-    values: Array
+    values: FloatArray
     unit: str = ""
     meaning: str = ""
 
@@ -95,12 +94,12 @@ class TickInput:
         object_motion: The object's pose at each tick; None where it stands still.
     """
 
-    time: Array
-    input_seq: Indices
-    position: Array
-    orientation: Array
-    flexion: Array
-    abduction: Array
+    time: FloatArray
+    input_seq: IntArray
+    position: FloatArray
+    orientation: FloatArray
+    flexion: FloatArray
+    abduction: FloatArray
     phases: tuple[TickPhase, ...]
     rate: float
     object_motion: ObjectMotion | None = None
@@ -174,14 +173,14 @@ class Trajectory:
             zero, angles in degrees, positions in millimetres, phases out of order, flags that are no whole numbers.
     """
 
-    time: Array
-    position: Array
-    orientation: Array
-    flexion: Array
-    abduction: Array
+    time: FloatArray
+    position: FloatArray
+    orientation: FloatArray
+    flexion: FloatArray
+    abduction: FloatArray
     phases: tuple[Phase, ...] = ()
-    object_position: Array = field(default_factory=lambda: np.zeros(3))
-    object_orientation: Array = field(default_factory=lambda: np.array([1.0, 0.0, 0.0, 0.0]))
+    object_position: FloatArray = field(default_factory=lambda: np.zeros(3))
+    object_orientation: FloatArray = field(default_factory=lambda: np.array([1.0, 0.0, 0.0, 0.0]))
     name: str = ""
     source: str = ""
     licence: str = ""
@@ -231,7 +230,7 @@ class Trajectory:
         if self.flags is not None:
             object.__setattr__(self, "flags", _checked_flags(self.flags, count))
 
-    def _checked_object_motion(self, time: Array) -> ObjectMotion | None:
+    def _checked_object_motion(self, time: FloatArray) -> ObjectMotion | None:
         """The object's motion where it is one; its first pose becomes the constant one."""
         if self.object_motion is None:
             return None
@@ -340,7 +339,7 @@ class Trajectory:
         )
 
 
-def _constant(label: str, given: ArrayLike, size: int) -> Array:
+def _constant(label: str, given: ArrayLike, size: int) -> FloatArray:
     values = as_numbers(label, given)
     if values.shape != (size,):
         raise TrajectoryError(f"{label} has shape {values.shape}; expected ({size},), one constant pose")

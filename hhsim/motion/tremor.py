@@ -4,12 +4,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
 from hhsim.kernels.rotation import rotate_quaternion
-
-Array = NDArray[np.float64]
 
 LIMITS: dict[str, tuple[float, float]] = {
     "tremor_position": (0.0, 0.1),
@@ -56,12 +54,11 @@ class Disturbance:
                 raise TrajectoryError(f"{key} = {value!r}; expected {kind} from {low:g} to {high:g}")
 
     def apply(
-        self, seed: int, time: Array, position: Array, orientation: Array, flexion: Array
-    ) -> tuple[Array, Array, Array]:
+        self, seed: int, time: FloatArray, position: FloatArray, orientation: FloatArray, flexion: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The disturbed motion.
 
         Args:
-            seed: Of everything random here.
             time: [s], shape (T,).
             position: [m], shape (T, 3), world.
             orientation: Unit (w, x, y, z), shape (T, 4).
@@ -87,7 +84,7 @@ class Disturbance:
             flexion = count * np.round(flexion / count)
         return position, orientation, flexion
 
-    def _ellipse(self, stream: np.random.Generator, time: Array, amplitude: float) -> Array:
+    def _ellipse(self, stream: np.random.Generator, time: FloatArray, amplitude: float) -> FloatArray:
         """A sin ωt + b cos ωt with seeded a and b, scaled so that the longer half axis is `amplitude`; shape (T, 3)."""
         axes = stream.normal(size=(3, 2))
         axes *= amplitude / np.linalg.norm(axes, ord=2)

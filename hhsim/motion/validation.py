@@ -1,11 +1,10 @@
 """What makes a motion fit to replay. Every refusal is one line: what is wrong, at which sample, what would be right."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import TrajectoryError
-
-Array = NDArray[np.float64]
 
 MIN_QUATERNION_NORM = 1e-6
 """A quaternion shorter than this has no direction left."""
@@ -13,7 +12,7 @@ UNIT_TOLERANCE = 4.0 * float(np.finfo(np.float64).eps)
 """A quaternion this close to unit stays as it is, so that a file read back holds the same bytes."""
 
 
-def as_numbers(label: str, values: ArrayLike) -> Array:
+def as_numbers(label: str, values: ArrayLike) -> FloatArray:
     """A float64 copy, C-contiguous.
 
     Raises:
@@ -25,7 +24,7 @@ def as_numbers(label: str, values: ArrayLike) -> Array:
         raise TrajectoryError(f"{label} is not an array of numbers") from None
 
 
-def check_finite(label: str, values: Array, time: Array | None = None) -> None:
+def check_finite(label: str, values: FloatArray, time: FloatArray | None = None) -> None:
     """Refuse NaN and infinity."""
     bad = ~np.isfinite(values)
     if bad.any():
@@ -36,7 +35,7 @@ def check_finite(label: str, values: Array, time: Array | None = None) -> None:
         )
 
 
-def check_increasing(time: Array) -> None:
+def check_increasing(time: FloatArray) -> None:
     """Refuse stamps that repeat or go backwards."""
     bad = np.flatnonzero(np.diff(time) <= 0.0) + 1
     if bad.size:
@@ -48,7 +47,7 @@ def check_increasing(time: Array) -> None:
         )
 
 
-def check_magnitude(label: str, values: Array, limit: float, unit: str, question: str, time: Array) -> None:
+def check_magnitude(label: str, values: FloatArray, limit: float, unit: str, question: str, time: FloatArray) -> None:
     """Refuse values beyond `limit`, which betray another unit: `question` says which."""
     bad = np.abs(values) > limit
     if bad.any():
@@ -59,7 +58,7 @@ def check_magnitude(label: str, values: Array, limit: float, unit: str, question
         )
 
 
-def continuous_orientation(quaternions: Array, time: Array) -> Array:
+def continuous_orientation(quaternions: FloatArray, time: FloatArray) -> FloatArray:
     """Unit quaternions without sign flips between neighbours, shape (T, 4).
 
     Raises:
@@ -79,7 +78,7 @@ def continuous_orientation(quaternions: Array, time: Array) -> Array:
     return np.ascontiguousarray(unit * sign[:, None])
 
 
-def _place(index: NDArray[np.int64], time: Array | None) -> str:
+def _place(index: IntArray, time: FloatArray | None) -> str:
     sample = int(index[0])
     place = f"sample {sample}"
     if len(index) > 1:

@@ -7,12 +7,10 @@ z, then about the turned x, then about the twice turned y. Angles are in degrees
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
 from hhsim.recordings.recording import MOST_SAMPLES, Finding, note
-
-Array = NDArray[np.float64]
 
 MOST_JOINTS = 2_000
 """More joints than this are no skeleton."""
@@ -38,7 +36,7 @@ class Joint:
 
     name: str
     parent: int
-    offset: Array
+    offset: FloatArray
     channels: tuple[str, ...] = ()
     first: int = 0
     is_end: bool = False
@@ -58,18 +56,18 @@ class Bvh:
 
     joints: tuple[Joint, ...]
     frame_time: float
-    values: Array
+    values: FloatArray
     findings: tuple[Finding, ...]
 
-    def positions(self) -> Array:
+    def positions(self) -> FloatArray:
         """World positions of all joints and ends in the file's unit, shape (T, J, 3)."""
         return self._pose()[0]
 
-    def orientations(self) -> Array:
+    def orientations(self) -> FloatArray:
         """World rotations of all joints, shape (T, J, 3, 3)."""
         return self._pose()[1]
 
-    def _pose(self) -> tuple[Array, Array]:
+    def _pose(self) -> tuple[FloatArray, FloatArray]:
         count = len(self.values)
         at = np.empty((count, len(self.joints), 3))
         turned = np.empty((count, len(self.joints), 3, 3))
@@ -83,7 +81,7 @@ class Bvh:
                 turned[:, index] = parent @ turn
         return at, turned
 
-    def _local(self, joint: Joint) -> tuple[Array, Array]:
+    def _local(self, joint: Joint) -> tuple[FloatArray, FloatArray]:
         """Place and rotation of a joint in its parent's frame, shapes (T, 3) and (T, 3, 3)."""
         count = len(self.values)
         shift = np.tile(joint.offset, (count, 1))
@@ -98,7 +96,7 @@ class Bvh:
         return shift, turn
 
 
-def _about(axis: int, angle: Array) -> Array:
+def _about(axis: int, angle: FloatArray) -> FloatArray:
     """Rotations about a coordinate axis, shape (T, 3, 3)."""
     i, j = (axis + 1) % 3, (axis + 2) % 3
     turn = np.tile(np.eye(3), (len(angle), 1, 1))

@@ -152,7 +152,6 @@ def parse_column_map(text: str, *, where: str) -> ColumnMap:
     """Make a mapping from TOML text.
 
     Args:
-        text: The document.
         where: Names it in messages.
 
     Raises:

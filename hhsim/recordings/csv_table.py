@@ -9,13 +9,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError, UnknownNameError
 from hhsim.motion.csv_file import read_remarks
 from hhsim.recordings.recording import MOST_SAMPLES, Finding, note
-
-Array = NDArray[np.float64]
 
 DELIMITERS = (",", ";", "\t", " ")
 MISSING = {"", "nan", "na", "n/a", "null", "none", "-", "inf", "-inf", "+inf", "infinity", "-infinity"}
@@ -31,7 +29,6 @@ class Table:
         header: Names of the columns.
         rows: Cells, as many a row as names.
         remarks: The `# key: value` lines before the header.
-        decimal: The decimal sign.
         findings: Lines that were left out.
     """
 
@@ -41,7 +38,7 @@ class Table:
     decimal: str
     findings: tuple[Finding, ...]
 
-    def numbers(self, columns: Sequence[str]) -> tuple[Array, int]:
+    def numbers(self, columns: Sequence[str]) -> tuple[FloatArray, int]:
         """The numbers of some columns, shape (T, C), NaN where there is none, and how many cells are no number at all.
 
         Raises:
@@ -81,7 +78,6 @@ def read_table(
     Args:
         text: The content of the file.
         delimiter: Between cells; found in the header if not given.
-        decimal: The decimal sign.
         names: Of the columns, where the first line is a sample; None where it has them.
 
     Raises:

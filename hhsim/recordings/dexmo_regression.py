@@ -26,15 +26,14 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.hand.fingers import FINGERS
 from hhsim.recordings.column_map import JOINT_NAMES
 from hhsim.recordings.unit_detection import ANGLE_UNITS
 from hhsim.system.toml_document import check_keys, checked_number, checked_table, parse_toml, read_toml_text
-
-Array = NDArray[np.float64]
 
 CHANNELS = ("thumb_rotate",) + tuple(f"{finger}_{kind}" for finger in FINGERS for kind in ("split", "bend"))
 """The channels in the glove's order; its pinky is our little finger."""
@@ -81,10 +80,10 @@ class DexmoRegression:
         hints: Channels whose readings are doubtful, in words.
     """
 
-    open: Array
-    closed: Array
-    slope: Array
-    offset: Array
+    open: FloatArray
+    closed: FloatArray
+    slope: FloatArray
+    offset: FloatArray
     hints: tuple[str, ...] = ()
 
     @classmethod
@@ -100,21 +99,21 @@ class DexmoRegression:
         """Whether the readings are raw counts rather than 0 to 1."""
         return not (np.array_equal(self.open, np.zeros_like(self.open)) and (self.closed == 1.0).all())
 
-    def normalised(self, readings: ArrayLike) -> Array:
+    def normalised(self, readings: ArrayLike) -> FloatArray:
         """Channels from 0 to 1, and beyond where the hand goes beyond its two poses; shape (…, 11)."""
         return np.asarray((np.asarray(readings, np.float64) - self.open) / (self.closed - self.open))
 
-    def angles(self, readings: ArrayLike) -> tuple[Array, Array]:
+    def angles(self, readings: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Flexion (…, 5, 3) and abduction (…, 5) [rad] from readings of the channels, shape (…, 11)."""
         whole = self.normalised(readings) @ self.slope.T + self.offset
         return whole[..., :15].reshape(*whole.shape[:-1], 5, 3), whole[..., 15:]
 
-    def bend_lines(self) -> tuple[Array, Array]:
+    def bend_lines(self) -> tuple[FloatArray, FloatArray]:
         """Angles of each finger as its bend alone moves them [rad]: slope and offset, each of shape (5, 3)."""
         slope = np.stack([self.slope[3 * f : 3 * f + 3, BEND[f]] for f in range(len(FINGERS))])
         return slope, self.offset[:15].reshape(len(FINGERS), 3).copy()
 
-    def bends(self, flexion: ArrayLike) -> Array:
+    def bends(self, flexion: ArrayLike) -> FloatArray:
         """The normalised bend of each finger that comes nearest to its three angles, 0 to 1, shape (…, 5).
 
         What a glove that takes a position limit is told. The other channels are taken as 0.
@@ -171,7 +170,7 @@ def calibrated(
     return replace(regression, open=low, closed=np.where(dead, low + 1.0, high), slope=slope, hints=tuple(hints))
 
 
-def _medians(word: str, readings: ArrayLike) -> Array:
+def _medians(word: str, readings: ArrayLike) -> FloatArray:
     values = np.asarray(readings, np.float64)
     if values.ndim != 2 or values.shape[1] != len(CHANNELS):
         raise InputError(f"{word}: readings of shape {values.shape}; expected (N, {len(CHANNELS)})")
@@ -184,7 +183,7 @@ def _medians(word: str, readings: ArrayLike) -> Array:
 
 def fit(
     regression: DexmoRegression, readings: ArrayLike, angles: ArrayLike, joints: Sequence[str] = JOINT_NAMES
-) -> tuple[DexmoRegression, Array]:
+) -> tuple[DexmoRegression, FloatArray]:
     """The regression whose joints follow measured angles best, in least squares.
 
     Each joint keeps the channels that it depends on; their slopes and its offset are found anew.
@@ -254,7 +253,6 @@ def parse_calibration(text: str, *, where: str) -> DexmoRegression:
     """Make a calibration from TOML text; joints that it does not name keep their default.
 
     Args:
-        text: The document.
         where: Names it in messages.
 
     Raises:
@@ -291,7 +289,7 @@ def _number(where: str, key: str, value: Any) -> float:
     return checked_number(where, key, value, -MOST_NUMBER, MOST_NUMBER)
 
 
-def _set(slope: Array, offset: Array, joint: str, terms: Mapping[str, float]) -> None:
+def _set(slope: FloatArray, offset: FloatArray, joint: str, terms: Mapping[str, float]) -> None:
     row = JOINT_NAMES.index(joint)
     for key, value in terms.items():
         if key == "offset":

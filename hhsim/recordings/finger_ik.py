@@ -9,18 +9,16 @@ flexions are then angles in that plane. So the angles are those of our hand, wha
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.model import BREADTH_PER_LENGTH, DEFAULT_HAND_LENGTH, PALM_CENTER, default_fingers
 from hhsim.hand.quaternion import conjugate, quaternion_product
 from hhsim.kernels.hand.tracked_hand import EXACT, LEAST, STRAIGHT
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.frames import quaternions_of, turned
 
-Array = NDArray[np.float64]
 
-
-def finger_angles(bones: Array, side: HandSide) -> tuple[Array, Array, Array]:
+def finger_angles(bones: FloatArray, side: HandSide) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Flexion and abduction that bring our fingers nearest to recorded bones.
 
     Args:
@@ -53,7 +51,7 @@ def finger_angles(bones: Array, side: HandSide) -> tuple[Array, Array, Array]:
 
 
 @lru_cache
-def finger_axes(side: HandSide) -> tuple[Array, Array, Array]:
+def finger_axes(side: HandSide) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Where our straight fingers point, out of their backs, and across them to the thumb's side, shapes (5, 3)."""
     sizes = default_fingers(DEFAULT_HAND_LENGTH, BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH)
     mirror = np.array([-1.0 if side == "left" else 1.0, 1.0, 1.0])
@@ -64,7 +62,9 @@ def finger_axes(side: HandSide) -> tuple[Array, Array, Array]:
     return distal, dorsal, mirror[0] * np.cross(dorsal, distal)
 
 
-def finger_joints(base: Array, length: Array, flexion: Array, abduction: Array, side: HandSide) -> Array:
+def finger_joints(
+    base: FloatArray, length: FloatArray, flexion: FloatArray, abduction: FloatArray, side: HandSide
+) -> FloatArray:
     """Joints and tips of fingers of any size in a posture [m], palm frame, shape (T, 5, 4, 3).
 
     Args:
@@ -72,7 +72,6 @@ def finger_joints(base: Array, length: Array, flexion: Array, abduction: Array, 
         length: Of its bones [m], shape (5, 3).
         flexion: [rad], shape (T, 5, 3).
         abduction: [rad], shape (T, 5).
-        side: Which hand.
     """
     distal, dorsal, across = finger_axes(side)
     turn = abduction[..., None]
@@ -83,12 +82,12 @@ def finger_joints(base: Array, length: Array, flexion: Array, abduction: Array, 
     return np.asarray(base[:, None] + joints)
 
 
-def _within_turn(angle: Array) -> Array:
+def _within_turn(angle: FloatArray) -> FloatArray:
     """The same angle in (-π/2, 3π/2]: a joint flexes by up to 200° or hyperextends by up to 90°."""
     return np.asarray((angle + 0.5 * np.pi) % (2.0 * np.pi) - 0.5 * np.pi)
 
 
-def palm_rotation(fingers: Array, back: Array) -> Array:
+def palm_rotation(fingers: FloatArray, back: FloatArray) -> FloatArray:
     """Our palm frame from two directions, as quaternions (w, x, y, z), shape (T, 4); NaN where one is missing.
 
     Args:
@@ -105,19 +104,18 @@ def palm_rotation(fingers: Array, back: Array) -> Array:
     return quaternions_of(frame)
 
 
-def palm_from_knuckles(knuckles: Array, wrist: Array, side: HandSide) -> Array:
+def palm_from_knuckles(knuckles: FloatArray, wrist: FloatArray, side: HandSide) -> FloatArray:
     """Our palm frame as it lies in our own wrist and knuckles, as quaternions (w, x, y, z), shape (T, 4).
 
     Args:
         knuckles: First joints of index to little finger, any unit, shape (T, 4, 3).
         wrist: Its middle, shape (T, 3).
-        side: Which hand.
     """
     return quaternion_product(_from_knuckles(knuckles, wrist, side), palm_in_knuckles(side))
 
 
 @lru_cache
-def palm_in_knuckles(side: HandSide) -> Array:
+def palm_in_knuckles(side: HandSide) -> FloatArray:
     """Our palm frame as it lies in the frame of our wrist and knuckles, a quaternion (w, x, y, z), shape (1, 4)."""
     sizes = default_fingers(DEFAULT_HAND_LENGTH, BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH)
     distal, lateral = PALM_CENTER
@@ -126,26 +124,25 @@ def palm_in_knuckles(side: HandSide) -> Array:
     return conjugate(_from_knuckles((sizes["base"][1:] * mirror)[None], (middle * mirror)[None], side))
 
 
-def _from_knuckles(knuckles: Array, wrist: Array, side: HandSide) -> Array:
+def _from_knuckles(knuckles: FloatArray, wrist: FloatArray, side: HandSide) -> FloatArray:
     """A frame with y from the wrist to the middle of the knuckles and z out of the back."""
     across = (knuckles[:, 3] - knuckles[:, 0]) * (-1.0 if side == "left" else 1.0)
     along = knuckles.mean(axis=1) - wrist
     return palm_rotation(along, np.cross(across, along))
 
 
-def palm_origin(knuckles: Array, orientation: Array, side: HandSide) -> Array:
+def palm_origin(knuckles: FloatArray, orientation: FloatArray, side: HandSide) -> FloatArray:
     """Where our palm has its origin when the middle of our knuckles meets that of recorded ones [m], shape (T, 3).
 
     Args:
         knuckles: First joints of index to little finger [m], shape (T, 4, 3).
         orientation: Of our palm frame in the same frame, unit (w, x, y, z), shape (T, 4).
-        side: Which hand.
     """
     return np.asarray(knuckles.mean(axis=1) - turned(orientation, middle_of_knuckles(side)))
 
 
 @lru_cache
-def middle_of_knuckles(side: HandSide) -> Array:
+def middle_of_knuckles(side: HandSide) -> FloatArray:
     """Of our hand, from its origin [m], shape (3,)."""
     sizes = default_fingers(DEFAULT_HAND_LENGTH, BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH)
     return np.asarray(sizes["base"][1:].mean(axis=0) * [-1.0 if side == "left" else 1.0, 1.0, 1.0])

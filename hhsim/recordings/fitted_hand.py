@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, OutputError, TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.hand_file import format_hand_file
@@ -21,8 +21,6 @@ from hhsim.hand.model import (
 from hhsim.recordings.frames import turned
 from hhsim.recordings.recording import Recording, note
 from hhsim.system.output_path import check_output_path
-
-Array = NDArray[np.float64]
 
 BREADTHS = (0.26, 0.74)
 """Hand breadths [HL] that our palm can be made of."""
@@ -44,11 +42,11 @@ class FittedHand(NamedTuple):
 
     hand_length: float
     hand_breadth: float
-    base: Array
-    length: Array
-    radius: Array
+    base: FloatArray
+    length: FloatArray
+    radius: FloatArray
     measured: bool
-    shift: Array
+    shift: FloatArray
 
 
 def fitted_hand(recording: Recording) -> FittedHand:

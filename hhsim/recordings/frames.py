@@ -11,19 +11,17 @@ its x.
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.quaternion import quaternion_from_matrix, quaternion_product
-
-Array = NDArray[np.float64]
 
 OURS = ("x", "y", "z")
 WORLD_UP = ("x", "y", "z", "-x", "-y", "-z")
 _UNIT = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
-def axes_matrix(axes: Sequence[str], where: str = "palm axes") -> Array:
+def axes_matrix(axes: Sequence[str], where: str = "palm axes") -> FloatArray:
     """Rotation from our frame to the recording's, shape (3, 3): its columns are our axes in the recording's.
 
     Args:
@@ -42,7 +40,7 @@ def axes_matrix(axes: Sequence[str], where: str = "palm axes") -> Array:
     return matrix
 
 
-def world_matrix(up: str, where: str = "world_up") -> Array:
+def world_matrix(up: str, where: str = "world_up") -> FloatArray:
     """Rotation from the recording's world to ours, shape (3, 3).
 
     Args:
@@ -66,18 +64,18 @@ def world_matrix(up: str, where: str = "world_up") -> Array:
     return axes_matrix(turns[up], where).T
 
 
-def to_our_world(position: Array, orientation: Array, up: str) -> tuple[Array, Array]:
+def to_our_world(position: FloatArray, orientation: FloatArray, up: str) -> tuple[FloatArray, FloatArray]:
     """Palm positions (T, 3) and orientations (T, 4, w x y z) of a recording's world in ours."""
     turn = world_matrix(up)
     return position @ turn.T, quaternion_product(quaternion_from_matrix(turn), orientation)
 
 
-def to_our_palm(orientation: Array, axes: Sequence[str]) -> Array:
+def to_our_palm(orientation: FloatArray, axes: Sequence[str]) -> FloatArray:
     """Orientations of our palm frame from those of the recording's, (T, 4), w x y z."""
     return quaternion_product(orientation, quaternion_from_matrix(axes_matrix(axes)))
 
 
-def turned(orientation: Array, vector: Array) -> Array:
+def turned(orientation: FloatArray, vector: FloatArray) -> FloatArray:
     """A vector, shape (3,) or (T, 3), turned by each quaternion (w, x, y, z) of any length, shape (T, 3)."""
     with np.errstate(invalid="ignore", divide="ignore"):
         q = orientation / np.linalg.norm(orientation, axis=1, keepdims=True)
@@ -85,7 +83,7 @@ def turned(orientation: Array, vector: Array) -> Array:
     return np.asarray(vector + q[:, :1] * cross + np.cross(q[:, 1:], cross))
 
 
-def quaternions_of(matrix: Array) -> Array:
+def quaternions_of(matrix: FloatArray) -> FloatArray:
     """Unit quaternions (w, x, y, z), shape (T, 4), of rotation matrices, shape (T, 3, 3).
 
     Of steady sign; NaN where a matrix is missing.
@@ -100,7 +98,7 @@ def quaternions_of(matrix: Array) -> Array:
     return np.asarray(row)
 
 
-def in_palm(vectors: Array, orientation: Array) -> Array:
+def in_palm(vectors: FloatArray, orientation: FloatArray) -> FloatArray:
     """World vectors, shape (T, …, 3), in the palm frames of quaternions (w, x, y, z), shape (T, 4)."""
     shape = (len(orientation),) + (1,) * (vectors.ndim - 2) + (3,)
     axis = -orientation[:, 1:].reshape(shape)

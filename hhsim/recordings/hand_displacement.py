@@ -4,13 +4,10 @@ A turn of the palm counts as the way of a point `PALM_ARM` away from its origin,
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.hand.quaternion import conjugate, quaternion_product, rotation_vector
 from hhsim.recordings.recording import Recording
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 PALM_ARM = 0.1
 """From the palm's origin to a straight fingertip [m]."""
@@ -18,7 +15,7 @@ FINGER_ARM = 0.04
 """From a joint to the fingertip, of a usual joint [m]."""
 
 
-def turn(first: Array, second: Array) -> Array:
+def turn(first: FloatArray, second: FloatArray) -> FloatArray:
     """Rotation vectors [rad] from quaternions `first` to `second`, in the frame of `first`, shape (…, 3).
 
     Any length and sign; NaN or a length of zero gives NaN.
@@ -29,7 +26,7 @@ def turn(first: Array, second: Array) -> Array:
         return rotation_vector(quaternion_product(conjugate(a), b))
 
 
-def change(recording: Recording, first: Indices, second: Indices) -> Array:
+def change(recording: Recording, first: IntArray, second: IntArray) -> FloatArray:
     """How far the hand is in samples `second` from where it is in `first` [m]; missing numbers count as unchanged."""
     parts = [
         recording.position[second] - recording.position[first],

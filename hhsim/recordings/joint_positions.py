@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import BoolArray, FloatArray
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import DEFAULT_HAND_LENGTH
@@ -24,8 +24,6 @@ from hhsim.recordings.recorded_bones import FingerChains, Posture, recorded_bone
 from hhsim.recordings.recording import MOST, Finding, Recording, note
 from hhsim.recordings.recording_format import ReadOptions
 from hhsim.recordings.unit_detection import LENGTH_UNITS
-
-Array = NDArray[np.float64]
 
 HAND_LENGTHS = (0.12, 0.26)
 """Hands are this long from the wrist to the middle fingertip [m], children's too: the units' ranges do not meet."""
@@ -59,14 +57,14 @@ class JointPositions:
         findings: Of the reader.
     """
 
-    time: Array
-    position: Array
+    time: FloatArray
+    position: FloatArray
     form: str
     hand: HandSide = ""
     unit: float | None = None
     up: str | None = None
-    radius: Array | None = None
-    doubtful: NDArray[np.bool_] | None = None
+    radius: FloatArray | None = None
+    doubtful: BoolArray | None = None
     tip_on_surface: bool = True
     time_stated: bool = True
     device: str = ""
@@ -96,7 +94,6 @@ def recording_of_joints(joints: JointPositions, name: str, options: ReadOptions)
 
     Args:
         joints: Of the device.
-        name: Of the recording.
         options: What the user says: the hand, the unit, the axis that points up.
 
     Raises:
@@ -210,7 +207,7 @@ def _scale(joints: JointPositions, options: ReadOptions) -> tuple[float, list[Fi
     return wanted / length, [note(text)]
 
 
-def _side(points: Array, hand: HandSide) -> tuple[HandSide, list[Finding]]:
+def _side(points: FloatArray, hand: HandSide) -> tuple[HandSide, list[Finding]]:
     """Which hand it is, as was said, or as the fingers bend, and what there is to say of it."""
     if hand:
         bend = _bend(points, hand)
@@ -233,7 +230,7 @@ def _side(points: Array, hand: HandSide) -> tuple[HandSide, list[Finding]]:
     ]
 
 
-def bends_as(points: Array) -> HandSide:
+def bends_as(points: FloatArray) -> HandSide:
     """The hand that joint centres in a right-handed world are, by their fingers' bend; "" where that is too little.
 
     Args:
@@ -244,7 +241,7 @@ def bends_as(points: Array) -> HandSide:
     return side if bend[side] >= BENT else ""
 
 
-def looks_as(points: Array) -> HandSide:
+def looks_as(points: FloatArray) -> HandSide:
     """The same for a hand that is held open too: by the fingers' bend, else by the side on which the thumb is.
 
     Args:
@@ -258,7 +255,7 @@ def looks_as(points: Array) -> HandSide:
     return side if above[side] <= -THUMB else ""
 
 
-def in_right_handed_world(points: Array, hand: HandSide) -> tuple[Array, list[Finding]]:
+def in_right_handed_world(points: FloatArray, hand: HandSide) -> tuple[FloatArray, list[Finding]]:
     """Joint centres in a right-handed world, y up, and what there is to say of it.
 
     In Unity's world z points the other way: there a right hand is a left one's mirror, which its fingers and its thumb
@@ -288,7 +285,7 @@ def in_right_handed_world(points: Array, hand: HandSide) -> tuple[Array, list[Fi
 _SIDES: tuple[HandSide, HandSide] = ("right", "left")
 
 
-def _bend(points: Array, side: HandSide) -> float:
+def _bend(points: FloatArray, side: HandSide) -> float:
     """Mean flexion of the joints of index to little finger, were it this hand [rad]."""
     fingers = points[:, 5:].reshape(-1, 4, 4, 3)
     orientation = palm_from_knuckles(fingers[:, :, 0], points[:, 0], side)
@@ -298,7 +295,7 @@ def _bend(points: Array, side: HandSide) -> float:
     return float(values.mean()) if values.size else 0.0
 
 
-def _thumb_above(points: Array, side: HandSide) -> float:
+def _thumb_above(points: FloatArray, side: HandSide) -> float:
     """How far above its back the thumb is in the mean, were it this hand [lengths of the palm]; below is palmar."""
     orientation = palm_from_knuckles(points[:, 5::4], points[:, 0], side)
     from_wrist = in_palm(points - points[:, :1], orientation)
@@ -340,7 +337,7 @@ def chosen_side(samples: Mapping[HandSide, int], wanted: HandSide) -> tuple[Hand
     return side, [note(f"{side} hand; the {other[0]} one is there too: --hand")] if other else []
 
 
-def evenly(count: int, options: ReadOptions) -> tuple[Array, Finding]:
+def evenly(count: int, options: ReadOptions) -> tuple[FloatArray, Finding]:
     """Stamps [s] of samples that have none, and what there is to say of them.
 
     Raises:
@@ -351,7 +348,7 @@ def evenly(count: int, options: ReadOptions) -> tuple[Array, Finding]:
     return np.arange(count) / options.rate, note(f"no stamps: made from the rate, {options.rate:g} Hz")
 
 
-def joints_by_name(positions: dict[str, Any], count: int) -> Array:
+def joints_by_name(positions: dict[str, Any], count: int) -> FloatArray:
     """The joints of `KEYPOINTS` from those of any larger set, shape (T, 21, 3); what is not there is NaN.
 
     Args:

@@ -16,13 +16,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import TrajectoryError
 from hhsim.hand.quaternion import quaternion, rotation_matrix
 from hhsim.motion.npz_arrays import read_npz
-
-Array = NDArray[np.float64]
 
 VERTICES, JOINTS, SHAPES = 778, 16, 10
 TIPS = (744, 320, 443, 554, 671)
@@ -51,16 +49,18 @@ class ManoModel:
         mean: Mean pose [rad], shape (45,).
     """
 
-    template: Array
-    shapes: Array
-    corrections: Array
-    regressor: Array
-    weights: Array
-    parents: NDArray[np.int64]
-    components: Array
-    mean: Array
+    template: FloatArray
+    shapes: FloatArray
+    corrections: FloatArray
+    regressor: FloatArray
+    weights: FloatArray
+    parents: IntArray
+    components: FloatArray
+    mean: FloatArray
 
-    def keypoints(self, rotation: Array, pose: Array, translation: Array, betas: Array) -> Array:
+    def keypoints(
+        self, rotation: FloatArray, pose: FloatArray, translation: FloatArray, betas: FloatArray
+    ) -> FloatArray:
         """The 21 joints of poses [m], in the order of `hhsim.recordings.joint_names.KEYPOINTS`, shape (T, 21, 3).
 
         Args:
@@ -212,7 +212,7 @@ def _model(fields: Mapping[str, Any]) -> ManoModel:
     )
 
 
-def _array(fields: Mapping[str, Any], key: str, shape: tuple[int, ...]) -> Array:
+def _array(fields: Mapping[str, Any], key: str, shape: tuple[int, ...]) -> FloatArray:
     if key not in fields:
         held = ", ".join(sorted(map(str, fields))[:6]) or "nothing"
         raise TrajectoryError(f"no '{key}', it holds {held}; expected a MANO model")

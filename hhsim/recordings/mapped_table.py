@@ -1,8 +1,8 @@
 """The recording of a table whose columns a `hhsim.recordings.column_map.ColumnMap` explains."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.motion.csv_file import phases_of
 from hhsim.motion.sample_flags import SampleFlag, mark
 from hhsim.motion.trajectory import Phase, RawChannel
@@ -11,8 +11,6 @@ from hhsim.recordings.csv_table import Table
 from hhsim.recordings.frames import OURS, to_our_palm, to_our_world, turned
 from hhsim.recordings.recording import Finding, Recording, note
 from hhsim.recordings.unit_detection import ANGLE_UNITS, LENGTH_UNITS, TIME_UNITS
-
-Array = NDArray[np.float64]
 
 NO_PLACE = (
     "no columns of the palm's place: it stays at the origin; "
@@ -24,8 +22,6 @@ def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
     """The recording of a table by its mapping.
 
     Args:
-        table: The table.
-        columns: What its columns mean.
         name: Of the recording where the mapping names none.
         form: The word for the format.
 
@@ -37,7 +33,7 @@ def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
     findings: list[Finding] = list(table.findings)
     broken = 0
 
-    def numbers(names: tuple[str, ...], factor: float) -> Array:
+    def numbers(names: tuple[str, ...], factor: float) -> FloatArray:
         nonlocal broken
         values, bad = table.numbers(names)
         broken += bad
@@ -101,7 +97,7 @@ def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
     return recording
 
 
-def placed(position: Array, orientation: Array, columns: ColumnMap) -> tuple[Array, Array]:
+def placed(position: FloatArray, orientation: FloatArray, columns: ColumnMap) -> tuple[FloatArray, FloatArray]:
     """Palm poses in our frames."""
     if columns.palm_axes != OURS:
         orientation = to_our_palm(orientation, columns.palm_axes)
@@ -112,7 +108,7 @@ def placed(position: Array, orientation: Array, columns: ColumnMap) -> tuple[Arr
     return position, orientation
 
 
-def euler_quaternion(angles: Array, order: str) -> Array:
+def euler_quaternion(angles: FloatArray, order: str) -> FloatArray:
     """Quaternions (w, x, y, z), shape (T, 4), of Euler angles.
 
     Args:
@@ -124,7 +120,7 @@ def euler_quaternion(angles: Array, order: str) -> Array:
     return np.asarray(Rotation.from_euler(order, angles).as_quat(scalar_first=True))
 
 
-def _phases(table: Table, column: str | None, time: Array) -> tuple[Phase, ...]:
+def _phases(table: Table, column: str | None, time: FloatArray) -> tuple[Phase, ...]:
     """Phases of a column, where the stamps are fit to say when they begin."""
     if column is None or not np.isfinite(time).all() or (np.diff(time) <= 0.0).any():
         return ()

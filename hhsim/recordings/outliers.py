@@ -11,16 +11,14 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import TrajectoryError
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.recordings.hand_displacement import FINGER_ARM, PALM_ARM, change, turn
 from hhsim.recordings.recording import Recording
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Way = Callable[[NDArray[np.int64], NDArray[np.int64]], Array]
+Way = Callable[[IntArray, IntArray], FloatArray]
 
 
 @dataclass(frozen=True)
@@ -105,7 +103,7 @@ def _without_outliers(recording: Recording, kind: Kind) -> Recording:
     if kind is ORIENTATION:
         valid &= np.linalg.norm(np.nan_to_num(values), axis=1) > 0.0
 
-    def vector(a: NDArray[np.int64], b: NDArray[np.int64]) -> Array:
+    def vector(a: IntArray, b: IntArray) -> FloatArray:
         return turn(values[a], values[b]) if kind is ORIENTATION else np.asarray(values[b] - values[a])
 
     bad, jump, worst = impossible(recording.time, np.flatnonzero(valid), vector, kind)
@@ -121,7 +119,7 @@ def _without_joint_outliers(recording: Recording) -> Recording:
     for column in range(angles.shape[1]):
         values = angles[:, column : column + 1]
 
-        def vector(a: NDArray[np.int64], b: NDArray[np.int64], values: Array = values) -> Array:
+        def vector(a: IntArray, b: IntArray, values: FloatArray = values) -> FloatArray:
             return np.asarray(values[b] - values[a])
 
         index = np.flatnonzero(np.isfinite(values))
@@ -132,7 +130,7 @@ def _without_joint_outliers(recording: Recording) -> Recording:
     return _judged(recording, JOINT, np.asarray(bad.any(axis=1)), jump, worst, clean)
 
 
-def impossible(time: Array, index: NDArray[np.int64], vector: Way, kind: Kind) -> tuple[Mask, Mask, float]:
+def impossible(time: FloatArray, index: IntArray, vector: Way, kind: Kind) -> tuple[BoolArray, BoolArray, float]:
     """Samples that are outliers, samples that a jump leads to, and how far the worst outlier is off.
 
     Args:
@@ -155,7 +153,9 @@ def impossible(time: Array, index: NDArray[np.int64], vector: Way, kind: Kind) -
     return bad, jump, worst
 
 
-def _runs(time: Array, index: NDArray[np.int64], vector: Way, kind: Kind, fast: Mask, bad: Mask, jump: Mask) -> float:
+def _runs(
+    time: FloatArray, index: IntArray, vector: Way, kind: Kind, fast: BoolArray, bad: BoolArray, jump: BoolArray
+) -> float:
     """Mark runs that the main motion cannot reach, or jumps where they are too long to be outliers."""
     edges = [0, *(np.flatnonzero(fast) + 1).tolist(), index.size]
     runs = [index[a:b] for a, b in pairwise(edges)]
@@ -178,7 +178,7 @@ def _runs(time: Array, index: NDArray[np.int64], vector: Way, kind: Kind, fast: 
     return worst
 
 
-def _spikes(time: Array, index: NDArray[np.int64], vector: Way, kind: Kind, bad: Mask) -> float:
+def _spikes(time: FloatArray, index: IntArray, vector: Way, kind: Kind, bad: BoolArray) -> float:
     """Mark single samples that no force could have moved there and back."""
     a, b, c = index[:-2], index[1:-1], index[2:]
     before, after = time[b] - time[a], time[c] - time[b]
@@ -192,7 +192,9 @@ def _spikes(time: Array, index: NDArray[np.int64], vector: Way, kind: Kind, bad:
     return float(off[spike].max(initial=0.0))
 
 
-def _judged(recording: Recording, kind: Kind, bad: Mask, jump: Mask, worst: float, clean: Recording) -> Recording:
+def _judged(
+    recording: Recording, kind: Kind, bad: BoolArray, jump: BoolArray, worst: float, clean: Recording
+) -> Recording:
     """The recording, or `clean`, which lacks what is bad, with what was found marked."""
     total = recording.sample_count
     if (bad | jump).sum() > MOST_JUMPS * total + 3:
@@ -245,7 +247,7 @@ def _suspects(recording: Recording) -> Recording:
     return recording.flagged(suspect, SampleFlag.SUSPECT, text)
 
 
-def bend(recording: Recording) -> Array:
+def bend(recording: Recording) -> FloatArray:
     """How far each sample but the first and last is from the chord of its neighbours [m of a fingertip]."""
     time, count = recording.time, recording.sample_count
     share = ((time[1:-1] - time[:-2]) / (time[2:] - time[:-2]))[:, None]
@@ -259,7 +261,7 @@ def bend(recording: Recording) -> Array:
     return np.asarray(np.sqrt(square + np.nansum(off * off, axis=1)))
 
 
-def _local_disorder(recording: Recording) -> Mask:
+def _local_disorder(recording: Recording) -> BoolArray:
     """Where a window of samples is in no order, though the recording as a whole is."""
     index = np.arange(recording.sample_count)
     one = change(recording, index[:-1], index[1:])

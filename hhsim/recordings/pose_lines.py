@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.motion.object_motion import ObjectMotion
 from hhsim.motion.trajectory import HandSide
@@ -21,8 +21,6 @@ from hhsim.recordings.csv_table import read_table
 from hhsim.recordings.joint_positions import chosen_side
 from hhsim.recordings.json_document import keys_of, number, objects, read_json
 from hhsim.recordings.recording import Finding, note
-
-Array = NDArray[np.float64]
 
 HANDS: dict[str, HandSide] = {"0": "left", "1": "right"}
 MOST_NUMBERS = 256
@@ -42,7 +40,6 @@ class PoseLines:
     """The poses of one hand.
 
     Attributes:
-        hand: Which.
         time: Stamps from the first one on [s], NaN where missing, shape (T,).
         stamps: As in the file [ns], NaN where missing, shape (T,).
         translation: Of the wrist [m], world, shape (T, 3).
@@ -53,12 +50,12 @@ class PoseLines:
     """
 
     hand: HandSide
-    time: Array
-    stamps: Array
-    translation: Array
-    orientation: Array
-    numbers: Array
-    betas: Array
+    time: FloatArray
+    stamps: FloatArray
+    translation: FloatArray
+    orientation: FloatArray
+    numbers: FloatArray
+    betas: FloatArray
     findings: tuple[Finding, ...]
 
 
@@ -66,7 +63,6 @@ def read_pose_lines(text: str, key: str, wanted: HandSide) -> PoseLines:
     """The poses of the hand that is asked for, else of the one in more lines, the right one of equals.
 
     Args:
-        text: The file.
         key: "joint_angles" or "pose".
         wanted: What the user says; "" for nothing.
 
@@ -117,7 +113,7 @@ def _apart(poses: list[tuple[float, dict[str, Any]]]) -> list[tuple[float, dict[
     return kept
 
 
-def _rows(values: list[Any], width: int) -> Array:
+def _rows(values: list[Any], width: int) -> FloatArray:
     rows = np.full((len(values), width), np.nan)
     for row, value in zip(rows, values):
         if isinstance(value, list) and len(value) == width:
@@ -126,7 +122,7 @@ def _rows(values: list[Any], width: int) -> Array:
 
 
 def object_beside(
-    recording: Path | None, stamps: Array, wanted: str | None
+    recording: Path | None, stamps: FloatArray, wanted: str | None
 ) -> tuple[ObjectMotion | None, Finding | None]:
     """The motion of one of the objects that lie beside a recording, and what there is to say.
 

@@ -9,14 +9,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.finger_ik import finger_joints
 from hhsim.recordings.frames import in_palm
-
-Array = NDArray[np.float64]
 
 
 class FingerChains(NamedTuple):
@@ -29,9 +27,9 @@ class FingerChains(NamedTuple):
         tip_on_surface: Whether the tip is a point of the skin; else it is the centre of the fingertip's sphere.
     """
 
-    joints: Array
-    wrist: Array
-    radius: Array | None = None
+    joints: FloatArray
+    wrist: FloatArray
+    radius: FloatArray | None = None
     tip_on_surface: bool = True
 
 
@@ -45,10 +43,10 @@ class Posture(NamedTuple):
         abduction: [rad], shape (T, 5).
     """
 
-    position: Array
-    orientation: Array
-    flexion: Array
-    abduction: Array
+    position: FloatArray
+    orientation: FloatArray
+    flexion: FloatArray
+    abduction: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +54,6 @@ class RecordedBones:
     """Sizes of the recorded hand, palm frame, and the error of its fit.
 
     Attributes:
-        hand: Which hand.
         hand_length: Wrist to middle fingertip [m].
         base: First joint of each finger [m], shape (5, 3); the origin is that of the palm in the recording.
         length: Between joints, the last one to the tip [m], shape (5, 3).
@@ -69,12 +66,12 @@ class RecordedBones:
 
     hand: HandSide
     hand_length: float
-    base: Array
-    length: Array
-    radius: Array | None
+    base: FloatArray
+    length: FloatArray
+    radius: FloatArray | None
     tip_on_surface: bool
-    rms: Array
-    largest: Array
+    rms: FloatArray
+    largest: FloatArray
 
     def to_json(self) -> dict[str, dict[str, object]]:
         """The fit finger by finger, SI units."""
@@ -95,7 +92,6 @@ def recorded_bones(fingers: FingerChains, posture: Posture, hand: HandSide) -> R
     Args:
         fingers: As recorded.
         posture: As fitted.
-        hand: Which hand.
     """
     at = in_palm(fingers.joints - posture.position[:, None, None], posture.orientation)
     lengths = np.linalg.norm(np.diff(at, axis=2), axis=3)
@@ -118,14 +114,14 @@ def recorded_bones(fingers: FingerChains, posture: Posture, hand: HandSide) -> R
     )
 
 
-def _median(values: Array) -> Array:
+def _median(values: FloatArray) -> FloatArray:
     """Medians over the samples of finite values, shape of a sample; NaN where there is none."""
     flat = values.reshape(len(values), -1)
     columns = [column[np.isfinite(column)] for column in flat.T]
     return np.array([np.median(column) if column.size else np.nan for column in columns]).reshape(values.shape[1:])
 
 
-def _mean(values: Array) -> Array:
+def _mean(values: FloatArray) -> FloatArray:
     """Means of the finite values of each finger, shape (5,); NaN where there is none."""
     fingers = [finger[np.isfinite(finger)] for finger in values.swapaxes(0, 1)]
     return np.array([finger.mean() if finger.size else np.nan for finger in fingers])

@@ -10,13 +10,14 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.arrays import AnyArray, BoolArray, FloatArray
 from hhsim.errors import TrajectoryError
 from hhsim.motion.object_motion import ObjectMotion
 from hhsim.motion.sample_flags import SampleFlag, mark
 from hhsim.motion.trajectory import HandSide, Phase, RawChannel
+from hhsim.motion.validation import as_numbers
 from hhsim.recordings.recorded_bones import RecordedBones
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.uint32]
 
 MOST_SAMPLES = 10_000_000
@@ -71,11 +72,11 @@ class Recording:
             the recording has none.
     """
 
-    time: Array
-    position: Array
-    orientation: Array
-    flexion: Array
-    abduction: Array
+    time: FloatArray
+    position: FloatArray
+    orientation: FloatArray
+    flexion: FloatArray
+    abduction: FloatArray
     flags: Flags = field(default_factory=lambda: np.zeros(0, dtype=np.uint32))
     stated: frozenset[str] = frozenset()
     scaled: bool = False
@@ -88,8 +89,8 @@ class Recording:
     hand_length: float | None = None
     bones: RecordedBones | None = None
     phases: tuple[Phase, ...] = ()
-    object_position: Array | None = None
-    object_orientation: Array | None = None
+    object_position: FloatArray | None = None
+    object_orientation: FloatArray | None = None
     raw: tuple[RawChannel, ...] = ()
     findings: tuple[Finding, ...] = ()
     object_motion: ObjectMotion | None = None
@@ -107,7 +108,7 @@ class Recording:
             "abduction": (count, 5),
         }
         for key, shape in shapes.items():
-            values = _numbers(key, getattr(self, key))
+            values = as_numbers(key, getattr(self, key))
             if values.shape != shape:
                 raise TrajectoryError(f"{key} has shape {values.shape}; expected {shape} for {count} stamp(s)")
             # Infinity is as little a reading as NaN is, and what overflows when it is squared.
@@ -116,7 +117,7 @@ class Recording:
             object.__setattr__(self, key, values)
         if self.object_motion is not None:
             moved = ObjectMotion(
-                *(_numbers(f"object's {name}", values) for name, values in self.object_motion._asdict().items())
+                *(as_numbers(f"object's {name}", values) for name, values in self.object_motion._asdict().items())
             )
             if moved.position.shape != (count, 3) or moved.orientation.shape != (count, 4):
                 raise TrajectoryError(
@@ -137,7 +138,7 @@ class Recording:
         """Number of samples T."""
         return int(self.time.shape[0])
 
-    def chosen(self, index: NDArray[Any]) -> Self:
+    def chosen(self, index: AnyArray) -> Self:
         """The samples of these numbers (or where a mask is true), in this order."""
         samples = {key: getattr(self, key)[index] for key in ("time", *MOTION, "flags")}
         raw = tuple(replace(channel, values=channel.values[index]) for channel in self.raw)
@@ -160,27 +161,20 @@ class Recording:
         """With these findings added."""
         return replace(self, findings=(*self.findings, *findings))
 
-    def flagged(self, where: NDArray[np.bool_], flag: SampleFlag, text: str) -> Self:
+    def flagged(self, where: BoolArray, flag: SampleFlag, text: str) -> Self:
         """With a flag on some samples, at least one, and a finding about them; `where` has shape (T,)."""
         mark(self.flags, where, flag)
         return self.found(Finding(flag.word, text, int(where.sum()), float(self.time[np.argmax(where)])))
 
     @property
-    def angles(self) -> Array:
+    def angles(self) -> FloatArray:
         """Flexion finger by finger, then abduction [as these], shape (T, 20)."""
         return np.concatenate([self.flexion.reshape(self.sample_count, 15), self.abduction], axis=1)
 
-    def with_angles(self, angles: Array) -> Self:
+    def with_angles(self, angles: FloatArray) -> Self:
         """With other `angles`."""
         return self.changed(flexion=angles[:, :15].reshape(-1, 5, 3), abduction=angles[:, 15:])
 
 
 MOTION = ("position", "orientation", "flexion", "abduction")
 """The arrays of a motion, one row a sample."""
-
-
-def _numbers(label: str, values: Any) -> Array:
-    try:
-        return np.array(values, dtype=np.float64, order="C")
-    except (TypeError, ValueError):
-        raise TrajectoryError(f"{label} is not an array of numbers") from None

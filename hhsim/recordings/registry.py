@@ -29,7 +29,6 @@ def read_recording(path: str | Path, options: ReadOptions | None = None) -> Reco
     """Read a recording.
 
     Args:
-        path: The file.
         options: What the user says about it.
 
     Raises:

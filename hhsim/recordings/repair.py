@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import BoolArray, FloatArray
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import BREADTH_PER_LENGTH, DEFAULT_HAND_LENGTH, HandModel, default_fingers
@@ -23,9 +23,6 @@ from hhsim.recordings.outliers import repair_glitches
 from hhsim.recordings.recording import Finding, Recording, note
 from hhsim.recordings.timestamp_repair import repair_stamps
 from hhsim.recordings.unit_detection import in_units, repair_units
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 NORM_TOLERANCE = 1e-3
 """A quaternion this close to unit length was rounded, not scaled."""
@@ -47,10 +44,10 @@ JOINTS = tuple(f"{finger} flexion {joint}" for finger in FINGERS for joint in (1
 class JointLimits(NamedTuple):
     """What a hand can bend [rad]: flexion (5, 3), abduction (5,)."""
 
-    flexion_min: Array
-    flexion_max: Array
-    abduction_min: Array
-    abduction_max: Array
+    flexion_min: FloatArray
+    flexion_max: FloatArray
+    abduction_min: FloatArray
+    abduction_max: FloatArray
 
 
 def default_limits() -> JointLimits:
@@ -94,7 +91,6 @@ class Repaired(NamedTuple):
     """A trajectory, with the bits of each sample in its `flags`.
 
     Attributes:
-        trajectory: The motion.
         findings: What was found and done, in the order of the repairs.
         hand_length: Of the recorded hand [m], None where it is not known.
     """
@@ -213,7 +209,7 @@ def _object_filled(recording: Recording, max_gap: float) -> Recording:
     return filled.found(Finding("object", text, int(lost.sum()), float(recording.time[np.argmax(lost)])))
 
 
-def _turns_filled(time: Array, orientation: Array, max_gap: float, what: str) -> tuple[Array, Mask]:
+def _turns_filled(time: FloatArray, orientation: FloatArray, max_gap: float, what: str) -> tuple[FloatArray, BoolArray]:
     """Quaternions with their holes interpolated, shape (T, 4), and where those were, shape (T,)."""
     lost = np.asarray(np.isnan(orientation).any(axis=1))
     _check_holes(time, lost, max_gap, what)
@@ -226,7 +222,7 @@ def _turns_filled(time: Array, orientation: Array, max_gap: float, what: str) ->
     return np.where(lost[:, None], made, orientation), lost
 
 
-def _holes_filled(time: Array, values: Array, max_gap: float, what: str) -> tuple[Array, Mask]:
+def _holes_filled(time: FloatArray, values: FloatArray, max_gap: float, what: str) -> tuple[FloatArray, BoolArray]:
     """Values with their holes interpolated, shape (T, C), and where those were, shape (T,)."""
     lost = np.asarray(np.isnan(values).any(axis=1))
     _check_holes(time, lost, max_gap, what)
@@ -237,7 +233,7 @@ def _holes_filled(time: Array, values: Array, max_gap: float, what: str) -> tupl
     return np.where(lost[:, None], made, values), lost
 
 
-def _check_holes(time: Array, lost: Mask, max_gap: float, what: str) -> None:
+def _check_holes(time: FloatArray, lost: BoolArray, max_gap: float, what: str) -> None:
     if not lost.any():
         return
     if lost.all():

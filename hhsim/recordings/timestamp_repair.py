@@ -8,14 +8,12 @@ are mixed, and nobody can tell which: refused.
 from bisect import bisect_right
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import TrajectoryError
 from hhsim.motion.sample_flags import SampleFlag, mark
 from hhsim.recordings.hand_displacement import change, deviation
 from hhsim.recordings.recording import MOTION, Finding, Recording
-
-Array = NDArray[np.float64]
 
 SAME_STAMP = 1e-6
 """Stamps closer than this [s] are one stamp: no glove samples at 1 MHz."""
@@ -94,7 +92,7 @@ def _in_order(recording: Recording) -> Recording:
     return sorted_.found(Finding(SampleFlag.REORDERED.word, "out of order: sorted by their stamps", count, first_time))
 
 
-def _longest_rise(time: Array) -> NDArray[np.bool_]:
+def _longest_rise(time: FloatArray) -> BoolArray:
     """Members of a longest non-decreasing subsequence (patience sorting), shape (T,)."""
     count = time.shape[0]
     ends: list[int] = []
@@ -118,12 +116,12 @@ def _longest_rise(time: Array) -> NDArray[np.bool_]:
     return member
 
 
-def _way(recording: Recording, order: NDArray[np.int64]) -> float:
+def _way(recording: Recording, order: IntArray) -> float:
     """How far the hand goes through all samples in this order [m]."""
     return float(change(recording, order[:-1], order[1:]).sum())
 
 
-def _contradicting(recording: Recording, order: NDArray[np.int64], moved: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _contradicting(recording: Recording, order: IntArray, moved: BoolArray) -> BoolArray:
     """Moved samples that fit their place in the file much better than their place by stamp, shape (T,)."""
     count = recording.sample_count
     rank = np.empty(count, dtype=np.int64)
@@ -178,7 +176,7 @@ def _one_piece(recording: Recording, max_gap: float) -> Recording:
     )
 
 
-def _dropped(recording: Recording, keep: NDArray[np.bool_], why: str) -> Recording:
+def _dropped(recording: Recording, keep: BoolArray, why: str) -> Recording:
     """Without the samples that are not kept; the next one in the file is marked."""
     if not keep.any():
         raise TrajectoryError("no usable sample is left; expected at least 2")

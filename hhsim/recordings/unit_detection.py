@@ -177,7 +177,6 @@ def in_units(
     """A recording whose units the user states, in ours.
 
     Args:
-        recording: As it was read.
         time, length, angle: What its numbers are in; None where that is left to the file and to guessing.
 
     Raises:

@@ -3,12 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from hhsim.arrays import FloatArray
 from hhsim.render.triangle_soup import Surface
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 FAR, NEAR = 1.2, 0.5
 """An object that goes beyond FAR times the hands' size from them is cut NEAR times that size from them."""

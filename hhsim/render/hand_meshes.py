@@ -7,15 +7,14 @@ along the axis that it flexes about, y to the fingertip and z out of its back; t
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion_from_matrix, quaternion_product, rotation_matrix
 from hhsim.kernels.hand.kinematics import PALM_BODY, PHALANX_COUNT
 from hhsim.render.triangle_soup import SKIN, Surface, mesh_surface, round_cone_surface, with_nail
-
-FloatArray = NDArray[np.float64]
 
 PHALANGES = ("proximal", "middle", "distal")
 """Names of the phalanges of a finger; the thumb's metacarpal counts as its first."""
@@ -55,7 +54,6 @@ def piece_poses(
     """Where the pieces are.
 
     Args:
-        hand: The hand.
         position: Palm origin [m], world, shape (T, 3).
         orientation: Palm to world, unit (w, x, y, z), shape (T, 4).
         flexion: [rad], shape (T, 5, 3).

@@ -4,8 +4,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.sample_flags import SampleFlag, marked
 from hhsim.motion.trajectory import Trajectory
@@ -17,8 +17,6 @@ from hhsim.system.output_path import check_output_path
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-Array = NDArray[np.float64]
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00")
 """Of Okabe & Ito: told apart by every eye."""
@@ -78,7 +76,7 @@ def _time_scale(recording: Recording, motion: Trajectory) -> tuple[float, float]
     return factor, shift
 
 
-def _factor(came: Array, went: Array, units: dict[str, float]) -> float:
+def _factor(came: FloatArray, went: FloatArray, units: dict[str, float]) -> float:
     """What the numbers of the file are multiplied by to lie beside those of the trajectory: 1 but for another unit."""
     before, after = (np.abs(values[np.isfinite(values) & (values != 0.0)]) for values in (came, went))
     if not before.size or not after.size:
@@ -87,7 +85,7 @@ def _factor(came: Array, went: Array, units: dict[str, float]) -> float:
     return min({1.0, *units.values()}, key=lambda factor: abs(np.log(ratio / factor)))
 
 
-def _angle(orientation: Array) -> Array:
+def _angle(orientation: FloatArray) -> FloatArray:
     """Rotation vectors [degrees] from the first whole quaternion on, shape (T, 3)."""
     whole = np.isfinite(orientation).all(axis=1) & (np.linalg.norm(np.nan_to_num(orientation), axis=1) > 0.0)
     first = orientation[np.argmax(whole)]
@@ -95,7 +93,12 @@ def _angle(orientation: Array) -> Array:
 
 
 def _panel(
-    axes: "Axes", clocks: tuple[Array, Array], came: Array, went: Array, names: tuple[str, ...], label: str
+    axes: "Axes",
+    clocks: tuple[FloatArray, FloatArray],
+    came: FloatArray,
+    went: FloatArray,
+    names: tuple[str, ...],
+    label: str,
 ) -> None:
     """Curves of what came in and of what went out, each by its own clock."""
     time_in, time_out = clocks

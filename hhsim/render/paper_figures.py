@@ -18,12 +18,12 @@ from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.render.figure import new_figure, save_figure, tidy
 from hhsim.render.scene_thumbnails import best_view, scene_picture
 from hhsim.system.output_path import check_output_path
+from hhsim.system.progress import Progress, silent
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Progress = Callable[[str, int, int], None]
 
 FINGER_COLORS = ("#b3261e", "#1b6ca8", "#2e7d32", "#c8641a", "#7a3b8f")
 PART_COLORS = {"total": "0.15", "x": "#b3261e", "y": "#2e7d32", "z": "#1b6ca8"}
@@ -46,13 +46,12 @@ def check_folder(folder: Path) -> None:
     check_output_path(folder / "fig11.png")
 
 
-def draw_all(folder: Path, runs: PaperRuns, progress: Progress | None = None) -> list[Path]:
+def draw_all(folder: Path, runs: PaperRuns, progress: Progress = silent) -> list[Path]:
     """Draw every figure that the runs have scenes for; the files are fig11.png to fig15.png.
 
     Raises:
         OutputError: A picture cannot be written.
     """
-    report = progress or (lambda what, done, total: None)
     jobs: list[tuple[str, Callable[[Path], None]]] = []
     # The hand that is shown is the default method's, or else the last one's.
     methods = list(dict.fromkeys(run.options.method for run in runs.scenes))
@@ -69,7 +68,7 @@ def draw_all(folder: Path, runs: PaperRuns, progress: Progress | None = None) ->
     if any(run.scenario.figure == "15" for run in runs.scenes):
         jobs.append(("fig15.png", partial(_cases, runs=runs, methods=methods)))
     for number, (name, job) in enumerate(jobs):
-        report("pictures", number, len(jobs))
+        progress("pictures", number, len(jobs))
         job(folder / name)
     return [folder / name for name, _ in jobs]
 

@@ -42,7 +42,6 @@ def draw_peers(path: Path, rows: Sequence[Row]) -> None:
 
     Args:
         path: The picture; matplotlib chooses the format by its ending.
-        rows: The table.
 
     Raises:
         OutputError: The picture cannot be written.

@@ -10,11 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.kernels.sphere_rasterizer import nearest_spheres
 from hhsim.render.triangle_soup import Surface, count_up
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Image = NDArray[np.floating[Any]]
 
 LIGHT = np.array([-0.45, 0.55, 0.90])
@@ -60,7 +59,7 @@ class Layer:
     depth: FloatArray
     facing: Image
 
-    def seen(self) -> NDArray[np.bool_]:
+    def seen(self) -> BoolArray:
         """Where the surface is, shape (rows, columns)."""
         return np.isfinite(self.depth)
 
@@ -129,7 +128,6 @@ def see_spheres(center: ArrayLike, radius: ArrayLike, camera: Camera) -> tuple[F
     Args:
         center: [m], shape (n, 3), world.
         radius: [m], shape (n,).
-        camera: That sees them.
 
     Returns:
         Depth and normals as `lit` takes them, and whose surface it is at the pixels where one is, shape (pixels,).
@@ -155,7 +153,6 @@ def lit(depth: FloatArray, normals: Image, color: Image, camera: Camera) -> Laye
         depth: Towards the viewer [m], minus infinity where nothing is, shape (rows, columns).
         normals: Unit normals of the n pixels where something is, right, up and towards the viewer, shape (n, 3).
         color: Of these pixels, shape (n, 3).
-        camera: That sees it.
     """
     rows, columns = depth.shape
     scale, pixel = rows / camera.height, np.flatnonzero(np.isfinite(depth))

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, OutputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
@@ -30,8 +30,6 @@ from hhsim.system.output_path import check_output_path
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-FloatArray = NDArray[np.float64]
 
 VIEW = View(125.0, 12.0)
 PANEL = (580, 620)
@@ -75,9 +73,7 @@ def draw_replay(result: Result, path: Path, view: View = VIEW) -> None:
     """Draw the last tick of the hold, or of the replay where nothing is held.
 
     Args:
-        result: A replay.
         path: Picture file; matplotlib chooses the format by its ending.
-        view: Of the viewer.
 
     Raises:
         InputError: The result holds no tick, or its hand file has changed; matplotlib has no such picture format.
@@ -187,8 +183,6 @@ def label(axes: "Axes", forces: Sequence[PhalanxForce], camera: Camera, size: fl
     """Write the size of each force at the head of its arrow, or a line lower where another one stands.
 
     Args:
-        axes: Of the picture.
-        forces: That are drawn.
         camera: That they are seen by.
         size: Of the text [pt].
         pixel: Size of the picture's pixels by those of 100 to the inch.
@@ -242,8 +236,6 @@ def draw_from_arguments(
     """Draw a result as the arguments RESULT PICTURE [AZIMUTH,ELEVATION] of a command say.
 
     Args:
-        arguments: Of the command.
-        draw: Draws a result.
         module: Of hhsim that the command runs.
         view: Of the viewer unless the arguments name another.
 

@@ -10,13 +10,14 @@ import os
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError, OutputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
@@ -42,10 +43,9 @@ from hhsim.replay.stored_scene import stored_hand, stored_mesh
 from hhsim.result.reader import Result
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.output_path import check_output_path
+from hhsim.system.progress import Progress, silent
 
-FloatArray = NDArray[np.float64]
 Picture = NDArray[np.uint8]
-Progress = Callable[[str, int, int], None]
 
 SUFFIXES = (".gif", ".mp4")
 ASPECT = 0.75
@@ -113,15 +113,13 @@ def check_video_path(output_path: Path) -> None:
 
 
 def write_video(
-    result: Result, output_path: Path, options: VideoOptions | None = None, progress: Progress | None = None
+    result: Result, output_path: Path, options: VideoOptions | None = None, progress: Progress = silent
 ) -> int:
     """Make a film of a result.
 
     Args:
         result: Of a replay or a session, complete or not.
         output_path: Ends in .gif or .mp4; it appears when it is whole, and a file that is there is replaced.
-        options: How it is made.
-        progress: Called with what is being done, how much is done and how much there is.
 
     Returns:
         How many frames it has.
@@ -136,15 +134,14 @@ def write_video(
 
     def frames() -> Iterator[Picture]:
         for number, picture in enumerate(video_frames(result, ticks, chosen)):
-            if progress is not None:
-                progress("frames", number, len(ticks))
+            progress("frames", number, len(ticks))
             yield picture
 
     (_write_gif if output_path.suffix.lower() == ".gif" else _write_mp4)(frames(), output_path, chosen)
     return len(ticks)
 
 
-def video_ticks(result: Result, options: VideoOptions) -> NDArray[np.int64]:
+def video_ticks(result: Result, options: VideoOptions) -> IntArray:
     """The tick that each frame shows, shape (frames,): the newest one at its time, the last tick last.
 
     Raises:
@@ -160,13 +157,12 @@ def video_ticks(result: Result, options: VideoOptions) -> NDArray[np.int64]:
     return ticks if ticks[-1] == result.ticks - 1 else np.append(ticks, result.ticks - 1)
 
 
-def video_frames(result: Result, ticks: NDArray[np.int64], options: VideoOptions) -> Iterator[Picture]:
+def video_frames(result: Result, ticks: IntArray, options: VideoOptions) -> Iterator[Picture]:
     """Render ticks of a result, all by one camera that sees both hands and the object near them all the time.
 
     Args:
         result: Of a replay or a session.
         ticks: Their numbers, shape (frames,).
-        options: How large.
 
     Yields:
         Pictures, shape (rows, columns, 3).

@@ -3,8 +3,8 @@
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.bench.paper.run import SceneRun
 from hhsim.hand.fingers import FINGERS
 from hhsim.mesh.mesh import Mesh
@@ -12,8 +12,6 @@ from hhsim.render.rasterizer import blend, depth_of, frame, look_from, shade
 from hhsim.render.replay_figure import GHOST, STONE, behind
 from hhsim.render.triangle_soup import hand_surface, joined, mesh_surface, painted, round_cone_surface
 from hhsim.render.viewpoint import View
-
-FloatArray = NDArray[np.float64]
 
 GLASS = 0.4
 """How opaque the haptic hand is."""
@@ -31,7 +29,6 @@ def scene_picture(
     Args:
         run: Of one motion.
         mesh: The object's, its own frame.
-        moment: Which.
         shape: Rows and columns of the picture [pixels].
         view: Towards the viewer, shape (3,); None for `best_view`.
 

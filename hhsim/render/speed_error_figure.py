@@ -41,7 +41,6 @@ def draw_speed_error(path: Path, rows: Sequence[Row], peers: Sequence[Row] = ())
 
     Args:
         path: The picture; matplotlib chooses the format by its ending.
-        rows: The table.
         peers: Of a table of `hhsim bench peers`: its engines are drawn in grey.
 
     Raises:

@@ -4,8 +4,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
 from hhsim.render.figure import new_figure, save_figure, tidy
@@ -16,8 +16,6 @@ from hhsim.trees.sphere_tree import SphereTree
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-FloatArray = NDArray[np.float64]
 
 EXTENT = 0.1
 """Longest extent that is drawn [m]: the shading is made for things of a hand's size."""

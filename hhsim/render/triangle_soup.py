@@ -4,16 +4,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.kinematics import forward_kinematics
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.mesh.mesh import Mesh
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 SKIN = np.array([0.91, 0.70, 0.58])
 NAIL = np.array([0.97, 0.83, 0.77])
@@ -134,7 +132,7 @@ def mesh_surface(mesh: Mesh, color: FloatArray, crease: float = 55.0) -> Surface
     return Surface(mesh.vertices[corners], normals, np.tile(color, (len(corners), 1)), faces)
 
 
-def count_up(lengths: NDArray[np.int64]) -> NDArray[np.int64]:
+def count_up(lengths: IntArray) -> IntArray:
     """0, 1, … up to each length, one after another."""
     ends = np.cumsum(lengths)
     return np.asarray(np.arange(lengths.sum()) - np.repeat(ends - lengths, lengths))

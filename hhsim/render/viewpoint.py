@@ -3,13 +3,11 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.mesh.surface_sampling import face_samples
 from hhsim.render.rasterizer import look_from
 from hhsim.render.triangle_soup import Surface
-
-FloatArray = NDArray[np.float64]
 
 AZIMUTHS, ELEVATIONS = tuple(range(0, 360, 30)), (10.0, 35.0)
 """Views that are tried [degrees]."""
@@ -60,7 +58,7 @@ def _seen(view: View, skin: FloatArray, stone: FloatArray, marks: FloatArray, fo
     whole = np.concatenate([skin, stone]) @ rotation[:2].T
     low, scale = whole.min(axis=0), CELLS / max(float(np.ptp(whole, axis=0).max()), 1e-9)
 
-    def depths(points: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:
+    def depths(points: FloatArray) -> tuple[IntArray, FloatArray]:
         seen = points @ rotation.T
         cell = np.clip(((seen[:, :2] - low) * scale).astype(np.int64), 0, CELLS)
         return cell[:, 0] * (CELLS + 1) + cell[:, 1], seen[:, 2]

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
@@ -19,8 +19,6 @@ from hhsim.solver.known_methods import find_method
 from hhsim.solver.method import FORCES
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.contact_surface import contact_surface
-
-Array = NDArray[np.float64]
 
 OBJECT, MOTION = "sphere", "grasp"
 """The scene: a ball has no edge that could be blamed."""
@@ -36,7 +34,6 @@ class Finding:
     """One thing that was looked at.
 
     Attributes:
-        name: Of the thing.
         verdict: `OK`, `WRONG`, or `NOTE` for what is no fault but worth knowing.
         says: In a sentence.
     """
@@ -122,7 +119,7 @@ def _free(record: TickRecord, haptic: HandConfiguration) -> Finding:
     return Finding("free space", WRONG, f"{_suspicion(record.position[far], haptic.position[far])} (free of contact)")
 
 
-def _suspicion(shown: Array, wanted: Array) -> str:
+def _suspicion(shown: FloatArray, wanted: FloatArray) -> str:
     """What would make the one palm the other's."""
     off = float(np.linalg.norm(shown - wanted, axis=1).max())
     for text, changed in same_but_for(shown):
@@ -131,7 +128,7 @@ def _suspicion(shown: Array, wanted: Array) -> str:
     return f"the shown palm is up to {1e3 * off:.3g} mm off the user's"
 
 
-def same_but_for(position: Array) -> Iterator[tuple[str, Array]]:
+def same_but_for(position: FloatArray) -> Iterator[tuple[str, FloatArray]]:
     """What positions would be, had they been given in another unit or frame: the mistake, and the positions mended."""
     for unit, size in (("millimetres", 1e-3), ("centimetres", 1e-2), ("inches", 0.0254)):
         yield unit, position * size

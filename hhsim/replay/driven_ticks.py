@@ -1,18 +1,13 @@
 """The ticks of an object that moves as recorded: solved and measured where it stands still, written in the world."""
 
-from typing import Any
-
-from numpy.typing import NDArray
-
+from hhsim.arrays import AnyArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.motion.trajectory import TickInput
 from hhsim.result.object_frame import in_the_world
 from hhsim.result.schema import OBJECT_COLUMNS
 
-Array = NDArray[Any]
 
-
-def world_block(block: dict[str, Array], driven: TickInput | None, part: slice) -> dict[str, Array]:
+def world_block(block: dict[str, AnyArray], driven: TickInput | None, part: slice) -> dict[str, AnyArray]:
     """A block of columns as the file holds it.
 
     Args:

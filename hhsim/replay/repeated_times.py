@@ -59,7 +59,6 @@ def stored_times(repeated: Mapping[str, Any], rows: Sequence[SummaryRow]) -> lis
 
     Args:
         repeated: `hhsim.result.reader.Result.repeated`.
-        rows: Its table.
     """
     times = repeated.get("times", {})
     return [RepeatedTime(row, times[row.name]["mean"], times[row.name]["std"]) for row in rows if row.name in times]

@@ -88,7 +88,6 @@ def short_table(rows: Sequence[SummaryRow], missed: Sequence[str] = ()) -> tuple
     """The lines that matter: those of `RunMetric.short`, and what is over its limit.
 
     Args:
-        rows: Of the whole table.
         missed: Names of the figures that are over their limits.
     """
     chosen: dict[str, SummaryRow] = {}

@@ -3,8 +3,8 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import AnyArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
@@ -14,15 +14,12 @@ from hhsim.metrics.metrics import force_variation_rate, penetration
 from hhsim.result.schema import TICK_COLUMNS
 from hhsim.solver.options import SolverOptions
 
-Array = NDArray[Any]
-
 
 class TickColumns:
     """Makes the columns of `hhsim.result.schema.TICK_COLUMNS`, block after block of one run.
 
     Args:
         surface: The object's, world.
-        hand: The hand.
         options: Of the solver; fingers that the scene does not use have no penetration.
     """
 
@@ -37,7 +34,9 @@ class TickColumns:
         self._total = np.full((1, 3), np.nan)
         self._finger = np.full((1, 5, 3), np.nan)
 
-    def block(self, time: Array, input_seq: Array, haptic: HandConfiguration, record: TickRecord) -> dict[str, Array]:
+    def block(
+        self, time: AnyArray, input_seq: AnyArray, haptic: HandConfiguration, record: TickRecord
+    ) -> dict[str, AnyArray]:
         """The columns of the next ticks.
 
         Args:

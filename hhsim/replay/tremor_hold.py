@@ -9,8 +9,8 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import BoolArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
@@ -18,8 +18,6 @@ from hhsim.metrics.metrics import Statistics, force_variation_rate, statistics
 from hhsim.motion.tremor import Disturbance
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
-
-BoolArray = NDArray[np.bool_]
 
 TREMOR = Disturbance(tremor_position=1e-4, tremor_rotation=math.radians(0.2), tremor_frequency=10.0)
 """0.1 mm and 0.2° at 10 Hz: physiological tremor of the hand is 8 to 12 Hz and 0.05 to 0.1 mm."""
@@ -61,9 +59,7 @@ def trembling_hold(
     """Repeat a hold with a hand that is not still.
 
     Args:
-        hand: The hand.
         surface: The object's, world frame, as `HandSolver` takes it.
-        options: Of the solver.
         haptic: Haptic hand at each tick of the hold.
         graphic: Graphic hand at each tick of the hold; the repetition starts from its first one.
         rate: Ticks per second [Hz].

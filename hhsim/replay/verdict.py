@@ -57,9 +57,6 @@ def run_verdict(
     A figure that is undefined, that is missing, or that the method does not promise is not judged.
 
     Args:
-        rows: Its table.
-        method: Of the solver.
-        ticks: How many it has.
         complete: False where it was stopped.
         late: Periods of a session that had no tick.
         repairs: Of the object's mesh; where its solid is an assumed one, they say what the guarantee is not of.

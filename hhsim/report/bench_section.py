@@ -15,9 +15,6 @@ def bench_section(found: Table, name: str, album: Album, prefix: str = "") -> Ht
     """A chart, then the table and what it was run with, folded.
 
     Args:
-        found: The table.
-        name: Of its file.
-        album: Of the page.
         prefix: Before the name of its chart.
     """
     made = {str(key): str(value) for key, value in found.attributes.items()}

@@ -73,7 +73,6 @@ class ReportFigure:
         title: A few words.
         caption: What is drawn and how to read it, plain text, a few sentences.
         alt: What the picture says, for those who do not see it, plain text.
-        png: The picture.
         width_px: Its columns [pixels].
         height_px: Its rows [pixels].
         phone_png: The same for a page that is narrow; None where `png` will do.
@@ -105,7 +104,6 @@ class Album:
         """A figure of the page.
 
         Args:
-            what: The figure.
             prefix: Goes before its name.
             title: In the place of its own, without a caption; "" for its own with its caption.
             aside: Whether it stands beside another one, where the screen is wide.
@@ -127,7 +125,6 @@ def drawn_figure(name: str, title: str, caption: str, alt: str, drawing: Drawing
 
     Args:
         name, title, caption, alt: As of `ReportFigure`.
-        drawing: How it is drawn.
     """
     pictures = []
     for narrow, width in ((False, PAGE_INCHES), (True, PHONE_INCHES)):
@@ -206,7 +203,6 @@ def legend_names(labels: Sequence[str], room: float) -> tuple[list[str], int]:
     """Names for a legend, cut where a line of it could not hold them, and how many stand in a line.
 
     Args:
-        labels: Of the results.
         room: Its width [inches].
     """
     most = max(2, int((room - SIGN) / LETTER))

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.metrics import metrics
 from hhsim.report.figure import (
     BUDGET,
@@ -28,8 +28,6 @@ from hhsim.result.reader import Result
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-FloatArray = NDArray[np.float64]
 
 BINS_A_DECADE = 30
 PANEL, TITLE, LINE, TOP, BOTTOM = 1.5, 0.27, 0.165, 0.02, 0.45

@@ -49,7 +49,6 @@ def element(tag: str, *content: str, **attributes: Attribute) -> Html:
     """One element.
 
     Args:
-        tag: Of it.
         content: Text, which is escaped, or markup.
         attributes: By name, a trailing or inner "_" for what Python has no letter for (`class_`, `aria_label`); True
             for one without a value; None and False leave it out.
@@ -120,8 +119,6 @@ def table(
     It scrolls in a box of its own where it is wider than the page all the same.
 
     Args:
-        caption: What it holds.
-        headings: Of the columns.
         rows: Cells, as many as headings.
         numbers: Columns that are aligned right.
         cards: Whether rows are cards on a phone even of few columns, since cells hold sentences; of many columns they
@@ -167,9 +164,7 @@ def picture(png: bytes, alt: str, width: int, height: int, narrow: bytes | None 
     """A PNG that is part of the page.
 
     Args:
-        png: The picture.
         alt: What it says, for those who do not see it.
-        width, height: Its pixels.
         narrow: Another PNG that takes its place where there is less room.
         media: Where that is, as a media query.
     """
@@ -194,10 +189,8 @@ def page(title: str, style: str, generator: str, *body: str, script: str = "") -
     """A whole document that asks nobody for anything.
 
     Args:
-        title: Of the window.
         style: CSS.
         generator: The program that made it.
-        body: Its elements.
         script: JavaScript that runs when all of it is there.
     """
     # Were there a link to something outside by mistake, a browser would not follow it.

@@ -38,7 +38,6 @@ def key_table(runs: Sequence[ReportRun], comparisons: Sequence[Comparison]) -> H
     """A line for each result; of the others than the first each figure has a word where it is better or worse.
 
     Args:
-        runs: Results.
         comparisons: Of each but the first one with the first one.
     """
     figures = {name: names[name] for names in KEY_FIGURES if (name := _chosen(runs, tuple(names)))}

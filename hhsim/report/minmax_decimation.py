@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from hhsim.arrays import FloatArray
 
 
 class MinMaxBand(NamedTuple):

@@ -19,7 +19,6 @@ def title_of(runs: Sequence[ReportRun], tables: Sequence[str]) -> str:
     """What a report is of, in a line.
 
     Args:
-        runs: Its results.
         tables: Suites of its bench tables.
     """
     parts = []
@@ -43,8 +42,6 @@ def report_page(
     """The document.
 
     Args:
-        title: Of the page.
-        runs: Results.
         sections: Anchor, heading and markup of each part.
     """
     links = listed(element("a", heading, href=f"#{name}") for name, heading, _ in sections)

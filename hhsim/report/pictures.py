@@ -1,11 +1,11 @@
 """The report's pictures of the hand: skin for the graphic hand, blue glass for the haptic one, forces in red."""
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import AnyArray, FloatArray
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.kernels.contact.surface import ContactPoints
@@ -28,8 +28,6 @@ from hhsim.view.viewer import shown_scene
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-FloatArray = NDArray[np.float64]
 
 PICTURE = (3.6, 3.2)
 """Width and height of the picture of one tick [inches]."""
@@ -127,7 +125,6 @@ def held_picture(result: Result, view: View | None = None) -> ReportFigure:
     """Of the same tick as the overview the second half alone, as large as fits beside that of another result.
 
     Args:
-        result: What was run.
         view: Of the viewer; None for that of the overview.
 
     Raises:
@@ -153,7 +150,6 @@ def hand_picture(
     """The hand at one tick, with contact points and forces.
 
     Args:
-        result: What was run.
         tick: Number of the tick, from 0.
         view: Azimuth from x to y and elevation [degrees] of the viewer; None for that of the overview, or for the
             clearest of some where much is hidden there.
@@ -206,7 +202,7 @@ def _moment(result: Result, tick: int, view: View | None, usual: View | None = N
 
 
 def _shown(result: Result, tick: int) -> ShownTicks:
-    def column(name: str) -> NDArray[Any]:
+    def column(name: str) -> AnyArray:
         return np.ascontiguousarray(result.at(tick, (name,))[name][None])
 
     return shown_ticks(column, [tick], [0], [0])

@@ -2,19 +2,16 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import AnyArray
 from hhsim.hand.fingers import FINGERS
 from hhsim.metrics.metrics import penetration
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.metrics.run_ticks import result_ticks
 from hhsim.replay.stored_scene import stored_surface
 from hhsim.result.reader import Result
-
-Array = NDArray[Any]
 
 DEPTH, PALM, FINGER = "penetration_depth", "penetration_palm", "penetration_finger"
 """The datasets of /tick that follow from the poses."""
@@ -34,13 +31,13 @@ class PosedResult(Result):
         stated_depth: Deepest by the file's own column [m]; NaN where that has no number.
     """
 
-    depths: dict[str, Array] = field(default_factory=dict, repr=False, compare=False)
+    depths: dict[str, AnyArray] = field(default_factory=dict, repr=False, compare=False)
     stated_depth: float = np.nan
 
-    def __getitem__(self, name: str) -> Array:
+    def __getitem__(self, name: str) -> AnyArray:
         return self.depths[name] if name in self.depths else super().__getitem__(name)
 
-    def blocks(self, names: Sequence[str], size: int = BLOCK_TICKS) -> Iterator[dict[str, Array]]:
+    def blocks(self, names: Sequence[str], size: int = BLOCK_TICKS) -> Iterator[dict[str, AnyArray]]:
         """As of `Result`."""
         first = 0
         for block in super().blocks(names, size):
@@ -48,7 +45,7 @@ class PosedResult(Result):
             yield {**block, **{name: self.depths[name][part] for name in names if name in self.depths}}
             first = part.stop
 
-    def at(self, tick: int, names: Sequence[str]) -> dict[str, Array]:
+    def at(self, tick: int, names: Sequence[str]) -> dict[str, AnyArray]:
         """As of `Result`."""
         found = super().at(tick, names)
         return {**found, **{name: np.asarray(self.depths[name][tick]) for name in names if name in self.depths}}
@@ -112,11 +109,11 @@ def posed_result(result: Result) -> PosedResult:
     return PosedResult(**{**given, "summary": summary}, depths=depths, stated_depth=stated)
 
 
-def _deepest(depth: Array) -> float:
+def _deepest(depth: AnyArray) -> float:
     return float(np.fmax.reduce(depth[np.isfinite(depth)], initial=0.0))
 
 
-def _figures(result: Result, depths: dict[str, Array]) -> dict[str, float]:
+def _figures(result: Result, depths: dict[str, AnyArray]) -> dict[str, float]:
     """Figures of the summary that follow from depths alone."""
     ticks = result_ticks(result, depths)
     return {

@@ -4,7 +4,7 @@ The page holds its pictures and its style, asks no server for anything, and need
 same bytes.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -40,8 +40,8 @@ from hhsim.result.reader import load_result
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.hdf5_input import hdf5_format
 from hhsim.system.output_path import check_output_path
+from hhsim.system.progress import Progress, silent
 
-Progress = Callable[[str, int, int], None]
 Sections = list[tuple[str, str, Html]]
 
 PAGE = "report.html"
@@ -65,8 +65,6 @@ class Report:
     """A report that is not written yet.
 
     Attributes:
-        title: Of the page.
-        html: The page.
         pictures: PNGs by the name that each file gets.
         runs: What was computed of each result.
         comparisons: Of each but the first one with the first one.
@@ -115,12 +113,7 @@ class Report:
 
 @dataclass(frozen=True)
 class ReportFiles:
-    """Where a report is.
-
-    Attributes:
-        page: The HTML.
-        pictures: The PNG files.
-    """
+    """Where a report is."""
 
     page: Path
     pictures: tuple[Path, ...]
@@ -130,12 +123,11 @@ class ReportFiles:
         return {"report": str(self.page), "pictures": [str(path) for path in self.pictures]}
 
 
-def make_report(paths: Sequence[Path], *, progress: Progress | None = None) -> Report:
+def make_report(paths: Sequence[Path], *, progress: Progress = silent) -> Report:
     """Read results and tables of `hhsim bench`, and make the page of them.
 
     Args:
         paths: Files, in the order of the page; results are compared with the first of them.
-        progress: Called with what is being done, how much is done and how much there is.
 
     Raises:
         InputError: No file, or one that is neither a result nor a table of hhsim bench.
@@ -194,7 +186,6 @@ def write_report(report: Report, output_path: Path) -> ReportFiles:
     """Write the page and its pictures, each in one step, the page last.
 
     Args:
-        report: The report.
         output_path: As for `check_report_path`. Of NAME.html the pictures are NAME-….png beside it.
 
     Raises:
@@ -308,10 +299,9 @@ def _make_folder(folder: Path) -> None:
 class _Steps:
     """Tells how far the work is."""
 
-    def __init__(self, progress: Progress | None, count: int) -> None:
+    def __init__(self, progress: Progress, count: int) -> None:
         self._progress, self._count, self._done = progress, count, 0
 
     def __call__(self, what: str) -> None:
-        if self._progress is not None:
-            self._progress(what, min(self._done, self._count), self._count)
+        self._progress(what, min(self._done, self._count), self._count)
         self._done += 1

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import IntArray
 from hhsim.bench.sampled_ticks import sampled
 from hhsim.errors import HhsimError
 from hhsim.hand.forward_kinematics import PlacedHand
@@ -135,7 +135,7 @@ def _measured(label: str, result: Result) -> SpeedError:
     )
 
 
-def _off_the_mesh(result: Result, contact: NDArray[np.int64]) -> float:
+def _off_the_mesh(result: Result, contact: IntArray) -> float:
     """Deepest in the mesh, or farthest from it at a touching pair, at sampled ticks [m]; NaN where nothing touches."""
     try:
         scene = shown_scene(result)

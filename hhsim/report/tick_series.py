@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.fingers import FINGERS
 from hhsim.result.reader import Result
 from hhsim.view.plots import force_values
 
-FloatArray = NDArray[np.float64]
 SingleArray = NDArray[np.float32]
 
 BLOCK = 16_384

@@ -1,11 +1,11 @@
 """What a report computes of the ticks of a result, read block by block: its table, a line a phase, a line a finger."""
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import AnyArray
 from hhsim.hand.fingers import FINGERS
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
 from hhsim.metrics import metrics
@@ -15,8 +15,6 @@ from hhsim.replay.summary_table import SummaryRow, summary_rows
 from hhsim.result.reader import Result
 from hhsim.scene.motion_catalogue import of_the_paper
 from hhsim.solver.method import EVERYTHING, TIMES
-
-Array = NDArray[Any]
 
 BLOCK_TICKS = 16_384
 """Ticks that are read at a time."""
@@ -35,7 +33,6 @@ class PhaseFigures(NamedTuple):
     """One phase; NaN where undefined.
 
     Attributes:
-        name: Of the phase.
         first, last: Its ticks, both included.
         seconds: How long it lasts [s].
         cpu_p50, cpu_p99: Of its ticks in contact [µs].
@@ -64,7 +61,6 @@ class FingerFigures(NamedTuple):
     """One finger; NaN where it never bears a force.
 
     Attributes:
-        name: Of the finger.
         ticks: In which it bears one.
         mean, largest: Size of the sum of the forces on its phalanges in these ticks [N].
         step: Largest change of that sum, as a vector, from one tick to the next [N]; a touch that begins or ends
@@ -84,7 +80,7 @@ def report_ticks(result: Result) -> RunTicks:
     """Read what a report needs of every tick, some 170 bytes; nothing else of the file is kept in memory."""
     result = result.seen_from_object
     names = dict.fromkeys((*needed_columns(), *PHASE_COLUMNS))
-    parts: dict[str, list[Array]] = {name: [] for name in names}
+    parts: dict[str, list[AnyArray]] = {name: [] for name in names}
     for block in result.blocks(list(names), BLOCK_TICKS):
         for name, values in block.items():
             # What is infinite is no figure either.
@@ -108,12 +104,7 @@ class FigureTable(NamedTuple):
 
 
 def figure_table(result: Result, ticks: RunTicks) -> FigureTable:
-    """Compute what the ticks say, and set what the file says in its place.
-
-    Args:
-        result: Whose table it is.
-        ticks: Of it.
-    """
+    """Compute what the ticks say, and set what the file says in its place."""
     known = known_figures([what for what in EVERYTHING if result.gives(what)])
     own, stated = {name: value for name, value in tick_figures(ticks).items() if name in known}, {}
     if result.complete and result.live is None:
@@ -167,7 +158,6 @@ def finger_figures(result: Result, ticks: RunTicks) -> list[FingerFigures]:
     """A line for each finger, thumb to little finger; no line where there is no tick.
 
     Args:
-        result: Whose forces are read.
         ticks: Of it; they say where ticks are missing.
     """
     # Summed block by block: the forces on all phalanges of a long session do not fit into memory.

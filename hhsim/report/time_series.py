@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.metrics.run_metric import PAPER_RATE
 from hhsim.metrics.run_ticks import HOLD
 from hhsim.report.figure import (
@@ -37,8 +37,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-FloatArray = NDArray[np.float64]
-
 PAIRS = ("within the margin", "touching")
 """Which pairs are drawn."""
 FORCE_COLORS = (INK, *FINGER_COLORS, SKY)
@@ -61,7 +59,6 @@ class Run:
 
     Attributes:
         label: In the legend.
-        result: The file.
         columns: Its ticks.
         worst: Of a single result its worst ticks, which are marked.
     """

@@ -2,17 +2,18 @@
 
 import csv
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import OutputError, UnknownNameError
 from hhsim.result.reader import CHUNK_TICKS, Result
 from hhsim.result.schema import LIVE_TICK, LIVE_TICK_COLUMNS, OBJECT_COLUMNS, TICK_COLUMNS, Column
 from hhsim.system.output_path import check_output_path
+from hhsim.system.progress import Progress, silent
 
 USUAL = (
     *("time", "input_seq", "haptic/position", "graphic/position", "force/total", "force/size", "force/finger"),
@@ -28,11 +29,10 @@ SIZES = {
 """Columns that are no datasets: sizes of forces summed over phalanges, and the dataset that each is computed from."""
 ALL = "all"
 SUFFIX = ".csv"
-Progress = Callable[[str, int, int], None]
 
 
 def export_ticks(
-    result: Result, path: Path, columns: Sequence[str] | None = None, progress: Progress | None = None
+    result: Result, path: Path, columns: Sequence[str] | None = None, progress: Progress = silent
 ) -> tuple[str, ...]:
     """Write datasets of every tick.
 
@@ -41,7 +41,6 @@ def export_ticks(
         path: The table; a file that is there is replaced when the new one is complete.
         columns: Names of datasets of /tick or of `SIZES`, of a session also of /live/tick, as live/tick/latency; or
             `all`. None for the usual ones.
-        progress: Called with what is being done, how much is done and how much there is.
 
     Returns:
         The headings: name of the dataset, index of the element where there are several, unit in brackets.
@@ -75,8 +74,7 @@ def export_ticks(
             first = 0
             needed = tuple(dict.fromkeys(SIZES[name][1] if name in SIZES else name for name in wanted))
             for block in result.blocks(needed, CHUNK_TICKS):
-                if progress is not None:
-                    progress("ticks", first, result.ticks)
+                progress("ticks", first, result.ticks)
                 # As Python's numbers: they are written with as many digits as give the same number back.
                 values = [_sizes(block[SIZES[name][1]]) if name in SIZES else block[name] for name in wanted]
                 flat = [each.reshape(len(each), -1).tolist() for each in values]
@@ -90,7 +88,7 @@ def export_ticks(
     return headings
 
 
-def _sizes(force: NDArray[np.float64]) -> NDArray[np.float64]:
+def _sizes(force: FloatArray) -> FloatArray:
     """Sizes of forces [N]: of one a tick, shape (T, 3), or of the sums over phalanges, (T, fingers, 3, 3)."""
     return np.asarray(np.linalg.norm(force if force.ndim == 2 else force.sum(axis=2), axis=-1))
 

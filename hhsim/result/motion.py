@@ -10,16 +10,14 @@ from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import AnyArray
 from hhsim.errors import DamagedFileError, TrajectoryError
 from hhsim.motion.object_motion import ObjectMotion
 from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
 from hhsim.motion.trajectory import Phase, RawChannel, Trajectory
 from hhsim.result.schema import FORMAT, LIVE_SAMPLE, LIVE_TICK, OBJECT_COLUMNS, SCHEMA_VERSIONS, SUFFIXES, wrong_schema
 from hhsim.system.hdf5_input import DAMAGE, hdf5_format, open_hdf5
-
-Array = NDArray[Any]
 
 HAND = ("position", "orientation", "flexion", "abduction")
 
@@ -112,7 +110,7 @@ def _session(file: h5py.File, path: Path) -> Trajectory:
     )
 
 
-def _columns(file: h5py.File, group: str, names: tuple[str, ...]) -> dict[str, Array]:
+def _columns(file: h5py.File, group: str, names: tuple[str, ...]) -> dict[str, AnyArray]:
     """Datasets of a table, as long as the shortest of them: a run that was killed may leave them unequal."""
     columns = {name: file[f"{group}/{name}"][()] for name in names}
     rows = min(map(len, columns.values()))

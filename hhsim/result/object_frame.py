@@ -4,22 +4,19 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import AnyArray
 from hhsim.motion.object_motion import RigidMotion
 from hhsim.result.schema import TICK_COLUMNS
-
-Array = NDArray[Any]
 
 TURNS = {column.name: column.turns for column in TICK_COLUMNS if column.turns}
 """How each dataset that a frame changes is brought to another one."""
 
 
-def as_object_sees(name: str, values: Array, moved: RigidMotion) -> Array:
+def as_object_sees(name: str, values: AnyArray, moved: RigidMotion) -> AnyArray:
     """Rows of a dataset of /tick in the frame that moves with the object, which is the world's at the first tick.
 
     Args:
-        name: Of the dataset.
         values: World, shape (T, ...).
         moved: How the object moved since the first tick.
     """
@@ -27,13 +24,13 @@ def as_object_sees(name: str, values: Array, moved: RigidMotion) -> Array:
     return _brought(name, values, ways)
 
 
-def in_the_world(columns: Mapping[str, Array], moved: RigidMotion) -> dict[str, Array]:
+def in_the_world(columns: Mapping[str, AnyArray], moved: RigidMotion) -> dict[str, AnyArray]:
     """Datasets that the object sees, by name, brought to the world."""
     ways = {"point": moved.points, "vector": moved.vectors, "orientation": moved.orientations}
     return {name: _brought(name, values, ways) for name, values in columns.items()}
 
 
-def _brought(name: str, values: Array, ways: Mapping[str, Any]) -> Array:
+def _brought(name: str, values: AnyArray, ways: Mapping[str, Any]) -> AnyArray:
     kind = TURNS.get(name, "")
     if not kind:
         return values

@@ -3,8 +3,8 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
 from hhsim.hand.model import HandModel
 from hhsim.kernels.hand import finger_closure as kernel
@@ -16,8 +16,6 @@ from hhsim.scene.finger_closure import Closer, FingerClosure
 from hhsim.scene.script import Script
 from hhsim.scene.stored_pose import Placement
 from hhsim.trees.sphere_tree import SphereTree
-
-Array = NDArray[np.float64]
 
 PALM_WAY = 0.03
 """A palm that touches is looked for this far [m] before and behind its stored place."""
@@ -48,14 +46,13 @@ def close_placed(
     hand: HandModel,
     tree: SphereTree,
     placement: Placement,
-    object_position: Array | None = None,
-    object_rotation: Array | None = None,
+    object_position: FloatArray | None = None,
+    object_rotation: FloatArray | None = None,
 ) -> FingerClosure:
     """Close the script's fingers with the palm at a place.
 
     Args:
         script: Which fingers close, and how deep they are commanded.
-        hand: The hand.
         tree: The object, world frame.
         placement: The place, object's frame.
         object_position: [m], shape (3,), world; None for the origin.
@@ -77,7 +74,7 @@ def close_placed(
 class PlacedCloser(Closer):
     """Closes one script's hand on one object, at any number of places."""
 
-    def opened(self, placement: Placement) -> Array:
+    def opened(self, placement: Placement) -> FloatArray:
         """Flexion of the open hand at a place [rad], shape (5, 3)."""
         wide = OPEN_SHARE * np.minimum(self.hand.flexion_min, 0.0) + placement.open[:, None] * self.rates
         return np.ascontiguousarray(np.clip(wide, self.hand.flexion_min, self.hand.flexion_max))
@@ -85,9 +82,9 @@ class PlacedCloser(Closer):
     def close(
         self,
         placement: Placement,
-        object_position: Array | None = None,
-        object_rotation: Array | None = None,
-        clear: Callable[[Array, Array, Array], bool] | None = None,
+        object_position: FloatArray | None = None,
+        object_rotation: FloatArray | None = None,
+        clear: Callable[[FloatArray, FloatArray, FloatArray], bool] | None = None,
     ) -> FingerClosure:
         """Close the hand; arguments as `close_placed`.
 

@@ -17,16 +17,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError, UnknownNameError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
 from hhsim.metrics.brute_force_distance import round_cone_contact, round_cone_distance, sphere_contact
 from hhsim.scene.object_regions import object_region
 from hhsim.trees.sphere_tree import SphereTree
-
-Array = NDArray[np.float64]
 
 ANYWHERE = "anywhere"
 PALM = "palm"
@@ -72,18 +70,16 @@ def touch_distances(
     object_name: str,
     hand: HandModel,
     tree: SphereTree,
-    joints: Array,
-    position: Array,
-    rotation: Array,
-) -> Array:
+    joints: FloatArray,
+    position: FloatArray,
+    rotation: FloatArray,
+) -> FloatArray:
     """How far each demanded touch is from happening [m], shape (n,); infinite where nothing of the part is in reach.
 
     By brute force over all spheres: the least distance of the part to a sphere that it would touch within the region.
 
     Args:
-        touches: What is demanded.
         object_name: Of the catalogue, whose regions are meant; may be anything where all touches are anywhere.
-        hand: The hand.
         tree: The object at rest in its own frame.
         joints: Of the hand [m], object's frame, shape (5, 4, 3).
         position: Of the palm [m], object's frame, shape (3,).
@@ -99,8 +95,8 @@ def touch_distances(
 
 
 def _bodies(
-    part: str, hand: HandModel, joints: Array, position: Array, rotation: Array
-) -> list[tuple[Array, Array, float, float]]:
+    part: str, hand: HandModel, joints: FloatArray, position: FloatArray, rotation: FloatArray
+) -> list[tuple[FloatArray, FloatArray, float, float]]:
     """The round cones of a finger, or the spheres of the palm as cones of no length: both ends and both radii."""
     if part == PALM:
         places = hand.palm_tree.leaf_center @ rotation.T + position
@@ -110,7 +106,7 @@ def _bodies(
 
 
 def _nearest(
-    touch: Touch, object_name: str, tree: SphereTree, a: Array, b: Array, radius_a: float, radius_b: float
+    touch: Touch, object_name: str, tree: SphereTree, a: FloatArray, b: FloatArray, radius_a: float, radius_b: float
 ) -> float:
     """Least distance of a body to a leaf that it would touch within the region."""
     center, radius = tree.leaf_center, tree.leaf_radius

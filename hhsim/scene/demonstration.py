@@ -63,7 +63,6 @@ class Demonstration:
         """The motion beside an object.
 
         Args:
-            hand: Which hand.
             tree: The object at rest, z up.
 
         Raises:
@@ -83,8 +82,6 @@ def parse_demonstration(text: str, *, name: str, folder: Path | Traversable, whe
     """Make a demonstration from TOML text.
 
     Args:
-        text: The TOML document.
-        name: Of the motion.
         folder: That the recording lies in.
         where: Names the text in messages.
 

@@ -64,11 +64,9 @@ def described_scene(
     """Put together what was loaded, and write down how that came about.
 
     Args:
-        words: What was asked for.
         mesh: The object [m], in its own frame.
         tree: Its sphere tree, in the same frame.
         level: That the tree was built to.
-        hand: The hand.
         motion: With its tremor.
         fingers: That the scene uses.
 

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
 from hhsim.kernels.hand import finger_closure as kernel
@@ -13,8 +13,6 @@ from hhsim.kernels.hand.kinematics import BODY_COUNT, HandArrays
 from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays
 from hhsim.scene.script import Script
 from hhsim.trees.sphere_tree import SphereTree
-
-Array = NDArray[np.float64]
 
 DIP_PER_PIP = 2.0 / 3.0
 """The last joint follows the middle one in free flexion (Rijpkema & Girard 1991)."""
@@ -43,18 +41,18 @@ class FingerClosure:
         distance: Signed distance of each body with the palm and all named fingers as commanded [m], shape (16,).
     """
 
-    rotation: Array
-    back: Array
-    position: Array
-    open: Array
-    contact: Array
-    command: Array
-    abduction: Array
+    rotation: FloatArray
+    back: FloatArray
+    position: FloatArray
+    open: FloatArray
+    contact: FloatArray
+    command: FloatArray
+    abduction: FloatArray
     reached: tuple[str, ...]
     missed: tuple[str, ...]
-    slide: Array
-    touching: Array
-    distance: Array
+    slide: FloatArray
+    touching: FloatArray
+    distance: FloatArray
 
 
 class Closer:
@@ -62,7 +60,6 @@ class Closer:
 
     Args:
         script: Which fingers close, and how deep they are commanded.
-        hand: The hand.
         tree: The object at rest, world frame.
     """
 
@@ -77,12 +74,12 @@ class Closer:
 
     def closed(
         self,
-        place: tuple[Array, Array, Array],
-        opened: Array,
-        abduction: Array,
-        slide: Array,
+        place: tuple[FloatArray, FloatArray, FloatArray],
+        opened: FloatArray,
+        abduction: FloatArray,
+        slide: FloatArray,
         fingers: Sequence[int],
-        unclosed: Array | None = None,
+        unclosed: FloatArray | None = None,
     ) -> FingerClosure:
         """Close some fingers until they touch, and command them deeper.
 
@@ -123,7 +120,7 @@ class Closer:
         )
 
 
-def closure_rates(curl: float) -> Array:
+def closure_rates(curl: float) -> FloatArray:
     """Share of each joint in the closing of each finger, shape (5, 3)."""
     rates = np.tile([1.0, curl, curl * DIP_PER_PIP], (len(FINGERS), 1))
     rates[0] = THUMB_RATE
@@ -144,12 +141,12 @@ def make_work() -> kernel.ClosureWork:
 def body_distances(
     hand: HandArrays,
     tree: TreeArrays,
-    position: Array,
-    rotation: Array,
-    flexion: Array,
-    abduction: Array,
+    position: FloatArray,
+    rotation: FloatArray,
+    flexion: FloatArray,
+    abduction: FloatArray,
     work: kernel.ClosureWork,
-) -> Array:
+) -> FloatArray:
     """Signed distance of the 15 phalanges and the palm to the object's leaf spheres [m], shape (16,).
 
     `work` then holds the kinematics of that pose.

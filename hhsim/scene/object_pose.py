@@ -11,8 +11,8 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
@@ -24,8 +24,6 @@ from hhsim.kernels.hand.kinematics import BODY_COUNT, PHALANX_COUNT
 from hhsim.motion.trajectory import Trajectory
 from hhsim.scene.finger_closure import body_distances, make_work
 from hhsim.trees.sphere_tree import SphereTree
-
-Array = NDArray[np.float64]
 
 TURNS = 12
 """Turns about the vertical that are tried."""
@@ -59,7 +57,7 @@ class Wanted:
 class _Best(NamedTuple):
     """A placement in the object's frame: the hand's shift, the object's turn, how far others keep away in the mean."""
 
-    shift: Array
+    shift: FloatArray
     turn: float
     score: float
 
@@ -69,7 +67,6 @@ def place_object(motion: Trajectory, hand: HandModel, tree: SphereTree, wanted: 
 
     Args:
         motion: Of a hand, without regard for its object pose.
-        hand: Which hand.
         tree: The object at rest in its own frame, z up.
         wanted: What is to be touched, by what.
 
@@ -91,7 +88,7 @@ def place_object(motion: Trajectory, hand: HandModel, tree: SphereTree, wanted: 
     return motion.placed(-(rotation_matrix(turn) @ best.shift), turn)
 
 
-def _stroke(tips: Array, motion: Trajectory) -> tuple[Array, int]:
+def _stroke(tips: FloatArray, motion: Trajectory) -> tuple[FloatArray, int]:
     """Unit direction of a fingertip's main way, towards the palm's side, and the sample that is farthest along it."""
     off = tips - tips.mean(axis=0)
     direction = np.linalg.svd(off, full_matrices=False)[2][0]
@@ -106,7 +103,7 @@ def _search(
     hand: HandModel,
     tree: SphereTree,
     finger: int,
-    stroke: Array,
+    stroke: FloatArray,
     moment: int,
     depth: float,
 ) -> _Best | None:
@@ -156,7 +153,7 @@ def _search(
     return best
 
 
-def across(direction: Array) -> Array:
+def across(direction: FloatArray) -> FloatArray:
     """Two unit vectors across a direction and each other, shape (2, 3)."""
     least = np.eye(3)[int(np.argmin(np.abs(direction)))]
     first = np.cross(direction, least)

@@ -18,13 +18,11 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from hhsim.arrays import BoolArray, FloatArray
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.mesh.catalogue import object_description
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 SHAPES = ("box", "cylinder", "sphere")
 

@@ -31,7 +31,6 @@ class PlacedScene:
     """A scene, and how its object came to where it is.
 
     Attributes:
-        scene: The scene.
         placement: Where the object was put for a recording; None where the motion says it, or finds it.
         by_itself: Whether it was put there because it says nothing where it was, and not because somebody asked.
         note: What there is to say of it, or "".
@@ -71,7 +70,6 @@ def placed_scene(
     Args:
         mesh: The object [m], in its own frame.
         tree: Its sphere tree, in the same frame.
-        hand: The hand.
         motion: Of the hand; only a recording is placed.
         asked: Where the object of a recording is to be; None: as recorded, unless the hand touches nothing there, or
             begins in it, of an import (which has flags) that places no object.

@@ -14,8 +14,8 @@ from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import forward_kinematics
@@ -27,9 +27,6 @@ from hhsim.motion.trajectory import Trajectory
 from hhsim.scene.finger_closure import body_distances, make_work
 from hhsim.scene.object_pose import START_GAP, across
 from hhsim.trees.sphere_tree import SphereTree
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 WINDOW = 1.5
 """A closing that takes longer than this [s] is two motions."""
@@ -142,7 +139,6 @@ def place_at_grasp(motion: Trajectory, hand: HandModel, tree: SphereTree) -> Gra
 
     Args:
         motion: Of a hand, without regard for its object pose.
-        hand: Which hand.
         tree: The object at rest in its own frame, z up.
 
     Raises:
@@ -170,18 +166,18 @@ def place_at_grasp(motion: Trajectory, hand: HandModel, tree: SphereTree) -> Gra
     )
 
 
-def _least_before(bend: Array, stamps: Array) -> Array:
+def _least_before(bend: FloatArray, stamps: FloatArray) -> FloatArray:
     """The least of each column over the `WINDOW` up to each sample."""
     first = np.searchsorted(stamps, stamps - WINDOW)
     return np.stack([bend[a : t + 1].min(axis=0) for t, a in enumerate(first.tolist())])
 
 
-def _palm_speed(position: Array, stamps: Array) -> Array:
+def _palm_speed(position: FloatArray, stamps: FloatArray) -> FloatArray:
     """Speed of the palm over a tenth of a second around each sample [m/s]."""
     first = np.searchsorted(stamps, stamps - 0.05)
     last = np.minimum(np.searchsorted(stamps, stamps + 0.05), len(stamps) - 1)
     span = np.maximum(stamps[last] - stamps[first], 1e-3)
-    speed: Array = np.linalg.norm(position[last] - position[first], axis=1) / span
+    speed: FloatArray = np.linalg.norm(position[last] - position[first], axis=1) / span
     return speed
 
 
@@ -189,7 +185,7 @@ class _Candidate(NamedTuple):
     """A placement in the object's frame: the turn of the object, the hand's shift, and how good it is."""
 
     turn: float
-    shift: Array
+    shift: FloatArray
     score: float
 
 
@@ -204,8 +200,8 @@ class _Approach(NamedTuple):
     """
 
     sample: int
-    direction: Array
-    aim: Array
+    direction: FloatArray
+    aim: FloatArray
     push: float
 
 
@@ -231,12 +227,12 @@ class _Search:
         leading = sorted(met, key=lambda candidate: -candidate.score)[:FINALISTS]
         return max((self._scored(c, self.looks) for c in leading), key=lambda c: c.score, default=None)
 
-    def distances(self, candidate: _Candidate, samples: Indices) -> Array:
+    def distances(self, candidate: _Candidate, samples: IntArray) -> FloatArray:
         """Signed distance of every body at some samples [m], shape (N, 16)."""
         back = rotation_matrix(quaternion(np.array([0.0, 0.0, candidate.turn]))).T
         return np.stack([self._pose_distances(back, candidate.shift, int(sample)) for sample in samples])
 
-    def _pose_distances(self, back: Array, shift: Array, sample: int) -> Array:
+    def _pose_distances(self, back: FloatArray, shift: FloatArray, sample: int) -> FloatArray:
         position = back @ self.motion.position[sample] + shift
         rotation = np.ascontiguousarray(back @ self.rotation[sample])
         flexion, abduction = self.motion.flexion[sample].copy(), self.motion.abduction[sample].copy()
@@ -293,7 +289,7 @@ class _Search:
         off = np.linalg.norm(self.tips[: g + 1, closure] - self.tips[g, closure], axis=2).mean(axis=1)
         return int(np.flatnonzero(off >= lead).max(initial=0))
 
-    def _scored(self, candidate: _Candidate, samples: Indices) -> _Candidate:
+    def _scored(self, candidate: _Candidate, samples: IntArray) -> _Candidate:
         distance = self.distances(candidate, samples)
         here = int(np.flatnonzero(samples == self.grasp.sample)[-1])
         depth = np.maximum(0.0, -distance)

@@ -3,15 +3,13 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.fingers import FINGERS
 from hhsim.kernels.hand.kinematics import PALM_BODY, HandArrays
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.scene.finger_closure import FingerClosure, body_distances, make_work
 from hhsim.scene.script import Script
-
-Array = NDArray[np.float64]
 
 HOLDING_DEPTH = 0.002
 """A finger commanded this deep [m] surely keeps hold."""
@@ -21,7 +19,7 @@ STATIONS = (0.25, 0.5, 0.75, 1.0)
 """Shares of the slide at which the hand is looked at."""
 
 
-def best_slide(script: Script, closure: FingerClosure, hand: HandArrays, tree: TreeArrays) -> tuple[Array, float]:
+def best_slide(script: Script, closure: FingerClosure, hand: HandArrays, tree: TreeArrays) -> tuple[FloatArray, float]:
     """The direction along the palm in which the fingers keep hold, pressed in neither deeper nor less.
 
     Args:
@@ -57,7 +55,7 @@ def best_slide(script: Script, closure: FingerClosure, hand: HandArrays, tree: T
     return best.copy(), best_score
 
 
-def _finger_depth(distance: Array) -> Array:
+def _finger_depth(distance: FloatArray) -> FloatArray:
     """How deep [m] each finger lies in the object, negative outside, of body distances (16,); shape (5,)."""
-    depth: Array = -distance[:PALM_BODY].reshape(len(FINGERS), 3).min(axis=1)
+    depth: FloatArray = -distance[:PALM_BODY].reshape(len(FINGERS), 3).min(axis=1)
     return depth

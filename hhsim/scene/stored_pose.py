@@ -22,14 +22,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError, UnknownNameError
 from hhsim.hand.fingers import FINGERS
 from hhsim.mesh.catalogue import object_names
 from hhsim.system.toml_document import check_keys
-
-Array = NDArray[np.float64]
 
 _SIZES = {"position": 3, "orientation": 4, "back": 3, "open": 5, "abduction": 5, "slide": 3}
 _OPTIONAL = ("open", "abduction", "slide")
@@ -50,12 +48,12 @@ class Placement:
     """
 
     object_name: str
-    position: Array
-    orientation: Array
-    back: Array
-    open: Array = field(default_factory=lambda: np.zeros(len(FINGERS)))
-    abduction: Array = field(default_factory=lambda: np.zeros(len(FINGERS)))
-    slide: Array = field(default_factory=lambda: np.zeros(3))
+    position: FloatArray
+    orientation: FloatArray
+    back: FloatArray
+    open: FloatArray = field(default_factory=lambda: np.zeros(len(FINGERS)))
+    abduction: FloatArray = field(default_factory=lambda: np.zeros(len(FINGERS)))
+    slide: FloatArray = field(default_factory=lambda: np.zeros(3))
 
     def to_toml(self) -> str:
         """As a table of a script; lengths to 10 µm, angles and directions to 10⁻⁴."""
@@ -110,7 +108,7 @@ def _placement(where: str, table: Mapping[str, Any], slides: bool) -> Placement:
     return Placement(object_name=name, **values)
 
 
-def _numbers(where: str, key: str, given: Any) -> Array:
+def _numbers(where: str, key: str, given: Any) -> FloatArray:
     count = _SIZES[key]
     good = isinstance(given, list) and len(given) == count
     if not good or not all(isinstance(v, int | float) and not isinstance(v, bool) and abs(v) < 10.0 for v in given):

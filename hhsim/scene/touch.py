@@ -20,7 +20,6 @@ def touches(scene: Scene, fingers: Sequence[str] = FINGERS, distance: float = 1e
     Where it does not, the graphic hand is the haptic one in every tick, and there is no force.
 
     Args:
-        scene: Object, hand and motion.
         fingers: That count, beside the palm; the others go through the object.
         distance: From the leaf spheres within which it touches [m].
     """
@@ -31,7 +30,6 @@ def depth_at_start(scene: Scene, fingers: Sequence[str] = FINGERS) -> float:
     """How deep the haptic hand is in the leaf spheres at the first tick [m]; 0 where it begins outside.
 
     Args:
-        scene: Object, hand and motion.
         fingers: That count, beside the palm; the others go through the object.
     """
     first = HandConfiguration(*(values[:1] for values in HandConfiguration.of(scene.ticks)))

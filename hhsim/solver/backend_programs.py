@@ -10,8 +10,8 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import IntArray
 from hhsim.kernels.clock import monotonic_ns, thread_cpu_ns
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.qp.active_set import INFEASIBLE, OPTIMAL, QpWork
@@ -24,9 +24,6 @@ from hhsim.kernels.tick.tick import converge, set_haptic
 from hhsim.solver.contact_qp import coupled_problem, finger_problem, palm_problem
 from hhsim.solver.qp import QpProblem, QpStatus, solve
 from hhsim.solver.workspace import TickWorkspace
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 MULTIPLIER_FLOOR = 1e-9
 """Multipliers [N] that interior-point backends leave on inactive rows are below this."""

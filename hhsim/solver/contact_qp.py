@@ -3,15 +3,12 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.kernels.contact.linearise import LIMIT_ROWS
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.tick.progressive import YIELD_SCALE
 from hhsim.solver.qp import QpProblem
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 LIMITS_PER_FINGER = LIMIT_ROWS // FINGER_COUNT
 

@@ -10,7 +10,6 @@ class LinearisingEngine:
     """Runs the ticks of `coupled` and `progressive`, shared by threads or with the programs of another QP solver.
 
     Args:
-        workspace: Of hand and object.
         method: In the kernels' form.
     """
 

@@ -5,8 +5,8 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import BoolArray, FloatArray
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.hand.fingers import BODIES, FINGERS, PHALANGES
 from hhsim.solver.known_methods import find_method
@@ -73,7 +73,7 @@ class Stiffness:
                     "program of what is beyond can be solved"
                 )
 
-    def diagonal(self) -> NDArray[np.float64]:
+    def diagonal(self) -> FloatArray:
         """G of the 21 variables, shape (21,)."""
         return np.concatenate([np.full(3, self.translation), np.full(3, self.rotation), np.full(15, self.flexion)])
 
@@ -215,7 +215,7 @@ class SolverOptions:
         }
         return replace(self, stiffness=stiffness, **lengths)
 
-    def modelled(self) -> NDArray[np.bool_]:
+    def modelled(self) -> BoolArray:
         """Which bodies the scene uses, shape (16,): the phalanges of its fingers, and the palm."""
         bodies = np.ones(BODIES, bool)
         for f, finger in enumerate(FINGERS):

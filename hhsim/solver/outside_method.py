@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
@@ -21,8 +21,6 @@ from hhsim.trees.sphere_tree import SphereTree
 if TYPE_CHECKING:
     from hhsim.kernels.tick.block import HapticBlock, TickRecord
     from hhsim.solver.workspace import TickWorkspace
-
-Array = NDArray[np.float64]
 
 SHAPES = {"position": (3,), "orientation": (4,), "flexion": (5, 3), "abduction": (5,)}
 """Of a hand's configuration."""
@@ -65,8 +63,8 @@ class TickAnswer(NamedTuple):
     """
 
     pose: HandConfiguration
-    phalanx_force: Array | None = None
-    palm_force: Array | None = None
+    phalanx_force: FloatArray | None = None
+    palm_force: FloatArray | None = None
     native_ns: int = 0
 
 
@@ -95,7 +93,6 @@ class OutsideEngine:
         name: For messages.
         make: Of the method for a scene.
         forces: Whether its ticks have forces.
-        workspace: Of hand and object.
     """
 
     def __init__(
@@ -173,7 +170,7 @@ class OutsideEngine:
         palm = np.zeros(3) if answer.palm_force is None else self._array("palm_force", answer.palm_force, (3,))
         record.total[i] = record.phalanx[i].sum(axis=(0, 1)) + palm
 
-    def _checked(self, pose: Any) -> dict[str, Array]:
+    def _checked(self, pose: Any) -> dict[str, FloatArray]:
         if not isinstance(pose, tuple) or len(pose) != len(SHAPES):
             raise self._wrong(
                 f"answers with {type(pose).__name__}: expected a HandConfiguration (position, orientation, flexion, "
@@ -186,7 +183,7 @@ class OutsideEngine:
         found["orientation"] = found["orientation"] / length
         return found
 
-    def _array(self, name: str, values: Any, shape: tuple[int, ...]) -> Array:
+    def _array(self, name: str, values: Any, shape: tuple[int, ...]) -> FloatArray:
         try:
             array = np.asarray(values, np.float64)
         except (TypeError, ValueError) as error:

@@ -13,13 +13,11 @@ from enum import StrEnum
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.kernels.qp import active_set
 from hhsim.kernels.qp.row_scan import ProgramRows
-
-Array = NDArray[np.float64]
 
 ACTIVE_SET = "active-set"
 """The backend of our own: `hhsim.kernels.qp.active_set`."""
@@ -69,10 +67,10 @@ class QpProblem:
         InputError: On shapes that do not fit, or a stiffness that is not positive.
     """
 
-    stiffness: Array
-    matrix: Array
-    rhs: Array
-    target: Array
+    stiffness: FloatArray
+    matrix: FloatArray
+    rhs: FloatArray
+    target: FloatArray
 
     def __post_init__(self) -> None:
         """Make the arrays contiguous float64 and check that they fit."""
@@ -86,12 +84,12 @@ class QpProblem:
         if not np.all(self.stiffness > 0.0):
             raise InputError(f"QP: every stiffness must be positive, the least is {self.stiffness.min()}")
 
-    def objective(self, solution: Array) -> float:
+    def objective(self, solution: FloatArray) -> float:
         """Coupling energy [J] at δ, shape (n,)."""
         offset = solution - self.target
         return 0.5 * float(offset @ (self.stiffness * offset))
 
-    def kkt_residual(self, solution: Array, multiplier: Array) -> float:
+    def kkt_residual(self, solution: FloatArray, multiplier: FloatArray) -> float:
         """Largest violation [√J] of the optimality conditions by δ, shape (n,), with multipliers, shape (m,).
 
         Of the rows, of the multipliers' sign, of the balance G (δ - δ*) = Aᵀ λ, and of complementarity (the smaller of
@@ -110,11 +108,11 @@ class QpProblem:
             )
         )
 
-    def _conditioned(self) -> tuple[Array, Array, Array]:
+    def _conditioned(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         # √G, the rows for x = √G δ at length 1, and their lengths; zero rows stay as they are.
         root = np.sqrt(self.stiffness)
         scaled = self.matrix / root
-        norm: Array = np.linalg.norm(scaled, axis=1)
+        norm: FloatArray = np.linalg.norm(scaled, axis=1)
         norm[norm == 0.0] = 1.0
         return root, scaled / norm[:, None], norm
 
@@ -127,12 +125,11 @@ class QpSolution:
         x: δ, shape (n,) [m] and [rad]; the target where there is no solution.
         multiplier: λ >= 0 of each row, shape (m,); [N] for contact rows; zeros where there is no solution.
         status: See `QpStatus`; compares equal to its string.
-        backend: Name of the backend.
         message: What went wrong, empty for an optimum.
     """
 
-    x: Array
-    multiplier: Array
+    x: FloatArray
+    multiplier: FloatArray
     status: QpStatus
     backend: str
     message: str = ""

@@ -4,8 +4,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
@@ -14,9 +14,6 @@ from hhsim.kernels.tick.state import STATUS_STUCK
 from hhsim.metrics.metrics import tracking_energy, tracking_excess
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import BY_SURFACE, UNLIMITED, SolverOptions
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 REFERENCE_LINEARISATIONS = 400
 REFERENCE_STEP_TOLERANCE = 1e-8
@@ -27,7 +24,6 @@ def best_hands(hand: HandModel, mesh_surface: Any, options: SolverOptions, hapti
     """The best pose of every tick: `coupled` on the triangles, converged, from the user's first hand on.
 
     Args:
-        hand: The hand.
         mesh_surface: The object in the kernels' form, world: the surface `mesh`.
         options: Stiffness and lengths.
         haptic: The user's hand at every tick.
@@ -62,12 +58,10 @@ def reference_excess(
     The optimum is the local one that `coupled` converges to from the method's own graphic hand with the input held.
 
     Args:
-        hand: The hand.
         surface: The object's, world frame, as `HandSolver` takes it.
         options: Those of the method; stiffness and lengths are kept.
         haptic: Haptic hand at every tick.
         graphic: Graphic hand at every tick.
-        ticks: Which ticks.
 
     Returns:
         Shape (len(ticks),); NaN in free space, and where the graphic hand is so deep inside that the reference finds no

@@ -4,8 +4,8 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import BoolArray, FloatArray
 from hhsim.errors import HhsimError, InputError
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.detection import CONTACT_ROWS
@@ -54,7 +54,6 @@ class TickWorkspace:
     """One hand, one object, and the memory of their ticks, of whatever method.
 
     Args:
-        model: The hand.
         surface: The object's, world frame: a `ContactSurface`, or its arrays alone.
         options: Method, stiffness and lengths.
 
@@ -107,7 +106,7 @@ class TickWorkspace:
             f"{SURFACES[self.options.surface].coarser}"
         )
 
-    def center(self) -> NDArray[np.float64]:
+    def center(self) -> FloatArray:
         """A point that a hand inside the object gets away from [m], world, shape (3,)."""
         return surface_of(self.surface).center(self.surface)
 
@@ -122,15 +121,12 @@ class TickWorkspace:
         return compiled.address(*given), given
 
 
-def tick_state(
-    stiffness: NDArray[np.float64], modelled: NDArray[np.bool_] | None = None, surface: Surface = SPHERES
-) -> Any:
+def tick_state(stiffness: FloatArray, modelled: BoolArray | None = None, surface: Surface = SPHERES) -> Any:
     """A fresh state, a record array of shape (1,): all modelled bodies still to be gathered.
 
     Args:
         stiffness: The coupling's G, shape (21,).
         modelled: Which bodies the scene uses, shape (16,); all where it is not given.
-        surface: The object's.
     """
     states = zeroed(tick_state_dtype(surface.candidates))
     state = states[0]

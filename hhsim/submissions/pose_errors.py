@@ -46,9 +46,7 @@ def pose_errors(scene: Scene, options: SolverOptions, poses: HandConfiguration) 
     """Measure poses, one a tick of the scene.
 
     Args:
-        scene: Object, hand and motion.
         options: Stiffness of the coupling, which says what the best pose is.
-        poses: Of the shown hand.
     """
     placed = forward_kinematics(scene.hand, *poses)
     mean, most = _off_best(scene, options, placed)

@@ -29,17 +29,14 @@ from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import DamagedFileError, InputError, OutputError, UnknownNameError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
-from hhsim.motion.csv_file import ABDUCTION_COLUMNS, FLEXION_COLUMNS, read_remarks
-from hhsim.system.atomic_write import hdf5_image, write_atomically
-from hhsim.system.checksummed_file import sealed
+from hhsim.motion.csv_file import ABDUCTION_COLUMNS, FLEXION_COLUMNS, numbers_of, read_remarks
+from hhsim.system.atomic_write import sealed_hdf5, write_atomically
 from hhsim.system.hdf5_input import DAMAGE, open_hdf5
-
-Array = NDArray[np.float64]
 
 FORMAT = "hhsim-poses"
 KEYS = ("scene", "made_by", "method", "hand")
@@ -98,22 +95,21 @@ class Submission:
         duration: What each tick took [s], by the method's own measure, shape (T,); None where nobody measured.
         made_by: What the scene is made by (`hhsim.submissions.scene_file.scene_names`).
         hand: Of which side, right or left; "" is not said.
-        path: The file.
     """
 
     method: str
     scene: str
-    time: Array
+    time: FloatArray
     poses: HandConfiguration
-    phalanx_force: Array | None = None
-    palm_force: Array | None = None
-    duration: Array | None = None
+    phalanx_force: FloatArray | None = None
+    palm_force: FloatArray | None = None
+    duration: FloatArray | None = None
     made_by: Mapping[str, Any] = field(default_factory=dict)
     hand: str = ""
     path: Path | None = None
 
     @property
-    def arrays(self) -> dict[str, Array]:
+    def arrays(self) -> dict[str, FloatArray]:
         """Those that it has, by the names in `PARTS`."""
         values = {"time": self.time, **self.poses._asdict()}
         more = {name: getattr(self, name) for name in PARTS if name not in values}
@@ -161,7 +157,7 @@ def write_submission(submission: Submission, path: Path) -> None:
     if suffix == ".csv":
         write_atomically(path, format_poses(submission).encode())
     elif suffix in HDF5_SUFFIXES:
-        write_atomically(path, sealed(hdf5_image(lambda file: _write_hdf5(submission, file))))
+        write_atomically(path, sealed_hdf5(lambda file: _write_hdf5(submission, file)))
     else:
         raise OutputError(f"{path}: unknown suffix '{suffix}'; expected .csv or .h5")
 
@@ -181,7 +177,7 @@ def format_poses(submission: Submission) -> str:
     return text.getvalue()
 
 
-def parse_poses(text: str) -> tuple[dict[str, str], dict[str, Array]]:
+def parse_poses(text: str) -> tuple[dict[str, str], dict[str, FloatArray]]:
     """What a CSV text says of itself, and its arrays.
 
     Raises:
@@ -200,11 +196,7 @@ def parse_poses(text: str) -> tuple[dict[str, str], dict[str, Array]]:
             continue
         if len(cells) != len(header):
             raise InputError(f"line {number} has {len(cells)} values; expected {len(header)} as in the header")
-        try:
-            rows.append([float(cell) for cell in cells])
-        except ValueError:
-            place = next(i for i, cell in enumerate(cells) if not _is_number(cell))
-            raise InputError(f"line {number}: {header[place]} is '{cells[place]}'; expected a number") from None
+        rows.append(numbers_of(cells, header, range(len(header)), number))
     table = np.array(rows, dtype=np.float64).reshape(len(rows), len(header))
     arrays = {}
     for name, part in PARTS.items():
@@ -236,15 +228,7 @@ def _columns(headings: Sequence[str]) -> list[str]:
     return found
 
 
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
-
-
-def _read_hdf5(path: Path) -> tuple[dict[str, str], dict[str, Array]]:
+def _read_hdf5(path: Path) -> tuple[dict[str, str], dict[str, FloatArray]]:
     try:
         with open_hdf5(path) as file:
             if file.attrs.get("format") != FORMAT:
@@ -279,7 +263,7 @@ def _write_hdf5(submission: Submission, file: h5py.File) -> None:
         dataset.attrs["units"] = PARTS[name].unit
 
 
-def _submission(said: Mapping[str, str], arrays: dict[str, Array], path: Path) -> Submission:
+def _submission(said: Mapping[str, str], arrays: dict[str, FloatArray], path: Path) -> Submission:
     ticks = len(arrays["time"]) if arrays["time"].ndim else 0
     if ticks == 0:
         raise InputError("no ticks; expected a pose for every tick of the scene")

@@ -11,9 +11,9 @@ from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim import __version__
+from hhsim.arrays import AnyArray
 from hhsim.errors import DamagedFileError, InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.motion.trajectory import Phase, TickInput, TickPhase, Trajectory
@@ -22,11 +22,8 @@ from hhsim.result.reader import Result
 from hhsim.result.schema import STATIC_COLUMNS
 from hhsim.scene.open_scene import open_scene
 from hhsim.scene.scene import Scene
-from hhsim.system.atomic_write import hdf5_image
-from hhsim.system.checksummed_file import sealed
+from hhsim.system.atomic_write import put_dataset, sealed_hdf5
 from hhsim.system.hdf5_input import DAMAGE, open_hdf5
-
-Array = NDArray[Any]
 
 FORMAT = "hhsim-scene"
 SCHEMA_VERSION = 1
@@ -48,7 +45,7 @@ NAMES = ("object", "trajectory", "unit", "size_mm", "level", "hand", "rate", "sa
 def scene_digest(scene: Scene) -> str:
     """SHA-256 [hex] of mesh, hand, motion and rate, with lengths and angles to `ROUNDED` decimals."""
     hand, ticks = scene.hand, scene.ticks
-    parts: list[Array] = [scene.mesh.vertices, scene.mesh.faces]
+    parts: list[AnyArray] = [scene.mesh.vertices, scene.mesh.faces]
     parts += [hand.base, hand.distal, hand.dorsal, hand.length, hand.radius]
     parts += [hand.flexion_min, hand.flexion_max, hand.abduction_min, hand.abduction_max]
     parts += [hand.palm_tree.leaf_center, hand.palm_tree.leaf_radius, *HandConfiguration.of(ticks)]
@@ -116,17 +113,17 @@ def scene_content(scene: Scene) -> bytes:
         file.attrs["hhsim_version"] = __version__
         file.attrs["scene"], file.attrs["digest"] = json.dumps(stated), scene_digest(scene)
         for column in STATIC_COLUMNS:
-            _put(file, column.name, static[column.name], column.units, column.long_name)
+            put_dataset(file, column.name, static[column.name], column.units, column.long_name)
         for name, (units, meaning) in MOTION.items():
-            _put(file, f"motion/{name}", getattr(scene.ticks, name), units, meaning)
+            put_dataset(file, f"motion/{name}", getattr(scene.ticks, name), units, meaning)
         phases = scene.ticks.phases
         names = np.array([phase.name for phase in phases], h5py.string_dtype())
-        _put(file, "phase/name", names, "1", "name of each phase")
+        put_dataset(file, "phase/name", names, "1", "name of each phase")
         for name in ("first_tick", "last_tick"):
             values = np.array([getattr(phase, name) for phase in phases], np.int64)
-            _put(file, f"phase/{name}", values, "1", f"{name.replace('_', ' ')} of each phase")
+            put_dataset(file, f"phase/{name}", values, "1", f"{name.replace('_', ' ')} of each phase")
 
-    return sealed(hdf5_image(fill))
+    return sealed_hdf5(fill)
 
 
 def load_scene(path: Path) -> Scene:
@@ -188,8 +185,3 @@ def _load(path: Path) -> Scene:
     more = ("names", "object_name", "motion", "motion_source", "rate", "hand", "checksums")
     description = {name: value for name, value in said.items() if name not in more}
     return Scene(stored_mesh(held), stored_tree(held), stored_hand(held), trajectory, ticks, description)
-
-
-def _put(file: h5py.File, name: str, values: Any, units: str, meaning: str) -> None:
-    dataset = file.create_dataset(name, data=values, track_times=False)
-    dataset.attrs["units"], dataset.attrs["long_name"] = units, meaning

@@ -47,7 +47,6 @@ def write_scene_folder(scene: Scene, folder: Path) -> str:
     """Make the folder of a scene, in one step.
 
     Args:
-        scene: Object, hand and motion.
         folder: That is not there yet, or empty.
 
     Returns:

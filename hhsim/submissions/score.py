@@ -1,6 +1,6 @@
 """The score of a submission: its poses through the very code that measures a method, and what it can say besides."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -24,12 +24,11 @@ from hhsim.submissions.pose_file import Submission
 from hhsim.submissions.scene_file import load_scene, named_scene, scene_digest
 from hhsim.submissions.scene_folder import SCENE_FILE
 from hhsim.submissions.suspicions import require_scene, suspicions
+from hhsim.system.progress import Progress, silent
 
 if TYPE_CHECKING:
     from hhsim.kernels.tick.block import HapticBlock, TickRecord
     from hhsim.solver.workspace import TickWorkspace
-
-Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
@@ -75,7 +74,6 @@ def scene_of(submission: Submission, folder: Path | None = None) -> Scene:
     """Find the scene of a submission: in a folder, in its own one, or made again by what it says.
 
     Args:
-        submission: Which says its scene.
         folder: That `hhsim scene` made; None looks beside the submission.
 
     Raises:
@@ -105,17 +103,15 @@ def score(
     *,
     surface: str = "spheres",
     command: Sequence[str] = (),
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> Score:
     """Measure a submission and write a result file of it.
 
     Args:
         submission: Poses for each tick of the scene.
-        scene: Its scene.
         output_path: The result; what is there is replaced when the new one is complete.
         surface: What of the object contacts are looked for on: spheres or mesh.
         command: That makes the result, word by word, for the file to say.
-        progress: Called with what is being done, how much is done and how much there is.
 
     Raises:
         InputError: It is of another scene, or ticks are missing.
@@ -132,8 +128,7 @@ def score(
         summary = replay(
             scene, options, output_path, description={"submission": stated}, command=command, progress=progress
         )
-        if progress is not None:
-            progress("the best poses", 0, 1)
+        progress("the best poses", 0, 1)
         errors = pose_errors(scene, options.at_rate(scene.ticks.rate), submission.poses)
     assert summary.path is not None
     known = {key: value for key, value in errors._asdict().items() if np.isfinite(value)}

@@ -7,8 +7,8 @@ unit, frame or order, was given in that one.
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import BoolArray, FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
@@ -19,9 +19,7 @@ from hhsim.scene.scene import Scene
 from hhsim.submissions.pose_file import Submission
 from hhsim.submissions.scene_file import scene_digest, scene_names, scene_title
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Mended = Iterator[tuple[str, Array]]
+Mended = Iterator[tuple[str, FloatArray]]
 
 FREE = 2e-3
 """Where the user's hand is farther than this from the object [m], the shown one is the user's."""
@@ -74,7 +72,7 @@ def _name(submission: Submission) -> str:
     return str(submission.path or submission.method)
 
 
-def _wrong_ticks(time: Array, wanted: Array, rate: float) -> str:
+def _wrong_ticks(time: FloatArray, wanted: FloatArray, rate: float) -> str:
     """What is wrong with the times [s]; "" for nothing."""
     ticks, total = len(time), len(wanted)
     expected = f"expected {total:,} ticks, {rate:g} a second, from 0 s on"
@@ -110,7 +108,6 @@ def suspicions(submission: Submission, scene: Scene) -> tuple[str, ...]:
 
     Args:
         submission: Of this scene (`require_scene`).
-        scene: The scene.
     """
     shown, user = submission.poses, HandConfiguration.of(scene.ticks)
     free = _free(scene)
@@ -129,7 +126,7 @@ def suspicions(submission: Submission, scene: Scene) -> tuple[str, ...]:
     return (*found, *_forces(submission, None if found else user), *_durations(submission))
 
 
-def _free(scene: Scene) -> Mask:
+def _free(scene: Scene) -> BoolArray:
     """Ticks in which the user's hand is far from the object."""
     placed = forward_kinematics(scene.hand, *HandConfiguration.of(scene.ticks))
     palm, finger = hand_clearance(scene.tree.arrays(), *hand_shape(scene.hand), *placed, limit=FREE)
@@ -137,7 +134,7 @@ def _free(scene: Scene) -> Mask:
     return free if free.sum() >= FEWEST else np.ones(len(free), bool)
 
 
-def _still(shown: HandConfiguration, user: HandConfiguration, free: Mask) -> Iterator[str]:
+def _still(shown: HandConfiguration, user: HandConfiguration, free: BoolArray) -> Iterator[str]:
     moves = np.linalg.norm(np.diff(user.position, axis=0), axis=1) > MOVES
     moves &= free[1:]
     rests = np.ones(len(moves), bool)
@@ -151,7 +148,7 @@ def _still(shown: HandConfiguration, user: HandConfiguration, free: Mask) -> Ite
         )
 
 
-def _shift(shown: Array, user: Array, free: Mask) -> int:
+def _shift(shown: FloatArray, user: FloatArray, free: BoolArray) -> int:
     """By how many ticks the shown palm is behind the user's; 0 where that does not explain what it is off."""
     ticks = len(shown)
     moves = free & (np.linalg.norm(np.gradient(user, axis=0), axis=1) > MOVES) if ticks > 1 else free
@@ -177,7 +174,7 @@ def _named(off: float, limit: float, mended: Iterator[tuple[str, float]]) -> str
     return text if least < MENDS * off else ""
 
 
-def _position(shown: Array, user: Array, turn: Array) -> Iterator[str]:
+def _position(shown: FloatArray, user: FloatArray, turn: FloatArray) -> Iterator[str]:
     off = float(np.median(np.linalg.norm(shown - user, axis=1)))
     candidates = [*same_but_for(shown)]
     # Where the palm does not turn, the one cannot be told from the other.
@@ -194,8 +191,8 @@ def _position(shown: Array, user: Array, turn: Array) -> Iterator[str]:
         yield f"the palm is {far} off the user's where nothing is near: {why or 'another motion'}?"
 
 
-def _orientation(shown: Array, user: Array) -> Iterator[str]:
-    def apart(changed: Array) -> float:
+def _orientation(shown: FloatArray, user: FloatArray) -> Iterator[str]:
+    def apart(changed: FloatArray) -> float:
         near = np.abs(np.einsum("ti,ti->t", changed, user))
         return float(np.median(2.0 * np.arccos(np.clip(near, 0.0, 1.0))))
 
@@ -205,7 +202,7 @@ def _orientation(shown: Array, user: Array) -> Iterator[str]:
         yield f"the palm is turned by {off:.3g} rad off the user's where nothing is near: {why or 'another frame'}?"
 
 
-def _turned(shown: Array) -> Mended:
+def _turned(shown: FloatArray) -> Mended:
     """Orientations, had they been given otherwise: the mistake, and the orientations mended."""
     yield "quaternion x y z w", shown[:, [3, 0, 1, 2]]
     yield "quaternion of the world in the palm's frame", conjugate(shown)
@@ -233,7 +230,9 @@ def _turned(shown: Array) -> Mended:
         yield f"another palm frame, half a turn about {name}", quaternion_product(shown, half)
 
 
-def _fingers(flexion: Array, abduction: Array, user_flexion: Array, user_abduction: Array) -> Iterator[str]:
+def _fingers(
+    flexion: FloatArray, abduction: FloatArray, user_flexion: FloatArray, user_abduction: FloatArray
+) -> Iterator[str]:
     bent, wanted = (values.reshape(-1, 5, 3) for values in (flexion, user_flexion))
     bend_mistakes = {
         "degrees": np.radians(bent),
@@ -257,7 +256,7 @@ def _fingers(flexion: Array, abduction: Array, user_flexion: Array, user_abducti
             yield f"{name} is {off:.3g} rad off the user's where nothing is near: {why or 'another motion'}?"
 
 
-def _angle_off(found: Array, user: Array) -> float:
+def _angle_off(found: FloatArray, user: FloatArray) -> float:
     return float(np.median(np.abs(found - user).reshape(len(user), -1).max(axis=1)))
 
 

@@ -61,13 +61,9 @@ class Cell:
     """One replay.
 
     Attributes:
-        object: The object.
-        motion: The motion.
-        method: Of the solver.
         surface: Of the object that the hand touches.
         options_name: What the plan calls its options.
         options: Those of `OF_THE_SOLVER` and `OF_THE_SCENE` that the plan states, SI.
-        seed: Of everything random.
         ticks: Only the first so many; None for all.
     """
 

@@ -50,9 +50,6 @@ def row_of(
     """The row of a cell that has just ended.
 
     Args:
-        cell: The cell.
-        digest: Its.
-        summary: Of its replay.
         scene: What the result says of the scene.
         options: That the ticks ran with.
         result: Name of the result's file; None where it is not kept.

@@ -39,8 +39,6 @@ class CellTask:
     """What a process is told to run.
 
     Attributes:
-        cell: The cell.
-        digest: Its.
         plan_folder: That its files are in, absolute.
         folder: Where its files go, absolute; every process that runs cells sees it.
         keeps_result: Whether the result is kept, and not the row alone.
@@ -62,7 +60,6 @@ class CellEnd:
     """How a cell ended.
 
     Attributes:
-        digest: Of the cell.
         reason: Why it failed; "" where it is done, and its row is written.
         ticks: That were run.
     """

@@ -32,7 +32,6 @@ def run_on_dask(tasks: Sequence[CellTask], scheduler: str, jobs: int) -> Generat
     """Run cells; they end in any order.
 
     Args:
-        tasks: The cells.
         scheduler: Address of a scheduler, such as tcp://10.0.0.1:8786, or `LOCAL`.
         jobs: Processes of a local cluster.
 

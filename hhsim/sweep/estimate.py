@@ -1,7 +1,7 @@
 """How long a sweep is going to take, from cells that were run: those in its folder, or a few that are tried."""
 
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
@@ -11,8 +11,7 @@ from hhsim.replay.replay import replay
 from hhsim.sweep.cell_run import open_cell
 from hhsim.sweep.folder import SweepFolder
 from hhsim.sweep.plan import PlannedCell, SweepPlan
-
-Progress = Callable[[str, int, int], None]
+from hhsim.system.progress import Progress, silent
 
 TRIAL_TICKS = 1000
 """Of a cell that is tried, at most."""
@@ -41,13 +40,12 @@ class Estimate:
     by: str
 
 
-def estimate(plan: SweepPlan, folder: SweepFolder, progress: Progress | None = None) -> Estimate:
+def estimate(plan: SweepPlan, folder: SweepFolder, progress: Progress = silent) -> Estimate:
     """Count the cells, and estimate what those that are left take: by method and surface, in proportion to the ticks.
 
     Args:
         plan: What is to be run.
         folder: Where; it need not exist.
-        progress: Called with what is being done, how much is done and how much there is.
     """
     done = [planned for planned in plan.cells if folder.done(planned)]
     finished = {planned.digest for planned in done}
@@ -58,8 +56,7 @@ def estimate(plan: SweepPlan, folder: SweepFolder, progress: Progress | None = N
     known = {kind: [planned for planned in done if _kind(planned) == kind] for kind in kinds}
     seconds, tried = 0.0, 0
     for number, kind in enumerate(sorted(kinds)):
-        if progress is not None:
-            progress("trial cells", number, len(kinds))
+        progress("trial cells", number, len(kinds))
         mine = [planned for planned in left if _kind(planned) == kind]
         if known[kind]:
             spent = sum(float(folder.row(planned)["seconds"]) for planned in known[kind])

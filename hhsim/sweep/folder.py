@@ -28,9 +28,6 @@ VERSION = 1
 class SweepFolder:
     """A sweep's folder, which may not exist yet.
 
-    Args:
-        path: Of it.
-
     Raises:
         OutputError: Something else is there.
     """

@@ -66,10 +66,7 @@ class SweepPlan:
     """What is run.
 
     Attributes:
-        name: Of the sweep.
         folder: The plan's; files in it are relative to it.
-        text: Of the plan.
-        cells: All of them.
         left_out: What cannot be together, and how many cells that are, a sentence each.
     """
 

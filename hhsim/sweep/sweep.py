@@ -1,6 +1,6 @@
 """Runs the cells of a plan that are not done yet, by an engine, and keeps what was found of each as soon as it ends."""
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from time import perf_counter
@@ -14,8 +14,7 @@ from hhsim.sweep.folder import SweepFolder
 from hhsim.sweep.plan import PlannedCell, SweepPlan
 from hhsim.sweep.process_engine import run_in_processes
 from hhsim.system.own_core import physical_cores
-
-Progress = Callable[[str, int, int], None]
+from hhsim.system.progress import Progress, silent
 
 
 @dataclass(frozen=True)
@@ -61,16 +60,8 @@ class SweepSummary:
     seconds: float
 
 
-def run_sweep(
-    plan: SweepPlan, folder: SweepFolder, options: SweepOptions, progress: Progress | None = None
-) -> SweepSummary:
+def run_sweep(plan: SweepPlan, folder: SweepFolder, options: SweepOptions, progress: Progress = silent) -> SweepSummary:
     """Run what is not done yet.
-
-    Args:
-        plan: What to run.
-        folder: Where its files go.
-        options: How.
-        progress: Called with what is being done, how much is done and how much there is.
 
     Raises:
         InputError: No Dask, or no scheduler.
@@ -88,8 +79,7 @@ def run_sweep(
         if left:
             prepare(plan, left, progress)
             by_digest = {planned.digest: planned for planned in left}
-            if progress is not None:
-                progress("cells", 0, len(left))
+            progress("cells", 0, len(left))
             began = perf_counter()
             try:
                 with closing(_engine(_tasks(plan, folder, left, options), options)) as ends:
@@ -101,8 +91,7 @@ def run_sweep(
                             folder.forget_failure(planned)
                             done += 1
                             ticks += end.ticks
-                        if progress is not None:
-                            progress("cells", number + 1, len(left))
+                        progress("cells", number + 1, len(left))
             except KeyboardInterrupt as interrupt:
                 interrupt.add_note(
                     f"{len(before) + done:,} of {len(plan.cells):,} cells are done, and the same command goes on"
@@ -117,7 +106,7 @@ def run_sweep(
     return SweepSummary(len(plan.cells), done, len(before), tuple(failed), ticks, seconds)
 
 
-def prepare(plan: SweepPlan, cells: Sequence[PlannedCell], progress: Progress | None = None) -> None:
+def prepare(plan: SweepPlan, cells: Sequence[PlannedCell], progress: Progress = silent) -> None:
     """Compile, and build the trees, before there are processes that would all do so at once.
 
     What cannot be had here fails cell by cell, and is told there.
@@ -129,8 +118,7 @@ def prepare(plan: SweepPlan, cells: Sequence[PlannedCell], progress: Progress | 
     }
     total = len(kinds) + len(shapes)
     for number, cell in enumerate([*kinds.values(), *shapes.values()]):
-        if progress is not None:
-            progress("getting ready", number, total)
+        progress("getting ready", number, total)
         try:
             if number < len(kinds):
                 motion = motion_of(cell, plan.folder)

@@ -6,18 +6,26 @@ An HDF5 file is made in memory first: HDF5 cannot go on after a write that faile
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import h5py
 
 from hhsim.errors import OutputError
+from hhsim.system.checksummed_file import sealed
 
 
-def hdf5_image(fill: Callable[[h5py.File], object]) -> bytes:
-    """Make the bytes of an HDF5 file whose content `fill` writes."""
+def sealed_hdf5(fill: Callable[[h5py.File], object]) -> bytes:
+    """Make the bytes of an HDF5 file whose content `fill` writes, with their seal behind them."""
     with h5py.File("image", "w", driver="core", backing_store=False) as file:
         fill(file)
         file.flush()
-        return bytes(file.id.get_file_image())
+        return sealed(bytes(file.id.get_file_image()))
+
+
+def put_dataset(group: h5py.Group, name: str, data: Any, units: str, long_name: str, **options: Any) -> None:
+    """Write a dataset with its unit and its meaning; `options` as of `h5py.Group.create_dataset`."""
+    dataset = group.create_dataset(name, data=data, track_times=False, **options)
+    dataset.attrs["units"], dataset.attrs["long_name"] = units, long_name
 
 
 def write_atomically(path: Path, content: bytes) -> None:

@@ -28,7 +28,6 @@ def main(path: Path, seconds: int) -> int:
     """Read a file and say what is wrong with it.
 
     Args:
-        path: The file.
         seconds: Of processor time that this may take.
 
     Returns:

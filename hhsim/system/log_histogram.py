@@ -4,7 +4,9 @@ from collections.abc import Iterable
 from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from hhsim.arrays import IntArray
 
 
 class LogHistogram:
@@ -22,7 +24,7 @@ class LogHistogram:
 
     def __init__(self) -> None:
         """Hold nothing yet."""
-        self.counts: NDArray[np.int64] = np.zeros(self.BINS, dtype=np.int64)
+        self.counts: IntArray = np.zeros(self.BINS, dtype=np.int64)
         self.largest = np.nan
 
     def add(self, values: ArrayLike) -> None:

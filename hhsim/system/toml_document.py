@@ -16,9 +16,7 @@ def read_toml_text(path: Path, what: str, error: type[InputError] = InputError) 
     """The text of a TOML file.
 
     Args:
-        path: Of the file.
         what: It should hold, such as "calibration".
-        error: To raise.
 
     Raises:
         InputError: No such file, no permission, or no text.

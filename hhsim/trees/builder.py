@@ -1,15 +1,15 @@
 """Builds a sphere tree that covers a mesh, with proof, and protrudes little."""
 
 import time
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError, MeshError
 from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
+from hhsim.system.progress import Progress, silent
 from hhsim.system.thread_pool import Workers
 from hhsim.trees.error import measure_levels, prove_cover
 from hhsim.trees.hierarchy import cover_hierarchy
@@ -19,16 +19,12 @@ from hhsim.trees.sphere_count_search import find_fewest
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.trees.surface_cover import cover_of, in_own_frame
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-Progress = Callable[[str, int, int], None]
-
 GROWTH = 1e-6
 """What spheres are grown by, as a share of the mesh's longest extent, where rounding stands in the way of a proof."""
 
 
 def build_sphere_tree(
-    mesh: Mesh, options: TreeOptions | None = None, progress: Progress | None = None, threads: int = 1
+    mesh: Mesh, options: TreeOptions | None = None, progress: Progress = silent, threads: int = 1
 ) -> SphereTree:
     """Build and measure a tree.
 
@@ -55,8 +51,7 @@ def build_sphere_tree(
             tree = _Builder(vertices, faces, bvh, options, progress, workers).build()
         except (MeshError, InputError) as error:
             raise type(error)(f"{mesh.name}: {error}") from error
-        if progress is not None:
-            progress("tree", 1, 1)
+        progress("tree", 1, 1)
         errors = measure_levels(vertices, faces, bvh, tree, options.seed, progress, workers)
     return replace(tree, errors=errors, mesh_sha256=mesh.sha256, options=options.recorded())
 
@@ -70,7 +65,7 @@ class _Builder:
         faces: IntArray,
         bvh: MeshBvh,
         options: TreeOptions,
-        progress: Progress | None,
+        progress: Progress,
         workers: Workers,
     ) -> None:
         self.vertices, self.faces, self.bvh, self.options = vertices, faces, bvh, options
@@ -109,9 +104,8 @@ class _Builder:
         """Build and prove a cover of at most `size` spheres."""
 
         def report(stage: str, done: int, cycles: int) -> None:
-            if self.progress is not None:
-                total = max(self.total, self.done + size)
-                self.progress(stage, cycles * self.done + done * size, cycles * total)
+            total = max(self.total, self.done + size)
+            self.progress(stage, cycles * self.done + done * size, cycles * total)
 
         center, radius = cover_of(self.ready, size, report, self.workers)
         self.done += size
@@ -136,7 +130,6 @@ def proved_cover(
     Args:
         vertices: [m], shape (V, 3).
         faces: Wound outward, shape (F, 3).
-        bvh: Over the mesh.
         center: [m], shape (n, 3).
         radius: [m], shape (n,).
         balanced: Take half of the bound off all radii, so that the spheres miss the surface by as little outside as

@@ -5,7 +5,6 @@ A tree that is there needs no builder: the builder and its kernels are imported 
 
 import hashlib
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -13,12 +12,11 @@ from pathlib import Path
 from hhsim.errors import InputError, OutputError
 from hhsim.kernels.kernel_cache import cache_root
 from hhsim.mesh.mesh import Mesh
+from hhsim.system.progress import Progress, silent
 from hhsim.trees.file import load_tree, save_tree
 from hhsim.trees.hierarchy import at_level
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
-
-Progress = Callable[[str, int, int], None]
 
 SHIPPED_SUFFIX = "-tree.h5"
 
@@ -30,7 +28,7 @@ _SOURCES = (
 
 
 def cached_sphere_tree(
-    mesh: Mesh, options: TreeOptions | None = None, progress: Progress | None = None, threads: int = 1
+    mesh: Mesh, options: TreeOptions | None = None, progress: Progress = silent, threads: int = 1
 ) -> SphereTree:
     """Return the tree of `hhsim.trees.builder.build_sphere_tree`: the one that ships, or is in the cache, or a new one.
 
@@ -38,7 +36,6 @@ def cached_sphere_tree(
         mesh: Watertight and wound outward.
         options: None for the defaults.
         progress: As for `build_sphere_tree`, where it comes to that.
-        threads: The same.
 
     Raises:
         InputError: No tree is within the largest error.
@@ -69,9 +66,7 @@ def shipped_tree(mesh: Mesh, options: TreeOptions) -> SphereTree | None:
     return at_level(tree, options.leaf_level)
 
 
-def kept_sphere_tree(
-    mesh: Mesh, options: TreeOptions, progress: Progress | None = None, threads: int = 1
-) -> SphereTree:
+def kept_sphere_tree(mesh: Mesh, options: TreeOptions, progress: Progress = silent, threads: int = 1) -> SphereTree:
     """Return the tree from the cache, or build it and keep it there; arguments as for `cached_sphere_tree`.
 
     A damaged file in the cache is built again; a cache that cannot be written is done without.

@@ -4,8 +4,8 @@ It believes nothing of the builder: the proofs are followed by code of their own
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.kernels.cover.check_certificate import (
     CORNER_OUTSIDE,
     HOLDS,
@@ -19,8 +19,6 @@ from hhsim.kernels.cover.check_certificate import (
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
 from hhsim.trees.level_cover import LevelCover
-
-FloatArray = NDArray[np.float64]
 
 _ROOM = 1e-14
 _DEPTH_ROOM = 1e-9

@@ -3,22 +3,19 @@
 The measurement shares nothing with the builder but the mesh: it does not know which sphere was made for what.
 """
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.kernels.cover.certify import certify_cover
 from hhsim.kernels.cover.sampled_error import exposed, union_distance
 from hhsim.kernels.mesh.bvh import MeshBvh, mesh_signed_distance
+from hhsim.system.progress import Progress, silent
 from hhsim.system.thread_pool import Workers, ranges
 from hhsim.trees.sphere_tree import LevelError, SphereTree
 from hhsim.trees.surface_cover import ROUNDING
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Codes = NDArray[np.int32]
-Progress = Callable[[str, int, int], None]
 
 MESH_SAMPLES = 20_000
 SPHERE_SAMPLES = 60_000
@@ -108,7 +105,7 @@ def measure_levels(
     bvh: MeshBvh,
     tree: SphereTree,
     seed: int = 0,
-    progress: Progress | None = None,
+    progress: Progress = silent,
     workers: Workers | None = None,
 ) -> tuple[LevelError, ...]:
     """Measure the spheres of every level of a tree against a mesh: its cover of each level, or else its nodes.
@@ -128,8 +125,7 @@ def measure_levels(
     for level in range(tree.depth + 1):
         rng = np.random.default_rng([seed, 1 + level])
         errors.append(_measure(surface, bvh, level, *tree.spheres(level), rng, workers))
-        if progress is not None:
-            progress("measure", level + 1, tree.depth + 1)
+        progress("measure", level + 1, tree.depth + 1)
     return tuple(errors)
 
 

@@ -3,15 +3,13 @@
 import json
 from dataclasses import asdict, fields
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import AnyArray
 from hhsim.errors import InputError
-from hhsim.system.atomic_write import hdf5_image, write_atomically
-from hhsim.system.checksummed_file import sealed
+from hhsim.system.atomic_write import put_dataset, sealed_hdf5, write_atomically
 from hhsim.system.hdf5_input import DAMAGE, open_hdf5
 from hhsim.trees.level_cover import LevelCover
 from hhsim.trees.sphere_tree import LENGTHS, LevelError, SphereTree
@@ -58,7 +56,7 @@ def save_tree(tree: SphereTree, path: str | Path) -> None:
     Raises:
         OutputError: The file cannot be written.
     """
-    write_atomically(Path(path), sealed(hdf5_image(lambda file: _write(tree, file))))
+    write_atomically(Path(path), sealed_hdf5(lambda file: _write(tree, file)))
 
 
 def _write(tree: SphereTree, file: h5py.File) -> None:
@@ -81,11 +79,10 @@ def _write(tree: SphereTree, file: h5py.File) -> None:
         _write_dataset(group, name, values, "m" if name in LENGTHS else "1", long_name)
 
 
-def _write_dataset(group: h5py.Group, name: str, data: NDArray[Any], units: str, long_name: str) -> None:
+def _write_dataset(group: h5py.Group, name: str, data: AnyArray, units: str, long_name: str) -> None:
     # Bytes in turn help where the values are of one magnitude; the codes of a proof repeat as they are.
     packing = {"compression": "gzip", "shuffle": data.dtype.kind == "f"} if data.size > _WORTH_PACKING else {}
-    dataset = group.create_dataset(name, data=data, track_times=False, **packing)
-    dataset.attrs["units"], dataset.attrs["long_name"] = units, long_name
+    put_dataset(group, name, data, units, long_name, **packing)
 
 
 def load_tree(path: str | Path) -> SphereTree:

@@ -5,25 +5,22 @@ bounding box, other programs from the mesh's own origin: where the spheres leave
 belong.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.kernels.cover.sampled_error import union_distance
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.mesh.mesh import Mesh
+from hhsim.system.progress import Progress, silent
 from hhsim.trees.error import measure_levels, protrusion_bound, prove_cover, sample_mesh
 from hhsim.trees.file import load_tree
 from hhsim.trees.sph_format import load_sph
 from hhsim.trees.sphere_tree import SphereTree
-
-FloatArray = NDArray[np.float64]
-Progress = Callable[[str, int, int], None]
 
 Frame = Literal["auto", "mesh", "centred"]
 FRAMES: tuple[Frame, ...] = get_args(Frame)
@@ -61,7 +58,7 @@ def import_tree(
     unit_length: float = 1.0,
     frame: Frame = "auto",
     seed: int = 0,
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> ImportedTree:
     """Read a tree that any program has built, and measure how far it is from a mesh.
 

@@ -3,15 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.kernels.enclosing_sphere import enclosing_sphere
 from hhsim.kernels.jit import as_argument
 from hhsim.trees.level_cover import LevelCover
 from hhsim.trees.sphere_tree import SphereTree, enclosing_radius
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 def build_hierarchy(center: FloatArray, radius: FloatArray, level: int, branching: int) -> SphereTree:

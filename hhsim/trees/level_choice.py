@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 from hhsim.errors import InputError
 from hhsim.mesh.mesh import Mesh
-from hhsim.trees.cache import Progress, cached_sphere_tree
+from hhsim.system.progress import Progress, silent
+from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import MOST_LEVEL, TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -19,7 +20,7 @@ class TreeChoice:
     bound: float
 
 
-def coarsest_sphere_tree(mesh: Mesh, max_error: float, progress: Progress | None = None) -> TreeChoice:
+def coarsest_sphere_tree(mesh: Mesh, max_error: float, progress: Progress = silent) -> TreeChoice:
     """Build levels from the coarsest on until one is proved to protrude by no more than an error budget.
 
     Args:

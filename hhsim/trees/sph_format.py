@@ -11,8 +11,8 @@ The format has no unit. The toolkit's centres count from the centre of the mesh'
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.system.atomic_write import write_atomically
 from hhsim.trees.sphere_tree import SphereTree, enclosing_radius
@@ -109,7 +109,7 @@ def _header(source: Path, lines: list[str]) -> tuple[int, int]:
     return levels, branching
 
 
-def _spheres(source: Path, lines: list[str], slots: int) -> NDArray[np.float64]:
+def _spheres(source: Path, lines: list[str], slots: int) -> FloatArray:
     if len(lines) < slots:
         raise InputError(f"{source}: {len(lines)} spheres, but the first line promises {slots}")
     spheres = np.empty((slots, 4))

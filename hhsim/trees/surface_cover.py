@@ -1,12 +1,11 @@
 """Covers a mesh by spheres that protrude as little as can be."""
 
 import math
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import MeshError
 from hhsim.kernels.cover.greedy_cover import assign, covering_radius, greedy_cover, longest_edges, owner_cost
 from hhsim.kernels.cover.micro_triangle import MicroTriangles, cut_mesh, edges_for, halve
@@ -14,11 +13,8 @@ from hhsim.kernels.cover.refine import group_by_owner, move_spheres, removal_cos
 from hhsim.kernels.kd_tree import subtrees
 from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, face_normals
 from hhsim.mesh.canonical_frame import GRID, CanonicalFrame, canonical_frame
+from hhsim.system.progress import Progress, silent
 from hhsim.system.thread_pool import Workers, ranges
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-Progress = Callable[[str, int, int], None]
 
 COARSE = 60
 """Micro-triangles for each sphere, to begin with."""
@@ -107,7 +103,7 @@ class _Cover:
                 break
             self.halve(chosen)
 
-    def halve(self, chosen: NDArray[np.bool_]) -> None:
+    def halve(self, chosen: BoolArray) -> None:
         """Halve micro-triangles; the halves stay with the spheres that were the best two."""
         self.micro, source = halve(self.micro, chosen)
         self.owner, self.second_owner = self.owner[source], self.second_owner[source]
@@ -223,14 +219,13 @@ def in_own_frame(vertices: FloatArray, faces: IntArray) -> MeshInFrame:
 
 
 def cover_of(
-    mesh: MeshInFrame, spheres: int, progress: Progress | None = None, workers: Workers | None = None
+    mesh: MeshInFrame, spheres: int, progress: Progress = silent, workers: Workers | None = None
 ) -> tuple[FloatArray, FloatArray]:
     """Cover a mesh with at most `spheres` spheres.
 
     Where the mesh lies, how it is turned and how large it is make no difference: the cover is found in its own frame.
 
     Args:
-        mesh: The mesh.
         spheres: Most spheres.
         progress: Called with ("cover", cycles done, cycles).
         workers: Threads to build with; None for the calling one. The same bytes with any number.
@@ -246,7 +241,7 @@ def cover_of(
 
 
 def _cover_in_frame(
-    mesh: MeshInFrame, spheres: int, progress: Progress | None, workers: Workers
+    mesh: MeshInFrame, spheres: int, progress: Progress, workers: Workers
 ) -> tuple[FloatArray, FloatArray]:
     corner = np.ascontiguousarray(mesh.vertices[mesh.faces]).reshape(-1, 9)
     edge = edges_for(corner, np.ones(len(corner)), COARSE * spheres)
@@ -263,8 +258,7 @@ def _cover_in_frame(
         cover.breathe(min(max(1, math.floor(share * spheres)), spheres // 2))
         if cover.worst < least:
             least, best = cover.worst, (cover.center.copy(), cover.depth.copy())
-        if progress is not None:
-            progress("cover", turn + 1, cycles + 1)
+        progress("cover", turn + 1, cycles + 1)
     cover.center, cover.depth = best
     # There were more spheres, or fewer, in the last turn than in the best one.
     cover.step = np.zeros(len(cover.depth))
@@ -277,8 +271,7 @@ def _cover_in_frame(
             break
         cover.fill()
         cover.assign()
-    if progress is not None:
-        progress("cover", cycles + 1, cycles + 1)
+    progress("cover", cycles + 1, cycles + 1)
 
     radius = np.empty(len(cover.depth))
     covering_radius(cover.micro, cover.center, cover.owner, radius)

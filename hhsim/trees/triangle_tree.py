@@ -7,17 +7,16 @@ the tree serves there is to close a script's fingers on the object and to find w
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import MeshError
 from hhsim.mesh.mesh import Mesh
-from hhsim.trees.cache import Progress, cached_sphere_tree
+from hhsim.system.progress import Progress, silent
+from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.contact_surface import encloses
 from hhsim.trees.hierarchy import build_hierarchy
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
-
-FloatArray = NDArray[np.float64]
 
 BRANCHING = 8
 MANY = 20_000
@@ -44,12 +43,11 @@ def triangle_tree(mesh: Mesh, level: int) -> SphereTree:
     return replace(tree, mesh_sha256=mesh.sha256, options={**OPTIONS, "level": level})
 
 
-def tree_of_any(mesh: Mesh, level: int, progress: Progress | None = None) -> SphereTree:
+def tree_of_any(mesh: Mesh, level: int, progress: Progress = silent) -> SphereTree:
     """The usual tree of a mesh that encloses something; a `triangle_tree` of one that does not, or has very many faces.
 
     Args:
         mesh: Any triangles [m].
-        level: Of the leaves.
         progress: As for `hhsim.trees.builder.build_sphere_tree`.
     """
     if len(mesh.faces) <= MANY and encloses(mesh):
@@ -91,7 +89,7 @@ def _around(triangles: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.where(smaller[:, None], middle, best), np.where(smaller, other, size)
 
 
-def _grouped(center: FloatArray, most: int) -> list[NDArray[np.int64]]:
+def _grouped(center: FloatArray, most: int) -> list[IntArray]:
     """Halve the places along their widest side until there are no more than `most` groups."""
     groups = [np.arange(len(center))]
     if len(center) <= most:

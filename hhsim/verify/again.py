@@ -4,8 +4,6 @@ It shares the solver with the file, so it says nothing of whether the solver is 
 the file is what this solver makes of this input.
 """
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,12 +20,12 @@ from hhsim.scene.motion_catalogue import resolve_trajectory, trajectory_names
 from hhsim.scene.recorded_grasp_pose import place_at_grasp
 from hhsim.scene.scene import make_scene
 from hhsim.scene.script import Script
+from hhsim.system.progress import Progress
 from hhsim.verify.claim import NOT_JUDGED, Claim, judged
 from hhsim.verify.metric_checks import difference, told_apart
 from hhsim.verify.origin_checks import own_object, own_tree
 
 FloatArray = NDArray[np.float64]
-Progress = Callable[[str, int, int], None]
 
 SAME_MOTION = 1e-9
 """Hands that differ by this [m, rad] are the same motion: what resampling rounds to on another machine."""
@@ -40,7 +38,6 @@ def again_claims(result: Result, progress: Progress) -> list[Claim]:
 
     Args:
         result: Of a replay or a session.
-        progress: Called with what is being done, how much is done and how much there is.
     """
     claims = [_motion(result)]
     try:

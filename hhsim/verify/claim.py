@@ -65,7 +65,6 @@ def judged(
     """The verdict on deviations, one a tick or thing; NaN is one that is as wrong as can be.
 
     Args:
-        name, says, unit, why, note: Of the claim.
         deviation: Not negative, shape (N,).
         tolerance: One for all, or shape (N,); the worst is where the deviation is most tolerances.
         ticks: Which tick each is of, shape (N,); None where they are of no tick.

@@ -11,11 +11,9 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.mesh.mesh import Mesh
-
-FloatArray = NDArray[np.float64]
 
 EXACT = 1e-9
 """Bounds this near to each other [m] have met."""
@@ -56,7 +54,6 @@ def coal_distance(a: FloatArray, b: FloatArray, radius_a: float, radius_b: float
         a, b: Centres of the spheres [m], shape (3,).
         radius_a, radius_b: Theirs [m].
         shape: Of coal.
-        place: Where it is.
     """
     import coal
 

@@ -8,12 +8,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.verify.kinematics import OwnHand, Posed
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 PALM = 15
 BODIES = 16
@@ -71,13 +68,11 @@ class Pairs(NamedTuple):
 
 
 def near_pairs(
-    hand: OwnHand, posed: Posed, center: FloatArray, radius: FloatArray, fingers: NDArray[np.bool_], near: float
+    hand: OwnHand, posed: Posed, center: FloatArray, radius: FloatArray, fingers: BoolArray, near: float
 ) -> Pairs:
     """All pairs of a body and a sphere no more than `near` [m] apart.
 
     Args:
-        hand: Sizes.
-        posed: The ticks.
         center: Of the spheres [m], world, shape (L, 3).
         radius: [m], shape (L,).
         fingers: Which fingers count, shape (5,).
@@ -122,7 +117,7 @@ def axis_places(
 
 
 def _phalanges(
-    hand: OwnHand, posed: Posed, center: FloatArray, radius: FloatArray, fingers: NDArray[np.bool_], near: float
+    hand: OwnHand, posed: Posed, center: FloatArray, radius: FloatArray, fingers: BoolArray, near: float
 ) -> Pairs:
     from scipy.spatial.distance import cdist
 

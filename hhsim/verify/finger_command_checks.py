@@ -3,13 +3,10 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.verify.claim import NOT_JUDGED, Claim, all_true, judged
 from hhsim.verify.session_rows import HANDED_OVER, QUIET, SessionRows
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 STALE, NOT_FINITE, SOLVER_FAILED, OVERRUN, DEVICE_LOST, STOPPING, NO_WATCHDOG, DRY_RUN, NO_INPUT = (
     1 << bit for bit in range(9)
@@ -89,7 +86,7 @@ def _overrun(rows: SessionRows, most: int) -> BoolArray:
     return np.asarray((_streak(rows) >= most) | lasted)
 
 
-def _streak(rows: SessionRows) -> NDArray[np.int64]:
+def _streak(rows: SessionRows) -> IntArray:
     """Periods missed one after the other before each tick, as far back as the file goes without a gap."""
     missed = np.cumsum(rows.missed)
     # What was missed before a gap, or before a tick that is not in the file, is not counted.
@@ -151,7 +148,7 @@ def _freed_unseen(rows: SessionRows) -> BoolArray:
     return np.asarray(rows.follows & ~np.append(False, rows.closed[:-1]))
 
 
-def _good_ticks(rows: SessionRows, eases: BoolArray) -> NDArray[np.int64]:
+def _good_ticks(rows: SessionRows, eases: BoolArray) -> IntArray:
     """Ticks since the fingers were last freed or eased, this one included; after a gap as many as can be."""
     freed = rows.safety != 0
     begun = np.where(eases, rows.numbers - 1, -1)
@@ -160,7 +157,7 @@ def _good_ticks(rows: SessionRows, eases: BoolArray) -> NDArray[np.int64]:
     return np.where(_after_gap(rows), np.iinfo(np.int32).max, since)
 
 
-def _since(happened: BoolArray) -> NDArray[np.int64]:
+def _since(happened: BoolArray) -> IntArray:
     """Ticks since something was last the case; more than there are where it never was."""
     numbers = np.arange(len(happened))
     return numbers - np.maximum.accumulate(np.where(happened, numbers, -len(happened)))

@@ -9,12 +9,10 @@ Residuals are in N, in the metric of the coupling: moments divided by √(k_r / 
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.verify.contacts import PALM, Pairs
 from hhsim.verify.kinematics import OwnHand, Posed
-
-FloatArray = NDArray[np.float64]
 
 AT_LIMIT = 1e-9
 """A joint this near to its limit [rad] can bear on it."""
@@ -41,7 +39,7 @@ class Moment(NamedTuple):
     bodies: FloatArray
     pull: FloatArray
     distance: FloatArray
-    body: NDArray[np.int64]
+    body: IntArray
 
 
 def moment(hand: OwnHand, posed: Posed, flexion: FloatArray, pairs: Pairs, i: int, pull: FloatArray) -> Moment:
@@ -66,7 +64,6 @@ def balance(at: Moment, scale: FloatArray, pull: FloatArray | None = None) -> fl
     """How far [N] the coupling is from being balanced by pushes at what touches and joints at their limits.
 
     Args:
-        at: The tick.
         scale: Of the 21 rows, to N.
         pull: Another one than the coupling's, shape (21,).
     """
@@ -78,7 +75,6 @@ def explained(at: Moment, scale: FloatArray, stored: FloatArray, pull: FloatArra
     """How far [N] stored forces are from pushes at what touches that also balance a pull.
 
     Args:
-        at: The tick.
         scale: Of the 21 rows, to N.
         stored: Force of each body [N], the palm's last, shape (48,).
         pull: Shape (21,).
@@ -134,8 +130,6 @@ def proxy_forces(pairs: Pairs, graphic: Posed, haptic: Posed, turn: FloatArray, 
     """Eq. 14 summed over pairs, each body's force [N], shape (16, 3).
 
     Args:
-        pairs: What touches.
-        graphic, haptic: The hands.
         turn: Graphic to haptic palm, shape (3, 3).
         i: The tick, of both hands.
         stiffness: k [N/m].
@@ -152,7 +146,7 @@ def proxy_forces(pairs: Pairs, graphic: Posed, haptic: Posed, turn: FloatArray, 
     return found
 
 
-def fingertip_normals(graphic: Posed, haptic: Posed, bears: NDArray[np.bool_], stiffness: float) -> FloatArray:
+def fingertip_normals(graphic: Posed, haptic: Posed, bears: BoolArray, stiffness: float) -> FloatArray:
     """Fig. 9: k |E E₁| across the distal phalanx, of the fingers that bear a force (T, 5); shape (T, 5, 3) [N]."""
     off = graphic.joints[:, :, 3] - haptic.joints[:, :, 3]
     along = graphic.joints[:, :, 3] - graphic.joints[:, :, 2]

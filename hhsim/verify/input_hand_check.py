@@ -1,16 +1,13 @@
 """The claims of how deep the user's hand was and how far the shown one is from it, by the referee's own hands."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.verify.claim import NOT_JUDGED, Claim, judged
 from hhsim.verify.contacts import near_pairs
 from hhsim.verify.file_checks import leaves
 from hhsim.verify.kinematics import Posed
 from hhsim.verify.tick_data import LENGTH, WHY_LENGTH, JudgedTicks
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 DEPTH = "input_depth_max"
 CORRECTION = ("correction_palm_mean", "correction_palm_max", "correction_joint_mean", "correction_joint_max")

@@ -8,15 +8,13 @@ and use sines and cosines in the finger's plane; here the rotations themselves a
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import BoolArray, FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.result.reader import Result
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
-
-FloatArray = NDArray[np.float64]
 
 
 class OwnHand(NamedTuple):
@@ -101,7 +99,7 @@ def turn_between(first: FloatArray, second: FloatArray) -> FloatArray:
     return turn
 
 
-def rotations(quaternion: FloatArray) -> "tuple[Rotation, NDArray[np.bool_]]":
+def rotations(quaternion: FloatArray) -> "tuple[Rotation, BoolArray]":
     """Rotations of quaternions w x y z (T, 4), and which are none, shape (T,), for which no turn stands."""
     from scipy.spatial.transform import Rotation
 

@@ -7,13 +7,10 @@ bisected. No hierarchy, no features and none of the solver's formulas.
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.verify.contacts import CHUNK, HALVINGS, PALM, Pairs, joined
 from hhsim.verify.kinematics import OwnHand, Posed
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 class ReadyTriangles(NamedTuple):
@@ -34,9 +31,9 @@ class ReadyTriangles(NamedTuple):
     inverse: FloatArray
     inward: FloatArray
     normal: FloatArray
-    solid: NDArray[np.bool_]
+    solid: BoolArray
 
-    def at(self, rows: IntArray | NDArray[np.bool_]) -> "ReadyTriangles":
+    def at(self, rows: IntArray | BoolArray) -> "ReadyTriangles":
         """Some of them: numbers in their order, or a mask."""
         return ReadyTriangles._make(values[..., rows] for values in self)
 
@@ -58,17 +55,13 @@ def ready_triangles(corners: FloatArray) -> ReadyTriangles:
     return ReadyTriangles(start, side, 1.0 / np.where(square > 0.0, square, 1.0), inward, normal, solid)
 
 
-def near_triangle_pairs(
-    hand: OwnHand, posed: Posed, triangles: FloatArray, fingers: NDArray[np.bool_], near: float
-) -> Pairs:
+def near_triangle_pairs(hand: OwnHand, posed: Posed, triangles: FloatArray, fingers: BoolArray, near: float) -> Pairs:
     """All pairs of a body and a triangle no more than `near` [m] apart; `leaf` is the number of the triangle.
 
     A phalanx has pairs where it is nearest and at each of its ends, which is where it touches what it lies flat on. No
     distance is deeper than the radius: that of a body whose axis goes through the triangle.
 
     Args:
-        hand: Sizes.
-        posed: The ticks.
         triangles: Corners [m], world, shape (F, 3, 3).
         fingers: Which fingers count, shape (5,).
         near: [m].
@@ -92,7 +85,7 @@ def _phalanges(
     triangles: FloatArray,
     middle: FloatArray,
     around: FloatArray,
-    fingers: NDArray[np.bool_],
+    fingers: BoolArray,
     near: float,
 ) -> Pairs:
     from scipy.spatial.distance import cdist

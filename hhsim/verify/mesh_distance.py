@@ -10,15 +10,14 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.mesh.mesh import Mesh
 from hhsim.verify.coal_distance import frame_along
 from hhsim.verify.tree_checks import TrueSurface
-
-FloatArray = NDArray[np.float64]
 
 PALM = 15
 BODIES = 16
@@ -55,8 +54,6 @@ class HandReferee:
         that is what is told of it.
 
         Args:
-            shape: Sizes of the hand.
-            placed: The ticks.
             limit: Stands for everything from here on [m].
         """
         found = np.full((len(placed.joints), BODIES), limit)

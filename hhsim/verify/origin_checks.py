@@ -4,8 +4,8 @@ from dataclasses import fields
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import HhsimError, MeshError
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.mesh.catalogue import load_object, names_a_file, object_names, resolve_object
@@ -17,8 +17,6 @@ from hhsim.trees.sphere_tree import SphereTree
 from hhsim.trees.triangle_tree import OPTIONS, triangle_tree
 from hhsim.verify.claim import NOT_JUDGED, Claim, judged
 from hhsim.verify.file_checks import COVER, outside_spheres
-
-FloatArray = NDArray[np.float64]
 
 SAME_PLACE = 1e-12
 """Places that differ by this [m] are the same: what turning a mesh about rounds to."""

@@ -6,12 +6,10 @@ phalanx the two part ways, and so does the normal. The sphere at a finger's firs
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import BoolArray, FloatArray
 from hhsim.verify.contacts import PALM, Pairs, axis_places
 from hhsim.verify.kinematics import OwnHand, Posed
-
-FloatArray = NDArray[np.float64]
 
 ROUNDING = 1e-12
 """A place this near to an end of an axis, as a share of its length, is the end."""
@@ -19,11 +17,10 @@ ROUNDING = 1e-12
 
 def on_another_part(
     hand: OwnHand, posed: Posed, pairs: Pairs, center: FloatArray, radius: FloatArray, closed: bool
-) -> NDArray[np.bool_]:
+) -> BoolArray:
     """Whether `paper` may have each pair on another part than the nearest point's, shape (N,).
 
     Args:
-        hand: Sizes.
         posed: The ticks of the pairs.
         pairs: N pairs of a hand body and a leaf sphere that touch.
         center: Of all leaf spheres [m], world, shape (L, 3).

@@ -1,8 +1,8 @@
 """Claims of where the hand is: joints, limits, how far behind it is. All ticks are judged."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.verify.claim import NOT_CLAIMED, Claim, judged
 from hhsim.verify.kinematics import turn_between
 from hhsim.verify.tick_data import (
@@ -16,8 +16,6 @@ from hhsim.verify.tick_data import (
     WHY_LENGTH,
     JudgedTicks,
 )
-
-FloatArray = NDArray[np.float64]
 
 ANGLE = 1e-9
 """Angles that differ by this [rad] are the same."""

@@ -10,13 +10,10 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import AnyArray, BoolArray, IntArray
 from hhsim.result.reader import Result
 from hhsim.verify.file_checks import follows
-
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 MOST_ANGLE = 2.0 * np.pi
 """No joint of a hand is beyond this [rad]: a sample that says so is not used."""
@@ -80,7 +77,7 @@ class SessionRows:
         self.over = np.append((self.deadline - slept_over)[1:], 0)
 
     @cached_property
-    def samples(self) -> dict[str, NDArray[Any]]:
+    def samples(self) -> dict[str, AnyArray]:
         """The columns of /live/sample that claims are about, by name."""
         names = ("record", "seq", "time", "good", "flexion", "abduction")
         return {name: np.asarray(self.result[f"live/sample/{name}"]) for name in names}

@@ -3,8 +3,8 @@
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.replay.stored_scene import stored_mesh
 from hhsim.result.reader import Result
@@ -13,10 +13,6 @@ from hhsim.verify.contacts import PALM, Pairs, near_pairs
 from hhsim.verify.file_checks import follows, leaves
 from hhsim.verify.kinematics import Posed, configurations, own_hand, pose, turn_between
 from hhsim.verify.mesh_contacts import near_triangle_pairs
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 FINGERS = ("thumb", "index", "middle", "ring", "little")
 STUCK, LAG, INPUT_INVALID, START_INSIDE, CAPACITY_EXCEEDED, ABDUCTION_HELD = 1, 2, 4, 8, 16, 32
@@ -37,7 +33,6 @@ class JudgedTicks:
 
     Attributes:
         hand: As the file has it.
-        options: Of the solver.
         fingers: Which ones the scene models, shape (5,).
         status: Flags of all ticks, shape (T,).
         numbers: Of all ticks, shape (T,).

@@ -10,17 +10,14 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import InputError, MeshError
 from hhsim.mesh.mesh import Mesh
 from hhsim.trees.sphere_tree import SphereTree
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 MESH_POINTS = 200_000
 SPHERE_POINTS = 200_000
@@ -314,7 +311,7 @@ class _Spheres:
                 best[part] = (self.radius - cdist(points[part], self.center)).max(axis=1)
         return np.asarray(best, np.float64)
 
-    def exposed(self, points: FloatArray, owner: IntArray) -> NDArray[np.bool_]:
+    def exposed(self, points: FloatArray, owner: IntArray) -> BoolArray:
         """Whether points on spheres lie in no other sphere."""
         free = np.ones(len(points), np.bool_)
         order = np.argsort(owner, kind="stable")

@@ -8,7 +8,6 @@ while ticks are timed: `settle` waits until it is idle.
 import signal
 import sys
 import warnings
-from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
@@ -19,12 +18,12 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 from hhsim.errors import HhsimError, InputError, OutputError
 from hhsim.result.reader import load_result
 from hhsim.solver.compile import start_numba
+from hhsim.system.progress import Progress, silent
 from hhsim.view.sink import RerunTarget
 
 if TYPE_CHECKING:
     from hhsim.view.viewer import Viewed
 
-Progress = Callable[[str, int, int], None]
 Word = Literal["ready", "progress", "viewed", "refused"]
 """What the process beside says, each with a value of its own."""
 
@@ -44,9 +43,6 @@ class ViewAhead:
     """Shows one result that does not exist yet; use it in a `with`, before any thread is started.
 
     Where no process can be forked, everything is done here, in `show`.
-
-    Args:
-        target: Where the recording goes.
     """
 
     def __init__(self, target: RerunTarget) -> None:
@@ -91,15 +87,11 @@ class ViewAhead:
             HhsimError: It cannot get ready.
         """
         if self._channel is not None and not self._ready:
-            self._answer("ready", None)
+            self._answer("ready", silent)
             self._ready = True
 
-    def show(self, path: Path, progress: Progress | None = None) -> "Viewed":
+    def show(self, path: Path, progress: Progress = silent) -> "Viewed":
         """Show a result.
-
-        Args:
-            path: Of the result.
-            progress: Called with what is being done, how much is done and how much there is.
 
         Raises:
             InputError, OutputError: As `load_result` and `view_result`.
@@ -116,7 +108,7 @@ class ViewAhead:
         viewed: Viewed = self._answer("viewed", progress)
         return viewed
 
-    def _answer(self, wanted: Word, progress: Progress | None) -> Any:
+    def _answer(self, wanted: Word, progress: Progress) -> Any:
         assert self._channel is not None
         while True:
             try:
@@ -130,8 +122,7 @@ class ViewAhead:
             if word == "refused":
                 kind, text = value
                 raise kind(text)
-            if progress is not None:
-                progress(*value)
+            progress(*value)
 
 
 def _serve(channel: "Connection[Any, Any]", parents: "Connection[Any, Any]", target: RerunTarget) -> None:

@@ -35,7 +35,6 @@ def blueprint(
     Args:
         look_at: Middle of what is shown [m], world, shape (3,).
         extent: Of what is shown [m].
-        title: Of the scene.
         plots: From top to bottom.
         hidden: Entities of the scene that are not seen at first.
         tops: Where a plot's axis ends at first, from 0 on, instead of at its largest value.

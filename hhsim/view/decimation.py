@@ -2,11 +2,11 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from hhsim.arrays import AnyArray, FloatArray, IntArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.motion.object_motion import RigidMotion
 from hhsim.view.plots import (
@@ -20,10 +20,6 @@ from hhsim.view.plots import (
     force_values,
     time_values,
 )
-
-Array = NDArray[Any]
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -56,7 +52,7 @@ class ShownTicks:
 
 
 def shown_ticks(
-    column: Callable[[str], Array],
+    column: Callable[[str], AnyArray],
     tick: ArrayLike,
     shown: ArrayLike,
     starts: ArrayLike,

@@ -1,13 +1,13 @@
 """Results, motions, meshes and sphere trees together in the rerun viewer, a view for each, on one time axis."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.model import HandModel
 from hhsim.mesh.file import read_triangles
@@ -17,6 +17,7 @@ from hhsim.motion.trajectory import Trajectory
 from hhsim.render.hand_meshes import PIECES, piece_poses, piece_surfaces
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import LIVE_TICK
+from hhsim.system.progress import Progress, silent
 from hhsim.trees.file import load_tree
 from hhsim.view.blueprint import BACKGROUND, DISTANCE, VIEW
 from hhsim.view.file_kind import Kind, file_kind
@@ -36,8 +37,6 @@ if TYPE_CHECKING:
     import rerun as rr
     import rerun.blueprint as rrb
 
-FloatArray = NDArray[np.float64]
-Progress = Callable[[str, int, int], None]
 
 STILLS = 50
 """Poses of a motion that decide about where it is looked at from."""
@@ -55,7 +54,6 @@ class Shown:
     """One of the files that are shown.
 
     Attributes:
-        path: Of the file.
         kind: What it is.
         root: Before the names of its entities.
         content: What was read: `Result`, `Trajectory`, `SphereTree` or `Mesh`.
@@ -82,17 +80,15 @@ def view_files(
     every: int = 1,
     spheres: bool = False,
     unit: str = "m",
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> list[Shown]:
     """Show files side by side.
 
     Args:
         paths: Results, trajectories, sphere trees and meshes, told apart by their content.
-        target: Where they go.
         every: Of results, only every so-manieth tick is shown.
         spheres: Of results, show the leaf spheres in the place of the object's mesh.
         unit: Of meshes, one of `hhsim.mesh.mesh.METRES_PER_UNIT`.
-        progress: Called with what is being done, how much is done and how much there is.
 
     Raises:
         InputError: No file, one that is none of these or cannot be read, or a result without a tick.
@@ -106,8 +102,7 @@ def view_files(
     with rerun_stream(target, APPLICATION, _arranged(shown, spheres=spheres)) as stream:
         stream.send_recording_name(", ".join(dict.fromkeys(path.name for path in paths)))
         for number, one in enumerate(shown):
-            if progress is not None:
-                progress(one.path.name, number, len(shown))
+            progress(one.path.name, number, len(shown))
             _send(_Rooted(stream, one.root), one, every, spheres=spheres)
     return shown
 
@@ -172,7 +167,7 @@ def _send(stream: Any, one: Shown, every: int, *, spheres: bool) -> None:
         result: Result = one.content
         viewer = RerunScene(stream, shown_scene(result, spheres=spheres))
         with opened(one.path) as file:
-            send_ticks(viewer, result, file, LIVE_PLOTS if LIVE_TICK in file else RESULT_PLOTS, every, None)
+            send_ticks(viewer, result, file, LIVE_PLOTS if LIVE_TICK in file else RESULT_PLOTS, every, silent)
         return
     stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     if one.kind == "motion":

@@ -2,15 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import AnyArray, FloatArray, IntArray
 from hhsim.hand.fingers import FINGERS
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Color = tuple[int, int, int]
 
 RED: Color = (225, 87, 89)
@@ -101,11 +98,11 @@ def depth_values(depth: FloatArray, finger: FloatArray, palm: FloatArray) -> Flo
     return 1e6 * np.column_stack([depth, finger, palm])
 
 
-def time_values(total: NDArray[Any], parts: NDArray[Any]) -> FloatArray:
+def time_values(total: AnyArray, parts: AnyArray) -> FloatArray:
     """Of `TIME` [µs], from durations [ns], shapes (T,) and (T, 4): detection, palm, fingers, forces."""
     return 1e-3 * np.column_stack([parts, total])
 
 
-def loop_values(wakeup: NDArray[Any], latency: NDArray[Any]) -> FloatArray:
+def loop_values(wakeup: AnyArray, latency: AnyArray) -> FloatArray:
     """Of `LOOP` [µs], from times [ns], shape (T,); a latency of -1 stands for none."""
     return 1e-3 * np.column_stack([wakeup, np.where(latency < 0, np.nan, latency)])

@@ -24,8 +24,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import BoolArray, FloatArray
 from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.surface import ContactPoints
@@ -44,7 +44,6 @@ from hhsim.view.plots import Plot, palm_force, sizes
 if TYPE_CHECKING:
     import rerun as rr
 
-FloatArray = NDArray[np.float64]
 Times = Sequence["rr.TimeColumn"]
 
 APPLICATION = "hhsim"
@@ -101,7 +100,6 @@ class ShownScene:
     Attributes:
         mesh: The object [m], world.
         tree: Its sphere tree, world.
-        hand: The hand.
         fingers: Which fingers the scene uses, shape (5,); the others go through the object.
         touch: Pairs nearer than this touch [m].
         surface: Of the object that the hand touches, by name.
@@ -112,7 +110,7 @@ class ShownScene:
     mesh: Mesh
     tree: SphereTree
     hand: HandModel
-    fingers: NDArray[np.bool_]
+    fingers: BoolArray
     touch: float
     surface: str = "spheres"
     spheres: bool = False
@@ -135,7 +133,6 @@ class RerunScene:
 
     Args:
         stream: The recording, its sinks set.
-        scene: What is shown.
     """
 
     stream: "rr.RecordingStream"

@@ -42,8 +42,6 @@ class RerunTarget:
 
     Attributes:
         kind: "spawn" opens a viewer, "file" writes one file, "connect" sends to a viewer that runs.
-        path: Of the file.
-        url: Of the viewer.
     """
 
     kind: Literal["spawn", "file", "connect"]

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import AnyArray
 from hhsim.errors import InputError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
@@ -25,6 +25,7 @@ from hhsim.result.safety import why_free_or_held
 from hhsim.result.schema import LIVE_EVENT, LIVE_TICK
 from hhsim.solver.options import TOUCH
 from hhsim.system.hdf5_input import open_hdf5
+from hhsim.system.progress import Progress, silent
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.view.blueprint import blueprint
 from hhsim.view.decimation import ShownTicks, shown_ticks
@@ -36,8 +37,6 @@ from hhsim.view.status_text import status_words
 if TYPE_CHECKING:
     import rerun.blueprint as rrb
 
-Array = NDArray[Any]
-Progress = Callable[[str, int, int], None]
 
 BLOCK_TICKS = 16_384
 """Ticks that are read and sent at a time; a multiple of no use to the viewer, which joins and splits as it likes."""
@@ -74,16 +73,14 @@ def view_result(
     *,
     every: int = 1,
     spheres: bool = False,
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> Viewed:
     """Show a result.
 
     Args:
         result: Of a replay or a session, complete or not.
-        target: Where it goes.
         every: Only every so-manieth tick is shown; the plots then show the worst of the ticks between, but for forces.
         spheres: Show the leaf spheres, in the place of the object's mesh.
-        progress: Called with what is being done, how much is done and how much there is.
 
     Raises:
         InputError: The result holds no tick, or cannot be read; as `rerun_stream`.
@@ -105,17 +102,14 @@ def view_result(
 
 
 def send_ticks(
-    viewer: RerunScene, result: Result, file: h5py.File, plots: Sequence[Plot], every: int, progress: Progress | None
+    viewer: RerunScene, result: Result, file: h5py.File, plots: Sequence[Plot], every: int, progress: Progress
 ) -> None:
     """Send all of a result, what is fixed first.
 
     Args:
-        viewer: Where it goes.
-        result: What is sent.
         file: Its file, open.
         plots: That it has.
         every: As of `view_result`.
-        progress: The same.
     """
     group = file["tick"]
     viewer.log_static(plots)
@@ -127,13 +121,11 @@ def send_ticks(
     # A block holds whole groups of ticks, so that each shown tick has those that it stands for.
     step = max(1, BLOCK_TICKS // every) * every
     for first in range(0, result.ticks, step):
-        if progress is not None:
-            progress("ticks", first, result.ticks)
+        progress("ticks", first, result.ticks)
         end = min(first + step, result.ticks)
         moved = result.moved_since_first(slice(first, end)) if result.driven else None
         viewer.log_ticks(read_ticks(file, first, end, every, moved))
-    if progress is not None:
-        progress("ticks", result.ticks, result.ticks)
+    progress("ticks", result.ticks, result.ticks)
 
 
 def get_ready() -> None:
@@ -218,10 +210,10 @@ def description(result: Result) -> str:
 def read_ticks(file: h5py.File, first: int, end: int, every: int, moved: RigidMotion | None = None) -> ShownTicks:
     """Ticks `first` to `end` (not included) of a result, every so-manieth of them; `moved` as of `shown_ticks`."""
 
-    def column(name: str) -> Array:
+    def column(name: str) -> AnyArray:
         return np.asarray(file[f"tick/{name}"][first:end])
 
-    def live(name: str) -> Array:
+    def live(name: str) -> AnyArray:
         return np.asarray(file[f"{LIVE_TICK}/{name}"][first:end])
 
     more = {}
@@ -242,13 +234,13 @@ def log_phases(viewer: RerunScene, result: Result, time: Any) -> None:
     viewer.log_states("phase", ticks, [float(time[tick]) for tick in ticks], [changes[tick] for tick in ticks])
 
 
-def log_lane(viewer: RerunScene, lane: str, time: Array, bits: Array, words: Callable[[int], str]) -> None:
+def log_lane(viewer: RerunScene, lane: str, time: AnyArray, bits: AnyArray, words: Callable[[int], str]) -> None:
     """Send the bits of the ticks in words as a lane of the state timeline, where they change."""
     change = np.flatnonzero(np.concatenate([[True], bits[1:] != bits[:-1]]))
     viewer.log_states(lane, change.tolist(), time[change].tolist(), [words(int(bits[tick])) for tick in change])
 
 
-def log_session(viewer: RerunScene, file: h5py.File, time: Array) -> None:
+def log_session(viewer: RerunScene, file: h5py.File, time: AnyArray) -> None:
     """Send what only a live session has besides its plots: why the fingers were free, and its log."""
     log_lane(viewer, "fingers", time, file[f"{LIVE_TICK}/safety"][: len(time)], why_free_or_held)
     begin = float(file[f"{LIVE_TICK}/deadline"][0]) - 1e9 * float(time[0])

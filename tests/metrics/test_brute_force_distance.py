@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from plain_clearance import brute_clearance
 from sphere_scenes import brute_clearance as compiled_clearance
 from sphere_scenes import bumpy_ball, cloud
 from stress_motion import random_targets
 
 from hhsim.bench.robustness.random_targets import StressOptions
 from hhsim.hand.model import HandModel
-from hhsim.metrics.brute_force_distance import brute_clearance, palm_spheres, round_cone_distance
+from hhsim.metrics.brute_force_distance import palm_spheres, round_cone_distance
 from hhsim.metrics.metrics import hand_clearance
 
 HAND = HandModel.default()

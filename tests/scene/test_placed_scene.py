@@ -5,13 +5,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from plain_clearance import brute_clearance
 
 from hhsim.errors import TrajectoryError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object
-from hhsim.metrics.brute_force_distance import brute_clearance
 from hhsim.motion.trajectory import Trajectory
 from hhsim.scene.placed_scene import Place, PlacedScene, placed_scene
 from hhsim.scene.scene import Scene

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hhsim.errors import OutputError
-from hhsim.system.atomic_write import hdf5_image, write_atomically
+from hhsim.system.atomic_write import sealed_hdf5, write_atomically
 
 
 def test_a_file_is_written_and_replaced(tmp_path: Path) -> None:
@@ -36,8 +36,8 @@ def test_an_image_is_an_hdf5_file_and_always_the_same(tmp_path: Path) -> None:
         file["values"] = values
         file.attrs["format"] = "test"
 
-    image = hdf5_image(fill)
-    assert image == hdf5_image(fill)
+    image = sealed_hdf5(fill)
+    assert image == sealed_hdf5(fill)
     write_atomically(tmp_path / "a.h5", image)
     with h5py.File(tmp_path / "a.h5", "r") as file:
         assert np.array_equal(file["values"][:], values)
@@ -59,10 +59,10 @@ def test_a_full_disk_leaves_the_old_file(tmp_path: Path) -> None:
 import resource, sys
 from pathlib import Path
 from hhsim.errors import OutputError
-from hhsim.system.atomic_write import hdf5_image, write_atomically
+from hhsim.system.atomic_write import sealed_hdf5, write_atomically
 resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, 10_000))
 try:
-    write_atomically(Path(sys.argv[1]), hdf5_image(lambda file: file.create_dataset("a", data=[0.0] * 9_000)))
+    write_atomically(Path(sys.argv[1]), sealed_hdf5(lambda file: file.create_dataset("a", data=[0.0] * 9_000)))
 except OutputError as error:
     print(error)
 """

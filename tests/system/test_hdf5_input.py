@@ -12,7 +12,7 @@ import pytest
 
 from hhsim.errors import DamagedFileError
 from hhsim.system import hdf5_input, hdf5_probe
-from hhsim.system.atomic_write import hdf5_image
+from hhsim.system.atomic_write import sealed_hdf5
 from hhsim.system.checksummed_file import SIZE, seal_file, seal_holds, sealed
 from hhsim.system.hdf5_input import hdf5_format, open_hdf5
 
@@ -30,7 +30,7 @@ def fill(file: h5py.File) -> None:
 
 @pytest.fixture
 def image() -> bytes:
-    return hdf5_image(fill)
+    return sealed_hdf5(fill)[:-SIZE]
 
 
 def test_only_the_door_opens_files_for_reading(repository: Path) -> None:

@@ -10,9 +10,10 @@ from scipy.spatial.transform import Rotation
 from hhsim.errors import MeshError
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.mesh.catalogue import load_object
+from hhsim.system.progress import Progress, silent
 from hhsim.trees import surface_cover as mesh_cover
 from hhsim.trees.error import protrusion_bound, prove_cover
-from hhsim.trees.surface_cover import Progress, cover_of, in_own_frame, require_inside
+from hhsim.trees.surface_cover import cover_of, in_own_frame, require_inside
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -22,7 +23,7 @@ def arrays(shape: trimesh.Trimesh) -> tuple[Array, Indices]:
     return np.array(shape.vertices, dtype=np.float64), np.array(shape.faces, dtype=np.int64)
 
 
-def build_cover(vertices: Array, faces: Indices, spheres: int, progress: Progress | None = None) -> tuple[Array, Array]:
+def build_cover(vertices: Array, faces: Indices, spheres: int, progress: Progress = silent) -> tuple[Array, Array]:
     return cover_of(in_own_frame(vertices, faces), spheres, progress)
 
 

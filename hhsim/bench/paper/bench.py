@@ -5,7 +5,7 @@ the median of the repetitions counts. Times are those of one thread on the machi
 (Intel Core i7-8700, 3.7 GHz), Fig. 15 with five threads.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,12 +20,11 @@ from hhsim.solver.compile import warm_up
 from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions
 from hhsim.system.deferred_sigint import interruptible_between
+from hhsim.system.progress import Progress, silent
 from hhsim.system.thread_pool import usual_threads
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
-
-Progress = Callable[[str, int, int], None]
 
 QUICK_LEVEL = 3
 QUICK_INSTANCES = 3
@@ -40,7 +39,6 @@ class PaperOptions:
     """What is measured.
 
     Attributes:
-        methods: Of the solver.
         objects: Of the catalogue; None for all.
         level: Of every sphere tree; None for the paper's, 3 for the simple objects and 4 for the complex ones.
         instances: Most of a case of Fig. 15.
@@ -109,39 +107,34 @@ class PaperRuns:
         ]
 
 
-def measure(options: PaperOptions, progress: Progress | None = None) -> PaperRuns:
+def measure(options: PaperOptions, progress: Progress = silent) -> PaperRuns:
     """Play everything.
-
-    Args:
-        options: What.
-        progress: Called with what is being done, how much is done and how much there is.
 
     Raises:
         TrajectoryError: A motion that cannot be done on an object.
         HhsimError: A scene that a method cannot play, or not twice alike.
     """
-    report = progress or (lambda what, done, total: None)
     hand = HandModel.default()
     for method in options.methods:
         warm_up(hand, SolverOptions(method=method))
-    stages = _stages(options, hand, report)
+    stages = _stages(options, hand, progress)
     runs: list[SceneRun] = []
     total = len(stages) * len(options.methods)
     with interruptible_between() as check_interrupt:
         for stage in stages:
             for method in options.methods:
-                report("scenes", len(runs), total)
+                progress("scenes", len(runs), total)
                 runs.append(play(stage, SolverOptions(method=method)))
                 check_interrupt()
         for repetition in range(1, options.repetitions):
             for number, run in enumerate(runs if repetition % 2 == 0 else reversed(runs)):
-                report(f"repetition {repetition + 1} of {options.repetitions}", number, total)
+                progress(f"repetition {repetition + 1} of {options.repetitions}", number, total)
                 play_again(run)
                 check_interrupt()
-        return PaperRuns(tuple(runs), tuple(_at_contacts(options, stages, report)))
+        return PaperRuns(tuple(runs), tuple(_at_contacts(options, stages, progress)))
 
 
-def _stages(options: PaperOptions, hand: HandModel, report: Progress) -> list[Stage]:
+def _stages(options: PaperOptions, hand: HandModel, progress: Progress) -> list[Stage]:
     scenarios = [s for s in paper_scenarios() if options.objects is None or s.object_name in options.objects]
     trees: dict[str, SphereTree] = {}
     stages = []
@@ -150,20 +143,20 @@ def _stages(options: PaperOptions, hand: HandModel, report: Progress) -> list[St
             item = load_object(scenario.object_name)
             level = item.paper_level if options.level is None else options.level
             wanted = TreeOptions(level=level)
-            trees[scenario.object_name] = cached_sphere_tree(item.mesh, wanted, report, usual_threads())
-        report("hands placed", number, len(scenarios))
+            trees[scenario.object_name] = cached_sphere_tree(item.mesh, wanted, progress, usual_threads())
+        progress("hands placed", number, len(scenarios))
         stages.append(make_stage(scenario, hand, trees[scenario.object_name], options.instances, options.seed))
     return stages
 
 
-def _at_contacts(options: PaperOptions, stages: Sequence[Stage], report: Progress) -> list[ContactRun]:
+def _at_contacts(options: PaperOptions, stages: Sequence[Stage], progress: Progress) -> list[ContactRun]:
     found = []
     for case, wanted in CONTACTS.items():
         for stage in stages:
             if (stage.scenario.case, stage.scenario.object_name) != (case, CONTACTS_OBJECT):
                 continue
             for number, method in enumerate(options.methods):
-                report(f"{wanted:.0f} contacts", number, len(options.methods))
+                progress(f"{wanted:.0f} contacts", number, len(options.methods))
                 margin, run = at_contacts(stage, SolverOptions(method=method), wanted)
                 for _ in range(1, options.repetitions):
                     play_again(run)

@@ -1,8 +1,8 @@
 """Whether a run touches what its script demands, at the end of each hold."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.rotation import quaternion_to_matrix
@@ -14,21 +14,15 @@ from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.sphere_tree import SphereTree
 
-Array = NDArray[np.float64]
-
 
 def hold_distances(
     script: Script, object_name: str, hand: HandModel, tree: SphereTree, ticks: TickInput, record: TickRecord
-) -> list[Array]:
+) -> list[FloatArray]:
     """For each hold, how far each demanded touch is from happening at its last tick [m]; see `touch_distances`.
 
     Args:
         script: That the motion was made from.
-        object_name: Of the catalogue.
-        hand: The hand.
         tree: The object, whose frame is the world's.
-        ticks: The motion.
-        record: The run.
     """
     found = []
     holds = [phase.last_tick for phase in ticks.phases if phase.name == "hold"]
@@ -43,7 +37,7 @@ def hold_distances(
 
 def check_holds(
     script: Script, object_name: str, hand: HandModel, tree: SphereTree, motion: Trajectory, options: SolverOptions
-) -> list[Array]:
+) -> list[FloatArray]:
     """Play a motion at 1 kHz and look at its holds, as `hold_distances`."""
     ticks = motion.resampled(1000.0)
     record = HandSolver(hand, tree.arrays(), options).run(*HandConfiguration.of(ticks))

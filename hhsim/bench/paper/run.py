@@ -7,11 +7,12 @@ long as they are. All of them come out as the same kind of figures.
 import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.arrays import AnyArray, BoolArray, FloatArray
 from hhsim.bench.paper.contact_check import hold_distances
 from hhsim.bench.paper.scenarios import Scenario
 from hhsim.bench.paper.scene import RATE, Stage, held_ticks
@@ -30,8 +31,6 @@ from hhsim.scene.contact_goals import TOUCHING, Touch
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 
-Array = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 Times = NDArray[np.float32]
 """Of millions of ticks, to a nanosecond in ten milliseconds."""
 
@@ -63,8 +62,8 @@ class Variation:
         component: Of each component, shape (3, 2); NaN for a small one (`CARRIES`).
     """
 
-    size: Array
-    component: Array
+    size: FloatArray
+    component: FloatArray
 
 
 class Moment(NamedTuple):
@@ -78,8 +77,8 @@ class Moment(NamedTuple):
 class Curves(NamedTuple):
     """Forces tick by tick [N]: size of the normal force at each fingertip (T, 5), force on the index finger (T, 3)."""
 
-    fingertip: Array
-    index_finger: Array
+    fingertip: FloatArray
+    index_finger: FloatArray
 
 
 @dataclass(eq=False)
@@ -91,7 +90,6 @@ class SceneRun:
 
     Attributes:
         stage: What was played.
-        options: Of the solver.
         candidates, touching: Pairs near each other, and touching, at each tick, shape (T,).
         status: Of each tick, shape (T,).
         digest: Of the poses.
@@ -114,7 +112,7 @@ class SceneRun:
     shown: list[Moment]
     curves: Curves | None
     contact: BoolArray
-    depth: Array
+    depth: FloatArray
     touches: list[tuple[Touch, float]]
     variation: dict[str, Variation]
     cpu: list[Times] = field(default_factory=list)
@@ -129,7 +127,7 @@ class SceneRun:
     @property
     def ticks(self) -> RunTicks:
         """What run metrics that need no force and no pose are computed from."""
-        columns: dict[str, NDArray[Any]] = {
+        columns: dict[str, AnyArray] = {
             "status": self.status,
             "contacts/candidates": self.candidates,
             "contacts/touching": self.touching,
@@ -138,17 +136,17 @@ class SceneRun:
         return RunTicks(columns, len(self.depth), (), RATE, len(self.options.fingers))
 
     @cached_property
-    def tick_cpu(self) -> Array:
+    def tick_cpu(self) -> FloatArray:
         """Thread time of each tick, the median of the repetitions [s], shape (T,)."""
         return np.median(self.cpu, axis=0).astype(np.float64)
 
     @cached_property
-    def tick_wall(self) -> Array:
+    def tick_wall(self) -> FloatArray:
         """The same by the clock on the wall [s], shape (T,)."""
         return np.median(self.wall, axis=0).astype(np.float64)
 
     @cached_property
-    def tick_parts(self) -> Array:
+    def tick_parts(self) -> FloatArray:
         """Detection, palm, fingers and force of each tick by the clock on the wall, medians [s], shape (T, 4)."""
         return np.median(self.parts, axis=0).astype(np.float64)
 
@@ -324,6 +322,6 @@ def _variation(
     )
 
 
-def _mean_std(values: Array) -> Array:
+def _mean_std(values: FloatArray) -> FloatArray:
     defined = values[np.isfinite(values)]
     return np.array([defined.mean(), defined.std()]) if defined.size else np.full(2, np.nan)

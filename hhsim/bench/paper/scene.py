@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import BoolArray, FloatArray
 from hhsim.bench.paper.contact_check import check_holds
 from hhsim.bench.paper.scenarios import Scenario
 from hhsim.errors import HhsimError
@@ -29,9 +29,6 @@ from hhsim.scene.stored_pose import Placement
 from hhsim.scene.synthesis import planned, synthesize
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.sphere_tree import SphereTree
-
-Array = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 RATE = 1000.0
 """Ticks a second [Hz], as in the paper."""
@@ -53,9 +50,7 @@ class Stage:
     """What a scene is played on.
 
     Attributes:
-        scenario: The scene.
         script: Its motion.
-        hand: The hand.
         tree: The object at rest, its frame the world's.
         motions: The haptic hand, one motion or as many as there are instances.
     """
@@ -76,8 +71,6 @@ def make_stage(scenario: Scenario, hand: HandModel, tree: SphereTree, instances:
     """Find the hand's place, or places, and make the motions.
 
     Args:
-        scenario: The scene.
-        hand: The hand.
         tree: The object.
         instances: Most motions; a scene that is shown once has one.
         seed: Of the instances' places.
@@ -161,7 +154,7 @@ def _places(scenario: Scenario, script: Script, hand: HandModel, tree: SphereTre
         yield place
 
 
-def _opening(closer: PlacedCloser, closure: FingerClosure) -> Array:
+def _opening(closer: PlacedCloser, closure: FingerClosure) -> FloatArray:
     """How far the open fingers' first joints are flexed beyond the widest [rad], shape (5,)."""
     zero = Placement("", np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3))
     return np.asarray((closure.open - closer.opened(zero))[:, 0] / closer.rates[:, 0])
@@ -175,7 +168,7 @@ def _clear(closer: PlacedCloser, closure: FingerClosure) -> bool:
     return bool(near.min() >= 0.0)
 
 
-def turned_by(rotation_vector: Array) -> Array:
+def turned_by(rotation_vector: FloatArray) -> FloatArray:
     """Rotation matrix, shape (3, 3), about a rotation vector [rad], shape (3,)."""
     angle = float(np.linalg.norm(rotation_vector))
     x, y, z = rotation_vector / angle if angle > 0.0 else np.zeros(3)

@@ -15,15 +15,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.bench.qp.program import Program
 from hhsim.kernels.qp.active_set import INFEASIBLE, OPTIMAL, new_work
 from hhsim.kernels.qp.standalone import PROGRAM, solve_repeatedly
 from hhsim.solver.qp import BACKEND_OPTIONS
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Solve = Callable[[], tuple[Any, Any, float | None]]
 """Solves its program once: y, None where it claims no solution; multipliers of the rows; the solver's own seconds."""
 
@@ -97,7 +95,6 @@ def prepare(backend: str, program: Program, python_share: float = 0.0) -> Callab
 
     Args:
         backend: By name; `daqp, warm` also gets the guess.
-        program: To be solved.
         python_share: What a call of a backend that reports no time of its own takes in Python [ns], see `overhead`.
     """
     matrix, norm = program.unit_rows()

@@ -21,9 +21,10 @@ from hhsim.bench.qp.backends import WARM, WARM_DAQP, Answer, ProgramSolver, over
 from hhsim.bench.qp.kkt_check import CERTIFIED_RADIUS, certified_radius, residuals
 from hhsim.bench.qp.problem_file import written
 from hhsim.bench.qp.program import Program
-from hhsim.bench.qp.recorded_problems import Progress, QpBenchOptions, harvest
+from hhsim.bench.qp.recorded_problems import QpBenchOptions, harvest
 from hhsim.bench.table import Column
 from hhsim.solver.qp import ACTIVE_SET
+from hhsim.system.progress import Progress, silent
 
 SAMPLE = 100
 """Programs of a kind that every solver solves."""
@@ -135,14 +136,12 @@ class _Kind:
 
 
 def bench_qp(
-    options: QpBenchOptions, programs: Path | None = None, progress: Progress | None = None
+    options: QpBenchOptions, programs: Path | None = None, progress: Progress = silent
 ) -> list[dict[str, Any]]:
     """Harvest, solve, check and time; returns a row for each kind of program and solver, by the names of `COLUMNS`.
 
     Args:
-        options: What is run.
         programs: Where the harvested programs go, see `hhsim.bench.qp.problem_file`; None for nowhere.
-        progress: Called with what is being done, how much is done and how much there is.
 
     Raises:
         OutputError: The programs cannot be written.
@@ -166,8 +165,7 @@ def bench_qp(
     python_share = {backend: overhead(backend) for backend in others}
     for number, kind in enumerate(kinds.values()):
         _time(kind, python_share, solver)
-        if progress is not None:
-            progress("timing", number + 1, len(kinds))
+        progress("timing", number + 1, len(kinds))
     return [
         tally.row(name, kind.variables, kind.rows, backend)
         for name, kind in kinds.items()

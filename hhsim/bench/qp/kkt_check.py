@@ -7,11 +7,9 @@ All residuals are in conditioned variables with rows of length 1, [√J], divide
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.bench.qp.program import Program
-
-FloatArray = NDArray[np.float64]
 
 CERTIFIED_RADIUS = 1e3
 """A certificate is a proof where no point nearer than this many sizes of the program could satisfy the rows.

@@ -8,10 +8,8 @@ in the conditioned variables x = √G δ [√J], see `hhsim.kernels.qp.active_se
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from hhsim.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True)

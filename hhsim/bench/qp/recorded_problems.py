@@ -6,14 +6,14 @@ guess from the last one included. Within a run no program is left out, so that w
 Programs are yielded one by one, so that a hundred thousand of them never lie in memory.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.bench.qp.backends import ProgramSolver
 from hhsim.bench.qp.program import Program
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
@@ -35,13 +35,10 @@ from hhsim.solver.backend_programs import drive_tick
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.qp import available_backends
+from hhsim.system.progress import Progress, silent
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-Progress = Callable[[str, int, int], None]
 
 OBJECTS = ("sphere", "cube", "rock", "cup", "teapot", "bunny")
 RANDOM = "random"
@@ -64,7 +61,6 @@ class QpBenchOptions:
         objects: Of the harvest.
         motions: Of the harvest.
         backends: Solvers besides ours; None for all that are installed.
-        seed: Of everything random.
 
     Raises:
         UnknownNameError: An object, a motion or a solver that there is not.
@@ -87,7 +83,7 @@ class QpBenchOptions:
         return available_backends()[1:] if self.backends is None else list(self.backends)
 
 
-def harvest(options: QpBenchOptions, progress: Progress | None = None) -> Iterator[Program]:
+def harvest(options: QpBenchOptions, progress: Progress = silent) -> Iterator[Program]:
     """Programs of real ticks, from all scenes in like number.
 
     Yields:
@@ -104,8 +100,7 @@ def harvest(options: QpBenchOptions, progress: Progress | None = None) -> Iterat
                 for program in _programs(hand, tree, haptic, method, quota, f"{object_}/{motion}/{method}"):
                     yield program
                     found += 1
-                if progress is not None:
-                    progress(f"harvesting {object_}, {motion}", found, options.problems)
+                progress(f"harvesting {object_}, {motion}", found, options.problems)
         round_ += 1
 
 

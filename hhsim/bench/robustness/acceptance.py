@@ -8,12 +8,13 @@ tick, finds no way either.
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import BoolArray, FloatArray
 from hhsim.bench.robustness.case import DEEPEST, Figure, Outcome
 from hhsim.bench.robustness.failure import recorded_penetration
 from hhsim.bench.robustness.local_optimality import way_out
 from hhsim.bench.robustness.pieces import Pieces
+from hhsim.bench.run_errors import placed_of
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.hand.model import HandModel
@@ -23,8 +24,6 @@ from hhsim.kernels.tick.state import STATUS_INPUT_INVALID, STATUS_STUCK
 from hhsim.metrics.metrics import hand_clearance
 from hhsim.motion.tick_motion import hold_readings
 from hhsim.solver.options import SolverOptions
-
-Array = NDArray[np.float64]
 
 TIMINGS = ("duration", "duration_total", "duration_cpu")
 """What of a record is no result: it differs from run to run."""
@@ -60,10 +59,10 @@ def worst_penetration(hand: HandModel, surface: Any, record: TickRecord) -> floa
     return float(depth.max()) if len(depth) else 0.0
 
 
-def least_clearance(hand: HandModel, surface: Any, placed: PlacedHand, limit: float) -> Array:
+def least_clearance(hand: HandModel, surface: Any, placed: PlacedHand, limit: float) -> FloatArray:
     """Least signed distance of hand and object at every tick [m], shape (T,); `limit` stands for all above it."""
     palm, finger = hand_clearance(surface, *hand_shape(hand), *placed, limit=limit)
-    least: Array = np.minimum(palm, finger.min(axis=1))
+    least: FloatArray = np.minimum(palm, finger.min(axis=1))
     return least
 
 
@@ -84,14 +83,9 @@ def limit_excess(hand: HandModel, record: TickRecord) -> float:
     return float(max(0.0, np.max(low), np.max(high))) if np.isfinite(record.flexion).all() else float("nan")
 
 
-def shown_hand(record: TickRecord) -> PlacedHand:
-    """The graphic hand of a run."""
-    return PlacedHand(record.joints, record.position, record.orientation)
-
-
-def shown_points(record: TickRecord) -> Array:
+def shown_points(record: TickRecord) -> FloatArray:
     """Joints and palm of the shown hand [m], shape (T, 21, 3): where it is, in one kind of number."""
-    return shown_hand(record).points
+    return placed_of(record).points
 
 
 def motion_difference(first: TickRecord, second: TickRecord) -> float:
@@ -108,7 +102,6 @@ def unexplained_stuck(
     used: by distances and derivatives of its own, and by the distances at the step's end.
 
     Args:
-        hand: The hand.
         pieces: Of the object, world.
         options: Of the method; lengths and stiffness count.
         motion: The haptic input, samples that are not finite included.
@@ -133,12 +126,12 @@ def unexplained_stuck(
     return unexplained
 
 
-def sound_samples(motion: HandConfiguration) -> NDArray[np.bool_]:
+def sound_samples(motion: HandConfiguration) -> BoolArray:
     """Samples that are a hand's, shape (T,): from the input itself, not from what a method says of it."""
     return np.array([is_finite_configuration(*sample) for sample in zip(*motion, strict=True)], dtype=bool)
 
 
-def held(record: TickRecord) -> NDArray[np.bool_]:
+def held(record: TickRecord) -> BoolArray:
     """Ticks that say that their input was unusable, shape (T,)."""
-    flags: NDArray[np.bool_] = (record.status & STATUS_INPUT_INVALID) > 0
+    flags: BoolArray = (record.status & STATUS_INPUT_INVALID) > 0
     return flags

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
@@ -14,8 +14,6 @@ from hhsim.mesh.mesh import Mesh
 from hhsim.solver.options import BY_SURFACE, SolverOptions
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.sphere_tree import SphereTree
-
-Array = NDArray[np.float64]
 
 DEEPEST = 1e-6
 """Penetration [m] that every case allows: a hundredth of what the paper shows, and far below what anybody feels."""
@@ -51,7 +49,6 @@ class HardRun:
 
     Attributes:
         name: Among the runs of its case.
-        hand: The hand.
         tree: The object's leaf spheres, world frame; None where it is triangles alone.
         motion: What the haptic hand does.
         adapt: What the case changes in the options of the method.
@@ -85,7 +82,6 @@ class Outcome:
     """What a method made of a run.
 
     Attributes:
-        run: The run.
         options: What it was solved with.
         record: The ticks of the motion, the last time it was done; None where the method refused the scene.
         refusal: What the method said when it refused, else empty.
@@ -113,8 +109,8 @@ class Outcome:
     unexplained: int = 0
     lagging: int = 0
     lag: float = 0.0
-    marked: Array = field(default_factory=lambda: np.zeros((0, 0, 21, 3)))
-    memory: Array = field(default_factory=lambda: np.zeros(0))
+    marked: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 21, 3)))
+    memory: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def surface(self) -> Any:

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hhsim.bench.robustness.acceptance import least_clearance, part_of, shown_hand
+from hhsim.arrays import FloatArray
+from hhsim.bench.robustness.acceptance import least_clearance, part_of
 from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome
 from hhsim.bench.robustness.postures import FIST, HALF, INDEX, POINTING, threaded, tip_at
 from hhsim.bench.robustness.sphere_objects import BALL_RADIUS, ball, mould, plate, right_hand, ring, tree_of, usual_ball
@@ -17,6 +17,7 @@ from hhsim.bench.robustness.triangle_objects import (
     roof_mesh,
     usual_ball_mesh,
 )
+from hhsim.bench.run_errors import placed_of
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.hand.quaternion import quaternion, quaternion_product
@@ -29,13 +30,11 @@ from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 
-Array = NDArray[np.float64]
-
 HANDLE_ROOM = 1e-3
 """A handle this much wider than the finger in it [m]."""
 
 
-def _handle_place() -> tuple[Array, Array, float]:
+def _handle_place() -> tuple[FloatArray, FloatArray, float]:
     hand = right_hand()
     joints = hand.joints(np.zeros(3), quaternion(np.zeros(3)), POINTING, np.zeros(5))[INDEX]
     axis = (joints[2] - joints[1]) / np.linalg.norm(joints[2] - joints[1])
@@ -172,7 +171,7 @@ def _judge_inside(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
     for outcome in outcomes:
         record = outcome.ticks
         unmarked += not record.status[0] & STATUS_START_INSIDE
-        held = shown_hand(part_of(record, 0, 100))
+        held = placed_of(part_of(record, 0, 100))
         gap = max(gap, float(least_clearance(outcome.run.hand, outcome.surface, held, 1.0)[-1]))
         away = max(away, float(np.linalg.norm(record.position[-1] - outcome.run.motion.position[-1])))
     return [
@@ -182,10 +181,10 @@ def _judge_inside(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
     ]
 
 
-def _fist_middle() -> Array:
+def _fist_middle() -> FloatArray:
     # What the four fingers curl around.
     joints = right_hand().joints(np.zeros(3), quaternion(np.zeros(3)), FIST, np.zeros(5))
-    middle: Array = joints[1:, 1:3].reshape(-1, 3).mean(axis=0)
+    middle: FloatArray = joints[1:, 1:3].reshape(-1, 3).mean(axis=0)
     return middle
 
 

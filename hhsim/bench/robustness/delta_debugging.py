@@ -9,13 +9,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import BoolArray, FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.motion.tick_motion import replayed
-
-Mask = NDArray[np.bool_]
 
 MOST_RUNS = 3000
 """Candidates that are tried at most."""
@@ -28,7 +26,7 @@ FEW_TICKS = 30
 class Trace(NamedTuple):
     """What a run of a motion gave: which ticks failed, shape (T,), and the graphic hand after each tick."""
 
-    failed: Mask
+    failed: BoolArray
     graphic: HandConfiguration
 
 
@@ -74,7 +72,6 @@ def delta_debug(
 
     Args:
         motion: Haptic hand, tick by tick; ticks that are no reading repeat the last one, as for the solver.
-        trial: Runs a motion.
         graphic: The graphic hand after each tick of a longer run that `motion` is the last stretch of, and whose last
             tick fails. Needed where the motion alone does not fail from its first sample on.
         most_runs: Candidates that are tried at most.
@@ -103,7 +100,7 @@ def delta_debug(
 
 class _Failing(NamedTuple):
     motion: HandConfiguration
-    failed: Mask
+    failed: BoolArray
     graphic: HandConfiguration
 
 
@@ -190,7 +187,7 @@ _CHANNELS: tuple[tuple[int, tuple[int, ...]], ...] = (
 """Field of `HandConfiguration` and place in it: each finger's flexion, the abduction, the orientation, the position."""
 
 
-def _with(best: _Failing, search: _Search, field: int, place: Place, values: NDArray[np.float64]) -> _Failing:
+def _with(best: _Failing, search: _Search, field: int, place: Place, values: FloatArray) -> _Failing:
     changed = best.motion.copy()
     changed[field][place] = values
     if np.array_equal(changed[field], best.motion[field]):

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import BoolArray
 from hhsim.bench.robustness.delta_debugging import Shrunk, Trace, Trial
 from hhsim.bench.robustness.local_optimality import way_out
 from hhsim.bench.robustness.pieces import Pieces
@@ -28,9 +28,8 @@ from hhsim.motion.tick_motion import hold_readings, trajectory_of
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 
-Mask = NDArray[np.bool_]
 Solver = Callable[[], HandSolver]
-Fails = Callable[[HandConfiguration, TickRecord, Penetration], Mask]
+Fails = Callable[[HandConfiguration, TickRecord, Penetration], BoolArray]
 """Which ticks of a record fail, shape (T,), given the haptic motion and the penetration of the recorded hand."""
 
 SAFE_DEPTH = 1e-6
@@ -44,7 +43,7 @@ def recorded_penetration(hand: HandModel, surface: Any, record: TickRecord) -> P
     return penetration(surface, *hand_shape(hand), record.joints, record.position, record.orientation)
 
 
-def not_finite(record: TickRecord) -> Mask:
+def not_finite(record: TickRecord) -> BoolArray:
     """Ticks whose graphic hand or force is not finite, shape (T,)."""
     bad = np.zeros(len(record.status), dtype=bool)
     for name in ("position", "orientation", "flexion", "abduction", "joints", "phalanx", "palm_wrench", "total"):
@@ -61,7 +60,7 @@ def penetrates(limit: float = SAFE_DEPTH) -> Fails:
 def is_stuck(hand: HandModel, pieces: Pieces, options: SolverOptions) -> Fails:
     """Fails where a tick kept the last hand although `local_optimality` finds a way; finds only the first."""
 
-    def fails(motion: HandConfiguration, record: TickRecord, depth: Penetration) -> Mask:
+    def fails(motion: HandConfiguration, record: TickRecord, depth: Penetration) -> BoolArray:
         found = np.zeros(motion.ticks, dtype=bool)
         wanted, shown = hold_readings(motion), HandConfiguration.of(record)
         for tick in np.flatnonzero(record.status & STATUS_STUCK).tolist():
@@ -118,8 +117,6 @@ class Provenance:
         failing_tick: Of the kept motion at which it fails.
         depth: Penetration there [m].
         stress: Options of the random targets.
-        solver: Options of the solver.
-        hand: Right or left.
     """
 
     kind: str

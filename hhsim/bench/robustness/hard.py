@@ -1,7 +1,7 @@
 """`hhsim bench hard`: every hard case, for every method; no case can end the bench."""
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -26,8 +26,7 @@ from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.method import never_penetrates
 from hhsim.solver.options import SolverOptions
-
-Progress = Callable[[str, int, int], None]
+from hhsim.system.progress import Progress, silent
 
 
 @dataclass(frozen=True)
@@ -35,7 +34,6 @@ class CaseResult:
     """How one method did in one case.
 
     Attributes:
-        case, method: Their names.
         surface: What of the objects the hand touched; of a case that is spheres alone they, whatever was asked for.
         figures: All of them, the common ones first; empty where an exception ended the case.
         reason: Why it failed where no figure says it: the exception, or the refusal; empty otherwise.
@@ -86,7 +84,7 @@ def _strain(figure: Figure) -> float:
 
 
 def bench_hard(
-    cases: Sequence[HardCase], solvers: Sequence[SolverOptions], seed: int = 0, progress: Progress | None = None
+    cases: Sequence[HardCase], solvers: Sequence[SolverOptions], seed: int = 0, progress: Progress = silent
 ) -> list[CaseResult]:
     """Run every case with every solver; those of triangles alone with those on the mesh.
 
@@ -98,8 +96,7 @@ def bench_hard(
     """
     results = []
     for number, case in enumerate(cases):
-        if progress is not None:
-            progress(case.name, number * len(solvers), len(cases) * len(solvers))
+        progress(case.name, number * len(solvers), len(cases) * len(solvers))
         taking = [options for options in solvers if options.surface == "mesh" or not case.mesh_only]
         try:
             runs = case.build(seed)
@@ -110,8 +107,7 @@ def bench_hard(
             continue
         for i, options in enumerate(taking):
             results.append(judge_case(case, runs, options))
-            if progress is not None:
-                progress(case.name, number * len(solvers) + i + 1, len(cases) * len(solvers))
+            progress(case.name, number * len(solvers) + i + 1, len(cases) * len(solvers))
     return results
 
 

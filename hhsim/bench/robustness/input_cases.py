@@ -3,14 +3,13 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.bench.robustness.acceptance import (
     held,
     least_clearance,
     motion_difference,
     part_of,
-    shown_hand,
     shown_points,
     sound_samples,
 )
@@ -18,13 +17,12 @@ from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome
 from hhsim.bench.robustness.postures import HALF, POINTING, crossings, handling, tip_at
 from hhsim.bench.robustness.sphere_objects import ball, disc, plate, right_hand, tree_of, usual_ball
 from hhsim.bench.robustness.triangle_objects import ball_mesh, box_mesh, disc_mesh, usual_ball_mesh
+from hhsim.bench.run_errors import placed_of
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.quaternion import quaternion, quaternion_product
 from hhsim.metrics.metrics import frozen_decay
 from hhsim.motion.analytic_motion import still
 from hhsim.motion.tick_motion import hold_readings
-
-Array = NDArray[np.float64]
 
 TOUCHING = 1e-5
 """A hand this near [m] touches."""
@@ -46,7 +44,7 @@ def _deep(seed: int) -> Sequence[HardRun]:
 def _judge_deep(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
     outcome = outcomes[0]
     record = outcome.ticks
-    gap = float(least_clearance(outcome.run.hand, outcome.surface, shown_hand(part_of(record, -1)), 1.0)[0])
+    gap = float(least_clearance(outcome.run.hand, outcome.surface, placed_of(part_of(record, -1)), 1.0)[0])
     still_after = frozen_decay(record.total[190:])
     return [
         Figure("gap to the surface at the end", gap, TOUCHING, "m"),
@@ -60,7 +58,7 @@ def _swipe(seed: int) -> Sequence[HardRun]:
     upright = quaternion(np.zeros(3))
     tilted = quaternion(np.array([0.5, 0.3, 0.2]))
 
-    def run(name: str, direction: tuple[float, float, float], orientation: Array, finger: bool) -> HardRun:
+    def run(name: str, direction: tuple[float, float, float], orientation: FloatArray, finger: bool) -> HardRun:
         way = 0.1 * np.array(direction) / np.linalg.norm(direction)
         flexion = POINTING if finger else HALF
         middle = tip_at(hand, np.zeros(3), orientation, flexion) if finger else np.zeros(3)

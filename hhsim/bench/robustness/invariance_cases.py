@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.bench.robustness.acceptance import shown_points
 from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome
 from hhsim.bench.robustness.postures import handling
@@ -20,7 +20,6 @@ from hhsim.motion.analytic_motion import random_targets
 from hhsim.solver.options import UNLIMITED, SolverOptions, Stiffness
 from hhsim.trees.sphere_tree import SphereTree
 
-Array = NDArray[np.float64]
 Adapt = Callable[[SolverOptions], SolverOptions]
 
 SAME = 1e-6
@@ -36,7 +35,6 @@ class Variant:
     """A scene that must come out like the usual one, and how to bring it back to that.
 
     Attributes:
-        name: Of the run.
         motion, tree, mesh, hand: The scene.
         adapt: Its options.
         back: The shown points [m], shape (T, 21, 3), as the usual scene has them.
@@ -51,9 +49,9 @@ class Variant:
     mesh: Mesh
     hand: HandModel
     adapt: Adapt = lambda options: options
-    back: Callable[[Array], Array] = lambda points: points
+    back: Callable[[FloatArray], FloatArray] = lambda points: points
     stronger: float = 1.0
-    turned: Array | None = None
+    turned: FloatArray | None = None
     scale: float = 1.0
 
 
@@ -177,7 +175,7 @@ def _turned(seed: int) -> Sequence[Variant]:
     return variants
 
 
-def _turning(matrix: Array) -> Callable[[Array], Array]:
+def _turning(matrix: FloatArray) -> Callable[[FloatArray], FloatArray]:
     return lambda points: points @ matrix
 
 

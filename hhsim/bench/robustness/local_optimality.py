@@ -6,8 +6,8 @@ its end.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import BoolArray, FloatArray
 from hhsim.bench.robustness.pieces import Body, Pieces, hand_bodies
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import hand_shape
@@ -16,8 +16,7 @@ from hhsim.kernels.rotation import rotate_quaternion, rotation_vector_between
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.qp import QpProblem, QpStatus, solve
 
-Array = NDArray[np.float64]
-Pose = tuple[Array, Array, Array, Array]
+Pose = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 
 WORTH = 0.01
 """A way must lower the coupling's energy by this share of what free space would let the same step lower it."""
@@ -38,7 +37,6 @@ def way_out(
     the abduction. It counts where all pieces stay clear of the hand and the energy falls as the program promised.
 
     Args:
-        hand: The hand.
         pieces: Of the object, world.
         options: Of the solver: stiffness, margin, offset.
         graphic: One tick, where the hand stood still.
@@ -69,7 +67,7 @@ def way_out(
     if solution.status is not QpStatus.OPTIMAL:
         return 0.0
 
-    def energy(offset: Array) -> float:
+    def energy(offset: FloatArray) -> float:
         return 0.5 * float(offset @ (stiffness * offset))
 
     promised = energy(target) - energy(target - solution.x)
@@ -84,20 +82,20 @@ def way_out(
     return 0.0
 
 
-def _between(hand: HandModel, here: Pose, goal: Pose) -> Array:
+def _between(hand: HandModel, here: Pose, goal: Pose) -> FloatArray:
     turn = np.empty(3)
     rotation_vector_between(np.array(here[1]), goal[1] / np.linalg.norm(goal[1]), turn)
     bend = np.clip(goal[2], hand.flexion_min, hand.flexion_max) - here[2]
     return np.concatenate([goal[0] - here[0], turn, bend.ravel()])
 
 
-def _moved(here: Pose, step: Array) -> Pose:
+def _moved(here: Pose, step: FloatArray) -> Pose:
     orientation = np.array(here[1])
     rotate_quaternion(orientation, step[3], step[4], step[5], orientation)
     return here[0] + step[:3], orientation, here[2] + step[6:].reshape(5, 3), here[3]
 
 
-def _limit_rows(hand: HandModel, here: Pose) -> tuple[Array, Array]:
+def _limit_rows(hand: HandModel, here: Pose) -> tuple[FloatArray, FloatArray]:
     rows = np.concatenate([np.eye(15), -np.eye(15)])
     matrix = np.concatenate([np.zeros((30, 6)), rows], axis=1)
     bounds = np.concatenate([(hand.flexion_min - here[2]).ravel(), (here[2] - hand.flexion_max).ravel()])
@@ -110,13 +108,13 @@ class _Pairs:
     def __init__(self, hand: HandModel, pieces: Pieces, pose: Pose, near: float) -> None:
         self._hand, self._shape = hand, hand_shape(hand)
         self._pieces = [pieces.near(body, near) for body in self._bodies(pose)]
-        self._chosen: slice | NDArray[np.bool_] = slice(None)
+        self._chosen: slice | BoolArray = slice(None)
         self._chosen = self._distances([pose])[0] <= near
 
     def _bodies(self, pose: Pose) -> list[Body]:
         return hand_bodies(self._shape, self._hand.joints(*pose), pose[0], pose[1])
 
-    def _distances(self, poses: list[Pose]) -> Array:
+    def _distances(self, poses: list[Pose]) -> FloatArray:
         # Signed distances [m] of all near pairs at each pose, shape (P, N).
         places = zip(*(self._bodies(pose) for pose in poses), strict=True)
         found = [pieces.distances(body) for pieces, body in zip(self._pieces, places, strict=True)]
@@ -126,7 +124,7 @@ class _Pairs:
         """Least signed distance [m] of all near pairs, infinite where there is none."""
         return float(self._distances([pose]).min(initial=np.inf))
 
-    def linearised(self, pose: Pose) -> tuple[Array, Array]:
+    def linearised(self, pose: Pose) -> tuple[FloatArray, FloatArray]:
         """Distances, shape (N,), and their derivatives by the 21 variables, shape (N, 21)."""
         steps = DIFFERENCE * np.eye(21)
         here, *there = self._distances([pose, *(_moved(pose, sign * step) for sign in (1.0, -1.0) for step in steps)])

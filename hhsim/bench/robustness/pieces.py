@@ -9,8 +9,9 @@ from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import InputError
 from hhsim.hand.fingers import PHALANGES
 from hhsim.kernels.hand.hand_shape import HandShape
@@ -20,8 +21,6 @@ from hhsim.trees.contact_surface import encloses
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.verify.mesh_contacts import ReadyTriangles, away_from_triangles, nearest_share, ready_triangles
 from hhsim.verify.tree_checks import INSIDE, winding_number
-
-Array = NDArray[np.float64]
 
 
 class Body(NamedTuple):
@@ -33,8 +32,8 @@ class Body(NamedTuple):
     | radius | there [m] | (2,) |
     """
 
-    ends: Array
-    radius: Array
+    ends: FloatArray
+    radius: FloatArray
 
     @property
     def is_sphere(self) -> bool:
@@ -48,7 +47,7 @@ class Pieces(Protocol):
     def near(self, body: Body, limit: float) -> "Pieces":
         """Those that are no farther than `limit` [m]; one that is can be among them."""
 
-    def distances(self, places: Sequence[Body]) -> Array:
+    def distances(self, places: Sequence[Body]) -> FloatArray:
         """Signed distances [m] of one body at several places, and of parts of it, to each piece, shape (P, M).
 
         It is clear of the pieces where none is negative; M is their number or a multiple of it.
@@ -62,7 +61,6 @@ def hand_bodies(shape: HandShape, joints: ArrayLike, position: ArrayLike, orient
     """All bodies of one hand: the 15 phalanges, then the palm's spheres.
 
     Args:
-        shape: Its sizes.
         joints: [m], world, shape (5, 4, 3).
         position: Of the palm [m], world, shape (3,).
         orientation: Palm to world, unit (w, x, y, z), shape (4,).
@@ -102,7 +100,7 @@ def pieces_of(surface: str, mesh: Mesh | None, tree: SphereTree | None) -> Piece
 class Leaves:
     """Leaf spheres: centres [m], shape (N, 3), and radii [m], shape (N,)."""
 
-    def __init__(self, center: Array, radius: Array) -> None:
+    def __init__(self, center: FloatArray, radius: FloatArray) -> None:
         self._center, self._radius = center, radius
 
     def near(self, body: Body, limit: float) -> "Leaves":
@@ -110,7 +108,7 @@ class Leaves:
         chosen = self._of(body) <= limit
         return Leaves(self._center[chosen], self._radius[chosen])
 
-    def distances(self, places: Sequence[Body]) -> Array:
+    def distances(self, places: Sequence[Body]) -> FloatArray:
         """One a sphere."""
         if len(self._radius) == 0:
             return np.zeros((len(places), 0))
@@ -123,11 +121,11 @@ class Leaves:
         """Over all spheres."""
         return float(min(self._of(body).min(initial=np.inf) for body in bodies))
 
-    def _of(self, body: Body) -> Array:
+    def _of(self, body: Body) -> FloatArray:
         first, last = body.ends
         size, other = map(float, body.radius)
         if body.is_sphere:
-            apart: Array = np.linalg.norm(self._center - first, axis=1) - self._radius - size
+            apart: FloatArray = np.linalg.norm(self._center - first, axis=1) - self._radius - size
             return apart
         return round_cone_distance(self._center, first, last, size, other) - self._radius
 
@@ -135,21 +133,21 @@ class Leaves:
 class _Axes(NamedTuple):
     """Of a body for each of some triangles: start (N, 3) of its axis, from there to its end (N, 3), radii (N,) [m]."""
 
-    start: Array
-    along: Array
-    size: Array
-    drop: Array
+    start: FloatArray
+    along: FloatArray
+    size: FloatArray
+    drop: FloatArray
 
     @classmethod
-    def of(cls, bodies: Sequence[Body], row: NDArray[np.int64]) -> "_Axes":
+    def of(cls, bodies: Sequence[Body], row: IntArray) -> "_Axes":
         ends, radius = (np.stack(values)[row] for values in zip(*bodies))
         return cls(ends[:, 0], ends[:, 1] - ends[:, 0], radius[:, 0], radius[:, 1] - radius[:, 0])
 
-    def ball(self, share: Array) -> tuple[Array, Array]:
+    def ball(self, share: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Centres and radii at a share of each axis."""
         return self.start + share[:, None] * self.along, self.size + share * self.drop
 
-    def apart(self, share: Array, triangles: ReadyTriangles) -> Array:
+    def apart(self, share: FloatArray, triangles: ReadyTriangles) -> FloatArray:
         """Distances [m] of the balls there to their triangles, without a sign."""
         place, size = self.ball(share)
         return np.asarray(np.linalg.norm(away_from_triangles(triangles, place.T), axis=0) - size)
@@ -158,7 +156,7 @@ class _Axes(NamedTuple):
 class Triangles:
     """Triangles: corners [m], shape (F, 3, 3); `closed` where they enclose something."""
 
-    def __init__(self, corners: Array, closed: bool = False) -> None:
+    def __init__(self, corners: FloatArray, closed: bool = False) -> None:
         # What has no area has neighbours that it lies on.
         across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         self._corners = corners[(across != 0.0).any(axis=1)]
@@ -170,7 +168,7 @@ class Triangles:
         """Those whose ball reaches a ball around the body within the limit."""
         return Triangles(self._corners[self._near(body, limit)], self._closed)
 
-    def distances(self, places: Sequence[Body]) -> Array:
+    def distances(self, places: Sequence[Body]) -> FloatArray:
         """Of a sphere one a triangle; of a phalanx three: its least, and those of the balls at its ends.
 
         A phalanx that lies flat touches along a line, and what is least of it says nothing of its other end.
@@ -203,12 +201,12 @@ class Triangles:
         inside = self._inside(place, distance + size)
         return float(np.where(inside, -distance - 2.0 * size, distance).min())
 
-    def _near(self, body: Body, limit: float) -> NDArray[np.int64]:
+    def _near(self, body: Body, limit: float) -> IntArray:
         middle, half = body.ends.mean(axis=0), 0.5 * np.linalg.norm(body.ends[1] - body.ends[0])
         apart = np.linalg.norm(self._middle - middle, axis=1) - self._around - half - body.radius.max()
         return np.flatnonzero(apart <= limit)
 
-    def _inside(self, places: Array, clear: Array) -> NDArray[np.bool_]:
+    def _inside(self, places: FloatArray, clear: FloatArray) -> BoolArray:
         # Places [m], and how far each is from all triangles [m]: within that of it, all are on one side.
         inside = np.zeros(len(places), np.bool_)
         left = np.arange(len(places)) if self._closed else np.zeros(0, np.int64)

@@ -1,14 +1,12 @@
 """Postures and crossings that several hard cases share."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import BoolArray, FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion, quaternion_product
 from hhsim.motion.analytic_motion import UPRIGHT, still
-
-Array = NDArray[np.float64]
 
 CURLED = (1.2, 1.4, 0.8)
 """Flexion [rad] of a finger that is out of the way."""
@@ -45,14 +43,16 @@ def handling(ticks: int) -> HandConfiguration:
     return motion
 
 
-def tip_at(hand: HandModel, point: Array, orientation: Array, flexion: Array, finger: int = INDEX) -> Array:
+def tip_at(
+    hand: HandModel, point: FloatArray, orientation: FloatArray, flexion: FloatArray, finger: int = INDEX
+) -> FloatArray:
     """Palm position [m] that puts a fingertip's centre at `point` [m], shapes (3,)."""
     joints = hand.joints(np.zeros(3), orientation, flexion, np.zeros(5))
-    place: Array = np.asarray(point, np.float64) - joints[finger, 3]
+    place: FloatArray = np.asarray(point, np.float64) - joints[finger, 3]
     return place
 
 
-def crossings(points: Array, radius: float) -> int:
+def crossings(points: FloatArray, radius: float) -> int:
     """How often a point of a hand goes, from one tick to the next, through the disc in the plane z = 0.
 
     Args:
@@ -67,7 +67,7 @@ def crossings(points: Array, radius: float) -> int:
     return int(through.sum())
 
 
-def threaded(joints: Array, center: Array, axis: Array, radius: float) -> NDArray[np.bool_]:
+def threaded(joints: FloatArray, center: FloatArray, axis: FloatArray, radius: float) -> BoolArray:
     """Ticks at which a finger's centre line goes through a ring, shape (T,).
 
     Args:
@@ -82,5 +82,5 @@ def threaded(joints: Array, center: Array, axis: Array, radius: float) -> NDArra
         share = before / (before - after)
         where = joints[:, :-1] + share[..., None] * (joints[:, 1:] - joints[:, :-1]) - center
         inside = (before * after <= 0.0) & (np.linalg.norm(where, axis=-1) < radius)
-    through: NDArray[np.bool_] = inside.sum(axis=1) % 2 == 1
+    through: BoolArray = inside.sum(axis=1) % 2 == 1
     return through

@@ -18,15 +18,14 @@ from dataclasses import asdict, dataclass
 from typing import Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion
 from hhsim.kernels.rotation import rotation_vector_between
 
-Array = NDArray[np.float64]
 Bound = Literal["palm", "hand", "none"]
 
 
@@ -83,7 +82,6 @@ class RandomTargets:
 
     Args:
         hand: The hand, for its limits and its size.
-        seed: Of everything random.
         options: How targets are drawn; None for the defaults.
         center: What the targets lie around [m], world, shape (3,).
         height: Of the first tick's hand above the centre [m], upright with straight fingers; its target too.
@@ -95,7 +93,7 @@ class RandomTargets:
         seed: int,
         options: StressOptions | None = None,
         *,
-        center: Array | None = None,
+        center: FloatArray | None = None,
         height: float = 0.25,
     ) -> None:
         """Stand at the start; nothing is drawn yet."""
@@ -149,7 +147,7 @@ class RandomTargets:
             trick(random, motion)
         return motion
 
-    def _target(self, random: np.random.Generator) -> tuple[Array, ...]:
+    def _target(self, random: np.random.Generator) -> tuple[FloatArray, ...]:
         hand, options = self.hand, self.options
         low, high = options.flexion_range
         position = self.center + random.normal(0.0, options.position_spread, 3)
@@ -160,7 +158,7 @@ class RandomTargets:
         abduction = spread if options.sweep else np.zeros(5)
         return position, quaternion(turn[None])[0], flexion, abduction
 
-    def _walk(self, target: tuple[Array, ...], jump: bool) -> HandConfiguration:
+    def _walk(self, target: tuple[FloatArray, ...], jump: bool) -> HandConfiguration:
         start = self._here
         turn = np.empty(3)
         rotation_vector_between(start[1], target[1], turn)
@@ -187,7 +185,7 @@ class RandomTargets:
         return motion
 
 
-def _product(first: Array, second: Array) -> Array:
+def _product(first: FloatArray, second: FloatArray) -> FloatArray:
     # Hamilton products of quaternions (T, 4) with one, shape (4,).
     w, v = first[:, :1], first[:, 1:]
     scalar = w * second[0] - v @ second[1:, None]

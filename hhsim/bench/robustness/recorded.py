@@ -11,16 +11,17 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import AnyArray, IntArray
 from hhsim.bench.robustness.acceptance import unexplained_stuck
 from hhsim.bench.robustness.failure import SAFE_DEPTH, not_finite, recorded_penetration
 from hhsim.bench.robustness.pieces import Pieces, hand_distance, pieces_of
 from hhsim.bench.robustness.recorded_metrics import RecordedFigures, longest_run
+from hhsim.bench.run_errors import placed_of
 from hhsim.errors import HhsimError, InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
-from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
+from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.kernels.tick.block import TickRecord
@@ -37,11 +38,11 @@ from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.system.deferred_sigint import interruptible_between
 from hhsim.system.log_histogram import LogHistogram
+from hhsim.system.progress import Progress, silent
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 
 Placing = Literal["auto", "recorded"]
-Progress = Callable[[str, int, int], None]
 
 BLOCK = 2048
 """Ticks that are run and measured at a time."""
@@ -107,15 +108,13 @@ def bench_recorded(
     objects: Sequence[BenchObject],
     solvers: Sequence[SolverOptions],
     options: RecordedOptions | None = None,
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> Iterator[RecordedFigures]:
     """Run every recording against every object by every method, in this order.
 
     Args:
         files: Recordings, as `recording_files` lists them.
         objects: At rest in their own frames.
-        solvers: The methods.
-        options: Of all runs.
         progress: Called with the recording, the runs done and all runs.
     """
     options = options or RecordedOptions()
@@ -123,8 +122,7 @@ def bench_recorded(
     each = len(objects) * len(solvers)
     with interruptible_between() as check:
         for number, file in enumerate(files):
-            if progress is not None:
-                progress(file.stem, number * each, len(files) * each)
+            progress(file.stem, number * each, len(files) * each)
             try:
                 motion = load_recorded(file)
             except HhsimError as error:
@@ -134,8 +132,7 @@ def bench_recorded(
             hand = hands["left" if motion.hand == "left" else "right"]
             for placed in objects:
                 yield from _runs(motion, file.stem, hand, placed, solvers, options, check)
-    if progress is not None:
-        progress("recordings", len(files) * each, len(files) * each)
+    progress("recordings", len(files) * each, len(files) * each)
 
 
 def _runs(
@@ -207,7 +204,6 @@ def run_scene(
 
     Args:
         scene: Object, hand and recording.
-        solver: The method.
         known: What is already known of the run.
         seed: Of the choice of ticks that are recomputed by brute force.
         check: Called between blocks.
@@ -221,7 +217,7 @@ def run_scene(
     pieces = pieces_of(solver.surface, scene.mesh, scene.tree)
     running = HandSolver(scene.hand, surface, solver)
     ticks = scene.ticks
-    blocks: list[tuple[NDArray[Any], ...]] = []
+    blocks: list[tuple[AnyArray, ...]] = []
     cpu, candidates, unexplained = LogHistogram(), 0, 0
     brute = _BruteForce(pieces, hand_shape(scene.hand), ticks.tick_count, np.random.default_rng(seed))
     fingers = np.array([finger in solver.fingers for finger in FINGERS])
@@ -241,7 +237,7 @@ def run_scene(
         unexplained += unexplained_stuck(scene.hand, pieces, solver, motion, record)
         brute.look(record, np.flatnonzero(touching))
         some = touching & ((first + np.arange(len(touching))) % looked_at == 0)
-        placed = PlacedHand(record.joints, record.position, record.orientation)
+        placed = placed_of(record)
         off_mesh.append(statistics(touched_object.contact_error(placed, some)).max)
         check()
     status, force, lag, depth, lost, touched = (np.concatenate(values) for values in zip(*blocks))
@@ -284,7 +280,7 @@ class _BruteForce:
         self._every = max(1, ticks // BRUTE_TICKS)
         self.ticks, self.depth = 0, float("nan")
 
-    def look(self, record: TickRecord, touching: NDArray[np.int64]) -> None:
+    def look(self, record: TickRecord, touching: IntArray) -> None:
         """Recompute some of a block's ticks in touch."""
         count = min(len(touching), -(-len(record.status) // self._every))
         for tick in self._random.choice(touching, count, replace=False) if count else ():

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import BoolArray
 from hhsim.bench.robustness.failure import SAFE_DEPTH
 from hhsim.bench.table import Column, metric_column
 from hhsim.metrics.contact_error import MOST_CONTACT_ERROR
@@ -117,7 +117,7 @@ def table_row(figures: RecordedFigures) -> dict[str, Any]:
     return {column.name: getattr(figures, column.name) for column in COLUMNS}
 
 
-def longest_run(where: NDArray[np.bool_]) -> int:
+def longest_run(where: BoolArray) -> int:
     """Most neighbouring entries that are true."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], where.astype(np.int8), [0]])))
     return int((edges[1::2] - edges[::2]).max(initial=0))

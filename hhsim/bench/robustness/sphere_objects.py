@@ -6,16 +6,15 @@ from functools import cache
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.mesh.mesh import Mesh
 from hhsim.trees.hierarchy import build_hierarchy
 from hhsim.trees.sphere_tree import SphereTree
-
-Array = NDArray[np.float64]
 
 BRANCHING = 8
 
@@ -66,15 +65,15 @@ def disc(radius: float, spacing: float, thickness: float) -> SphereTree:
     return tree_of(_disc_points(radius, spacing), 0.5 * thickness)
 
 
-def _disc_points(radius: float, spacing: float) -> Array:
+def _disc_points(radius: float, spacing: float) -> FloatArray:
     count = math.ceil(2.0 * radius / spacing)
     i, j = (axis.ravel() for axis in np.meshgrid(np.arange(-count, count + 1), np.arange(-count, count + 1)))
     points = np.stack([spacing * (i + 0.5 * j), spacing * (math.sqrt(0.75) * j), np.zeros(i.size)], axis=1)
-    within: Array = points[np.linalg.norm(points, axis=1) <= radius]
+    within: FloatArray = points[np.linalg.norm(points, axis=1) <= radius]
     return within
 
 
-def plate(width: float, depth: float, spacing: float, radius: float) -> Array:
+def plate(width: float, depth: float, spacing: float, radius: float) -> FloatArray:
     """Centres of a rectangular plate's spheres in the plane z = 0 about the origin [m], shape (n, 3)."""
     x = np.arange(-0.5 * width, 0.5 * width + 0.5 * spacing, spacing)
     y = np.arange(-0.5 * depth, 0.5 * depth + 0.5 * spacing, spacing)
@@ -98,7 +97,6 @@ def mould(pose: HandConfiguration, spheres: int, gap: float, radius: float, rand
 
     Args:
         pose: The hand, one tick.
-        spheres: How many.
         gap: Between the hand's surface and theirs [m].
         radius: Theirs [m].
         random: Where they are.

@@ -31,8 +31,8 @@ from hhsim.solver.compile import warm_up
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.system.deferred_sigint import interruptible_between
 from hhsim.system.output_path import free_name
+from hhsim.system.progress import Progress, silent
 
-Progress = Callable[[str, int, int], None]
 MakeSolver = Callable[[StressCase], HandSolver]
 
 BLOCK = 2048
@@ -47,7 +47,6 @@ def run_case(
     """Run one case.
 
     Args:
-        case: What to run.
         make_solver: Makes the solver, for the run and for every candidate of the shrinking.
         check: Called between blocks.
 
@@ -73,9 +72,7 @@ def run_case(
     return measure.figures(tuple(kept.values()))
 
 
-def run_stress(
-    cases: Sequence[StressCase], *, jobs: int = 1, progress: Progress | None = None
-) -> Iterator[StressFigures]:
+def run_stress(cases: Sequence[StressCase], *, jobs: int = 1, progress: Progress = silent) -> Iterator[StressFigures]:
     """Run cases, `jobs` of them at a time in processes of their own; figures come in the order of the cases.
 
     Raises:
@@ -83,8 +80,7 @@ def run_stress(
     """
     with interruptible_between() as check:
         for done, figures in enumerate(_run_all(cases, jobs, check)):
-            if progress is not None:
-                progress("cases", done + 1, len(cases))
+            progress("cases", done + 1, len(cases))
             yield figures
 
 

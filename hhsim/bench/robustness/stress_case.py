@@ -22,9 +22,7 @@ class StressCase:
     Attributes:
         object: Its name, or the file it is from.
         object_options: What a replay must be told of it, such as "--level 3 --unit mm".
-        tree: Its sphere tree.
         mesh: Its triangles, in the same frame; None where it is spheres alone.
-        hand: The hand.
         solver: Options of the solver, the method and the surface among them.
         stress: Options of the random targets.
         seed: Of the random targets.

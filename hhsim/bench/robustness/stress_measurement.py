@@ -1,8 +1,8 @@
 """Measures a case of `hhsim bench stress` block by block, each tick from the hand that it shows."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import BoolArray, FloatArray
 from hhsim.bench.robustness.failure import SAFE_DEPTH, not_finite
 from hhsim.bench.robustness.local_optimality import way_out
 from hhsim.bench.robustness.pieces import hand_distance
@@ -16,9 +16,6 @@ from hhsim.metrics.metrics import Penetration, hand_clearance
 from hhsim.motion.tick_motion import hold_readings
 from hhsim.system.log_histogram import LogHistogram
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-
 DEEP = 1e-5
 """The second depth [m] that ticks are counted over; the first is `SAFE_DEPTH`."""
 BRUTE_EVERY = 997
@@ -31,7 +28,7 @@ FAR = 0.05
 """Clearances from here on [m] are not compared with brute force."""
 
 
-def coupling_force(case: StressCase, haptic: HandConfiguration, record: TickRecord) -> Array:
+def coupling_force(case: StressCase, haptic: HandConfiguration, record: TickRecord) -> FloatArray:
     """What the coupling itself pulls with at each tick [N], shape (T,).
 
     The palm's force, its torque over the reach of the hand, and each joint's torque over the length of its phalanx.
@@ -41,13 +38,12 @@ def coupling_force(case: StressCase, haptic: HandConfiguration, record: TickReco
     Args:
         case: For the hand and its stiffness.
         haptic: Readings of a hand at every tick.
-        record: Of these ticks.
     """
     bend = np.clip(haptic.flexion, case.hand.flexion_min, case.hand.flexion_max) - record.flexion
     joint = case.solver.stiffness.flexion * np.abs(bend) / case.hand.length
     reach = float(case.hand.arrays().reach.max())
     force, torque = (np.linalg.norm(part, axis=1) for part in (record.palm_wrench[:, :3], record.palm_wrench[:, 3:]))
-    whole: Array = force + torque / reach + joint.sum(axis=(1, 2))
+    whole: FloatArray = force + torque / reach + joint.sum(axis=(1, 2))
     return whole
 
 
@@ -71,7 +67,7 @@ class StressMeasure:
         self._before: HandConfiguration | None = None
         self.ticks = 0
 
-    def add(self, motion: HandConfiguration, record: TickRecord, depth: Penetration) -> dict[str, Mask]:
+    def add(self, motion: HandConfiguration, record: TickRecord, depth: Penetration) -> dict[str, BoolArray]:
         """Measure a block; returns which of its ticks failed, shape (T,), by the name of the failure."""
         counts, case = self._counts, self._case
         deepest = [depth.depth, depth.palm, depth.finger]
@@ -120,7 +116,7 @@ class StressMeasure:
         self._before = held.part(motion.ticks - 1, motion.ticks).copy()
         return held
 
-    def _explain(self, haptic: HandConfiguration, record: TickRecord) -> Mask:
+    def _explain(self, haptic: HandConfiguration, record: TickRecord) -> BoolArray:
         stuck = (record.status & STATUS_STUCK) > 0
         unexplained = np.zeros(len(stuck), dtype=bool)
         shown = HandConfiguration.of(record)

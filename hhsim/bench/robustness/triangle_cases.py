@@ -4,8 +4,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.bench.robustness.acceptance import shown_points
 from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome
 from hhsim.bench.robustness.invariance_cases import SAME, to_convergence
@@ -27,8 +27,6 @@ from hhsim.hand.quaternion import quaternion
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.metrics import FROZEN_LIMIT, force_ripple, frozen_decay
 from hhsim.motion.analytic_motion import random_targets, still
-
-Array = NDArray[np.float64]
 
 SHEET = 0.3
 RIM = 0.01
@@ -218,7 +216,7 @@ def _judge_vertex(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
     return [_released(outcomes), *rest]
 
 
-def _sliding(way: Array) -> HandConfiguration:
+def _sliding(way: FloatArray) -> HandConfiguration:
     # The index finger comes down beside the top, slides straight over it, and goes away; its pad touches.
     hand = right_hand()
     turn, bent = quaternion(np.array([-0.3, 0.0, 0.0])), POINTING.copy()

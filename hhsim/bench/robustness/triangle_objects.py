@@ -6,12 +6,11 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from hhsim.arrays import FloatArray
 from hhsim.bench.robustness.sphere_objects import BALL_RADIUS
 from hhsim.mesh.mesh import Mesh
-
-Array = NDArray[np.float64]
 
 SECTIONS = 96
 """Sides of what is round."""
@@ -140,7 +139,7 @@ def strips_mesh(columns: Sequence[float], rows: Sequence[ArrayLike]) -> Mesh:
     return loose_mesh(np.array(corners).reshape(-1, 3, 3))
 
 
-def loose_mesh(corners: Array) -> Mesh:
+def loose_mesh(corners: FloatArray) -> Mesh:
     """Triangles as they are, corners of shape (F, 3, 3) [m]."""
     return Mesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3), name="triangles")
 

@@ -111,8 +111,6 @@ class GloveConfig:
     """A glove as it is to be opened: which, its settings, and what the session adds.
 
     Attributes:
-        kind: Its name.
-        options: Its settings.
         hand: "right" or "left": which hand's glove is used.
         seed: Of what is random in a simulated glove.
         playback: Motion of a glove that plays one.
@@ -153,7 +151,6 @@ def configure(
     """A glove with its settings, and with its calibration read.
 
     Args:
-        kind: Its name.
         hand: "right" or "left".
         seed: As in `GloveConfig`.
         playback: As in `GloveConfig`.

@@ -17,14 +17,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.live.devices.registry import ServedOptions
 from hhsim.live.link.dexmo_codec import CHANNELS
 from hhsim.recordings.dexmo_regression import BEND, LEAST_SPAN, DexmoRegression, read_calibration
-
-Array = NDArray[np.float64]
 
 MOST_NORMALISED = 1.5
 """Channels beyond this are raw counts."""
@@ -90,15 +88,15 @@ class GloveCalibration:
             )
         return self
 
-    def bend_lines(self) -> tuple[Array, Array]:
+    def bend_lines(self) -> tuple[FloatArray, FloatArray]:
         """See `hhsim.live.device.Calibration`."""
         return self.regression.bend_lines()
 
-    def bend_ends(self) -> tuple[Array, Array]:
+    def bend_ends(self) -> tuple[FloatArray, FloatArray]:
         """Readings of the bends in the flat hand and in the fist, each of shape (5,)."""
         return self.regression.open[BENDS], self.regression.closed[BENDS]
 
-    def angles(self, readings: Array) -> tuple[Array, Array] | None:
+    def angles(self, readings: FloatArray) -> tuple[FloatArray, FloatArray] | None:
         """Flexion (5, 3) and abduction (5,) [rad] of finite readings, shape (11,); None where they are of no hand."""
         normalised = self.regression.normalised(readings)
         bends = normalised[BENDS]
@@ -107,13 +105,13 @@ class GloveCalibration:
         whole = np.clip(normalised, *FAR) @ self.regression.slope.T + self.regression.offset
         return whole[:15].reshape(5, 3), whole[15:]
 
-    def bends(self, readings: Array) -> Array | None:
+    def bends(self, readings: FloatArray) -> FloatArray | None:
         """Bends, 0 flat to 1 fist, of readings of each finger's, shape (5, n), NaN where unknown; None: of no hand."""
         low, high = self.bend_ends()
         bends = (readings - low[:, None]) / (high - low)[:, None]
         return None if (bends < FAR[0]).any() or (bends > FAR[1]).any() else bends
 
-    def readings(self, bends: Array, splits: Array | None = None) -> Array:
+    def readings(self, bends: FloatArray, splits: FloatArray | None = None) -> FloatArray:
         """Readings of all channels, shape (11,), from those of the bends and the splits; what is unknown is at rest.
 
         Args:
@@ -214,7 +212,7 @@ def _parse_vendor(text: str, where: str, hand: str, profile: str) -> GloveCalibr
     return GloveCalibration(replace(base, slope=slope), counts, hints, _kept_free(low, high), where)
 
 
-def _narrow(low: Array, high: Array) -> tuple[str, ...]:
+def _narrow(low: FloatArray, high: FloatArray) -> tuple[str, ...]:
     return tuple(
         f"{name} spans {abs(b - a):.0f} counts of {MOST_COUNT:.0f}: it says little"
         for name, a, b in zip(CHANNELS, low, high)
@@ -222,11 +220,11 @@ def _narrow(low: Array, high: Array) -> tuple[str, ...]:
     )
 
 
-def _kept_free(low: Array, high: Array) -> tuple[int, ...]:
+def _kept_free(low: FloatArray, high: FloatArray) -> tuple[int, ...]:
     return tuple(finger for finger, k in enumerate(BEND) if abs(high[k] - low[k]) < LEAST_SPAN)
 
 
-def _ends(where: str, value: Any) -> Array:
+def _ends(where: str, value: Any) -> FloatArray:
     table = {key.replace("little_", "pinky_"): number for key, number in _table(where, value).items()}
     found = []
     for name in CHANNELS:

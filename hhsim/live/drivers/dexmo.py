@@ -79,7 +79,6 @@ class DexmoGlove(GloveDevice):
         self._waiting: deque[GloveMessage] = deque()
         self._received_ns = 0
         self._malformed_run = 0
-        self._seq = 0
         self._lost: DeviceError | None = None
         self._stiffness = list(UNKNOWN_STIFFNESS)
         self._battery = UNKNOWN
@@ -319,15 +318,6 @@ class DexmoGlove(GloveDevice):
         good = found is not None
         if found is not None:
             self._flexion, self._abduction = found
-        row["seq"] = self._seq
-        row["time_ns"] = self._received_ns
-        row["device_time_ns"] = row["device_seq"] = UNKNOWN
-        row["battery"] = self._battery
-        row["good"] = good
-        row["channels"][: len(CHANNELS)] = readings
-        row["channels"][len(CHANNELS) :] = math.nan
-        row["flexion"], row["abduction"] = self._flexion, self._abduction
-        self._seq += 1
-        self.counters.samples += good
-        self.counters.rejected += not good
+        angles = self._flexion, self._abduction
+        self._write_sample(row, self._received_ns, good, readings, angles, battery=self._battery)
         return 1

@@ -4,7 +4,6 @@ Sixteen encoders come from the main board, by a serial line or as datagrams; the
 servos, as datagrams. A sample is made of each reading of the encoders, with the newest angles of the servos.
 """
 
-import math
 import time
 from collections import deque
 from collections.abc import Iterator
@@ -13,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.live.device import (
     FINGER_COUNT,
@@ -27,7 +27,6 @@ from hhsim.live.device import (
 from hhsim.live.devices.doglove import DogloveOptions
 from hhsim.live.devices.registry import GloveConfig
 from hhsim.live.link.doglove_codec import (
-    ENCODERS,
     SERVOS,
     Encoders,
     FrameStream,
@@ -37,15 +36,12 @@ from hhsim.live.link.doglove_codec import (
 from hhsim.live.link.serial import SerialLink
 from hhsim.live.link.udp import UdpPort
 
-Array = NDArray[np.float64]
-
 SILENCE_NS = 500_000_000
 """A glove whose encoders say nothing for so long is gone [ns]; input is stale long before."""
 SERVO_STALE_NS = 100_000_000
 """Angles of the servos that are older make no sample that may be used [ns]."""
 MOST_DEGREES = 180.0
 """No joint of a hand is beyond this."""
-THUMB_ROTATE = 3
 DIP, PIP, SPLIT = np.array([0, 4, 7, 10, 13]), np.array([1, 5, 8, 11, 14]), np.array([2, 6, 9, 12, 15])
 """Which encoder is which, thumb to little finger: of the joint next to the tip, of the one before, of the spread."""
 CHANNELS = (
@@ -81,7 +77,7 @@ class Doglove(GloveDevice):
         self._servo = np.full(SERVOS, np.nan)
         self._servo_ns = self._heard_ns = 0
         self._waiting: deque[tuple[Encoders, int]] = deque()
-        self._seq = self._reopened = 0
+        self._reopened = 0
         self.counters = DeviceCounters()
 
     def open(self, timeout: float = 5.0) -> None:
@@ -187,18 +183,9 @@ class Doglove(GloveDevice):
         good = fresh and bool(
             np.isfinite(degrees).all() and (np.abs(flexion) <= MOST_DEGREES).all() and (np.abs(abduction) <= 90.0).all()
         )
-        row["seq"] = self._seq
-        row["time_ns"] = now
-        row["device_time_ns"] = 1_000_000 * encoders.milliseconds if encoders.milliseconds >= 0 else UNKNOWN
-        row["device_seq"] = row["battery"] = UNKNOWN
-        row["good"] = good
-        row["channels"] = math.nan
-        row["channels"][:ENCODERS] = degrees
-        row["channels"][ENCODERS : ENCODERS + SERVOS] = servo
-        row["flexion"], row["abduction"] = np.radians(flexion), np.radians(abduction)
-        self._seq += 1
-        self.counters.samples += good
-        self.counters.rejected += not good
+        stamp = 1_000_000 * encoders.milliseconds if encoders.milliseconds >= 0 else UNKNOWN
+        angles = np.radians(flexion), np.radians(abduction)
+        self._write_sample(row, now, good, np.concatenate([degrees, servo]), angles, device_time_ns=stamp)
 
     def _in_vain(self, timeout: float) -> str:
         missing = "reading of the encoders" if not self._waiting else "angle of the servos"
@@ -207,7 +194,7 @@ class Doglove(GloveDevice):
         return f"{self._name}: no {missing} came within {timeout:g} s: {hint}"
 
 
-def servo_zero(text: str) -> Array:
+def servo_zero(text: str) -> FloatArray:
     """What the servos read with a flat hand [deg], shape (5,).
 
     Raises:
@@ -222,7 +209,7 @@ def servo_zero(text: str) -> Array:
     return zero
 
 
-def hand_angles(encoders: Array, bend: Array) -> tuple[Array, Array]:
+def hand_angles(encoders: FloatArray, bend: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Joints of the hand [deg] from what the glove reads.
 
     Args:

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.live.device import (
     FINGER_COUNT,
-    UNKNOWN,
     Capability,
     DeviceCounters,
     DeviceError,
@@ -82,7 +82,6 @@ class OpenGlovesGlove(GloveDevice):
         self._lost: DeviceError | None = None
         self._malformed_run = 0
         self._overlong = 0
-        self._seq = 0
         self.counters = DeviceCounters()
 
     def open(self, timeout: float = 5.0) -> None:
@@ -238,16 +237,8 @@ class OpenGlovesGlove(GloveDevice):
             self.counters.other += 1
             return 0
         good = self._angles(found)
-        row["seq"] = self._seq
-        row["time_ns"] = now
-        row["device_time_ns"] = row["device_seq"] = row["battery"] = UNKNOWN
-        row["good"] = good
-        row["channels"] = math.nan
-        row["channels"][:30] = (*found.curl, *found.splay, *(value for bones in found.joints for value in bones))
-        row["flexion"], row["abduction"] = self._flexion, self._abduction
-        self._seq += 1
-        self.counters.samples += good
-        self.counters.rejected += not good
+        channels = (*found.curl, *found.splay, *(value for bones in found.joints for value in bones))
+        self._write_sample(row, now, good, channels, (self._flexion, self._abduction))
         return 1
 
     def _angles(self, line: GloveLine) -> bool:
@@ -269,7 +260,7 @@ class OpenGlovesGlove(GloveDevice):
         return True
 
 
-def our_joints(line: GloveLine) -> NDArray[np.float64]:
+def our_joints(line: GloveLine) -> FloatArray:
     """Readings of our three joints of each finger, shape (5, 3), NaN where the glove does not send them."""
     bones = np.array(line.joints)
     # Our first joint is the knuckle, which moves the proximal bone; gloves without a distal sensor number from the

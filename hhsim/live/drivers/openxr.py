@@ -6,23 +6,22 @@ shaken: its motors take powers, the size of the force on a finger by the force o
 """
 
 import math
+import struct
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.live.device import FINGER_COUNT, Capability, FingerCommand, GloveInfo, PalmReading
 from hhsim.live.devices.manus import ManusOptions
 from hhsim.live.devices.registry import GloveConfig, ReachedOptions
 from hhsim.live.drivers.packet_glove import PacketGlove
-from hhsim.live.link.haptic_command import encode_haptic_command
 from hhsim.live.link.udp_codec import Kind, Packet
 
 if TYPE_CHECKING:
     from hhsim.live.drivers.tracked_hand import TrackedHand
-
-Array = NDArray[np.float64]
 
 NO_POWER = (0.0,) * FINGER_COUNT
 
@@ -56,7 +55,7 @@ class OpenXrHand(PacketGlove):
         self._fit = TrackedHand(self._hand)
         super().open(timeout)
 
-    def _take(self, values: Array, now_ns: int) -> bool:
+    def _take(self, values: FloatArray, now_ns: int) -> bool:
         fit, palm = self._fit, self.palm
         if not fit.take(values):
             return False
@@ -64,7 +63,7 @@ class OpenXrHand(PacketGlove):
         palm.position[:], palm.orientation[:], palm.came_ns = fit.position, fit.orientation, now_ns
         return True
 
-    def _channels(self, values: Array) -> Array:
+    def _channels(self, values: FloatArray) -> FloatArray:
         return self._fit.joints.ravel()
 
     def _describe(self, first: Packet) -> GloveInfo:
@@ -105,3 +104,31 @@ class ManusGlove(OpenXrHand):
             if np.isfinite(size).all():
                 powers = tuple(np.minimum(size, 1.0).tolist())
         return encode_haptic_command(self._hand, powers)
+
+
+_BEFORE = struct.Struct("<I4Hi3I")
+_FIVE = struct.Struct("<5f")
+_HEAD = _BEFORE.pack(12, 8, 12, 4, 8, 8, 32, 4, 5)
+_TAIL = {name: struct.pack("<I8s", len(name), name.encode()) for name in ("left", "right")}
+
+
+def encode_haptic_command(endpoint: str, powers: Sequence[float]) -> bytes:
+    """The bytes of a `HapticCommand`, what the glove plugins of NVIDIA's Isaac Teleop take: an endpoint and its powers.
+
+    A FlatBuffers table of two fields, `endpoint` (string, id 0) and `values` (vector of float32, id 1): facts of
+    `src/core/schema/fbs/haptic_command.fbs` and of the plugin `src/plugins/manus` of github.com/NVIDIA/IsaacTeleop
+    (Apache-2.0), and of FlatBuffers' internals. Bytes are those of FlatBuffers' own builder.
+
+    | bytes | what, little-endian |
+    |---|---|
+    | 0 | uint32, where the table is: 12 |
+    | 4 | its vtable, uint16: own size 8, table's size 12, endpoint at 4 in the table, values at 8 |
+    | 12 | the table: int32 back to the vtable 8; uint32 on to the endpoint 32; uint32 on to the values 4 |
+    | 24 | the values: uint32 5, then five float32, thumb to little finger, 0 to 1 |
+    | 48 | the endpoint: uint32 length, its letters, zeros to a multiple of four, one at least |
+
+    Args:
+        endpoint: "left" or "right".
+        powers: Of the five motors, 0 to 1, thumb to little finger.
+    """
+    return _HEAD + _FIVE.pack(*powers) + _TAIL[endpoint]

@@ -1,7 +1,6 @@
 """What the gloves share whose samples come in the open packet of `hhsim.live.link.udp_codec`."""
 
 import contextlib
-import math
 import os
 import socket
 import time
@@ -12,6 +11,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.live.device import (
     FINGER_COUNT,
     UNKNOWN,
@@ -61,7 +61,6 @@ class PacketGlove(GloveDevice):
         self._told = False
         self._waiting: deque[tuple[Packet, int]] = deque()
         self._heard_ns = 0
-        self._seq = 0
         self._flexion, self._abduction = np.zeros((FINGER_COUNT, 3)), np.zeros(FINGER_COUNT)
         self.counters = DeviceCounters()
         self._known = False
@@ -75,10 +74,10 @@ class PacketGlove(GloveDevice):
         """
 
     @abstractmethod
-    def _take(self, values: NDArray[np.float64], now_ns: int) -> bool:
+    def _take(self, values: FloatArray, now_ns: int) -> bool:
         """Take the numbers of a sample as `_flexion` and `_abduction`; False where they are those of no hand."""
 
-    def _channels(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _channels(self, values: FloatArray) -> FloatArray:
         """What of a sample's numbers is recorded."""
         return values
 
@@ -226,16 +225,14 @@ class PacketGlove(GloveDevice):
     def _store(self, packet: Packet, now: int, row: np.void) -> None:
         values = packet.values.astype(np.float64)
         good = self._take(values, now)
-        row["seq"] = self._seq
-        row["time_ns"] = now
-        row["device_time_ns"] = packet.t_ns if packet.t_ns < 2**63 else UNKNOWN
-        row["device_seq"] = self._answers = packet.seq
-        row["battery"] = packet.battery if 0 <= packet.battery <= 100 else UNKNOWN
-        row["good"] = good
-        channels = self._channels(values)
-        row["channels"] = math.nan
-        row["channels"][: channels.size] = channels
-        row["flexion"], row["abduction"] = self._flexion, self._abduction
-        self._seq += 1
-        self.counters.samples += good
-        self.counters.rejected += not good
+        self._answers = packet.seq
+        self._write_sample(
+            row,
+            now,
+            good,
+            self._channels(values),
+            (self._flexion, self._abduction),
+            device_time_ns=packet.t_ns if packet.t_ns < 2**63 else UNKNOWN,
+            device_seq=packet.seq,
+            battery=packet.battery if 0 <= packet.battery <= 100 else UNKNOWN,
+        )

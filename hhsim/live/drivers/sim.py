@@ -11,10 +11,10 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.live.device import (
     FINGER_COUNT,
-    UNKNOWN,
     Capability,
     DeviceCounters,
     FingerCommand,
@@ -25,8 +25,6 @@ from hhsim.live.device import (
 from hhsim.live.devices.registry import GloveConfig
 from hhsim.live.devices.sim import SimOptions
 from hhsim.recordings.dexmo_regression import BEND, DexmoRegression
-
-Array = NDArray[np.float64]
 
 MOTOR_STIFFNESS = 20.0
 """Of the motor at stiffness 1 against the user's muscle."""
@@ -100,7 +98,6 @@ class SimGlove(NothingHeld, GloveDevice):
             self._next += 1
             count += 1
         self.counters.frames += count
-        self.counters.samples += count
         return count
 
     def _fill(self, sample: np.void, now: int) -> None:
@@ -111,19 +108,11 @@ class SimGlove(NothingHeld, GloveDevice):
         self._held_back += self._follow * (beyond * motor / (1.0 + motor) - self._held_back)
         counts = np.round(self._random.standard_normal(FINGER_COUNT))
         felt = np.round(COUNTS * (bend - self._held_back)) + counts
-        sample["seq"] = self._seq
-        self._seq += 1
-        sample["device_seq"] = self._next
-        sample["time_ns"] = now
-        sample["device_time_ns"] = round(1e9 * self._next * self._period)
-        sample["battery"] = UNKNOWN
-        sample["good"] = True
-        sample["channels"] = np.nan
-        sample["channels"][:FINGER_COUNT] = felt / COUNTS
-        sample["flexion"] = flexion + (felt / COUNTS - bend)[:, None] * self._slope
-        sample["abduction"] = abduction
+        angles = flexion + (felt / COUNTS - bend)[:, None] * self._slope, abduction
+        stamp = round(1e9 * self._next * self._period)
+        self._write_sample(sample, now, True, felt / COUNTS, angles, device_time_ns=stamp, device_seq=self._next)
 
-    def _wanted(self, elapsed: float) -> tuple[Array, Array]:
+    def _wanted(self, elapsed: float) -> tuple[FloatArray, FloatArray]:
         """Flexion (5, 3) and abduction (5,) [rad] that the user is at without a motor."""
         if self._playback is not None:
             motion = self._playback.trajectory

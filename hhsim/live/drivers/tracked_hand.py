@@ -6,8 +6,8 @@ differ in it.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.hand.tracked_hand import OurHand, fit_tracked_hand
 from hhsim.kernels.jit import as_argument
@@ -16,8 +16,6 @@ from hhsim.recordings.finger_ik import finger_axes, middle_of_knuckles, palm_in_
 from hhsim.recordings.frames import world_matrix
 from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS
 from hhsim.recordings.joint_positions import HAND_LENGTHS
-
-Array = NDArray[np.float64]
 
 FARTHEST = 100.0
 """A joint beyond [m] was sent in another unit."""
@@ -31,9 +29,6 @@ _USED = np.array([NUMBERS * OPENXR_JOINTS.index(name) + PLACE + k for name in KE
 
 class TrackedHand:
     """The fit of our hand.
-
-    Args:
-        side: Which hand.
 
     Attributes:
         joints: Of the last sample, where the runtime said they are: wrist, then thumb to little finger from base to tip
@@ -59,7 +54,7 @@ class TrackedHand:
         self._found = (np.zeros(3), np.zeros(4), np.zeros((5, 3)), np.zeros(5))
         fit_tracked_hand(self.joints, self._ours, self._turn, *self._found)
 
-    def take(self, numbers: Array) -> bool:
+    def take(self, numbers: FloatArray) -> bool:
         """Fit our hand to a sample; False where its joints are those of no hand.
 
         Args:

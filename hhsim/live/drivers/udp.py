@@ -5,8 +5,8 @@ import time
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.live.device import FINGER_COUNT, Capability, FingerCommand, GloveInfo
 from hhsim.live.devices.registry import GloveConfig
@@ -65,7 +65,7 @@ class UdpGlove(PacketGlove):
             answers=self._answers,
         )
 
-    def _take(self, values: NDArray[np.float64], now_ns: int) -> bool:
+    def _take(self, values: FloatArray, now_ns: int) -> bool:
         if not np.isfinite(values).all():
             return False
         if self._kind is Kind.JOINTS:
@@ -115,7 +115,7 @@ class UdpGlove(PacketGlove):
         )
 
 
-def limited(force: NDArray[np.float64], most: float) -> NDArray[np.float64]:
+def limited(force: FloatArray, most: float) -> FloatArray:
     """Forces [N], shape (5, 3), none longer than `most` [N], in their directions; all 0 where one is not finite."""
     size = np.sqrt((force * force).sum(axis=1, keepdims=True))
     if not np.isfinite(size).all():

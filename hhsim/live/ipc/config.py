@@ -7,9 +7,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.model import HandModel
 from hhsim.live.device import FINGER_COUNT
@@ -22,8 +20,6 @@ from hhsim.recordings.dexmo_regression import DexmoRegression
 from hhsim.result.safety import AFTER_STALL
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.sphere_tree import SphereTree
-
-Array = NDArray[np.float64]
 
 RATE_RANGE = (10.0, 10_000.0)
 """Ticks per second [Hz] that a loop is asked for."""
@@ -123,7 +119,6 @@ class LiveSetup:
     Attributes:
         mesh: The object's surface [m], world frame.
         tree: Its sphere tree, world frame.
-        hand: The hand.
         options: Of the solver; its period is that of the rate.
         device: Which glove; its calibration says what a bend is in angles, and so makes the set points.
         pose: Where the palm's pose comes from.
@@ -182,7 +177,7 @@ class LiveSetup:
 
         return contact_surface(self.options.surface, self.mesh, self.tree).arrays
 
-    def bend_lines(self) -> tuple[Array, Array]:
+    def bend_lines(self) -> tuple[FloatArray, FloatArray]:
         """See `Calibration.bend_lines`; the default regression's for a glove without a calibration."""
         return (self.device.calibration or DexmoRegression.default()).bend_lines()
 

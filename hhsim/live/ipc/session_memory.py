@@ -14,8 +14,8 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import AnyArray
 from hhsim.live.device import GLOVE_SAMPLE
 from hhsim.live.ipc.status import LIVE_STATUS
 from hhsim.live.shared_memory import SharedBlock, SharedRing
@@ -178,9 +178,9 @@ class SessionMemory:
         """The command line's options of a child that is to attach."""
         return [word for name, value in self.descriptors._asdict().items() for word in (f"--{name}", str(value))]
 
-    def field(self, name: str) -> NDArray[Any]:
+    def field(self, name: str) -> AnyArray:
         """One field of the status as an array whose first axis has length 1; faster in a tick than by the record."""
-        column: NDArray[Any] = self.status_block.array[name]
+        column: AnyArray = self.status_block.array[name]
         return column
 
     def log(self, level: int, text: str, time_ns: int | None = None) -> None:

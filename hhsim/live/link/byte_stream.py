@@ -85,7 +85,6 @@ class ByteLink(ABC):
         """Send all of it or nothing, without waiting.
 
         Args:
-            data: To send.
             urgent: Also to a peer that is slow to take what it was sent.
 
         Returns:

@@ -61,7 +61,6 @@ class GloveMessage(NamedTuple):
     """What one glove says in a frame.
 
     Attributes:
-        device_id: Of the glove.
         channels: In the order of `CHANNELS`, None without hand data. They may be NaN or infinite.
         right: Whether it is a right hand's, None where the frame does not say it.
         battery: Charge [%], None where the frame does not say it.
@@ -77,7 +76,6 @@ class Impedance(NamedTuple):
     """What the fingers of one glove are told.
 
     Attributes:
-        device_id: Of the glove.
         stiffness: Of each finger from thumb to little finger, 0 (free) to 1.
         set_point: Bend at which a force begins, 0 to 1; positive against closing, negative against opening.
         kept: The server may not drop the command for a newer one (has_index).

@@ -7,11 +7,9 @@ import struct
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.live.link.udp_codec import PacketError
-
-Array = NDArray[np.float64]
 
 HEADER = b"\xaa\x55\x00\x00"
 FRAME_BYTES = 76
@@ -35,7 +33,7 @@ class Encoders(NamedTuple):
         milliseconds: The board's clock, modulo 65,536; -1 where a datagram brought it.
     """
 
-    degrees: Array
+    degrees: FloatArray
     milliseconds: int = -1
 
 
@@ -68,7 +66,7 @@ def decode_encoders(data: bytes) -> Encoders:
     return Encoders(_floats(data, ENCODERS))
 
 
-def decode_servos(data: bytes) -> Array:
+def decode_servos(data: bytes) -> FloatArray:
     """Read a datagram of the servos' angles [deg], shape (5,), thumb to little finger.
 
     Raises:
@@ -77,10 +75,10 @@ def decode_servos(data: bytes) -> Array:
     return _floats(data, SERVOS)
 
 
-def _floats(data: bytes, count: int) -> Array:
+def _floats(data: bytes, count: int) -> FloatArray:
     if len(data) != 4 * count:
         raise FrameError(f"{len(data)} bytes; expected {4 * count}, {count} numbers")
-    numbers: Array = np.frombuffer(data, _DATAGRAM).astype(np.float64)
+    numbers: FloatArray = np.frombuffer(data, _DATAGRAM).astype(np.float64)
     return numbers
 
 

@@ -89,34 +89,9 @@ def parse_line(line: bytes) -> GloveLine | None:
     )
 
 
-def format_line(line: GloveLine) -> bytes:
-    """The bytes of a sample, with its end; numbers that are not known are left out. What a fake glove sends."""
-    words = [f"{key}{value:.0f}" for key, value in zip(FINGER_KEYS, line.curl) if math.isfinite(value)]
-    words += [f"({key}B){value:.0f}" for key, value in zip(FINGER_KEYS, line.splay) if math.isfinite(value)]
-    words += [
-        f"({key}A{bone}){value:.0f}"
-        for key, bones in zip(FINGER_KEYS, line.joints)
-        for bone, value in zip("ABCD", bones)
-        if math.isfinite(value)
-    ]
-    return ("".join(words) + "\n").encode()
-
-
 def format_limits(limits: Sequence[int]) -> bytes:
     """The bytes of a command: five numbers, 0 free to 1000 blocked fully extended."""
     return ("".join(f"{key}{value:d}" for key, value in zip(FINGER_KEYS, limits)) + "\n").encode()
-
-
-def parse_limits(line: bytes) -> tuple[int, ...]:
-    """Read a command, as a glove does; negative where it leaves a finger as it is.
-
-    Raises:
-        LineError: Not of the format, or only some of the fingers.
-    """
-    found = parse_line(line)
-    if found is None:
-        raise LineError(f"{line[:40]!r}: no fingers")
-    return tuple(int(value) for value in found.curl)
 
 
 class LineStream:

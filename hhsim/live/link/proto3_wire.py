@@ -115,7 +115,6 @@ def encode(schema: Schema, message: Mapping[str, Any]) -> bytes:
     """The bytes of a message: fields in their order, numbers that are at their default left out.
 
     Args:
-        schema: Of the message.
         message: Fields that it does not have are at their default.
 
     Raises:

@@ -121,7 +121,6 @@ class TcpLink(ByteLink):
         """Send all of it on this connection or else on a fresh one, which then is this one; never raises.
 
         Args:
-            data: To send.
             timeout: Longest wait [s].
 
         Returns:

@@ -171,7 +171,6 @@ class PacketOrder:
         """Whether this datagram is newer than all before it.
 
         Args:
-            session, seq: Of the datagram.
             now_ns: When it came [ns].
         """
         if session != self._session:

@@ -3,18 +3,17 @@
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.live.pose.registry import PoseConfig, PoseSource
 
 if TYPE_CHECKING:
     from hhsim.live.shared_memory import SharedBlock
 
-Array = NDArray[np.float64]
 
-
-def checked_pose(position: ArrayLike, orientation: ArrayLike) -> tuple[Array, Array]:
+def checked_pose(position: ArrayLike, orientation: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Position [m] and unit quaternion (w, x, y, z).
 
     Raises:
@@ -45,7 +44,7 @@ class FixedPose(PoseSource):
         self.name = "fixed pose"
         self._position, self._orientation = checked_pose(config.position, config.orientation)
 
-    def read(self, now_ns: int, position_out: Array, orientation_out: Array) -> int:
+    def read(self, now_ns: int, position_out: FloatArray, orientation_out: FloatArray) -> int:
         """See `PoseSource.read`."""
         position_out[:] = self._position
         orientation_out[:] = self._orientation

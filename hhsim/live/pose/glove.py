@@ -3,16 +3,14 @@
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.live.pose.fixed import checked_pose
 from hhsim.live.pose.registry import PoseConfig, PoseSource
 
 if TYPE_CHECKING:
     from hhsim.live.device import GloveDevice
-
-Array = NDArray[np.float64]
 
 
 class GlovePose(PoseSource):
@@ -29,7 +27,6 @@ class GlovePose(PoseSource):
     """
 
     name = "pose of the glove"
-    may_stop = True
 
     def __init__(self, config: PoseConfig, glove: "GloveDevice | None" = None) -> None:
         """Nothing is read yet."""
@@ -37,9 +34,9 @@ class GlovePose(PoseSource):
             raise InputError("pose glove: this glove does not say where the palm is; expected openxr or manus")
         self._palm = glove.palm
         self._begin = checked_pose(config.position, config.orientation)[0]
-        self._first: Array | None = None
+        self._first: FloatArray | None = None
 
-    def read(self, now_ns: int, position_out: Array, orientation_out: Array) -> int:
+    def read(self, now_ns: int, position_out: FloatArray, orientation_out: FloatArray) -> int:
         """See `PoseSource.read`."""
         palm = self._palm
         if palm.came_ns >= 0:

@@ -1,8 +1,8 @@
 """Where the palm is at an object when nobody says: as five fingers grasp it."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion_from_matrix
@@ -10,17 +10,14 @@ from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.synthesis import planned
 from hhsim.trees.sphere_tree import SphereTree
 
-Array = NDArray[np.float64]
-
 ABOVE = 0.05
 """The palm is this far above an object that no hand can grasp [m]."""
 
 
-def palm_place(hand: HandModel, tree: SphereTree, back: float = 0.0) -> tuple[Array, Array]:
+def palm_place(hand: HandModel, tree: SphereTree, back: float = 0.0) -> tuple[FloatArray, FloatArray]:
     """Find a place for the palm.
 
     Args:
-        hand: Which hand.
         tree: The object, world frame.
         back: How far the palm is drawn back from where the fingers grasp [m].
 

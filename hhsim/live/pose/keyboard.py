@@ -8,8 +8,9 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.kernels.rotation import rotate_quaternion, rotation_vector_between
 from hhsim.live.pose.fixed import checked_pose
@@ -17,8 +18,6 @@ from hhsim.live.pose.registry import PoseConfig, PoseSource
 
 if TYPE_CHECKING:
     from hhsim.live.shared_memory import SharedBlock
-
-Array = NDArray[np.float64]
 
 MOVES: dict[str, tuple[float, float, float]] = {
     "a": (-1.0, 0.0, 0.0),
@@ -76,8 +75,8 @@ class PalmKeys:
 
     def __init__(self, position: ArrayLike, orientation: ArrayLike) -> None:
         """The palm rests where it begins."""
-        self.position: Array = np.array(position, np.float64)
-        self.orientation: Array = np.array(orientation, np.float64)
+        self.position: FloatArray = np.array(position, np.float64)
+        self.orientation: FloatArray = np.array(orientation, np.float64)
         self._home = (self.position.copy(), self.orientation.copy())
         self._target = (self.position.copy(), self.orientation.copy())
         self._step = 2
@@ -153,7 +152,7 @@ class KeyboardPose(PoseSource):
         self._record = status.array[0]
         self._seen = 0
 
-    def read(self, now_ns: int, position_out: Array, orientation_out: Array) -> int:
+    def read(self, now_ns: int, position_out: FloatArray, orientation_out: FloatArray) -> int:
         """See `PoseSource.read`."""
         version = int(self._record["pose_version"])
         if version != self._seen and version % 2 == 0:
@@ -187,7 +186,7 @@ def write_keyboard_pose(status: "SharedBlock", position: ArrayLike, orientation:
     record["pose_version"] += 1
 
 
-def _turned(orientation: Array, vector: Array) -> tuple[float, float, float]:
+def _turned(orientation: FloatArray, vector: FloatArray) -> tuple[float, float, float]:
     """A vector of the palm frame in the world's."""
     w, axis = orientation[0], orientation[1:]
     across = 2.0 * np.cross(axis, vector)

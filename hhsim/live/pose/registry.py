@@ -11,9 +11,7 @@ from typing import TYPE_CHECKING
 from hhsim.errors import UnknownNameError
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
+    from hhsim.arrays import FloatArray
     from hhsim.live.device import GloveDevice
     from hhsim.live.playback import Playback
     from hhsim.live.shared_memory import SharedBlock
@@ -80,8 +78,6 @@ class PoseSource(ABC):
     """Gives the palm's pose in the world frame; `read` never blocks."""
 
     name: str
-    may_stop: bool = False
-    """Whether the source can go silent, so that its age counts as the input's."""
 
     def open(self) -> None:
         """Connect, where there is something to connect to.
@@ -96,7 +92,7 @@ class PoseSource(ABC):
         return ()
 
     @abstractmethod
-    def read(self, now_ns: int, position_out: "NDArray[np.float64]", orientation_out: "NDArray[np.float64]") -> int:
+    def read(self, now_ns: int, position_out: "FloatArray", orientation_out: "FloatArray") -> int:
         """Write the newest pose.
 
         Args:
@@ -120,7 +116,6 @@ def make_pose_source(
     """The source, not yet opened.
 
     Args:
-        config: Which.
         status: Block of `LIVE_STATUS`, which `keyboard` reads.
         glove: The session's, which `glove` asks.
 

@@ -3,15 +3,13 @@
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.live.pose.registry import PoseConfig, PoseSource
 
 if TYPE_CHECKING:
     from hhsim.live.shared_memory import SharedBlock
-
-Array = NDArray[np.float64]
 
 
 class ReplayPose(PoseSource):
@@ -32,7 +30,7 @@ class ReplayPose(PoseSource):
         self.name = f"replay of {config.playback.trajectory.name or 'a motion'}"
         self._playback = config.playback
 
-    def read(self, now_ns: int, position_out: Array, orientation_out: Array) -> int:
+    def read(self, now_ns: int, position_out: FloatArray, orientation_out: FloatArray) -> int:
         """See `PoseSource.read`."""
         motion = self._playback.trajectory
         before, after, share = self._playback.place(self._playback.elapsed(now_ns))

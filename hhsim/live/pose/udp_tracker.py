@@ -3,16 +3,14 @@
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.live.link.udp import PacketOrder, UdpPort
 from hhsim.live.link.udp_codec import Kind
 from hhsim.live.pose.registry import PoseConfig, PoseSource
 
 if TYPE_CHECKING:
     from hhsim.live.shared_memory import SharedBlock
-
-Array = NDArray[np.float64]
 
 FARTHEST = 100.0
 """A palm beyond [m] was sent in millimetres."""
@@ -30,8 +28,6 @@ class UdpPose(PoseSource):
     Attributes:
         rejected: Packets of another kind, or with a pose that is none.
     """
-
-    may_stop = True
 
     def __init__(self, config: PoseConfig, status: "SharedBlock | None" = None) -> None:
         """Nothing is opened yet."""
@@ -52,7 +48,7 @@ class UdpPose(PoseSource):
         """See `PoseSource.descriptors`."""
         return () if self._port is None else (self._port.descriptor,)
 
-    def read(self, now_ns: int, position_out: Array, orientation_out: Array) -> int:
+    def read(self, now_ns: int, position_out: FloatArray, orientation_out: FloatArray) -> int:
         """See `PoseSource.read`."""
         if self._port is not None:
             for packet, came in self._port.arrived():
@@ -66,7 +62,7 @@ class UdpPose(PoseSource):
             orientation_out[:] = self._orientation
         return self._came_ns
 
-    def _take(self, values: Array, came: int) -> None:
+    def _take(self, values: FloatArray, came: int) -> None:
         length = float(np.linalg.norm(values[3:]))
         # NaN compares false.
         if (np.abs(values[:3]) <= FARTHEST).all() and abs(length - 1.0) <= UNIT_WITHIN:

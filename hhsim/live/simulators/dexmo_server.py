@@ -18,8 +18,8 @@ import sys
 import time
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import HhsimError
 from hhsim.live.link.dexmo_codec import (
     LENGTH,
@@ -37,11 +37,7 @@ COUNT_LOW, COUNT_SPAN = 700.0, 2400.0
 
 
 class FakeDexmoServer(FakePeer):
-    """The server.
-
-    Args:
-        options: Of the command line.
-    """
+    """The server."""
 
     def __init__(self, options: argparse.Namespace) -> None:
         """Listen."""
@@ -66,7 +62,7 @@ class FakeDexmoServer(FakePeer):
         self._plugged = True
         self._streams: dict[int, MessageStream] = {}
 
-    def send(self, number: int, channels: NDArray[np.float64]) -> None:
+    def send(self, number: int, channels: FloatArray) -> None:
         """See `FakePeer.send`."""
         if self._counts:
             channels = np.round(COUNT_LOW + COUNT_SPAN * channels)

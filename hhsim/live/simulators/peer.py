@@ -27,11 +27,9 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.live.link.dexmo_codec import CHANNELS
-
-Array = NDArray[np.float64]
 
 BENDS = tuple(k for k, name in enumerate(CHANNELS) if name.endswith("_bend"))
 JUMP = 0.9
@@ -67,7 +65,7 @@ class PeerLog:
             os.write(self._file, f"{now_ns} {kind} {text}\n".encode())
 
 
-def fake_channels(seed: int, time: float) -> Array:
+def fake_channels(seed: int, time: float) -> FloatArray:
     """Channels of the made-up motion, 0 to 1.
 
     Args:
@@ -124,7 +122,7 @@ class FakePeer(ABC):
         self._line = line
         self._rate, self._seed = options.rate, options.seed
         self._last = fake_channels(self._seed, 0.0)
-        self._held: Array | None = None
+        self._held: FloatArray | None = None
         self._nans = 0
         self._stalled = self._left = False
         self._unread = b""
@@ -141,7 +139,7 @@ class FakePeer(ABC):
         }
 
     @abstractmethod
-    def send(self, number: int, channels: Array) -> None:
+    def send(self, number: int, channels: FloatArray) -> None:
         """Send the sample of this number, from 0; its channels are of shape (11,)."""
 
     @abstractmethod
@@ -173,7 +171,7 @@ class FakePeer(ABC):
                         self._line.close()
                     return
 
-    def _channels(self, number: int) -> Array:
+    def _channels(self, number: int) -> FloatArray:
         values = fake_channels(self._seed, number / self._rate) if self._held is None else self._held.copy()
         self._last = values.copy()
         self.faulty = self._nans > 0
@@ -205,14 +203,14 @@ class FakePeer(ABC):
             self._left = left
             (self._line.close if left else self._line.open)()
 
-    def _hold(self, channels: Array | None) -> None:
+    def _hold(self, channels: FloatArray | None) -> None:
         self._held = channels
 
     def _break(self, samples: int) -> None:
         self._nans = samples
 
 
-def jumped(channels: Array) -> Array:
+def jumped(channels: FloatArray) -> FloatArray:
     """The channels with all fingers bent or stretched by `JUMP`."""
     beyond = np.where(channels > 0.5, channels - JUMP, channels + JUMP)
     return np.where(np.isin(np.arange(len(channels)), BENDS), beyond, channels)
@@ -223,7 +221,6 @@ def peer_parser(module: str, description: str, rate: float = 200.0) -> argparse.
 
     Args:
         module: Its module, in `hhsim.live.simulators`.
-        description: What it is.
         rate: The usual one [Hz].
     """
     parser = argparse.ArgumentParser(

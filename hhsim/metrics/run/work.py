@@ -1,17 +1,15 @@
 """What the scene modelled, and how much of it a tick had to look at."""
 
 import math
-from typing import Any
 
-from numpy.typing import NDArray
-
+from hhsim.arrays import AnyArray
 from hhsim.metrics.run_metric import RunMetric
 from hhsim.metrics.run_ticks import RunTicks
 
 NODES, PAIRS = "work/node_tests", "work/pair_tests"
 
 
-def _mean(values: NDArray[Any]) -> float:
+def _mean(values: AnyArray) -> float:
     return float(values.mean()) if values.size else math.nan
 
 

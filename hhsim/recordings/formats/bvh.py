@@ -15,8 +15,8 @@ import re
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.trajectory import HandSide
@@ -27,8 +27,6 @@ from hhsim.recordings.recorded_bones import FingerChains, Posture, recorded_bone
 from hhsim.recordings.recording import Recording, note
 from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
 from hhsim.recordings.unit_detection import LENGTH_UNITS
-
-Array = NDArray[np.float64]
 
 WORDS = (
     ("thumb", "thumb"),
@@ -194,7 +192,7 @@ def _wrist(joints: tuple[Joint, ...], chains: dict[str, _Chain]) -> int:
     return shared[0]
 
 
-def _finger_points(bvh: Bvh, chains: dict[str, _Chain], at: Array) -> Array:
+def _finger_points(bvh: Bvh, chains: dict[str, _Chain], at: FloatArray) -> FloatArray:
     """Three joints and tip of each finger in the file's unit, shape (T, 5, 4, 3)."""
     points = np.empty((len(at), len(FINGERS), 4, 3))
     turned = bvh.orientations() if any(chain.tip is None for chain in chains.values()) else None
@@ -210,7 +208,7 @@ def _finger_points(bvh: Bvh, chains: dict[str, _Chain], at: Array) -> Array:
     return points
 
 
-def _scale(fingers: Array, wrist: Array, unit: str | None) -> tuple[float, float, str]:
+def _scale(fingers: FloatArray, wrist: FloatArray, unit: str | None) -> tuple[float, float, str]:
     """Metres a unit, the hand's length [m] and the unit's name.
 
     Raises:

@@ -9,8 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.motion.csv_file import CSV_SUFFIX
 from hhsim.motion.sample_flags import SampleFlag, mark
@@ -21,8 +21,6 @@ from hhsim.recordings.dexmo_regression import CHANNELS, DexmoRegression, calibra
 from hhsim.recordings.mapped_table import mapped
 from hhsim.recordings.recording import Finding, Recording, note
 from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
-
-Array = NDArray[np.float64]
 
 ALIAS = {"pinky_split": "little_split", "pinky_bend": "little_bend"}
 MOST_NORMALISED = 1.5
@@ -79,7 +77,7 @@ def _calibrated(content: Content, options: ReadOptions) -> tuple[Recording, Dexm
     return recording.found(*findings), chosen
 
 
-def _within(recording: Recording, readings: Array, span: tuple[float, float], word: str) -> Array:
+def _within(recording: Recording, readings: FloatArray, span: tuple[float, float], word: str) -> FloatArray:
     inside = (recording.time >= span[0]) & (recording.time <= span[1])
     if not inside.any():
         raise InputError(f"no sample from {span[0]:g} to {span[1]:g} s, where the hand is said to be {word}")
@@ -90,7 +88,6 @@ def calibration_of(path: Path, options: ReadOptions) -> DexmoRegression:
     """The calibration that a recording gives itself by its poses.
 
     Args:
-        path: The file.
         options: With which it is read.
 
     Raises:

@@ -17,8 +17,8 @@ from io import BytesIO
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.motion.npz_arrays import read_npy, read_npz
 from hhsim.motion.trajectory import HandSide
@@ -30,8 +30,6 @@ from hhsim.recordings.recording import Finding, Recording, note
 from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
 from hhsim.recordings.time_column import time_column
 from hhsim.recordings.unit_detection import TIME_UNITS
-
-Array = NDArray[np.float64]
 
 COUNT = len(KEYPOINTS)
 COORDINATES = tuple(f"{axis}{k}" for k in range(COUNT) for axis in "xyz")
@@ -83,7 +81,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     )
 
 
-def _points(array: Any, where: str) -> Array:
+def _points(array: Any, where: str) -> FloatArray:
     """An array as points, shape (T, 21, 3)."""
     try:
         values = np.asarray(array, dtype=np.float64)
@@ -96,7 +94,7 @@ def _points(array: Any, where: str) -> Array:
     raise TrajectoryError(f"{where} has shape {values.shape}; expected (T, {COUNT}, 3) or (T, {3 * COUNT})")
 
 
-def _from_npz(data: bytes) -> tuple[Array, Array | None, str | None]:
+def _from_npz(data: bytes) -> tuple[FloatArray, FloatArray | None, str | None]:
     arrays = read_npz(data)
     if not arrays:
         files = ", ".join(sorted(_entries(data))[:4]) or "nothing"
@@ -128,7 +126,7 @@ def _is_points(value: Any) -> bool:
 
 def _from_json(
     document: Any, wanted: HandSide, findings: list[Finding]
-) -> tuple[Array, Array | None, str | None, HandSide]:
+) -> tuple[FloatArray, FloatArray | None, str | None, HandSide]:
     frames = document
     if isinstance(document, dict):
         lists = [value for value in document.values() if isinstance(value, list)]
@@ -201,7 +199,7 @@ def _numbered_columns(header: tuple[str, ...]) -> dict[HandSide, dict[int, str]]
 
 def _from_table(
     content: Content, wanted: HandSide, findings: list[Finding]
-) -> tuple[Array, Array | None, str | None, HandSide]:
+) -> tuple[FloatArray, FloatArray | None, str | None, HandSide]:
     header = read_header(content.text)
     bare = len(header) == len(COORDINATES) and lacks_names(header)
     table = read_table(content.text, names=COORDINATES if bare else None)

@@ -14,8 +14,8 @@ from collections.abc import Iterator, Mapping
 from typing import Any, Literal, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.sample_flags import SampleFlag
@@ -27,8 +27,6 @@ from hhsim.recordings.lz_string import LETTERS, unpack
 from hhsim.recordings.recorded_bones import FingerChains, Posture, recorded_bones
 from hhsim.recordings.recording import Finding, Recording, note
 from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
-
-Array = NDArray[np.float64]
 
 MILLIMETRE = 1e-3
 MICROSECOND = 1e-6
@@ -188,7 +186,7 @@ def _hand(frame: Mapping[str, Any], side: Literal["right", "left"] | str) -> Map
     return max(hands, key=lambda hand: float(np.nan_to_num(number(hand.get("timeVisible")), nan=0.0)), default=None)
 
 
-def _joints(frame: Mapping[str, Any], hand: Mapping[str, Any]) -> Array:
+def _joints(frame: Mapping[str, Any], hand: Mapping[str, Any]) -> FloatArray:
     """Base, two joints and tip of each finger [mm], shape (5, 4, 3); NaN where missing."""
     joints = np.full((len(FINGERS), len(JOINTS), 3), np.nan)
     for pointable in _objects(frame, "pointables"):

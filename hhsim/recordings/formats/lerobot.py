@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.csv_table import Table
@@ -20,8 +20,6 @@ from hhsim.recordings.joint_positions import JointPositions, chosen_side, record
 from hhsim.recordings.mapped_table import mapped
 from hhsim.recordings.recording import Finding, Recording, note
 from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
-
-Array = NDArray[np.float64]
 
 MAGIC = b"PAR1"
 JOINTS = len(WEBXR_JOINTS)
@@ -115,7 +113,7 @@ def _info(content: Content) -> dict[str, Any]:
     return {}
 
 
-def _episode(columns: dict[str, Any], options: ReadOptions, findings: list[Finding]) -> NDArray[np.int64]:
+def _episode(columns: dict[str, Any], options: ReadOptions, findings: list[Finding]) -> IntArray:
     """Rows of the episode that is asked for, else of the only one."""
     if "episode_index" not in columns:
         if options.episode is not None:
@@ -136,11 +134,11 @@ def _episode(columns: dict[str, Any], options: ReadOptions, findings: list[Findi
 
 def _time(
     columns: dict[str, Any],
-    rows: NDArray[np.int64],
+    rows: IntArray,
     info: dict[str, Any],
     options: ReadOptions,
     findings: list[Finding],
-) -> Array:
+) -> FloatArray:
     if "timestamp" in columns:
         return _numbers(columns, "timestamp", rows)[:, 0]
     rate = options.rate or info.get("fps")
@@ -150,7 +148,7 @@ def _time(
     return np.arange(len(rows)) / rate
 
 
-def _numbers(columns: dict[str, Any], name: str, rows: NDArray[np.int64] | None) -> Array:
+def _numbers(columns: dict[str, Any], name: str, rows: IntArray | None) -> FloatArray:
     """The numbers of a column, nested lists laid flat, shape (T, N); NaN where there is none."""
     cells = columns[name].to_pylist()
     chosen = cells if rows is None else [cells[row] for row in rows]
@@ -174,10 +172,10 @@ def _width(column: Any) -> str:
     return f"{len(_flat(first, 0))}" if isinstance(first, list) else "1"
 
 
-def _table(columns: dict[str, Any], rows: NDArray[np.int64], info: dict[str, Any]) -> Table:
+def _table(columns: dict[str, Any], rows: IntArray, info: dict[str, Any]) -> Table:
     """All numbers as a table, each column named after its feature and its place in it."""
     header: list[str] = []
-    parts: list[Array] = []
+    parts: list[FloatArray] = []
     features = info.get("features")
     for name in columns:
         values = _numbers(columns, name, rows)

@@ -14,8 +14,8 @@ from io import BytesIO
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.quaternion import rotation_vector
 from hhsim.motion.npz_arrays import read_npz
@@ -27,8 +27,6 @@ from hhsim.recordings.recording import Finding, Recording, note
 from hhsim.recordings.recording_format import MANO_READINGS, Content, ReadOptions, RecordingFormat
 from hhsim.recordings.time_column import time_column
 from hhsim.recordings.unit_detection import TIME_UNITS
-
-Array = NDArray[np.float64]
 
 ANGLES = 45
 POSES = ("poses", "pose", "mano_pose", "hand_pose")
@@ -45,12 +43,12 @@ READINGS = {
 class _Poses(NamedTuple):
     """Numbers of a file: stamps, wrist, pose, shape."""
 
-    time: Array | None
+    time: FloatArray | None
     unit: str | None
-    rotation: Array
-    translation: Array | None
-    pose: Array
-    betas: Array
+    rotation: FloatArray
+    translation: FloatArray | None
+    pose: FloatArray
+    betas: FloatArray
     hand: HandSide
     findings: tuple[Finding, ...]
 
@@ -120,7 +118,7 @@ def _reading(count: int, options: ReadOptions) -> str:
     raise TrajectoryError(f"{count} numbers a pose can be read in several ways; say which: --mano-pose {choices}")
 
 
-def _angles(pose: Array, reading: str, model: ManoModel) -> Array:
+def _angles(pose: FloatArray, reading: str, model: ManoModel) -> FloatArray:
     """Rotation vectors of the joints from the flat hand [rad], shape (T, 45)."""
     angles = pose @ model.components[: pose.shape[1]] if reading.startswith("pca") else pose
     return np.asarray(angles + model.mean if reading in ("pca", "axis-angle-mean") else angles)
@@ -182,7 +180,7 @@ def _from_npz(data: bytes) -> _Poses:
     )
 
 
-def _numbers(array: object, key: str) -> Array:
+def _numbers(array: object, key: str) -> FloatArray:
     try:
         return np.array(array, dtype=np.float64)
     except (TypeError, ValueError):

@@ -15,14 +15,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS
 from hhsim.recordings.joint_positions import JointPositions, chosen_side, recording_of_joints
 from hhsim.recordings.recording import Finding, Recording, note
 from hhsim.recordings.recording_format import MOST_BYTES, Content, ReadOptions, RecordingFormat
-
-Array = NDArray[np.float64]
 
 MAGIC = b"\x89MCAP0\r\n"
 SCHEMA, CHANNEL, MESSAGE, CHUNK = 0x03, 0x04, 0x05, 0x06
@@ -118,7 +117,7 @@ def _side(topic: str) -> HandSide:
     return "right" if "right" in words else "left" if "left" in words else ""
 
 
-def _stamps(stamps: list[tuple[int, ...]], findings: list[Finding]) -> Array:
+def _stamps(stamps: list[tuple[int, ...]], findings: list[Finding]) -> FloatArray:
     """When each sample was taken, from the first one on [s]."""
     if all(len(each) == 3 for each in stamps):
         there, taken, device = np.array(stamps, dtype=np.int64).T

@@ -12,8 +12,8 @@ import json
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
 from hhsim.motion.npz_arrays import read_npz
 from hhsim.motion.object_motion import ObjectMotion
@@ -21,8 +21,6 @@ from hhsim.motion.sample_flags import SampleFlag
 from hhsim.recordings.frames import OURS, to_our_palm, to_our_world
 from hhsim.recordings.recording import Finding, Recording, note
 from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
-
-Array = NDArray[np.float64]
 
 QUATERNIONS = {"wrist_quat_wxyz": (0, 1, 2, 3), "wrist_quat": (0, 1, 2, 3), "wrist_quat_xyzw": (3, 0, 1, 2)}
 """Names of the orientation, and where w, x, y, z are in its rows."""
@@ -102,7 +100,7 @@ def _object_motion(arrays: dict[str, Any], count: int) -> ObjectMotion | None:
     return ObjectMotion(_array(arrays, "object_pos", (3,), count), quaternions)
 
 
-def _array(arrays: dict[str, Any], key: str, tail: tuple[int, ...], count: int | None = None) -> Array:
+def _array(arrays: dict[str, Any], key: str, tail: tuple[int, ...], count: int | None = None) -> FloatArray:
     if key not in arrays:
         have = ", ".join(sorted(arrays)[:8]) or "nothing"
         raise TrajectoryError(f"no array '{key}', it holds {have}; expected t, wrist_pos, wrist_quat, flex and abd")

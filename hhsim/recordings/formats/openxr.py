@@ -6,8 +6,8 @@ handed. Unity's z points the other way: there a right hand is a left one's mirro
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.trajectory import HandSide
@@ -25,8 +25,6 @@ from hhsim.recordings.recording import Finding, Recording, note
 from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
 from hhsim.recordings.time_column import time_column
 from hhsim.recordings.unit_detection import TIME_UNITS
-
-Array = NDArray[np.float64]
 
 FEWEST = 4
 """So many joints with coordinates are no coincidence of names."""
@@ -116,19 +114,19 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     )
 
 
-def _from_first(time: Array, unit: str) -> Array:
+def _from_first(time: FloatArray, unit: str) -> FloatArray:
     finite = time[np.isfinite(time)]
     return (time - (finite[0] if finite.size else 0.0)) * TIME_UNITS[unit]
 
 
-def _numbers(table: Table, columns: list[str], findings: list[Finding]) -> Array:
+def _numbers(table: Table, columns: list[str], findings: list[Finding]) -> FloatArray:
     values, broken = table.numbers(columns)
     if broken:
         findings.append(note(f"{broken} cell(s) of {columns[0]} and its like that are no numbers: taken as missing"))
     return values
 
 
-def _truths(table: Table, columns: list[str]) -> Array:
+def _truths(table: Table, columns: list[str]) -> FloatArray:
     words = {"true": 1.0, "false": 0.0, "1": 1.0, "0": 0.0, "1.0": 1.0, "0.0": 0.0}
     return np.array([[words.get(cell.lower(), 1.0) for cell in table.text(column)] for column in columns]).T
 

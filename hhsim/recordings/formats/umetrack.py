@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
 from hhsim.hand.quaternion import quaternion, rotation_matrix
 from hhsim.motion.object_motion import ObjectMotion
@@ -25,8 +25,6 @@ from hhsim.recordings.json_document import keys_of
 from hhsim.recordings.pose_lines import object_beside, read_pose_lines
 from hhsim.recordings.recording import Recording, note
 from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
-
-Array = NDArray[np.float64]
 
 ANGLES = 20
 PROFILE = "*user_profile.json"
@@ -75,7 +73,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     )
 
 
-def hand_points(rest: Array, axes: Array, landmarks: Array, angles: Array) -> Array:
+def hand_points(rest: FloatArray, axes: FloatArray, landmarks: FloatArray, angles: FloatArray) -> FloatArray:
     """The 21 joints in the frame of the wrist, shape (T, 21, 3), in the unit of the profile.
 
     Args:
@@ -101,7 +99,7 @@ def hand_points(rest: Array, axes: Array, landmarks: Array, angles: Array) -> Ar
     return points
 
 
-def _matrices(orientation: Array) -> Array:
+def _matrices(orientation: FloatArray) -> FloatArray:
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.asarray(rotation_matrix(orientation / np.linalg.norm(orientation, axis=1, keepdims=True)))
 
@@ -116,7 +114,7 @@ def _profile_path(content: Content, options: ReadOptions) -> tuple[Path, str]:
     return beside[0], ", which lies beside"
 
 
-def _profile(path: Path) -> tuple[Array, Array, Array]:
+def _profile(path: Path) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Rest positions and axes of the joints, and the landmarks, in metres."""
     try:
         document: Any = json.loads(path.read_bytes())
@@ -135,7 +133,7 @@ def _profile(path: Path) -> tuple[Array, Array, Array]:
     return rest, axes / norm, MILLIMETRE * _numbers(path, model, "landmark_rest_positions", 21)
 
 
-def _numbers(path: Path, model: dict[str, Any], key: str, count: int) -> Array:
+def _numbers(path: Path, model: dict[str, Any], key: str, count: int) -> FloatArray:
     try:
         values = np.array(model.get(key), dtype=np.float64)
     except (TypeError, ValueError):

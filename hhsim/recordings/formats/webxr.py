@@ -13,8 +13,8 @@ from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.frames import turned
@@ -38,8 +38,6 @@ from hhsim.recordings.recording import Finding, Recording, note
 from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
 from hhsim.recordings.time_column import time_column
 from hhsim.recordings.unit_detection import TIME_UNITS
-
-Array = NDArray[np.float64]
 
 NAMED = re.compile(r"(thumb|index|middle)[-_ ]?(finger)?[-_ ]?(phalanx)?[-_ ]?(tip|metacarpal|proximal)", re.IGNORECASE)
 DEEPEST = 8
@@ -118,7 +116,7 @@ class _Stamp(NamedTuple):
     unit: str | None
 
 
-def _stamps(stamps: list[_Stamp], what: str, options: ReadOptions, findings: list[Finding]) -> tuple[Array, bool]:
+def _stamps(stamps: list[_Stamp], what: str, options: ReadOptions, findings: list[Finding]) -> tuple[FloatArray, bool]:
     """Stamps and whether they are seconds."""
     values = np.array([stamp.value for stamp in stamps])
     if not np.isfinite(values).any():

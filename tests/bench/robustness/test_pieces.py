@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 from numpy.typing import NDArray
+from plain_clearance import brute_clearance
 from sphere_scenes import bumpy_ball, cloud
 
 from hhsim.bench.robustness.pieces import (
@@ -23,7 +24,6 @@ from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_s
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object
 from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.brute_force_distance import brute_clearance
 from hhsim.metrics.metrics import hand_clearance
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.verify.tree_checks import winding_number

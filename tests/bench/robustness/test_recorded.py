@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from plain_clearance import brute_clearance
 from recording_samples import smooth_recording
 
 from hhsim.bench.robustness import recorded
@@ -22,7 +23,6 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_STUCK, WORK_TOUCHING
 from hhsim.mesh.catalogue import load_object
-from hhsim.metrics.brute_force_distance import brute_clearance
 from hhsim.motion.file import save_trajectory
 from hhsim.motion.trajectory import Trajectory
 from hhsim.recordings.repair import repair

@@ -13,8 +13,7 @@ from openxr_peer import Haptic, read_haptic
 from hhsim.errors import InputError
 from hhsim.live.device import Capability, FingerCommand
 from hhsim.live.devices.registry import configure, for_release, open_device, open_release
-from hhsim.live.drivers.openxr import ManusGlove
-from hhsim.live.link.haptic_command import encode_haptic_command
+from hhsim.live.drivers.openxr import ManusGlove, encode_haptic_command
 
 BUILT = {
     "left": "0c000000 08000c00 04000800 08000000 20000000 04000000 05000000 00000000 0000803e 0000003f 0000403f"

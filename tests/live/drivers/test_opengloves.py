@@ -25,12 +25,11 @@ from hhsim.live.link.opengloves_codec import (
     LineError,
     LineStream,
     format_limits,
-    format_line,
-    parse_limits,
     parse_line,
 )
 from hhsim.recordings.dexmo_regression import CHANNELS, DexmoRegression
 from tools.fake_gloves import FakeGlove
+from tools.opengloves_board import format_line, parse_limits
 
 COUNT = st.integers(0, 4095).map(float)
 CURLS = st.tuples(*[COUNT] * 5)

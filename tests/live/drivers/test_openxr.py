@@ -152,7 +152,6 @@ def test_the_palm_begins_where_it_is_told_to_and_moves_as_the_hand_does() -> Non
     sample = joint_sample("right")
     with opened(sample, "right") as (glove, headset):
         source = make_pose_source(PoseConfig("glove", position=(0.1, 0.2, 0.3)), None, glove)
-        assert source.may_stop
         position, orientation = np.full(3, 9.0), np.full(4, 9.0)
         assert source.read(time.monotonic_ns(), position, orientation) == -1
         assert (position == 9.0).all()

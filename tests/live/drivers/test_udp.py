@@ -514,7 +514,6 @@ def test_the_example_bridge_speaks_the_packet(stop: signal.Signals) -> None:
 
 def test_the_pose_of_a_tracker_is_the_newest_and_grows_old(bridge: Bridge) -> None:
     source = make_pose_source(PoseConfig(kind="udp", port=bridge.port))
-    assert source.may_stop
     position, orientation = np.full(3, 9.0), np.full(4, 9.0)
     source.open()
     assert source.read(0, position, orientation) == -1

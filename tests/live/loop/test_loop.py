@@ -399,7 +399,6 @@ def test_nothing_is_solved_before_there_is_an_input() -> None:
 def test_a_pose_that_stops_is_stale_input() -> None:
     class Silent(PoseSource):
         name = "silent"
-        may_stop = True
 
         def read(self, now_ns: int, position_out: Array, orientation_out: Array) -> int:
             return min(now_ns, 10**9 + 101 * PERIOD) if now_ns >= 10**9 + 5 * PERIOD else -1

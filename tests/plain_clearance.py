@@ -1,0 +1,42 @@
+"""The clearance of one hand by the library's distances by brute force, body by body."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hhsim.arrays import FloatArray
+from hhsim.metrics.brute_force_distance import palm_spheres, round_cone_distance
+
+
+def brute_clearance(
+    leaf_center: FloatArray,
+    leaf_radius: FloatArray,
+    phalanx_radius: ArrayLike,
+    palm_center: ArrayLike,
+    palm_radius: ArrayLike,
+    joints: ArrayLike,
+    position: ArrayLike,
+    orientation: ArrayLike,
+) -> float:
+    """Least signed distance [m] of one hand to all leaves, NaN for a hand that is nowhere.
+
+    Args:
+        leaf_center: Of the object's leaf spheres [m], world, shape (L, 3).
+        leaf_radius: [m], shape (L,).
+        phalanx_radius: [m], shape (5, 4).
+        palm_center: Of the palm's spheres [m], palm frame, shape (P, 3).
+        palm_radius: [m], shape (P,).
+        joints: [m], world, shape (5, 4, 3).
+        position: Of the palm [m], world, shape (3,).
+        orientation: Palm to world, unit (w, x, y, z), shape (4,).
+    """
+    joint, radius = np.asarray(joints, np.float64), np.asarray(phalanx_radius, np.float64)
+    least = np.inf
+    for finger in range(joint.shape[0]):
+        for k in range(joint.shape[1] - 1):
+            ends, radii = joint[finger, k : k + 2], radius[finger, k : k + 2]
+            distance = round_cone_distance(leaf_center, ends[0], ends[1], float(radii[0]), float(radii[1]))
+            least = float(np.minimum(least, (distance - leaf_radius).min()))
+    for place, size in zip(palm_spheres(palm_center, position, orientation), np.asarray(palm_radius, np.float64)):
+        distance = np.linalg.norm(leaf_center - place, axis=1) - leaf_radius - size
+        least = float(np.minimum(least, distance.min()))
+    return least
