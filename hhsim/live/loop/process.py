@@ -125,6 +125,12 @@ class LoopThread(threading.Thread):
         self.facts = {"device": {name: device[name] for name in DEVICE_FACTS}, "pose": device["pose"]}
         self.failure: BaseException | None = None
 
+    def start(self) -> None:
+        """Start it, and the thread that puts the shown hand where it can begin, which is not in real time."""
+        if self._loop.compiled:
+            threading.Thread(target=self._loop.place, name="hhsim-place", daemon=True).start()
+        super().start()
+
     def run(self) -> None:
         """Become real time, say so, and run the loop."""
         loop, memory = self._loop, self._loop.memory
