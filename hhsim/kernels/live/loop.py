@@ -98,9 +98,10 @@ else:
 
 @jit
 def wake_driver(live: LiveArrays, descriptor: int, now: int) -> None:
-    """Wake the driver for the command, where the last time was long enough ago, or a finger is to be let go."""
+    """Wake the driver for the command where it follows on a sample, lets a finger go, or the last time is long ago."""
     loop = live.loop[0]
-    if descriptor >= 0 and (now - loop.woken_ns >= loop.wake_ns or loop.safety != loop.told):
+    news = loop.arrived_ns >= 0 or loop.safety != loop.told
+    if descriptor >= 0 and (news or now - loop.woken_ns >= loop.wake_ns):
         loop.woken_ns = now
         _wake(descriptor)
 

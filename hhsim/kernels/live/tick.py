@@ -89,14 +89,14 @@ LOOP = np.dtype(
 | asks, solved, status | 1: Python solves this tick; 1: it did, with these status bits, as did who put the hand there |
 | safety, told | bits of this tick, and those that were noted last |
 | latency_ns | from `arrived_ns` to the command, -1 where there is none |
-| wake_ns, woken_ns | the driver is woken for a command once in so long; when it last was |
+| wake_ns, woken_ns | the driver is woken for a command without news once in so long; when it last was |
 | ratio | of the bins of the counted times |
 """
 
 STOP_ASKED, STOP_DURATION, STOP_SIGNAL = 1, 2, 3
 
 NO_HAND, PLACING, PLACED, NOT_PLACED, BEGUN = 0, 1, 2, 3, 4
-"""Nobody knows of a hand; another thread puts the shown hand where it can begin; it has; it failed; ticks go on from it.
+"""No hand is known; another thread puts the shown hand where it can begin; it has; it failed; ticks go on from there.
 
 Until the first tick of the shown hand the user's hand is kept as it was: what a replay begins with is what it sees.
 """

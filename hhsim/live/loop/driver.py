@@ -38,7 +38,7 @@ from hhsim.live.devices.registry import open_device
 from hhsim.live.ipc.session_memory import FAULT, REASON, WARNING, SessionMemory, add_memory_options, attached
 from hhsim.live.ipc.status import DriverSetup, Stage
 from hhsim.live.pose.registry import PoseSource, make_pose_source
-from hhsim.live.real_time import RealTimeWishes, become_ordinary, become_real_time, end_with
+from hhsim.live.real_time import RealTimeWishes, become_ordinary, become_real_time, end_with, keep_off
 from hhsim.live.shared_memory import read_setup
 from hhsim.result.safety import Safety
 
@@ -274,6 +274,7 @@ def drive(driver: GloveDriver, wishes: RealTimeWishes) -> None:
     try:
         driver.open()
         opened = True
+        keep_off(wishes.loop_cpu)
         become_real_time(replace(wishes, lock_memory=False, cpu=-1), above=-1)
         if driver.until_loop(BEGIN):
             driver.run()

@@ -1,7 +1,8 @@
 """A session's loop: its memory, what it is made of, and what it tells; `hhsim.kernels.live` runs and decides.
 
 The ticks run in one compiled call, `run_loop`. It asks Python for two things: to put the shown hand where it can begin,
-which another thread does while the loop goes on, and to solve the ticks of methods and QP solvers that are not compiled.
+which another thread does while the loop goes on, and to solve the ticks of methods and QP solvers that are not
+compiled.
 """
 
 import time
@@ -51,7 +52,7 @@ STEAL_UNREAD = "what the host takes cannot be read in a tick here: periods that 
 PLACE_SECONDS = 0.001
 """Between two looks for a hand that is to be put somewhere."""
 WAKE_NS = 500_000
-"""The driver is woken for a command once in so long, and at once where a finger is let go."""
+"""The driver is woken for a command so often, and at once for one with news; more often, it would do nothing else."""
 REFUSED = np.dtype(
     [("channels", np.float64, (MOST_CHANNELS,)), ("known", np.int64, (MOST_CHANNELS,))],
     align=True,
@@ -155,7 +156,7 @@ class LiveLoop:
         at.driver_ns = round(1e9 * setup.safety.heartbeat_stale)
         at.sample_ns = at.pose_ns = at.input_seq = at.arrived_ns = at.latency_ns = -1
         at.usable = 1
-        at.wake_ns = min(WAKE_NS, period // 2)
+        at.wake_ns = WAKE_NS
         at.ratio = LogHistogram.RATIO
 
     @property
@@ -239,7 +240,8 @@ class LiveLoop:
         if self._misses.steal_unread:
             self.memory.log(INFORMATION, STEAL_UNREAD)
         status = self.memory.status
-        status["heartbeat_ns"] = self.deadlines.at.woke_ns
+        self.memory.populate()
+        status["heartbeat_ns"] = self.deadlines.clock.now()
         status["stage"] = Stage.RUNNING
         return files
 

@@ -27,7 +27,7 @@ from hhsim.live.ipc.session_memory import FAULT, INFORMATION, WARNING, SessionMe
 from hhsim.live.ipc.status import DriverSetup, Stage, oldest_heartbeat
 from hhsim.live.loop.driver import BEGIN, OPEN, glove_info
 from hhsim.live.loop.loop import LiveLoop, loop_options
-from hhsim.live.real_time import become_ordinary, become_real_time, described, end_with
+from hhsim.live.real_time import become_ordinary, become_real_time, described, end_with, keep_off
 from hhsim.live.shared_memory import read_setup, write_setup
 from hhsim.solver.compile import warm_up
 
@@ -126,10 +126,14 @@ class LoopThread(threading.Thread):
         self.failure: BaseException | None = None
 
     def start(self) -> None:
-        """Start it, and the thread that puts the shown hand where it can begin, which is not in real time."""
+        """Start it, and the thread that puts the shown hand where it can begin, which is not in real time.
+
+        The calling thread, too, keeps off the loop's processor from now on.
+        """
+        super().start()
+        keep_off(self._loop.setup.real_time.loop_cpu)
         if self._loop.compiled:
             threading.Thread(target=self._loop.place, name="hhsim-place", daemon=True).start()
-        super().start()
 
     def run(self) -> None:
         """Become real time, say so, and run the loop."""
