@@ -141,8 +141,9 @@ class GloveDriver:
         self._status["driver_begun"] = 1
         while not self._stop and self._status["stage"] < Stage.ENDING:
             self.wait()
-            self.take()
+            # The command first: what wakes the driver for a sample has no command, and costs nothing here.
             self.give()
+            self.take()
 
     def wait(self) -> None:
         """Sleep until something comes from glove or tracker, a command is there, or it is time to look."""

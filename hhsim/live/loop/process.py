@@ -36,6 +36,7 @@ TELL_SECONDS = 0.02
 """Between two looks at what the loop noted."""
 DRIVER_PATIENCE = 2.0
 """How long the driver has to release the glove and end [s]."""
+BELOW_DRIVER = -2
 DEVICE_FACTS = ("name", "hand", "channels", "unit", "capabilities", "doubtful")
 SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 
@@ -126,14 +127,19 @@ class LoopThread(threading.Thread):
         self.failure: BaseException | None = None
 
     def start(self) -> None:
-        """Start it, and the thread that puts the shown hand where it can begin, which is not in real time.
+        """Start it, and the thread that puts the shown hand where it can begin, which stands below the driver.
 
         The calling thread, too, keeps off the loop's processor from now on.
         """
         super().start()
         keep_off(self._loop.setup.real_time.loop_cpu)
         if self._loop.compiled:
-            threading.Thread(target=self._loop.place, name="hhsim-place", daemon=True).start()
+            threading.Thread(target=self._place, name="hhsim-place", daemon=True).start()
+
+    def _place(self) -> None:
+        wishes = self._loop.setup.real_time
+        become_real_time(replace(wishes, lock_memory=False, cpu=-1, freeze_gc=False), above=BELOW_DRIVER)
+        self._loop.place()
 
     def run(self) -> None:
         """Become real time, say so, and run the loop."""
