@@ -24,6 +24,12 @@ def test_a_period_of_its_own_making_is_none_too_few() -> None:
     assert beside(1, 100, computed=1).missed_limits() == ["sim: 1 periods were missed by the loop's own computing"]
 
 
+def test_what_interrupts_took_is_not_the_loops_own() -> None:
+    both = beside(3, 100, computed=3)
+    both.gloves["sim"].interrupted = 2
+    assert both.missed_limits() == ["sim: 1 periods were missed by the loop's own computing"]
+
+
 def test_a_miss_without_a_name_is_told() -> None:
     both = beside(3, 100)
     both.gloves["sim"].causes[MissCause.HOST] = 1
