@@ -211,6 +211,7 @@ class GloveDriver:
     def _keep(self, count: int) -> None:
         ring = self.memory.samples
         for sample in self._samples[:count]:
+            sample["handed_ns"] = self._now()
             ring.records[ring.written % ring.capacity] = sample
             ring.publish()
 
