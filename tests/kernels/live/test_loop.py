@@ -57,6 +57,7 @@ def run(
         return int(begin(*given))
 
     solver.tick, solver.begin = tick, put
+
     def end() -> None:
         until = time.monotonic() + PATIENCE
         while memory.ticks.written < ENOUGH and time.monotonic() < until:
