@@ -53,6 +53,7 @@ AT_ONCE = 4096
 """Ticks that are run again in one go."""
 LATENCIES = {
     "read": "sample read to command handed over",
+    "handed": "of it: the driver's, until the loop could take it",
     "waited": "of it: until the loop woke",
     "worked": "of it: the loop's work",
     "peer": "sample sent to command received, by the glove's clock",
@@ -166,16 +167,18 @@ def session_turn(both: Beside, name: str, setup: Callable[[Path], Any], folder: 
 
 
 def loop_latencies(result: Result) -> dict[str, Times]:
-    """From the bytes of each sample read to its command handed over, and its two parts [ns]."""
+    """From the bytes of each sample read to its command handed over, and its three parts [ns]."""
     latency, seq = np.asarray(result["live/tick/latency"]), np.asarray(result["input_seq"])
     period, wakeup = round(1e9 / float(result.scene["rate"])), np.asarray(result["live/tick/wakeup"])
     woke = np.asarray(result["live/tick/deadline"]) + wakeup % period
     answered = latency >= 0
-    came = dict(zip(result["live/sample/seq"].tolist(), result["live/sample/time"].tolist(), strict=True))
-    times = np.array([came.get(number, -1) for number in seq[answered].tolist()], np.int64)
-    known = times >= 0
-    read, waited = latency[answered][known], woke[answered][known] - times[known]
-    return {"read": read, "waited": waited, "worked": read - waited}
+    came, handed = np.asarray(result["live/sample/time"]), np.asarray(result["live/sample/handed"])
+    row_of = {number: row for row, number in enumerate(result["live/sample/seq"].tolist())}
+    rows = np.array([row_of.get(number, -1) for number in seq[answered].tolist()], np.int64)
+    known = rows >= 0
+    read, woke, rows = latency[answered][known], woke[answered][known], rows[known]
+    worked = read - (woke - came[rows])
+    return {"read": read, "handed": handed[rows] - came[rows], "waited": woke - handed[rows], "worked": worked}
 
 
 def interrupted(result: Result) -> int:
