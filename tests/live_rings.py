@@ -104,6 +104,7 @@ def numbered_samples(ticks: Records) -> Records:
     first = ticks[::SAMPLE_TICKS]
     rows["seq"] = np.arange(len(rows))
     rows["time_ns"] = first["time_ns"] - 100_000
+    rows["handed_ns"] = rows["time_ns"] + 10_000
     rows["device_time_ns"] = rows["device_seq"] = -1
     rows["battery"] = 77
     rows["good"] = rows["seq"] % 10 != 9

@@ -1,19 +1,22 @@
-"""The loop beside a bare waiting loop, in turns: `python -m tools.beside_bare --rate 1000 --minutes 10`.
+"""The loop beside a bare waiting loop, in turns: `python -m tools.beside_bare --device all --minutes 5 --out FILE.md`.
 
-A session of a minute, then a minute of compiled code that only waits for the same deadlines with the same rights on the
-same processor, and so on: what the machine and its host do to the one they do to the other. Printed are the missed
-periods of both with their causes, how late both woke, and whether each recording is whole and runs again to the same
-bytes. Exit code 1: a limit was missed.
+A session of a minute with each glove, a minute of compiled code that only waits for the same deadlines with the same
+rights on the same processor, and so on: what the machine and its host do to the one they do to the other. All gloves
+but the simulated one are fakes, in processes of their own. The table has the missed periods of all with their causes,
+how late they woke, the time from a sample to its command, and whether each recording is whole and runs again to the
+same bytes. Exit code 1: a limit was missed.
 """
 
 import argparse
 import json
+import os
 import subprocess
 import sys
 import tempfile
+import threading
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -22,45 +25,75 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import HhsimError
-from hhsim.live.devices.registry import configure
-from hhsim.live.real_time import RealTimeWishes
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.live.devices.registry import GloveConfig, configure
+from hhsim.live.real_time import RealTimeWishes, described
 from hhsim.live.session.stop_signals import stop_signals
 from hhsim.live.session.supervisor import Supervisor
 from hhsim.live.wakeups import measure_wakeups
 from hhsim.replay.repeat import run_again
+from hhsim.replay.stored_scene import stored_hand, stored_options, stored_surface
 from hhsim.result.miss_cause import CAUSES, MissCause, by_name
-from hhsim.result.reader import load_result
-from tools.soak import make_setup, tell
+from hhsim.result.reader import Result, load_result
+from hhsim.solver.hand_solver import HandSolver
+from tools.import_graph import REPOSITORY
+from tools.soak import make_setup, peer_latencies, tell
+from tools.soak_peers import PEERS, SoakPeer, free_port_pair, measure_in_time
+
+Times = NDArray[np.int64]
 
 MOST_MISSED = 1.2
 """Periods that the loop may miss for one that the bare loop misses."""
-FIRST_TICKS = 2
-"""What is missed before these is the time in which the shown hand is put where it can begin, and no finger is held."""
 PERCENTS = (50.0, 99.0, 99.9)
+DEVICES = ("sim", *PEERS, "doglove")
+DOGLOVE = REPOSITORY / "tests" / "doglove_peer.py"
 BUSY = "import os\nos.nice(19)\nwhile True: pass"
+BARE = "bare loop"
+AT_ONCE = 4096
+"""Ticks that are run again in one go."""
+LATENCIES = {
+    "read": "sample read to command handed over",
+    "handed": "of it: the driver's, until the loop could take it",
+    "waited": "of it: until the loop woke",
+    "worked": "of it: the loop's work",
+    "peer": "sample sent to command received, by the glove's clock",
+}
 
 
 @dataclass
 class Turns:
-    """What became of the periods of all turns of one of the two.
+    """What became of the periods of all turns with one glove, or of the bare loop.
 
     Attributes:
         periods, missed: With and without those that were missed.
         causes: Of the missed ones, by who took most of the time.
+        interrupted: Of those that were computed, how many followed on a tick that fits into its period when it is run
+            again: `interrupted`.
         woke: How late each wake-up was [ns].
         longest: Most missed periods in a row.
+        latencies: Of `LATENCIES`, one entry a sample that led to a command [ns].
+        recorded, lost: Ticks in the recordings, and that they lack.
+        differing: Recordings that do not run again to the same bytes.
     """
 
     periods: int = 0
     missed: int = 0
     causes: dict[MissCause, int] = field(default_factory=lambda: dict.fromkeys(CAUSES, 0))
-    woke: list[NDArray[np.int64]] = field(default_factory=list)
+    interrupted: int = 0
+    woke: list[Times] = field(default_factory=list)
     longest: int = 0
+    latencies: dict[str, list[Times]] = field(default_factory=lambda: {name: [] for name in LATENCIES})
+    recorded: int = 0
+    lost: int = 0
+    differing: int = 0
 
     def wakeup(self, percent: float) -> float:
         """The lateness that so many per cent of the wake-ups do not exceed [µs]."""
-        late = np.concatenate(self.woke) if self.woke else np.zeros(0)
-        return 1e-3 * float(np.percentile(late, percent)) if late.size else float("nan")
+        return _percentile(self.woke, percent)
+
+    def latency(self, name: str, percent: float) -> float:
+        """The same of one of `LATENCIES` [µs], NaN where it is not known."""
+        return _percentile(self.latencies[name], percent)
 
     @property
     def share(self) -> float:
@@ -70,65 +103,110 @@ class Turns:
 
 @dataclass
 class Beside:
-    """Both, and what the sessions are judged by besides.
+    """All of it.
 
     Attributes:
-        rate: Of both [Hz].
-        loop, bare: What became of their periods.
-        at_start: Periods missed before the first ticks of the sessions, and not counted to the loop's.
-        latency: From a sample's bytes read to the command handed over, one entry a command [ns].
-        lost: Ticks that the recordings lack.
-        differing: Recordings that do not run again to the same bytes.
+        rate: Of all [Hz].
+        gloves: What became of the sessions, by glove.
+        bare: What became of the bare loop's periods.
+        real_time: What the system granted, in words.
     """
 
     rate: float
-    loop: Turns = field(default_factory=Turns)
+    gloves: dict[str, Turns] = field(default_factory=dict)
     bare: Turns = field(default_factory=Turns)
-    at_start: int = 0
-    latency: list[NDArray[np.int64]] = field(default_factory=list)
-    lost: int = 0
-    differing: int = 0
+    real_time: str = ""
 
     def missed_limits(self) -> list[str]:
         """What was not as it has to be, a line each."""
-        own = self.loop.causes[MissCause.COMPUTED]
-        limits = {
-            f"the loop missed {self.loop.missed:,} periods, the bare loop {self.bare.missed:,}": self.loop.share
-            > MOST_MISSED * self.bare.share,
-            f"{own:,} periods were missed by the loop's own computing": own > 0,
-            f"the recordings lack {self.lost:,} ticks": self.lost > 0,
-            f"{self.differing} recordings do not run again to the same bytes": self.differing > 0,
-        }
-        return [text for text, missed in limits.items() if missed]
+        found = []
+        for name, turns in self.gloves.items():
+            own = turns.causes[MissCause.COMPUTED] - turns.interrupted
+            limits = {
+                f"the loop missed {100.0 * turns.share:.4f} % of its periods, the bare loop "
+                f"{100.0 * self.bare.share:.4f} %": turns.share > MOST_MISSED * self.bare.share,
+                f"{own:,} periods were missed by the loop's own computing": own > 0,
+                f"{turns.missed - sum(turns.causes.values()):,} missed periods have no name": turns.missed
+                != sum(turns.causes.values()),
+                f"the recordings lack {turns.lost:,} ticks": turns.lost > 0,
+                f"{turns.differing} recordings do not run again to the same bytes": turns.differing > 0,
+            }
+            found += [f"{name}: {text}" for text, missed in limits.items() if missed]
+        return found
 
 
-def session_turn(both: Beside, folder: Path, seconds: float, device: str, name: str, wishes: RealTimeWishes) -> int:
-    """Run a session and count its ticks; returns the processor that it stayed on, -1 for any."""
+def session_turn(both: Beside, name: str, setup: Callable[[Path], Any], folder: Path, peer: SoakPeer | None) -> int:
+    """Run a session and count its periods, from the first one on; returns the processor of the loop, -1 for any."""
     record = folder / "session.h5"
     record.unlink(missing_ok=True)
-    setup = replace(make_setup(configure(device), name, record, seconds, wishes), rate=both.rate)
-    with stop_signals() as stopped, Supervisor(setup) as session:
+    with stop_signals() as stopped, Supervisor(replace(setup(record), rate=both.rate)) as session:
         while session.poll():
             if stopped():
                 raise HhsimError(f"stopped: {stopped()}")
             time.sleep(0.05)
         outcome = session.end()
     session.check()
+    turns = both.gloves.setdefault(name, Turns())
+    turns.periods += outcome.ticks + outcome.missed
+    turns.missed += outcome.missed
+    for cause, count in zip(CAUSES, outcome.missed_by.values(), strict=True):
+        turns.causes[cause] += count
     result = load_result(record)
-    missed, cause = np.asarray(result["live/tick/missed"]), np.asarray(result["live/tick/cause"])
-    at_start = int(missed[:FIRST_TICKS].sum())
-    both.at_start += at_start
-    both.loop.periods += outcome.ticks + outcome.missed - at_start
-    both.loop.missed += int(missed[FIRST_TICKS:].sum())
-    for each in CAUSES:
-        both.loop.causes[each] += int(missed[FIRST_TICKS:][cause[FIRST_TICKS:] == each].sum())
-    both.loop.woke.append(np.asarray(result["live/tick/wakeup"][FIRST_TICKS:]))
-    both.loop.longest = max(both.loop.longest, int(missed[FIRST_TICKS:].max(initial=0)))
-    latency = np.asarray(result["live/tick/latency"])
-    both.latency.append(latency[latency >= 0])
-    both.lost += outcome.record_lost
-    both.differing += not run_again(result).identical
+    turns.interrupted += interrupted(result)
+    turns.woke.append(np.asarray(result["live/tick/wakeup"]))
+    turns.longest = max(turns.longest, int(np.asarray(result["live/tick/missed"]).max(initial=0)))
+    for what, found in loop_latencies(result).items():
+        turns.latencies[what].append(found)
+    if peer is not None:
+        turns.latencies["peer"].append(peer_latencies(result, peer.seen(result)))
+    turns.recorded += outcome.recorded
+    turns.lost += outcome.record_lost
+    turns.differing += not run_again(result).identical
+    both.real_time = described(outcome.facts["real_time"])
     return int(outcome.facts["real_time"]["cpu"])
+
+
+def loop_latencies(result: Result) -> dict[str, Times]:
+    """From the bytes of each sample read to its command handed over, and its three parts [ns]."""
+    latency, seq = np.asarray(result["live/tick/latency"]), np.asarray(result["input_seq"])
+    period, wakeup = round(1e9 / float(result.scene["rate"])), np.asarray(result["live/tick/wakeup"])
+    woke = np.asarray(result["live/tick/deadline"]) + wakeup % period
+    answered = latency >= 0
+    came, handed = np.asarray(result["live/sample/time"]), np.asarray(result["live/sample/handed"])
+    row_of = {number: row for row, number in enumerate(result["live/sample/seq"].tolist())}
+    rows = np.array([row_of.get(number, -1) for number in seq[answered].tolist()], np.int64)
+    known = rows >= 0
+    read, woke, rows = latency[answered][known], woke[answered][known], rows[known]
+    worked = read - (woke - came[rows])
+    return {"read": read, "handed": handed[rows] - came[rows], "waited": woke - handed[rows], "worked": worked}
+
+
+def interrupted(result: Result) -> int:
+    """Periods that are named computed too long although the tick, run again, fits into its period.
+
+    The system counts what its interrupts take as CPU time of whom they interrupt; here it is told apart by the tick's
+    CPU time in the quicker of two further runs, its lateness, and what 99 of 100 ticks take besides their solving.
+    """
+    missed, cause = np.asarray(result["live/tick/missed"]), np.asarray(result["live/tick/cause"])
+    named = np.flatnonzero((missed > 0) & (cause == MissCause.COMPUTED))
+    named = named[named > 0]
+    if not named.size:
+        return 0
+    hand, surface, options = stored_hand(result), stored_surface(result), stored_options(result)
+    haptic = [np.asarray(result[f"haptic/{name}"])[: named[-1]] for name in HandConfiguration._fields]
+    runs = []
+    for _ in range(2):
+        solver = HandSolver(hand, surface, options)
+        blocks = range(0, len(haptic[0]), AT_ONCE)
+        runs.append([solver.run(*(of[k : k + AT_ONCE] for of in haptic)).duration_cpu for k in blocks])
+    again = np.minimum(*(np.concatenate(parts) for parts in runs))[named - 1]
+    answered = np.asarray(result["live/tick/latency"]) >= 0
+    solved = np.asarray(result["duration/total"])[answered]
+    besides = loop_latencies(result)["worked"]
+    rest = np.percentile(besides - solved[-len(besides) :], 99.0) if besides.size else 0.0
+    period = 1e9 / float(result.scene["rate"])
+    late = np.asarray(result["live/tick/wakeup"])[named - 1] % period
+    return int(missed[named][late + again + rest < period].sum())
 
 
 def bare_turn(both: Beside, seconds: float, wishes: RealTimeWishes) -> None:
@@ -143,80 +221,159 @@ def bare_turn(both: Beside, seconds: float, wishes: RealTimeWishes) -> None:
 
 
 @contextmanager
-def busy_processes(count: int) -> Iterator[None]:
-    """Python that never rests, in processes at the lowest priority."""
-    children = [subprocess.Popen([sys.executable, "-c", BUSY]) for _ in range(count)]
+def fake_glove(name: str, folder: Path) -> Iterator[tuple[GloveConfig, SoakPeer | None]]:
+    """A glove to have a session with, while the block runs, and what it wrote down, where it does."""
+    if name in PEERS:
+        with PEERS[name](folder, PEERS[name].usual_rate, 0) as peer:
+            measure_in_time(peer)
+            yield peer.config, peer
+    elif name == "doglove":
+        port = free_port_pair()
+        with subprocess.Popen([sys.executable, DOGLOVE, str(port)]) as process:
+            try:
+                yield configure(name, port=port), None
+            finally:
+                process.kill()
+    else:
+        yield configure(name), None
+
+
+@contextmanager
+def busy(processes: int, *, thread: bool) -> Iterator[None]:
+    """Python that never rests: processes at the lowest priority, and a thread beside the one that runs the sessions."""
+    rest = threading.Event()
+
+    def spin() -> None:
+        os.nice(19)
+        while not rest.is_set():
+            pass
+
+    children = [subprocess.Popen([sys.executable, "-c", BUSY]) for _ in range(processes)]
+    spinning = threading.Thread(target=spin, daemon=True)
+    if thread:
+        spinning.start()
     try:
         yield
     finally:
+        rest.set()
         for child in children:
             child.kill()
             child.wait()
 
 
 def table(both: Beside) -> str:
-    """Both beside each other."""
-    rows: list[tuple[str, ...]] = [("", "loop", "bare loop")]
-    turns = (both.loop, both.bare)
-    rows.append(("periods", *(f"{turn.periods:,}" for turn in turns)))
-    rows.append(("missed", *(f"{turn.missed:,} ({100.0 * turn.share:.4f} %)" for turn in turns)))
+    """All beside each other, in Markdown."""
+    turns = {**both.gloves, BARE: both.bare}
+    rows: list[tuple[str, ...]] = [(f"at {both.rate:g} Hz", *turns)]
+
+    def add(label: str, shown: Callable[[Turns], str]) -> None:
+        rows.append((label, *map(shown, turns.values())))
+
+    add("periods", lambda each: f"{each.periods:,}")
+    add("missed", lambda each: f"{each.missed:,} ({100.0 * each.share:.4f} %)")
+    add("times the bare loop's", lambda each: f"{each.share / both.bare.share:.2f}" if both.bare.share else "—")
     for cause, name in zip(CAUSES, by_name(range(len(CAUSES))), strict=True):
-        rows.append((f"  {name}", *(f"{turn.causes[cause]:,}" for turn in turns)))
-    rows.append(("missed before the first ticks", f"{both.at_start:,}", "—"))
-    rows.append(("most in a row", *(f"{turn.longest:,}" for turn in turns)))
-    rows.extend((f"wake-up p{p:g} [µs]", *(f"{turn.wakeup(p):,.0f}" for turn in turns)) for p in PERCENTS)
-    latency = np.concatenate(both.latency) if both.latency else np.zeros(0)
-    if latency.size:
-        p50, p99 = 1e-3 * np.percentile(latency, (50.0, 99.0))
-        rows.append(("sample read to command p50 / p99 [µs]", f"{p50:,.0f} / {p99:,.0f}", "—"))
-    widths = [max(len(row[k]) for row in rows) for k in range(3)]
-    return "\n".join(f"{a.ljust(widths[0])}  {b.rjust(widths[1])}  {c.rjust(widths[2])}" for a, b, c in rows)
+        add(f"missed, {name.replace('_', ' ')}", lambda each, cause=cause: f"{each.causes[cause]:,}")  # type: ignore[misc]
+    add("of the computed, fit in when run again", lambda each: f"{each.interrupted:,}")
+    add("most in a row", lambda each: f"{each.longest:,}")
+    shown = " / ".join(f"p{percent:g}" for percent in PERCENTS)
+    add(f"wake-up {shown} [µs]", lambda each: _shown(each.woke))
+    for name, label in LATENCIES.items():
+        add(f"{label}, {shown} [µs]", lambda each, name=name: _shown(each.latencies[name]))  # type: ignore[misc]
+    sessions = {name: name != BARE for name in turns}
+    rows.append(
+        ("recorded / lost ticks", *(f"{t.recorded:,} / {t.lost:,}" if sessions[n] else "—" for n, t in turns.items()))
+    )
+    rows.append(("recordings that differ", *(f"{t.differing}" if sessions[n] else "—" for n, t in turns.items())))
+    lines = ["| " + " | ".join(row) + " |" for row in rows]
+    lines.insert(1, "|---|" + "---:|" * len(turns))
+    limits = [f"- limit missed: {text}" for text in both.missed_limits()] or ["- every limit kept"]
+    return "\n".join([*lines, "", f"- {both.real_time}", *limits])
 
 
-def as_json(both: Beside) -> str:
+def as_json(both: Beside) -> dict[str, Any]:
     """The same as plain values."""
-    document: dict[str, Any] = {
-        name: {
-            "periods": turn.periods,
-            "missed": turn.missed,
-            "missed_by": by_name(turn.causes.values()),
-            "most_in_a_row": turn.longest,
-            "wakeup_us": {f"p{percent:g}": turn.wakeup(percent) for percent in PERCENTS},
-        }
-        for name, turn in (("loop", both.loop), ("bare", both.bare))
-    }
-    document |= {
+    return {
         "rate": both.rate,
-        "missed_at_start": both.at_start,
-        "recorder_lost": both.lost,
+        "real_time": both.real_time,
         "missed_limits": both.missed_limits(),
+        **{
+            name: {
+                "periods": turn.periods,
+                "missed": turn.missed,
+                "missed_by": by_name(turn.causes.values()),
+                "computed_fit_when_run_again": turn.interrupted,
+                "most_in_a_row": turn.longest,
+                "wakeup_us": {f"p{percent:g}": turn.wakeup(percent) for percent in PERCENTS},
+                "latency_us": {
+                    what: {f"p{percent:g}": turn.latency(what, percent) for percent in PERCENTS}
+                    for what, found in turn.latencies.items()
+                    if sum(map(len, found))
+                },
+                "recorded": turn.recorded,
+                "recorder_lost": turn.lost,
+                "differing": turn.differing,
+            }
+            for name, turn in {**both.gloves, "bare": both.bare}.items()
+        },
     }
-    return json.dumps(document, indent=2)
+
+
+def _percentile(parts: Sequence[Times], percent: float) -> float:
+    found = np.concatenate(parts) if parts else np.zeros(0)
+    return 1e-3 * float(np.percentile(found, percent)) if found.size else float("nan")
+
+
+def _shown(parts: Sequence[Times]) -> str:
+    values = [_percentile(parts, percent) for percent in PERCENTS]
+    return "—" if np.isnan(values).all() else " / ".join(f"{value:,.0f}" for value in values)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run both in turns; 0, or 1 where a limit was missed."""
-    parser = argparse.ArgumentParser(prog="python -m tools.beside_bare", description=__doc__)
-    parser.add_argument("--rate", type=float, default=1000.0, help="of both [Hz]")
-    parser.add_argument("--minutes", type=float, default=10.0, help="of each")
+    """Run all in turns; 0, or 1 where a limit was missed."""
+    parser = argparse.ArgumentParser(prog="python -m tools.beside_bare", description=__doc__.split("\n\n")[0])
+    parser.add_argument("--rate", type=float, default=1000.0, help="of all [Hz]")
+    parser.add_argument("--minutes", type=float, default=10.0, help="of each glove")
     parser.add_argument("--turn", type=float, default=60.0, help="one turn [s]")
-    parser.add_argument("--device", default="sim", help="a glove that needs nothing: sim or replay")
+    parser.add_argument("--device", default="sim", help=f"all, or some of {','.join(DEVICES)}")
+    parser.add_argument(
+        "--bare-every", type=int, default=1, metavar="N", help="one turn of the bare loop after N sessions"
+    )
     parser.add_argument("--object", default="cube", help="name in the catalogue")
     parser.add_argument("--busy", type=int, default=0, help="processes at nice 19 that never rest")
-    parser.add_argument("--json", action="store_true", help="print one JSON document")
+    parser.add_argument("--busy-thread", action="store_true", help="a Python thread that never rests")
+    parser.add_argument(
+        "--out", type=Path, metavar="FILE.md", help="write the table there after each turn, and FILE.json"
+    )
     options = parser.parse_args(arguments)
+    devices = DEVICES if options.device == "all" else tuple(options.device.split(","))
+    if unknown := set(devices) - set(DEVICES):
+        parser.error(f"no fake of {', '.join(sorted(unknown))}: expected all, or some of {','.join(DEVICES)}")
     both, wishes = Beside(options.rate), RealTimeWishes()
-    turns = max(1, round(60.0 * options.minutes / options.turn))
-    with tempfile.TemporaryDirectory() as folder, busy_processes(options.busy):
+    turns = max(1, round(60.0 * options.minutes / options.turn)) * len(devices)
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        stack.enter_context(busy(options.busy, thread=options.busy_thread))
         for turn in range(turns):
-            tell(f"turn {turn + 1} of {turns}", 0)
-            cpu = session_turn(both, Path(folder), options.turn, options.device, options.object, wishes)
-            bare_turn(both, options.turn, replace(wishes, cpu=cpu))
-    print(as_json(both) if options.json else table(both))
-    missed = both.missed_limits()
-    for text in missed:
-        print(f"limit missed: {text}", file=sys.stderr)
-    return 1 if missed else 0
+            name = devices[turn % len(devices)]
+            tell(f"turn {turn + 1} of {turns}: {name}", 0)
+            with fake_glove(name, folder) as (config, peer):
+                cpu = session_turn(
+                    both,
+                    name,
+                    lambda path: make_setup(config, options.object, path, options.turn, wishes),
+                    folder,
+                    peer,
+                )
+                if (turn + 1) % options.bare_every == 0 or turn + 1 == turns:
+                    bare_turn(both, options.turn, replace(wishes, cpu=cpu))
+            if options.out is not None:
+                options.out.write_text(table(both) + "\n", encoding="utf-8")
+                options.out.with_suffix(".json").write_text(
+                    json.dumps(as_json(both), indent=2) + "\n", encoding="utf-8"
+                )
+    print(table(both))
+    return 1 if both.missed_limits() else 0
 
 
 if __name__ == "__main__":

@@ -147,13 +147,8 @@ def figures(device: str, outcome: SessionOutcome, result: Result, seen: PeerSeen
         again: Run the recording again.
     """
     tally, counters = outcome.tally, outcome.counters
-    latency, used = result["live/tick/latency"], result["input_seq"]
-    answered = latency >= 0
-    sample_time = np.zeros(seen.of_sample.size, np.int64)
     recorded = result["live/sample/seq"]
-    sample_time[recorded] = result["live/sample/time"]
-    commanded = sample_time[used[answered]] + latency[answered]
-    added = 1e-9 * added_latencies(seen.sent, seen.received, commanded, seen.of_sample[used[answered]])
+    added = 1e-9 * peer_latencies(result, seen)
     p50, p99, p999 = np.percentile(added, (50.0, 99.0, 99.9)) if added.size else (np.nan,) * 3
     woke = result["live/tick/deadline"] + result["live/tick/wakeup"]
     # A glove goes on sending when the loop has ended.
@@ -213,6 +208,16 @@ def figures(device: str, outcome: SessionOutcome, result: Result, seen: PeerSeen
         real_time=described(outcome.facts["real_time"]),
         missed_limits=tuple(text for text, missed in limits.items() if missed),
     )
+
+
+def peer_latencies(result: Result, seen: PeerSeen) -> Times:
+    """`added_latencies` of a session, by its recording and by what its glove saw [ns]."""
+    latency, used = result["live/tick/latency"], result["input_seq"]
+    answered = latency >= 0
+    sample_time = np.zeros(seen.of_sample.size, np.int64)
+    sample_time[result["live/sample/seq"]] = result["live/sample/time"]
+    commanded = sample_time[used[answered]] + latency[answered]
+    return added_latencies(seen.sent, seen.received, commanded, seen.of_sample[used[answered]])
 
 
 def added_latencies(sent: ArrayLike, received: ArrayLike, commanded: ArrayLike, of: ArrayLike) -> Times:

@@ -1,21 +1,17 @@
-"""Waiting for deadlines inside compiled code, so that a measurement of wake-ups has no interpreter in it."""
+"""Sleeping inside compiled code, so that no interpreter takes part in a wait."""
 
 import time
 from collections.abc import Callable
 from typing import Any, cast
 
-import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
-from numpy.typing import NDArray
 
-from hhsim.kernels.clock import CLOCK_MONOTONIC, monotonic_ns
+from hhsim.kernels.clock import CLOCK_MONOTONIC
 from hhsim.kernels.jit import JIT_ENABLED, jit
 
-PASSED = -1
-"""Stands for a deadline that had passed when the thread woke from the one before."""
 _TIMER_ABSTIME = 1
 
 
@@ -50,35 +46,3 @@ else:
 def sleep_until(time_ns: int) -> int:
     """Sleep until CLOCK_MONOTONIC is `time_ns`, or until a signal came; 0, or the system's error."""
     return _sleep(time_ns)
-
-
-@jit
-def wait_periods(period: int, late_out: NDArray[np.int64]) -> int:
-    """Sleep until each of a row of absolute deadlines, the first of them a period from now.
-
-    A deadline that has passed is left out, as a loop leaves out a period that it missed.
-
-    Args:
-        period: Between two deadlines [ns].
-        late_out: One entry a deadline: how long after it the thread woke [ns], or `PASSED`.
-
-    Returns:
-        How many deadlines had passed, those beyond the row too.
-    """
-    began = monotonic_ns()
-    count = late_out.shape[0]
-    missed = 0
-    i = 0
-    while i < count:
-        deadline = began + (i + 1) * period
-        now = monotonic_ns()
-        while now < deadline:
-            sleep_until(deadline)
-            now = monotonic_ns()
-        late_out[i] = now - deadline
-        passed = (now - deadline) // period
-        for k in range(i + 1, min(i + 1 + passed, count)):
-            late_out[k] = PASSED
-        missed += passed
-        i += 1 + passed
-    return missed

@@ -25,6 +25,7 @@ GLOVE_SAMPLE = np.dtype(
     [
         ("seq", np.int64),
         ("time_ns", np.int64),
+        ("handed_ns", np.int64),
         ("device_time_ns", np.int64),
         ("device_seq", np.int64),
         ("battery", np.int64),
@@ -41,6 +42,7 @@ GLOVE_SAMPLE = np.dtype(
 |---|---|
 | seq | number of the sample since the device was opened, from 0; the driver counts |
 | time_ns | CLOCK_MONOTONIC when its bytes were read [ns] |
+| handed_ns | right before the driver put it into its ring; drivers of gloves leave that to the one of the session |
 | device_time_ns, device_seq | as the device stamped it, -1 where it does not |
 | battery | charge [%], -1 where it is not known |
 | good | all that the driver uses of it is finite and in range; others are recorded and never used |

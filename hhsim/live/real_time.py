@@ -6,7 +6,7 @@ import gc
 import os
 import platform
 import signal
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -53,6 +53,16 @@ class RealTimeWishes:
     timer_slack: bool = True
     cpu: int | None = None
     freeze_gc: bool = True
+
+    def chosen(self) -> Self:
+        """The same with the processor's number, where there is a choice: every process of a session has to know it."""
+        allowed = os.sched_getaffinity(0)
+        return replace(self, cpu=max(allowed)) if self.cpu is None and len(allowed) > 1 else self
+
+    @property
+    def loop_cpu(self) -> int:
+        """The processor that the loop has to itself, -1 for none; of `chosen` wishes."""
+        return -1 if self.cpu is None else self.cpu
 
     @classmethod
     def none(cls) -> Self:
@@ -141,6 +151,14 @@ def become_real_time(wishes: RealTimeWishes, *, above: int = 0, interpreter: boo
                 "CAP_SYS_NICE"
             )
     return mode
+
+
+def keep_off(cpu: int) -> None:
+    """Leave a processor to the loop, where the calling thread may use another one; nothing where that is -1."""
+    others = os.sched_getaffinity(0) - {cpu}
+    if others:
+        with contextlib.suppress(OSError):
+            os.sched_setaffinity(0, others)
 
 
 def become_ordinary() -> None:

@@ -5,6 +5,7 @@ descriptor. Words of eight bytes are written whole; on the processors that hhsim
 order, which is what a reader relies on.
 """
 
+import contextlib
 import mmap
 import os
 import pickle
@@ -17,6 +18,9 @@ from hhsim.arrays import AnyArray, IntArray
 from hhsim.errors import HhsimError
 
 Setup = TypeVar("Setup")
+
+MADV_POPULATE_WRITE = 23
+"""As if every page were written, which changes none (madvise(2), Linux 5.14)."""
 
 
 class SharedBlock:
@@ -31,6 +35,11 @@ class SharedBlock:
         self.descriptor = descriptor
         self._map = mmap.mmap(descriptor, dtype.itemsize)
         self.array: AnyArray = np.frombuffer(self._map, dtype, 1)
+
+    def populate(self) -> None:
+        """Have all of its pages there for this process, where the system can do that at once."""
+        with contextlib.suppress(OSError):
+            self._map.madvise(MADV_POPULATE_WRITE)
 
     @classmethod
     def create(cls, name: str, dtype: np.dtype[Any]) -> Self:
@@ -70,6 +79,10 @@ class SharedRing:
         whole = np.dtype([("written", np.int64), ("record", dtype, (capacity,))], align=True)
         block = SharedBlock.create(name, whole)
         return cls(block.descriptor, dtype, capacity)
+
+    def populate(self) -> None:
+        """See `SharedBlock.populate`."""
+        self._block.populate()
 
     @property
     def written(self) -> int:

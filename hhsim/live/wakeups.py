@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from hhsim.arrays import IntArray
-from hhsim.kernels.timed_wait import PASSED, wait_periods
+from hhsim.kernels.live.deadlines import DEADLINES, PASSED, wait_periods
 from hhsim.live.real_time import RealTimeWishes, become_real_time, unlock_memory
 from hhsim.result.miss_cause import CAUSES, MissCause, TimeTaken
 from hhsim.system.cpu_accounts import CpuAccounts, risen
@@ -68,7 +68,7 @@ class _Measurement(threading.Thread):
 
     def _measure(self) -> Wakeups:
         # The first call compiles or loads the kernel: none of that is waiting.
-        wait_periods(1_000, np.zeros(1, np.int64))
+        wait_periods(_deadlines(1_000), np.zeros(1, np.int64))
         mode = become_real_time(replace(self._wishes, freeze_gc=False))
         accounts = CpuAccounts(None if mode["cpu"] < 0 else mode["cpu"])
         try:
@@ -82,13 +82,13 @@ class _Measurement(threading.Thread):
         period = round(1e9 / self._rate)
         count = max(1, round(self._seconds * self._rate))
         size = max(1, round(BLOCK_SECONDS * self._rate))
-        block = np.zeros(size, np.int64)
+        block, deadlines = np.zeros(size, np.int64), _deadlines(period)
         rows, missed, streak = [], 0, 0
         causes = dict.fromkeys(CAUSES, 0)
         first = before = accounts.run_delay_ns(), accounts.steal_ns()
         while count > 0 and not self.stopping.is_set():
             part = block[: min(size, count)]
-            gone = int(wait_periods(period, part))
+            gone = int(wait_periods(deadlines, part))
             after = accounts.run_delay_ns(), accounts.steal_ns()
             woken = part[part != PASSED]
             if gone:
@@ -103,6 +103,12 @@ class _Measurement(threading.Thread):
             before = after
         told = [None if was < 0 or now < 0 else now - was for was, now in zip(first, before, strict=True)]
         return Wakeups(self._rate, np.concatenate(rows), missed, streak, causes, told[0], told[1], mode)
+
+
+def _deadlines(period: int) -> Any:
+    state = np.zeros(1, DEADLINES).view(np.recarray)
+    state.period_ns = period
+    return state[0]
 
 
 def measure_wakeups(rate: float, seconds: float, wishes: RealTimeWishes) -> Wakeups:

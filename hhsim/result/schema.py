@@ -332,6 +332,7 @@ def sample_columns(channels: int) -> tuple[Column, ...]:
         Column("record", (), "<i8", "1", "number of the sample's record since the loop began; a gap: records lost"),
         Column("seq", (), "<i8", "1", "number of the sample since the glove was opened, from 0", "seq"),
         Column("time", (), "<i8", "ns", "CLOCK_MONOTONIC when its bytes were read", "time_ns"),
+        Column("handed", (), "<i8", "ns", "CLOCK_MONOTONIC right before the loop could take it", "handed_ns"),
         Column("device_time", (), "<i8", "ns", "as the glove stamped it; -1: it does not", "device_time_ns"),
         Column("device_seq", (), "<i8", "1", "as the glove numbered it; -1: it does not", "device_seq"),
         Column("battery", (), "<i8", "%", "charge; -1: unknown", "battery"),

@@ -87,13 +87,56 @@ class HandSolver:
         """
         return self._advance(haptic, record)
 
-    @property
-    def started(self) -> bool:
-        """Whether the graphic hand is somewhere: the first tick, or `place`, put it there."""
-        return self._started
+    def begin(self, haptic: HapticBlock) -> int:
+        """Put the graphic hand on the first haptic one that is finite; the first tick does it where nobody has.
+
+        Where that is inside the object, start at a free place nearby and come as near as possible.
+
+        Args:
+            haptic: As in `tick`; the first tick must be given the same.
+
+        Returns:
+            Status bits of the first tick: STATUS_START_INSIDE, or 0.
+
+        Raises:
+            HhsimError: More pairs were near than the arrays hold.
+        """
+        self._started = True
+        workspace = self.workspace
+        samples = zip(*haptic)
+        first = next((sample for sample in samples if is_finite_configuration(*sample)), None)
+        pose, limits = workspace.states[0].pose, workspace.hand
+        if first is not None:
+            pose.position[:] = first[0]
+            pose.orientation[:] = first[1] / np.linalg.norm(first[1])
+            pose.flexion[:] = np.clip(first[2], limits.flexion_min, limits.flexion_max)
+            pose.abduction[:] = first[3]
+        haptic_pose = workspace.states[0].haptic
+        for name in HapticBlock._fields:
+            haptic_pose[name][:] = pose[name]
+        inside = self._clearance() < 0.0
+        if inside:
+            self._retreat()
+        self.engine.begin()
+        if not inside:
+            return 0
+        engine = self.engine
+        if not isinstance(engine, LinearisingEngine):
+            # The start is no part of the method: every method begins from the same place.
+            engine = LinearisingEngine(workspace, Coupled(workspace.tick_options))
+            engine.begin()
+        way = tick_record(1)
+        engine.approach(
+            START_LINEARISATIONS, HapticBlock(*(np.array(haptic_pose[name])[None] for name in HapticBlock._fields)), way
+        )
+        if way.status[0] & STATUS_CAPACITY_EXCEEDED:
+            raise workspace.full()
+        if engine is not self.engine:
+            self.engine.begin()
+        return STATUS_START_INSIDE
 
     def compiled_tick(self, haptic: HapticBlock, record: TickRecord) -> tuple[int, tuple[Any, ...]]:
-        """What `tick` comes to once the solver has started, for a loop in compiled code.
+        """What `tick` comes to after `begin`, for a loop in compiled code.
 
         Args:
             haptic, record: As in `tick`; each tick reads and writes these very arrays.
@@ -110,7 +153,7 @@ class HandSolver:
 
     def _advance(self, haptic: HapticBlock, record: TickRecord) -> int:
         """One tick for each configuration, at least one; returns the status bits of the last one that was run."""
-        start = 0 if self._started else self._start(haptic)
+        start = 0 if self._started else self.begin(haptic)
         done = self.engine.run(haptic, record)
         record.status[0] |= start
         return int(record.status[done - 1])
@@ -147,45 +190,6 @@ class HandSolver:
         clearances(workspace.surface, shape, placed, 10.0 * self.options.margin, palm, finger)
         used = self.options.modelled()[:PALM_BODY:PHALANX_COUNT]
         return float(min(palm[0], finger[0, used].min(initial=np.inf)))
-
-    def _start(self, haptic: HapticBlock) -> int:
-        """Put the graphic hand on the first haptic one that is finite.
-
-        Where that is inside the object, start at a free place nearby and come as near as possible.
-        """
-        self._started = True
-        workspace = self.workspace
-        samples = zip(*haptic)
-        first = next((sample for sample in samples if is_finite_configuration(*sample)), None)
-        pose, limits = workspace.states[0].pose, workspace.hand
-        if first is not None:
-            pose.position[:] = first[0]
-            pose.orientation[:] = first[1] / np.linalg.norm(first[1])
-            pose.flexion[:] = np.clip(first[2], limits.flexion_min, limits.flexion_max)
-            pose.abduction[:] = first[3]
-        haptic_pose = workspace.states[0].haptic
-        for name in HapticBlock._fields:
-            haptic_pose[name][:] = pose[name]
-        inside = self._clearance() < 0.0
-        if inside:
-            self._retreat()
-        self.engine.begin()
-        if not inside:
-            return 0
-        engine = self.engine
-        if not isinstance(engine, LinearisingEngine):
-            # The start is no part of the method: every method begins from the same place.
-            engine = LinearisingEngine(workspace, Coupled(workspace.tick_options))
-            engine.begin()
-        way = tick_record(1)
-        engine.approach(
-            START_LINEARISATIONS, HapticBlock(*(np.array(haptic_pose[name])[None] for name in HapticBlock._fields)), way
-        )
-        if way.status[0] & STATUS_CAPACITY_EXCEEDED:
-            raise workspace.full()
-        if engine is not self.engine:
-            self.engine.begin()
-        return STATUS_START_INSIDE
 
     def _retreat(self) -> None:
         """Shift the hand by the least distance that frees it, over 26 directions and the one away from the object."""

@@ -123,7 +123,9 @@ def _samples(rows: SessionRows) -> Claim:
     seq, time, good = (rows.samples[name] for name in ("seq", "time", "good"))
     finite = np.isfinite(rows.samples["flexion"]).all(axis=(1, 2)) & np.isfinite(rows.samples["abduction"]).all(axis=1)
     wrong = (np.diff(seq, prepend=-1) < 1) | (np.diff(time, prepend=0) < 0) | (good > 1) | ((good == 1) & ~finite)
-    says = "samples are in the order in which they came, and good ones are finite"
+    if rows.handed is not None:
+        wrong |= (rows.handed < time) | (np.diff(rows.handed, prepend=0) < 0)
+    says = "samples are in the order in which they came and were handed over, and good ones are finite"
     return all_true("samples", says, wrong)
 
 
@@ -139,7 +141,8 @@ def _newest(rows: SessionRows) -> Claim:
     again = np.flatnonzero(rows.follows & known & (rows.latency != -1) & (used == np.concatenate([[-2], used[:-1]])))
     wrong[again] |= np.append(rows.usable, True)[used[again] + 1]
     usable = np.flatnonzero(rows.usable)
-    clear = np.flatnonzero(rows.clear)
+    # The first tick has the hand at which the shown one was put, while others came.
+    clear = np.flatnonzero(rows.clear[1:]) + 1
     place = np.searchsorted(usable, rows.newest[clear], side="right") - 1
     wrong[clear] |= (place >= 0) & (usable[np.maximum(place, 0)] > used[clear]) if len(usable) else True
     says = "a tick has a usable sample no older than the one before, and none is passed over that had been handed over"

@@ -20,7 +20,8 @@ MOST_ANGLE = 2.0 * np.pi
 MOST_READ = 64
 """Samples that a tick takes at most; what is left waits for the next one."""
 HANDED_OVER = 20_000_000
-"""A driver that takes longer from the bytes of a sample to its record [ns] counts as gone."""
+"""A driver that takes longer from the bytes of a sample to its record [ns] counts as gone: for the last sample, and for
+files whose driver did not say when it handed one over."""
 
 SOLVER_FAILED = "the solver failed"
 """How a line of the log begins that tells of a tick without a hand."""
@@ -109,8 +110,20 @@ class SessionRows:
 
     @cached_property
     def newest(self) -> IntArray:
-        """Row of the last sample that must have been there when each tick began, -1 for none, shape (T,)."""
-        return np.searchsorted(self.samples["time"], self.woke - HANDED_OVER) - 1
+        """Row of the last sample that must have been there when each tick began, -1 for none, shape (T,).
+
+        A driver does one thing after the other: when it says that it hands a sample over, the one before is there.
+        """
+        there = np.searchsorted(self.samples["time"], self.woke - HANDED_OVER) - 1
+        if self.handed is None:
+            return there
+        return np.maximum(there, np.searchsorted(self.handed, self.woke) - 2)
+
+    @cached_property
+    def handed(self) -> IntArray | None:
+        """When the driver was about to hand each sample over [ns], shape (S,); None where the file does not say."""
+        name = "live/sample/handed"
+        return np.asarray(self.result[name], np.int64) if name in self.result else None
 
     @cached_property
     def clear(self) -> BoolArray:

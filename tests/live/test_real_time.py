@@ -11,7 +11,7 @@ from live_scripted import make_setup
 from hhsim.live.devices.registry import configure
 from hhsim.live.ipc.session_memory import FAULT, SessionMemory
 from hhsim.live.ipc.status import Stage
-from hhsim.live.real_time import RealTimeWishes, described
+from hhsim.live.real_time import RealTimeWishes, described, keep_off
 from hhsim.live.shared_memory import RingReader, write_setup
 
 ASK = """
@@ -145,3 +145,26 @@ def test_a_loop_whose_supervisor_is_gone_does_not_begin() -> None:
     assert child.returncode == 2
     assert "supervisor" in child.stderr
     assert memory.status["ticks"] == 0
+
+
+def test_the_neighbours_keep_off_the_loops_processor_where_there_is_another() -> None:
+    before = os.sched_getaffinity(0)
+    try:
+        keep_off(-1)
+        assert os.sched_getaffinity(0) == before
+        keep_off(max(before))
+        assert os.sched_getaffinity(0) == ((before - {max(before)}) or before)
+        only = min(os.sched_getaffinity(0))
+        os.sched_setaffinity(0, {only})
+        keep_off(only)
+        assert os.sched_getaffinity(0) == {only}, "a machine of one processor has room for nobody else"
+        assert RealTimeWishes().chosen().loop_cpu == -1
+    finally:
+        os.sched_setaffinity(0, before)
+
+
+def test_the_processor_of_the_loop_is_chosen_once_for_all_processes() -> None:
+    allowed = os.sched_getaffinity(0)
+    assert RealTimeWishes(cpu=-1).chosen().loop_cpu == -1
+    assert RealTimeWishes(cpu=0).chosen().loop_cpu == 0
+    assert RealTimeWishes().chosen().loop_cpu == (max(allowed) if len(allowed) > 1 else -1)

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from numpy.typing import NDArray
 
-from hhsim.kernels.timed_wait import PASSED
+from hhsim.kernels.live.deadlines import PASSED
 from hhsim.live import wakeups
 from hhsim.live.real_time import RealTimeWishes, timer_slack
 from hhsim.live.wakeups import measure_wakeups
@@ -51,11 +51,11 @@ def scripted(monkeypatch: pytest.MonkeyPatch, readings: list[tuple[int, int]], o
     """Blocks of which the third wake-up is so many periods late, and accounts that go by the script."""
     periods = iter([0, *overslept])
 
-    def wait(period: int, late_out: NDArray[Any]) -> int:
+    def wait(deadlines: Any, late_out: NDArray[Any]) -> int:
         late_out[:] = 20_000
         gone = next(periods)
         if gone:
-            late_out[2] = gone * period + 5_000
+            late_out[2] = gone * deadlines.period_ns + 5_000
             late_out[3 : 3 + gone] = PASSED
         return gone
 

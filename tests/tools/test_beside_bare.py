@@ -1,34 +1,59 @@
 """The loop beside a bare one: what is counted, and which limit is missed."""
 
+import json
+
 import numpy as np
 
 from hhsim.result.miss_cause import MissCause
-from tools.beside_bare import Beside, Turns, table
+from tools.beside_bare import Beside, Turns, as_json, table
 
 
 def beside(loop: int, bare: int, computed: int = 0) -> Beside:
     late = [np.arange(1000) * 1000]
-    both = Beside(1000.0, Turns(100_000, loop, woke=late), Turns(100_000, bare, woke=late))
-    both.loop.causes[MissCause.COMPUTED] = computed
+    both = Beside(1000.0, {"sim": Turns(100_000, loop, woke=late)}, Turns(100_000, bare, woke=late))
+    both.gloves["sim"].causes |= {MissCause.COMPUTED: computed, MissCause.HOST: loop - computed}
     return both
 
 
 def test_a_loop_that_misses_a_fifth_more_than_the_bare_one_is_let_pass() -> None:
     assert beside(120, 100).missed_limits() == []
-    assert beside(121, 100).missed_limits() == ["the loop missed 121 periods, the bare loop 100"]
+    assert beside(121, 100).missed_limits() == ["sim: the loop missed 0.1210 % of its periods, the bare loop 0.1000 %"]
 
 
 def test_a_period_of_its_own_making_is_none_too_few() -> None:
-    assert beside(1, 100, computed=1).missed_limits() == ["1 periods were missed by the loop's own computing"]
+    assert beside(1, 100, computed=1).missed_limits() == ["sim: 1 periods were missed by the loop's own computing"]
+
+
+def test_what_interrupts_took_is_not_the_loops_own() -> None:
+    both = beside(3, 100, computed=3)
+    both.gloves["sim"].interrupted = 2
+    assert both.missed_limits() == ["sim: 1 periods were missed by the loop's own computing"]
+
+
+def test_a_miss_without_a_name_is_told() -> None:
+    both = beside(3, 100)
+    both.gloves["sim"].causes[MissCause.HOST] = 1
+    assert both.missed_limits() == ["sim: 2 missed periods have no name"]
 
 
 def test_a_recording_that_is_not_whole_is_told() -> None:
     both = beside(1, 1)
-    both.lost, both.differing = 3, 1
+    both.gloves["sim"].lost, both.gloves["sim"].differing = 3, 1
     assert len(both.missed_limits()) == 2
 
 
-def test_the_table_has_both_in_microseconds() -> None:
-    lines = table(beside(120, 100)).splitlines()
-    (wakeup,) = (line for line in lines if line.startswith("wake-up p50"))
-    assert wakeup.split()[-2:] == ["500", "500"]
+def test_each_glove_is_judged_by_the_same_bare_loop() -> None:
+    both = beside(120, 100)
+    both.gloves["udp"] = Turns(100_000, 130)
+    both.gloves["udp"].causes[MissCause.WOKEN_LATE] = 130
+    (line,) = both.missed_limits()
+    assert line.startswith("udp: the loop missed 0.1300 %")
+    assert "| — |" in next(row for row in table(both).splitlines() if row.startswith("| sample sent"))
+
+
+def test_the_table_and_its_document_have_the_same_in_microseconds() -> None:
+    both = beside(120, 100)
+    (wakeup,) = (line for line in table(both).splitlines() if line.startswith("| wake-up p50"))
+    assert wakeup.split("|")[2:4] == [" 500 / 989 / 998 "] * 2
+    document = json.loads(json.dumps(as_json(both)))
+    assert (document["sim"]["wakeup_us"]["p50"], document["bare"]["missed"]) == (499.5, 100)

@@ -298,6 +298,20 @@ def bad_sample_used(file: h5py.File) -> None:
     file["live/sample/good"][HOLD] = 0
 
 
+def passed_over(file: h5py.File) -> None:
+    """The two samples after the one in use had been handed over 1 ms before the tick woke."""
+    tick = HOLD + 5
+    used = int(file["tick/input_seq"][tick])
+    row = int(np.flatnonzero(file["live/sample/seq"][:] == used)[0])
+    woke = file["live/tick/deadline"][tick] + file["live/tick/wakeup"][tick]
+    for name in ("time", "handed"):
+        file[f"live/sample/{name}"][row : row + 3] = woke - PERIOD + np.arange(3)
+
+
+def handed_before_it_came(file: h5py.File) -> None:
+    file["live/sample/handed"][HOLD] = file["live/sample/time"][HOLD] - 1
+
+
 def samples_out_of_order(file: h5py.File) -> None:
     file["live/sample/time"][HOLD] = file["live/sample/time"][HOLD - 2]
 
@@ -366,6 +380,8 @@ FAULTS: dict[Callable[[h5py.File], None], str] = {
     older_sample: "newest sample",
     bad_sample_used: "newest sample",
     samples_out_of_order: "samples",
+    handed_before_it_came: "samples",
+    passed_over: "newest sample",
     other_finger: "fingers of the sample",
     unsaid_loss: "records",
     invented_loss: "records",

@@ -1,8 +1,17 @@
-"""The periods of a loop: absolute deadlines, of which those that cannot be met are skipped and counted."""
+"""The periods of a loop: absolute deadlines, of which those that cannot be met are skipped and counted.
+
+The loop of a session and the one that only measures wake-ups wait by the same code.
+"""
 
 import numpy as np
+from numpy.typing import NDArray
 
+from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.jit import Record, jit
+from hhsim.kernels.timed_wait import sleep_until
+
+PASSED = -1
+"""Stands for a deadline that could not be slept for."""
 
 DEADLINES = np.dtype(
     [
@@ -76,3 +85,36 @@ def woken(deadlines: Record, now: int) -> None:
     deadlines.late_ns = late
     deadlines.missed = missed
     deadlines.missed_total += missed
+
+
+@jit
+def await_deadline(deadlines: Record) -> None:
+    """Sleep until the next deadline."""
+    aim = next_deadline(deadlines, monotonic_ns())
+    now = deadlines.asked_ns
+    while now < aim:
+        sleep_until(aim)
+        now = monotonic_ns()
+    woken(deadlines, now)
+
+
+@jit
+def wait_periods(deadlines: Record, late_out: NDArray[np.int64]) -> int:
+    """Wait for a row of deadlines, the first of them a period from now, and do nothing else.
+
+    Args:
+        deadlines: Of `DEADLINES`, with its period.
+        late_out: One entry a deadline: how long after it the thread woke [ns], or `PASSED`.
+
+    Returns:
+        How many deadlines were missed, those beyond the row too.
+    """
+    begin_periods(deadlines, monotonic_ns())
+    late_out[:] = PASSED
+    while deadlines.tick + 1 < late_out.shape[0]:
+        first = deadlines.tick + 1
+        await_deadline(deadlines)
+        slept_for = first + deadlines.passed
+        if slept_for < late_out.shape[0]:
+            late_out[slept_for] = deadlines.late_ns
+    return deadlines.missed_total

@@ -13,21 +13,21 @@ from numpy.typing import NDArray
 from hhsim.kernels.clock import monotonic_ns, thread_cpu_ns
 from hhsim.kernels.jit import JIT_ENABLED, jit
 from hhsim.kernels.live.accounts import account_steal, account_waking, name_miss, read_run_delay, read_steal
-from hhsim.kernels.live.deadlines import next_deadline, woken
+from hhsim.kernels.live.deadlines import await_deadline, begin_periods
 from hhsim.kernels.live.tick import (
     LiveArrays,
+    begin_hand,
     begin_tick,
     command_tick,
     count_work,
     look_for_stop,
     publish_tick,
 )
-from hhsim.kernels.timed_wait import sleep_until
 
 Bytes = NDArray[np.uint8]
 
 ASKS_PYTHON = 0
-"""Of `run_loop`: a hand is to be solved for."""
+"""Of `run_loop`: a hand is to be solved for, by a method that is not compiled."""
 
 
 class Block(NamedTuple):
@@ -98,9 +98,10 @@ else:
 
 @jit
 def wake_driver(live: LiveArrays, descriptor: int, now: int) -> None:
-    """Wake the driver for the command, where the last time was long enough ago, or a finger is to be let go."""
+    """Wake the driver for the command where it follows on a sample, lets a finger go, or the last time is long ago."""
     loop = live.loop[0]
-    if descriptor >= 0 and (now - loop.woken_ns >= loop.wake_ns or loop.safety != loop.told):
+    news = loop.arrived_ns >= 0 or loop.safety != loop.told
+    if descriptor >= 0 and (news or now - loop.woken_ns >= loop.wake_ns):
         loop.woken_ns = now
         _wake(descriptor)
 
@@ -124,11 +125,19 @@ def _finish(live: LiveArrays, files: SystemFiles, solved: bool, status: int) -> 
 
 
 @jit
+def _account(live: LiveArrays, files: SystemFiles) -> None:
+    """Read what the thread has had of its processor by now."""
+    deadlines = live.deadlines[0]
+    delay = read_run_delay(files.descriptors[0], files.line)
+    account_waking(live.misses[0], deadlines.woke_ns, deadlines.wakeup_ns, thread_cpu_ns(), delay)
+
+
+@jit
 def run_loop(live: LiveArrays, files: SystemFiles, address: int, block: Block) -> int:
     """Tick until the loop is to stop, or a hand is to be solved for by Python.
 
     Args:
-        live: The loop; its periods have begun.
+        live: The loop; its periods begin with the first call.
         files: Of the system.
         address: Of the machine code of `run_block` for the types of `block`; 0 to have Python solve.
         block: What it is given; haptic hand and record are those of the loop's row.
@@ -137,28 +146,31 @@ def run_loop(live: LiveArrays, files: SystemFiles, address: int, block: Block) -
         Why it stopped, `STOP_…`, or `ASKS_PYTHON` in the middle of a tick: the next call, with `LOOP.solved` and
         `LOOP.status` set, goes on with it.
     """
-    loop, deadlines, misses = live.loop[0], live.deadlines[0], live.misses[0]
+    loop, deadlines = live.loop[0], live.deadlines[0]
     if loop.asks == 1:
         loop.asks = 0
         _finish(live, files, loop.solved == 1, loop.status)
+    if loop.begun == 0:
+        # Here, and not before the call: what an interpreter takes for it is no part of a period.
+        loop.begun = 1
+        begin_periods(deadlines, monotonic_ns())
+        _account(live, files)
     while loop.stop[0] == 0:
-        aim = next_deadline(deadlines, monotonic_ns())
-        now = deadlines.asked_ns
-        while now < aim:
-            sleep_until(aim)
-            now = monotonic_ns()
-        woken(deadlines, now)
+        await_deadline(deadlines)
         look_for_stop(live)
-        account_waking(
-            misses, now, deadlines.wakeup_ns, thread_cpu_ns(), read_run_delay(files.descriptors[0], files.line)
-        )
+        _account(live, files)
         solved = begin_tick(live)
         status = 0
+        if solved and address == 0:
+            loop.asks = 1
+            return ASKS_PYTHON
         if solved:
-            if address == 0:
-                loop.asks = 1
-                return ASKS_PYTHON
+            solved = begin_hand(live)
+        if solved:
+            status = loop.status
+            loop.status = 0
             _run_block(address, block)
+            block.record.status[0] |= status
             status = block.record.status[0]
         _finish(live, files, solved, status)
     return loop.stop[0]

@@ -44,6 +44,8 @@ INTERVAL_STEP = 1.05
 LOOP = np.dtype(
     [
         ("stop", np.int64, (1,)),
+        ("begun", np.int64),
+        ("placing", np.int64, (1,)),
         ("periods", np.int64),
         ("longest_ns", np.int64),
         ("driver_ns", np.int64),
@@ -72,6 +74,8 @@ LOOP = np.dtype(
 | field | meaning |
 |---|---|
 | stop | `STOP_…`: the next tick is the last one |
+| begun | 1: the periods have begun |
+| placing | how far the shown hand is put where it can begin: `NO_HAND` and what follows |
 | periods | after so many the loop ends by itself, -1: never |
 | longest_ns | a tick that takes so long has judged what is no longer so |
 | driver_ns | a driver that gives no sign of life for so long counts as gone |
@@ -82,14 +86,20 @@ LOOP = np.dtype(
 | usable | 1: the newest sample that came can be used |
 | arrived_ns | when the newest of this tick's samples came, -1 where none did |
 | usual_ns | between two samples of the glove, 0 before there are two |
-| asks, solved, status | 1: Python solves this tick; 1: it did, with these status bits |
+| asks, solved, status | 1: Python solves this tick; 1: it did, with these status bits, as did who put the hand there |
 | safety, told | bits of this tick, and those that were noted last |
 | latency_ns | from `arrived_ns` to the command, -1 where there is none |
-| wake_ns, woken_ns | the driver is woken for a command once in so long; when it last was |
+| wake_ns, woken_ns | the driver is woken for a command without news once in so long; when it last was |
 | ratio | of the bins of the counted times |
 """
 
 STOP_ASKED, STOP_DURATION, STOP_SIGNAL = 1, 2, 3
+
+NO_HAND, PLACING, PLACED, NOT_PLACED, BEGUN = 0, 1, 2, 3, 4
+"""No hand is known; another thread puts the shown hand where it can begin; it has; it failed; ticks go on from there.
+
+Until the first tick of the shown hand the user's hand is kept as it was: what a replay begins with is what it sees.
+"""
 
 
 class LiveArrays(NamedTuple):
@@ -221,8 +231,11 @@ def begin_tick(live: LiveArrays) -> bool:
     loop, status, deadlines = live.loop[0], live.status[0], live.deadlines[0]
     now = deadlines.woke_ns
     status.heartbeat_ns = now
-    _take_samples(live)
-    _take_palm(live)
+    if load_acquire(loop.placing[:], as_int64(0)) in (NO_HAND, BEGUN):
+        _take_samples(live)
+        _take_palm(live)
+    else:
+        loop.arrived_ns = -1
     silent = now - status.driver_ns
     lost = status.device_lost != 0
     if silent > loop.driver_ns and not lost:
@@ -242,6 +255,29 @@ def begin_tick(live: LiveArrays) -> bool:
         loop.stop[0] != 0,
     )
     return loop.sample_ns >= 0 and loop.pose_ns >= 0
+
+
+@jit
+def begin_hand(live: LiveArrays) -> bool:
+    """Whether the shown hand is somewhere, and the tick can be solved; where it is not, have it put somewhere.
+
+    That may take many periods, as where it begins inside the object, and waits for no deadline.
+    """
+    loop = live.loop[0]
+    placing = load_acquire(loop.placing[:], as_int64(0))
+    if placing == BEGUN:
+        return True
+    if placing == NO_HAND:
+        loop.arrived_ns = -1
+        store_release(loop.placing[:], as_int64(0), as_int64(PLACING))
+    elif placing != PLACING:
+        loop.placing[0] = BEGUN
+        if placing == NOT_PLACED:
+            loop.safety |= SOLVER_FAILED
+            return False
+        loop.arrived_ns = loop.sample_ns
+        return True
+    return False
 
 
 @jit

@@ -174,6 +174,11 @@ class SessionMemory:
             descriptors.wake,
         )
 
+    def populate(self) -> None:
+        """Have every page that a tick reads or writes there before it does."""
+        for memory in (self.status_block, self.ticks, self.samples):
+            memory.populate()
+
     def arguments(self) -> list[str]:
         """The command line's options of a child that is to attach."""
         return [word for name, value in self.descriptors._asdict().items() for word in (f"--{name}", str(value))]

@@ -38,7 +38,7 @@ from hhsim.live.devices.registry import open_device
 from hhsim.live.ipc.session_memory import FAULT, REASON, WARNING, SessionMemory, add_memory_options, attached
 from hhsim.live.ipc.status import DriverSetup, Stage
 from hhsim.live.pose.registry import PoseSource, make_pose_source
-from hhsim.live.real_time import RealTimeWishes, become_ordinary, become_real_time, end_with
+from hhsim.live.real_time import RealTimeWishes, become_ordinary, become_real_time, end_with, keep_off
 from hhsim.live.shared_memory import read_setup
 from hhsim.result.safety import Safety
 
@@ -141,8 +141,9 @@ class GloveDriver:
         self._status["driver_begun"] = 1
         while not self._stop and self._status["stage"] < Stage.ENDING:
             self.wait()
-            self.take()
+            # The command first: what wakes the driver for a sample has no command, and costs nothing here.
             self.give()
+            self.take()
 
     def wait(self) -> None:
         """Sleep until something comes from glove or tracker, a command is there, or it is time to look."""
@@ -210,6 +211,7 @@ class GloveDriver:
     def _keep(self, count: int) -> None:
         ring = self.memory.samples
         for sample in self._samples[:count]:
+            sample["handed_ns"] = self._now()
             ring.records[ring.written % ring.capacity] = sample
             ring.publish()
 
@@ -274,6 +276,7 @@ def drive(driver: GloveDriver, wishes: RealTimeWishes) -> None:
     try:
         driver.open()
         opened = True
+        keep_off(wishes.loop_cpu)
         become_real_time(replace(wishes, lock_memory=False, cpu=-1), above=-1)
         if driver.until_loop(BEGIN):
             driver.run()

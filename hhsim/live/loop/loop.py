@@ -1,9 +1,11 @@
 """A session's loop: its memory, what it is made of, and what it tells; `hhsim.kernels.live` runs and decides.
 
-The ticks run in one compiled call, `run_loop`. It asks Python for one thing alone: to solve the first tick, in which
-the shown hand is put where it can begin, and those of methods and QP solvers that are not compiled.
+The ticks run in one compiled call, `run_loop`. It asks Python for two things: to put the shown hand where it can begin,
+which another thread does while the loop goes on, and to solve the ticks of methods and QP solvers that are not
+compiled.
 """
 
+import time
 from dataclasses import replace
 from typing import Any
 
@@ -14,6 +16,9 @@ from hhsim.kernels.live.loop import ASKS_PYTHON, Block, run_loop, wake_driver
 from hhsim.kernels.live.notes import NOTES
 from hhsim.kernels.live.tick import (
     LOOP,
+    NOT_PLACED,
+    PLACED,
+    PLACING,
     STOP_ASKED,
     STOP_DURATION,
     STOP_SIGNAL,
@@ -44,8 +49,10 @@ from hhsim.solver.workspace import zeroed
 from hhsim.system.log_histogram import LogHistogram
 
 STEAL_UNREAD = "what the host takes cannot be read in a tick here: periods that it took are named woken late"
+PLACE_SECONDS = 0.001
+"""Between two looks for a hand that is to be put somewhere."""
 WAKE_NS = 500_000
-"""The driver is woken for a command once in so long, and at once where a finger is let go."""
+"""The driver is woken for a command so often, and at once for one with news; more often, it would do nothing else."""
 REFUSED = np.dtype(
     [("channels", np.float64, (MOST_CHANNELS,)), ("known", np.int64, (MOST_CHANNELS,))],
     align=True,
@@ -149,12 +156,12 @@ class LiveLoop:
         at.driver_ns = round(1e9 * setup.safety.heartbeat_stale)
         at.sample_ns = at.pose_ns = at.input_seq = at.arrived_ns = at.latency_ns = -1
         at.usable = 1
-        at.wake_ns = min(WAKE_NS, period // 2)
+        at.wake_ns = WAKE_NS
         at.ratio = LogHistogram.RATIO
 
     @property
     def compiled(self) -> bool:
-        """Whether no tick but the first ones needs Python."""
+        """Whether no tick needs Python."""
         return bool(self._block[0])
 
     @property
@@ -170,7 +177,9 @@ class LiveLoop:
             self._loop["stop"][0, 0] = STOP_SIGNAL
 
     def run(self, cpu: int = -1) -> str:
-        """Run until told otherwise, then free the fingers; `prepare` came before, and another thread tells the `story`.
+        """Run until told otherwise, then free the fingers.
+
+        `prepare` came before; other threads call `place` and tell the `story`.
 
         Args:
             cpu: The processor that the calling thread stays on; -1 for any.
@@ -182,7 +191,7 @@ class LiveLoop:
             files = self.begin(cpu)
             while not self.stopped or self.at.asks:
                 address, block = self._block
-                code = self._run(self.live, files, address if self.solver.started else 0, block)
+                code = self._run(self.live, files, address, block)
                 if code == ASKS_PYTHON:
                     self.at.solved, self.at.status = self._solve()
         finally:
@@ -195,6 +204,24 @@ class LiveLoop:
         self._block = address, Block(*block)
         compiled: Any = run_loop
         self._run = compiled.entry(self.live, NO_FILES, *self._block) if JIT_ENABLED else run_loop
+
+    def place(self) -> None:
+        """Put the shown hand where it can begin, once there is a user's hand; returns then, or with the session's end.
+
+        Of a loop that is `compiled`, in another thread than its own: it takes many periods where the hand begins inside
+        the object.
+        """
+        placing, status = self._loop["placing"][0], self.memory.status
+        while placing[0] != PLACING:
+            if status["stage"] >= Stage.ENDING:
+                return
+            time.sleep(PLACE_SECONDS)
+        try:
+            self.at.status = self.solver.begin(self._haptic)
+            placing[0] = PLACED
+        except Exception as error:  # as of a tick
+            self.story.detail[Safety.SOLVER_FAILED] = f"{type(error).__name__}: {error}"
+            placing[0] = NOT_PLACED
 
     def begin(self, cpu: int = -1) -> Any:
         """Begin the first period, and pass over what came before: read at once, it has lost its times.
@@ -213,7 +240,8 @@ class LiveLoop:
         if self._misses.steal_unread:
             self.memory.log(INFORMATION, STEAL_UNREAD)
         status = self.memory.status
-        status["heartbeat_ns"] = self.deadlines.at.woke_ns
+        self.memory.populate()
+        status["heartbeat_ns"] = self.deadlines.clock.now()
         status["stage"] = Stage.RUNNING
         return files
 

@@ -11,7 +11,7 @@ from hhsim.result.miss_cause import TimeTaken
 from hhsim.solver.workspace import zeroed
 from hhsim.system.cpu_accounts import LINE_BYTES, CpuAccounts
 
-STEAL_SHARE = 0.1
+STEAL_SHARE = 0.2
 """Of a period: where one reading takes longer, as on machines of very many processors, it is done without."""
 
 

@@ -27,7 +27,7 @@ from hhsim.live.ipc.session_memory import FAULT, INFORMATION, WARNING, SessionMe
 from hhsim.live.ipc.status import DriverSetup, Stage, oldest_heartbeat
 from hhsim.live.loop.driver import BEGIN, OPEN, glove_info
 from hhsim.live.loop.loop import LiveLoop, loop_options
-from hhsim.live.real_time import become_ordinary, become_real_time, described, end_with
+from hhsim.live.real_time import become_ordinary, become_real_time, described, end_with, keep_off
 from hhsim.live.shared_memory import read_setup, write_setup
 from hhsim.solver.compile import warm_up
 
@@ -36,6 +36,7 @@ TELL_SECONDS = 0.02
 """Between two looks at what the loop noted."""
 DRIVER_PATIENCE = 2.0
 """How long the driver has to release the glove and end [s]."""
+BELOW_DRIVER = -2
 DEVICE_FACTS = ("name", "hand", "channels", "unit", "capabilities", "doubtful")
 SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 
@@ -124,6 +125,21 @@ class LoopThread(threading.Thread):
         self._loop = loop
         self.facts = {"device": {name: device[name] for name in DEVICE_FACTS}, "pose": device["pose"]}
         self.failure: BaseException | None = None
+
+    def start(self) -> None:
+        """Start it, and the thread that puts the shown hand where it can begin, which stands below the driver.
+
+        The calling thread, too, keeps off the loop's processor from now on.
+        """
+        super().start()
+        keep_off(self._loop.setup.real_time.loop_cpu)
+        if self._loop.compiled:
+            threading.Thread(target=self._place, name="hhsim-place", daemon=True).start()
+
+    def _place(self) -> None:
+        wishes = self._loop.setup.real_time
+        become_real_time(replace(wishes, lock_memory=False, cpu=-1, freeze_gc=False), above=BELOW_DRIVER)
+        self._loop.place()
 
     def run(self) -> None:
         """Become real time, say so, and run the loop."""

@@ -22,7 +22,7 @@ from types import FrameType
 from hhsim.live.device import DeviceError, FingerRelease
 from hhsim.live.devices.registry import open_release
 from hhsim.live.ipc.status import LIVE_STATUS, Stage, WatchdogSetup, oldest_heartbeat
-from hhsim.live.real_time import become_ordinary, become_real_time
+from hhsim.live.real_time import become_ordinary, become_real_time, keep_off
 from hhsim.live.shared_memory import SharedBlock, read_setup
 
 WATCH_MS = 4
@@ -200,6 +200,7 @@ def watch(setup: WatchdogSetup, device: FingerRelease | None) -> None:
     """
     watchdog = Watchdog(setup, device)
     on_signal(watchdog.allow_end)
+    keep_off(setup.real_time.loop_cpu)
     become_real_time(replace(setup.real_time, cpu=-1), above=1)
     watchdog.watch()
     become_ordinary()

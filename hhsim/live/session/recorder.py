@@ -1,7 +1,8 @@
 """The process that writes a session to its file: `python -m hhsim.live.session.recorder --setup FD --status FD …`.
 
-It runs at ordinary priority and only reads the rings, so that whatever happens to it, or to the disk, is nothing to the
-loop. It ends when the session has ended and all of it is written, or when the loop is gone.
+It only reads the rings, so that whatever happens to it, or to the disk, is nothing to the loop, far below which it
+stands: it is in real time only since the rings overflow where a busy machine lets it wait. It ends when the session has
+ended and all of it is written, or when the loop is gone.
 
 Exit codes: 0 all that came is written; 1 a fault of hhsim's own; 2 the file cannot be written (the line on stderr says
 why, and where what was written is). After 1 and 2 `recorder_failed` is set in the status.
@@ -15,6 +16,7 @@ import sys
 import time
 import traceback
 from collections.abc import Sequence
+from dataclasses import replace
 from types import FrameType
 
 from hhsim.errors import HhsimError
@@ -22,6 +24,7 @@ from hhsim.live.ipc.config import LiveSetup
 from hhsim.live.ipc.session_memory import SessionMemory, add_memory_options, attached
 from hhsim.live.ipc.status import Stage
 from hhsim.live.loop.loop import loop_options
+from hhsim.live.real_time import become_ordinary, become_real_time, keep_off
 from hhsim.live.session.writer import RINGS, SessionWriter
 from hhsim.live.shared_memory import RingReader, read_setup
 from hhsim.result.miss_cause import by_name
@@ -32,6 +35,8 @@ POLL = 0.05
 """The rings are looked at this often [s]; they hold 16 s of ticks at 1 kHz."""
 LONGEST_WAIT = 1.0
 """What came is written after this time at the latest [s]."""
+PRIORITY = 1
+"""Under SCHED_FIFO, where the session is in real time."""
 AT_ONCE = 2 * CHUNK_TICKS
 """Most records of a ring in one block: a disk that gets full takes no more than them."""
 CUT_SHORT = "the recorder was told to stop before the session ended"
@@ -79,6 +84,7 @@ class Recorder:
             self._breathe()
         with SessionWriter(self._path, self._setup, options, self._memory.read_facts()) as writer:
             ended = self._follow(writer)
+            become_ordinary()
             if writer.empty:
                 return
             status = self._memory.status
@@ -157,6 +163,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     add_memory_options(parser)
     options = parser.parse_args(arguments)
     setup, memory = read_setup(options.setup, LiveSetup), attached(options)
+    keep_off(setup.real_time.loop_cpu)
+    become_real_time(replace(setup.real_time, priority=PRIORITY, lock_memory=False, cpu=-1, freeze_gc=False))
     recorder = Recorder(setup, memory)
     # Ctrl-C is for the session: its end is recorded too.
     signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -10,12 +10,13 @@
 The supervisor itself is needed by none of them: when it is killed, the loop frees the fingers and ends.
 """
 
+import contextlib
 import math
 import os
 import signal
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -26,6 +27,7 @@ from hhsim.live.device import DeviceCounters, DeviceError
 from hhsim.live.ipc.config import LiveSetup
 from hhsim.live.ipc.session_memory import FAULT, INFORMATION, WARNING, SessionMemory
 from hhsim.live.ipc.status import Stage
+from hhsim.live.real_time import keep_off
 from hhsim.live.session.statistics import LiveTally
 from hhsim.live.shared_memory import RingReader, write_setup
 from hhsim.result.miss_cause import by_name
@@ -113,6 +115,7 @@ class Supervisor:
 
     def __init__(self, setup: LiveSetup, say: Say = lambda text, level: None) -> None:
         """Nothing is started yet."""
+        setup = replace(setup, real_time=setup.real_time.chosen())
         self.setup = setup
         self._say = say
         self.memory = SessionMemory.create()
@@ -133,6 +136,7 @@ class Supervisor:
         self._never_ran = False
         self._stop_time = math.inf
         self._hangs = False
+        self._processors = os.sched_getaffinity(0)
         self._outcome: SessionOutcome | None = None
 
     def __enter__(self) -> Self:
@@ -156,6 +160,7 @@ class Supervisor:
         except BaseException:
             self.end("interrupted")
             raise
+        keep_off(self.setup.real_time.loop_cpu)
         return self
 
     def __exit__(
@@ -233,6 +238,8 @@ class Supervisor:
             child.close()
         for descriptor in set(self._setups.values()):
             os.close(descriptor)
+        with contextlib.suppress(OSError):
+            os.sched_setaffinity(0, self._processors)
         return self._outcome
 
     def check(self) -> None:

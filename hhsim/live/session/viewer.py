@@ -30,6 +30,7 @@ from hhsim.kernels.tick.block import TickRecord
 from hhsim.live.ipc.config import LiveSetup
 from hhsim.live.ipc.session_memory import SessionMemory, add_memory_options, attached
 from hhsim.live.ipc.status import Stage
+from hhsim.live.real_time import keep_off
 from hhsim.live.shared_memory import RingReader, read_setup
 from hhsim.replay.tick_columns import TickColumns
 from hhsim.result.safety import why_free_or_held
@@ -196,7 +197,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with suppress(OSError):
         os.nice(NICENESS)
     try:
-        viewer = LiveViewer(read_setup(options.setup, LiveSetup), attached(options))
+        setup = read_setup(options.setup, LiveSetup)
+        keep_off(setup.real_time.loop_cpu)
+        viewer = LiveViewer(setup, attached(options))
         # Ctrl-C is for the session: its end is shown too.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         signal.signal(signal.SIGHUP, signal.SIG_IGN)

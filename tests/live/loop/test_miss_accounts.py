@@ -170,7 +170,7 @@ def test_accounts_that_are_slow_to_read_are_done_without() -> None:
 
     def slow() -> int:
         reads.append(planted.clock.now())
-        planted.clock.work(200_000)
+        planted.clock.work(300_000)
         return 0
 
     planted.accounts.steal_ns = slow  # type: ignore[method-assign]
