@@ -76,7 +76,7 @@ REACH_GROWTH = 4.0
 """A tick's first program reaches as far as this many motions of the last tick, and this many settled steps.
 
 A step that is cut short by the reach lets the next one reach farther by the last factor, up to the margin; after a
-whole one the next reaches as far as that step was long.
+whole one the next reaches `REACH_FLOOR` times as far as that step was long.
 """
 TRUST_DECAY = 0.25
 TRUST_GROWTH = 4.0
@@ -378,8 +378,9 @@ def advance(hand: HandArrays, surface: Any, options: TickOptions, state: Record)
     if fraction < 1.0 or state.clipped:
         state.reach = min(options.margin, REACH_GROWTH * state.reach)
     else:
-        # What a whole step leaves to go is of second order: its contacts are near ones.
-        state.reach = min(state.reach, max(REACH_FLOOR * options.step_tolerance, longest))
+        # What a whole step leaves to go is of second order: its contacts are near ones. The next may be the longer one
+        # all the same, where contacts change, and one that the reach cuts short would grow it, and go to and fro.
+        state.reach = min(state.reach, REACH_FLOOR * max(options.step_tolerance, longest))
     status = evaluate_pose(hand, surface, options, state)
     wanted = max(state.unclipped_motion if state.clipped else 0.0, longest)
     state.lag = wanted - fraction * longest
