@@ -12,10 +12,12 @@ import numpy as np
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import MeshError
 from hhsim.kernels.mesh.bvh import pseudonormals
+from hhsim.kernels.mesh.covered_borders import covered_corners, covered_edges
 from hhsim.kernels.mesh.feature_distance import ON
 from hhsim.kernels.mesh.features import (
     EDGE_FIELDS,
     FACE_FIELDS,
+    FaceSpheres,
     MeshFeatures,
     face_spheres,
     touchable_vertices,
@@ -92,8 +94,6 @@ def mesh_features(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tup
     both[flat] = wing_face[wing_start[:-1][flat]] + wing_face[wing_start[:-1][flat] + 1]
     face_across = np.where(flat[edge], both[edge] - np.arange(len(ends)) // 3, -1)
 
-    face_edge = np.full(len(ends), -1, dtype=np.int64)
-    face_edge[first[bent]] = edge[first[bent]]
     used, owner = np.unique(corners.reshape(-1), return_index=True)
     face_vertex = np.full(len(ends), -1, dtype=np.int64)
     face_vertex[owner] = used
@@ -103,22 +103,35 @@ def mesh_features(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tup
     spoke = np.ascontiguousarray(np.concatenate([along, -along])[order])
     spoke_start = np.concatenate([[0], np.cumsum(np.bincount(origin, minlength=len(place)))]).astype(np.int64)
 
+    corner = np.ascontiguousarray(place[corners].reshape(-1, 9))
+    spheres = face_spheres(corner)
+    line = np.ascontiguousarray(np.concatenate([start, along, length[:, None]], axis=1)).reshape(-1, EDGE_FIELDS)
     normal_at = np.zeros((len(place) if closed else 0, 3))
     if closed:
         normal_at[corners] = outward[:, 1:4]
     touchable = np.empty(len(place), dtype=bool)
     touchable_vertices(spoke_start, spoke, normal_at, touchable)
+    if not closed:
+        border = np.flatnonzero(np.diff(wing_start) == 1)
+        inward, own = wing[wing_start[border]], wing_face[wing_start[border]]
+        covered = np.zeros(len(border), dtype=bool)
+        covered_edges(spheres, face, line[border], inward, own, FLAT, covered)
+        bent[border[covered]] = False
+        at_border = np.concatenate([low[first][border], top[first][border]])
+        touchable &= ~_are_covered(spheres, face, place, corners, at_border)
     face_vertex[face_vertex >= 0] = np.where(touchable[used], used, -1)[np.argsort(owner)]
 
-    corner = np.ascontiguousarray(place[corners].reshape(-1, 9))
+    face_edge = np.full(len(ends), -1, dtype=np.int64)
+    face_edge[first[bent]] = edge[first[bent]]
+
     features = MeshFeatures(
-        spheres=face_spheres(corner),
+        spheres=spheres,
         corner=corner,
         face=face,
         face_edge=face_edge.reshape(-1, 3),
         face_vertex=face_vertex.reshape(-1, 3),
         face_across=face_across.reshape(-1, 3),
-        edge=np.ascontiguousarray(np.concatenate([start, along, length[:, None]], axis=1)).reshape(-1, EDGE_FIELDS),
+        edge=line,
         wing_start=wing_start,
         wing=wing,
         wing_face=wing_face,
@@ -129,6 +142,20 @@ def mesh_features(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tup
         pseudonormal=outward,
     )
     return features, LeftOut(without_area, repeated)
+
+
+def _are_covered(
+    spheres: FaceSpheres, face: FloatArray, place: FloatArray, corners: IntArray, asked: IntArray
+) -> NDArray[np.bool_]:
+    # Which of the corners asked for lie within the plane of each of their faces.
+    covered = np.zeros(len(place), dtype=bool)
+    covered[asked] = True
+    own, at = np.nonzero(covered[corners])
+    corner = corners[own, at]
+    around = np.zeros(len(corner), dtype=bool)
+    covered_corners(spheres, face, np.ascontiguousarray(place[corner]), own, FLAT, around)
+    covered[corner[~around]] = False
+    return covered
 
 
 CELLS = 10

@@ -86,6 +86,8 @@ def tick_state_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
     | hold_abduction | this tick keeps the abduction, since following it left no feasible step |
     | full | this tick met more pairs than the arrays hold |
     | accepted, bad_steps | whether a step was accepted in this tick; penetrating ones in a row |
+    | first_step, first_abduction | the penetrating step that was taken from `safe`, and its abduction's |
+    | part | share of it that is thought not to penetrate |
     | unfinished | a tick came nowhere, and the hand has not arrived since: the next begins with what it found out |
     | idle | how many ticks in a row came nowhere |
     | work | counters of this tick |
@@ -134,6 +136,9 @@ def tick_state_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
             ("relapses", np.int64),
             ("lagged", np.bool_),
             ("accepted", np.bool_),
+            ("first_step", np.float64, (DOF,)),
+            ("first_abduction", np.float64, (FINGER_COUNT,)),
+            ("part", np.float64),
             ("unfinished", np.bool_),
             ("idle", np.int64),
             ("full", np.bool_),

@@ -5,9 +5,10 @@ program, solves it by the chosen method and takes the step, shortened so that no
 the pairs at hand can vouch for: no feature of the object can be jumped over. (Between the ends of a step a rotation can
 graze a sphere to second order in the step: about a micrometre at the default margin, and in proportion to its square.)
 After each step the *true* distances decide. A configuration without penetration becomes the last feasible one; from a
-penetrating one (the second order of a rotation) the next linearisation corrects; if it does not come free, the step is
-taken back and tried shorter. A program that fails is never followed. Since the tick starts from a feasible
-configuration and ends at the last feasible one, the graphic hand never penetrates.
+penetrating one (the second order of a rotation) the next linearisation corrects; if it does not come free, the tick
+goes back, takes the share of its first penetrating step that keeps the clearance, and tries shorter ones. A program
+that fails is never followed. Since the tick starts from a feasible configuration and ends at the last feasible one,
+the graphic hand never penetrates.
 """
 
 import math
@@ -76,10 +77,10 @@ REACH_GROWTH = 4.0
 """A tick's first program reaches as far as this many motions of the last tick, and this many settled steps.
 
 A step that is cut short by the reach lets the next one reach farther by the last factor, up to the margin; after a
-whole one the next reaches as far as that step was long.
+whole one the next reaches `REACH_FLOOR` times as far as that step was long.
 """
 TRUST_DECAY = 0.25
-TRUST_GROWTH = 4.0
+TRUST_GROWTH = 2.0
 LEAST_TRUST = 1e-6
 """What is left of the longest step after penetrating ones, what it grows by, and the share of the margin that is none.
 """
@@ -129,7 +130,7 @@ def evaluate_pose(hand: HandArrays, surface: Any, options: TickOptions, state: R
     return evaluate(hand, pose, surface, needed, margin, skin, candidates, state.work)
 
 
-@jit_once
+@jit
 def least_distance(candidates: Record) -> float:
     """Least signed distance [m] of all pairs at hand, infinite where there is none."""
     least = np.inf
@@ -160,9 +161,9 @@ def _take_over(options: TickOptions, state: Record) -> None:
     # A tick whose work ran out before it came anywhere would else begin the next one as it began, for ever: what it
     # found too long, or without solution, is not tried again until the hand has arrived.
     if state.unfinished:
-        if state.accepted:
+        if state.accepted and state.bad_steps == 0:
             state.trust = min(options.margin, TRUST_GROWTH * state.trust)
-        elif state.bad_steps > 0:
+        elif state.bad_steps > 0 and not state.accepted:
             state.trust *= TRUST_DECAY
     if not state.unfinished or state.trust < LEAST_TRUST * options.margin:
         state.unfinished = False
@@ -209,6 +210,7 @@ def begin_tick(options: TickOptions, state: Record) -> None:
     state.progressive.variables = 6
     state.accepted = False
     state.full = False
+    state.part = 0.0
     state.bad_steps = 0
     state.step.duration[:] = 0
     state.step.iterations = 0
@@ -283,6 +285,37 @@ def _take_back(state: Record) -> None:
     for body in range(BODY_COUNT):
         state.since_safe[body] = 0.0
     state.bad_steps = 0
+
+
+PART = 0.8
+"""Of the share of a step at which its second order is thought to use up the clearance."""
+
+
+@jit
+def _keep_first_step(options: TickOptions, fraction: float, clearance: float, depth: float, state: Record) -> None:
+    # The step that has led from the safe hand into the object by `depth`, and the share of it that would not have: a
+    # row that is kept is violated by the second order alone.
+    for j in range(DOF):
+        state.first_step[j] = fraction * state.step.delta[j]
+    for f in range(FINGER_COUNT):
+        state.first_abduction[f] = fraction * state.problem.abduction_step[f]
+    state.part = PART * math.sqrt(min(max(clearance, 0.0), options.offset) / (depth + options.offset))
+
+
+@jit
+def _go_part_of_the_way(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> bool:
+    # Return to the safe hand, and go from there as far as its first step allows; whether that has led anywhere.
+    _take_back(state)
+    if state.part >= LEAST_TRUST:
+        move(state.pose, state.first_step, state.first_abduction, state.part)
+        if evaluate_pose(hand, surface, options, state) == 0 and least_distance(state.candidates) >= 0.0:
+            copy_configuration(state.pose, state.safe)
+            state.accepted = True
+            return True
+        copy_configuration(state.safe, state.pose)
+    if evaluate_pose(hand, surface, options, state) != 0:
+        state.full = True
+    return False
 
 
 @jit_once
@@ -370,6 +403,7 @@ def advance(hand: HandArrays, surface: Any, options: TickOptions, state: Record)
     # million times stiffer than a joint that adds up.
     for f in range(FINGER_COUNT):
         clamp_to_limits(hand, state.pose, f, step.delta[:])
+    clearance = least_distance(candidates)
     fraction, longest = _shortening(hand, options, state)
     move(state.pose, step.delta, problem.abduction_step, fraction)
     for body in range(BODY_COUNT):
@@ -378,11 +412,11 @@ def advance(hand: HandArrays, surface: Any, options: TickOptions, state: Record)
     if fraction < 1.0 or state.clipped:
         state.reach = min(options.margin, REACH_GROWTH * state.reach)
     else:
-        # What a whole step leaves to go is of second order: its contacts are near ones.
-        state.reach = min(state.reach, max(REACH_FLOOR * options.step_tolerance, longest))
+        # What a whole step leaves to go is of second order: its contacts are near ones. The next may be the longer one
+        # all the same, where contacts change, and one that the reach cuts short would grow it, and go to and fro.
+        state.reach = min(state.reach, REACH_FLOOR * max(options.step_tolerance, longest))
     status = evaluate_pose(hand, surface, options, state)
     wanted = max(state.unclipped_motion if state.clipped else 0.0, longest)
-    state.lag = wanted - fraction * longest
     done = False
     if status != 0:
         state.full = True
@@ -394,6 +428,7 @@ def advance(hand: HandArrays, surface: Any, options: TickOptions, state: Record)
         copy_active(state.warm, state.active)
         state.accepted = True
         state.bad_steps = 0
+        state.lag = wanted - fraction * longest
         unhindered = state.contacts.start[FINGER_COUNT + 1] == 0
         done = fraction == 1.0 and not state.clipped and (unhindered or longest <= options.step_tolerance)
         if not done and state.lag == 0.0:
@@ -402,14 +437,15 @@ def advance(hand: HandArrays, surface: Any, options: TickOptions, state: Record)
         elif done:
             state.lag = 0.0
     else:
+        if state.bad_steps == 0:
+            state.lag = wanted
+            _keep_first_step(options, fraction, clearance, -least_distance(candidates), state)
         state.bad_steps += 1
         if state.bad_steps > 3:
             if not state.in_one_program:
                 switch_to_coupled(state)
-            _take_back(state)
-            state.lag = wanted
+            _go_part_of_the_way(hand, surface, options, state)
             state.trust *= TRUST_DECAY
-            state.full = evaluate_pose(hand, surface, options, state) != 0
             done = state.full
     state.step.duration[DURATION_DETECT] += monotonic_ns() - began
     return done
@@ -473,16 +509,20 @@ def finish_tick(hand: HandArrays, surface: Any, options: TickOptions, strained: 
     status = 0
     candidates = state.candidates
     cut_short = state.work[WORK_LINEARISATIONS] < options.linearisations and spent_units(state) >= options.budget
-    state.idle = 0 if state.accepted else state.idle + 1
     unsafe = 0.0
     for body in range(BODY_COUNT):
         unsafe += state.since_safe[body]
     bad_steps = state.bad_steps
+    part = False
     if unsafe > 0.0:
-        _take_back(state)
+        if state.accepted or state.full:
+            state.part = 0.0
+        part = _go_part_of_the_way(hand, surface, options, state)
         state.bad_steps = bad_steps
-        if evaluate_pose(hand, surface, options, state) != 0:
-            status |= STATUS_CAPACITY_EXCEEDED
+    if part:
+        # What is not safe in one program may be in several.
+        state.trust = max(TRUST_DECAY, state.part) * min(state.reach, state.trust)
+    state.idle = 0 if state.accepted else state.idle + 1
     if state.full:
         status |= STATUS_CAPACITY_EXCEEDED
     if not state.accepted:
@@ -491,7 +531,7 @@ def finish_tick(hand: HandArrays, surface: Any, options: TickOptions, strained: 
         state.lag = np.inf
     elif state.lag > 0.0:
         status |= STATUS_LAG
-    state.unfinished = not state.accepted or (state.unfinished and state.lag > 0.0)
+    state.unfinished = not state.accepted or part or (state.unfinished and state.lag > 0.0)
     if state.accepted and state.hold_abduction:
         status |= STATUS_ABDUCTION_HELD
     if status & (STATUS_STUCK | STATUS_LAG):

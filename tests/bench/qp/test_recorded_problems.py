@@ -102,8 +102,8 @@ def test_a_harvested_program_is_the_tick_s() -> None:
     opened = still(1, [0.0, -0.045, 0.056], flexion=np.full((5, 3), 0.2))
     closed = still(1, [0.0, -0.045, 0.050], flexion=np.full((5, 3), 0.7))
     motion = straight_line(opened, closed, 40)
-    solver = HandSolver(HAND, BALL.arrays(), SolverOptions(linearisations=1))
-    # A tick whose step is taken: one that is taken back leaves the rows of where it returned to.
+    solver = HandSolver(HAND, BALL.arrays(), SolverOptions())
+    # A tick that arrives: one that lags leaves the rows of the program that its forces are from.
     solver.run(*(values[:31] for values in motion))
     taken = harvest_tick(solver, HandConfiguration(*motion), 31, "here")
     assert taken
