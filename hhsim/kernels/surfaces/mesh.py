@@ -61,12 +61,15 @@ Indices = NDArray[np.int64]
 PALM_SPHERES = 1024
 PARTS = PALM_BODY + PALM_SPHERES
 """What is walked for: the phalanges, then the palm's spheres."""
-PHALANX_ROOM = 4096
+PHALANX_ROOM = 4088
 PALM_ROOM = 32768
+LINE = 8
+"""Numbers in a cache line."""
 FOUND_ROOM = 4 * PHALANX_ROOM
 """Faces whose spheres are near a part: more than those that are near themselves, where they are small."""
 ROOM = PALM_BODY * PHALANX_ROOM + PALM_ROOM
-"""Faces near a phalanx and near the palm, and in all; as many edges, as many vertices."""
+"""Faces near a phalanx and near the palm, and in all; as many edges, as many vertices. Odd numbers of cache lines, see
+`CONTACT_ROWS`."""
 NEAR_CONE = 0.03
 """Sine of the angle by which a witness may lie outside of its feature's normal cone and still have a row, whose normal
 is the cone's nearest.
@@ -163,7 +166,7 @@ def _start(hand: HandArrays, part: int) -> int:
 
 @jit_inline
 def _palm_room(hand: HandArrays) -> int:
-    return min(PHALANX_ROOM, PALM_ROOM // hand.palm_radius.shape[0])
+    return LINE * ((min(PHALANX_ROOM, PALM_ROOM // hand.palm_radius.shape[0]) // LINE - 1) | 1)
 
 
 @jit_inline

@@ -33,9 +33,9 @@ from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays, gather_round_cone,
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-PHALANX_PAIRS = 4096
+PHALANX_PAIRS = 4088
 PALM_SLOTS = 8
-SLOT_PAIRS = 4096
+SLOT_PAIRS = 4088
 PALM_PAIRS = PALM_SLOTS * SLOT_PAIRS
 """Room for the near pairs of a phalanx, and of the palm; the paper's heaviest scenes have a few hundred.
 
