@@ -130,10 +130,11 @@ so slow that it will not do so again in so many evaluations: a list from nearby 
 
 
 @jit
-def choose_gathers(needed: float, margin: float, skin: float, candidates: Record) -> None:
+def choose_gathers(needed: float, margin: float, skin: float, candidates: Record, work: Indices) -> None:
     """Say which bodies are to be gathered: those that must be, and where none must, the one that will soonest.
 
-    Bodies that move together would else be gathered together, and their tick take many times another's.
+    Bodies that move together would else be gathered together, and their tick take many times another's. A tick that has
+    gathered already gathers nothing ahead of need.
     """
     candidates.needed = needed
     soonest, least = -1, np.inf
@@ -150,6 +151,8 @@ def choose_gathers(needed: float, margin: float, skin: float, candidates: Record
             soonest, least = body, slack
         elif count > longest and moved > STALE * needed and LASTS * candidates.pace[body] < STALE * needed:
             stale, longest = body, count
+    if work[COUNT_GATHERS] > 0:
+        return
     if soonest >= 0 and least > -np.inf:
         candidates.due[soonest] = 2
     elif stale >= 0 and longest < np.inf:
@@ -244,7 +247,7 @@ def evaluate(
         0, or FULL.
     """
     follow_motion(hand, pose, candidates)
-    choose_gathers(needed, margin, skin, candidates)
+    choose_gathers(needed, margin, skin, candidates, work[:])
     walk = Walk(candidates.stack[:], candidates.scratch[:])
     first, last = as_int64(0), as_int64(BODY_COUNT)
     return evaluate_range(hand, pose, surface, margin, skin, first, last, candidates, walk, work[:])

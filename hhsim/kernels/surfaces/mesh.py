@@ -83,10 +83,10 @@ LOOK_OUT = 3.0
 FINDING, LISTING = 1, 2
 """Node tests that a face near a part counts as, and one of its features that is listed."""
 SOON = 0.7
-AHEAD_SPHERES = 6
+AHEAD_SPHERES = 2
 """In a tick that has nothing else to gather, up to so many of the palm's spheres are gathered ahead of need: of those
 whose slack exceeds what is needed by less than this share of the way to the reach."""
-PACE = 2.0
+PACE = 2.5
 """A list reaches at least so many times as far as what is needed: that of a fast hand must last for some ticks too."""
 CROWD = 512
 SHARES = (1.0, 0.3, 0.1, 0.03, 0.01)
