@@ -137,12 +137,13 @@ def choose_gathers(needed: float, margin: float, skin: float, candidates: Record
     gathered already gathers nothing ahead of need.
     """
     candidates.needed = needed
+    must = needed - candidates.leeway
     soonest, least = -1, np.inf
     stale, longest = -1, LONG
     for body in range(BODY_COUNT):
         # Far from the object a long step leaves little slack, which would bound the next one; a walk there is cheap.
         slack, fresh = candidates.slack[body], candidates.fresh[body]
-        due = slack < needed or (fresh > FAR * (margin + skin) and slack < 0.5 * fresh)
+        due = slack < must or (fresh > FAR * (margin + skin) and slack < 0.5 * fresh)
         candidates.due[body] = 1 if due else 0
         moved, count = fresh - slack, candidates.count[body]
         if due:
@@ -237,7 +238,7 @@ def evaluate(
         hand: The hand.
         pose: The configuration.
         surface: The object's, world frame.
-        needed: Every pair up to this far [m] is to be known.
+        needed: Every pair up to this far [m] is to be known, but for `candidates.leeway`.
         margin: The most that is ever needed [m].
         skin: Gathered in excess of the margin [m], so that lists last for several ticks.
         candidates: The lists, brought up to date.

@@ -391,6 +391,7 @@ def _gather_palm_spheres(
         return False
     spare, used = candidates.spare, candidates.slack[PALM_BODY]
     needed = candidates.needed
+    must = needed - candidates.leeway
     soon = needed + SOON * (reach - needed)
     ahead = AHEAD_SPHERES if candidates.due[PALM_BODY] == 2 else 0
     total = 0
@@ -399,7 +400,7 @@ def _gather_palm_spheres(
         first, last = PALM_BODY + hand.palm_group_start[group], PALM_BODY + hand.palm_group_start[group + 1]
         due, listed = 0, 0
         for part in range(first, last):
-            due += 0 if used + spare[part] > (soon if ahead > 0 else needed) else 1
+            due += 0 if used + spare[part] > (soon if ahead > 0 else must) else 1
             listed += _pair_count(candidates, part)
         if due > 1 and listed == 0:
             # Where the sphere around a group is near nothing, nor is any of them.
@@ -419,8 +420,8 @@ def _gather_palm_spheres(
                     spare[part] = max(used + spare[part], clearance) - used
         for part in range(first, last):
             own = used + spare[part]
-            if not own > (soon if ahead > 0 else needed):
-                ahead -= 1 if own > needed else 0
+            if not own > (soon if ahead > 0 else must):
+                ahead -= 1 if own > must else 0
                 own = _gather_part(mesh, hand, pose, part, reach, candidates, walk, work)
                 if own == -np.inf:
                     # What has been gathered anew has no common measure with what has not.

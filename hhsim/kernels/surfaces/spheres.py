@@ -183,7 +183,7 @@ def _gather_palm(
     tree: TreeArrays, hand: HandArrays, pose: Record, reach: float, candidates: Record, walk: Walk, work: Indices
 ) -> bool:
     # The slots that need it; far from the object, where a walk is cheap, all; ahead of need the one that soonest will.
-    spare, used, needed = candidates.palm_spare, candidates.slack[PALM_BODY], candidates.needed
+    spare, used, needed = candidates.palm_spare, candidates.slack[PALM_BODY], candidates.needed - candidates.leeway
     soonest = as_int64(-1)
     if candidates.due[PALM_BODY] == 2:
         soonest = as_int64(0)
