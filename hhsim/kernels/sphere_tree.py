@@ -10,14 +10,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.jit import jit, jit_inline
+from hhsim.kernels.jit import as_int64, jit, jit_inline, jit_vector
 from hhsim.kernels.round_cone_distance import RoundCone, round_cone_parameter
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-STACK_SIZE = 1024
+MOST_WAITING = 1024
 """A depth-first walk holds at most (branching - 1) · depth + 1 nodes; trees have at most 5 levels."""
+MOST_AT_ONCE = 64
+"""Children whose distances the vector unit computes at once, where a node has no more."""
+STACK_SIZE = MOST_WAITING + MOST_AT_ONCE
+"""Behind the nodes that wait, a walk's stack has room for these distances."""
 
 
 class TreeArrays(NamedTuple):
@@ -51,27 +55,38 @@ def node_distance(tree: TreeArrays, cone: RoundCone, node: int) -> float:
     return math.sqrt(qx * qx + qy * qy + qz * qz) - radius_a + s * radius_drop - tree.radius[node]
 
 
+@jit_vector
+def _child_distances(tree: TreeArrays, cone: RoundCone, first: int, last: int, distance_out: Array) -> None:
+    # An index that might be negative is looked at first, and the vector unit left out.
+    for i in range(np.uint64(first), np.uint64(last)):
+        distance_out[i - np.uint64(first)] = node_distance(tree, cone, i)
+
+
 @jit
 def gather_round_cone(
     tree: TreeArrays, cone: RoundCone, margin: float, stack: Indices, index_out: Indices
 ) -> tuple[int, float, int]:
     """Leaves whose signed distance to a round cone is at most `margin` [m].
 
+    Args:
+        tree: The tree.
+        cone: The body.
+        margin: [m].
+        stack: Workspace, shape (>= STACK_SIZE,).
+        index_out: The leaves; as many as there is room for.
+
     Returns:
         (count, clearance, node tests): `index_out[:count]` holds the node indices of the leaves; every leaf left out is
         at least `clearance` [m] away (more than the margin; infinite when none was left out). count is -1 where
         `index_out` is too small.
     """
-    ax, ay, az, ux, uy, uz, length, tan_slope, inverse_length, radius_a, radius_drop = cone
     clearance = np.inf
     count = 0
     tests = 1
-    dx, dy, dz = tree.x[0] - ax, tree.y[0] - ay, tree.z[0] - az
-    s = round_cone_parameter(dx, dy, dz, ux, uy, uz, tan_slope, inverse_length)
-    qx, qy, qz = dx - s * length * ux, dy - s * length * uy, dz - s * length * uz
-    distance = math.sqrt(qx * qx + qy * qy + qz * qz) - radius_a + s * radius_drop - tree.radius[0]
+    distance = node_distance(tree, cone, as_int64(0))
     if distance > margin:
         return 0, distance, tests
+    away = stack[stack.shape[0] - MOST_AT_ONCE :].view(np.float64)
     stack[0] = 0
     top = 1
     while top > 0:
@@ -86,14 +101,14 @@ def gather_round_cone(
             continue
         last = first + tree.child_count[node]
         tests += last - first
+        at_once = last - first <= MOST_AT_ONCE
+        if at_once:
+            _child_distances(tree, cone, first, last, away)
         # Leaves are listed at once where there is room for all. Which child is near is no branch: nobody can guess it.
         leaves = first >= tree.leaf_start and count + last - first <= index_out.shape[0]
         for i in range(last - first):
             child = first + i if leaves else last - 1 - i
-            dx, dy, dz = tree.x[child] - ax, tree.y[child] - ay, tree.z[child] - az
-            s = round_cone_parameter(dx, dy, dz, ux, uy, uz, tan_slope, inverse_length)
-            qx, qy, qz = dx - s * length * ux, dy - s * length * uy, dz - s * length * uz
-            distance = math.sqrt(qx * qx + qy * qy + qz * qz) - radius_a + s * radius_drop - tree.radius[child]
+            distance = away[child - first] if at_once else node_distance(tree, cone, child)
             near = distance <= margin
             clearance = min(clearance, np.inf if near else distance)
             if leaves:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hhsim.errors import InputError
-from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays
+from hhsim.kernels.sphere_tree import MOST_WAITING, TreeArrays
 from hhsim.trees.level_cover import LevelCover
 
 if TYPE_CHECKING:
@@ -178,10 +178,10 @@ class SphereTree:
         child_count = np.bincount(self.parent[1:], minlength=len(self.radius)).astype(np.int64)
         widest = int(child_count.max())
         waiting = max(widest - 1, 0) * self.depth + 1
-        if waiting > STACK_SIZE:
+        if waiting > MOST_WAITING:
             raise InputError(
                 f"sphere tree: {self.depth} levels of up to {widest:,} children need {waiting:,} places in a walk of "
-                f"{STACK_SIZE:,}: build it with a smaller branching"
+                f"{MOST_WAITING:,}: build it with a smaller branching"
             )
         first_child = np.searchsorted(self.parent, np.arange(len(self.radius))).astype(np.int64)
         first_child[child_count == 0] = -1

@@ -29,8 +29,12 @@ COUNT_PAIR_TESTS = 1
 COUNT_GATHERS = 2
 """Places in the work counters."""
 
-CONTACT_ROWS = 4096
-"""Room for contacts; the paper's heaviest scenes have a few hundred."""
+CONTACT_ROWS = 4088
+"""Room for contacts; the paper's heaviest scenes have a few hundred.
+
+An odd number of cache lines, as every room for lists is: columns that lie whole pages apart would share a few of a
+cache's lines, and push each other out.
+"""
 
 FULL = 1
 """More pairs are near than the arrays hold, even with no skin."""
@@ -126,18 +130,20 @@ so slow that it will not do so again in so many evaluations: a list from nearby 
 
 
 @jit
-def choose_gathers(needed: float, margin: float, skin: float, candidates: Record) -> None:
+def choose_gathers(needed: float, margin: float, skin: float, candidates: Record, work: Indices) -> None:
     """Say which bodies are to be gathered: those that must be, and where none must, the one that will soonest.
 
-    Bodies that move together would else be gathered together, and their tick take many times another's.
+    Bodies that move together would else be gathered together, and their tick take many times another's. A tick that has
+    gathered already gathers nothing ahead of need.
     """
     candidates.needed = needed
+    must = needed - candidates.leeway
     soonest, least = -1, np.inf
     stale, longest = -1, LONG
     for body in range(BODY_COUNT):
         # Far from the object a long step leaves little slack, which would bound the next one; a walk there is cheap.
         slack, fresh = candidates.slack[body], candidates.fresh[body]
-        due = slack < needed or (fresh > FAR * (margin + skin) and slack < 0.5 * fresh)
+        due = slack < must or (fresh > FAR * (margin + skin) and slack < 0.5 * fresh)
         candidates.due[body] = 1 if due else 0
         moved, count = fresh - slack, candidates.count[body]
         if due:
@@ -146,6 +152,8 @@ def choose_gathers(needed: float, margin: float, skin: float, candidates: Record
             soonest, least = body, slack
         elif count > longest and moved > STALE * needed and LASTS * candidates.pace[body] < STALE * needed:
             stale, longest = body, count
+    if work[COUNT_GATHERS] > 0:
+        return
     if soonest >= 0 and least > -np.inf:
         candidates.due[soonest] = 2
     elif stale >= 0 and longest < np.inf:
@@ -230,7 +238,7 @@ def evaluate(
         hand: The hand.
         pose: The configuration.
         surface: The object's, world frame.
-        needed: Every pair up to this far [m] is to be known.
+        needed: Every pair up to this far [m] is to be known, but for `candidates.leeway`.
         margin: The most that is ever needed [m].
         skin: Gathered in excess of the margin [m], so that lists last for several ticks.
         candidates: The lists, brought up to date.
@@ -240,7 +248,7 @@ def evaluate(
         0, or FULL.
     """
     follow_motion(hand, pose, candidates)
-    choose_gathers(needed, margin, skin, candidates)
+    choose_gathers(needed, margin, skin, candidates, work[:])
     walk = Walk(candidates.stack[:], candidates.scratch[:])
     first, last = as_int64(0), as_int64(BODY_COUNT)
     return evaluate_range(hand, pose, surface, margin, skin, first, last, candidates, walk, work[:])

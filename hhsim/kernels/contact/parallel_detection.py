@@ -32,10 +32,11 @@ def worth_sharing(
     skin: float,
     candidates: Record,
     thread_team: Record,
+    work: Indices,
 ) -> bool:
     """Whether the coming evaluation is long enough to be shared; if so, its parts are put in order."""
     follow_motion(hand, pose, candidates)
-    choose_gathers(needed, margin, skin, candidates)
+    choose_gathers(needed, margin, skin, candidates, work[:])
     thread_team.parts = 0
     total = 0
     for part in range(PARTS):

@@ -25,6 +25,7 @@ SHARED_CANDIDATES = [
     ("nearest", np.float64, (BODY_COUNT,)),
     ("due", np.int64, (BODY_COUNT,)),
     ("needed", np.float64),
+    ("leeway", np.float64),
 ]
 """Fields of the candidates of every surface.
 
@@ -36,7 +37,8 @@ SHARED_CANDIDATES = [
 | pace | by how much the slack has changed since the last evaluation [m] |
 | anchor | where the body was then: the ends of its axis, or the corners of a box around the palm's centres [m] |
 | due | 1 where the body is to be gathered now, 2 where ahead of need, else 0 |
-| needed | slack that no body may have less of now [m] |
+| needed | slack that no body should have less of now [m] |
+| leeway | by how much a body may have less before it must be gathered: its step is then bounded by its slack [m] |
 | nearest | least signed distance of each body, infinite where it has no pair [m] |
 
 And two of the surface's own size, int64: `scratch` and `stack`, for a walk.

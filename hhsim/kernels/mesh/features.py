@@ -272,10 +272,11 @@ def gather_faces(
             spare = False
         else:
             spare = True
-        # Which child is near is no branch: nobody can guess it.
+        # A group farther than the clearance has nothing to tell. Which child is near is no branch: nobody can guess it.
+        far = max(reach, min(look_out, clearance))
         for i in range(BRANCHING):
             child, away = spheres.child[node, i], near[i]
-            group = child >= 0 and away <= look_out
+            group = child >= 0 and away <= far
             face = child < 0 and away <= reach
             clearance = min(clearance, np.inf if group or face else away)
             stack[top] = child

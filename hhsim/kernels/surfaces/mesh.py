@@ -61,12 +61,15 @@ Indices = NDArray[np.int64]
 PALM_SPHERES = 1024
 PARTS = PALM_BODY + PALM_SPHERES
 """What is walked for: the phalanges, then the palm's spheres."""
-PHALANX_ROOM = 4096
+PHALANX_ROOM = 4088
 PALM_ROOM = 32768
+LINE = 8
+"""Numbers in a cache line."""
 FOUND_ROOM = 4 * PHALANX_ROOM
 """Faces whose spheres are near a part: more than those that are near themselves, where they are small."""
 ROOM = PALM_BODY * PHALANX_ROOM + PALM_ROOM
-"""Faces near a phalanx and near the palm, and in all; as many edges, as many vertices."""
+"""Faces near a phalanx and near the palm, and in all; as many edges, as many vertices. Odd numbers of cache lines, see
+`CONTACT_ROWS`."""
 NEAR_CONE = 0.03
 """Sine of the angle by which a witness may lie outside of its feature's normal cone and still have a row, whose normal
 is the cone's nearest.
@@ -80,10 +83,10 @@ LOOK_OUT = 3.0
 FINDING, LISTING = 1, 2
 """Node tests that a face near a part counts as, and one of its features that is listed."""
 SOON = 0.7
-AHEAD_SPHERES = 6
+AHEAD_SPHERES = 2
 """In a tick that has nothing else to gather, up to so many of the palm's spheres are gathered ahead of need: of those
 whose slack exceeds what is needed by less than this share of the way to the reach."""
-PACE = 2.0
+PACE = 2.5
 """A list reaches at least so many times as far as what is needed: that of a fast hand must last for some ticks too."""
 CROWD = 512
 SHARES = (1.0, 0.3, 0.1, 0.03, 0.01)
@@ -163,7 +166,7 @@ def _start(hand: HandArrays, part: int) -> int:
 
 @jit_inline
 def _palm_room(hand: HandArrays) -> int:
-    return min(PHALANX_ROOM, PALM_ROOM // hand.palm_radius.shape[0])
+    return LINE * ((min(PHALANX_ROOM, PALM_ROOM // hand.palm_radius.shape[0]) // LINE - 1) | 1)
 
 
 @jit_inline
@@ -388,6 +391,7 @@ def _gather_palm_spheres(
         return False
     spare, used = candidates.spare, candidates.slack[PALM_BODY]
     needed = candidates.needed
+    must = needed - candidates.leeway
     soon = needed + SOON * (reach - needed)
     ahead = AHEAD_SPHERES if candidates.due[PALM_BODY] == 2 else 0
     total = 0
@@ -396,7 +400,7 @@ def _gather_palm_spheres(
         first, last = PALM_BODY + hand.palm_group_start[group], PALM_BODY + hand.palm_group_start[group + 1]
         due, listed = 0, 0
         for part in range(first, last):
-            due += 0 if used + spare[part] > (soon if ahead > 0 else needed) else 1
+            due += 0 if used + spare[part] > (soon if ahead > 0 else must) else 1
             listed += _pair_count(candidates, part)
         if due > 1 and listed == 0:
             # Where the sphere around a group is near nothing, nor is any of them.
@@ -416,8 +420,8 @@ def _gather_palm_spheres(
                     spare[part] = max(used + spare[part], clearance) - used
         for part in range(first, last):
             own = used + spare[part]
-            if not own > (soon if ahead > 0 else needed):
-                ahead -= 1 if own > needed else 0
+            if not own > (soon if ahead > 0 else must):
+                ahead -= 1 if own > must else 0
                 own = _gather_part(mesh, hand, pose, part, reach, candidates, walk, work)
                 if own == -np.inf:
                     # What has been gathered anew has no common measure with what has not.

@@ -33,9 +33,9 @@ from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays, gather_round_cone,
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-PHALANX_PAIRS = 4096
+PHALANX_PAIRS = 4088
 PALM_SLOTS = 8
-SLOT_PAIRS = 4096
+SLOT_PAIRS = 4088
 PALM_PAIRS = PALM_SLOTS * SLOT_PAIRS
 """Room for the near pairs of a phalanx, and of the palm; the paper's heaviest scenes have a few hundred.
 
@@ -183,7 +183,7 @@ def _gather_palm(
     tree: TreeArrays, hand: HandArrays, pose: Record, reach: float, candidates: Record, walk: Walk, work: Indices
 ) -> bool:
     # The slots that need it; far from the object, where a walk is cheap, all; ahead of need the one that soonest will.
-    spare, used, needed = candidates.palm_spare, candidates.slack[PALM_BODY], candidates.needed
+    spare, used, needed = candidates.palm_spare, candidates.slack[PALM_BODY], candidates.needed - candidates.leeway
     soonest = as_int64(-1)
     if candidates.due[PALM_BODY] == 2:
         soonest = as_int64(0)

@@ -125,9 +125,12 @@ def evaluate_pose(hand: HandArrays, surface: Any, options: TickOptions, state: R
     pose, candidates, margin, skin = state.pose, state.candidates, options.margin, options.skin
     # As far as the next program may reach, in this tick or in the next.
     needed = max(options.listed, max(state.reach, _usual_reach(options, state)))
-    if state.thread_team.members > 1 and worth_sharing(hand, pose, needed, margin, skin, candidates, state.thread_team):
-        return evaluate_in_parallel(hand, pose, surface, margin, skin, candidates, state.thread_team, state.work)
-    return evaluate(hand, pose, surface, needed, margin, skin, candidates, state.work)
+    # A reach exceeds the step that is expected: lists that vouch for that one may wait for a tick that makes no other.
+    candidates.leeway = needed - max(options.listed, needed / REACH_PACE)
+    team, work = state.thread_team, state.work
+    if team.members > 1 and worth_sharing(hand, pose, needed, margin, skin, candidates, team, work):
+        return evaluate_in_parallel(hand, pose, surface, margin, skin, candidates, team, work)
+    return evaluate(hand, pose, surface, needed, margin, skin, candidates, work)
 
 
 @jit

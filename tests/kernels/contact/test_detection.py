@@ -13,6 +13,7 @@ from sphere_scenes import PALM, Motion, brute_clearance, brute_pairs, cloud, set
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.detection import (
     CONTACT_ROWS,
+    CONTACTS,
     COUNT_GATHERS,
     COUNT_NODE_TESTS,
     COUNT_PAIR_TESTS,
@@ -26,6 +27,7 @@ from hhsim.kernels.contact.surface import Walk
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, motion_bounds
 from hhsim.kernels.hand.pose import move, update_kinematics
 from hhsim.kernels.surfaces.spheres import PHALANX_PAIRS
+from hhsim.solver.surface import SURFACES
 from hhsim.solver.workspace import tick_state
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -281,6 +283,16 @@ def test_more_pairs_than_there_is_room_for_are_reported() -> None:
     state.candidates.fresh[:] = -np.inf
     assert evaluate(arrays, state.pose, two.arrays(), 1e-3, 1e-3, 0.0, state.candidates, state.work) == 0
     assert find_contacts(two.arrays(), arrays, state.pose, state.candidates, 1e-3, state.contacts) == FULL
+
+
+def test_no_two_columns_lie_whole_pages_apart() -> None:
+    # They would share a few of a cache's lines: ticks took a tenth longer.
+    for record in (CONTACTS, *(surface.candidates for surface in SURFACES.values())):
+        for name in record.names or ():
+            column = record[name]
+            if column.base == np.float64:
+                strides = np.cumprod([column.base.itemsize, *column.shape[::-1]])[1:]
+                assert not ((strides >= 4096) & (strides % 4096 == 0)).any(), name
 
 
 def test_a_skin_that_holds_too_many_pairs_is_given_up() -> None:
