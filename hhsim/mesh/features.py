@@ -146,7 +146,7 @@ def mesh_features(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tup
 
 def _are_covered(
     spheres: FaceSpheres, face: FloatArray, place: FloatArray, corners: IntArray, asked: IntArray
-) -> NDArray[np.bool_]:
+) -> BoolArray:
     # Which of the corners asked for lie within the plane of each of their faces.
     covered = np.zeros(len(place), dtype=bool)
     covered[asked] = True
