@@ -1,0 +1,252 @@
+"""The program of hand and free object, solved until friction opposes the slip that comes out of it."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.kernels.free.body import as_object_moves
+from hhsim.kernels.free.rows import (
+    COMMON,
+    DIRECTIONS,
+    FREE_DOF,
+    ON_TABLE,
+    TABLE_KEYS,
+    TINY,
+    friction_rows,
+    measure_slip,
+    orient,
+    torsion_radius,
+)
+from hhsim.kernels.hand.kinematics import DOF, PHALANX_COUNT
+from hhsim.kernels.jit import Record, as_int64, jit, jit_once
+from hhsim.kernels.qp.active_set import OPTIMAL, QpWork, solve
+from hhsim.kernels.qp.row_scan import ProgramRows
+from hhsim.kernels.tick.options import TickOptions
+from hhsim.kernels.tick.step import ACTIVE_CAPACITY
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+ROUNDS = 3
+"""Most solutions of a program with one Γ after another."""
+SETTLED = 2e-7
+SETTLED_SHARE = 1e-3
+"""A Γ that would change by no more than this [m] and this share of it is left: as much a contact may float."""
+ASTRAY = 0.02
+"""An e_1 is turned to the slip where one minus the cosine of the angle between them is more than this."""
+NO_LOAD = 1e-3
+"""A contact whose normal row bears no more than this share of its load rubs with all of it."""
+AT_REST = 1e-11
+"""An object that would move by no more than this in a tick [m], and touches something, does not: it is the tolerance of
+a program, and what moves so slowly would go on for ever."""
+
+LOADED = np.dtype(
+    [
+        ("count", np.int64),
+        ("key", np.int64, (ACTIVE_CAPACITY,)),
+        ("row", np.int64, (ACTIVE_CAPACITY,)),
+        ("multiplier", np.float64, (ACTIVE_CAPACITY,)),
+        ("guess", np.int64, (ACTIVE_CAPACITY,)),
+    ],
+    align=True,
+)
+"""Rows with a multiplier at the last solution: keys, rows, multipliers; and the guess made of them."""
+
+
+@jit_once
+def _guess(problem: Record, loaded: Record) -> int:
+    # The rows whose keys carried a multiplier the last time.
+    start, stop = problem.group_start, problem.group_stop
+    key, wanted = problem.key, loaded.key
+    filled = as_int64(0)
+    for i in range(loaded.count):
+        found = False
+        for g in range(start.shape[0]):
+            if found or start[g] == stop[g]:
+                continue
+            for row in range(start[g], stop[g]):
+                if key[row] == wanted[i]:
+                    loaded.guess[filled] = row
+                    filled += 1
+                    found = True
+                    break
+    return filled
+
+
+@jit
+def scale_target(body: Record, problem: Record) -> None:
+    """The program's target, scaled and in its order."""
+    hand, target, weight = problem.hand_target, problem.target, problem.inverse_root
+    for j in range(6):
+        target[j] = hand[j] / weight[j]
+        target[6 + j] = problem.body_target[j] / body.inverse_root[j]
+    for j in range(6, DOF):
+        target[6 + j] = hand[j] / weight[j]
+
+
+@jit
+def take_step(pose: Record, body: Record, problem: Record, step_out: Array) -> None:
+    """The hand's step as the object sees it, shape (21,), of the program's."""
+    delta = problem.delta
+    as_object_moves(body, pose.position[:], delta[0:6], delta[6:12], step_out[0:6])
+    for j in range(6, DOF):
+        step_out[j] = delta[6 + j]
+
+
+@jit
+def _read(body: Record, problem: Record, friction: Record, loaded: Record, qp: QpWork) -> None:
+    # The solution: the step, the loaded rows, and what each contact with friction bears and slips.
+    delta, weight = problem.delta, problem.inverse_root
+    for j in range(6):
+        delta[j] = qp.x[j] * weight[j]
+        delta[6 + j] = qp.x[6 + j] * body.inverse_root[j]
+    for j in range(6, DOF):
+        delta[6 + j] = qp.x[6 + j] * weight[j]
+    for i in range(friction.count):
+        friction.plain[i] = friction.cone[i] = 0.0
+    loaded.count = qp.counts[0]
+    for j in range(loaded.count):
+        row = qp.active[j]
+        multiplier = qp.multiplier[j]
+        loaded.row[j] = row
+        loaded.key[j] = problem.key[row]
+        loaded.multiplier[j] = multiplier
+        owner = problem.owner[row]
+        if owner >= 0:
+            kind = problem.kind[row]
+            if kind == 0:
+                friction.plain[owner] += multiplier
+            else:
+                friction.cone[owner] += multiplier
+
+
+@jit_once
+def _mobility(body: Record, problem: Record, friction: Record, i: int) -> float:
+    # How far a newton against e_1 would move the contact, were it alone [m]: from its rows n ± e_1.
+    common, block = problem.common, problem.block
+    row = friction.row[i]
+    other = row + (DIRECTIONS if torsion_radius(body, friction.body[i]) > 0.0 else DIRECTIONS - 1)
+    square = 0.0
+    for j in range(COMMON):
+        square += (common[j, other] - common[j, row]) ** 2
+    for j in range(PHALANX_COUNT):
+        square += (block[j, other] - block[j, row]) ** 2
+    return 0.25 * square
+
+
+@jit_once
+def _correct(pose: Record, body: Record, problem: Record, friction: Record) -> bool:
+    # De Saxcé's Γ of the solution at hand; True where a contact that bears a force has another one than it was given.
+    changed = False
+    for i in range(friction.count):
+        load = friction.plain[i] + friction.cone[i]
+        if friction.rubs[i] == 0 or load == 0.0:
+            continue
+        slip = measure_slip(pose, body, problem, problem.delta[:], friction, i)
+        shift = slip
+        if friction.plain[i] > NO_LOAD * load:
+            if friction.shift[i] == 0.0:
+                continue
+            shift = max(0.0, slip - friction.plain[i] * _mobility(body, problem, friction, i))
+        if abs(shift - friction.shift[i]) > SETTLED + SETTLED_SHARE * shift:
+            changed = True
+            friction.shift[i] = shift
+        if slip > 100.0 * TINY:
+            x, y, z, spin = friction.slip[i, 0], friction.slip[i, 1], friction.slip[i, 2], friction.spin[i]
+            t = friction.along[i, 0]
+            across = slip - (x * t[0] + y * t[1] + z * t[2] + spin * friction.about[i, 0])
+            if across > ASTRAY * slip and orient(friction, i, x, y, z, spin):
+                changed = True
+    return changed
+
+
+@jit
+def _rest(body: Record, problem: Record) -> None:
+    delta = problem.delta
+    size = 0.0
+    turn = 0.0
+    for j in range(3):
+        size += abs(delta[6 + j])
+        # The rotation as the way of a point at the radius of gyration.
+        turn += abs(delta[9 + j]) * body.inverse_root[0] / body.inverse_root[3 + j]
+    if size + turn <= AT_REST:
+        for j in range(6, COMMON):
+            delta[j] = 0.0
+
+
+@jit
+def solve_free(
+    options: TickOptions,
+    pose: Record,
+    contacts: Record,
+    body: Record,
+    relaxed: bool,
+    problem: Record,
+    friction: Record,
+    loaded: Record,
+    step: Record,
+    qp: QpWork,
+) -> int:
+    """Solve for a step of hand and object; the rows of friction are written anew for each Γ.
+
+    The problem's `delta` and the step's are written where the status is OPTIMAL. Returns a status of
+    `kernels.qp.active_set`.
+    """
+    rows = ProgramRows(
+        as_int64(COMMON),
+        problem.common[:],
+        problem.block[:],
+        problem.rhs[:],
+        problem.group_start[:],
+        problem.group_stop[:],
+        problem.group_block[:],
+    )
+    status = OPTIMAL
+    for i in range(ROUNDS):
+        friction_rows(pose, body, contacts, options.offset, relaxed, problem, friction)
+        guessed = _guess(problem, loaded)
+        status = solve(
+            as_int64(FREE_DOF),
+            rows,
+            problem.target[:],
+            options.tolerance,
+            options.relaxation,
+            loaded.guess[:],
+            guessed,
+            qp,
+        )
+        step.iterations += qp.counts[1]
+        if status != OPTIMAL:
+            return status
+        _read(body, problem, friction, loaded, qp)
+        if i == ROUNDS - 1 or not _correct(pose, body, problem, friction):
+            break
+    if loaded.count > 0:
+        _rest(body, problem)
+    take_step(pose, body, problem, step.delta[:])
+    return status
+
+
+@jit_once
+def hold_loads(problem: Record, friction: Record, loaded: Record, held: Record) -> None:
+    """Remember what the contacts with friction bear, to begin the next program from."""
+    count = as_int64(0)
+    for i in range(friction.count):
+        load = friction.plain[i] + friction.cone[i]
+        if load == 0.0 or friction.rubs[i] == 0:
+            continue
+        held.key[count] = TABLE_KEYS - friction.key[i] if friction.body[i] == ON_TABLE else friction.key[i]
+        held.load[count] = load
+        held.about[count] = 0.0
+        for j in range(3):
+            held.along[count, j] = 0.0
+        for k in range(loaded.count):
+            row = loaded.row[k]
+            kind = problem.kind[row]
+            if problem.owner[row] == i and kind > 0:
+                e = (kind - 1) % DIRECTIONS
+                size = loaded.multiplier[k] if kind <= DIRECTIONS else -loaded.multiplier[k]
+                held.about[count] += size * friction.about[i, e]
+                for j in range(3):
+                    held.along[count, j] += size * friction.along[i, e, j]
+        count += 1
+    held.count = count

@@ -1,0 +1,74 @@
+"""Free objects alone, under one finger, and between two that are each other's mirror image."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import trimesh
+from numpy.typing import ArrayLike, NDArray
+
+from hhsim.hand.model import HandModel
+from hhsim.mesh.mesh import Mesh
+from hhsim.scene.free_object import FreeObject
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions
+from hhsim.trees.contact_surface import contact_surface
+
+Array = NDArray[Any]
+Pose = tuple[Array, Array, Array, Array]
+GRAVITY = 9.81
+
+
+def box(size: Sequence[float], center: ArrayLike = (0.0, 0.0, 0.0)) -> Mesh:
+    """A box of these edges [m] around a centre [m]."""
+    solid = trimesh.creation.box(size)
+    return Mesh(solid.vertices + np.asarray(center), solid.faces, name="box")
+
+
+def solver_of(mesh: Mesh, free: FreeObject, hand: HandModel | None = None, **options: Any) -> HandSolver:
+    """A solver that touches the mesh itself."""
+    surface = contact_surface("mesh", mesh, None)
+    return HandSolver(hand or HandModel.default(), surface, SolverOptions(surface="mesh", **options), free)
+
+
+def far_hand(ticks: int) -> Pose:
+    """A hand that is 1.7 m from the origin and stands still."""
+    flat = np.zeros((ticks, 5, 3)), np.zeros((ticks, 5))
+    return np.full((ticks, 3), 1.0), np.tile([1.0, 0.0, 0.0, 0.0], (ticks, 1)), *flat
+
+
+TIP = 0.008
+"""Radius of the tongs' fingers [m]."""
+REACH = 0.09
+HALF_APART = 0.03
+
+
+def tongs() -> HandModel:
+    """A hand whose thumb and index lie along x, 60 mm apart, and close on each other."""
+    hand = HandModel.default()
+    fields = {name: getattr(hand, name).copy() for name in ("base", "distal", "dorsal", "length", "radius")}
+    limits = {name: getattr(hand, name).copy() for name in ("flexion_min", "flexion_max")}
+    for finger, side in ((0, -1.0), (1, 1.0)):
+        fields["base"][finger] = (0.0, HALF_APART * side, 0.0)
+        fields["distal"][finger] = (1.0, 0.0, 0.0)
+        fields["dorsal"][finger] = (0.0, side, 0.0)
+        fields["length"][finger] = (0.04, 0.03, 0.02)
+        fields["radius"][finger] = TIP
+        limits["flexion_min"][finger], limits["flexion_max"][finger] = -0.5, 1.5
+    return replace(hand, **fields, **limits)
+
+
+def closing(width: float) -> tuple[float, float]:
+    """The flexion [rad] at which the tongs touch both faces of a box of a width [m], and where their tips are [m]."""
+    touch = float(np.arcsin((HALF_APART - 0.5 * width - TIP) / REACH))
+    return touch, REACH * float(np.cos(touch))
+
+
+def tongs_at(flexion: ArrayLike, shift: ArrayLike = (0.0, 0.0, 0.0)) -> Pose:
+    """The tongs closed to a flexion [rad] at each tick, and shifted [m]."""
+    closed = np.atleast_1d(np.asarray(flexion, np.float64))
+    bent = np.zeros((len(closed), 5, 3))
+    bent[:, :2, 0] = closed[:, None]
+    position = np.broadcast_to(np.asarray(shift, np.float64), (len(closed), 3)).copy()
+    return position, np.tile([1.0, 0.0, 0.0, 0.0], (len(closed), 1)), bent, np.zeros((len(closed), 5))
