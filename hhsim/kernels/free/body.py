@@ -61,6 +61,9 @@ BODY = np.dtype(
         ("goal_position", np.float64, (3,)),
         ("goal_orientation", np.float64, (4,)),
         ("left", np.float64, (OBJECT_DOF,)),
+        ("safe_left", np.float64, (OBJECT_DOF,)),
+        ("pushed", np.float64, (3, 3)),
+        ("safe_pushed", np.float64, (3, 3)),
         ("velocity", np.float64, (3,)),
         ("spin", np.float64, (3,)),
         ("quaternion", np.float64, (4,)),
@@ -85,6 +88,8 @@ BODY = np.dtype(
 | safe_…, start_… | the same where nothing penetrates, and at the start of the tick |
 | goal_… | where the body would be at the end of the tick by itself |
 | left | of the last step, what the hand's way past the object left no room for, as `body_target` gives it |
+| pushed | `rotation` at the start of the last step, in whose directions its forces are |
+| safe_left, safe_pushed | the same of the last step that ended without penetration |
 | velocity | of the centre [m/s] |
 | spin | angular velocity about the principal axes [rad/s] |
 | quaternion, other, vector | scratch |
@@ -174,6 +179,9 @@ def predict(body: Record) -> None:
     period = body.period
     kept = 1.0 / (1.0 + body.damping * period)
     body.left[:] = 0.0
+    for i in range(3):
+        for j in range(3):
+            body.pushed[i, j] = body.rotation[i, j]
     copy_values(body.position[:], body.start_position[:])
     copy_values(body.orientation[:], body.start_orientation[:])
     for j in range(3):
@@ -189,12 +197,19 @@ def keep_body(body: Record) -> None:
     """Make the present pose the safe one."""
     copy_values(body.position[:], body.safe_position[:])
     copy_values(body.orientation[:], body.safe_orientation[:])
+    copy_values(body.left[:], body.safe_left[:])
+    for i in range(3):
+        for j in range(3):
+            body.safe_pushed[i, j] = body.pushed[i, j]
 
 
 @jit
 def take_body_back(body: Record) -> None:
     """Return to the safe pose."""
-    body.left[:] = 0.0
+    copy_values(body.safe_left[:], body.left[:])
+    for i in range(3):
+        for j in range(3):
+            body.pushed[i, j] = body.safe_pushed[i, j]
     copy_values(body.safe_position[:], body.position[:])
     copy_values(body.safe_orientation[:], body.orientation[:])
     quaternion_to_matrix(body.orientation[:], body.rotation[:])
@@ -214,7 +229,12 @@ def body_target(body: Record, target_out: Array) -> None:
 
 @jit_once
 def move_body(body: Record, step: Array, fraction: float) -> None:
-    """Move by `fraction` of a step, shape (6,), as `body_target` gives it."""
+    """Move by `fraction` of a step, shape (6,), as `body_target` gives it; the rest of it is `left`."""
+    for i in range(3):
+        for j in range(3):
+            body.pushed[i, j] = body.rotation[i, j]
+    for j in range(OBJECT_DOF):
+        body.left[j] = (1.0 - fraction) * step[j]
     x, y, z = turn_out(body, fraction * step[0], fraction * step[1], fraction * step[2])
     turn_x, turn_y, turn_z = from_axes(body, fraction * step[3], fraction * step[4], fraction * step[5])
     body.position[0] += x
@@ -236,6 +256,17 @@ def take_velocity(body: Record) -> None:
     x, y, z = turn_in(body, body.vector[0], body.vector[1], body.vector[2])
     x, y, z = along_axes(body, x, y, z)
     body.spin[0], body.spin[1], body.spin[2] = rate * (x + left[3]), rate * (y + left[4]), rate * (z + left[5])
+
+
+@jit
+def carry(body: Record, origin: Array, step: Array, moved_out: Array) -> None:
+    """How a point, shape (3,), would move with the body in a step as `body_target` gives it [m]; object's frame."""
+    center = body.center
+    wx, wy, wz = from_axes(body, step[3], step[4], step[5])
+    rx, ry, rz = origin[0] - center[0], origin[1] - center[1], origin[2] - center[2]
+    moved_out[0] = step[0] + wy * rz - wz * ry
+    moved_out[1] = step[1] + wz * rx - wx * rz
+    moved_out[2] = step[2] + wx * ry - wy * rx
 
 
 @jit_once

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.free.body import as_object_moves
+from hhsim.kernels.free.coulomb import predict_slips
 from hhsim.kernels.free.rows import (
     COMMON,
     DIRECTIONS,
@@ -11,12 +12,13 @@ from hhsim.kernels.free.rows import (
     ON_TABLE,
     TABLE_KEYS,
     TINY,
+    contact_rows,
     friction_rows,
     measure_slip,
     orient,
     torsion_radius,
 )
-from hhsim.kernels.hand.kinematics import DOF, PHALANX_COUNT
+from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.jit import Record, as_int64, jit, jit_once
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork, solve
 from hhsim.kernels.qp.row_scan import ProgramRows
@@ -26,11 +28,13 @@ from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-ROUNDS = 3
+ROUNDS = 4
 """Most solutions of a program with one Γ after another."""
-SETTLED = 2e-7
-SETTLED_SHARE = 1e-3
-"""A Γ that would change by no more than this [m] and this share of it is left: as much a contact may float."""
+SETTLED = 0.1
+SETTLED_SHARE = 1e-4
+"""A Γ that is off by no more than this share of the clearance and this one of it is left: so far a contact floats."""
+MOST_FALLS = 3
+"""A Γ that was too large so often begins at 0: from there it grows to what it must be."""
 ASTRAY = 0.02
 """An e_1 is turned to the slip where one minus the cosine of the angle between them is more than this."""
 NO_LOAD = 1e-3
@@ -133,29 +137,47 @@ def _mobility(body: Record, problem: Record, friction: Record, i: int) -> float:
     return 0.25 * square
 
 
+@jit
+def _better_shift(body: Record, problem: Record, friction: Record, i: int, slip: float, settled: float) -> float:
+    # The Γ that a contact is to have next.
+    shift, plain = friction.shift[i], friction.plain[i]
+    if plain > NO_LOAD * (plain + friction.cone[i]) and shift > 0.0:
+        # Too large: what the normal row bears is to rub, and brakes by as much as it would were the contact alone.
+        friction.falls[i] += 1
+        if friction.falls[i] >= MOST_FALLS:
+            return 0.0
+        return max(0.0, min(slip, shift) - plain * _mobility(body, problem, friction, i))
+    return shift if abs(slip - shift) <= settled else slip
+
+
 @jit_once
-def _correct(pose: Record, body: Record, problem: Record, friction: Record) -> bool:
-    # De Saxcé's Γ of the solution at hand; True where a contact that bears a force has another one than it was given.
+def _correct(pose: Record, body: Record, offset: float, relaxed: bool, problem: Record, friction: Record) -> bool:
+    # De Saxcé's Γ of the solution at hand; True where a contact that bears a force is to have another one, or other
+    # directions, than it was given. Their rows are written anew.
     changed = False
+    problem.astray = 0.0
+    for j in range(FREE_DOF):
+        problem.whole[j] = problem.total[j] + problem.delta[j]
+    for f in range(FINGER_COUNT):
+        problem.whole_abduction[f] = problem.abduction_total[f] + problem.abduction_step[f]
     for i in range(friction.count):
-        load = friction.plain[i] + friction.cone[i]
-        if friction.rubs[i] == 0 or load == 0.0:
+        if friction.rubs[i] == 0 or friction.plain[i] + friction.cone[i] == 0.0:
             continue
-        slip = measure_slip(pose, body, problem, problem.delta[:], friction, i)
-        shift = slip
-        if friction.plain[i] > NO_LOAD * load:
-            if friction.shift[i] == 0.0:
-                continue
-            shift = max(0.0, slip - friction.plain[i] * _mobility(body, problem, friction, i))
-        if abs(shift - friction.shift[i]) > SETTLED + SETTLED_SHARE * shift:
-            changed = True
-            friction.shift[i] = shift
-        if slip > 100.0 * TINY:
+        slip = measure_slip(pose, body, problem.whole[:], problem.whole_abduction[:], friction, i)
+        settled = SETTLED * offset + SETTLED_SHARE * slip
+        shift = _better_shift(body, problem, friction, i, slip, settled)
+        problem.astray = max(problem.astray, abs(slip - friction.shift[i]))
+        differs = shift != friction.shift[i]
+        friction.shift[i] = shift
+        if slip > TINY:
             x, y, z, spin = friction.slip[i, 0], friction.slip[i, 1], friction.slip[i, 2], friction.spin[i]
             t = friction.along[i, 0]
             across = slip - (x * t[0] + y * t[1] + z * t[2] + spin * friction.about[i, 0])
             if across > ASTRAY * slip and orient(friction, i, x, y, z, spin):
-                changed = True
+                differs = True
+        if differs:
+            changed = True
+            contact_rows(pose, body, offset, relaxed, i, friction.row[i], problem, friction)
     return changed
 
 
@@ -183,10 +205,12 @@ def solve_free(
     problem: Record,
     friction: Record,
     loaded: Record,
+    held: Record,
+    coulomb: Record,
     step: Record,
     qp: QpWork,
 ) -> int:
-    """Solve for a step of hand and object; the rows of friction are written anew for each Γ.
+    """Solve for a step of hand and object, with one Γ after another until friction is Coulomb's.
 
     The problem's `delta` and the step's are written where the status is OPTIMAL. Returns a status of
     `kernels.qp.active_set`.
@@ -201,9 +225,13 @@ def solve_free(
         problem.group_block[:],
     )
     status = OPTIMAL
+    friction_rows(pose, body, contacts, options.offset, relaxed, problem, friction)
+    predict_slips(pose, body, options.offset, problem, friction, held, coulomb)
+    for i in range(friction.count):
+        if friction.rubs[i] == 1:
+            contact_rows(pose, body, options.offset, relaxed, i, friction.row[i], problem, friction)
+    guessed = _guess(problem, loaded)
     for i in range(ROUNDS):
-        friction_rows(pose, body, contacts, options.offset, relaxed, problem, friction)
-        guessed = _guess(problem, loaded)
         status = solve(
             as_int64(FREE_DOF),
             rows,
@@ -217,9 +245,13 @@ def solve_free(
         step.iterations += qp.counts[1]
         if status != OPTIMAL:
             return status
+        problem.solutions += 1
         _read(body, problem, friction, loaded, qp)
-        if i == ROUNDS - 1 or not _correct(pose, body, problem, friction):
+        if i == ROUNDS - 1 or not _correct(pose, body, options.offset, relaxed, problem, friction):
             break
+        guessed = loaded.count
+        for j in range(guessed):
+            loaded.guess[j] = loaded.row[j]
     if loaded.count > 0:
         _rest(body, problem)
     take_step(pose, body, problem, step.delta[:])

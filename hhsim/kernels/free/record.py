@@ -153,7 +153,9 @@ def find_borne(
     borne.count = count
     for i in range(count):
         p, n = borne.point[i], borne.normal[i]
-        x, y, z = displacement(pose, body, problem.abduction_step[:], problem.total[:], borne.body[i], p[0], p[1], p[2])
+        x, y, z = displacement(
+            pose, body, problem.abduction_total[:], problem.total[:], borne.body[i], p[0], p[1], p[2]
+        )
         along = x * n[0] + y * n[1] + z * n[2]
         x, y, z = x - along * n[0], y - along * n[1], z - along * n[2]
         borne.slip[i] = math.sqrt(x * x + y * y + z * z)
@@ -178,8 +180,10 @@ def copy_borne(source: Record, target: Record) -> None:
 
 @jit
 def _out(body: Record, vector: Array, vector_out: Array) -> None:
-    x, y, z = turn_out(body, vector[0], vector[1], vector[2])
-    vector_out[0], vector_out[1], vector_out[2] = x, y, z
+    # Forces are in the directions that the object had when they were solved for.
+    r, x, y, z = body.pushed, vector[0], vector[1], vector[2]
+    for j in range(3):
+        vector_out[j] = r[j, 0] * x + r[j, 1] * y + r[j, 2] * z
 
 
 @jit

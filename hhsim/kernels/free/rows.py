@@ -57,6 +57,13 @@ TABLE_KEYS = -1000
 NEAR_POINTS = 2048
 """Room for the points of the hull within reach of the table."""
 
+STANDS_BACK = 0.5
+"""The normal row of a contact that rubs asks for less than its clearance, by this share of it.
+
+So much may Γ be too large and the rows of friction still bear the load. Were it not so, the normal row would bear it
+with any Γ that is too large, nothing would rub, and what slips would be right about its Γ.
+"""
+
 TINY = 1e-9
 """A slip [m] or a share that gives no direction."""
 
@@ -72,13 +79,17 @@ FREE_PROBLEM = np.dtype(
         ("body_target", np.float64, (OBJECT_DOF,)),
         ("target", np.float64, (FREE_DOF,)),
         ("abduction_step", np.float64, (FINGER_COUNT,)),
+        ("abduction_total", np.float64, (FINGER_COUNT,)),
         ("inverse_root", np.float64, (DOF,)),
         ("group_start", np.int64, (FREE_GROUPS,)),
         ("group_stop", np.int64, (FREE_GROUPS,)),
         ("group_block", np.int64, (FREE_GROUPS,)),
         ("delta", np.float64, (FREE_DOF,)),
-        ("before", np.float64, (FREE_DOF,)),
         ("total", np.float64, (FREE_DOF,)),
+        ("whole", np.float64, (FREE_DOF,)),
+        ("whole_abduction", np.float64, (FINGER_COUNT,)),
+        ("solutions", np.int64),
+        ("astray", np.float64),
     ],
     align=True,
 )
@@ -95,7 +106,11 @@ FREE_PROBLEM = np.dtype(
 | target | both, scaled, in the program's order |
 | inverse_root | 1 / √G of the hand's variables |
 | delta | the program's step, unscaled, in its order |
-| before, total | the same of the last tick, and of this one so far |
+| total | the same of this tick so far |
+| abduction_step, abduction_total | the fingers' spread, as delta and total [rad] |
+| whole, whole_abduction | the tick's step with the program's |
+| solutions | of programs in this tick |
+| astray | the most by which Γ is still off the slip that it is to be [m] |
 """
 
 FRICTION = np.dtype(
@@ -112,6 +127,9 @@ FRICTION = np.dtype(
         ("about", np.float64, (FRICTIONS, DIRECTIONS)),
         ("distance", np.float64, (FRICTIONS,)),
         ("shift", np.float64, (FRICTIONS,)),
+        ("start", np.float64, (FRICTIONS, 3)),
+        ("start_spin", np.float64, (FRICTIONS,)),
+        ("falls", np.int64, (FRICTIONS,)),
         ("row", np.int64, (FRICTIONS,)),
         ("slip", np.float64, (FRICTIONS, 3)),
         ("spin", np.float64, (FRICTIONS,)),
@@ -133,7 +151,9 @@ FRICTION = np.dtype(
 | along, about | e_1 to e_3: their parts along the surface, object's frame, and about the normal |
 | distance, shift | d and Γ [m] |
 | row | its first row of friction |
-| slip, spin | s of the last solution: μ Δ_t, and γ n · φ [m] |
+| slip, spin | s of the tick with the last solution: μ Δ_t, and γ n · φ [m] |
+| start, start_spin | s of the tick before the program |
+| falls | how often Γ was found too large in this program |
 | plain, cone | multipliers of it: of the normal row, and of friction [N] |
 | near, near_distance | points of the hull within reach of the table, and how far they are [m] |
 """
@@ -263,7 +283,7 @@ def relative_turn(
 
 
 @jit
-def _write_row(
+def write_row(
     pose: Record,
     body: Record,
     problem: Record,
@@ -277,11 +297,10 @@ def _write_row(
     wy: float,
     wz: float,
     rhs: float,
-) -> float:
-    # A row for the displacement along m plus the rotation along w; returns its squared length.
+) -> None:
+    """Write a row for the displacement along m plus the rotation along w."""
     common, block, weight, root = problem.common, problem.block, problem.inverse_root, body.inverse_root
     px, py, pz = point[0], point[1], point[2]
-    square = 0.0
     sign = -1.0
     if of == ON_TABLE:
         sign = 1.0
@@ -304,8 +323,6 @@ def _write_row(
     common[9, row] = sign * x * root[3]
     common[10, row] = sign * y * root[4]
     common[11, row] = sign * z * root[5]
-    for j in range(COMMON):
-        square += common[j, row] * common[j, row]
     for k in range(PHALANX_COUNT):
         block[k, row] = 0.0
     if 0 <= of < PALM_BODY:
@@ -315,7 +332,6 @@ def _write_row(
             rx, ry, rz = px - pose.joints[f, k, 0], py - pose.joints[f, k, 1], pz - pose.joints[f, k, 2]
             lever = ax * (ry * mz - rz * my + wx) + ay * (rz * mx - rx * mz + wy) + az * (rx * my - ry * mx + wz)
             block[k, row] = lever * weight[6 + PHALANX_COUNT * f + k]
-            square += block[k, row] * block[k, row]
         turn = problem.abduction_step[f]
         if turn != 0.0:
             ax, ay, az = pose.abduction_axis[f, 0], pose.abduction_axis[f, 1], pose.abduction_axis[f, 2]
@@ -323,7 +339,6 @@ def _write_row(
             rate = ax * (ry * mz - rz * my + wx) + ay * (rz * mx - rx * mz + wy) + az * (rx * my - ry * mx + wz)
             rhs -= rate * turn
     problem.rhs[row] = rhs
-    return square
 
 
 @jit
@@ -488,93 +503,37 @@ def torsion_radius(body: Record, of: int) -> float:
 
 
 @jit
-def measure_slip(pose: Record, body: Record, problem: Record, step: Array, friction: Record, i: int) -> float:
+def measure_slip(pose: Record, body: Record, step: Array, abduction: Array, friction: Record, i: int) -> float:
     """Set s of a contact for a step, unscaled and in the program's order; returns its length [m]."""
     of, p, n = friction.body[i], friction.point[i], friction.normal[i]
     mu = coefficient(body, of)
-    x, y, z = displacement(pose, body, problem.abduction_step[:], step, of, p[0], p[1], p[2])
+    x, y, z = displacement(pose, body, abduction, step, of, p[0], p[1], p[2])
     normal = x * n[0] + y * n[1] + z * n[2]
     x, y, z = mu * (x - normal * n[0]), mu * (y - normal * n[1]), mu * (z - normal * n[2])
     spin = 0.0
     radius = torsion_radius(body, of)
     if radius > 0.0:
-        spin = radius * relative_turn(pose, body, problem.abduction_step[:], step, of, n[0], n[1], n[2])
+        spin = radius * relative_turn(pose, body, abduction, step, of, n[0], n[1], n[2])
     friction.slip[i, 0], friction.slip[i, 1], friction.slip[i, 2], friction.spin[i] = x, y, z, spin
     return math.sqrt(x * x + y * y + z * z + spin * spin)
 
 
 @jit_once
-def begin_frictions(pose: Record, body: Record, problem: Record, first: bool, held: Record, friction: Record) -> None:
-    """Set directions and Γ from what the contacts did before.
-
-    A contact that slipped slips on, but for what the friction of its last load takes away, were the contact alone: that
-    is a little less than it will. From there Γ grows to what it must be; were it too large, the normal row would bear
-    the load and nothing would rub.
-
-    Args:
-        pose: The hand, object's frame.
-        body: The object.
-        problem: Its `before` is the last tick's step.
-        first: Whether this is the tick's first program; in the others a contact has slipped already.
-        held: What was borne before.
-        friction: Set.
-    """
-    r = body.rotation
-    g = body.gravity
-    gx = r[0, 0] * g[0] + r[1, 0] * g[1] + r[2, 0] * g[2]
-    gy = r[0, 1] * g[0] + r[1, 1] * g[1] + r[2, 1] * g[2]
-    gz = r[0, 2] * g[0] + r[1, 2] * g[1] + r[2, 2] * g[2]
+def begin_frictions(pose: Record, body: Record, problem: Record, friction: Record) -> None:
+    """Set what the contacts slipped in this tick so far, with directions as good as any."""
     for i in range(friction.count):
-        of = friction.body[i]
         friction.shift[i] = 0.0
-        for j in range(3):
-            friction.slip[i, j] = 0.0
+        friction.falls[i] = 0
         if friction.rubs[i] == 0:
             continue
-        load, at = 0.0, as_int64(-1)
-        key = TABLE_KEYS - friction.key[i] if of == ON_TABLE else friction.key[i]
-        for j in range(held.count):
-            if held.key[j] == key:
-                load, at = held.load[j], as_int64(j)
-        slip = measure_slip(pose, body, problem, problem.before[:], friction, i)
-        x, y, z, spin = friction.slip[i, 0], friction.slip[i, 1], friction.slip[i, 2], friction.spin[i]
-        if slip > TINY and orient(friction, i, x, y, z, spin):
-            if first:
-                square = _slip_row(pose, body, problem, friction, i)
-                friction.shift[i] = max(0.0, slip - load * square)
-            continue
-        if at >= 0 and orient(friction, i, held.along[at, 0], held.along[at, 1], held.along[at, 2], held.about[at]):
-            continue
-        sign = 1.0 if of == ON_TABLE else -1.0
-        if orient(friction, i, sign * gx, sign * gy, sign * gz, 0.0):
-            continue
+        measure_slip(pose, body, problem.total[:], problem.abduction_total[:], friction, i)
+        friction.start_spin[i] = friction.spin[i]
+        for j in range(3):
+            friction.start[i, j] = friction.slip[i, j]
         if abs(friction.normal[i, 0]) > 0.7:
             orient(friction, i, 0.0, 1.0, 0.0, 0.0)
         else:
             orient(friction, i, 1.0, 0.0, 0.0, 0.0)
-
-
-@jit_once
-def _slip_row(pose: Record, body: Record, problem: Record, friction: Record, i: int) -> float:
-    # Squared length of the row of s along e_1: how far a newton against it would move the contact, were it alone [m].
-    of = friction.body[i]
-    mu, radius = coefficient(body, of), torsion_radius(body, of)
-    t, n, w = friction.along[i, 0], friction.normal[i], radius * friction.about[i, 0]
-    return _write_row(
-        pose,
-        body,
-        problem,
-        of,
-        as_int64(FREE_ROWS - 1),
-        friction.point[i],
-        mu * t[0],
-        mu * t[1],
-        mu * t[2],
-        w * n[0],
-        w * n[1],
-        w * n[2],
-        0.0,
-    )
 
 
 @jit
@@ -600,36 +559,39 @@ def friction_rows(
         for i in range(friction.of_hand):
             of = friction.body[i]
             if (0 if of == PALM_BODY else 1 + of // PHALANX_COUNT) == owner:
-                row = _contact_rows(pose, body, offset, relaxed, i, row, problem, friction)
+                row = contact_rows(pose, body, offset, relaxed, i, row, problem, friction)
         stop[g] = row
     start[TABLE_GROUP], block[TABLE_GROUP] = row, -1
     for i in range(friction.of_hand, friction.count):
         n = friction.normal[i]
         rhs = offset - friction.distance[i]
+        if friction.rubs[i] == 1:
+            rhs -= STANDS_BACK * offset
         if relaxed and friction.distance[i] >= 0.0:
             rhs = min(rhs, 0.0)
-        _write_row(pose, body, problem, ON_TABLE, row, friction.point[i], n[0], n[1], n[2], 0.0, 0.0, 0.0, rhs)
+        write_row(pose, body, problem, ON_TABLE, row, friction.point[i], n[0], n[1], n[2], 0.0, 0.0, 0.0, rhs)
         problem.key[row] = TABLE_KEYS - KINDS * friction.key[i]
         problem.owner[row] = i
         problem.kind[row] = 0
         row += 1
         if friction.rubs[i] == 1:
-            row = _contact_rows(pose, body, offset, relaxed, i, row, problem, friction)
+            row = contact_rows(pose, body, offset, relaxed, i, row, problem, friction)
     stop[TABLE_GROUP] = row
     for i in range(friction.of_hand):
-        problem.owner[friction.contact[i]] = i
+        row = friction.contact[i]
+        problem.owner[row] = i
+        problem.rhs[row] -= STANDS_BACK * offset
 
 
 @jit
-def _contact_rows(
+def contact_rows(
     pose: Record, body: Record, offset: float, relaxed: bool, i: int, row: int, problem: Record, friction: Record
 ) -> int:
+    """Write the rows of friction of a contact from a row on; returns the one behind them."""
     of, point, n = friction.body[i], friction.point[i], friction.normal[i]
     mu, radius, d = coefficient(body, of), torsion_radius(body, of), friction.distance[i]
     friction.row[i] = row
-    rhs = offset - d - friction.shift[i]
-    if relaxed and d >= 0.0:
-        rhs = min(rhs, 0.0)
+    start = friction.start[i]
     for k in range(PER_CONTACT):
         e = k % DIRECTIONS
         if e == DIRECTIONS - 1 and radius == 0.0:
@@ -637,8 +599,12 @@ def _contact_rows(
         sign = 1.0 if k < DIRECTIONS else -1.0
         t, w = friction.along[i, e], -sign * radius * friction.about[i, e]
         push = sign * mu
+        begun = start[0] * t[0] + start[1] * t[1] + start[2] * t[2] + friction.start_spin[i] * friction.about[i, e]
+        rhs = offset - d - friction.shift[i] + sign * begun
+        if relaxed and d >= 0.0:
+            rhs = min(rhs, 0.0)
         mx, my, mz = n[0] - push * t[0], n[1] - push * t[1], n[2] - push * t[2]
-        _write_row(pose, body, problem, of, row, point, mx, my, mz, w * n[0], w * n[1], w * n[2], rhs)
+        write_row(pose, body, problem, of, row, point, mx, my, mz, w * n[0], w * n[1], w * n[2], rhs)
         if of == ON_TABLE:
             problem.key[row] = TABLE_KEYS - KINDS * friction.key[i] - 1 - k
         else:

@@ -17,9 +17,10 @@ from hhsim.kernels.contact.linearise import build_rows, clamp_to_limits, limit_s
 from hhsim.kernels.contact.redundant_contacts import drop_redundant_contacts
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.free.body import (
-    OBJECT_DOF,
     Support,
     body_target,
+    carry,
+    from_axes,
     keep_body,
     move_body,
     predict,
@@ -62,6 +63,7 @@ from hhsim.kernels.tick.state import (
 from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FORCE, DURATION_PALM, copy_active
 from hhsim.kernels.tick.tick import (
     MOST_IDLE,
+    REACH_FLOOR,
     REACH_GROWTH,
     TRUST_DECAY,
     begin_tick,
@@ -135,8 +137,7 @@ def _prepare(hand: HandArrays, method: Free, surface: Any, state: Record) -> int
     object_columns(body, contacts, problem)
     close = CLOSE * options.offset
     find_frictions(state.pose, body, contacts, method.support, options.margin, close, friction)
-    first = state.work[WORK_LINEARISATIONS] == 0
-    begin_frictions(state.pose, body, problem, first, state.held, friction)
+    begin_frictions(state.pose, body, problem, friction)
     scale_target(body, problem)
     count = total + friction.count - friction.of_hand
     work = state.work
@@ -176,6 +177,8 @@ def _solve_rows(method: Free, state: Record, qp: QpWork) -> int:
         state.free_problem,
         state.friction,
         state.loaded,
+        state.held,
+        state.coulomb,
         state.step,
         qp,
     )
@@ -188,6 +191,7 @@ def _take_back(state: Record) -> None:
     copy_configuration(state.safe, state.pose)
     take_body_back(state.body)
     copy_values(state.body_safe_total[:], state.free_problem.total[:])
+    copy_values(state.body_safe_abduction[:], state.free_problem.abduction_total[:])
     for body in range(BODY_COUNT):
         state.since_safe[body] = 0.0
     state.bad_steps = 0
@@ -211,7 +215,8 @@ def _recover(hand: HandArrays, surface: Any, options: TickOptions, state: Record
 
 @jit_once
 def _clip_target(hand: HandArrays, method: Free, last_chance: bool, state: Record) -> bool:
-    # See `kernels.tick.tick.clip_target`; the object's own way is not shortened: it is bounded by the hand's alone.
+    # See `kernels.tick.tick.clip_target`. What is shortened is the hand's way past the object, and nothing else: the
+    # target is moved by what is taken off, so that the springs pull as they did, and the object's own way is its own.
     if state.clipped:
         return False
     options, problem = method.options, state.free_problem
@@ -223,10 +228,16 @@ def _clip_target(hand: HandArrays, method: Free, last_chance: bool, state: Recor
         return False
     state.clipped = True
     state.unclipped_motion = longest
-    for j in range(DOF):
-        problem.hand_target[j] *= fraction
-    for j in range(6):
-        problem.body_target[j] *= fraction
+    off = 1.0 - fraction
+    carry(state.body, state.pose.position[:], problem.delta[6:12], state.scratch[:])
+    for j in range(3):
+        problem.hand_target[j] -= off * (problem.delta[j] - state.scratch[j])
+    x, y, z = from_axes(state.body, problem.delta[9], problem.delta[10], problem.delta[11])
+    problem.hand_target[3] -= off * (problem.delta[3] - x)
+    problem.hand_target[4] -= off * (problem.delta[4] - y)
+    problem.hand_target[5] -= off * (problem.delta[5] - z)
+    for j in range(6, DOF):
+        problem.hand_target[j] -= off * problem.delta[6 + j]
     for f in range(FINGER_COUNT):
         problem.abduction_step[f] *= fraction
     build_rows(hand, state.pose, state.contacts, options.offset, state.relaxed, problem)
@@ -253,6 +264,8 @@ def _advance(hand: HandArrays, method: Free, surface: Any, state: Record) -> boo
     fraction, longest = shortening(hand, options, state)
     for j in range(FREE_DOF):
         problem.total[j] += fraction * problem.delta[j]
+    for f in range(FINGER_COUNT):
+        problem.abduction_total[f] += fraction * problem.abduction_step[f]
     limits = limit_start(state.contacts, as_int64(0))
     limits_end = limit_start(state.contacts, as_int64(FINGER_COUNT))
     find_borne(
@@ -269,13 +282,13 @@ def _advance(hand: HandArrays, method: Free, surface: Any, state: Record) -> boo
     )
     move(state.pose, step.delta, problem.abduction_step, fraction)
     move_body(body, problem.delta[6:12], fraction)
-    for j in range(OBJECT_DOF):
-        body.left[j] = (1.0 - fraction) * problem.delta[6 + j]
     for b in range(BODY_COUNT):
         state.since_safe[b] += fraction * state.motion[b]
     state.moved += fraction * longest
     if fraction < 1.0 or state.clipped:
         state.reach = min(options.margin, REACH_GROWTH * state.reach)
+    else:
+        state.reach = min(state.reach, max(REACH_FLOOR * options.step_tolerance, longest))
     status = evaluate_pose(hand, surface, options, state)
     table = _table(method, state)
     wanted = max(state.unclipped_motion if state.clipped else 0.0, longest)
@@ -289,6 +302,7 @@ def _advance(hand: HandArrays, method: Free, surface: Any, state: Record) -> boo
         keep_body(body)
         state.table_distance = table
         copy_values(problem.total[:], state.body_safe_total[:])
+        copy_values(problem.abduction_total[:], state.body_safe_abduction[:])
         for b in range(BODY_COUNT):
             state.since_safe[b] = 0.0
         copy_active(state.warm, state.active)
@@ -318,7 +332,7 @@ def _advance(hand: HandArrays, method: Free, surface: Any, state: Record) -> boo
 def _finish(hand: HandArrays, method: Free, surface: Any, state: Record) -> int:
     # Return to the last poses without penetration, take the velocities and the forces; returns status bits.
     began = monotonic_ns()
-    options, problem = method.options, state.free_problem
+    options = method.options
     status = 0
     cut_short = state.work[WORK_LINEARISATIONS] < options.linearisations and spent_units(state) >= options.budget
     state.idle = 0 if state.accepted else state.idle + 1
@@ -344,7 +358,6 @@ def _finish(hand: HandArrays, method: Free, surface: Any, state: Record) -> int:
     if status & (STATUS_STUCK | STATUS_LAG):
         cap_lag(state)
     take_velocity(state.body)
-    copy_values(problem.total[:], problem.before[:])
     _, touching = pairs_near(surface, hand, state.candidates, options.touch)
     state.work[WORK_TOUCHING] = touching
     detected = monotonic_ns()
@@ -361,10 +374,14 @@ def free_tick(method: Free, hand: HandArrays, surface: Any, state: Record, qp: Q
     """Bring the hand towards the user's, and the object to where forces and inertia take it; returns status bits."""
     options, problem = method.options, state.free_problem
     begin_tick(options, state)
-    keep_body(state.body)
     predict(state.body)
+    keep_body(state.body)
     problem.total[:] = 0.0
+    problem.abduction_total[:] = 0.0
+    problem.solutions = 0
+    state.coulomb.sweeps = 0
     state.body_safe_total[:] = 0.0
+    state.body_safe_abduction[:] = 0.0
     status = 0
     for i in range(options.linearisations):
         if i > 0 and spent_units(state) >= options.budget:

@@ -1,0 +1,318 @@
+"""Coulomb's law contact by contact: which way each contact of a program slips, and how far.
+
+With f = (λ, r) a contact's force, r the part against s, u what its displacement w = (n · Δ + d - ε, s) would be without
+it, and W what a newton of each part does to it, the law is
+
+    w = u + W f,   λ >= 0,   w_n >= 0,   |r| <= λ,   and where s is not 0:  r = -λ s / |s|.
+
+A contact alone is solved for exactly: it stands off where u_n >= 0, it sticks where f = -W⁻¹ u lies in the cone, and
+else it slips: (W + α diag(0, 1, 1, 1)) f = -u with the α at which |r| = λ. Sweep after sweep each contact is solved for
+with what the others bear (nonlinear Gauss-Seidel: Jourdan, Alart & Jean 1998). What comes out, a slip for each contact
+and the direction of its friction, is what the program of `kernels.free.program` begins from, which is exact.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.kernels.free.rows import (
+    COMMON,
+    DIRECTIONS,
+    FREE_DOF,
+    FREE_ROWS,
+    FRICTIONS,
+    ON_TABLE,
+    TABLE_GROUP,
+    TABLE_KEYS,
+    coefficient,
+    orient,
+    torsion_radius,
+    write_row,
+)
+from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
+from hhsim.kernels.jit import Record, as_int64, jit, jit_once
+
+Array = NDArray[np.float64]
+
+PARTS = 1 + DIRECTIONS
+WIDTH = COMMON + PHALANX_COUNT
+SWEEPS = 200
+"""Most of them."""
+STILL = 0.01
+"""Sweeps end where none of them moves a contact by more than this share of the clearance."""
+HALVINGS = 40
+SHARP = 1e-10
+"""A slipping contact's α is found to this share of its force."""
+SINGULAR = 1e-12
+"""Share of the trace that is added to W: a contact may not feel all parts of its force."""
+
+COULOMB = np.dtype(
+    [
+        ("row", np.float64, (FRICTIONS, PARTS, WIDTH)),
+        ("response", np.float64, (FRICTIONS, PARTS, PARTS)),
+        ("rhs", np.float64, (FRICTIONS, PARTS)),
+        ("force", np.float64, (FRICTIONS, PARTS)),
+        ("parts", np.int64, (FRICTIONS,)),
+        ("block", np.int64, (FRICTIONS,)),
+        ("x", np.float64, (FREE_DOF,)),
+        ("multiplier", np.float64, (FREE_ROWS,)),
+        ("alone", np.float64, (PARTS,)),
+        ("next", np.float64, (PARTS,)),
+        ("factor", np.float64, (PARTS, PARTS)),
+        ("sweeps", np.int64),
+    ],
+    align=True,
+)
+"""What the sweeps need; the first axis is that of FRICTION.
+
+| field | meaning |
+|---|---|
+| row, rhs | w = row · x - rhs, scaled as the program's rows: the normal one, then those of s along e_1 to e_3 |
+| response | W |
+| force | f [N] |
+| parts, block | how many parts f has, and where the variables of its finger begin, -1 without |
+| x | the program's variables |
+| multiplier | of the rows without friction [N] |
+| alone, next, factor | scratch: u, f, and a Cholesky factor |
+| sweeps | done in this tick |
+"""
+
+
+@jit_once
+def _load_rows(pose: Record, body: Record, offset: float, problem: Record, friction: Record, work: Record) -> None:
+    scratch = as_int64(FREE_ROWS - 1)
+    for i in range(friction.count):
+        if friction.rubs[i] == 0:
+            work.parts[i] = 0
+            continue
+        of, n = friction.body[i], friction.normal[i]
+        mu, radius = coefficient(body, of), torsion_radius(body, of)
+        parts = PARTS if radius > 0.0 else PARTS - 1
+        work.parts[i] = parts
+        work.block[i] = COMMON + PHALANX_COUNT * (of // PHALANX_COUNT) if 0 <= of < PALM_BODY else -1
+        for part in range(parts):
+            if part == 0:
+                mx, my, mz, w, rhs = n[0], n[1], n[2], 0.0, offset - friction.distance[i]
+            else:
+                t = friction.along[i, part - 1]
+                spin = friction.about[i, part - 1]
+                mx, my, mz, w = mu * t[0], mu * t[1], mu * t[2], radius * spin
+                start = friction.start[i]
+                rhs = -(start[0] * t[0] + start[1] * t[1] + start[2] * t[2] + friction.start_spin[i] * spin)
+            write_row(
+                pose, body, problem, of, scratch, friction.point[i], mx, my, mz, w * n[0], w * n[1], w * n[2], rhs
+            )
+            work.rhs[i, part] = problem.rhs[scratch]
+            for j in range(COMMON):
+                work.row[i, part, j] = problem.common[j, scratch]
+            for j in range(PHALANX_COUNT):
+                work.row[i, part, COMMON + j] = problem.block[j, scratch]
+        trace = 0.0
+        for a in range(parts):
+            for b in range(a + 1):
+                total = 0.0
+                for j in range(WIDTH):
+                    total += work.row[i, a, j] * work.row[i, b, j]
+                work.response[i, a, b] = work.response[i, b, a] = total
+            trace += work.response[i, a, a]
+        for a in range(parts):
+            work.response[i, a, a] += SINGULAR * trace
+
+
+@jit_once
+def _warm_start(friction: Record, problem: Record, held: Record, work: Record) -> None:
+    for j in range(FREE_DOF):
+        work.x[j] = problem.target[j]
+    for i in range(friction.count):
+        for part in range(PARTS):
+            work.force[i, part] = 0.0
+        if friction.rubs[i] == 0:
+            continue
+        key = TABLE_KEYS - friction.key[i] if friction.body[i] == ON_TABLE else friction.key[i]
+        for j in range(held.count):
+            if held.key[j] == key:
+                work.force[i, 0] = held.load[j]
+                for part in range(1, work.parts[i]):
+                    t = friction.along[i, part - 1]
+                    along = held.along[j]
+                    size = along[0] * t[0] + along[1] * t[1] + along[2] * t[2]
+                    work.force[i, part] = -size - held.about[j] * friction.about[i, part - 1]
+                break
+        _push(i, 1.0, work)
+
+
+@jit
+def _push(i: int, sign: float, work: Record) -> None:
+    # Add what the force of a contact does to x.
+    block = work.block[i]
+    for part in range(work.parts[i]):
+        size = sign * work.force[i, part]
+        if size == 0.0:
+            continue
+        for j in range(COMMON):
+            work.x[j] += size * work.row[i, part, j]
+        if block >= 0:
+            for j in range(PHALANX_COUNT):
+                work.x[block + j] += size * work.row[i, part, COMMON + j]
+
+
+@jit
+def _moved(i: int, part: int, work: Record) -> float:
+    total = -work.rhs[i, part]
+    for j in range(COMMON):
+        total += work.row[i, part, j] * work.x[j]
+    block = work.block[i]
+    if block >= 0:
+        for j in range(PHALANX_COUNT):
+            total += work.row[i, part, COMMON + j] * work.x[block + j]
+    return total
+
+
+@jit
+def _bears(i: int, alpha: float, work: Record) -> float:
+    # Set the force with (W + α diag(0, 1, …)) f = -u; returns how far it is out of the cone.
+    parts, factor, force, response, alone = work.parts[i], work.factor, work.next, work.response, work.alone
+    for a in range(parts):
+        for b in range(a + 1):
+            total = response[i, a, b]
+            if a == b and a > 0:
+                total += alpha
+            for j in range(b):
+                total -= factor[a, j] * factor[b, j]
+            factor[a, b] = math.sqrt(max(total, 1e-300)) if a == b else total / factor[b, b]
+    for a in range(parts):
+        total = -alone[a]
+        for j in range(a):
+            total -= factor[a, j] * force[j]
+        force[a] = total / factor[a, a]
+    square = 0.0
+    for k in range(parts):
+        a = parts - 1 - k
+        total = force[a]
+        for j in range(a + 1, parts):
+            total -= factor[j, a] * force[j]
+        force[a] = total / factor[a, a]
+        if a > 0:
+            square += force[a] * force[a]
+    return math.sqrt(square) - force[0]
+
+
+@jit_once
+def _visit(i: int, work: Record) -> float:
+    # Solve a contact for what the others bear; returns how far that moves it [m].
+    parts, alone, force, response = work.parts[i], work.alone, work.next, work.response
+    touched = work.force[i, 0] > 0.0
+    for a in range(parts):
+        alone[a] = _moved(i, a, work)
+        if a == 0 and not touched and alone[0] >= 0.0:
+            return 0.0
+        if touched:
+            for b in range(parts):
+                alone[a] -= response[i, a, b] * work.force[i, b]
+    if alone[0] >= 0.0:
+        for a in range(parts):
+            force[a] = 0.0
+    elif _bears(i, 0.0, work) > 0.0:
+        size = 0.0
+        for a in range(1, parts):
+            size += response[i, a, a]
+        low, high = 0.0, size
+        for _ in range(HALVINGS):
+            if _bears(i, high, work) <= 0.0:
+                break
+            low, high = high, 8.0 * high
+        # In the logarithm once the lower end is no longer 0.
+        for _ in range(2 * HALVINGS):
+            middle = math.sqrt(low * high) if low > 1e-6 * high else 0.1 * high if low < 1e-6 * high else 0.5 * high
+            out = _bears(i, middle, work)
+            if out > 0.0:
+                low = middle
+            else:
+                high = middle
+            if abs(out) <= SHARP * abs(force[0]):
+                break
+    far = 0.0
+    for a in range(parts):
+        total = 0.0
+        for b in range(parts):
+            total += response[i, a, b] * (force[b] - work.force[i, b])
+        far = max(far, abs(total))
+    _push(i, -1.0, work)
+    for a in range(parts):
+        work.force[i, a] = force[a]
+    _push(i, 1.0, work)
+    return far
+
+
+@jit
+def _visit_row(row: int, block: int, problem: Record, work: Record) -> float:
+    common, own = problem.common, problem.block
+    total, square = -problem.rhs[row], 0.0
+    for j in range(COMMON):
+        total += common[j, row] * work.x[j]
+    if block >= 0:
+        for j in range(PHALANX_COUNT):
+            total += own[j, row] * work.x[block + j]
+    if total >= 0.0 and work.multiplier[row] == 0.0:
+        return 0.0
+    for j in range(COMMON):
+        square += common[j, row] * common[j, row]
+    if block >= 0:
+        for j in range(PHALANX_COUNT):
+            square += own[j, row] * own[j, row]
+    if square == 0.0:
+        return 0.0
+    change = max(-work.multiplier[row], -total / square)
+    work.multiplier[row] += change
+    for j in range(COMMON):
+        work.x[j] += change * common[j, row]
+    if block >= 0:
+        for j in range(PHALANX_COUNT):
+            work.x[block + j] += change * own[j, row]
+    return abs(change) * square
+
+
+@jit
+def predict_slips(
+    pose: Record, body: Record, offset: float, problem: Record, friction: Record, held: Record, work: Record
+) -> None:
+    """Set Γ and the directions of each contact that rubs; the normal rows and the groups are written already."""
+    _load_rows(pose, body, offset, problem, friction, work)
+    _warm_start(friction, problem, held, work)
+    start, stop, blocks = problem.group_start, problem.group_stop, problem.group_block
+    for g in range(2 * FINGER_COUNT + 1):
+        for row in range(start[g], stop[g]):
+            work.multiplier[row] = 0.0
+    for row in range(start[TABLE_GROUP], stop[TABLE_GROUP]):
+        work.multiplier[row] = 0.0
+    for _ in range(SWEEPS):
+        work.sweeps += 1
+        far = 0.0
+        for i in range(friction.count):
+            if friction.rubs[i] == 1:
+                far = max(far, _visit(i, work))
+        for g in range(2 * FINGER_COUNT + 1):
+            for row in range(start[g], stop[g]):
+                if problem.owner[row] < 0:
+                    far = max(far, _visit_row(row, blocks[g], problem, work))
+        for row in range(start[TABLE_GROUP], stop[TABLE_GROUP]):
+            owner = problem.owner[row]
+            if friction.rubs[owner] == 0:
+                far = max(far, _visit_row(row, as_int64(-1), problem, work))
+        if far <= STILL * offset:
+            break
+    for i in range(friction.count):
+        if friction.rubs[i] == 0:
+            continue
+        x = y = z = spin = slip = 0.0
+        for part in range(1, work.parts[i]):
+            e, size = part - 1, work.force[i, part]
+            x -= size * friction.along[i, e, 0]
+            y -= size * friction.along[i, e, 1]
+            z -= size * friction.along[i, e, 2]
+            spin -= size * friction.about[i, e]
+            slip += _moved(i, part, work) ** 2
+        slip = math.sqrt(slip)
+        friction.shift[i] = slip if slip > STILL * offset else 0.0
+        orient(friction, i, x, y, z, spin)
