@@ -37,8 +37,8 @@ Array = NDArray[np.float64]
 
 PARTS = 1 + DIRECTIONS
 WIDTH = COMMON + PHALANX_COUNT
-SWEEPS = 200
-"""Most of them."""
+SWEEPS = 8
+"""Most of them at a time."""
 STILL = 0.01
 """Sweeps end where none of them moves a contact by more than this share of the clearance."""
 HALVINGS = 40
@@ -53,6 +53,9 @@ COULOMB = np.dtype(
         ("response", np.float64, (FRICTIONS, PARTS, PARTS)),
         ("rhs", np.float64, (FRICTIONS, PARTS)),
         ("force", np.float64, (FRICTIONS, PARTS)),
+        ("along", np.float64, (FRICTIONS, DIRECTIONS, 3)),
+        ("about", np.float64, (FRICTIONS, DIRECTIONS)),
+        ("slips", np.int64, (FRICTIONS,)),
         ("parts", np.int64, (FRICTIONS,)),
         ("block", np.int64, (FRICTIONS,)),
         ("x", np.float64, (FREE_DOF,)),
@@ -68,7 +71,9 @@ COULOMB = np.dtype(
 
 | field | meaning |
 |---|---|
-| row, rhs | w = row · x - rhs, scaled as the program's rows: the normal one, then those of s along e_1 to e_3 |
+| row, rhs | w = row · x - rhs, scaled as the program's rows: the normal one, then those of s |
+| along, about | the directions of these, as FRICTION has its e_1 to e_3 |
+| slips | 1 where the contact slipped when it was last solved for |
 | response | W |
 | force | f [N] |
 | parts, block | how many parts f has, and where the variables of its finger begin, -1 without |
@@ -91,12 +96,17 @@ def _load_rows(pose: Record, body: Record, offset: float, problem: Record, frict
         parts = PARTS if radius > 0.0 else PARTS - 1
         work.parts[i] = parts
         work.block[i] = COMMON + PHALANX_COUNT * (of // PHALANX_COUNT) if 0 <= of < PALM_BODY else -1
+        work.slips[i] = 0
+        for e in range(DIRECTIONS):
+            work.about[i, e] = friction.about[i, e]
+            for j in range(3):
+                work.along[i, e, j] = friction.along[i, e, j]
         for part in range(parts):
             if part == 0:
                 mx, my, mz, w, rhs = n[0], n[1], n[2], 0.0, offset - friction.distance[i]
             else:
-                t = friction.along[i, part - 1]
-                spin = friction.about[i, part - 1]
+                t = work.along[i, part - 1]
+                spin = work.about[i, part - 1]
                 mx, my, mz, w = mu * t[0], mu * t[1], mu * t[2], radius * spin
                 start = friction.start[i]
                 rhs = -(start[0] * t[0] + start[1] * t[1] + start[2] * t[2] + friction.start_spin[i] * spin)
@@ -134,10 +144,10 @@ def _warm_start(friction: Record, problem: Record, held: Record, work: Record) -
             if held.key[j] == key:
                 work.force[i, 0] = held.load[j]
                 for part in range(1, work.parts[i]):
-                    t = friction.along[i, part - 1]
+                    t = work.along[i, part - 1]
                     along = held.along[j]
                     size = along[0] * t[0] + along[1] * t[1] + along[2] * t[2]
-                    work.force[i, part] = -size - held.about[j] * friction.about[i, part - 1]
+                    work.force[i, part] = -size - held.about[j] * work.about[i, part - 1]
                 break
         _push(i, 1.0, work)
 
@@ -213,7 +223,11 @@ def _visit(i: int, work: Record) -> float:
     if alone[0] >= 0.0:
         for a in range(parts):
             force[a] = 0.0
-    elif _bears(i, 0.0, work) > 0.0:
+        work.slips[i] = 0
+    elif _bears(i, 0.0, work) <= 0.0:
+        work.slips[i] = 0
+    else:
+        work.slips[i] = 1
         size = 0.0
         for a in range(1, parts):
             size += response[i, a, a]
@@ -273,19 +287,58 @@ def _visit_row(row: int, block: int, problem: Record, work: Record) -> float:
     return abs(change) * square
 
 
-@jit
-def predict_slips(
+@jit_once
+def begin_sweeps(
     pose: Record, body: Record, offset: float, problem: Record, friction: Record, held: Record, work: Record
 ) -> None:
-    """Set Γ and the directions of each contact that rubs; the normal rows and the groups are written already."""
+    """Take the contacts that rub, with what they bore before; the normal rows and the groups are written already."""
     _load_rows(pose, body, offset, problem, friction, work)
     _warm_start(friction, problem, held, work)
-    start, stop, blocks = problem.group_start, problem.group_stop, problem.group_block
+    start, stop = problem.group_start, problem.group_stop
     for g in range(2 * FINGER_COUNT + 1):
         for row in range(start[g], stop[g]):
             work.multiplier[row] = 0.0
     for row in range(start[TABLE_GROUP], stop[TABLE_GROUP]):
         work.multiplier[row] = 0.0
+
+
+@jit_once
+def take_solution(x: Array, problem: Record, friction: Record, loaded: Record, work: Record) -> None:
+    """Go on from a solution of the program."""
+    for j in range(FREE_DOF):
+        work.x[j] = x[j]
+    start, stop = problem.group_start, problem.group_stop
+    for g in range(2 * FINGER_COUNT + 1):
+        for row in range(start[g], stop[g]):
+            work.multiplier[row] = 0.0
+    for row in range(start[TABLE_GROUP], stop[TABLE_GROUP]):
+        work.multiplier[row] = 0.0
+    for i in range(friction.count):
+        for part in range(PARTS):
+            work.force[i, part] = 0.0
+    for k in range(loaded.count):
+        row, size = loaded.row[k], loaded.multiplier[k]
+        i, kind = problem.owner[row], problem.kind[row]
+        if i < 0 or friction.rubs[i] == 0:
+            work.multiplier[row] += size
+            continue
+        work.force[i, 0] += size
+        if kind == 0:
+            continue
+        e = (kind - 1) % DIRECTIONS
+        against = -size if kind <= DIRECTIONS else size
+        for part in range(1, work.parts[i]):
+            b = part - 1
+            share = friction.about[i, e] * work.about[i, b]
+            for j in range(3):
+                share += friction.along[i, e, j] * work.along[i, b, j]
+            work.force[i, part] += against * share
+
+
+@jit
+def sweep(offset: float, problem: Record, friction: Record, work: Record) -> None:
+    """Some sweeps; set Γ and the directions of each contact that rubs by what comes out."""
+    start, stop, blocks = problem.group_start, problem.group_stop, problem.group_block
     for _ in range(SWEEPS):
         work.sweeps += 1
         far = 0.0
@@ -308,11 +361,10 @@ def predict_slips(
         x = y = z = spin = slip = 0.0
         for part in range(1, work.parts[i]):
             e, size = part - 1, work.force[i, part]
-            x -= size * friction.along[i, e, 0]
-            y -= size * friction.along[i, e, 1]
-            z -= size * friction.along[i, e, 2]
-            spin -= size * friction.about[i, e]
+            x -= size * work.along[i, e, 0]
+            y -= size * work.along[i, e, 1]
+            z -= size * work.along[i, e, 2]
+            spin -= size * work.about[i, e]
             slip += _moved(i, part, work) ** 2
-        slip = math.sqrt(slip)
-        friction.shift[i] = slip if slip > STILL * offset else 0.0
+        friction.shift[i] = math.sqrt(slip) if work.slips[i] == 1 else 0.0
         orient(friction, i, x, y, z, spin)

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.free.body import as_object_moves
-from hhsim.kernels.free.coulomb import predict_slips
+from hhsim.kernels.free.coulomb import begin_sweeps, sweep, take_solution
 from hhsim.kernels.free.rows import (
     COMMON,
     DIRECTIONS,
@@ -15,10 +15,8 @@ from hhsim.kernels.free.rows import (
     contact_rows,
     friction_rows,
     measure_slip,
-    orient,
-    torsion_radius,
 )
-from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT
+from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT
 from hhsim.kernels.jit import Record, as_int64, jit, jit_once
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork, solve
 from hhsim.kernels.qp.row_scan import ProgramRows
@@ -28,13 +26,11 @@ from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-ROUNDS = 4
+ROUNDS = 8
 """Most solutions of a program with one Γ after another."""
 SETTLED = 0.1
 SETTLED_SHARE = 1e-4
 """A Γ that is off by no more than this share of the clearance and this one of it is left: so far a contact floats."""
-MOST_FALLS = 3
-"""A Γ that was too large so often begins at 0: from there it grows to what it must be."""
 ASTRAY = 0.02
 """An e_1 is turned to the slip where one minus the cosine of the angle between them is more than this."""
 NO_LOAD = 1e-3
@@ -124,61 +120,30 @@ def _read(body: Record, problem: Record, friction: Record, loaded: Record, qp: Q
 
 
 @jit_once
-def _mobility(body: Record, problem: Record, friction: Record, i: int) -> float:
-    # How far a newton against e_1 would move the contact, were it alone [m]: from its rows n ± e_1.
-    common, block = problem.common, problem.block
-    row = friction.row[i]
-    other = row + (DIRECTIONS if torsion_radius(body, friction.body[i]) > 0.0 else DIRECTIONS - 1)
-    square = 0.0
-    for j in range(COMMON):
-        square += (common[j, other] - common[j, row]) ** 2
-    for j in range(PHALANX_COUNT):
-        square += (block[j, other] - block[j, row]) ** 2
-    return 0.25 * square
-
-
-@jit
-def _better_shift(body: Record, problem: Record, friction: Record, i: int, slip: float, settled: float) -> float:
-    # The Γ that a contact is to have next.
-    shift, plain = friction.shift[i], friction.plain[i]
-    if plain > NO_LOAD * (plain + friction.cone[i]) and shift > 0.0:
-        # Too large: what the normal row bears is to rub, and brakes by as much as it would were the contact alone.
-        friction.falls[i] += 1
-        if friction.falls[i] >= MOST_FALLS:
-            return 0.0
-        return max(0.0, min(slip, shift) - plain * _mobility(body, problem, friction, i))
-    return shift if abs(slip - shift) <= settled else slip
-
-
-@jit_once
-def _correct(pose: Record, body: Record, offset: float, relaxed: bool, problem: Record, friction: Record) -> bool:
-    # De Saxcé's Γ of the solution at hand; True where a contact that bears a force is to have another one, or other
-    # directions, than it was given. Their rows are written anew.
-    changed = False
+def _is_settled(pose: Record, body: Record, offset: float, problem: Record, friction: Record) -> bool:
+    # Whether every contact that bears a force has de Saxcé's Γ and rubs against its slip with all of its load.
+    settled = True
     problem.astray = 0.0
     for j in range(FREE_DOF):
         problem.whole[j] = problem.total[j] + problem.delta[j]
     for f in range(FINGER_COUNT):
         problem.whole_abduction[f] = problem.abduction_total[f] + problem.abduction_step[f]
     for i in range(friction.count):
-        if friction.rubs[i] == 0 or friction.plain[i] + friction.cone[i] == 0.0:
+        load = friction.plain[i] + friction.cone[i]
+        if friction.rubs[i] == 0 or load == 0.0:
             continue
         slip = measure_slip(pose, body, problem.whole[:], problem.whole_abduction[:], friction, i)
-        settled = SETTLED * offset + SETTLED_SHARE * slip
-        shift = _better_shift(body, problem, friction, i, slip, settled)
-        problem.astray = max(problem.astray, abs(slip - friction.shift[i]))
-        differs = shift != friction.shift[i]
-        friction.shift[i] = shift
-        if slip > TINY:
+        off = abs(slip - friction.shift[i])
+        problem.astray = max(problem.astray, off)
+        if off > SETTLED * offset + SETTLED_SHARE * slip or friction.plain[i] > NO_LOAD * load:
+            settled = False
+        elif slip > TINY:
             x, y, z, spin = friction.slip[i, 0], friction.slip[i, 1], friction.slip[i, 2], friction.spin[i]
             t = friction.along[i, 0]
             across = slip - (x * t[0] + y * t[1] + z * t[2] + spin * friction.about[i, 0])
-            if across > ASTRAY * slip and orient(friction, i, x, y, z, spin):
-                differs = True
-        if differs:
-            changed = True
-            contact_rows(pose, body, offset, relaxed, i, friction.row[i], problem, friction)
-    return changed
+            if across > ASTRAY * slip:
+                settled = False
+    return settled
 
 
 @jit
@@ -226,12 +191,15 @@ def solve_free(
     )
     status = OPTIMAL
     friction_rows(pose, body, contacts, options.offset, relaxed, problem, friction)
-    predict_slips(pose, body, options.offset, problem, friction, held, coulomb)
-    for i in range(friction.count):
-        if friction.rubs[i] == 1:
-            contact_rows(pose, body, options.offset, relaxed, i, friction.row[i], problem, friction)
+    begin_sweeps(pose, body, options.offset, problem, friction, held, coulomb)
     guessed = _guess(problem, loaded)
     for i in range(ROUNDS):
+        if i > 0:
+            take_solution(qp.x[:], problem, friction, loaded, coulomb)
+        sweep(options.offset, problem, friction, coulomb)
+        for j in range(friction.count):
+            if friction.rubs[j] == 1:
+                contact_rows(pose, body, options.offset, relaxed, j, friction.row[j], problem, friction)
         status = solve(
             as_int64(FREE_DOF),
             rows,
@@ -247,7 +215,7 @@ def solve_free(
             return status
         problem.solutions += 1
         _read(body, problem, friction, loaded, qp)
-        if i == ROUNDS - 1 or not _correct(pose, body, options.offset, relaxed, problem, friction):
+        if _is_settled(pose, body, options.offset, problem, friction):
             break
         guessed = loaded.count
         for j in range(guessed):

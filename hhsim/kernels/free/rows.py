@@ -129,7 +129,6 @@ FRICTION = np.dtype(
         ("shift", np.float64, (FRICTIONS,)),
         ("start", np.float64, (FRICTIONS, 3)),
         ("start_spin", np.float64, (FRICTIONS,)),
-        ("falls", np.int64, (FRICTIONS,)),
         ("row", np.int64, (FRICTIONS,)),
         ("slip", np.float64, (FRICTIONS, 3)),
         ("spin", np.float64, (FRICTIONS,)),
@@ -153,7 +152,6 @@ FRICTION = np.dtype(
 | row | its first row of friction |
 | slip, spin | s of the tick with the last solution: μ Δ_t, and γ n · φ [m] |
 | start, start_spin | s of the tick before the program |
-| falls | how often Γ was found too large in this program |
 | plain, cone | multipliers of it: of the normal row, and of friction [N] |
 | near, near_distance | points of the hull within reach of the table, and how far they are [m] |
 """
@@ -523,7 +521,6 @@ def begin_frictions(pose: Record, body: Record, problem: Record, friction: Recor
     """Set what the contacts slipped in this tick so far, with directions as good as any."""
     for i in range(friction.count):
         friction.shift[i] = 0.0
-        friction.falls[i] = 0
         if friction.rubs[i] == 0:
             continue
         measure_slip(pose, body, problem.total[:], problem.abduction_total[:], friction, i)
