@@ -248,7 +248,10 @@ def move_body(body: Record, step: Array, fraction: float) -> None:
 def take_velocity(body: Record) -> None:
     """The velocities of the tick that ends: what was moved, and what was left of the last step, over its period."""
     rate, left = 1.0 / body.period, body.left
-    x, y, z = turn_out(body, left[0], left[1], left[2])
+    r = body.pushed
+    x = r[0, 0] * left[0] + r[0, 1] * left[1] + r[0, 2] * left[2]
+    y = r[1, 0] * left[0] + r[1, 1] * left[1] + r[1, 2] * left[2]
+    z = r[2, 0] * left[0] + r[2, 1] * left[1] + r[2, 2] * left[2]
     body.velocity[0] = rate * (body.position[0] - body.start_position[0] + x)
     body.velocity[1] = rate * (body.position[1] - body.start_position[1] + y)
     body.velocity[2] = rate * (body.position[2] - body.start_position[2] + z)

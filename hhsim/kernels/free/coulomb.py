@@ -41,6 +41,8 @@ SWEEPS = 8
 """Most of them at a time."""
 STILL = 0.01
 """Sweeps end where none of them moves a contact by more than this share of the clearance."""
+MOST_AHEAD = 8.0
+"""Rounds of sweeps are foreseen no further than this many of their steps."""
 HALVINGS = 40
 SHARP = 1e-10
 """A slipping contact's α is found to this share of its force."""
@@ -56,6 +58,12 @@ COULOMB = np.dtype(
         ("along", np.float64, (FRICTIONS, DIRECTIONS, 3)),
         ("about", np.float64, (FRICTIONS, DIRECTIONS)),
         ("slips", np.int64, (FRICTIONS,)),
+        ("slid", np.int64, (FRICTIONS,)),
+        ("given", np.float64, (FRICTIONS, 4)),
+        ("found", np.float64, (FRICTIONS, 4)),
+        ("found_before", np.float64, (FRICTIONS, 4)),
+        ("off_before", np.float64, (FRICTIONS, 4)),
+        ("rounds", np.int64),
         ("parts", np.int64, (FRICTIONS,)),
         ("block", np.int64, (FRICTIONS,)),
         ("x", np.float64, (FREE_DOF,)),
@@ -74,6 +82,11 @@ COULOMB = np.dtype(
 | row, rhs | w = row · x - rhs, scaled as the program's rows: the normal one, then those of s |
 | along, about | the directions of these, as FRICTION has its e_1 to e_3 |
 | slips | 1 where the contact slipped when it was last solved for |
+| given | s that the last program was given, the part along the surface and that about the normal [m] |
+| found, found_before | s that the sweeps have come to, now and in the round before |
+| off_before | what they differed by from `given` in the round before |
+| slid | 1 where all these are of a contact that slips |
+| rounds | of sweeps for this program |
 | response | W |
 | force | f [N] |
 | parts, block | how many parts f has, and where the variables of its finger begin, -1 without |
@@ -292,6 +305,7 @@ def begin_sweeps(
     pose: Record, body: Record, offset: float, problem: Record, friction: Record, held: Record, work: Record
 ) -> None:
     """Take the contacts that rub, with what they bore before; the normal rows and the groups are written already."""
+    work.rounds = 0
     _load_rows(pose, body, offset, problem, friction, work)
     _warm_start(friction, problem, held, work)
     start, stop = problem.group_start, problem.group_stop
@@ -337,7 +351,7 @@ def take_solution(x: Array, problem: Record, friction: Record, loaded: Record, w
 
 @jit
 def sweep(offset: float, problem: Record, friction: Record, work: Record) -> None:
-    """Some sweeps; set Γ and the directions of each contact that rubs by what comes out."""
+    """Some sweeps; set Γ and the directions of each contact that rubs by what comes out, and by where that leads to."""
     start, stop, blocks = problem.group_start, problem.group_stop, problem.group_block
     for _ in range(SWEEPS):
         work.sweeps += 1
@@ -366,5 +380,54 @@ def sweep(offset: float, problem: Record, friction: Record, work: Record) -> Non
             z -= size * work.along[i, e, 2]
             spin -= size * work.about[i, e]
             slip += _moved(i, part, work) ** 2
-        friction.shift[i] = math.sqrt(slip) if work.slips[i] == 1 else 0.0
         orient(friction, i, x, y, z, spin)
+        found = work.found[i]
+        slip = math.sqrt(slip) if work.slips[i] == 1 else 0.0
+        for j in range(3):
+            found[j] = slip * friction.along[i, 0, j]
+        found[3] = slip * friction.about[i, 0]
+        friction.shift[i] = slip
+    _extrapolate(friction, work)
+    work.rounds += 1
+
+
+@jit_once
+def _extrapolate(friction: Record, work: Record) -> None:
+    # Anderson's acceleration of depth one: where the rounds converge slowly they do so along one direction.
+    product, square = 0.0, 0.0
+    for i in range(friction.count):
+        if friction.rubs[i] == 0:
+            continue
+        slides = work.slips[i] == 1 and work.rounds > 0
+        both = slides and work.rounds > 1 and work.slid[i] == 1
+        for j in range(4):
+            off = work.found[i, j] - work.given[i, j]
+            if both:
+                change = off - work.off_before[i, j]
+                product += off * change
+                square += change * change
+            work.off_before[i, j] = off
+        work.slid[i] = 2 if both else 1 if slides else 0
+    share = product / square if square > 0.0 else 0.0
+    share = min(MOST_AHEAD, max(-MOST_AHEAD, share))
+    for i in range(friction.count):
+        if friction.rubs[i] == 0:
+            continue
+        given, found, before = work.given[i], work.found[i], work.found_before[i]
+        square, product, length = 0.0, 0.0, 0.0
+        for j in range(4):
+            given[j] = found[j]
+            if work.slid[i] == 2:
+                given[j] -= share * (found[j] - before[j])
+            before[j] = found[j]
+            square += given[j] * given[j]
+            product += given[j] * found[j]
+            length += found[j] * found[j]
+        if work.slid[i] == 2:
+            work.slid[i] = 1
+            if product > 0.5 * math.sqrt(square * length) and square < 4.0 * length:
+                friction.shift[i] = math.sqrt(square)
+                orient(friction, i, given[0], given[1], given[2], given[3])
+            else:
+                for j in range(4):
+                    given[j] = found[j]

@@ -26,10 +26,11 @@ from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-ROUNDS = 8
-"""Most solutions of a program with one Γ after another."""
-SETTLED = 0.1
-SETTLED_SHARE = 1e-4
+ROUNDS = 6
+LATER_ROUNDS = 3
+"""Most solutions of a program with one Γ after another: of a tick's first program, and of the others."""
+SETTLED = 0.2
+SETTLED_SHARE = 1e-3
 """A Γ that is off by no more than this share of the clearance and this one of it is left: so far a contact floats."""
 ASTRAY = 0.02
 """An e_1 is turned to the slip where one minus the cosine of the angle between them is more than this."""
@@ -174,6 +175,7 @@ def solve_free(
     coulomb: Record,
     step: Record,
     qp: QpWork,
+    rounds: int,
 ) -> int:
     """Solve for a step of hand and object, with one Γ after another until friction is Coulomb's.
 
@@ -193,7 +195,7 @@ def solve_free(
     friction_rows(pose, body, contacts, options.offset, relaxed, problem, friction)
     begin_sweeps(pose, body, options.offset, problem, friction, held, coulomb)
     guessed = _guess(problem, loaded)
-    for i in range(ROUNDS):
+    for i in range(rounds):
         if i > 0:
             take_solution(qp.x[:], problem, friction, loaded, coulomb)
         sweep(options.offset, problem, friction, coulomb)

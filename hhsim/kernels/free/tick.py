@@ -28,7 +28,7 @@ from hhsim.kernels.free.body import (
     take_body_back,
     take_velocity,
 )
-from hhsim.kernels.free.program import hold_loads, scale_target, solve_free, take_step
+from hhsim.kernels.free.program import LATER_ROUNDS, ROUNDS, hold_loads, scale_target, solve_free, take_step
 from hhsim.kernels.free.record import copy_borne, find_borne
 from hhsim.kernels.free.rows import (
     FREE_DOF,
@@ -181,6 +181,7 @@ def _solve_rows(method: Free, state: Record, qp: QpWork) -> int:
         state.coulomb,
         state.step,
         qp,
+        as_int64(ROUNDS if state.work[WORK_LINEARISATIONS] == 1 else LATER_ROUNDS),
     )
     state.step.duration[DURATION_PALM] += monotonic_ns() - began
     return status
@@ -384,7 +385,8 @@ def free_tick(method: Free, hand: HandArrays, surface: Any, state: Record, qp: Q
     state.body_safe_abduction[:] = 0.0
     status = 0
     for i in range(options.linearisations):
-        if i > 0 and spent_units(state) >= options.budget:
+        # Where nothing is accepted yet the object would stop in the air: it goes on.
+        if i > 0 and state.accepted and spent_units(state) >= options.budget:
             break
         count = _prepare(hand, method, surface, state)
         if count < 0:
