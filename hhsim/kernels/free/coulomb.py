@@ -7,8 +7,9 @@ it, and W what a newton of each part does to it, the law is
 
 A contact alone is solved for exactly: it stands off where u_n >= 0, it sticks where f = -W⁻¹ u lies in the cone, and
 else it slips: (W + α diag(0, 1, 1, 1)) f = -u with the α at which |r| = λ. Sweep after sweep each contact is solved for
-with what the others bear (nonlinear Gauss-Seidel: Jourdan, Alart & Jean 1998). What comes out, a slip for each contact
-and the direction of its friction, is what the program of `kernels.free.program` begins from, which is exact.
+with what the others bear (nonlinear Gauss-Seidel: Jourdan, Alart & Jean 1998). They begin from a solution of the program
+of `kernels.free.program`, which knows what contacts do to each other, but not how far they slip; what comes out, a slip
+for each contact and the direction of its friction, is what the next program is given.
 """
 
 import math
@@ -22,9 +23,7 @@ from hhsim.kernels.free.rows import (
     FREE_DOF,
     FREE_ROWS,
     FRICTIONS,
-    ON_TABLE,
     TABLE_GROUP,
-    TABLE_KEYS,
     coefficient,
     orient,
     torsion_radius,
@@ -63,7 +62,6 @@ COULOMB = np.dtype(
         ("found", np.float64, (FRICTIONS, 4)),
         ("found_before", np.float64, (FRICTIONS, 4)),
         ("off_before", np.float64, (FRICTIONS, 4)),
-        ("rounds", np.int64),
         ("parts", np.int64, (FRICTIONS,)),
         ("block", np.int64, (FRICTIONS,)),
         ("x", np.float64, (FREE_DOF,)),
@@ -86,7 +84,6 @@ COULOMB = np.dtype(
 | found, found_before | s that the sweeps have come to, now and in the round before |
 | off_before | what they differed by from `given` in the round before |
 | slid | 1 where all these are of a contact that slips |
-| rounds | of sweeps for this program |
 | response | W |
 | force | f [N] |
 | parts, block | how many parts f has, and where the variables of its finger begin, -1 without |
@@ -98,7 +95,8 @@ COULOMB = np.dtype(
 
 
 @jit_once
-def _load_rows(pose: Record, body: Record, offset: float, problem: Record, friction: Record, work: Record) -> None:
+def begin_sweeps(pose: Record, body: Record, offset: float, problem: Record, friction: Record, work: Record) -> None:
+    """Take the contacts that rub, with the slips that the program at hand was given."""
     scratch = as_int64(FREE_ROWS - 1)
     for i in range(friction.count):
         if friction.rubs[i] == 0:
@@ -109,7 +107,10 @@ def _load_rows(pose: Record, body: Record, offset: float, problem: Record, frict
         parts = PARTS if radius > 0.0 else PARTS - 1
         work.parts[i] = parts
         work.block[i] = COMMON + PHALANX_COUNT * (of // PHALANX_COUNT) if 0 <= of < PALM_BODY else -1
-        work.slips[i] = 0
+        work.slips[i] = work.slid[i] = 0
+        for j in range(3):
+            work.given[i, j] = friction.shift[i] * friction.along[i, 0, j]
+        work.given[i, 3] = friction.shift[i] * friction.about[i, 0]
         for e in range(DIRECTIONS):
             work.about[i, e] = friction.about[i, e]
             for j in range(3):
@@ -141,28 +142,6 @@ def _load_rows(pose: Record, body: Record, offset: float, problem: Record, frict
             trace += work.response[i, a, a]
         for a in range(parts):
             work.response[i, a, a] += SINGULAR * trace
-
-
-@jit_once
-def _warm_start(friction: Record, problem: Record, held: Record, work: Record) -> None:
-    for j in range(FREE_DOF):
-        work.x[j] = problem.target[j]
-    for i in range(friction.count):
-        for part in range(PARTS):
-            work.force[i, part] = 0.0
-        if friction.rubs[i] == 0:
-            continue
-        key = TABLE_KEYS - friction.key[i] if friction.body[i] == ON_TABLE else friction.key[i]
-        for j in range(held.count):
-            if held.key[j] == key:
-                work.force[i, 0] = held.load[j]
-                for part in range(1, work.parts[i]):
-                    t = work.along[i, part - 1]
-                    along = held.along[j]
-                    size = along[0] * t[0] + along[1] * t[1] + along[2] * t[2]
-                    work.force[i, part] = -size - held.about[j] * work.about[i, part - 1]
-                break
-        _push(i, 1.0, work)
 
 
 @jit
@@ -301,22 +280,6 @@ def _visit_row(row: int, block: int, problem: Record, work: Record) -> float:
 
 
 @jit_once
-def begin_sweeps(
-    pose: Record, body: Record, offset: float, problem: Record, friction: Record, held: Record, work: Record
-) -> None:
-    """Take the contacts that rub, with what they bore before; the normal rows and the groups are written already."""
-    work.rounds = 0
-    _load_rows(pose, body, offset, problem, friction, work)
-    _warm_start(friction, problem, held, work)
-    start, stop = problem.group_start, problem.group_stop
-    for g in range(2 * FINGER_COUNT + 1):
-        for row in range(start[g], stop[g]):
-            work.multiplier[row] = 0.0
-    for row in range(start[TABLE_GROUP], stop[TABLE_GROUP]):
-        work.multiplier[row] = 0.0
-
-
-@jit_once
 def take_solution(x: Array, problem: Record, friction: Record, loaded: Record, work: Record) -> None:
     """Go on from a solution of the program."""
     for j in range(FREE_DOF):
@@ -388,7 +351,6 @@ def sweep(offset: float, problem: Record, friction: Record, work: Record) -> Non
         found[3] = slip * friction.about[i, 0]
         friction.shift[i] = slip
     _extrapolate(friction, work)
-    work.rounds += 1
 
 
 @jit_once
@@ -398,8 +360,8 @@ def _extrapolate(friction: Record, work: Record) -> None:
     for i in range(friction.count):
         if friction.rubs[i] == 0:
             continue
-        slides = work.slips[i] == 1 and work.rounds > 0
-        both = slides and work.rounds > 1 and work.slid[i] == 1
+        slides = work.slips[i] == 1
+        both = slides and work.slid[i] == 1
         for j in range(4):
             off = work.found[i, j] - work.given[i, j]
             if both:

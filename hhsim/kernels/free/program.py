@@ -171,7 +171,6 @@ def solve_free(
     problem: Record,
     friction: Record,
     loaded: Record,
-    held: Record,
     coulomb: Record,
     step: Record,
     qp: QpWork,
@@ -193,15 +192,8 @@ def solve_free(
     )
     status = OPTIMAL
     friction_rows(pose, body, contacts, options.offset, relaxed, problem, friction)
-    begin_sweeps(pose, body, options.offset, problem, friction, held, coulomb)
     guessed = _guess(problem, loaded)
     for i in range(rounds):
-        if i > 0:
-            take_solution(qp.x[:], problem, friction, loaded, coulomb)
-        sweep(options.offset, problem, friction, coulomb)
-        for j in range(friction.count):
-            if friction.rubs[j] == 1:
-                contact_rows(pose, body, options.offset, relaxed, j, friction.row[j], problem, friction)
         status = solve(
             as_int64(FREE_DOF),
             rows,
@@ -217,8 +209,15 @@ def solve_free(
             return status
         problem.solutions += 1
         _read(body, problem, friction, loaded, qp)
-        if _is_settled(pose, body, options.offset, problem, friction):
+        if _is_settled(pose, body, options.offset, problem, friction) or i == rounds - 1:
             break
+        if i == 0:
+            begin_sweeps(pose, body, options.offset, problem, friction, coulomb)
+        take_solution(qp.x[:], problem, friction, loaded, coulomb)
+        sweep(options.offset, problem, friction, coulomb)
+        for j in range(friction.count):
+            if friction.rubs[j] == 1:
+                contact_rows(pose, body, options.offset, relaxed, j, friction.row[j], problem, friction)
         guessed = loaded.count
         for j in range(guessed):
             loaded.guess[j] = loaded.row[j]
@@ -237,10 +236,11 @@ def hold_loads(problem: Record, friction: Record, loaded: Record, held: Record) 
         if load == 0.0 or friction.rubs[i] == 0:
             continue
         held.key[count] = TABLE_KEYS - friction.key[i] if friction.body[i] == ON_TABLE else friction.key[i]
-        held.load[count] = load
+        held.spin[count] = friction.spin[i]
         held.about[count] = 0.0
         for j in range(3):
             held.along[count, j] = 0.0
+            held.slip[count, j] = friction.slip[i, j]
         for k in range(loaded.count):
             row = loaded.row[k]
             kind = problem.kind[row]

@@ -160,14 +160,15 @@ HELD = np.dtype(
     [
         ("count", np.int64),
         ("key", np.int64, (FRICTIONS,)),
-        ("load", np.float64, (FRICTIONS,)),
         ("along", np.float64, (FRICTIONS, 3)),
         ("about", np.float64, (FRICTIONS,)),
+        ("slip", np.float64, (FRICTIONS, 3)),
+        ("spin", np.float64, (FRICTIONS,)),
     ],
     align=True,
 )
-"""The contacts with friction that bore a force at the last solution: its normal part [N], and the direction against
-which it rubbed, along the surface and about the normal, times that of its force that did [N]; object's frame.
+"""The contacts with friction that bore a force at the last solution, object's frame: the direction against which each
+rubbed, along the surface and about the normal, times that of its force that did [N], and its s [m].
 """
 
 
@@ -517,8 +518,8 @@ def measure_slip(pose: Record, body: Record, step: Array, abduction: Array, fric
 
 
 @jit_once
-def begin_frictions(pose: Record, body: Record, problem: Record, friction: Record) -> None:
-    """Set what the contacts slipped in this tick so far, with directions as good as any."""
+def begin_frictions(pose: Record, body: Record, problem: Record, held: Record, friction: Record) -> None:
+    """Set what the contacts slipped in this tick so far, and Γ and directions by what they did the last time."""
     for i in range(friction.count):
         friction.shift[i] = 0.0
         if friction.rubs[i] == 0:
@@ -527,6 +528,19 @@ def begin_frictions(pose: Record, body: Record, problem: Record, friction: Recor
         friction.start_spin[i] = friction.spin[i]
         for j in range(3):
             friction.start[i, j] = friction.slip[i, j]
+        key = TABLE_KEYS - friction.key[i] if friction.body[i] == ON_TABLE else friction.key[i]
+        at = as_int64(-1)
+        for j in range(held.count):
+            if held.key[j] == key:
+                at = as_int64(j)
+        if at >= 0:
+            slip = held.slip[at]
+            x, y, z, spin = slip[0], slip[1], slip[2], held.spin[at]
+            if orient(friction, i, x, y, z, spin):
+                friction.shift[i] = math.sqrt(x * x + y * y + z * z + spin * spin)
+                continue
+            if orient(friction, i, held.along[at, 0], held.along[at, 1], held.along[at, 2], held.about[at]):
+                continue
         if abs(friction.normal[i, 0]) > 0.7:
             orient(friction, i, 0.0, 1.0, 0.0, 0.0)
         else:

@@ -137,7 +137,7 @@ def _prepare(hand: HandArrays, method: Free, surface: Any, state: Record) -> int
     object_columns(body, contacts, problem)
     close = CLOSE * options.offset
     find_frictions(state.pose, body, contacts, method.support, options.margin, close, friction)
-    begin_frictions(state.pose, body, problem, friction)
+    begin_frictions(state.pose, body, problem, state.held, friction)
     scale_target(body, problem)
     count = total + friction.count - friction.of_hand
     work = state.work
@@ -177,7 +177,6 @@ def _solve_rows(method: Free, state: Record, qp: QpWork) -> int:
         state.free_problem,
         state.friction,
         state.loaded,
-        state.held,
         state.coulomb,
         state.step,
         qp,
