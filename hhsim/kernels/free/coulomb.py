@@ -7,9 +7,9 @@ it, and W what a newton of each part does to it, the law is
 
 A contact alone is solved for exactly: it stands off where u_n >= 0, it sticks where f = -W⁻¹ u lies in the cone, and
 else it slips: (W + α diag(0, 1, 1, 1)) f = -u with the α at which |r| = λ. Sweep after sweep each contact is solved for
-with what the others bear (nonlinear Gauss-Seidel: Jourdan, Alart & Jean 1998). They begin from a solution of the program
-of `kernels.free.program`, which knows what contacts do to each other, but not how far they slip; what comes out, a slip
-for each contact and the direction of its friction, is what the next program is given.
+with what the others bear (nonlinear Gauss-Seidel: Jourdan, Alart & Jean 1998). They begin from a solution of the
+program of `kernels.free.program`, which knows what contacts do to each other, but not how far they slip; what comes
+out, a slip for each contact and the direction of its friction, is what the next program is given.
 """
 
 import math
@@ -42,9 +42,9 @@ STILL = 0.01
 """Sweeps end where none of them moves a contact by more than this share of the clearance."""
 MOST_AHEAD = 8.0
 """Rounds of sweeps are foreseen no further than this many of their steps."""
-HALVINGS = 40
-SHARP = 1e-10
-"""A slipping contact's α is found to this share of its force."""
+DOUBLINGS = 40
+SHARP = 1e-7
+"""A slipping contact's α is found until |r| is λ to this share, in at most so many trials."""
 SINGULAR = 1e-12
 """Share of the trace that is added to W: a contact may not feel all parts of its force."""
 
@@ -57,6 +57,7 @@ COULOMB = np.dtype(
         ("along", np.float64, (FRICTIONS, DIRECTIONS, 3)),
         ("about", np.float64, (FRICTIONS, DIRECTIONS)),
         ("slips", np.int64, (FRICTIONS,)),
+        ("alpha", np.float64, (FRICTIONS,)),
         ("slid", np.int64, (FRICTIONS,)),
         ("given", np.float64, (FRICTIONS, 4)),
         ("found", np.float64, (FRICTIONS, 4)),
@@ -80,6 +81,7 @@ COULOMB = np.dtype(
 | row, rhs | w = row · x - rhs, scaled as the program's rows: the normal one, then those of s |
 | along, about | the directions of these, as FRICTION has its e_1 to e_3 |
 | slips | 1 where the contact slipped when it was last solved for |
+| alpha | α of a contact that slipped, 0 where none is known |
 | given | s that the last program was given, the part along the surface and that about the normal [m] |
 | found, found_before | s that the sweeps have come to, now and in the round before |
 | off_before | what they differed by from `given` in the round before |
@@ -108,6 +110,7 @@ def begin_sweeps(pose: Record, body: Record, offset: float, problem: Record, fri
         work.parts[i] = parts
         work.block[i] = COMMON + PHALANX_COUNT * (of // PHALANX_COUNT) if 0 <= of < PALM_BODY else -1
         work.slips[i] = work.slid[i] = 0
+        work.alpha[i] = 0.0
         for j in range(3):
             work.given[i, j] = friction.shift[i] * friction.along[i, 0, j]
         work.given[i, 3] = friction.shift[i] * friction.about[i, 0]
@@ -173,7 +176,7 @@ def _moved(i: int, part: int, work: Record) -> float:
 
 @jit
 def _bears(i: int, alpha: float, work: Record) -> float:
-    # Set the force with (W + α diag(0, 1, …)) f = -u; returns how far it is out of the cone.
+    # Set the force with (W + α diag(0, 1, …)) f = -u; returns 1 - λ / |r|, positive out of the cone.
     parts, factor, force, response, alone = work.parts[i], work.factor, work.next, work.response, work.alone
     for a in range(parts):
         for b in range(a + 1):
@@ -197,7 +200,43 @@ def _bears(i: int, alpha: float, work: Record) -> float:
         force[a] = total / factor[a, a]
         if a > 0:
             square += force[a] * force[a]
-    return math.sqrt(square) - force[0]
+    # Near 0 only its sign counts.
+    return 1.0 - force[0] / math.sqrt(square) if square > 0.0 else -1.0
+
+
+@jit_once
+def _find_slip(i: int, out: float, work: Record) -> None:
+    # The α at which |r| = λ, from how far the force is out of the cone without: by regula falsi (Illinois), since
+    # λ / |r| is nearly a straight line of α.
+    low, out_low = 0.0, out
+    high = work.alpha[i]
+    if high <= 0.0:
+        for a in range(1, work.parts[i]):
+            high += work.response[i, a, a]
+    out_high = _bears(i, high, work)
+    for _ in range(DOUBLINGS):
+        if out_high <= 0.0:
+            break
+        low, out_low = high, out_high
+        high *= 4.0
+        out_high = _bears(i, high, work)
+    alpha, side = high, as_int64(0)
+    for _ in range(DOUBLINGS):
+        if abs(out) <= SHARP or out_high > 0.0:
+            break
+        alpha = (low * out_high - high * out_low) / (out_high - out_low)
+        out = _bears(i, alpha, work)
+        if out > 0.0:
+            low, out_low = alpha, out
+            if side == 1:
+                out_high *= 0.5
+            side = as_int64(1)
+        else:
+            high, out_high = alpha, out
+            if side == -1:
+                out_low *= 0.5
+            side = as_int64(-1)
+    work.alpha[i] = alpha
 
 
 @jit_once
@@ -216,28 +255,20 @@ def _visit(i: int, work: Record) -> float:
         for a in range(parts):
             force[a] = 0.0
         work.slips[i] = 0
-    elif _bears(i, 0.0, work) <= 0.0:
+        return _take_force(i, work)
+    out = _bears(i, 0.0, work)
+    if out <= 0.0:
         work.slips[i] = 0
     else:
         work.slips[i] = 1
-        size = 0.0
-        for a in range(1, parts):
-            size += response[i, a, a]
-        low, high = 0.0, size
-        for _ in range(HALVINGS):
-            if _bears(i, high, work) <= 0.0:
-                break
-            low, high = high, 8.0 * high
-        # In the logarithm once the lower end is no longer 0.
-        for _ in range(2 * HALVINGS):
-            middle = math.sqrt(low * high) if low > 1e-6 * high else 0.1 * high if low < 1e-6 * high else 0.5 * high
-            out = _bears(i, middle, work)
-            if out > 0.0:
-                low = middle
-            else:
-                high = middle
-            if abs(out) <= SHARP * abs(force[0]):
-                break
+        _find_slip(i, out, work)
+    return _take_force(i, work)
+
+
+@jit
+def _take_force(i: int, work: Record) -> float:
+    # Let a contact bear its new force; returns how far that moves it [m].
+    parts, force, response = work.parts[i], work.next, work.response
     far = 0.0
     for a in range(parts):
         total = 0.0

@@ -26,8 +26,8 @@ from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-ROUNDS = 6
-LATER_ROUNDS = 3
+ROUNDS = 12
+LATER_ROUNDS = 4
 """Most solutions of a program with one Γ after another: of a tick's first program, and of the others."""
 SETTLED = 0.2
 SETTLED_SHARE = 1e-3
