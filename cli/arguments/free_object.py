@@ -87,7 +87,7 @@ class FreeChoice(OptionGroup, heading="Free object"):
             HhsimError: A mesh without inside, or impossible numbers.
         """
         from hhsim.mesh.catalogue import names_a_file, object_description
-        from hhsim.scene.free_object import FreeObject
+        from hhsim.scene.free_object import CLEARANCE, FreeObject
 
         given = self.given()
         if not given.pop("free"):
@@ -98,5 +98,6 @@ class FreeChoice(OptionGroup, heading="Free object"):
         table = given.pop("table", UNDER)
         if "torsion" in given:
             given["torsion"] *= 1e-3
-        height = float(mesh.bounds[0, 2]) if table == UNDER else None if table == NONE else 1e-3 * float(table)
+        lowest = float(mesh.bounds[0, 2]) - CLEARANCE
+        height = lowest if table == UNDER else None if table == NONE else 1e-3 * float(table)
         return FreeObject.of_mesh(mesh, table=height, **given)

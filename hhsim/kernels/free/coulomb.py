@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 
 PARTS = 1 + DIRECTIONS
 WIDTH = COMMON + PHALANX_COUNT
-SWEEPS = 8
+SWEEPS = 16
 """Most of them at a time."""
 STILL = 0.01
 """Sweeps end where none of them moves a contact by more than this share of the clearance."""

@@ -26,13 +26,13 @@ from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-ROUNDS = 12
+ROUNDS = 8
 LATER_ROUNDS = 4
 """Most solutions of a program with one Γ after another: of a tick's first program, and of the others."""
 SETTLED = 0.2
 SETTLED_SHARE = 1e-3
 """A Γ that is off by no more than this share of the clearance and this one of it is left: so far a contact floats."""
-ASTRAY = 0.02
+ASTRAY = 2e-4
 """An e_1 is turned to the slip where one minus the cosine of the angle between them is more than this."""
 NO_LOAD = 1e-3
 """A contact whose normal row bears no more than this share of its load rubs with all of it."""
