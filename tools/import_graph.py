@@ -12,8 +12,9 @@ PACKAGES = (
     "hhsim",
     *(
         f"hhsim.kernels{part}"
-        for part in ("", ".hand", ".parallel", ".mesh", ".cover", ".contact", ".surfaces", ".qp", ".tick", ".free", ".live")
+        for part in ("", ".hand", ".parallel", ".mesh", ".cover", ".contact", ".surfaces", ".qp", ".tick")
     ),
+    *("hhsim.kernels.free", "hhsim.kernels.live"),
     *("hhsim.system", "hhsim.mesh", "hhsim.trees", "hhsim.hand", "hhsim.exchange", "hhsim.motion"),
     "hhsim.result",
     *("hhsim.recordings", "hhsim.recordings.formats", "hhsim.metrics", "hhsim.metrics.run", "hhsim.scene"),

@@ -15,6 +15,8 @@ from hhsim.mesh.mesh import Mesh
 Triple = tuple[float, float, float]
 GRAVITY: Triple = (0.0, 0.0, -9.81)
 """[m/s²], world."""
+CLEARANCE = 5e-7
+"""How far below an object a table right under it is [m]: as far as contacts keep off, so that it rests at once."""
 USUAL_FRICTION = 0.6
 """Skin on aluminium (Seo et al. 2009)."""
 LAW = "Coulomb with de Saxcé's correction, cone of 4 directions turned to the load; impacts inelastic; implicit Euler"

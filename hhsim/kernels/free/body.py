@@ -262,6 +262,17 @@ def take_velocity(body: Record) -> None:
 
 
 @jit
+def turn_back(body: Record, step: Array, fraction: float, vector: Array) -> None:
+    """Take a vector of the object's frame to what it is after `fraction` of a step, to second order in its turn."""
+    wx, wy, wz = from_axes(body, fraction * step[3], fraction * step[4], fraction * step[5])
+    x, y, z = vector[0], vector[1], vector[2]
+    qx, qy, qz = wy * z - wz * y, wz * x - wx * z, wx * y - wy * x
+    vector[0] = x - qx + 0.5 * (wy * qz - wz * qy)
+    vector[1] = y - qy + 0.5 * (wz * qx - wx * qz)
+    vector[2] = z - qz + 0.5 * (wx * qy - wy * qx)
+
+
+@jit
 def carry(body: Record, origin: Array, step: Array, moved_out: Array) -> None:
     """How a point, shape (3,), would move with the body in a step as `body_target` gives it [m]; object's frame."""
     center = body.center
@@ -272,7 +283,7 @@ def carry(body: Record, origin: Array, step: Array, moved_out: Array) -> None:
     moved_out[2] = step[2] + wx * ry - wy * rx
 
 
-@jit_once
+@jit
 def as_object_moves(body: Record, origin: Array, hand: Array, step: Array, relative_out: Array) -> None:
     """The palm's step as the object sees it after its own.
 

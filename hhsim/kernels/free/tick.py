@@ -18,6 +18,7 @@ from hhsim.kernels.contact.redundant_contacts import drop_redundant_contacts
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.free.body import (
     Support,
+    as_object_moves,
     body_target,
     carry,
     from_axes,
@@ -27,10 +28,12 @@ from hhsim.kernels.free.body import (
     see_hand,
     take_body_back,
     take_velocity,
+    turn_back,
 )
 from hhsim.kernels.free.program import LATER_ROUNDS, ROUNDS, hold_loads, scale_target, solve_free, take_step
 from hhsim.kernels.free.record import copy_borne, find_borne
 from hhsim.kernels.free.rows import (
+    COMMON,
     FREE_DOF,
     begin_frictions,
     find_frictions,
@@ -280,6 +283,16 @@ def _advance(hand: HandArrays, method: Free, surface: Any, state: Record) -> boo
         state.warm,
         state.tried,
     )
+    # What comes next in the tick is added to it in the frame of the object as it then stands.
+    for part in range(3):
+        turn_back(body, problem.delta[6:12], fraction, problem.total[3 * part : 3 * part + 3])
+    if 0.0 < fraction < 1.0:
+        # Part of the way that hand and object make, which is no part of the straight way between their ends.
+        for j in range(COMMON):
+            problem.whole[j] = fraction * problem.delta[j]
+        as_object_moves(body, state.pose.position[:], problem.whole[0:6], problem.whole[6:12], step.delta[0:6])
+        for j in range(6):
+            step.delta[j] /= fraction
     move(state.pose, step.delta, problem.abduction_step, fraction)
     move_body(body, problem.delta[6:12], fraction)
     for b in range(BODY_COUNT):
