@@ -72,6 +72,12 @@ class FreeMotion:
         return np.asarray(origin + self.turned.apply(np.array(self.free["center"]) - first))
 
     @cached_property
+    def whole(self) -> IntArray:
+        """Ticks that do not lag: in the others the object stays behind its velocity, which is its program's."""
+        behind = (np.asarray(self.result["status"]) & LAG) != 0
+        return np.asarray(np.flatnonzero(~behind))
+
+    @cached_property
     def force(self) -> FloatArray:
         """Of each contact on what it is on [N], shape (C, 3)."""
         return np.asarray(self.load[:, None] * self.normal + self.friction)
@@ -122,7 +128,10 @@ def _velocities(motion: FreeMotion) -> list[Claim]:
         says = f"the object's {name.replace('_', ' ')} is that of its poses"
         why = "rounding of a pose over a period of the ticks"
         # A position is rounded to 1e-16, a quaternion to a few of them; over 1 ms that is 1e-13 and more.
-        found.append(judged(f"object {name.split('_')[0]}", says, off, 1e-9, unit, why, ticks=motion.ticks))
+        kept = motion.whole
+        found.append(
+            judged(f"object {name.split('_')[0]}", says, off[kept], 1e-9, unit, why, ticks=motion.ticks[kept])
+        )
     return found
 
 
@@ -150,14 +159,15 @@ def _balance(motion: FreeMotion) -> list[Claim]:
     moment = heavier * rate**2 * beyond @ motion.inertia.T
     own = motion.turned[1:].inv().apply(wrench[:, 3:])
     length = float(np.ptp(result.static["object/vertices"], axis=0).max())
+    kept = motion.whole
     euler = judged(
         "Euler",
         "the change of its turning is the moments of hand and table",
-        np.linalg.norm(moment - own, axis=1),
-        FORCE * length * size + 1e-3 * np.linalg.norm(own, axis=1),
+        np.linalg.norm(moment - own, axis=1)[kept],
+        (FORCE * length * size + 1e-3 * np.linalg.norm(own, axis=1))[kept],
         "N·m",
         "a millionth of the forces at the object's length, and a thousandth of the moment, whose axes turn in a tick",
-        ticks=motion.ticks,
+        ticks=motion.ticks[kept],
     )
     return [newton, euler]
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.copy import copy_values
-from hhsim.kernels.free.body import from_axes, turn_out
+from hhsim.kernels.free.body import from_axes, turn_in, turn_out
 from hhsim.kernels.free.rows import DIRECTIONS, ON_TABLE, coefficient, displacement, torsion_radius
 from hhsim.kernels.jit import Record, as_int64, jit, jit_once
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
@@ -186,6 +186,18 @@ def _out(body: Record, vector: Array, vector_out: Array) -> None:
         vector_out[j] = r[j, 0] * x + r[j, 1] * y + r[j, 2] * z
 
 
+@jit_once
+def turn_loads(body: Record, active: Record) -> None:
+    """Take the directions of the forces on the hand to the object's frame at the end of the tick."""
+    r, normal = body.pushed, active.normal
+    for i in range(active.count):
+        nx, ny, nz = normal[0, i], normal[1, i], normal[2, i]
+        x = r[0, 0] * nx + r[0, 1] * ny + r[0, 2] * nz
+        y = r[1, 0] * nx + r[1, 1] * ny + r[1, 2] * nz
+        z = r[2, 0] * nx + r[2, 1] * ny + r[2, 2] * nz
+        normal[0, i], normal[1, i], normal[2, i] = turn_in(body, x, y, z)
+
+
 @jit
 def record_object(body: Record, borne: Record, table_distance: float, i: int, record: ObjectRecord) -> None:
     """Copy what became of the object in the last tick to row i of the record."""
@@ -206,10 +218,11 @@ def record_object(body: Record, borne: Record, table_distance: float, i: int, re
     row = record.contact[i]
     for k in range(borne.count):
         record.body[row] = borne.body[k]
-        x, y, z = turn_out(body, borne.point[k, 0], borne.point[k, 1], borne.point[k, 2])
-        record.point[row, 0] = x + record.shift[i, 0]
-        record.point[row, 1] = y + record.shift[i, 1]
-        record.point[row, 2] = z + record.shift[i, 2]
+        for j in range(3):
+            borne.point[k, j] -= center[j]
+        _out(body, borne.point[k], record.point[row])
+        for j in range(3):
+            record.point[row, j] += body.position[j]
         _out(body, borne.normal[k], record.normal[row])
         _out(body, borne.friction[k], record.friction_force[row])
         record.normal_force[row] = borne.load[k]

@@ -31,7 +31,7 @@ from hhsim.kernels.free.body import (
     turn_back,
 )
 from hhsim.kernels.free.program import LATER_ROUNDS, ROUNDS, hold_loads, scale_target, solve_free, take_step
-from hhsim.kernels.free.record import copy_borne, find_borne
+from hhsim.kernels.free.record import copy_borne, find_borne, turn_loads
 from hhsim.kernels.free.rows import (
     COMMON,
     FREE_DOF,
@@ -374,6 +374,7 @@ def _finish(hand: HandArrays, method: Free, surface: Any, state: Record) -> int:
     _, touching = pairs_near(surface, hand, state.candidates, options.touch)
     state.work[WORK_TOUCHING] = touching
     detected = monotonic_ns()
+    turn_loads(state.body, state.active)
     hand_forces(options, state)
     state.step.duration[DURATION_DETECT] += detected - began
     state.work[WORK_UNITS] = spent_units(state)

@@ -186,3 +186,27 @@ def test_a_held_box_does_not_creep() -> None:
     # A sixtieth of what may be in a minute.
     assert np.linalg.norm(moved.shift - moved.shift[0], axis=1).max() < 1e-6 / 60.0
     assert moved.hand_wrench[-1, 2] == pytest.approx(weight, rel=1e-6)
+
+
+@pytest.mark.parametrize("torsion", [0.0, 0.003])
+def test_what_slips_out_of_the_tongs_rubs_with_all_of_its_load_and_keeps_newton(torsion: float) -> None:
+    mass, friction = 0.1, 0.5
+    solver, closed = gripped(mass, friction, mass * GRAVITY / (2.0 * friction), torsion=torsion)
+    body = solver.engine.states[0].body  # type: ignore[attr-defined]
+    # Twice what friction bears.
+    pull = np.array([0.0, 0.0, -2.0 * friction * squeeze_of(solver)])
+    body.gravity[:] = pull / mass
+    before = body.velocity.copy()
+    solver.run(*tongs_at(np.full(40, closed)))
+    moved = solver.object_ticks
+    velocity = np.vstack([before, moved.velocity])
+    gained = mass * ((1.0 + body.damping * DT) * velocity[1:] - velocity[:-1]) / DT
+    borne = moved.hand_wrench[:, :3] + pull
+    assert np.abs(gained - borne).max() < 1e-9 * np.abs(pull).max()
+    rows = slice(0, moved.contact[-1])
+    normal, slips = moved.normal_force[rows], moved.slip[rows] > 1e-7
+    rubs = np.linalg.norm(moved.friction_force[rows], axis=1) / friction
+    if torsion:
+        rubs = np.hypot(rubs, moved.torsional_moment[rows] / torsion)
+    assert slips.sum() > 40
+    assert rubs[slips] == pytest.approx(normal[slips], rel=1e-3)
