@@ -129,9 +129,7 @@ def _velocities(motion: FreeMotion) -> list[Claim]:
         why = "rounding of a pose over a period of the ticks"
         # A position is rounded to 1e-16, a quaternion to a few of them; over 1 ms that is 1e-13 and more.
         kept = motion.whole
-        found.append(
-            judged(f"object {name.split('_')[0]}", says, off[kept], 1e-9, unit, why, ticks=motion.ticks[kept])
-        )
+        found.append(judged(f"object {name.split('_')[0]}", says, off[kept], 1e-9, unit, why, ticks=motion.ticks[kept]))
     return found
 
 
