@@ -330,10 +330,11 @@ def _advance(hand: HandArrays, method: Free, surface: Any, state: Record) -> boo
         elif done:
             state.lag = 0.0
     else:
+        # Were this the tick's last step it would be taken back, and nothing of it made.
         state.bad_steps += 1
+        state.lag = wanted
         if state.bad_steps > 3:
             _take_back(state)
-            state.lag = wanted
             state.trust *= TRUST_DECAY
             state.full = evaluate_pose(hand, surface, options, state) != 0
             done = state.full
@@ -342,7 +343,7 @@ def _advance(hand: HandArrays, method: Free, surface: Any, state: Record) -> boo
 
 
 @jit_once
-def _finish(hand: HandArrays, method: Free, surface: Any, state: Record) -> int:
+def _end_tick(hand: HandArrays, method: Free, surface: Any, state: Record) -> int:
     # Return to the last poses without penetration, take the velocities and the forces; returns status bits.
     began = monotonic_ns()
     options = method.options
@@ -417,7 +418,7 @@ def free_tick(method: Free, hand: HandArrays, surface: Any, state: Record, qp: Q
             break
         if _advance(hand, method, surface, state):
             break
-    return status | _finish(hand, method, surface, state)
+    return status | _end_tick(hand, method, surface, state)
 
 
 @jit
