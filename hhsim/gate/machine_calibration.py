@@ -1,8 +1,8 @@
 """The yardstick of times that were taken on another machine: CPU time of a fixed workload on this one."""
 
 import numpy as np
+from numpy.typing import NDArray
 
-from hhsim.arrays import FloatArray
 from hhsim.kernels.machine_calibration import REFERENCE_VERSION, ROWS, SPHERES, time_reference
 
 __all__ = ["REFERENCE_VERSION", "reference_p50"]
@@ -20,7 +20,7 @@ def reference_p50(repeats: int = REPEATS) -> float:
     return float(np.median(duration)) * 1e-9
 
 
-def reference_input() -> tuple[FloatArray, FloatArray, FloatArray]:
+def reference_input() -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Centres (3, S), radii (S,) and a positive definite matrix (21, 21), the same numbers for ever."""
     index = np.arange(3 * SPHERES, dtype=np.float64)
     center = ((index * 0.6180339887498949) % 1.0).reshape(3, SPHERES)

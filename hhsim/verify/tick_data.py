@@ -9,10 +9,10 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.replay.stored_scene import stored_mesh
 from hhsim.result.reader import Result
 from hhsim.solver.method import never_penetrates
-from hhsim.verify.contacts import PALM, Pairs, near_pairs
+from hhsim.verify.contacts import PALM, Pairs, joined, near_pairs
 from hhsim.verify.file_checks import follows, leaves
 from hhsim.verify.kinematics import Posed, configurations, own_hand, pose, turn_between
-from hhsim.verify.mesh_contacts import near_triangle_pairs
+from hhsim.verify.mesh_contacts import near_triangle_pairs, ready_triangles
 
 FINGERS = ("thumb", "index", "middle", "ring", "little")
 STUCK, LAG, INPUT_INVALID, START_INSIDE, CAPACITY_EXCEEDED, ABDUCTION_HELD = 1, 2, 4, 8, 16, 32
@@ -21,6 +21,8 @@ LENGTH = 1e-9
 """Lengths that differ by this [m] are the same: a thousandth of the smallest that any table shows."""
 ON_THE_WAY = 20.0
 """Offsets."""
+NEAR_CONE = 0.03
+"""Sine of the angle by which the line between a contact and a border may lean from what the solver pushes along."""
 WHY_LENGTH = "a thousandth of the smallest length that a table shows"
 
 
@@ -110,8 +112,25 @@ class JudgedTicks:
 
     def bearing_at(self, i: int) -> Pairs:
         """Pairs that can bear a force at a chosen tick."""
-        late = self.status[self.chosen[i]] & LAG > 0
-        return self.pairs.within(self.bearing).of(i) if late else self.touching.of(i)
+        if self.status[self.chosen[i]] & LAG == 0:
+            return self.touching.of(i)
+        pairs = self.pairs.within(self.bearing).of(i)
+        return self._with_sides(pairs) if self.on_mesh else pairs
+
+    def _with_sides(self, pairs: Pairs) -> Pairs:
+        """And with those at a triangle's border once more that lean little from its normal, along that normal.
+
+        That is how such a row of the program pushes: its contact slides on over the border.
+        """
+        across = self._face_normals[pairs.leaf]
+        side = np.sign((across * pairs.normal).sum(axis=1))
+        lean = np.linalg.norm(np.cross(across, pairs.normal), axis=1)
+        leaning = np.flatnonzero((lean > 0.0) & (lean <= NEAR_CONE))
+        return joined([pairs, pairs.at(leaning)._replace(normal=(side[:, None] * across)[leaning])])
+
+    @cached_property
+    def _face_normals(self) -> FloatArray:
+        return ready_triangles(stored_mesh(self.result).triangles).normal.T
 
     @cached_property
     def candidates(self) -> Pairs:

@@ -4,7 +4,8 @@ import json
 import os
 import sys
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +45,9 @@ from hhsim.replay.verdict import verdict as report_verdict
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.open_scene import open_scene
 from hhsim.scene.scene import make_scene
+from hhsim.solver import backend_programs
 from hhsim.solver.options import SolverOptions
+from hhsim.solver.qp import QpProblem, QpSolution, QpStatus, solve
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.verify.again import again_claims
@@ -305,14 +308,24 @@ def test_other_options_hold_too(tmp_path: Path, options: dict[str, Any]) -> None
 
 @pytest.fixture(scope="module", params=sampled(["coupled", "progressive"], lambda _, method: method == "coupled"))
 def stuck(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Result:
-    """Hands that jump through a ball, one linearisation a tick: some ticks find no step that stays outside."""
+    """Hands that jump through a ball, by a QP solver that gives up for some ticks in every fifty programs."""
     hand, mesh, options = HandModel.default(), load_object("sphere").mesh, TreeOptions(level=2)
     motion = random_targets(hand, 400, 1, StressOptions(hold=20, bound="none", position_spread=0.04))
     trajectory = Trajectory(np.linspace(0.0, 0.399, 400), *motion, name="jumps")
     scene = make_scene(mesh, cached_sphere_tree(mesh, options), hand, trajectory)
     path = tmp_path_factory.mktemp("stuck") / "stuck.h5"
     description = {"hand_file": None, "tree": None, "tree_options": asdict(options)}
-    replay(scene, SolverOptions(method=request.param, linearisations=1), path, description=description)
+    asked = count()
+
+    def tired(problem: QpProblem, backend: str) -> QpSolution:
+        solution = solve(problem, backend)
+        return replace(solution, status=QpStatus.FAILED) if next(asked) % 50 >= 42 else solution
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(backend_programs, "solve", tired)
+        replay(
+            scene, SolverOptions(method=request.param, qp="quadprog", linearisations=1), path, description=description
+        )
     return load_result(path)
 
 
