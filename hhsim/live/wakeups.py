@@ -92,11 +92,13 @@ class _Measurement(threading.Thread):
             after = accounts.run_delay_ns(), accounts.steal_ns()
             woken = part[part != PASSED]
             if gone:
+                # Those that went by while it slept, or before it could.
                 overslept = woken[woken >= period]
+                kept = max(int(overslept.sum()), gone * period)
                 delay, steal = (risen(was, now) for was, now in zip(before, after, strict=True))
-                taken = TimeTaken(computed=0, kept=int(overslept.sum()), run_delay=delay, steal=steal, device=0)
-                causes[taken.cause()] += gone
-                streak = max(streak, int(overslept.max()) // period)
+                causes[TimeTaken(computed=0, kept=kept, run_delay=delay, steal=steal, device=0).cause()] += gone
+                in_a_row = int(np.diff(np.flatnonzero(np.r_[True, part != PASSED, True])).max()) - 1
+                streak = max(streak, in_a_row, int(overslept.max(initial=0)) // period)
             rows.append(woken)
             missed += gone
             count -= len(part)

@@ -83,6 +83,19 @@ def test_what_the_system_does_not_tell_is_none(monkeypatch: pytest.MonkeyPatch) 
     assert (measured.run_delay, measured.steal, measured.causes[MissCause.WOKEN_LATE]) == (None, None, 2)
 
 
+def test_deadlines_that_went_by_before_it_could_sleep_are_missed_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    def wait(deadlines: Any, late_out: NDArray[Any]) -> int:
+        late_out[:] = 20_000
+        late_out[:3] = PASSED
+        return 3
+
+    monkeypatch.setattr(wakeups, "wait_periods", wait)
+    monkeypatch.setattr(wakeups, "CpuAccounts", lambda cpu: Accounts([(0, 0), (0, 3 * MS)]))
+    measured = measure_wakeups(1000.0, 0.05, RealTimeWishes.none())
+    assert (measured.missed, measured.streak, measured.causes[MissCause.HOST]) == (3, 3, 3)
+    assert len(measured.late) == measured.periods - measured.missed
+
+
 def test_what_goes_wrong_in_the_thread_is_raised(monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*_: object) -> int:
         raise OSError("no clock")
