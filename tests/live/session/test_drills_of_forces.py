@@ -148,7 +148,16 @@ def test_a_peer_that_stalls_is_told_nothing_in_time_and_feels_again_when_it_goes
 ) -> None:
     hand, session = peer
     limit = allowed(session)
-    wait(session, 2.0 * RAMP)
+    # A machine that stalls frees the finger, and the ramp begins anew.
+    begun = time.monotonic_ns()
+    ramp = int(2e9 * RAMP)
+
+    def has_ramped() -> bool:
+        now = time.monotonic_ns()
+        lately = [most for at, most in list(hand.heard) if at > now - ramp]
+        return now > begun + ramp and bool(lately) and min(lately) > LEAST
+
+    until(session, has_ramped)
     whole = hand.heard[-1][1]
     assert whole > 10.0 * LEAST
     stalled = time.monotonic_ns()
