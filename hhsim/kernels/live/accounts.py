@@ -39,7 +39,8 @@ MISSES = np.dtype(
     ],
     align=True,
 )
-"""What is kept to say of a missed period who took it; of pairs, the first is of this tick, the second of the last one.
+"""What is kept to say of a missed period who took it; of pairs, the first is of the last tick that was slept for,
+the second of the one before it.
 
 | field | meaning |
 |---|---|
@@ -139,7 +140,9 @@ def read_steal(descriptor: int, text: Bytes, allowed: NDArray[np.bool_], step: i
 
 @jit
 def account_waking(misses: Record, woke: int, wakeup: int, cpu: int, delay: int) -> None:
-    """A tick begins: what was counted until now is that of the one before.
+    """A tick that was slept for begins: what was counted until now is that of the one before.
+
+    One that begins at once belongs to the one before: together they had two periods.
 
     Args:
         misses: Of `MISSES`.
@@ -187,11 +190,11 @@ def cause_of(computed: int, kept: int, run_delay: int, steal: int, device: int) 
 
 @jit
 def name_miss(misses: Record, asked: int, late: int, steal: int) -> None:
-    """Say where the time since the deadline of the tick before went, where this tick missed periods.
+    """Say where the time since the deadline of the tick before that was slept for went, where this one missed periods.
 
     Args:
         misses: Of `MISSES`.
-        asked: When the work of the tick before was done [ns].
+        asked: When the work of the ticks since then was done [ns].
         late: How late this tick woke, after the deadline that was slept for [ns].
         steal: What the host has taken [ns], -1 where it is not known.
     """

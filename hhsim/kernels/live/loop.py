@@ -128,6 +128,8 @@ def _finish(live: LiveArrays, files: SystemFiles, solved: bool, status: int) -> 
 def _account(live: LiveArrays, files: SystemFiles) -> None:
     """Read what the thread has had of its processor by now."""
     deadlines = live.deadlines[0]
+    if deadlines.at_once == 1:
+        return
     delay = read_run_delay(files.descriptors[0], files.line)
     account_waking(live.misses[0], deadlines.woke_ns, deadlines.wakeup_ns, thread_cpu_ns(), delay)
 

@@ -74,8 +74,8 @@ class MissAccounts:
 
     def woke(self) -> None:
         """A tick begins, in a loop that Python runs."""
-        if self._accounts is not None:
-            at = self._deadlines.at
+        at = self._deadlines.at
+        if self._accounts is not None and not at.at_once:
             account_waking(self.at, at.woke_ns, at.wakeup_ns, self._accounts.cpu_ns(), self._accounts.run_delay_ns())
 
     def name(self) -> None:

@@ -122,22 +122,46 @@ def test_a_tick_that_was_woken_so_late_that_its_usual_work_was_too_much_is_named
     planted = Planted()
 
     def oversleep() -> None:
-        planted.clock.oversleep.append(700_000)
-        planted.accounts.delay += 700_000
+        planted.clock.oversleep.append(800_000)
+        planted.accounts.delay += 800_000
 
     planted.at(AT, oversleep)
     sound: Any = planted.loop.solver.tick
 
     def solve(*given: Any) -> int:
         if planted.loop.deadlines.at.tick == AT + 1:
-            takes(planted, 400_000, cpu=400_000)()
+            takes(planted, 700_000, cpu=700_000)()
         return int(sound(*given))
 
     solver: Any = planted.loop.solver
     solver.tick = solve
     row = planted.run().only_miss()
     assert (row["tick"], row["missed"], row["cause"]) == (AT + 3, 1, MissCause.WOKEN_LATE)
-    assert row["taken"][:2].tolist() == [400_000, 800_000]
+    assert row["taken"][:2].tolist() == [700_000, 900_000]
+
+
+@pytest.mark.parametrize(("more", "missed"), [(500_000, 0), (800_000, 1)])
+def test_a_tick_that_begins_at_once_is_accounted_for_with_the_one_before(more: int, missed: int) -> None:
+    planted = Planted()
+    sound: Any = planted.loop.solver.tick
+
+    def solve(*given: Any) -> int:
+        tick = planted.loop.deadlines.at.tick - AT
+        if tick in (0, 1):
+            work = (1_100_000, more)[tick]
+            takes(planted, work, cpu=work)()
+        return int(sound(*given))
+
+    solver: Any = planted.loop.solver
+    solver.tick = solve
+    ticks = planted.run().ticks
+    after = ticks[ticks["tick"] > AT]
+    assert after["at_once"][:3].tolist() == [1, 0, 0]
+    assert after["tick"][0] == AT + 1
+    assert after["wakeup_ns"][0] == 200_000
+    assert (int(ticks["missed"].sum()), int(after["missed"][1])) == (missed, missed)
+    if missed:
+        assert (after["cause"][1], int(after["taken"][1][0])) == (MissCause.COMPUTED, 1_100_000 + more)
 
 
 def test_what_the_host_took_long_before_is_not_charged_to_a_miss() -> None:
