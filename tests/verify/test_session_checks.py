@@ -561,7 +561,8 @@ def test_ramp_and_streak_are_those_of_a_loop_that_counts(ticks: list[tuple[bool,
         if kind:
             # Least: what was missed before is not known.
             good, streak = (None if kind == "gap" else 0), 0
-        streak = streak + missed if missed or freed else 0
+        late = missed + (missed == 0 and freed)
+        streak = streak + late if late else 0
         good = 0 if freed else None if good is None else good + 1
         goods.append(np.iinfo(np.int32).max if good is None else good)
         streaks.append(streak)

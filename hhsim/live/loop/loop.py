@@ -181,7 +181,7 @@ class LiveLoop:
     def run(self, cpu: int = -1) -> str:
         """Run until told otherwise, then free the fingers.
 
-        `prepare` came before; other threads call `place` and tell the `story`.
+        `prepare` came before; other threads call `place` and `tell`.
 
         Args:
             cpu: The processor that the calling thread stays on; -1 for any.
@@ -249,6 +249,11 @@ class LiveLoop:
         status["heartbeat_ns"] = self.deadlines.clock.now()
         status["stage"] = Stage.RUNNING
         return files
+
+    def tell(self) -> None:
+        """Tell what the loop notes, and read what is too slow to be read in a tick; in another thread, now and then."""
+        self.story.tell()
+        self._misses.keep_steal()
 
     def end(self) -> None:
         """Command free fingers and say that the session ends, on which the driver releases the glove."""

@@ -28,8 +28,8 @@ GOOD: dict[str, Any] = {
 
 
 def judged(interlock: Interlock, now: int, **of: Any) -> int:
-    names = ("sample_ns", "pose_ns", "usable", "missed", "at_once", "watchdog_ns", "armed", "lost", "stopping")
-    return int(judge(interlock.at, now, *(({"at_once": False} | of)[name] for name in names)))
+    names = ("sample_ns", "pose_ns", "usable", "missed", "watchdog_ns", "armed", "lost", "stopping")
+    return int(judge(interlock.at, now, *(of[name] for name in names)))
 
 
 def test_what_is_good_frees_nothing() -> None:
@@ -48,7 +48,6 @@ def test_what_is_good_frees_nothing() -> None:
         ({"usable": False}, Safety.NOT_FINITE),
         ({"missed": 9}, 0),
         ({"missed": 10}, Safety.OVERRUN_STREAK),
-        ({"missed": 10, "at_once": True}, Safety.OVERRUN_STREAK),
         ({"watchdog_ns": NOW - 100 * MS}, 0),
         ({"watchdog_ns": NOW - 100 * MS - 1}, Safety.NO_WATCHDOG),
         ({"watchdog_ns": 0, "armed": False}, Safety.NO_WATCHDOG),

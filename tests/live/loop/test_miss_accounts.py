@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from live_scripted import FIST, FREE, FakeAccounts, FakeClock, InStep, Moment, ScriptedGlove, make_setup
 
-from hhsim.kernels.live.accounts import STEAL_NS
+from hhsim.kernels.live.accounts import LONG_STALL_NS
 from hhsim.live.ipc.config import SafetyLimits
 from hhsim.live.ipc.session_memory import SessionMemory
 from hhsim.live.loop.loop import STEAL_UNREAD
@@ -167,7 +167,8 @@ def test_a_tick_that_begins_at_once_is_accounted_for_with_the_one_before(more: i
 def test_what_the_host_took_long_before_is_not_charged_to_a_miss() -> None:
     planted = Planted(ticks=150)
     planted.at(AT, takes(planted, 0, steal=50 * MS))
-    later = AT + STEAL_NS // PERIOD + 5
+    planted.at(AT + 1, planted.loop.tell)
+    later = AT + 5
     sound: Any = planted.loop.solver.tick
 
     def solve(*given: Any) -> int:
@@ -179,6 +180,24 @@ def test_what_the_host_took_long_before_is_not_charged_to_a_miss() -> None:
     solver.tick = solve
     row = planted.run().only_miss()
     assert (row["missed"], row["cause"], row["taken"][3]) == (4, MissCause.WOKEN_LATE, 0)
+
+
+@pytest.mark.parametrize(("short", "reads"), [(100_000, 0), (0, 1)])
+def test_what_the_host_took_is_read_in_a_tick_after_a_long_stall_alone(short: int, reads: int) -> None:
+    planted = Planted()
+    # Of it, 0.1 ms are the driver's, which is in step with the loop here.
+    kept = LONG_STALL_NS - 100_000 - short
+    planted.at(AT, takes(planted, 2 * MS + kept, cpu=2 * MS))
+    read, steal_ns = [], planted.accounts.steal_ns
+
+    def counted() -> int:
+        read.append(planted.loop.deadlines.at.tick)
+        return steal_ns()
+
+    planted.accounts.steal_ns = counted  # type: ignore[method-assign]
+    row = planted.run().only_miss()
+    assert (row["cause"], row["taken"][1]) == (MissCause.COMPUTED, LONG_STALL_NS - short)
+    assert len([tick for tick in read if tick > AT]) == reads
 
 
 def test_a_system_that_says_nothing_leaves_what_the_clock_says() -> None:
@@ -246,6 +265,9 @@ def compute():
     while time.thread_time_ns() < end:
         pass
 
+tick(compute)
+# What names a miss is compiled, or loaded, when there is one.
+tick()
 tick(compute)
 found = tick()
 print(json.dumps([*found, int(found.cause())]), flush=True)
