@@ -54,7 +54,7 @@ def grasping_setup(port: int, record: Path | None) -> LiveSetup:
         pose=scene.pose,
         output=OutputLimits(stiffness=(0.5,) * 5, stiffness_rise=50.0, ramp=0.1),
         record=record,
-        duration=60.0,
+        duration=600.0,
     )
 
 
