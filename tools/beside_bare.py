@@ -69,6 +69,7 @@ class Turns:
         causes: Of the missed ones, by who took most of the time.
         interrupted: Of those that were computed, how many followed on a tick that fits into its period when it is run
             again: `interrupted`.
+        at_once: Ticks that began late in their period, right after the one before and without a sleep.
         woke: How late each wake-up was [ns].
         longest: Most missed periods in a row.
         latencies: Of `LATENCIES`, one entry a sample that led to a command [ns].
@@ -80,6 +81,7 @@ class Turns:
     missed: int = 0
     causes: dict[MissCause, int] = field(default_factory=lambda: dict.fromkeys(CAUSES, 0))
     interrupted: int = 0
+    at_once: int = 0
     woke: list[Times] = field(default_factory=list)
     longest: int = 0
     latencies: dict[str, list[Times]] = field(default_factory=lambda: {name: [] for name in LATENCIES})
@@ -153,6 +155,7 @@ def session_turn(both: Beside, name: str, setup: Callable[[Path], Any], folder: 
         turns.causes[cause] += count
     result = load_result(record)
     turns.interrupted += interrupted(result)
+    turns.at_once += int(np.asarray(result["live/tick/at_once"]).sum())
     turns.woke.append(np.asarray(result["live/tick/wakeup"]))
     turns.longest = max(turns.longest, int(np.asarray(result["live/tick/missed"]).max(initial=0)))
     for what, found in loop_latencies(result).items():
@@ -182,14 +185,16 @@ def loop_latencies(result: Result) -> dict[str, Times]:
 
 
 def interrupted(result: Result) -> int:
-    """Periods that are named computed too long although the tick, run again, fits into its period.
+    """Periods that are named computed too long although the ticks since the last sleep, run again, miss none.
 
-    The system counts what its interrupts take as CPU time of whom they interrupt; here it is told apart by the tick's
-    CPU time in the quicker of two further runs, its lateness, and what 99 of 100 ticks take besides their solving.
+    The system counts what its interrupts take as CPU time of whom they interrupt; here it is told apart by the
+    CPU time in the quicker of two further runs, the lateness, and what 99 of 100 ticks take besides their solving. One
+    tick may end in the first half of the next period, and two have two periods.
     """
     missed, cause = np.asarray(result["live/tick/missed"]), np.asarray(result["live/tick/cause"])
     named = np.flatnonzero((missed > 0) & (cause == MissCause.COMPUTED))
-    named = named[named > 0]
+    at_once = np.asarray(result["live/tick/at_once"], bool)
+    named = named[named > at_once[named - 1]]
     if not named.size:
         return 0
     hand, surface, options = stored_hand(result), stored_surface(result), stored_options(result)
@@ -199,14 +204,16 @@ def interrupted(result: Result) -> int:
         solver = HandSolver(hand, surface, options)
         blocks = range(0, len(haptic[0]), AT_ONCE)
         runs.append([solver.run(*(of[k : k + AT_ONCE] for of in haptic)).duration_cpu for k in blocks])
-    again = np.minimum(*(np.concatenate(parts) for parts in runs))[named - 1]
+    again = np.minimum(*(np.concatenate(parts) for parts in runs))
     answered = np.asarray(result["live/tick/latency"]) >= 0
     solved = np.asarray(result["duration/total"])[answered]
     besides = loop_latencies(result)["worked"]
     rest = np.percentile(besides - solved[-len(besides) :], 99.0) if besides.size else 0.0
     period = 1e9 / float(result.scene["rate"])
-    late = np.asarray(result["live/tick/wakeup"])[named - 1] % period
-    return int(missed[named][late + again + rest < period].sum())
+    two = at_once[named - 1]
+    late = np.asarray(result["live/tick/wakeup"])[named - 1 - two] % period
+    worked = again[named - 1] + rest + two * (again[named - 2] + rest)
+    return int(missed[named][late + worked < np.where(two, 2.0, 1.5) * period].sum())
 
 
 def bare_turn(both: Beside, seconds: float, wishes: RealTimeWishes) -> None:
@@ -275,6 +282,7 @@ def table(both: Beside) -> str:
     for cause, name in zip(CAUSES, by_name(range(len(CAUSES))), strict=True):
         add(f"missed, {name.replace('_', ' ')}", lambda each, cause=cause: f"{each.causes[cause]:,}")  # type: ignore[misc]
     add("of the computed, fit in when run again", lambda each: f"{each.interrupted:,}")
+    add("begun late, without a sleep before", lambda each: f"{each.at_once:,}")
     add("most in a row", lambda each: f"{each.longest:,}")
     shown = " / ".join(f"p{percent:g}" for percent in PERCENTS)
     add(f"wake-up {shown} [µs]", lambda each: _shown(each.woke))
@@ -303,6 +311,7 @@ def as_json(both: Beside) -> dict[str, Any]:
                 "missed": turn.missed,
                 "missed_by": by_name(turn.causes.values()),
                 "computed_fit_when_run_again": turn.interrupted,
+                "begun_at_once": turn.at_once,
                 "most_in_a_row": turn.longest,
                 "wakeup_us": {f"p{percent:g}": turn.wakeup(percent) for percent in PERCENTS},
                 "latency_us": {

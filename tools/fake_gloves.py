@@ -1,6 +1,7 @@
 """A fake glove's program as another process: started, given orders, killed; and what it wrote down."""
 
 import contextlib
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -14,6 +15,8 @@ from tools.import_graph import REPOSITORY
 
 Array = NDArray[np.float64]
 
+PRIORITY = 1
+"""Of a fake glove under SCHED_FIFO, where that is granted: below all of a session but its recorder."""
 DEXMO_FRAME = np.dtype([("time_ns", np.int64), ("client", np.int64), ("number", np.int64)])
 DEXMO_COMMAND = np.dtype(
     [
@@ -74,6 +77,9 @@ class FakeGlove:
         word, _, self.where = self._answer().partition(" ")
         if word != "ready":
             raise RuntimeError(f"{self.module} did not start")
+        # A glove has a processor of its own: on a busy machine its stamps would tell of that and not of the session.
+        with contextlib.suppress(OSError):
+            os.sched_setscheduler(self._process.pid, os.SCHED_FIFO, os.sched_param(PRIORITY))
 
     @property
     def pid(self) -> int:

@@ -20,6 +20,8 @@ FINGER_COUNT = 5
 MOST_CHANNELS = 64
 """Channels of a sample; a glove with fewer leaves the rest NaN."""
 UNKNOWN = -1
+UNTOLD_SECONDS = 0.0005
+"""A glove that does not tell when something has come is looked at this often."""
 
 GLOVE_SAMPLE = np.dtype(
     [
@@ -272,6 +274,10 @@ class GloveDevice(FingerRelease):
     def descriptors(self) -> tuple[int, ...]:
         """What can be waited on for bytes of the glove; () where it is to be looked at again and again."""
         return ()
+
+    def pause(self) -> float:
+        """How long nothing can come [s], of a glove without descriptors."""
+        return UNTOLD_SECONDS
 
     def _write_sample(
         self,

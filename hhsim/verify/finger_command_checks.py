@@ -87,12 +87,13 @@ def _overrun(rows: SessionRows, most: int) -> BoolArray:
 
 
 def _streak(rows: SessionRows) -> IntArray:
-    """Periods missed one after the other before each tick, as far back as the file goes without a gap."""
-    missed = np.cumsum(rows.missed)
+    """Periods missed in a row, or begun late, before each tick, as far back as the file goes without a gap."""
+    late = rows.missed + rows.at_once
+    sums = np.cumsum(late)
     # What was missed before a gap, or before a tick that is not in the file, is not counted.
-    calm = (rows.missed == 0) | ~np.append(False, rows.closed[:-1])
-    before = np.where(rows.missed == 0, missed, missed - rows.missed)
-    return np.asarray(missed - before[np.maximum.accumulate(np.where(calm, rows.numbers, 0))])
+    calm = (late == 0) | ~np.append(False, rows.closed[:-1])
+    before = np.where(late == 0, sums, sums - late)
+    return np.asarray(sums - before[np.maximum.accumulate(np.where(calm, rows.numbers, 0))])
 
 
 def _stopping(rows: SessionRows) -> BoolArray:

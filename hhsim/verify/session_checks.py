@@ -82,21 +82,28 @@ def _causes(rows: SessionRows) -> Claim:
     device = np.minimum(left - host, taken["device"])
     took = np.stack([np.zeros_like(host), taken["computed"], taken["kept"] - host - device, host, device])
     wrong |= (cause > 0) & (took[np.clip(cause, 0, 4), rows.numbers] < took.max(axis=0))
-    # The tick before worked until some time in the period before the deadline that was then slept for.
+    # The tick before worked until some time in the period before the deadline that was then slept for. Where it had
+    # begun at once, the time is that of both.
     at = 1 + np.flatnonzero(rows.closed[:-1] & (rows.missed[1:] > 0))
-    most = rows.over[at - 1] - rows.woke[at - 1] - taken["computed"][at]
-    kept = taken["kept"][at] - rows.wakeup[at] - rows.wakeup[at - 1] % rows.period_ns
+    since = at - 1 - rows.at_once[at - 1]
+    at, since = at[rows.closed[since]], since[rows.closed[since]]
+    most = rows.over[at - 1] - rows.woke[since] - taken["computed"][at]
+    kept = taken["kept"][at] - rows.wakeup[at] - rows.wakeup[since] % rows.period_ns
     wrong[at] |= (kept < np.maximum(0, most - rows.period_ns)) | (kept > np.maximum(0, most))
     return all_true(name, says, wrong, ticks=rows.numbers)
 
 
 def _wakeup(rows: SessionRows) -> Claim:
+    """A tick has its time; one that begins without a sleep is the second of two, in the first half of its period."""
     early = np.maximum(0, -rows.wakeup)
-    slept_over = rows.wakeup // rows.period_ns > rows.missed
+    wrong = rows.wakeup // rows.period_ns > rows.missed
+    again = rows.follows & np.concatenate([[False], rows.at_once[:-1]])
+    wrong |= rows.at_once & (again | (rows.missed != 0) | (2 * rows.wakeup > rows.period_ns))
     work = np.asarray(rows.result["duration/total"], np.int64)
     long_ = np.where(rows.closed, np.maximum(0, rows.woke + work - rows.over), 0)
-    off = np.where(slept_over, np.inf, 1e-9 * np.maximum(early, long_))
-    says = "a tick wakes after its deadline and is done before the next one's; periods slept over are missed ones"
+    off = np.where(wrong, np.inf, 1e-9 * np.maximum(early, long_))
+    says = "a tick wakes after its deadline and is done before the next one's, or that one begins then, at most half a "
+    says += "period late and not twice in a row; periods slept over are missed ones"
     return judged("wake-up", says, off, 0.0, "s", ONE_CLOCK, ticks=rows.numbers)
 
 

@@ -1,8 +1,8 @@
 """The rows of a recorded session as the referee reads them: which sample a tick had, and from when to when it ran.
 
 A loop of one thread sleeps until a deadline, reads, solves, tells the fingers, and sleeps again until a deadline that
-has not passed. So all that a tick did lies between its waking and the deadline that the next one slept for, and a
-sample belongs to the tick in whose span its bytes were read.
+has not passed, or begins the next tick at once. So all that a tick did lies between its waking and the deadline that
+the next one slept for, or its beginning, and a sample belongs to the tick in whose span its bytes were read.
 """
 
 import json
@@ -48,9 +48,10 @@ class SessionRows:
         follows: Whether the row before is the tick before, shape (T,).
         period, deadline, wakeup, latency, missed, safety: As /live/tick, shape (T,).
         bend, stiffness: What each finger was told, shape (T, 5).
-        woke: When the loop woke [ns], shape (T,).
+        at_once: Whether a tick began without a sleep; no tick of the files that do not say so did, shape (T,).
+        woke: When the loop woke, or began the tick [ns], shape (T,).
         closed: Whether it is known when the tick was over, shape (T,).
-        over: Where it is: the deadline that the next tick slept for [ns], shape (T,).
+        over: Where it is: the deadline that the next tick slept for, or when it began at once [ns], shape (T,).
     """
 
     def __init__(self, result: Result) -> None:
@@ -75,7 +76,9 @@ class SessionRows:
         whole[1:] = np.diff(self.period) == 1 + self.missed[1:]
         whole &= self.follows
         self.closed = np.append(whole[1:], False)
-        self.over = np.append((self.deadline - slept_over)[1:], 0)
+        name = "live/tick/at_once"
+        self.at_once = np.asarray(result[name], bool) if name in result else np.zeros(result.ticks, bool)
+        self.over = np.append(np.where(self.at_once, self.woke, self.deadline - slept_over)[1:], 0)
 
     @cached_property
     def samples(self) -> dict[str, AnyArray]:

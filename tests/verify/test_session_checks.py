@@ -73,6 +73,8 @@ STALE = 80 + 60 + 4 + 60 + 35
 OVERSLEPT = 100
 """The tick after this one comes three periods late."""
 OUTPUT = OutputLimits(ramp=0.02)
+LONG = 110
+"""A tick that is solved into the next period, whose tick begins at once."""
 FAILED = 170
 """A tick whose solver fails: there is no row of it, and the ramp begins anew."""
 LIVE_CLAIMS = (
@@ -92,6 +94,7 @@ class Scripted:
         self.memory = SessionMemory.create()
         clock = FakeClock()
         mishaps = {OVERSLEPT: lambda: clock.oversleep.append(int(3.4 * PERIOD)), FAILED: self.fail_once}
+        mishaps[LONG] = lambda: self.once(lambda: clock.work(PERIOD * 12 // 10))
         glove = ScriptedGlove(clock, script, mishaps)
         both = InStep(self.setup, self.memory, glove, clock, accounts=FakeAccounts())
         self.loop = both.loop
@@ -99,18 +102,27 @@ class Scripted:
         # The solver measures by the true clock: its times are made those of the script's.
         ticks = self.memory.ticks.records
         ticks["duration"], ticks["duration_total"], ticks["duration_cpu"] = 1000, 120_000, 100_000
-        ticks["latency_ns"][ticks["latency_ns"] >= 0] += 50_000
+        ticks["latency_ns"][(ticks["latency_ns"] >= 0) & (ticks["latency_ns"] < PERIOD)] += 50_000
 
     def fail_once(self) -> None:
         """The solver raises in the tick that is under way: it is not in the file."""
+
+        def fail() -> None:
+            raise ArithmeticError("planted")
+
+        self.once(fail)
+
+    def once(self, action: Callable[[], None]) -> None:
+        """Let something happen before the tick that is under way is solved."""
         solver: Any = self.loop.solver
         sound = solver.tick
 
-        def failing_tick(*_: Any) -> int:
+        def solve(*given: Any) -> int:
             solver.tick = sound
-            raise ArithmeticError("planted")
+            action()
+            return int(sound(*given))
 
-        solver.tick = failing_tick
+        solver.tick = solve
 
 
 @pytest.fixture(scope="module")
@@ -278,6 +290,12 @@ def longer_than_its_period(file: h5py.File) -> None:
     file["tick/duration/total"][HOLD] = PERIOD + 1
 
 
+def two_in_a_row_without_a_sleep(file: h5py.File) -> None:
+    """The first of them is as it was recorded."""
+    at = int(np.flatnonzero(file["live/tick/at_once"][:])[0])
+    file["live/tick/at_once"][at + 1] = 1
+
+
 def latency_before_the_work_is_done(file: h5py.File) -> None:
     file["live/tick/latency"][HOLD] = 0
 
@@ -374,6 +392,7 @@ FAULTS: dict[Callable[[h5py.File], None], str] = {
     early_wake_up: "wake-up",
     overslept_and_not_missed: "wake-up",
     longer_than_its_period: "wake-up",
+    two_in_a_row_without_a_sleep: "wake-up",
     latency_before_the_work_is_done: "latency",
     latency_beyond_the_period: "latency",
     latency_without_a_sample: "latency",
@@ -532,6 +551,7 @@ def test_ramp_and_streak_are_those_of_a_loop_that_counts(ticks: list[tuple[bool,
         closed=np.append([kind == "" for kind in kinds[1:]], False).astype(bool),
         safety=np.array([int(freed) for freed, _, _ in ticks]),
         missed=np.array([missed for _, missed, _ in ticks]),
+        at_once=np.array([missed == 0 and freed for freed, missed, _ in ticks]),
         period_ns=PERIOD,
         result={"live/tick/record": [int(begins_late)], "duration/total": np.zeros(len(ticks), np.int64)},
     )
@@ -541,7 +561,8 @@ def test_ramp_and_streak_are_those_of_a_loop_that_counts(ticks: list[tuple[bool,
         if kind:
             # Least: what was missed before is not known.
             good, streak = (None if kind == "gap" else 0), 0
-        streak = streak + missed if missed else 0
+        late = missed + (missed == 0 and freed)
+        streak = streak + late if late else 0
         good = 0 if freed else None if good is None else good + 1
         goods.append(np.iinfo(np.int32).max if good is None else good)
         streaks.append(streak)

@@ -18,8 +18,11 @@ COMPUTED, WOKEN_LATE, HOST, DEVICE = 1, 2, 3, 4
 """The causes of `hhsim.result.miss_cause.MissCause`, whose test compares them."""
 CAUSES = 4
 UNKNOWN = -1
-STEAL_NS = 32_000_000
-"""What the host has taken is read once in so long, and where a period was missed."""
+LONG_STALL_NS = 1_000_000
+"""What the host has taken is read in a tick after a stall of so long [ns], and else by another thread.
+
+The reading takes 10 µs warm, and 70 to 130 µs after 32 ms or a stall: a period at 10 kHz, and a miss of our own.
+"""
 RUN_DELAY_COLUMN = 1
 """Of schedstat."""
 STEAL_COLUMN = 8
@@ -33,20 +36,20 @@ MISSES = np.dtype(
         ("cpu_ns", np.int64, (2,)),
         ("delay_ns", np.int64, (2,)),
         ("steal_ns", np.int64),
-        ("steal_due_ns", np.int64),
         ("taken", np.int64, (5,)),
         ("cause", np.int64),
     ],
     align=True,
 )
-"""What is kept to say of a missed period who took it; of pairs, the first is of this tick, the second of the last one.
+"""What is kept to say of a missed period who took it; of pairs, the first is of the last tick that was slept for,
+the second of the one before it.
 
 | field | meaning |
 |---|---|
 | steal_read | 1: what the host has taken can be read in a tick |
 | woke_ns, late_ns | when the loop woke, and how late |
 | cpu_ns, delay_ns | CPU time and run delay of its thread by then; -1 where they are not known |
-| steal_ns, steal_due_ns | what the host had taken when that was read last, and when it is due again |
+| steal_ns | what the host had taken when that was read last, by this thread or the one that tells |
 | taken, cause | of the periods missed before this tick: `hhsim.result.miss_cause.TimeTaken`, and who took most |
 """
 
@@ -139,7 +142,9 @@ def read_steal(descriptor: int, text: Bytes, allowed: NDArray[np.bool_], step: i
 
 @jit
 def account_waking(misses: Record, woke: int, wakeup: int, cpu: int, delay: int) -> None:
-    """A tick begins: what was counted until now is that of the one before.
+    """A tick that was slept for begins: what was counted until now is that of the one before.
+
+    One that begins at once belongs to the one before: together they had two periods.
 
     Args:
         misses: Of `MISSES`.
@@ -158,10 +163,12 @@ def account_waking(misses: Record, woke: int, wakeup: int, cpu: int, delay: int)
 
 
 @jit
-def account_steal(misses: Record, now: int, steal: int) -> None:
-    """Keep what the host has taken so far, so that a miss is not charged with what it took long before."""
-    misses.steal_ns = steal
-    misses.steal_due_ns = now + STEAL_NS
+def account_steal(misses: Record, steal: int) -> None:
+    """Keep what the host has taken so far, so that a miss is not charged with what it took long before.
+
+    It only rises, whichever of two threads read it first.
+    """
+    misses.steal_ns = max(misses.steal_ns, steal)
 
 
 @jit
@@ -186,14 +193,16 @@ def cause_of(computed: int, kept: int, run_delay: int, steal: int, device: int) 
 
 
 @jit
-def name_miss(misses: Record, asked: int, late: int, steal: int) -> None:
-    """Say where the time since the deadline of the tick before went, where this tick missed periods.
+def measure_miss(misses: Record, asked: int, late: int) -> bool:
+    """Say where the time since the deadline of the tick before that was slept for went, where this one missed periods.
 
     Args:
         misses: Of `MISSES`.
-        asked: When the work of the tick before was done [ns].
+        asked: When the work of the ticks since then was done [ns].
         late: How late this tick woke, after the deadline that was slept for [ns].
-        steal: What the host has taken [ns], -1 where it is not known.
+
+    Returns:
+        Whether it was a long stall: `name_miss` then wants to know what the host has taken.
     """
     worked = asked - misses.woke_ns[1]
     # What is charged to a thread that sleeps, such as interrupts, is nothing that it computed.
@@ -201,6 +210,18 @@ def name_miss(misses: Record, asked: int, late: int, steal: int) -> None:
     misses.taken[0] = computed
     misses.taken[1] = misses.late_ns[1] + max(0, worked - computed) + late
     misses.taken[2] = _risen(misses.delay_ns[1], misses.delay_ns[0])
+    return misses.taken[1] >= LONG_STALL_NS and misses.steal_read == 1
+
+
+@jit
+def name_miss(misses: Record, steal: int) -> None:
+    """Name what `measure_miss` has measured.
+
+    Args:
+        misses: Of `MISSES`.
+        steal: What the host has taken by now [ns], -1 where it was not read.
+    """
     misses.taken[3] = _risen(misses.steal_ns, steal)
     misses.taken[4] = 0
     misses.cause = cause_of(misses.taken[0], misses.taken[1], misses.taken[2], misses.taken[3], misses.taken[4])
+    account_steal(misses, steal)

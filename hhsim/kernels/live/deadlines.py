@@ -1,4 +1,4 @@
-"""The periods of a loop: absolute deadlines, of which those that cannot be met are skipped and counted.
+"""The periods of a loop: absolute deadlines; a period in which no tick begins is missed, and counted.
 
 The loop of a session and the one that only measures wake-ups wait by the same code.
 """
@@ -26,6 +26,7 @@ DEADLINES = np.dtype(
         ("missed_total", np.int64),
         ("aim_ns", np.int64),
         ("passed", np.int64),
+        ("at_once", np.int64),
     ],
     align=True,
 )
@@ -42,6 +43,7 @@ DEADLINES = np.dtype(
 | late_ns | how long after the deadline that was slept for; more than `wakeup_ns` where whole periods went by |
 | missed, missed_total | periods between the tick before and this one, and since the start |
 | aim_ns, passed | the deadline that is slept for, and the periods that had passed before |
+| at_once | 1: the work before ended in this period, which began without a sleep |
 """
 
 
@@ -52,21 +54,25 @@ def begin_periods(deadlines: Record, now: int) -> None:
     deadlines.deadline_ns = deadlines.asked_ns = deadlines.woke_ns = now
     deadlines.wakeup_ns = deadlines.late_ns = deadlines.missed = deadlines.missed_total = 0
     deadlines.aim_ns = now
-    deadlines.passed = 0
+    deadlines.passed = deadlines.at_once = 0
 
 
 @jit
 def next_deadline(deadlines: Record, now: int) -> int:
     """The deadline to sleep for [ns].
 
-    One that has passed is missed, however little: the loop goes on at the next one, so that ticks never follow each
-    other without a pause, and a loop that is too slow leaves the processor to others.
+    A tick that was woken late may end a little after the deadline of the next one, which then begins at once: most of
+    its period is left. It does so in the first half of the period, and after a tick that was slept for: three never
+    follow each other without a pause, and a loop that is too slow leaves the processor to others. Any other deadline
+    that has passed is missed.
     """
     aim = deadlines.deadline_ns + deadlines.period_ns
     deadlines.asked_ns = now
     deadlines.passed = 0
-    if now >= aim:
-        deadlines.passed = (now - aim) // deadlines.period_ns + 1
+    past = now - aim
+    deadlines.at_once = 1 if deadlines.at_once == 0 and past >= 0 and 2 * past <= deadlines.period_ns else 0
+    if past >= 0 and deadlines.at_once == 0:
+        deadlines.passed = past // deadlines.period_ns + 1
         aim += deadlines.passed * deadlines.period_ns
     deadlines.aim_ns = aim
     return aim

@@ -36,7 +36,7 @@ INTERLOCK = np.dtype(
 | eased, released | periods missed in a row from which on the stiffness is eased, and the fingers are freed |
 | watched | 1: a watchdog must be there |
 | always | bits of every tick |
-| streak | periods missed since the last tick that came in time |
+| streak | periods missed, or begun late, since the last tick that came in time |
 | eases | 1: these are a stall after which the stiffness is to fall, but not at once |
 """
 
@@ -61,7 +61,7 @@ def judge(
         now: CLOCK_MONOTONIC [ns].
         sample_ns, pose_ns: Of sample and pose in use, -1 before the first.
         usable: Whether the newest sample that came can be used.
-        missed: Periods missed right before this tick.
+        missed: Periods missed right before this tick, and one more where it began late, without a sleep.
         watchdog_ns: The watchdog's last sign of life, 0 before the first.
         armed: Whether the watchdog can reach the glove.
         lost: Whether the glove is gone.

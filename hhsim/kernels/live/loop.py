@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.clock import monotonic_ns, thread_cpu_ns
 from hhsim.kernels.jit import JIT_ENABLED, jit
-from hhsim.kernels.live.accounts import account_steal, account_waking, name_miss, read_run_delay, read_steal
+from hhsim.kernels.live.accounts import account_waking, measure_miss, name_miss, read_run_delay, read_steal
 from hhsim.kernels.live.deadlines import await_deadline, begin_periods
 from hhsim.kernels.live.tick import (
     LiveArrays,
@@ -113,13 +113,11 @@ def _finish(live: LiveArrays, files: SystemFiles, solved: bool, status: int) -> 
     command_tick(live, monotonic_ns(), solved, status)
     wake_driver(live, files.descriptors[2], monotonic_ns())
     done = monotonic_ns()
-    if deadlines.missed > 0 or (misses.steal_read == 1 and done >= misses.steal_due_ns):
+    if deadlines.missed > 0:
         steal = -1
-        if misses.steal_read == 1:
+        if measure_miss(misses, deadlines.asked_ns, deadlines.late_ns):
             steal = read_steal(files.descriptors[1], files.lines, files.allowed, files.step[0])
-        if deadlines.missed > 0:
-            name_miss(misses, deadlines.asked_ns, deadlines.late_ns, steal)
-        account_steal(misses, done, steal)
+        name_miss(misses, steal)
     publish_tick(live, done, solved)
     count_work(live, monotonic_ns())
 
@@ -128,6 +126,8 @@ def _finish(live: LiveArrays, files: SystemFiles, solved: bool, status: int) -> 
 def _account(live: LiveArrays, files: SystemFiles) -> None:
     """Read what the thread has had of its processor by now."""
     deadlines = live.deadlines[0]
+    if deadlines.at_once == 1:
+        return
     delay = read_run_delay(files.descriptors[0], files.line)
     account_waking(live.misses[0], deadlines.woke_ns, deadlines.wakeup_ns, thread_cpu_ns(), delay)
 

@@ -248,7 +248,7 @@ def begin_tick(live: LiveArrays) -> bool:
         loop.sample_ns,
         loop.pose_ns,
         loop.usable == 1,
-        deadlines.missed,
+        deadlines.missed + deadlines.at_once,
         status.watchdog_ns,
         status.watchdog_armed != 0,
         lost,
@@ -337,6 +337,7 @@ def _publish(live: LiveArrays) -> None:
     row.wakeup_ns = deadlines.late_ns
     row.latency_ns = loop.latency_ns
     row.missed = deadlines.missed
+    row.at_once = deadlines.at_once
     row.input_seq = loop.input_seq
     row.safety = loop.safety
     if deadlines.missed > 0:

@@ -74,6 +74,10 @@ class ReplayGlove(NothingHeld, GloveDevice):
         self.counters.samples += count
         return count
 
+    def pause(self) -> float:
+        """See `GloveDevice.pause`; the next sample is due then."""
+        return max(0.0, self._due(self._next)[3] - self._playback.elapsed(time.monotonic_ns()))
+
     def _due(self, number: int) -> tuple[int, int, float, float]:
         """What the sample of this number is: two samples of the motion, the share of the way from one to the other.
 

@@ -100,6 +100,10 @@ class SimGlove(NothingHeld, GloveDevice):
         self.counters.frames += count
         return count
 
+    def pause(self) -> float:
+        """See `GloveDevice.pause`; the next sample is due then."""
+        return max(0.0, self._next * self._period - 1e-9 * (time.monotonic_ns() - self._start_ns))
+
     def _fill(self, sample: np.void, now: int) -> None:
         flexion, abduction = self._wanted(self._next * self._period)
         bend = self._regression.bends(flexion)

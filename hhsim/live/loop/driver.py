@@ -49,8 +49,8 @@ MOST_SAMPLES = 64
 RECONNECT_NS = 10_000_000
 LOOK_SECONDS = 0.004
 """The driver looks at least this often."""
-UNTOLD_SECONDS = 0.0005
-"""And this often where a glove does not tell when something has come."""
+PALM_SECONDS = 0.001
+"""And this often where no glove tells when something has come: a palm that is played moves on meanwhile."""
 BREATH_SECONDS = 0.0005
 """Between two looks at what comes without a pause, so that who floods a port has the driver and not the processor."""
 COUNTER_STEPS = 16
@@ -150,7 +150,7 @@ class GloveDriver:
         if self._vain > 1:
             time.sleep(BREATH_SECONDS)
         sources = () if self._lost else (*self.device.descriptors(), *self.pose.descriptors())
-        timeout = LOOK_SECONDS if sources or self._lost else UNTOLD_SECONDS
+        timeout = LOOK_SECONDS if sources or self._lost else min(self.device.pause(), PALM_SECONDS)
         with contextlib.suppress(OSError, ValueError):
             ready, _, _ = select.select((self.memory.wake, *sources), (), (), timeout)
             if self.memory.wake in ready:

@@ -29,6 +29,7 @@ from hhsim.kernels.live.tick import (
     look_for_stop,
     publish_tick,
 )
+from hhsim.kernels.parallel.atomic import load_acquire, store_release
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.live.device import MOST_CHANNELS, Capability, GloveInfo
 from hhsim.live.ipc.config import LiveSetup
@@ -51,8 +52,9 @@ from hhsim.system.log_histogram import LogHistogram
 STEAL_UNREAD = "what the host takes cannot be read in a tick here: periods that it took are named woken late"
 PLACE_SECONDS = 0.001
 """Between two looks for a hand that is to be put somewhere."""
-WAKE_NS = 500_000
-"""The driver is woken for a command so often, and at once for one with news; more often, it would do nothing else."""
+WAKE_NS = 800_000
+"""The driver is woken for a command so often, in every tick at 1 kHz, and at once for one with news; more often, it
+would do nothing else, and slow the loop where both have threads of one core."""
 REFUSED = np.dtype(
     [("channels", np.float64, (MOST_CHANNELS,)), ("known", np.int64, (MOST_CHANNELS,))],
     align=True,
@@ -179,7 +181,7 @@ class LiveLoop:
     def run(self, cpu: int = -1) -> str:
         """Run until told otherwise, then free the fingers.
 
-        `prepare` came before; other threads call `place` and tell the `story`.
+        `prepare` came before; other threads call `place` and `tell`.
 
         Args:
             cpu: The processor that the calling thread stays on; -1 for any.
@@ -204,6 +206,9 @@ class LiveLoop:
         self._block = address, Block(*block)
         compiled: Any = run_loop
         self._run = compiled.entry(self.live, NO_FILES, *self._block) if JIT_ENABLED else run_loop
+        # What `place` calls is compiled here, and not while a hand waits for it.
+        placing = self._loop["placing"][0]
+        store_release(placing, 0, load_acquire(placing, 0))
 
     def place(self) -> None:
         """Put the shown hand where it can begin, once there is a user's hand; returns then, or with the session's end.
@@ -212,16 +217,16 @@ class LiveLoop:
         the object.
         """
         placing, status = self._loop["placing"][0], self.memory.status
-        while placing[0] != PLACING:
+        while load_acquire(placing, 0) != PLACING:
             if status["stage"] >= Stage.ENDING:
                 return
             time.sleep(PLACE_SECONDS)
         try:
             self.at.status = self.solver.begin(self._haptic)
-            placing[0] = PLACED
+            store_release(placing, 0, PLACED)
         except Exception as error:  # as of a tick
             self.story.detail[Safety.SOLVER_FAILED] = f"{type(error).__name__}: {error}"
-            placing[0] = NOT_PLACED
+            store_release(placing, 0, NOT_PLACED)
 
     def begin(self, cpu: int = -1) -> Any:
         """Begin the first period, and pass over what came before: read at once, it has lost its times.
@@ -244,6 +249,11 @@ class LiveLoop:
         status["heartbeat_ns"] = self.deadlines.clock.now()
         status["stage"] = Stage.RUNNING
         return files
+
+    def tell(self) -> None:
+        """Tell what the loop notes, and read what is too slow to be read in a tick; in another thread, now and then."""
+        self.story.tell()
+        self._misses.keep_steal()
 
     def end(self) -> None:
         """Command free fingers and say that the session ends, on which the driver releases the glove."""

@@ -88,7 +88,7 @@ def run_session(setup: LiveSetup, memory: SessionMemory, ending: Ending, driver:
     thread.start()
     died = ""
     while thread.is_alive():
-        loop.story.tell()
+        loop.tell()
         if not driver.running and not died and not loop.stopped:
             died = f"the glove's driver {driver.how_it_ended()}"
             loop.stop(died)

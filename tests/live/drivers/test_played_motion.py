@@ -54,6 +54,21 @@ def test_every_kind_has_a_driver_and_an_unknown_one_is_named() -> None:
     assert set(glove_names()) >= {"sim", "replay"}
 
 
+@pytest.mark.parametrize("kind", ["sim", "replay"])
+def test_a_glove_without_hardware_knows_when_its_next_sample_comes(clock: list[int], kind: str) -> None:
+    device = open_device(configure(kind, playback=Playback(motion(rate=100.0))))
+    device.open()
+    assert len(read_all(device)) == 1
+    for _ in range(20):
+        pause = device.pause()
+        assert 0.0 < pause <= 0.01
+        clock[0] += round(1e9 * pause) - 1_000
+        assert len(read_all(device)) == 0
+        clock[0] += 2_000
+        assert device.pause() == 0.0
+        assert len(read_all(device)) == 1
+
+
 def test_replay_gives_the_samples_of_the_motion_whenever_it_is_read(clock: list[int]) -> None:
     given = motion()
     ways = []

@@ -1,8 +1,9 @@
-"""Deadlines: late ones are skipped and counted, and none is ever made up for."""
+"""Deadlines: a tick begins in its period, late or in time, or the period is missed and never made up for."""
 
 import time
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from live_scripted import FakeClock
@@ -29,14 +30,45 @@ def test_deadlines_do_not_drift_with_the_work() -> None:
     assert deadlines.at.missed_total == 0
 
 
-def test_work_that_ends_with_the_period_misses_the_next_one() -> None:
+@pytest.mark.parametrize("past", [0, 1, PERIOD // 2])
+def test_work_that_ends_in_the_next_period_is_followed_at_once(past: int) -> None:
     clock = FakeClock(0)
     deadlines = started(clock)
     deadlines.wait()
-    clock.work(PERIOD)
+    clock.work(PERIOD + past)
     deadlines.wait()
-    assert (deadlines.at.tick, deadlines.at.missed, deadlines.at.deadline_ns) == (2, 1, 3 * PERIOD)
-    assert clock.slept[-1] == 3 * PERIOD, "it sleeps after a miss, and does not run without a pause"
+    at = deadlines.at
+    assert (at.tick, at.missed, at.at_once, at.deadline_ns) == (1, 0, 1, 2 * PERIOD)
+    assert (at.wakeup_ns, at.late_ns, at.woke_ns) == (past, past, clock.now())
+    assert clock.slept == [PERIOD]
+    deadlines.wait()
+    assert (at.tick, at.missed, at.at_once, clock.slept[-1]) == (2, 0, 0, 3 * PERIOD)
+
+
+@pytest.mark.parametrize("past", [PERIOD // 2 + 1, PERIOD - 1])
+def test_work_that_ends_late_in_the_next_period_misses_it(past: int) -> None:
+    clock = FakeClock(0)
+    deadlines = started(clock)
+    deadlines.wait()
+    clock.work(PERIOD + past)
+    deadlines.wait()
+    assert (deadlines.at.tick, deadlines.at.missed, deadlines.at.at_once) == (2, 1, 0)
+    assert clock.slept[-1] == 3 * PERIOD, "it sleeps after a miss"
+
+
+def test_a_loop_that_is_too_slow_pauses_after_every_second_tick() -> None:
+    clock = FakeClock(0)
+    deadlines = started(clock)
+    at_once, slept = [], []
+    for _ in range(20):
+        before = len(clock.slept)
+        deadlines.wait()
+        at_once.append(int(deadlines.at.at_once))
+        slept.append(len(clock.slept) - before)
+        clock.work(PERIOD + PERIOD // 5)
+    assert at_once == [0, 1] * 10
+    assert slept == [1, 0] * 10
+    assert deadlines.at.missed_total == 9, "every third period, before a tick that was slept for"
 
 
 def test_a_loop_that_is_woken_periods_late_goes_on_in_the_period_it_is_in() -> None:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from live_scripted import FIST, FREE, FakeAccounts, FakeClock, InStep, Moment, ScriptedGlove, make_setup
 
-from hhsim.kernels.live.accounts import STEAL_NS
+from hhsim.kernels.live.accounts import LONG_STALL_NS
 from hhsim.live.ipc.config import SafetyLimits
 from hhsim.live.ipc.session_memory import SessionMemory
 from hhsim.live.loop.loop import STEAL_UNREAD
@@ -122,28 +122,53 @@ def test_a_tick_that_was_woken_so_late_that_its_usual_work_was_too_much_is_named
     planted = Planted()
 
     def oversleep() -> None:
-        planted.clock.oversleep.append(700_000)
-        planted.accounts.delay += 700_000
+        planted.clock.oversleep.append(800_000)
+        planted.accounts.delay += 800_000
 
     planted.at(AT, oversleep)
     sound: Any = planted.loop.solver.tick
 
     def solve(*given: Any) -> int:
         if planted.loop.deadlines.at.tick == AT + 1:
-            takes(planted, 400_000, cpu=400_000)()
+            takes(planted, 700_000, cpu=700_000)()
         return int(sound(*given))
 
     solver: Any = planted.loop.solver
     solver.tick = solve
     row = planted.run().only_miss()
     assert (row["tick"], row["missed"], row["cause"]) == (AT + 3, 1, MissCause.WOKEN_LATE)
-    assert row["taken"][:2].tolist() == [400_000, 800_000]
+    assert row["taken"][:2].tolist() == [700_000, 900_000]
+
+
+@pytest.mark.parametrize(("more", "missed"), [(500_000, 0), (800_000, 1)])
+def test_a_tick_that_begins_at_once_is_accounted_for_with_the_one_before(more: int, missed: int) -> None:
+    planted = Planted()
+    sound: Any = planted.loop.solver.tick
+
+    def solve(*given: Any) -> int:
+        tick = planted.loop.deadlines.at.tick - AT
+        if tick in (0, 1):
+            work = (1_100_000, more)[tick]
+            takes(planted, work, cpu=work)()
+        return int(sound(*given))
+
+    solver: Any = planted.loop.solver
+    solver.tick = solve
+    ticks = planted.run().ticks
+    after = ticks[ticks["tick"] > AT]
+    assert after["at_once"][:3].tolist() == [1, 0, 0]
+    assert after["tick"][0] == AT + 1
+    assert after["wakeup_ns"][0] == 200_000
+    assert (int(ticks["missed"].sum()), int(after["missed"][1])) == (missed, missed)
+    if missed:
+        assert (after["cause"][1], int(after["taken"][1][0])) == (MissCause.COMPUTED, 1_100_000 + more)
 
 
 def test_what_the_host_took_long_before_is_not_charged_to_a_miss() -> None:
     planted = Planted(ticks=150)
     planted.at(AT, takes(planted, 0, steal=50 * MS))
-    later = AT + STEAL_NS // PERIOD + 5
+    planted.at(AT + 1, planted.loop.tell)
+    later = AT + 5
     sound: Any = planted.loop.solver.tick
 
     def solve(*given: Any) -> int:
@@ -155,6 +180,24 @@ def test_what_the_host_took_long_before_is_not_charged_to_a_miss() -> None:
     solver.tick = solve
     row = planted.run().only_miss()
     assert (row["missed"], row["cause"], row["taken"][3]) == (4, MissCause.WOKEN_LATE, 0)
+
+
+@pytest.mark.parametrize(("short", "reads"), [(100_000, 0), (0, 1)])
+def test_what_the_host_took_is_read_in_a_tick_after_a_long_stall_alone(short: int, reads: int) -> None:
+    planted = Planted()
+    # Of it, 0.1 ms are the driver's, which is in step with the loop here.
+    kept = LONG_STALL_NS - 100_000 - short
+    planted.at(AT, takes(planted, 2 * MS + kept, cpu=2 * MS))
+    read, steal_ns = [], planted.accounts.steal_ns
+
+    def counted() -> int:
+        read.append(planted.loop.deadlines.at.tick)
+        return steal_ns()
+
+    planted.accounts.steal_ns = counted  # type: ignore[method-assign]
+    row = planted.run().only_miss()
+    assert (row["cause"], row["taken"][1]) == (MissCause.COMPUTED, LONG_STALL_NS - short)
+    assert len([tick for tick in read if tick > AT]) == reads
 
 
 def test_a_system_that_says_nothing_leaves_what_the_clock_says() -> None:
@@ -222,6 +265,9 @@ def compute():
     while time.thread_time_ns() < end:
         pass
 
+tick(compute)
+# What names a miss is compiled, or loaded, when there is one.
+tick()
 tick(compute)
 found = tick()
 print(json.dumps([*found, int(found.cause())]), flush=True)
