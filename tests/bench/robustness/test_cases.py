@@ -16,6 +16,7 @@ from hhsim.bench.robustness.case import DEEPEST, HardCase, HardRun, Outcome
 from hhsim.bench.robustness.cases import hard_cases
 from hhsim.bench.robustness.endurance_cases import LOOP
 from hhsim.bench.robustness.hard import judge_case, run_scene
+from hhsim.bench.robustness.invariance_cases import SAME
 from hhsim.bench.robustness.pieces import hand_distance, pieces_of
 from hhsim.bench.robustness.postures import INDEX
 from hhsim.bench.robustness.triangle_cases import SLIDE
@@ -97,6 +98,15 @@ def test_every_hard_case_is_passed(name: str, method: str, most_pairs: float) ->
 def test_every_hard_case_is_passed_on_the_mesh(name: str, method: str) -> None:
     outcomes = [run_scene(run, SolverOptions(method=method, surface="mesh")) for run in scenes(name)]
     assert_passed(ON_MESH[name], outcomes, SOME_PAIRS)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_on_triangles_no_step_hangs_on_when_a_list_was_made(method: str) -> None:
+    # Rounding alone moves the walks to other ticks: what a list that waits lacks must not cut a step short.
+    case = ON_MESH["far-from-origin"]
+    options = SolverOptions(method=method, surface="mesh")
+    for figure in case.judge([run_scene(run, options) for run in scenes(case.name)]):
+        assert figure.value <= SAME, figure
 
 
 def test_cases_keep_the_spheres_only_where_they_are_nothing_else() -> None:

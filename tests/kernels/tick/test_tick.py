@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from sphere_scenes import Motion, bumpy_ball, random_targets, record_clearance, sphere_tree, still, straight_line
 
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.detection import COUNT_PAIR_TESTS
 from hhsim.kernels.tick.block import HapticBlock
@@ -26,9 +27,14 @@ from hhsim.kernels.tick.state import (
     WORK_TOUCHING,
 )
 from hhsim.kernels.tick.tick import set_haptic
+from hhsim.mesh.catalogue import load_object
+from hhsim.scene.motion_catalogue import load_script
+from hhsim.scene.scene import make_scene
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import TOUCH, SolverOptions
 from hhsim.solver.workspace import tick_record
+from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
@@ -237,3 +243,13 @@ def test_a_hand_that_is_where_it_should_be_is_not_stuck() -> None:
         record = solver.run(*still(40, np.zeros(3)))
         assert not (record.status[5:] & (STATUS_STUCK | STATUS_LAG)).any()
         assert record_clearance(HAND, tree, record).min() >= 0.0
+
+
+def test_a_finger_that_slips_off_a_rim_arrives_within_the_tick() -> None:
+    # With a nearer target in place of a shorter step it crept: twelve linearisations, and lag.
+    mesh = load_object("cup").mesh
+    tree = cached_sphere_tree(mesh, TreeOptions(level=4))
+    slide = HandConfiguration.of(make_scene(mesh, tree, HAND, load_script("slide")).ticks)
+    record = HandSolver(HAND, tree.arrays(), SolverOptions()).run(*slide)
+    assert record.work[:, WORK_LINEARISATIONS].max() > 4
+    assert not (record.status & (STATUS_LAG | STATUS_STUCK)).any()
