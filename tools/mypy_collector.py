@@ -1,7 +1,7 @@
 """A plugin of mypy by which it keeps what it makes: to look through it again and again took a fifth of its time.
 
 What mypy makes of 3000 files lives until it ends, so that Python's collector finds next to nothing to free. That takes
-memory, half as much again for each file that is checked.
+memory: 1.4 GB instead of 0.6 for `hhsim` and `cli`, 3 GB for everything.
 """
 
 import gc
