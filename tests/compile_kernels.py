@@ -26,7 +26,7 @@ def trees() -> None:
 
 
 def ticks(*methods: str, surface: str = "spheres") -> None:
-    """What a tick of these methods runs."""
+    """What a tick of these methods runs; on spheres, what threads that help it run, too."""
     from hhsim.hand.model import HandModel
     from hhsim.solver.compile import warm_up
     from hhsim.solver.method import METHODS
@@ -34,7 +34,7 @@ def ticks(*methods: str, surface: str = "spheres") -> None:
 
     hand = HandModel.default()
     for method in methods:
-        threads = 2 if METHODS[method].takes_threads else 1
+        threads = 2 if METHODS[method].takes_threads and surface == "spheres" else 1
         warm_up(hand, SolverOptions(method=method, surface=surface, threads=threads))
 
 

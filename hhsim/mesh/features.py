@@ -150,7 +150,8 @@ def _are_covered(
     # Which of the corners asked for lie within the plane of each of their faces.
     covered = np.zeros(len(place), dtype=bool)
     covered[asked] = True
-    own, at = np.nonzero(covered[corners])
+    # Contiguous also where there are many: `nonzero` gives columns, for which the kernel would be compiled once more.
+    own, at = (np.ascontiguousarray(values) for values in np.nonzero(covered[corners]))
     corner = corners[own, at]
     around = np.zeros(len(corner), dtype=bool)
     covered_corners(spheres, face, np.ascontiguousarray(place[corner]), own, FLAT, around)

@@ -6,6 +6,8 @@ object and press into it, everything else keeps its distance, the palm is where 
 other and keep hold in a slide, and the hand comes from above or the side. Nothing is random and no solver takes part.
 """
 
+import copy
+import hashlib
 import math
 from dataclasses import dataclass, replace
 from functools import cache
@@ -20,7 +22,7 @@ from hhsim.hand.model import DEFAULT_HAND_LENGTH, HandModel
 from hhsim.kernels.hand import finger_closure as kernel
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY
 from hhsim.scene.finger_closure import Closer, FingerClosure, body_distances
-from hhsim.scene.script import Script
+from hhsim.scene.script import Script, ScriptPhase
 from hhsim.scene.slide import best_slide
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -55,6 +57,11 @@ IDLE_DISTANCE = 0.04
 BEARING = 0.005
 """The palm rests on the object with the spheres that are this near [m] when the first one touches."""
 
+KEPT = 64
+"""Closures that a process remembers."""
+
+_found: dict[tuple[Script, bytes], tuple[FingerClosure, float]] = {}
+
 
 @dataclass(frozen=True, eq=False)
 class _Candidate:
@@ -77,14 +84,43 @@ def plan_finger_closure(script: Script, hand: HandModel, tree: SphereTree) -> Fi
     Raises:
         TrajectoryError: No named finger reaches the object from any side, or the palm cannot touch it.
     """
-    search = _Search(script, hand, tree)
-    closure = search.best()
-    across = f"the object, {2.0 * search.bound:.3g} m across"
+    closure, bound = _searched(_closing(script), hand, tree)
+    across = f"the object, {2.0 * bound:.3g} m across"
     if script.contact and not closure.reached:
         raise TrajectoryError(f"script {script.name}: {', '.join(script.fingers)} cannot reach {across}, from any side")
     if script.palm_depth > 0.0 and closure.distance[PALM_BODY] >= 0.0:
         raise TrajectoryError(f"script {script.name}: the palm cannot touch {across}, from any side")
     return closure
+
+
+def _closing(script: Script) -> Script:
+    """Of a script, what the search may depend on: not its name, its times, its noise or its places."""
+    slides = ScriptPhase("slide", 1.0, distance=script.slide_distance)
+    return Script(
+        name="",
+        phases=(ScriptPhase("grasp", 1.0, fingers=script.fingers), slides),
+        contact=script.contact,
+        depth=script.depth,
+        clearance=script.clearance,
+        palm_gap=script.palm_gap,
+        palm_depth=script.palm_depth,
+        curl=script.curl,
+    )
+
+
+def _searched(script: Script, hand: HandModel, tree: SphereTree) -> tuple[FingerClosure, float]:
+    """What the search finds, and the object's radius [m]; searched once in a process, for however many replays."""
+    arrays = hashlib.blake2b()
+    for values in (*hand.arrays(), *tree.arrays()):
+        arrays.update(np.asarray(values).tobytes())
+    question = script, arrays.digest()
+    if question not in _found:
+        search = _Search(script, hand, tree)
+        if len(_found) == KEPT:
+            del _found[next(iter(_found))]
+        _found[question] = search.best(), search.bound
+    closure, bound = _found[question]
+    return copy.deepcopy(closure), bound
 
 
 @cache

@@ -99,6 +99,11 @@ class OutsideEngine:
         self, name: str, make: Callable[[MethodScene], OutsideMethod], forces: bool, workspace: "TickWorkspace"
     ) -> None:
         self.name, self.forces, self.workspace = name, forces, workspace
+        # Views: to find a field of a record takes longer than to write it, and a tick has a dozen.
+        states = workspace.states
+        self.haptic = {field: states["haptic"][field][0] for field in HandConfiguration._fields}
+        self.pose = {field: states["pose"][field][0] for field in (*HandConfiguration._fields, "joints")}
+        self.palm_wrench, self.work = states["forces"]["palm_wrench"][0], states["work"][0]
         scene = MethodScene(workspace.model, workspace.mesh, workspace.tree, workspace.options)
         self.method = self._call("cannot be made", make, scene)
         self.ticks = 0
@@ -121,25 +126,24 @@ class OutsideEngine:
         from hhsim.kernels.hand.pose import is_finite_configuration
         from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_INPUT_INVALID
 
-        state = self.workspace.states[0]
         good = is_finite_configuration(*sample)
         if good:
             for name, values in sample._asdict().items():
-                state.haptic[name][:] = values
-            state.haptic.orientation[:] /= np.linalg.norm(state.haptic.orientation)
+                self.haptic[name][:] = values
+            self.haptic["orientation"] /= np.linalg.norm(self.haptic["orientation"])
         # Copies, so that nothing of ours is the method's to write to.
-        given = HandConfiguration(*(np.array(state.haptic[name]) for name in HandConfiguration._fields))
+        given = HandConfiguration(*(values.copy() for values in self.haptic.values()))
         cpu, wall = time.process_time_ns(), time.perf_counter_ns()
         found = self._call("fails", self.method.tick, given)
         wall, cpu = time.perf_counter_ns() - wall, time.process_time_ns() - cpu
         answer = found if isinstance(found, TickAnswer) else TickAnswer(found)
         for name, values in self._checked(answer.pose).items():
-            state.pose[name][:] = values
+            self.pose[name][:] = values
         full = self._look()
-        for field in ("position", "orientation", "flexion", "abduction", "joints"):
-            getattr(record, field)[i] = state.pose[field]
-        record.palm_wrench[i] = state.forces.palm_wrench
-        record.work[i] = state.work
+        for field, values in self.pose.items():
+            getattr(record, field)[i] = values
+        record.palm_wrench[i] = self.palm_wrench
+        record.work[i] = self.work
         if full & STATUS_CAPACITY_EXCEEDED:
             # It touches, however many pairs there are.
             record.work[i] = np.maximum(record.work[i], 1)
@@ -156,8 +160,7 @@ class OutsideEngine:
         return int(look_at(workspace.hand, workspace.surface, workspace.tick_options, workspace.states))
 
     def _shown(self) -> HandConfiguration:
-        pose = self.workspace.states[0].pose
-        return HandConfiguration(*(np.array(pose[name]) for name in HandConfiguration._fields))
+        return HandConfiguration(*(self.pose[field].copy() for field in HandConfiguration._fields))
 
     def _take_forces(self, answer: TickAnswer, i: int, record: "TickRecord") -> None:
         record.fingertip_normal[i] = np.nan

@@ -8,6 +8,7 @@ import pytest
 from short_grasp import short_grasp, short_result
 
 from hhsim.errors import InputError
+from hhsim.kernels.jit import as_argument
 from hhsim.kernels.round_cone_distance import sphere_round_cone_distance
 from hhsim.render.rasterizer import frame, look_from
 from hhsim.render.replay_figure import PhalanxForce, arrow, draw_replay, label, main, phalanx_forces, shown_tick
@@ -36,7 +37,7 @@ def test_each_force_begins_where_its_phalanx_touches(result: Result) -> None:
     for force in forces:
         finger = ("thumb", "index", "middle", "ring", "little").index(force.name.split(",")[0])
         k = ("proximal", "middle", "distal").index(force.name.split(", ")[1])
-        ends, radii = joints[finger, k : k + 2], result.static["hand/phalanx_radius"][finger, k : k + 2]
+        ends, radii = as_argument(joints[finger, k : k + 2]), result.static["hand/phalanx_radius"][finger, k : k + 2]
         on_phalanx, _ = sphere_round_cone_distance(force.contact, 0.0, ends[0], ends[1], radii[0], radii[1])
         assert abs(on_phalanx) < 1e-3
         assert min(np.linalg.norm(force.contact - center) - radius for center, radius in spheres) < 2e-3

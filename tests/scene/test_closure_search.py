@@ -15,6 +15,7 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.hand import finger_closure as kernel
 from hhsim.kernels.hand.kinematics import PALM_BODY, HandArrays
 from hhsim.kernels.jit import JIT_ENABLED
+from hhsim.scene import closure_search
 from hhsim.scene.closure_search import MARGIN, plan_finger_closure
 from hhsim.scene.finger_closure import REACH_DEPTH, body_distances, closure_rates, make_work
 from hhsim.scene.motion_catalogue import load_script
@@ -338,3 +339,36 @@ def test_kernels_have_one_signature() -> None:
     ]
     for function in kernels:
         assert len(function.signatures) == 1, function.__name__
+
+
+def test_a_search_is_made_once_for_what_it_depends_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(closure_search, "_found", {})
+    searched: list[Any] = []
+    search = closure_search._Search.best
+
+    def counted(self: Any) -> Any:
+        searched.append(self)
+        return search(self)
+
+    monkeypatch.setattr(closure_search._Search, "best", counted)
+    script, tree = load_script("pinch"), ball()
+    first = plan_finger_closure(script, RIGHT, tree)
+    kept = first.command.copy()
+    first.command[:] = np.nan
+    phases = tuple(replace(phase, duration=2.0 * phase.duration) for phase in script.phases)
+    slow = plan_finger_closure(replace(script, name="slow", phases=phases), HandModel.default("right"), ball())
+    np.testing.assert_array_equal(slow.command, kept, "what a caller does to its closure is its own")
+    assert len(searched) == 1
+    for other in (
+        (replace(script, depth=0.01), RIGHT, tree),
+        (replace(script, curl=0.8), RIGHT, tree),
+        (load_script("grasp"), RIGHT, tree),
+        (script, LEFT, tree),
+        (script, RIGHT, ball(0.03)),
+    ):
+        count = len(searched)
+        plan_finger_closure(*other)
+        assert len(searched) == count + 1
+    monkeypatch.setattr(closure_search, "KEPT", len(searched))
+    plan_finger_closure(script, RIGHT, ball(0.02))
+    assert len(closure_search._found) == closure_search.KEPT

@@ -9,6 +9,7 @@ from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion_from_matrix
 from hhsim.motion.trajectory import Trajectory
 from hhsim.motion.tremor import Disturbance
+from hhsim.scene import closure_search
 from hhsim.scene.closure_search import plan_finger_closure
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.script import ScriptPhase, parse_script
@@ -112,10 +113,15 @@ def test_a_slide_goes_the_stated_distance_along_the_palm() -> None:
     assert abs(moved[1]) > 0.9 * np.linalg.norm(moved)
 
 
-def test_the_same_arguments_give_the_same_bytes_and_the_seed_only_moves_the_noise() -> None:
+def test_the_same_arguments_give_the_same_bytes_and_the_seed_only_moves_the_noise(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     script = load_script("grasp")
     noise = Disturbance(tremor_position=1e-4, tremor_rotation=0.0035, sensor_counts=4096, sensor_noise=0.001)
-    quiet = [bytes_of(synthesize(script, HAND, ball(), seed)) for seed in (0, 5)]
+    quiet = []
+    for seed in (0, 5):
+        monkeypatch.setattr(closure_search, "_found", {})  # it searches twice, too
+        quiet.append(bytes_of(synthesize(script, HAND, ball(), seed)))
     assert quiet[0] == quiet[1]
     noisy = [synthesize(script, HAND, ball(), seed, disturbance=noise) for seed in (0, 5)]
     assert bytes_of(noisy[0]) != bytes_of(noisy[1])

@@ -5,6 +5,7 @@ import pytest
 import trimesh
 
 from hhsim.kernels.cover.micro_triangle import cut_faces, cut_mesh, edges_for, halve
+from hhsim.kernels.jit import as_argument
 from hhsim.kernels.mesh.bvh import face_normals
 
 
@@ -17,7 +18,7 @@ def areas(
 
 def test_cut_keeps_area_and_plane_of_each_face() -> None:
     shape = trimesh.creation.box((0.1, 0.05, 0.001))
-    corner = np.ascontiguousarray(np.asarray(shape.triangles, float).reshape(-1, 9))
+    corner = as_argument(shape.triangles).reshape(-1, 9)
     edge = np.linspace(0.005, 0.02, len(corner))
     count = cut_faces(corner, edge, np.empty((0, 9)), np.empty(0, np.int64))
     micro, face = np.empty((count, 9)), np.empty(count, np.int64)
@@ -45,7 +46,7 @@ def test_cut_mesh_meets_the_target(target: int) -> None:
 
 
 def test_shares_set_the_sizes() -> None:
-    corner = np.ascontiguousarray(np.asarray(trimesh.creation.box((1.0, 1.0, 1.0)).triangles, float).reshape(-1, 9))
+    corner = as_argument(trimesh.creation.box((1.0, 1.0, 1.0)).triangles).reshape(-1, 9)
     share = np.where(np.arange(12) < 6, 1.0, 0.1)
     edge = edges_for(corner, share, 5000)
     assert edge == pytest.approx(share * edge[0])
