@@ -612,10 +612,12 @@ def converge(method: Any, hand: HandArrays, surface: Any, state: Record, qp: QpW
         if is_oscillating(method, state, i):
             switch_to_coupled(state)
         last_chance = _is_last_chance(options, state, i)
-        contacts, solved = as_int64(0), OPTIMAL
+        contacts, solved, units = as_int64(0), OPTIMAL, state.work[WORK_UNITS]
         anew, complete = True, False
         while True:
             if anew:
+                # Of a program that is made anew only what was walked and solved for counts.
+                state.work[WORK_UNITS] = units
                 contacts = prepare(hand, surface, options, state)
             if contacts > 0:
                 solved = solve_program(method, state, qp)

@@ -216,7 +216,7 @@ def test_scenes_provoke_what_they_are_named_for() -> None:
     # A scene that a free hand passes would say nothing of a method.
     for name, least in (
         ("deep-command", 100),
-        ("fast-swipe", 10),
+        ("fast-swipe", 5),
         ("opposed-surfaces", 400),
         ("ridge", 500),
         ("wire", 10),
