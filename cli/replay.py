@@ -2,6 +2,7 @@
 
 import sys
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -10,6 +11,7 @@ from click.shell_completion import CompletionItem
 
 from .arguments import options, rerun_option
 from .arguments.comma_list import number_list
+from .arguments.free_object import FreeChoice
 from .arguments.object_argument import MeshFile, complete_object
 from .arguments.option_group import GroupedCommand, option, shared
 from .arguments.options import COUNT, POSITIVE, Side
@@ -215,6 +217,7 @@ class ReplayOutput(options.Output):
 @SolverSettings.argument("solver")
 @TreeOrFile.argument("tree")
 @HandAndMotion.argument("moving")
+@FreeChoice.argument("free")
 @MeshFile.argument("mesh_file")
 @ReplayOutput.argument("output")
 @options.seed
@@ -225,6 +228,7 @@ def command(
     solver: SolverSettings,
     tree: TreeOrFile,
     moving: HandAndMotion,
+    free: FreeChoice,
     mesh_file: MeshFile,
     output: ReplayOutput,
     seed: int,
@@ -253,6 +257,7 @@ def command(
       hhsim replay cup glove.npz --place-object auto
       hhsim replay results/session.h5
       hhsim replay cube results/session.h5 --method progressive
+      hhsim replay cube grasp --free --mass 0.1 --friction 0.6
       hhsim replay cube pinch --rerun spawn
     """
     if names_a_result(object_):
@@ -263,10 +268,13 @@ def command(
 
     solver_options = solver.options()
     motion = moving.motion(trajectory)
+    free.require(solver_options, motion)
     remarks = mended_remark(motion, trajectory)
     announce_compilation(quiet=output.quiet)
     solid = solver.surface != "mesh"
     mesh, usual_level = mesh_file.read(object_, solid=solid)
+    # A mesh that can have no mass is refused before a tree is built of it.
+    free.object(mesh, object_)
     output_path = output.path(f"{mesh.name}-{motion.name}-{solver.word}")
     check_result_path(output_path)
     print_notes(mesh.warnings, prefix="warning")
@@ -287,9 +295,10 @@ def command(
         words = moving.words(object_, trajectory, mesh_file, tree, seed)
         placed = described_scene(words, mesh, chosen.tree, chosen.level, hand, motion, solver_options.fingers)
         remarks += filter(None, [placed.note])
+        scene = replace(placed.scene, free=free.object(placed.scene.mesh, object_))
         runs = [
             run(
-                placed.scene,
+                scene,
                 solver_options,
                 output_path,
                 command=("hhsim", *sys.argv[1:]),

@@ -43,6 +43,19 @@ def triangles() -> None:
     ticks("coupled", "progressive", surface="mesh")
 
 
+def free() -> None:
+    """What a free object's ticks run on triangles; on spheres only the soak has them."""
+    from free_scenes import box
+
+    from hhsim.hand.model import HandModel
+    from hhsim.scene.free_object import FreeObject
+    from hhsim.solver.compile import warm_up
+    from hhsim.solver.options import SolverOptions
+
+    block = FreeObject.of_mesh(box((0.05, 0.05, 0.05)))
+    warm_up(HandModel.default(), SolverOptions(surface="mesh"), block)
+
+
 def distances() -> None:
     """What tests measure by brute force."""
     import numpy as np
@@ -91,6 +104,7 @@ def first() -> None:
 def second() -> None:
     """The same on triangles, the other methods, what makes scenes, and what tests measure by."""
     triangles()
+    free()
     ticks("paper", "penalty")
     trees()
     distances()

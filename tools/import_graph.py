@@ -12,13 +12,14 @@ PACKAGES = (
     "hhsim",
     *(
         f"hhsim.kernels{part}"
-        for part in ("", ".hand", ".parallel", ".mesh", ".cover", ".contact", ".surfaces", ".qp", ".tick", ".live")
+        for part in ("", ".hand", ".parallel", ".mesh", ".cover", ".contact", ".surfaces", ".qp", ".tick")
     ),
+    *("hhsim.kernels.free", "hhsim.kernels.live"),
     *("hhsim.system", "hhsim.mesh", "hhsim.trees", "hhsim.hand", "hhsim.exchange", "hhsim.motion"),
     "hhsim.result",
     *("hhsim.recordings", "hhsim.recordings.formats", "hhsim.metrics", "hhsim.metrics.run", "hhsim.scene"),
     *("hhsim.solver", "hhsim.solver.methods", "hhsim.replay", "hhsim.submissions", "hhsim.verify"),
-    *("hhsim.bench", "hhsim.bench.paper", "hhsim.bench.robustness", "hhsim.bench.qp"),
+    *("hhsim.bench", "hhsim.bench.paper", "hhsim.bench.robustness", "hhsim.bench.qp", "hhsim.bench.manipulation"),
     *("hhsim.gate", "hhsim.render", "hhsim.view"),
     *(
         f"hhsim.live{part}"

@@ -198,8 +198,15 @@ class SessionSettings(OptionGroup, heading="Session"):
         return RealTimeWishes.none() if self.no_realtime else RealTimeWishes(cpu=self.cpu)
 
 
+def refuse_free(context: click.Context, parameter: click.Parameter, value: bool) -> None:
+    """Say where an object can be free, which many will ask of a glove first."""
+    if value:
+        raise click.UsageError("in a session the object stands still: an object is free in hhsim replay --free alone")
+
+
 @click.command(cls=GroupedCommand)
 @click.argument("object_", metavar="[OBJECT]", default="bunny", shell_complete=complete_object)
+@click.option("--free", is_flag=True, hidden=True, expose_value=False, callback=refuse_free)
 @glove_choice().argument("glove")
 @HandChoice.argument("hand")
 @Feedback.argument("feedback")

@@ -15,9 +15,9 @@ from hhsim.gate.limits import limitable
 from hhsim.hand.fingers import FINGERS
 from hhsim.metrics import metrics
 from hhsim.metrics.run.registry import judged_metrics, run_metrics
-from hhsim.metrics.run_metric import Figure
-from hhsim.metrics.run_ticks import result_ticks
-from hhsim.replay.stored_scene import stored_tree
+from hhsim.metrics.run_metric import Figure, RunMetric
+from hhsim.metrics.run_ticks import RunTicks, result_ticks
+from hhsim.replay.stored_scene import stored_surface
 from hhsim.result.reader import Result
 
 COUNTERS: dict[str, tuple[str, Figure]] = {
@@ -80,10 +80,7 @@ def cpu_p50(result: Result) -> float:
 def _errors(result: Result) -> dict[str, float]:
     run = result_ticks(result, _ComputedAnew(result))
     # What is of runs of its own, only the run itself has.
-    found = {
-        name: float(result.summary.get(name, np.nan) if metric.compute is None else metric.compute(run))
-        for name, metric in judged_metrics().items()
-    }
+    found = {name: _figure(metric, result, run) for name, metric in judged_metrics().items()}
     lost = {name for name in NEVER_UNDEFINED if not np.isfinite(result[name]).all()}
     # A force or a pose that is no number is not one that is not there.
     return {
@@ -96,11 +93,15 @@ def _others(result: Result) -> dict[str, float]:
     run, judged = result_ticks(result, _ComputedAnew(result)), judged_metrics()
     found = {}
     for name in limitable():
-        metric = run_metrics().get(name)
-        compute = None if metric is None else metric.compute
         if name not in judged:
-            found[name] = float(result.summary.get(name, np.nan) if compute is None else compute(run))
+            found[name] = _figure(run_metrics().get(name), result, run, name)
     return found
+
+
+def _figure(metric: RunMetric | None, result: Result, run: RunTicks, name: str = "") -> float:
+    if metric is None or metric.compute is None:
+        return float(result.summary.get(name if metric is None else metric.name, np.nan))
+    return np.nan if metric.free_only and run.free is None else float(metric.compute(run))
 
 
 class _ComputedAnew:
@@ -121,10 +122,10 @@ class _ComputedAnew:
 
 
 def _depth(result: Result) -> AnyArray:
-    """Penetration [m] of the stored graphic hand in the stored tree's leaves, shape (T,)."""
+    """Penetration [m] of the stored graphic hand in the surface that it touched, shape (T,)."""
     static = result.static
     return metrics.penetration(
-        stored_tree(result).arrays(),
+        stored_surface(result).arrays,
         static["hand/phalanx_radius"],
         static["hand/palm_center"],
         static["hand/palm_radius"],

@@ -69,7 +69,8 @@ def judge_errors(scene: str, head: RunFigures, base: RunFigures | None, limits: 
         value, before = head.errors[name], math.nan if base is None else base.errors[name]
         limit = limits.get(name, math.nan)
         limited = name in limits
-        if not limited and math.isnan(value):
+        absent = metric.free_only and math.isnan(before)
+        if math.isnan(value) and (absent or not limited):
             continue
         passed, reason = True, ""
         if limited and math.isnan(value):

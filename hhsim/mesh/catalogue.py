@@ -34,6 +34,8 @@ class CatalogueObject:
         notice: File beside it that holds the terms in full; empty where the licence of the project holds.
         level: Of its sphere tree: the coarsest, 3 or 4, at which a hand touches within 1 mm of the mesh.
         paper_level: That the paper uses for its kind: 3 for simple shapes, 4 for complex ones.
+        density: Where it is free, of the whole of it [kg/m³].
+        friction: Coefficient of its contacts where it is free [-].
     """
 
     name: str
@@ -45,6 +47,8 @@ class CatalogueObject:
     notice: str
     level: int
     paper_level: int
+    density: float
+    friction: float
 
 
 def object_names() -> list[str]:
@@ -104,6 +108,8 @@ def load_object(name: str) -> CatalogueObject:
         notice=description.get("notice", ""),
         level=description["level"],
         paper_level=description["paper_level"],
+        density=description["density"],
+        friction=description["friction"],
     )
 
 

@@ -37,7 +37,9 @@ class Figure:
     @property
     def stored_unit(self) -> str:
         """Of the value itself: SI, % where the figure is defined so, "1" for counts."""
-        return {"": "1", "units": "1", "µs": "s", "µm": "m", "mm": "m", "% of hold": "%"}.get(self.unit, self.unit)
+        return {"": "1", "units": "1", "µs": "s", "µm": "m", "mm": "m", "µm/s": "m/s", "% of hold": "%"}.get(
+            self.unit, self.unit
+        )
 
     def shown(self, value: float) -> str:
         """A value, SI or % where the figure is defined so, as the table shows it; "—" where it is undefined."""
@@ -81,6 +83,7 @@ class RunMetric(Figure):
         moving_hold_only: Whether it is shown there alone.
         short: Line of the short table that it stands in, or ""; of several figures for one line the last that is
             defined stands there.
+        free_only: Whether it is one of a free object, and absent where the object is not.
         unless_zero: Whether it has no line where it is 0: of nothing there is no largest.
     """
 
@@ -94,4 +97,5 @@ class RunMetric(Figure):
     moving_hold: Figure | None = None
     moving_hold_only: bool = False
     short: str = ""
+    free_only: bool = False
     unless_zero: bool = False

@@ -16,6 +16,7 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.contact_error import TouchedObject
+from hhsim.metrics.free_run import FreeRun, result_free_run
 from hhsim.metrics.input_hand import InputHand, input_hand, object_depths
 from hhsim.motion.trajectory import TickPhase
 from hhsim.result.reader import Result
@@ -55,6 +56,7 @@ class RunTicks:
         touched: The object; None where contacts are not looked at.
         breaks: Ticks before which others are missing, shape (T,); None where none are.
         hand: Whose configurations the columns are; None where the user's hand is not looked at.
+        free: What became of the object where it is free; None where it is not.
     """
 
     columns: Columns
@@ -66,6 +68,7 @@ class RunTicks:
     touched: TouchedObject | None = None
     breaks: Mask | None = None
     hand: HandModel | None = None
+    free: FreeRun | None = None
 
     def __getitem__(self, name: str) -> Array:
         return self.columns[name]
@@ -144,6 +147,7 @@ def result_ticks(result: Result, columns: Columns | None = None) -> RunTicks:
         touched=touched,
         breaks=_breaks(result),
         hand=_hand(result),
+        free=result_free_run(result),
     )
 
 

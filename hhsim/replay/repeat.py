@@ -1,7 +1,7 @@
 """Run the ticks of a result again, from nothing but the file, and compare every array bit for bit."""
 
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +13,12 @@ from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.motion.object_motion import RigidMotion
-from hhsim.replay.stored_scene import require_whole, stored_hand, stored_options, stored_surface
+from hhsim.replay.free_ticks import as_seen, contact_rows, free_block
+from hhsim.replay.stored_scene import require_whole, stored_free, stored_hand, stored_options, stored_surface
 from hhsim.replay.tick_columns import TickColumns
 from hhsim.result.object_frame import as_object_sees, in_the_world
 from hhsim.result.reader import Result
-from hhsim.result.schema import TICK_COLUMNS, Column
+from hhsim.result.schema import CONTACT, CONTACT_COLUMNS, FREE_COLUMNS, OBJECT_COLUMNS, TICK_COLUMNS, Column
 from hhsim.solver.compile import warm_up
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.workspace import tick_record
@@ -30,6 +31,7 @@ Progress = Callable[[str, int, int], None]
 TIMINGS = "duration/"
 GIVEN = ("time", "input_seq", "haptic/")
 """Columns that are the run's input."""
+COMPARED_IF_FREE: tuple[Column, ...] = (*OBJECT_COLUMNS, *FREE_COLUMNS)
 COMPARED: tuple[Column, ...] = tuple(column for column in TICK_COLUMNS if not column.name.startswith((TIMINGS, *GIVEN)))
 """Columns that a second run computes anew; all but the input and the timings."""
 
@@ -120,24 +122,36 @@ def run_again(result: Result, *, progress: Progress | None = None) -> RunAgain:
     if result.ticks == 0:
         raise InputError(f"{result.path} holds no ticks: there is nothing to run again")
     hand, options = stored_hand(result), stored_options(result)
-    surface = stored_surface(result)
-    warm_up(hand, options)
-    solver = HandSolver(hand, surface, options)
+    surface, free = stored_surface(result), stored_free(result)
+    warm_up(hand, options, free)
+    solver = HandSolver(hand, surface, options, free)
     columns = TickColumns(surface.arrays, hand, options)
     total, notes = _runnable(result)
-    tallies = [_Tally(column) for column in COMPARED]
+    moving = [] if free is None else list(COMPARED_IF_FREE)
+    tallies = [_Tally(column) for column in (*COMPARED, *moving)]
+    contacts = [] if free is None else [_Tally(replace(c, name=f"{CONTACT}/{c.name}")) for c in CONTACT_COLUMNS]
     with interruptible_between() as check_interrupt:
         done = 0
-        for stored in result.blocks([column.name for column in TICK_COLUMNS]):
+        for stored in result.blocks([column.name for column in (*TICK_COLUMNS, *moving)]):
             if progress is not None:
                 progress("ticks", done, total)
             stored = {name: values[: total - done] for name, values in stored.items()}
-            moved = result.moved_since_first(slice(done, done + len(stored["time"]))) if result.driven else None
-            haptic = _seen(stored, moved)
-            record = _solve(solver, haptic, result.live is not None)
-            block = columns.block(stored["time"], stored["input_seq"], haptic, record)
-            if moved is not None:
-                block = in_the_world(block, moved)
+            here = slice(done, done + len(stored["time"]))
+            if free is None:
+                moved = result.moved_since_first(here) if result.driven else None
+                haptic = _seen(stored, moved)
+                record = _solve(solver, haptic, result.live is not None)
+                block = columns.block(stored["time"], stored["input_seq"], haptic, record)
+                if moved is not None:
+                    block = in_the_world(block, moved)
+            else:
+                haptic = _seen(stored, None)
+                record = solver.run(*haptic)
+                ticks = solver.object_ticks
+                block = columns.block(stored["time"], stored["input_seq"], as_seen(haptic, ticks), record)
+                first = (result.static["object/position"], result.static["object/orientation"])
+                block = free_block(block, haptic, ticks, *first)
+                _compare_contacts(result, here, contact_rows(ticks, done), contacts)
             for tally in tallies:
                 tally.add(stored[tally.column.name], block[tally.column.name])
             done += len(stored["time"])
@@ -146,7 +160,7 @@ def run_again(result: Result, *, progress: Progress | None = None) -> RunAgain:
                 break
     if progress is not None:
         progress("ticks", total, total)
-    arrays = tuple(tally.comparison() for tally in tallies)
+    arrays = tuple(tally.comparison() for tally in (*tallies, *contacts))
     makers = [] if all(array.identical for array in arrays) else _other_makers(result)
     return RunAgain(
         result.path, result.complete, total, result.ticks, arrays, (*notes, *makers), made_elsewhere=bool(makers)
@@ -160,6 +174,18 @@ def _seen(stored: dict[str, Array], moved: RigidMotion | None) -> HandConfigurat
     if moved is not None:
         given = {name: as_object_sees(names[name], values, moved) for name, values in given.items()}
     return HandConfiguration(**given)
+
+
+def _compare_contacts(result: Result, ticks: slice, computed: dict[str, Array], tallies: Sequence["_Tally"]) -> None:
+    """Count the contacts of some ticks that differ; where there are more or fewer of them, all of them do."""
+    first, last = np.searchsorted(result[f"{CONTACT}/tick"], (ticks.start, ticks.stop))
+    for tally, again in zip(tallies, computed.values(), strict=True):
+        stored = result[tally.column.name][first:last]
+        if len(stored) != len(again):
+            shape = (max(len(stored), len(again)), *tally.column.shape)
+            stored, again = np.zeros(shape, tally.column.dtype), np.ones(shape)
+        if len(stored):
+            tally.add(stored, again)
 
 
 class _Tally:

@@ -13,11 +13,14 @@ import numpy as np
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.replay.driven_ticks import world_block
+from hhsim.replay.free_ticks import FreeSeries, as_seen, contact_rows, free_block
 from hhsim.replay.stored_scene import describe_scene, static_arrays
 from hhsim.replay.summary import ReplaySummary, TickSeries, summarise
 from hhsim.replay.tick_columns import TickColumns
 from hhsim.result.reader import CHUNK_TICKS
+from hhsim.result.schema import CONTACT
 from hhsim.result.writer import ResultWriter
+from hhsim.scene.free_object import LAW
 from hhsim.scene.motion_catalogue import of_the_paper
 from hhsim.scene.scene import Scene
 from hhsim.solver.compile import warm_up
@@ -61,9 +64,10 @@ def replay(
         HhsimError: More pairs were near than the solver holds.
     """
     options = options.at_rate(scene.ticks.rate)
-    prepared = warm_up(scene.hand, options)
+    free = scene.free
+    prepared = warm_up(scene.hand, options, free)
     surface = contact_surface(options.surface, scene.mesh, scene.tree)
-    solver = HandSolver(scene.hand, surface, options)
+    solver = HandSolver(scene.hand, surface, options, free)
     ticks, total = scene.ticks, scene.ticks.tick_count
     motion = scene.trajectory
     static = static_arrays(scene.mesh, scene.tree, scene.hand, motion.object_position, motion.object_orientation)
@@ -75,9 +79,10 @@ def replay(
         "motion": motion.name,
         "motion_source": motion.source,
         **_gives(options),
-        **describe_scene(scene.mesh, scene.tree, scene.hand, options, static),
+        **({} if free is None else {"free": free.to_json(), "friction_law": LAW}),
+        **describe_scene(scene.mesh, scene.tree, scene.hand, options, static, free=free is not None),
     }
-    series = TickSeries(total)
+    series, kept = TickSeries(total), FreeSeries()
     columns = TickColumns(surface.arrays, scene.hand, options)
     with ResultWriter(
         Path(output_path),
@@ -86,6 +91,7 @@ def replay(
         phases=ticks.phases,
         command=command,
         driven=scene.driven is not None,
+        free=free is not None,
     ) as writer:
         if before_ticks is not None:
             before_ticks()
@@ -100,13 +106,22 @@ def replay(
                     raise HhsimError(
                         f"the graphic hand is not finite after tick {first}: please report this with the command"
                     )
-                block = columns.block(ticks.time[part], ticks.input_seq[part], haptic, record)
-                writer.append(world_block(block, scene.driven, part))
+                if free is None:
+                    block = columns.block(ticks.time[part], ticks.input_seq[part], haptic, record)
+                    writer.append(world_block(block, scene.driven, part))
+                else:
+                    moved = solver.object_ticks
+                    seen = as_seen(haptic, moved)
+                    block = columns.block(ticks.time[part], ticks.input_seq[part], seen, record)
+                    pose = (motion.object_position, motion.object_orientation)
+                    whole, contacts = free_block(block, haptic, moved, *pose), contact_rows(moved, first)
+                    writer.append(whole, {CONTACT: contacts})
+                    kept.keep(whole, contacts)
                 series.keep(part, block)
                 check_interrupt()
         if progress is not None:
             progress("ticks", total, total)
-        summary = summarise(scene, surface, options, series, prepared, of_paper=of_the_paper(described))
+        summary = summarise(scene, surface, options, series, prepared, kept, of_paper=of_the_paper(described))
         path = writer.finish(summary.attributes())
     return summary.at(path)
 

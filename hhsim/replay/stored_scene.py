@@ -14,6 +14,7 @@ from hhsim.kernels.hand.kinematics import PALM_BODY
 from hhsim.mesh.mesh import Mesh
 from hhsim.result.reader import Result
 from hhsim.result.stored_hand import HAND_ARRAYS, TREE_ARRAYS, result_hand
+from hhsim.scene.free_object import FreeObject
 from hhsim.scene.scene import all_pairs
 from hhsim.solver.options import UNLIMITED, SolverOptions, Stiffness
 from hhsim.trees.contact_surface import ContactSurface, contact_surface
@@ -57,7 +58,13 @@ def static_arrays(
 
 
 def describe_scene(
-    mesh: Mesh, tree: SphereTree, hand: HandModel, options: SolverOptions, static: Mapping[str, Array]
+    mesh: Mesh,
+    tree: SphereTree,
+    hand: HandModel,
+    options: SolverOptions,
+    static: Mapping[str, Array],
+    *,
+    free: bool = False,
 ) -> dict[str, Any]:
     """What the file's scene says of them, as plain values; `static` is what `static_arrays` made of them."""
     return {
@@ -70,12 +77,12 @@ def describe_scene(
         },
         "object_name": mesh.name,
         "object_spheres": tree.leaf_count,
-        "modelled": modelled(tree, hand, options),
+        "modelled": modelled(tree, hand, options, free=free),
         "checksums": checksums(static),
     }
 
 
-def modelled(tree: SphereTree, hand: HandModel, options: SolverOptions) -> dict[str, Any]:
+def modelled(tree: SphereTree, hand: HandModel, options: SolverOptions, *, free: bool = False) -> dict[str, Any]:
     """What the scene models: bodies, spheres and pairs that a model without trees would test every tick."""
     return {
         "fingers": list(options.fingers),
@@ -83,7 +90,7 @@ def modelled(tree: SphereTree, hand: HandModel, options: SolverOptions) -> dict[
         "palm_spheres": hand.palm_tree.leaf_count,
         "object_spheres": tree.leaf_count,
         "all_pairs": all_pairs(hand, tree),
-        "not_modelled": ["friction", "dynamics", "deformation", "finger-to-finger contact"],
+        "not_modelled": [*([] if free else ["friction", "dynamics"]), "deformation", "finger-to-finger contact"],
     }
 
 
@@ -147,6 +154,15 @@ def stored_hand(result: Result) -> HandModel:
     """
     require_whole(result)
     return result_hand(result)
+
+
+def stored_free(result: Result) -> FreeObject | None:
+    """What the object of a run is besides its surface, where it is free.
+
+    Raises:
+        InputError: Values that are none of a free object.
+    """
+    return FreeObject.from_json(result.scene["free"]) if result.free else None
 
 
 def stored_options(result: Result) -> SolverOptions:

@@ -16,9 +16,11 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.state import STATUS_INPUT_INVALID, STATUS_START_INSIDE
 from hhsim.metrics import metrics
 from hhsim.metrics.contact_error import MOST_CONTACT_ERROR, TouchedObject
+from hhsim.metrics.free_run import Datasets, FreeRun
 from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import known_figures, needed_columns, tick_figures
 from hhsim.metrics.run_ticks import RunTicks
+from hhsim.motion.object_motion import ObjectMotion
 from hhsim.replay.summary_table import SummaryRow, summary_rows
 from hhsim.replay.tremor_hold import tremor_variation
 from hhsim.replay.verdict import Verdict, run_verdict
@@ -127,11 +129,26 @@ def summarise(
     options: SolverOptions,
     series: TickSeries,
     prepared: WarmUp,
+    free: Datasets | None = None,
     *,
     of_paper: bool = False,
 ) -> ReplaySummary:
-    """Compute the table; with the paper's figures where the scene is `of_paper`; `surface` is the one that it had."""
-    ticks = scene.ticks
+    """Compute the table of a run that has just ended.
+
+    Args:
+        scene: What was replayed.
+        surface: The object's, as it was touched.
+        options: Of the solver.
+        series: Datasets of /tick, as the object sees them.
+        prepared: What preparing the kernels took.
+        free: Datasets of /tick and /contact of a free object, world; not asked where it is none.
+        of_paper: Whether the paper's figures stand beside.
+    """
+    ticks, motion = scene.ticks, scene.trajectory
+    free_run = None
+    if scene.free is not None and free is not None:
+        first = ObjectMotion(motion.object_position, motion.object_orientation)
+        free_run = FreeRun(free, scene.free.to_json(), scene.mesh.box_corners, first)
     run = RunTicks(
         columns=series,
         ticks=series.ticks,
@@ -147,14 +164,21 @@ def summarise(
             options.touch,
         ),
         hand=scene.hand,
+        free=free_run,
     )
     haptic = HandConfiguration.of(ticks)
     known = known_figures(find_method(options.method).gives)
-    own = figures_of_own_runs(scene.hand, surface, options, haptic, run)
+    # What a further run of the solver would tell is of an object that stands still.
+    own = {} if scene.free is not None else figures_of_own_runs(scene.hand, surface, options, haptic, run)
     figures = {name: value for name, value in {**tick_figures(run), **own}.items() if name in known}
     return ReplaySummary(
         rows=summary_rows(figures, ticks.rate, of_paper=of_paper),
-        notes=(*_notes(scene, options, series["status"]), *surface.notes, *_floating(scene, figures)),
+        notes=(
+            *_notes(scene, options, series["status"]),
+            *surface.notes,
+            *_floating(scene, figures),
+            *(() if free_run is None else filter(None, [free_run.left_behind(ticks.phases, ticks.position)])),
+        ),
         ticks=series.ticks,
         warm_up=prepared,
         method=options.method,

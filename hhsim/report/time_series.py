@@ -2,11 +2,13 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
+from hhsim.metrics.free_run import FreeRun, result_free_run
 from hhsim.metrics.run_metric import PAPER_RATE
 from hhsim.metrics.run_ticks import HOLD
 from hhsim.report.figure import (
@@ -53,7 +55,7 @@ GREY_LINE = "#8c959f"
 VARIATION_TICKS = (0.0, 0.1, 1.0, 10.0, 100.0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Run:
     """A result as it is drawn.
 
@@ -67,6 +69,11 @@ class Run:
     result: Result
     columns: ReportColumns
     worst: Sequence[WorstTick]
+
+    @cached_property
+    def free(self) -> FreeRun | None:
+        """Its free object, if it has one."""
+        return result_free_run(self.result) if self.columns.ticks else None
 
 
 @dataclass(frozen=True)
@@ -102,13 +109,18 @@ def series_figure(results: Mapping[str, Result]) -> ReportFigure:
     ]
     depth_unit, depth_scale = _length_unit(runs)
     surface = " or ".join(dict.fromkeys(run.result.surface for run in runs))
-    panels = (
+    panels: tuple[Panel, ...] = (
         Panel("force on the hand [N]", 1.75, FORCES if len(runs) == 1 else tuple(results)),
         Panel("CPU time of the tick", 1.3),
         Panel("pairs of hand and object", 0.95, PAIRS),
         Panel(f"penetration of the {surface} [{depth_unit}]", 0.75),
         Panel("change of the force in one tick [%]", 1.0),
     )
+    if any(run.free for run in runs):
+        panels += (
+            Panel("rise of the object [mm]", 0.75),
+            Panel("friction of the hand, of what its contacts bear [%]", 0.75),
+        )
 
     def draw(figure: "Figure", narrow: bool) -> None:
         axes = _placed(figure, panels, narrow)
@@ -117,6 +129,9 @@ def series_figure(results: Mapping[str, Result]) -> ReportFigure:
         _draw_pairs(axes[2], runs)
         _draw_depth(axes[3], runs, depth_scale)
         _draw_variation(axes[4], runs)
+        if len(axes) > 5:
+            _draw_rise(axes[5], runs)
+            _draw_friction(axes[6], runs)
         _draw_phases(axes, runs[0])
         _draw_axis(axes, runs)
         for panel, place in zip(panels, axes):
@@ -299,6 +314,23 @@ def _draw_variation(axes: "Axes", runs: Sequence[Run]) -> None:
         )  # fmt: skip
 
 
+def _draw_rise(axes: "Axes", runs: Sequence[Run]) -> None:
+    gridded(axes)
+    for number, run in enumerate(runs):
+        if run.free is not None:
+            height = run.free.center[:, 2]
+            _curve(axes, run, 1e3 * (height - height[0]), *run_style(number), width=1.2)
+
+
+def _draw_friction(axes: "Axes", runs: Sequence[Run]) -> None:
+    gridded(axes)
+    for number, run in enumerate(runs):
+        if run.free is not None:
+            _curve(axes, run, 100.0 * run.free.friction_share, *run_style(number), width=0.7)
+    axes.axhline(100.0, color=LIMIT, linewidth=1.0)
+    axes.set_ylim(0.0, 120.0)
+
+
 def _mark(axes: "Axes", runs: Sequence[Run], kind: str, height: Any, word: str) -> None:
     """Point at a worst tick."""
     from matplotlib.patheffects import withStroke
@@ -357,6 +389,8 @@ def _caption(runs: Sequence[Run]) -> str:
             parts.append(f"Phases are those of {runs[0].label}.")
     parts.append("Shaded: holds, and slides in another shade. Penetration is measured after each tick.")
     parts.append("The change of the force is not defined below 0.01 N.")
+    if any(run.free for run in runs):
+        parts.append("Friction is that of the contact nearest to sliding: at 100 % it slides.")
     if any(run.columns.ticks > AS_THEY_ARE for run in runs):
         parts.append(
             f"Runs of more than {AS_THEY_ARE:,} ticks are drawn as bands from the least to the largest value, with the "
@@ -369,7 +403,8 @@ def _caption(runs: Sequence[Run]) -> str:
 
 def _alt(runs: Sequence[Run]) -> str:
     several = len(runs) > 1
-    sentences = [f"Five panels over time{f', {len(runs)} results' if several else ''}."]
+    panels = "Seven" if any(run.free for run in runs) else "Five"
+    sentences = [f"{panels} panels over time{f', {len(runs)} results' if several else ''}."]
     for run in runs:
         columns, who = run.columns, f"{run.label}: " if several else ""
         if columns.ticks == 0:
@@ -381,5 +416,6 @@ def _alt(runs: Sequence[Run]) -> str:
             f"{who}The total force reaches {force:.2f} N. Ticks take {fast} to {slow} of CPU time, with up to "
             f"{int(columns.candidates.max()):,} pairs within the margin. "
             + (f"The deepest penetration is {1e6 * depth:.3g} µm." if depth > 0.0 else "Nothing penetrates.")
+            + (f" The object rises by {1e3 * run.free.raised:.1f} mm." if run.free else "")
         )
     return " ".join(sentences)

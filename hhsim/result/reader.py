@@ -21,8 +21,11 @@ from hhsim.motion.object_motion import ObjectMotion, RigidMotion
 from hhsim.motion.trajectory import TickPhase
 from hhsim.result.object_frame import TURNS, as_object_sees
 from hhsim.result.schema import (
+    CONTACT,
+    CONTACT_COLUMNS,
     DRIVEN_SCHEMA_VERSION,
     FORMAT,
+    FREE_COLUMNS,
     LIVE,
     LIVE_TICK,
     LIVE_TICK_COLUMNS,
@@ -121,6 +124,11 @@ class Result:
         """Names of the fingers that were modelled."""
         return tuple(self.scene.get("solver", {}).get("fingers", FINGERS))
 
+    @property
+    def free(self) -> bool:
+        """Whether its object moved by the forces on it: its contacts are then under `contact/`."""
+        return "free" in self.scene
+
     @cached_property
     def seen_from_object(self) -> "Result":
         """The same in the frame where the object stands still, at its place of the first tick; itself where it does.
@@ -167,6 +175,8 @@ class Result:
             with _opened(self.path) as file:
                 if name.startswith(f"{LIVE}/"):
                     self._loaded[name] = self._live_column(file, name)
+                elif name.startswith(f"{CONTACT}/"):
+                    self._loaded[name] = self._contact_column(file, name)
                 else:
                     dataset = file["tick"].get(name)
                     if not isinstance(dataset, h5py.Dataset):
@@ -175,10 +185,13 @@ class Result:
         return self._loaded[name]
 
     def keys(self) -> list[str]:
-        """Names that `result[name]` takes: the datasets of /tick, and those of a session under `live/`."""
+        """Names that `result[name]` takes: the datasets of /tick, and those under `live/` and `contact/`."""
         with _opened(self.path) as file:
             found = _dataset_names(file["tick"])
-            return found if self.live is None else found + [f"{LIVE}/{name}" for name in _dataset_names(file[LIVE])]
+            for group in (LIVE, CONTACT):
+                if group in file:
+                    found += [f"{group}/{name}" for name in _dataset_names(file[group])]
+            return found
 
     def __contains__(self, name: object) -> bool:
         return name in self.keys()
@@ -219,6 +232,13 @@ class Result:
         with _opened(self.path) as file:
             return {name: np.asarray(self._rows(file, name, tick)) for name in names}
 
+    def _contact_column(self, file: h5py.File, name: str) -> Array:
+        if not isinstance(file.get(name), h5py.Dataset):
+            raise InputError(f"{self.path} has no dataset {name}: contacts are stored where the object is free")
+        # A run that was killed may have written more contacts than ticks.
+        rows = int(np.searchsorted(file[CONTACT]["tick"][...], self.ticks))
+        return _frozen(file[name][:rows])
+
     def _live_column(self, file: h5py.File, name: str) -> Array:
         if self.live is None:
             raise InputError(f"{self.path} has no dataset {name}: it is no live session")
@@ -258,11 +278,13 @@ def load_result(path: str | Path) -> Result:
         _check_format(file, path)
         tick = file.get("tick", {})
         driven = bool(file.attrs["schema_version"] == DRIVEN_SCHEMA_VERSION)
-        columns = (*TICK_COLUMNS, *(OBJECT_COLUMNS if driven else ()))
+        columns = (*TICK_COLUMNS, *(OBJECT_COLUMNS if driven else ()), *(FREE_COLUMNS if CONTACT in file else ()))
         for column in columns:
             _check_dataset(tick, column, (-1, *column.shape), path)
         for column in STATIC_COLUMNS:
             _check_dataset(file, column, column.shape, path)
+        for column in CONTACT_COLUMNS if CONTACT in file else ():
+            _check_dataset(file[CONTACT], column, (-1, *column.shape), path)
         ticks = min(len(tick[column.name]) for column in columns)
         if LIVE_TICK in file:
             loop = file[LIVE_TICK]

@@ -242,6 +242,57 @@ OBJECT_COLUMNS: tuple[Column, ...] = (
 )
 """Datasets under /tick beside those, of an object that moves; /object is then where it was at the first tick."""
 
+FREE_COLUMNS: tuple[Column, ...] = (
+    Column("object/velocity", (3,), "<f8", "m/s", "velocity of the object's centre of mass, world", "velocity"),
+    Column(
+        "object/angular_velocity", (3,), "<f8", "rad/s", "angular velocity of the object, world", "angular_velocity"
+    ),
+    Column(
+        "object/hand_wrench",
+        (6,),
+        "<f8",
+        "N,N·m",
+        "force of the hand on the object (first three) and moment about its centre of mass, world",
+        "hand_wrench",
+    ),
+    Column("object/table_wrench", (6,), "<f8", "N,N·m", "the same of the table", "table_wrench"),
+    Column(
+        "object/table_distance",
+        (),
+        "<f8",
+        "m",
+        "lowest point of the object above the table, negative inside; infinite without a table",
+        "table_distance",
+    ),
+    Column(
+        "object/friction_residual",
+        (),
+        "<f8",
+        "m",
+        "how far the slip that friction was balanced against is off the slip made, the worst contact: μ times its way",
+        "friction_residual",
+    ),
+)
+"""Datasets under /tick beside those, of an object that is free; named by the scene's `free`."""
+
+CONTACT = "contact"
+"""The group that only results with a free object have."""
+
+CONTACT_COLUMNS: tuple[Column, ...] = (
+    Column("tick", (), "<i8", "1", "tick that the contact bears a force in, from 0"),
+    Column("body", (), "<i4", "1", "0 to 14 phalanx, finger by finger; 15 palm; -1 the table", "body"),
+    Column("point", (3,), "<f8", "m", "where it touches, world", "point"),
+    Column("normal", (3,), "<f8", "1", "from the object to the hand; from the table to the object; world", "normal"),
+    Column(
+        "normal_force", (), "<f8", "N", "along the normal, on the hand; of the table, on the object", "normal_force"
+    ),
+    Column("friction_force", (3,), "<f8", "N", "along the surface, on the same, world", "friction_force"),
+    Column("torsional_moment", (), "<f8", "N·m", "about the normal, on the same", "torsional_moment"),
+    Column("slip", (), "<f8", "m", "way along the surface in this tick", "slip"),
+    Column("sticks", (), "|u1", "1", "1 where it slips by no more than 1 nm in the tick"),
+)
+"""Datasets under /contact, one row for each contact that bears a force, in the order of the ticks."""
+
 STATIC_COLUMNS: tuple[Column, ...] = (
     Column("object/vertices", (-1, 3), "<f8", "m", "vertices of the object's mesh, world"),
     Column(

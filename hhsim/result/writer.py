@@ -26,8 +26,11 @@ from hhsim.errors import OutputError
 from hhsim.motion.trajectory import TickPhase
 from hhsim.result.reader import CHUNK_TICKS, check_result_path, fits, spelled
 from hhsim.result.schema import (
+    CONTACT,
+    CONTACT_COLUMNS,
     DRIVEN_SCHEMA_VERSION,
     FORMAT,
+    FREE_COLUMNS,
     OBJECT_COLUMNS,
     SCHEMA_VERSION,
     STATIC_COLUMNS,
@@ -61,6 +64,7 @@ class ResultWriter:
         attributes: Of their groups.
         command: That makes it, as it was typed; empty where a program calls the library.
         driven: Whether the object moves, so that its pose is a part of each tick.
+        free: Whether it moves by the forces on it, so that these are a part of the file too.
 
     Raises:
         OutputError: The file cannot be made: a folder in the way, no permission, a full disk, a file that is no result.
@@ -80,14 +84,18 @@ class ResultWriter:
         attributes: Mapping[str, Mapping[str, Scalar]] | None = None,
         command: Sequence[str] = (),
         driven: bool = False,
+        free: bool = False,
     ) -> None:
         check_result_path(path)
         self._output_path = path
         self.path = path
         if path.exists():
             self.path = free_name(path.with_name(f"{path.stem}.partial{path.suffix}"))
-        self._schema = DRIVEN_SCHEMA_VERSION if driven else SCHEMA_VERSION
-        self._tables = {_TICK: _Table((*TICK_COLUMNS, *OBJECT_COLUMNS) if driven else TICK_COLUMNS)}
+        self._schema = DRIVEN_SCHEMA_VERSION if driven or free else SCHEMA_VERSION
+        moving = (*(OBJECT_COLUMNS if driven or free else ()), *(FREE_COLUMNS if free else ()))
+        self._tables = {_TICK: _Table((*TICK_COLUMNS, *moving))}
+        if free:
+            self._tables[CONTACT] = _Table(CONTACT_COLUMNS)
         self._tables |= {group: _Table(columns) for group, columns in (tables or {}).items()}
         self._complete = False
         with _output_errors(self.path), contextlib.ExitStack() as undo:
@@ -133,9 +141,10 @@ class ResultWriter:
         """Write the next ticks, and what else there is, and flush them.
 
         Args:
-            block: One array for each of `TICK_COLUMNS`, and of `OBJECT_COLUMNS` where the object moves, by its name;
-                each of shape (ticks, *column.shape). Nothing at all where no tick came.
-            others: The same for `tables`, by group.
+            block: One array for each of `TICK_COLUMNS`, and of `OBJECT_COLUMNS` where the object moves, and of
+                `FREE_COLUMNS` where it is free, by its name; each of shape (ticks, *column.shape). Nothing at all where
+                no tick came.
+            others: The same for `tables` and `CONTACT_COLUMNS`, by group.
             attributes: Of groups, to set or to replace.
 
         Raises:

@@ -22,6 +22,7 @@ from hhsim.hand.model import DEFAULT_HAND_LENGTH, HandModel
 from hhsim.kernels.hand import finger_closure as kernel
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY
 from hhsim.scene.finger_closure import Closer, FingerClosure, body_distances
+from hhsim.scene.hand_moves import level
 from hhsim.scene.script import Script, ScriptPhase
 from hhsim.scene.slide import best_slide
 from hhsim.trees.sphere_tree import SphereTree
@@ -45,6 +46,12 @@ LEADERS = 8
 TILT = math.radians(15.0)
 """Turn of the last round about each palm axis: a third of the first round's steps."""
 
+TABLE_WEIGHT = 40.0
+"""A hand that goes down to the table as far as `UNDER` is as bad as one that reaches with no finger."""
+LEVEL_WEIGHT = 20.0
+"""So bad is a push straight down on what is to be moved."""
+OPPOSE_WEIGHT = 20.0
+"""So good is a grasp of it whose thumb pushes against the fingers."""
 SLIDE_WEIGHT = 40.0
 """A slide that loses all fingers is as bad as a grasp that reaches with none."""
 
@@ -96,9 +103,11 @@ def plan_finger_closure(script: Script, hand: HandModel, tree: SphereTree) -> Fi
 def _closing(script: Script) -> Script:
     """Of a script, what the search may depend on: not its name, its times, its noise or its places."""
     slides = ScriptPhase("slide", 1.0, distance=script.slide_distance)
+    pushes = (ScriptPhase("push", 1.0, distance=script.push_distance),) if script.push_distance > 0.0 else ()
+    moves = (ScriptPhase("lift", 1.0),) if script.moves_object else ()
     return Script(
         name="",
-        phases=(ScriptPhase("grasp", 1.0, fingers=script.fingers), slides),
+        phases=(ScriptPhase("grasp", 1.0, fingers=script.fingers), slides, *pushes, *moves),
         contact=script.contact,
         depth=script.depth,
         clearance=script.clearance,
@@ -162,10 +171,10 @@ class _Search(Closer):
 
     def __init__(self, script: Script, hand: HandModel, tree: SphereTree) -> None:
         super().__init__(script, hand, tree)
-        radius = tree.leaf_radius[:, None]
-        low, high = (tree.leaf_center - radius).min(axis=0), (tree.leaf_center + radius).max(axis=0)
+        low, high = tree.bounds
         self.middle = 0.5 * (low + high)
         self.floor = float(low[2])
+        self.half_height = 0.5 * float(high[2] - low[2])
         self.bound = float((np.linalg.norm(tree.leaf_center - self.middle, axis=1) + tree.leaf_radius).max())
         finger_reach = float((self.hand.reach + self.hand.radius[:, :3]).max())
         self.reach = max(finger_reach, float(self.hand.palm_reach[0] + self.hand.palm_radius.max()))
@@ -181,7 +190,17 @@ class _Search(Closer):
         found += [self._evaluate(leader.rotation, aim) for leader in _leading(found) for aim in self.aims[1:]]
         found += [self._evaluate(leader.rotation @ tilt, leader.aim) for leader in _leading(found) for tilt in _tilts()]
         leaders = _leading(found)
+        if self.script.push_distance > 0.0:
+            return replace(leaders[0].closure, slide=self._pressing(leaders[0].closure))
         return self._with_slide(leaders) if self.script.slide_distance > 0.0 else leaders[0].closure
+
+    def _pressing(self, closure: FingerClosure) -> Array:
+        """Where the closing fingers press, level: the unit direction in which they push, shape (3,)."""
+        tips = []
+        for flexion in (closure.contact, closure.command):
+            self._distances(closure.position, closure.rotation, flexion)
+            tips.append(self.work.joints[self.fingers, 3].mean(axis=0))
+        return level(tips[1] - tips[0], -closure.back)
 
     def _with_slide(self, leaders: list[_Candidate]) -> FingerClosure:
         """The leader that slides best, with the direction in which it does."""
@@ -261,6 +280,10 @@ class _Search(Closer):
         before = self.work.joints.copy()
         # No finger goes under the object, through what it stands on.
         score -= 4.0 * min(1.0, max(0.0, self.floor - float(before[..., 2].min())) / UNDER)
+        if self.script.moves_object:
+            # Nor through the table on which a free object stands.
+            lowest = float((before[..., 2] - self.hand.radius).min())
+            score -= TABLE_WEIGHT * min(1.0, max(0.0, self.floor - lowest) / UNDER)
         normals: list[tuple[int, int, Array]] = []
         for f in self.fingers:
             for k in np.flatnonzero(closure.touching[f]).tolist():
@@ -276,8 +299,16 @@ class _Search(Closer):
         for f, phalanx, normal in normals:
             push[f] = max(push[f], -float(moved[f, phalanx + 1] @ normal))
         score += 8.0 * float(np.clip(push[self.fingers] / max(self.script.depth, 1e-6), 0.0, 1.0).mean())
+        if self.script.moves_object:
+            # What is moved is held level and about its middle; what is pushed need not be held from two sides.
+            steep = float(np.mean([abs(normal[2]) for _, _, normal in normals]))
+            high = float(np.mean([abs(before[f, k + 1, 2] - self.middle[2]) for f, k, _ in normals])) / self.half_height
+            score -= LEVEL_WEIGHT * (steep + 0.5 * min(1.0, high))
+        if self.script.push_distance > 0.0:
+            return score
         # The fingers oppose each other instead of pushing the object away.
-        score += 4.0 * (1.0 - float(np.linalg.norm(np.mean([normal for _, _, normal in normals], axis=0))))
+        oppose = OPPOSE_WEIGHT if self.script.moves_object else 4.0
+        score += oppose * (1.0 - self._one_sided(normals))
         # Fingers that do not take part are well out of the way.
         idle = [f for f in range(len(FINGERS)) if f not in self.fingers]
         if idle:
@@ -286,6 +317,19 @@ class _Search(Closer):
         # The pads touch, and more phalanges hold better than fewer.
         touching = closure.touching[self.fingers]
         return score + 3.0 * float(touching[:, 2].mean()) + 6.0 * float(touching.mean())
+
+    def _one_sided(self, normals: list[tuple[int, int, Array]]) -> float:
+        """How far the fingers push to one side: 0 where the thumb holds against all others, 1 where all push alike.
+
+        For what is to be moved, the thumb's side counts as much as that of all fingers together.
+        """
+        if not self.script.moves_object:
+            return float(np.linalg.norm(np.mean([normal for _, _, normal in normals], axis=0)))
+        sides = [[normal for f, _, normal in normals if (f == 0) == thumb] for thumb in (True, False)]
+        if not all(sides):
+            return 1.0
+        mean = [np.mean(side, axis=0) for side in sides]
+        return float(np.linalg.norm(0.5 * (mean[0] + mean[1])))
 
     def _bearing(self, closure: FingerClosure) -> float:
         """Share of the palm's spheres that lie within `BEARING` of the object where the palm touches it."""

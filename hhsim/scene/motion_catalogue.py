@@ -24,7 +24,10 @@ from hhsim.system.toml_document import parse_toml, read_toml_text
 SCRIPT_SUFFIX = ".toml"
 RECORDING_SUFFIXES = (".h5", ".hdf5", CSV_SUFFIX)
 """Of trajectories and results; a recording of any other format, a .csv too, is imported on the way in."""
-ORDER = ("touch", "pinch", "grasp", "whole-hand", "slide", "carry", "sequence", "never")
+ORDER = (
+    *("touch", "pinch", "grasp", "whole-hand", "slide", "carry", "sequence", "never"),
+    *("lift", "shake", "turn", "push", "slip"),
+)
 """Those for any object, from one finger to the whole hand; those for one object follow by name, recordings last."""
 
 

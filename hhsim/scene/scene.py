@@ -10,11 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from hhsim.errors import InputError
 from hhsim.hand.model import HandModel, Side
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.mesh.mesh import Mesh
 from hhsim.motion.trajectory import ResampleMode, TickInput, Trajectory
 from hhsim.scene.demonstration import Demonstration
+from hhsim.scene.free_object import FreeObject
 from hhsim.scene.script import Script
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -30,7 +32,8 @@ class Scene:
         trajectory: The motion of the haptic hand, with the object's pose in it.
         ticks: The motion at the tick rate, as the object sees it.
         description: How the scene came about, as plain values: what its results say of it.
-        driven: The motion in the world, with the object's, where the object moves; None where it stands still.
+        driven: The motion in the world, with the object's, where the object moves as recorded; else None.
+        free: What the object is besides, where it is free: the mesh is then where it is before the first tick.
     """
 
     mesh: Mesh
@@ -40,6 +43,18 @@ class Scene:
     ticks: TickInput
     description: Mapping[str, Any] = field(default_factory=dict)
     driven: TickInput | None = None
+    free: FreeObject | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse an object that moves in two ways.
+
+        Raises:
+            InputError: It is free, and the motion says how it moves.
+        """
+        if self.free is not None and self.driven is not None:
+            raise InputError(
+                f"in {self.trajectory.name or 'the motion'} the object moves as recorded, so it cannot be free"
+            )
 
     def __repr__(self) -> str:
         ticks, leaves = self.ticks, self.tree.leaf_count

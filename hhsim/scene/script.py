@@ -43,6 +43,31 @@ their defaults where they have one::
     turn = 1.57            # of both, from x to y [rad]; default: 0, straight on
 
     [[phase]]
+    name = "lift"          # the hand alone goes straight up; a free object comes along if it is held
+    duration = 0.8
+    distance = 0.1         # below 0 it goes down [m]
+
+    [[phase]]
+    name = "shake"         # swings that grow and fade, level and across the palm
+    duration = 1.5
+    distance = 0.02        # the largest goes nearly so far [m]
+    cycles = 4.0           # default: 4
+
+    [[phase]]
+    name = "turn"          # about the way that the fingers point, level, through where the object's middle is
+    duration = 1.0
+    turn = 0.8             # [rad]
+
+    [[phase]]
+    name = "push"          # the hand goes on where its fingers press, level
+    duration = 1.0
+    distance = 0.1         # [m]
+
+    [[phase]]
+    name = "slip"          # the fingers ease until they would just touch
+    duration = 3.0
+
+    [[phase]]
     name = "release"       # the fingers open and the hand goes back to where it started
     duration = 0.8
 
@@ -84,7 +109,14 @@ from hhsim.system.toml_document import check_keys, checked_number, checked_text,
 
 DEFAULT_FINGERS: dict[str, tuple[str, ...]] = {"touch": ("index",), "pinch": ("thumb", "index"), "grasp": FINGERS}
 """The fingers that a closing phase closes where it names none."""
-PHASE_NAMES = ("approach", *DEFAULT_FINGERS, "hold", "slide", "carry", "release")
+PHASE_NAMES = (
+    *("approach", *DEFAULT_FINGERS, "hold", "slide", "carry"),
+    *("lift", "shake", "turn", "push", "slip", "release"),
+)
+DISTANCES = {"slide": (0.0, 1.0), "carry": (0.0, 10.0), "lift": (-1.0, 1.0), "shake": (0.0, 0.5), "push": (0.0, 1.0)}
+"""The phases that go so far, which they must say, and from where to where that may be [m]."""
+TAKE_ALONG = ("lift", "shake", "turn")
+"""The phases that move the hand with what it holds."""
 MAX_SAMPLES = 10_000_000
 """More samples than this are a slip of the pen: about three hours at 1 kHz."""
 
@@ -97,8 +129,10 @@ class ScriptPhase:
         name: One of `PHASE_NAMES`.
         duration: [s].
         fingers: Those that are closed at its end; closing phases only.
-        distance: How far it slides, or carries the object [m]; slide and carry only.
-        turn: Of hand and object about the vertical [rad]; carry only.
+        distance: How far it goes [m]; of the phases of `DISTANCES` only.
+        turn: Of hand and object about the vertical, or of the hand about the way its fingers point [rad]; carry and
+            turn only.
+        cycles: Swings; shake only.
         touch: What must be touched at its end; None where the script leaves it open; hold only.
     """
 
@@ -107,6 +141,7 @@ class ScriptPhase:
     fingers: tuple[str, ...] = ()
     distance: float = 0.0
     turn: float = 0.0
+    cycles: float = 4.0
     touch: tuple[Touch, ...] | None = None
 
 
@@ -176,6 +211,26 @@ class Script:
     def slide_distance(self) -> float:
         """Sum of the slides [m]."""
         return math.fsum(phase.distance for phase in self.phases if phase.name == "slide")
+
+    @property
+    def push_distance(self) -> float:
+        """Sum of the pushes [m]."""
+        return math.fsum(phase.distance for phase in self.phases if phase.name == "push")
+
+    @property
+    def takes_along(self) -> bool:
+        """Whether it moves the hand with what it holds."""
+        return any(phase.name in TAKE_ALONG for phase in self.phases)
+
+    @property
+    def carries(self) -> bool:
+        """Whether it says how the object moves."""
+        return any(phase.name == "carry" for phase in self.phases)
+
+    @property
+    def moves_object(self) -> bool:
+        """Whether it is to move an object that is free, and stands on a table."""
+        return any(phase.name in (*TAKE_ALONG, "push", "slip") for phase in self.phases)
 
     @property
     def fingers(self) -> tuple[str, ...]:
@@ -255,7 +310,7 @@ def parse_script(text: str, *, name: str, where: str, unplaced: bool = False) ->
         disturbance=_disturbance(where, table),
         objects=_objects(where, table.get("objects", [])),
         placements=parse_placements(
-            where, table.get("placement", []), slides=any(phase.name == "slide" for phase in phases)
+            where, table.get("placement", []), slides=any(phase.name in ("slide", "push") for phase in phases)
         ),
         paper=_paper(where, table.get("paper", [])),
         **values,
@@ -278,11 +333,16 @@ def _phases(where: str, given: Any, contact: bool) -> tuple[ScriptPhase, ...]:
         raise TrajectoryError(
             f"{where}: no phase closes a finger; expected {', '.join(DEFAULT_FINGERS)}, or contact = false"
         )
+    names = {phase.name for phase in phases}
+    for one, others in (("carry", (*TAKE_ALONG, "push", "slip")), ("slide", ("push",))):
+        if one in names and names.intersection(others):
+            other = next(phase.name for phase in phases if phase.name in others)
+            raise TrajectoryError(f"{where}: a {one} and a {other}; expected one of them in a script")
     return phases
 
 
 def _phase(where: str, table: Mapping[str, Any]) -> ScriptPhase:
-    _check_keys(where, table, ("name", "duration", "fingers", "distance", "turn", "touch"))
+    _check_keys(where, table, ("name", "duration", "fingers", "distance", "turn", "cycles", "touch"))
     for key in ("name", "duration"):
         if key not in table:
             raise TrajectoryError(f"{where} has no {key}")
@@ -291,22 +351,28 @@ def _phase(where: str, table: Mapping[str, Any]) -> ScriptPhase:
         raise TrajectoryError(f"{where}: {UnknownNameError('phase', name, PHASE_NAMES)}")
     where = f"{where} ({name})"
     duration = _number(where, "duration", table["duration"], 0.001, 3600.0)
-    if "distance" in table and name not in ("slide", "carry"):
-        raise TrajectoryError(f"{where}: distance belongs to a slide or a carry")
-    if "turn" in table and name != "carry":
-        raise TrajectoryError(f"{where}: turn belongs to a carry")
+    if "distance" in table and name not in DISTANCES:
+        raise TrajectoryError(f"{where}: distance belongs to {', '.join(DISTANCES)}")
+    if "turn" in table and name not in ("carry", "turn"):
+        raise TrajectoryError(f"{where}: turn belongs to a carry or a turn")
+    if "cycles" in table and name != "shake":
+        raise TrajectoryError(f"{where}: cycles belong to a shake")
     if "fingers" in table and name not in DEFAULT_FINGERS:
         raise TrajectoryError(f"{where}: fingers belong to {', '.join(DEFAULT_FINGERS)}")
     if "touch" in table and name != "hold":
         raise TrajectoryError(f"{where}: touch belongs to a hold")
     if name == "hold":
         return ScriptPhase(name, duration, touch=parse_touch(where, table["touch"]) if "touch" in table else None)
-    if name in ("slide", "carry"):
-        if "distance" not in table:
-            raise TrajectoryError(f"{where} has no distance [m]")
-        distance = _number(where, "distance", table["distance"], 0.0, 1.0 if name == "slide" else 10.0)
+    if name in DISTANCES or name == "turn":
+        needed, unit = ("turn", "rad") if name == "turn" else ("distance", "m")
+        if needed not in table:
+            raise TrajectoryError(f"{where} has no {needed} [{unit}]")
         return ScriptPhase(
-            name, duration, distance=distance, turn=_number(where, "turn", table.get("turn", 0.0), -7, 7)
+            name,
+            duration,
+            distance=_number(where, "distance", table.get("distance", 0.0), *DISTANCES.get(name, (0.0, 0.0))),
+            turn=_number(where, "turn", table.get("turn", 0.0), -7, 7),
+            cycles=_number(where, "cycles", table.get("cycles", 4.0), 0.5, 1000.0),
         )
     fingers = table.get("fingers", list(DEFAULT_FINGERS.get(name, ())))
     if not isinstance(fingers, list) or (name in DEFAULT_FINGERS and not fingers):

@@ -5,14 +5,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
-from hhsim.hand.quaternion import quaternion, quaternion_from_matrix
+from hhsim.hand.quaternion import quaternion_from_matrix
 from hhsim.kernels.rotation import quaternion_to_matrix
-from hhsim.motion.object_motion import ObjectMotion, RigidMotion
+from hhsim.motion.object_motion import ObjectMotion
 from hhsim.motion.trajectory import Phase, Trajectory
 from hhsim.motion.tremor import Disturbance
 from hhsim.scene.closure_at_pose import close_placed, find_placement
 from hhsim.scene.closure_search import plan_finger_closure
 from hhsim.scene.finger_closure import FingerClosure
+from hhsim.scene.hand_moves import carried, minimum_jerk, phase_share, taken_along
 from hhsim.scene.script import DEFAULT_FINGERS, Script, ScriptPhase
 from hhsim.scene.stored_pose import Placement
 from hhsim.trees.sphere_tree import SphereTree
@@ -21,14 +22,6 @@ Array = NDArray[np.float64]
 
 RELEASE_OPENING = 0.6
 """A release opens the fingers in this first share of its time and goes back in the last one of the same length."""
-END = 1e-9
-"""A sample this near to the end of a phase, as a share of its duration, is at it."""
-
-
-def minimum_jerk(share: ArrayLike) -> Array:
-    """10τ³ − 15τ⁴ + 6τ⁵ for τ in [0, 1], 0 before and 1 after: position without jumps in speed and acceleration."""
-    tau = np.clip(np.asarray(share, dtype=np.float64), 0.0, 1.0)
-    return np.asarray(tau**3 * (10.0 + tau * (6.0 * tau - 15.0)))
 
 
 def synthesize(
@@ -65,11 +58,15 @@ def synthesize(
     time = np.arange(script.sample_count) / script.rate
     course = _Course(script, time)
     position = closure.position + course.retreat[:, None] * closure.back + course.slide[:, None] * closure.slide
-    flexion = closure.open + course.closure[:, :, None] * (closure.command - closure.open)
+    command = closure.command + course.ease[:, None, None] * (closure.contact - closure.command)
+    flexion = closure.open + course.closure[:, :, None] * (command - closure.open)
     orientation = np.tile(quaternion_from_matrix(closure.rotation), (time.shape[0], 1))
     abduction = np.tile(closure.abduction, (time.shape[0], 1))
     noise = disturbance if disturbance is not None else script.disturbance
     position, orientation, flexion = noise.apply(seed, time, position, orientation, flexion)
+    taken = taken_along(script, time, closure.rotation, tree.bounds.mean(axis=0))
+    if taken is not None:
+        position, orientation = taken.points(position), taken.orientations(orientation)
     moved = carried(script, time, np.asarray(object_position, dtype=np.float64))
     object_motion = None
     if moved is not None:
@@ -90,43 +87,6 @@ def synthesize(
         source=_source(script, closure, hand, seed, noise),
         licence="Apache-2.0",
     )
-
-
-def carried(script: Script, time: Array, start: Array) -> RigidMotion | None:
-    """How a script carries hand and object about at each sample; None where it does not.
-
-    Args:
-        script: What the hand does.
-        time: Of the samples [s], shape (T,).
-        start: The object's origin, where the first arc begins [m], shape (3,).
-    """
-    if not any(phase.name == "carry" for phase in script.phases):
-        return None
-    heading, place = np.zeros(len(time)), np.tile(start, (len(time), 1))
-    begin = 0.0
-    for phase in script.phases:
-        if phase.name == "carry":
-            share = _share(time, begin, phase.duration)
-            # Every later sample stands at the end of the arc, until another arc goes on from there.
-            first, turned = heading[-1], phase.turn * minimum_jerk(share)
-            # Chord and middle heading of the arc so far; sinc(x) is sin(πx)/(πx), and whole where the way is straight.
-            chord = phase.distance * minimum_jerk(share) * np.sinc(0.5 * turned / np.pi)
-            along = first + 0.5 * turned
-            place = place + chord[:, None] * np.stack([np.cos(along), np.sin(along), np.zeros(len(time))], axis=1)
-            heading = heading + turned
-        begin += phase.duration
-    turn = quaternion(np.stack([np.zeros(len(time)), np.zeros(len(time)), heading], axis=1))
-    return RigidMotion(turn, place - RigidMotion(turn, np.zeros_like(place)).points(np.tile(start, (len(time), 1))))
-
-
-def _share(time: Array, start: float, duration: float) -> Array:
-    """Of a phase, at each sample: below 0 before it, above 1 after it.
-
-    A sample at its end has arrived, whatever rounding makes of its stamp: a hold stands still.
-    """
-    share = (time - start) / duration
-    share[np.abs(share - 1.0) < END] = 1.0
-    return np.asarray(share)
 
 
 def planned(
@@ -161,17 +121,18 @@ def _source(script: Script, closure: FingerClosure, hand: HandModel, seed: int, 
 
 
 class _Course:
-    """How far back, how far along and how closed the hand is at each sample, and the phases."""
+    """How far back, how far along, how closed and how much at ease the hand is at each sample, and the phases."""
 
     def __init__(self, script: Script, time: Array) -> None:
         count = time.shape[0]
         self.retreat = np.full(count, script.start_distance)
         self.slide = np.zeros(count)
         self.closure = np.zeros((count, len(FINGERS)))
+        self.ease = np.zeros(count)
         phases = []
         start = 0.0
         for phase in script.phases:
-            self._play(script, phase, _share(time, start, phase.duration))
+            self._play(script, phase, phase_share(time, start, phase.duration))
             phases.append(Phase(phase.name, start, start + phase.duration))
             start += phase.duration
         self.phases = tuple(phases)
@@ -183,8 +144,11 @@ class _Course:
         elif phase.name in DEFAULT_FINGERS:
             closed = np.array([float(finger in phase.fingers) for finger in FINGERS])
             self._move(self.closure, closed, minimum_jerk(share)[:, None])
-        elif phase.name == "slide":
+            self._move(self.ease, 0.0, minimum_jerk(share))
+        elif phase.name in ("slide", "push"):
             self.slide += phase.distance * minimum_jerk(share)
+        elif phase.name == "slip":
+            self._move(self.ease, 1.0, minimum_jerk(share))
         elif phase.name == "release":
             self._move(self.closure, np.zeros(len(FINGERS)), minimum_jerk(share / RELEASE_OPENING)[:, None])
             going = minimum_jerk((share - 1.0 + RELEASE_OPENING) / RELEASE_OPENING)

@@ -13,6 +13,7 @@ from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.tick.shown_hand import look_at
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.metrics import penetration
+from hhsim.scene.free_object import FreeObject
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.options import SolverOptions
@@ -34,8 +35,8 @@ def start_numba() -> None:
 
 
 @collector_at_rest()
-def warm_up(hand: HandModel, options: SolverOptions) -> WarmUp:
-    """Run one tick of a hand far from a small object with every kernel of a replay."""
+def warm_up(hand: HandModel, options: SolverOptions, free: FreeObject | None = None) -> WarmUp:
+    """Run one tick of a hand far from a small object, fixed or free, with every kernel of a replay."""
     began = time.perf_counter()
     before = cached_kernels()
     far = np.full((3, 3), 100.0) + 0.01 * np.eye(3)
@@ -43,7 +44,12 @@ def warm_up(hand: HandModel, options: SolverOptions) -> WarmUp:
     surface = contact_surface(options.surface, Mesh(far, np.array([[0, 1, 2]])), tree).arrays
     # A method from outside is not for a scene like this; what is compiled for it is what its hands are measured with.
     method = find_method(options.method)
-    solver = HandSolver(hand, surface, options if method.compiled else replace(options, method="coupled"))
+    solver = HandSolver(
+        hand,
+        surface,
+        options if method.compiled or free is not None else replace(options, method="coupled"),
+        None if free is None else replace(free, table=None),
+    )
     orientation = np.array([[1.0, 0.0, 0.0, 0.0]])
     block = solver.run(np.zeros((1, 3)), orientation, np.zeros((1, 5, 3)), np.zeros((1, 5)))
     arrays = hand.arrays()

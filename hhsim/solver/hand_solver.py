@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.penetration import HandSurface, PlacedHands, clearances
+from hhsim.kernels.free.record import ObjectRecord
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.hand.pose import is_finite_configuration
 from hhsim.kernels.jit import JIT_ENABLED, as_argument
@@ -14,8 +15,11 @@ from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.kernels.tick.method import Coupled
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_START_INSIDE
+from hhsim.scene.free_object import FreeObject
+from hhsim.solver.free_engine import FreeEngine
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.linearising_engine import LinearisingEngine
+from hhsim.solver.method import Engine
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.workspace import TickWorkspace, tick_record
 
@@ -34,17 +38,29 @@ class HandSolver:
             `hhsim.trees.contact_surface.ContactSurface`, or its arrays alone, such as those of a sphere tree. A method
             from outside may need the mesh, which arrays do not have.
         options: Method, stiffness and lengths.
+        free: What the object is besides, where it is free; the surface is then where it is at first, and ticks are
+            given in the world and come out as the object sees them, its own motion in `object_ticks`.
 
     Raises:
-        InputError: Arrays of another surface than the options name.
+        InputError: Arrays of another surface than the options name, or a free object that they do not go with.
     """
 
-    def __init__(self, hand: HandModel, surface: Any, options: SolverOptions) -> None:
+    def __init__(self, hand: HandModel, surface: Any, options: SolverOptions, free: FreeObject | None = None) -> None:
         """Allocate the workspaces; nothing is computed yet."""
         self.options = options
         self.workspace = TickWorkspace(hand, surface, options)
-        self.engine = find_method(options.method).engine(self.workspace)
+        self.engine: Engine
+        if free is None:
+            self.engine = find_method(options.method).engine(self.workspace)
+        else:
+            self.engine = FreeEngine(self.workspace, free)
         self._started = False
+
+    @property
+    def object_ticks(self) -> ObjectRecord:
+        """What became of the free object in the last ticks."""
+        assert isinstance(self.engine, FreeEngine)
+        return self.engine.ticks
 
     def run(
         self, position: FloatArray, orientation: FloatArray, flexion: FloatArray, abduction: FloatArray

@@ -169,6 +169,12 @@ class SphereTree:
         """Radii of the leaves [m], shape (leaf_count,)."""
         return self.radius[self.leaf_start :]
 
+    @property
+    def bounds(self) -> FloatArray:
+        """Lowest and highest corner of the axis-aligned box around the leaves [m], shape (2, 3)."""
+        radius = self.leaf_radius[:, None]
+        return np.stack([(self.leaf_center - radius).min(axis=0), (self.leaf_center + radius).max(axis=0)])
+
     def arrays(self) -> TreeArrays:
         """Return the tree as the kernels read it, copied.
 

@@ -1,19 +1,29 @@
-"""Claims of what the hand touches and how deep it is in it, at the chosen ticks."""
+"""Claims of what the hand touches, how deep it is in it and how far off the true mesh, at the chosen ticks."""
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.metrics.contact_error import ticks_looked_at
 from hhsim.replay.stored_scene import stored_mesh
-from hhsim.verify.claim import NOT_CLAIMED, Claim, all_true, judged
+from hhsim.verify.claim import NOT_CLAIMED, NOT_JUDGED, Claim, all_true, judged
 from hhsim.verify.coal_distance import EXACT, coal_distance, sphere_shapes, triangle_shapes
 from hhsim.verify.contacts import PALM
 from hhsim.verify.file_checks import follows, leaves
 from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LENGTH, WHY_LENGTH, JudgedTicks
+from hhsim.verify.tree_checks import TrueSurface, nearest_on
 
 FloatArray = NDArray[np.float64]
 
 NEVER_IN = 1e-12
 """Rounding of a distance [m]: what promises not to penetrate may be this deep."""
+
+
+CONTACT_ERROR = "contact_error_max"
+"""The figure of the summary that is of contacts off the mesh."""
+_OFF_MESH = (
+    "contacts off the mesh",
+    "no contact of the ticks that the summary is of is farther from the true mesh than it says",
+)
 
 
 def depth_claims(judge: JudgedTicks) -> list[Claim]:
@@ -117,3 +127,20 @@ def _by_library(judge: JudgedTicks) -> Claim:
         ticks=ticks,
         note="" if off else "nothing is near",
     )
+
+
+def contact_error_claim(judge: JudgedTicks) -> Claim:
+    """The summary's figure against the contacts of the chosen ticks."""
+    result = judge.result
+    if CONTACT_ERROR not in result.summary:
+        return Claim(*_OFF_MESH, NOT_JUDGED, checked=0, note="the file does not state it")
+    surface = TrueSurface(stored_mesh(result), open_too=True)
+    # Of a long run the figure is of some ticks, and says nothing of the others.
+    stated_of = np.isin(judge.chosen, ticks_looked_at(np.asarray(result["contacts/candidates"]) > 0))
+    touching = judge.touching.at(np.flatnonzero(stated_of[judge.touching.tick]))
+    # A hand at rest touches at the same points over and over.
+    points, place = np.unique(np.round(touching.point, 12), axis=0, return_inverse=True)
+    away = nearest_on(surface.model, points)[0][place.ravel()]
+    stated = float(result.summary[CONTACT_ERROR])
+    over = np.maximum(0.0, away - stated) if np.isfinite(stated) else away
+    return judged(*_OFF_MESH, over, LENGTH, "m", WHY_LENGTH, ticks=judge.chosen[touching.tick])

@@ -156,7 +156,8 @@ def _work(result: Result) -> list[Claim]:
     # Of a pair there are at most two contacts: a phalanx that lies flat has one at each end.
     found = 2 * np.asarray(result["contacts/candidates"])
     most = least + (UNITS_CONTACT * found + UNITS_ROW * rows) * steps
-    least += (UNITS_CONTACT + UNITS_ROW) * rows
+    # Rows of a free object's table are of no contact of the hand.
+    least += (UNITS_ROW if result.free else UNITS_CONTACT + UNITS_ROW) * rows
     outside = (work["units"] < least) | (work["units"] > most)
     outside |= steps > int(result.scene["solver"]["linearisations"])
     says = "the weighted work is that of its parts, in no more linearisations than are allowed"

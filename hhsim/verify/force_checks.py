@@ -40,6 +40,9 @@ def force_claims(judge: JudgedTicks) -> list[Claim]:
         note = "the method is not hhsim's, " + ("and these are what it said" if given else "and said none")
         return [*claims, Claim("forces", "contact forces follow from the configuration", NOT_JUDGED, note=note)]
     claims.append(_fingertips(judge))
+    if judge.result.free:
+        # With friction these are other claims: `hhsim.verify.free_object_checks`.
+        return claims
     method, force = judge.options["method"], judge.options["force"]
     if method == "coupled":
         claims.append(_stationarity(judge))
@@ -70,7 +73,7 @@ def _fingertips(judge: JudgedTicks) -> Claim:
     return judged("fingertips", says, off, room, "N", WHY_FORCE, ticks=judge.numbers)
 
 
-def _slack(judge: JudgedTicks, size: FloatArray, ticks: IntArray) -> FloatArray:
+def force_slack(judge: JudgedTicks, size: FloatArray, ticks: IntArray) -> FloatArray:
     """Tolerance [N] at some ticks of forces of a size (n,): multipliers are of the program a step before."""
     step = np.minimum(judge.moved[ticks], float(judge.options["step_tolerance"]))
     # What rolls on an edge or a corner of a mesh has its own radius alone.
@@ -94,7 +97,7 @@ def _stationarity(judge: JudgedTicks) -> Claim:
     chosen = _judgeable(judge, STUCK | LAG)
     off = np.array([balance(_moment(judge, int(i)), judge.scale) for i in chosen])
     size = np.linalg.norm(judge.pull[judge.chosen] * judge.scale, axis=1)
-    room = _slack(judge, size, judge.chosen)[chosen]
+    room = force_slack(judge, size, judge.chosen)[chosen]
     says = "a settled tick is at the optimum: w = Jᵀλ + μ, λ ≥ 0 at what touches"
     return judged("stationarity", says, off, room, "N", WHY_SLACK, ticks=judge.chosen[chosen])
 
@@ -106,7 +109,7 @@ def _palm_balance(judge: JudgedTicks) -> Claim:
     size = np.linalg.norm(total, axis=1)
     off = np.linalg.norm(judge.pull[settled, :3] - total, axis=1)
     says = "a settled tick's contact forces add up to the pull on the palm"
-    room = _slack(judge, np.linalg.norm(judge.pull * judge.scale, axis=1)[settled], settled)
+    room = force_slack(judge, np.linalg.norm(judge.pull * judge.scale, axis=1)[settled], settled)
     return judged("palm balance", says, off, np.maximum(room, FORCE * (1.0 + size)), "N", WHY_SLACK, ticks=settled)
 
 
@@ -128,7 +131,7 @@ def _balance(judge: JudgedTicks) -> Claim:
     stored = judge.stored_forces(judge.chosen).reshape(len(judge.chosen), -1)
     size, lags = np.linalg.norm(stored, axis=1), judge.status[judge.chosen] & LAG > 0
     # On its way, the program is solved once more where the tick stands.
-    slack = np.where(lags, FORCE * (1.0 + size), _slack(judge, size, judge.chosen))
+    slack = np.where(lags, FORCE * (1.0 + size), force_slack(judge, size, judge.chosen))
     offset, progressive = float(judge.options["offset"]), judge.options["method"] == "progressive"
     off = np.empty(len(chosen))
     for n, i in enumerate(chosen):

@@ -9,8 +9,9 @@ from hhsim.metrics.run.registry import known_figures, run_metrics
 from hhsim.result.reader import Result
 from hhsim.solver.method import EVERYTHING
 from hhsim.verify.claim import NOT_JUDGED, Claim, judged
-from hhsim.verify.contact_error_check import FIGURE as CONTACT_ERROR
+from hhsim.verify.depth_checks import CONTACT_ERROR
 from hhsim.verify.file_checks import follows
+from hhsim.verify.free_object_checks import free_figures
 from hhsim.verify.input_hand_check import FIGURES as INPUT_HAND
 
 FloatArray = NDArray[np.float64]
@@ -30,6 +31,7 @@ ROUNDING = {
     **dict.fromkeys(("force_ripple_hold", "force_variation_hold", "force_variation_hold_std"), 1e-09),
     "force_variation_contact": 1e-9,
     "tracking_palm": 1e-12,
+    "object_momentum": 1e-9,
 }
 """Figures that are differences of large numbers: what rounding may leave of them [N, %, m]."""
 
@@ -124,6 +126,9 @@ def required_figures(result: Result) -> list[str]:
     """What the summary of a complete replay has to have; of a trembling hand only where a hold stands still."""
     known = known_figures([what for what in EVERYTHING if result.gives(what)])
     names = [name for name in REQUIRED if name in {*known, "ticks"}]
+    if result.free:
+        # No further run of the solver is of an object that moves.
+        return [name for name in names if name != "tracking_excess"]
     if not (result.gives("forces") and result.gives("runs")):
         return names
     hold = next((phase for phase in result.phases if phase.name == "hold"), None)
@@ -191,6 +196,7 @@ def own_summary(result: Result) -> dict[str, float]:
         "stuck_ticks": float((status & 1 > 0).sum()),
         "lag_ticks": float((status & 2 > 0).sum()),
         "lag_max": float(result["lag"].max(initial=0.0)),
+        **free_figures(result),
     }
 
 

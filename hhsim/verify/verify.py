@@ -19,10 +19,10 @@ from hhsim.replay.stored_scene import stored_mesh
 from hhsim.result.reader import Result
 from hhsim.verify.again import again_claims
 from hhsim.verify.claim import FAILS, HOLDS, NOT_CLAIMED, NOT_JUDGED, Claim
-from hhsim.verify.contact_error_check import contact_error_claim
-from hhsim.verify.depth_checks import depth_claims
+from hhsim.verify.depth_checks import contact_error_claim, depth_claims
 from hhsim.verify.file_checks import file_claims
 from hhsim.verify.force_checks import force_claims
+from hhsim.verify.free_object_checks import free_claims, free_complementarity_claim, free_hand_claim
 from hhsim.verify.input_hand_check import input_hand_claims
 from hhsim.verify.metric_checks import metric_claims
 from hhsim.verify.object_frame import object_motion_claims, seen_by_referee
@@ -119,6 +119,9 @@ def verify(result: Result, *, every: int = 10, again: bool = False, progress: Pr
         *session_claims(result),
         *origin_claims(result, again),
     ]
+    claims += free_claims(result)
+    if result.free:
+        claims += [free_hand_claim(JudgedTicks(result, chosen)), free_complementarity_claim(judge)]
     if again:
         claims += again_claims(result, report)
     stationarity = next((claim.worst for claim in claims if claim.name == "stationarity"), float("nan"))

@@ -64,7 +64,11 @@ def test_the_examples_come_last_and_can_be_run(path: str) -> None:
 
 
 def options_of(path: str) -> list[click.Option]:
-    return [parameter for parameter in COMMANDS[path].command.params if isinstance(parameter, click.Option)]
+    return [
+        parameter
+        for parameter in COMMANDS[path].command.params
+        if isinstance(parameter, click.Option) and not parameter.hidden
+    ]
 
 
 @pytest.mark.parametrize("path", COMMANDS)

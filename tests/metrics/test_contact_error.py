@@ -96,7 +96,7 @@ def test_a_run_without_contact_has_none(grasp: Result) -> None:
 def test_an_understated_figure_is_found(grasp: Result, tmp_path: Path) -> None:
     import shutil
 
-    from hhsim.verify.contact_error_check import contact_error_claim
+    from hhsim.verify.depth_checks import contact_error_claim
     from hhsim.verify.tick_data import JudgedTicks
 
     pytest.importorskip("coal")
@@ -115,7 +115,7 @@ def test_of_a_long_run_the_referee_judges_the_ticks_that_the_figure_is_of(
     """The farthest contact may be in a tick that nobody looked at; a figure of the others is still no lie."""
     import shutil
 
-    from hhsim.verify.contact_error_check import contact_error_claim
+    from hhsim.verify.depth_checks import contact_error_claim
     from hhsim.verify.tick_data import JudgedTicks
 
     pytest.importorskip("coal")

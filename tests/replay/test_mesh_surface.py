@@ -76,8 +76,8 @@ def test_spheres_of_the_same_scene_are_farther_off(
 
 
 def test_a_tick_on_its_way_keeps_its_forces(tmp_path: Path) -> None:
-    # Where a finger snaps over an edge of the teapot, a tick of two linearisations ends on the way, micrometres from what
-    # bears it.
+    # Where a finger snaps over an edge of the teapot, a tick of two linearisations ends on the way, micrometres from
+    # what bears it.
     scene = open_scene("teapot", "slide")
     replay(scene, SolverOptions(surface="mesh", linearisations=2), tmp_path / "slide.h5")
     result = load_result(tmp_path / "slide.h5")

@@ -18,6 +18,7 @@ from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.motion.file import save_trajectory
 from hhsim.motion.trajectory import Trajectory
 from hhsim.scene import closure_search
+from hhsim.scene.closure_search import plan_finger_closure
 from hhsim.scene.finger_closure import body_distances, make_work
 from hhsim.scene.motion_catalogue import describe, is_imported, load_script, resolve_trajectory, script_names
 from hhsim.scene.script import Script
@@ -29,18 +30,20 @@ from hhsim.trees.sphere_tree import SphereTree
 Array = NDArray[np.float64]
 
 NAMES = ["touch", "pinch", "grasp", "whole-hand", "slide", "carry", "sequence", "never"]
+MOVING = ["lift", "shake", "turn", "push", "slip"]
 HAND = HandModel.default()
 STRIDE = 20
 """Every how many samples the hand is looked at."""
 
 
 def test_the_catalogue_is_what_the_contract_names() -> None:
-    assert script_names()[: len(NAMES)] == NAMES
-    assert not any(describe(name).objects for name in NAMES)
+    general = NAMES + MOVING
+    assert script_names()[: len(general)] == general
+    assert not any(describe(name).objects for name in general)
 
 
 def test_the_others_are_made_for_one_object_and_say_which() -> None:
-    others = [describe(name) for name in script_names()[len(NAMES) :]]
+    others = [describe(name) for name in script_names()[len(NAMES + MOVING) :]]
     assert others and all(len(item.objects) == 1 and item.title and item.stresses and item.figures for item in others)
     assert {item.name for item in others} >= {"handle", "spout", "ears", "ear-to-ear", "leaf-and-stem"}
 
@@ -178,6 +181,26 @@ def test_every_script_does_what_it_says_on_every_object(name: str, item: str) ->
                 assert holding == set(closed)
                 assert free == set(FINGERS) - set(closed)
             assert (distance[inside, PALM_BODY].max() < 0.0) == (script.palm_depth > 0.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "item"),
+    sampled([(name, item) for name in MOVING for item in object_names()], lambda place, case: place % 11 == 0),
+)
+def test_what_moves_an_object_reaches_it_with_all_fingers_and_stays_over_the_table(name: str, item: str) -> None:
+    script, tree = load_script(name), object_tree(item)
+    assert script.moves_object
+    motion = synthesize(script, HAND, tree)
+    time, distance, _ = look(motion, tree)
+    first = next(phase for phase in motion.phases if phase.name == "hold")
+    held = distance[(time >= first.start_time) & (time < first.end_time), :PALM_BODY].reshape(-1, 5, 3).min(axis=(0, 2))
+    assert {finger for f, finger in enumerate(FINGERS) if held[f] < 0.0} == set(script.fingers)
+    closure = plan_finger_closure(script, HAND, tree)
+    work = make_work()
+    body_distances(
+        HAND.arrays(), tree.arrays(), closure.position, closure.rotation, closure.contact, closure.abduction, work
+    )
+    assert float((work.joints[..., 2] - HAND.radius).min()) > tree.bounds[0, 2]
 
 
 def test_the_same_call_gives_the_same_bytes_on_a_real_object(monkeypatch: pytest.MonkeyPatch) -> None:

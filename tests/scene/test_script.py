@@ -85,6 +85,10 @@ def test_every_key_is_read() -> None:
     assert script.sample_count == 500
 
 
+def phase(name: str, more: str = "") -> str:
+    return f'\n[[phase]]\nname = "{name}"\nduration = 1\n{more}'
+
+
 BAD = [
     ("title = ", "mine.toml: not TOML: "),
     ("", r"no phases; expected \[\[phase\]\] tables"),
@@ -105,9 +109,21 @@ BAD = [
     (SMALL.replace("approach", "hold"), "the first phase is 'hold'; expected approach"),
     (SMALL.replace("0.25", "-1"), r"phase 2 \(touch\): duration = -1; expected a number from 0.001"),
     (SMALL.replace("duration = 0.25", ""), "phase 2 has no duration"),
-    (SMALL + "distance = 0.1", r"phase 2 \(touch\): distance belongs to a slide or a carry"),
-    (SMALL + "turn = 0.1", r"phase 2 \(touch\): turn belongs to a carry"),
+    (SMALL + "distance = 0.1", r"phase 2 \(touch\): distance belongs to slide, carry, lift, shake, push"),
+    (SMALL + "turn = 0.1", r"phase 2 \(touch\): turn belongs to a carry or a turn"),
+    (SMALL + "cycles = 2", r"phase 2 \(touch\): cycles belong to a shake"),
     (SMALL.replace('"touch"', '"carry"'), r"phase 2 \(carry\) has no distance"),
+    (SMALL + phase("turn"), r"phase 3 \(turn\) has no turn \[rad\]"),
+    (SMALL + phase("lift", "distance = 2"), r"phase 3 \(lift\): distance = 2; expected a number from -1 to 1"),
+    (
+        SMALL + phase("shake", "distance = 0.1\ncycles = 0"),
+        r"phase 3 \(shake\): cycles = 0; expected a number",
+    ),
+    (SMALL + phase("carry", "distance = 1") + phase("slip"), "a carry and a slip; expected one of them in a script"),
+    (
+        SMALL + phase("slide", "distance = 0") + phase("push", "distance = 1"),
+        "a slide and a push; expected one",
+    ),
     (SMALL + "speed = 0.1", "phase 2: unknown key 'speed'"),
     (SMALL + "fingers = ['indx']", r"phase 2 \(touch\): unknown finger 'indx': did you mean index"),
     (SMALL + "fingers = 'index'", r"phase 2 \(touch\): fingers = 'index'; expected a list"),

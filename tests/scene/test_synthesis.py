@@ -11,9 +11,10 @@ from hhsim.motion.trajectory import Trajectory
 from hhsim.motion.tremor import Disturbance
 from hhsim.scene import closure_search
 from hhsim.scene.closure_search import plan_finger_closure
+from hhsim.scene.finger_closure import body_distances, make_work
 from hhsim.scene.motion_catalogue import load_script
-from hhsim.scene.script import ScriptPhase, parse_script
-from hhsim.scene.synthesis import carried, minimum_jerk, synthesize
+from hhsim.scene.script import parse_script
+from hhsim.scene.synthesis import synthesize
 from hhsim.trees.sphere_tree import SphereTree
 
 Array = NDArray[np.float64]
@@ -41,17 +42,6 @@ def bytes_of(motion: Trajectory) -> bytes:
     return b"".join(
         getattr(motion, key).tobytes() for key in ("time", "position", "orientation", "flexion", "abduction")
     )
-
-
-def test_minimum_jerk_is_the_polynomial_with_still_ends() -> None:
-    tau = np.linspace(-0.2, 1.2, 141)
-    inside = np.clip(tau, 0.0, 1.0)
-    np.testing.assert_allclose(minimum_jerk(tau), 10 * inside**3 - 15 * inside**4 + 6 * inside**5, atol=1e-15)
-    assert minimum_jerk(0.0) == 0.0 and minimum_jerk(1.0) == 1.0 and minimum_jerk(0.5) == 0.5
-    h = 1e-4
-    for end in (0.0, 1.0):
-        assert abs(minimum_jerk(end + h) - minimum_jerk(end - h)) < 1e-11
-        assert abs(minimum_jerk(end + h) - 2 * minimum_jerk(end) + minimum_jerk(end - h)) / h**2 < 0.01
 
 
 def test_quaternion_of_a_matrix_is_scipys() -> None:
@@ -208,14 +198,34 @@ def test_a_carry_takes_hand_and_object_along_one_arc_and_leaves_what_is_between_
     assert motion.flexion.tobytes() == held.flexion.tobytes()
 
 
-def test_arcs_go_on_from_each_other_and_a_carry_without_turn_is_straight() -> None:
-    arc = ScriptPhase("carry", 0.5, distance=0.2, turn=np.pi)
-    script = replace(load_script("pinch"), phases=(ScriptPhase("approach", 0.2), arc, arc, replace(arc, turn=0.0)))
-    time = np.arange(script.sample_count + 1) / script.rate
-    moved = carried(script, time, np.array([1.0, 2.0, 3.0]))
-    assert moved is not None
-    place = moved.points(np.tile([1.0, 2.0, 3.0], (len(time), 1)))
-    back = np.searchsorted(time, 1.2)
-    # Two halves of a circle end where they began, and then it goes straight on.
-    np.testing.assert_allclose(place[back], place[0], atol=1e-12)
-    np.testing.assert_allclose(place[-1] - place[back], [0.2, 0.0, 0.0], atol=1e-12)
+def test_a_lift_takes_the_hand_up_and_back_and_leaves_the_object_to_friction() -> None:
+    script, tree = load_script("lift"), ball()
+    closure, motion = plan_finger_closure(script, HAND, tree), synthesize(script, HAND, tree)
+    assert motion.object_motion is None
+    for sample, height in ((2700, 0.1), (4100, 0.0)):
+        np.testing.assert_allclose(motion.position[sample], closure.position + [0.0, 0.0, height], atol=1e-9)
+    np.testing.assert_allclose(motion.position[-1], motion.position[0], atol=1e-6)
+
+
+def test_a_push_goes_level_where_the_fingers_press() -> None:
+    script, tree = load_script("push"), ball()
+    closure, motion = plan_finger_closure(script, HAND, tree), synthesize(script, HAND, tree)
+    way = motion.position[2700] - motion.position[1500]
+    assert np.linalg.norm(way) == pytest.approx(0.08, abs=1e-9) and abs(way[2]) < 1e-12
+    tips = fingertips(closure.position, closure.rotation, closure.contact)
+    # From the fingertips towards the middle of the ball.
+    assert -(tips[1:3].mean(axis=0) @ way) > 0.8 * np.linalg.norm(tips[1:3].mean(axis=0)) * np.linalg.norm(way)
+
+
+def test_a_slip_eases_the_fingers_until_they_would_just_touch() -> None:
+    script, tree = load_script("slip"), ball()
+    closure, motion = plan_finger_closure(script, HAND, tree), synthesize(script, HAND, tree)
+    np.testing.assert_allclose(motion.flexion[2500], closure.command, atol=1e-12)
+    np.testing.assert_allclose(motion.flexion[4700], closure.contact, atol=1e-12)
+    assert (np.diff(motion.flexion[2600:4600], axis=0) <= 1e-15).all()
+
+
+def fingertips(position: Array, rotation: Array, flexion: Array) -> Array:
+    work = make_work()
+    body_distances(HAND.arrays(), ball().arrays(), position, rotation, flexion, np.zeros(5), work)
+    return work.joints[:, 3].copy()

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT, HandArrays
-from hhsim.kernels.jit import Record, as_int64, jit, jit_once, jit_vector
+from hhsim.kernels.jit import Record, as_int64, jit, jit_inline, jit_vector
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -120,7 +120,7 @@ def _thin(start: int, stop: int, row: int, lever: float, reach: float, contacts:
     return row
 
 
-@jit_once
+@jit_inline
 def drop_redundant_contacts(hand: HandArrays, reach: float, contacts: Record, excess: Array) -> None:
     """Leave only the contacts that do not follow from others of their body.
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.hand.kinematics import HandArrays
-from hhsim.kernels.jit import Record, jit, jit_once
+from hhsim.kernels.jit import Record, jit, jit_inline
 from hhsim.kernels.parallel.thread_team import thread_team_cpu_ns
 from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.tick.method import tick
@@ -48,7 +48,7 @@ class TickRecord(NamedTuple):
     lag: Array
 
 
-@jit_once
+@jit_inline
 def record_tick(state: Record, status: int, wall: int, cpu: int, i: int, record: TickRecord) -> None:
     """Copy the outcome of the last tick to row i of the record; wall and CPU time in ns."""
     pose, forces = state.pose, state.forces

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.contact.linearise import LIMIT_ROWS, limit_start
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
-from hhsim.kernels.jit import Record, as_int64, jit, jit_once
+from hhsim.kernels.jit import Record, as_int64, jit, jit_inline
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -88,7 +88,7 @@ def keep_active(contacts: Record, step: Record, active: Record) -> None:
     active.count = step.count
 
 
-@jit_once
+@jit_inline
 def copy_active(source: Record, target: Record) -> None:
     """Copy a set of active contacts."""
     count = source.count

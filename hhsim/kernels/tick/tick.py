@@ -32,7 +32,7 @@ from hhsim.kernels.hand.kinematics import (
     motion_bounds,
 )
 from hhsim.kernels.hand.pose import copy_configuration, farthest_joint, is_finite_configuration, move, update_kinematics
-from hhsim.kernels.jit import Record, as_bool, as_int64, jit, jit_once
+from hhsim.kernels.jit import Record, as_bool, as_int64, jit, jit_inline, jit_once
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
 from hhsim.kernels.rotation import rotation_vector_between
 from hhsim.kernels.tick.coupled import solve_coupled
@@ -88,7 +88,7 @@ LATCH_MARGINS = 10.0
 """How far the user's hand goes from where palm and fingers apart came to nothing before they are tried apart again."""
 
 
-@jit_once
+@jit_inline
 def set_haptic(
     hand: HandArrays, position: Array, orientation: Array, flexion: Array, abduction: Array, state: Record
 ) -> int:
@@ -375,8 +375,8 @@ def recover(hand: HandArrays, surface: Any, options: TickOptions, state: Record)
 
 
 @jit
-def _shortening(hand: HandArrays, options: TickOptions, state: Record) -> tuple[float, float]:
-    # The share of the step that the pairs at hand vouch for, and how far it would move the farthest point of the hand.
+def shortening(hand: HandArrays, options: TickOptions, state: Record) -> tuple[float, float]:
+    """The share of the step that the pairs at hand vouch for, and the way of the hand's farthest point in it [m]."""
     candidates = state.candidates
     reach = min(state.reach, state.trust)
     motion_bounds(hand, state.step.delta, state.problem.abduction_step, state.motion)
@@ -406,7 +406,7 @@ LEAST_SHARE = 0.05
 def clip_target(hand: HandArrays, options: TickOptions, last_chance: bool, state: Record) -> bool:
     """Bring a far target nearer where the step would be shortened to less than half and has something to mend.
 
-    With `last_chance`, to where the hand is: the step then only mends, see `_is_last_chance`. True where the program is
+    With `last_chance`, to where the hand is: the step then only mends, see `is_last_chance`. True where the program is
     to be solved anew.
 
     Shortening a step also shortens what it does to mend a penetration or to keep a clearance; a program with a nearer
@@ -417,7 +417,7 @@ def clip_target(hand: HandArrays, options: TickOptions, last_chance: bool, state
     """
     if state.clipped:
         return False
-    fraction, longest = _shortening(hand, options, state)
+    fraction, longest = shortening(hand, options, state)
     if last_chance:
         fraction = 0.0
     elif fraction >= (LEAST_SHARE if least_distance(state.candidates) >= CLEAR * options.offset else 0.5):
@@ -447,7 +447,7 @@ def advance(hand: HandArrays, surface: Any, options: TickOptions, state: Record)
     for f in range(FINGER_COUNT):
         clamp_to_limits(hand, state.pose, f, step.delta[:])
     clearance = least_distance(candidates)
-    fraction, longest = _shortening(hand, options, state)
+    fraction, longest = shortening(hand, options, state)
     move(state.pose, step.delta, problem.abduction_step, fraction)
     for body in range(BODY_COUNT):
         state.since_safe[body] += fraction * state.motion[body]
@@ -494,10 +494,12 @@ def advance(hand: HandArrays, surface: Any, options: TickOptions, state: Record)
     return done
 
 
-@jit_once
-def _cap_lag(state: Record) -> None:
-    # A program's step can be longer than any way that is left, where a soft direction is all but free: no point of the
-    # hand has further to go than from where it is shown to where the user has it.
+@jit
+def cap_lag(state: Record) -> None:
+    """Let the lag be no longer than from where the hand is shown to where the user has it.
+
+    A program's step can be longer than any way that is left, where a soft direction is all but free.
+    """
     state.lag = min(state.lag, farthest_joint(state.pose.joints, state.haptic.joints))
 
 
@@ -530,10 +532,13 @@ def _settle_forces(hand: HandArrays, surface: Any, options: TickOptions, state: 
 
 
 @jit
-def _is_last_chance(options: TickOptions, state: Record, done: int) -> bool:
-    # Where an axis lies along an edge its nearest place runs along it as it turns, and each step that goes on towards
-    # the user brings as much penetration as it mends. A tick that has taken steps back for that, and stands inside
-    # before its last linearisation, has come somewhere by the step that leaves the object and does no more.
+def is_last_chance(options: TickOptions, state: Record, done: int) -> bool:
+    """Whether the tick's next step, its last, only leaves the object.
+
+    Where an axis lies along an edge its nearest place runs along it as it turns, and each step that goes on towards
+    the user brings as much penetration as it mends. A tick that has taken steps back for that, and stands inside
+    before its last linearisation, has come somewhere by the step that leaves the object and does no more.
+    """
     shorter = state.trust < options.margin
     return shorter and state.bad_steps > 0 and not state.accepted and done == options.linearisations - 1
 
@@ -578,7 +583,7 @@ def finish_tick(hand: HandArrays, surface: Any, options: TickOptions, strained: 
     if state.accepted and state.hold_abduction:
         status |= STATUS_ABDUCTION_HELD
     if status & (STATUS_STUCK | STATUS_LAG):
-        _cap_lag(state)
+        cap_lag(state)
     _, touching = pairs_near(surface, hand, candidates, options.touch)
     state.work[WORK_TOUCHING] = touching
     detected = monotonic_ns()
@@ -611,7 +616,7 @@ def converge(method: Any, hand: HandArrays, surface: Any, state: Record, qp: QpW
             break
         if is_oscillating(method, state, i):
             switch_to_coupled(state)
-        last_chance = _is_last_chance(options, state, i)
+        last_chance = is_last_chance(options, state, i)
         contacts, solved, units = as_int64(0), OPTIMAL, state.work[WORK_UNITS]
         anew, complete = True, False
         while True:

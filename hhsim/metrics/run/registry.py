@@ -50,7 +50,11 @@ def known_figures(gives: Collection[str]) -> set[str]:
 
 def tick_figures(run: RunTicks) -> dict[str, float]:
     """Every figure that follows from the ticks, by name; SI units, or % where it is defined so."""
-    return {name: float(metric.compute(run)) for name, metric in run_metrics().items() if metric.compute is not None}
+    return {
+        name: float(metric.compute(run))
+        for name, metric in run_metrics().items()
+        if metric.compute is not None and not (metric.free_only and run.free is None)
+    }
 
 
 def run_figure(name: str, run: RunTicks) -> float:

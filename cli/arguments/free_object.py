@@ -1,0 +1,120 @@
+"""Whether the object is free, and what it is then besides its surface."""
+
+import math
+from typing import TYPE_CHECKING
+
+import click
+
+from .option_group import OptionGroup, option
+from .options import POSITIVE
+
+if TYPE_CHECKING:
+    from hhsim.mesh.mesh import Mesh
+    from hhsim.motion.trajectory import Trajectory
+    from hhsim.scene.demonstration import Demonstration
+    from hhsim.scene.free_object import FreeObject
+    from hhsim.scene.script import Script
+    from hhsim.solver.options import SolverOptions
+
+NOT_NEGATIVE = click.FloatRange(min=0.0)
+UNDER, NONE = "under", "none"
+
+
+def read_table(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
+    """Read none, under, or a height [mm]."""
+    if value in (None, UNDER, NONE):
+        return value
+    try:
+        if not math.isfinite(float(value)):
+            raise ValueError(value)
+    except ValueError:
+        raise click.BadParameter(
+            f"'{value}', expected under, none, or a height in mm such as -25", context, parameter
+        ) from None
+    return value
+
+
+class FreeChoice(OptionGroup, heading="Free object"):
+    """An object that the hand can move: mass or density, friction, and the table [mm] that it rests on."""
+
+    free: bool = option(
+        "--free", is_flag=True, help="The object is free: it has mass and friction, falls, and rests on a table."
+    )
+    mass: float | None = option(type=POSITIVE, metavar="KG", help="Its mass [kg]. Default: by its density.")
+    density: float | None = option(
+        type=POSITIVE, metavar="KG/M3", help="Its density [kg/m³]. Default: as hhsim objects has it, or of water."
+    )
+    friction: float | None = option(
+        type=NOT_NEGATIVE,
+        metavar="MU",
+        help="Coefficient of friction of hand and object. Default: as hhsim objects has it, or 0.6.",
+    )
+    torsion: float | None = option(
+        type=NOT_NEGATIVE,
+        metavar="MM",
+        help="Moment about its normal that a contact with the hand bears, per newton of its force [mm]. Default: 0.",
+    )
+    table: str | None = option(
+        callback=read_table,
+        metavar="under|none|Z",
+        help="A table right under the object, none, or one at the height Z [mm], world. Default: under.",
+    )
+    table_friction: float | None = option(
+        type=NOT_NEGATIVE, metavar="MU", help="Coefficient of friction of table and object. Default: as of the hand."
+    )
+
+    def require(self, solver: "SolverOptions", motion: "Script | Demonstration | Trajectory") -> None:
+        """Make sure, before the work, that the options go together.
+
+        Raises:
+            UsageError: What only a free object has, of one that is not; no number; an object that the motion moves.
+            InputError: A method that has no free objects.
+        """
+        given = self.given()
+        for name, value in given.items():
+            if isinstance(value, float) and not math.isfinite(value):
+                raise click.UsageError(f"--{name.replace('_', '-')} is {value:g}: it must be finite")
+        if "mass" in given and "density" in given:
+            raise click.UsageError("--mass and --density exclude each other: one follows from the other")
+        if given.pop("free"):
+            from hhsim.solver.free_engine import require_free
+
+            require_free(solver)
+            if getattr(motion, "object_motion", None) is not None:
+                raise click.UsageError(
+                    f"'{motion.name}' holds how its object moves, so it cannot be free: --object-pose fixed keeps it "
+                    "where it is at first"
+                )
+            if getattr(motion, "carries", False):
+                raise click.UsageError(
+                    f"'{motion.name}' says how its object moves, so it cannot be free: lift is for that"
+                )
+        elif given:
+            name = next(iter(given)).replace("_", "-")
+            raise click.UsageError(f"--{name} is for a free object: add --free")
+
+    def object(self, mesh: "Mesh", word: str) -> "FreeObject | None":
+        """The free object of a mesh, where it is at first; None where it is not to be free.
+
+        Args:
+            mesh: Where the scene has it [m].
+            word: That names it on the command line: of the catalogue, which has its density and friction, or a file.
+
+        Raises:
+            HhsimError: A mesh without inside, or impossible numbers.
+        """
+        from hhsim.mesh.catalogue import names_a_file, object_description
+        from hhsim.scene.free_object import CLEARANCE, FreeObject
+
+        given = self.given()
+        if not given.pop("free"):
+            return None
+        if not names_a_file(word):
+            known = object_description(word)
+            given = {"density": known["density"], "friction": known["friction"], **given}
+        table = given.pop("table", UNDER)
+        if "torsion" in given:
+            given["torsion"] *= 1e-3
+        lowest = float(mesh.bounds[0, 2]) - CLEARANCE
+        height = lowest if table == UNDER else None if table == NONE else 1e-3 * float(table)
+        return FreeObject.of_mesh(mesh, table=height, **given)

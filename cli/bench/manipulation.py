@@ -1,0 +1,102 @@
+"""`hhsim bench manipulation`."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ..arguments.comma_list import names
+from ..arguments.option_group import OptionGroup, option, shared
+from ..arguments.options import Output
+from ..console import announce_compilation, print_json, print_notes, print_rows, progress
+from .table_document import table_document
+
+if TYPE_CHECKING:
+    from hhsim.bench.manipulation.table import ManipulationOptions
+
+Row = Mapping[str, Any]
+
+
+class ManipulationSettings(OptionGroup):
+    """What is played, and for how long."""
+
+    cases: tuple[str, ...] | None = shared(
+        names(
+            "--case",
+            "cases",
+            "Cases: slope, rolling, flight, tipping, thresholds, torsion, held, rest, pinch. Default: all.",
+        )
+    )
+    quick: bool = option(is_flag=True, help="A rest of 10 s and holds of 5 s.")
+    rest: float | None = option(type=float, metavar="S", help="How long a block rests on a table. Default: 600.")
+    held: float | None = option(type=float, metavar="S", help="How long a block is held. Default: 60.")
+
+    def options(self) -> "ManipulationOptions":
+        """The same for the library."""
+        from hhsim.bench.manipulation.table import ManipulationOptions
+
+        named = self.given()
+        return ManipulationOptions.quick(**named) if named.pop("quick") else ManipulationOptions(**named)
+
+
+@click.command()
+@ManipulationSettings.argument("settings")
+@Output.argument("output")
+def command(settings: ManipulationSettings, output: Output) -> int:
+    """Play free objects with friction whose answers are known: slopes, rolling, tipping, pinches, rest.
+
+    Each line says what is exact and what was measured; exit code 1 where a figure of ours is off by more than 1 %, or
+    than stated where the answer is 0. A pinch is also played in MuJoCo, as it comes and tuned, where it is installed.
+
+    \b
+    Examples:
+      hhsim bench manipulation --quick
+      hhsim bench manipulation --case slope,thresholds
+      hhsim bench manipulation --out manipulation.h5 --json
+    """
+    from hhsim.bench.manipulation.table import COLUMNS, measure, missed, remarks
+    from hhsim.bench.table import csv_path, write_table
+
+    run = settings.options()
+    output_path = output.table_path("manipulation")
+    announce_compilation(quiet=output.quiet)
+    with progress(quiet=output.quiet) as report:
+        rows = measure(run, report)
+    write_table(output_path, "manipulation", COLUMNS, rows, asdict(run))
+    wrong, notes = missed(rows), remarks()
+    if output.as_json:
+        document = table_document(output_path, COLUMNS, asdict(run))
+        print_json({**document, "rows": rows, "missed": len(wrong), "notes": notes})
+    elif not output.quiet:
+        print_rows(CELLS, rows, words=("case", "method", "figure", "holds"))
+        print()
+        print(f"{len(wrong)} figures are off by more than they may be" if wrong else "every figure of ours holds")
+        print_notes(notes)
+        print(f"the table is in {output_path} and {csv_path(output_path)}")
+    return 1 if wrong else 0
+
+
+def _figure(name: str) -> Callable[[Row], str]:
+    def shown(row: Row) -> str:
+        value, unit = float(row[name]), "" if row["unit"] == "1" else f" {row['unit']}"
+        return "" if value != value else f"{value:.4g}{unit}"
+
+    return shown
+
+
+def _off(row: Row) -> str:
+    if row["off"] != row["off"]:
+        return "—"
+    return f"{100.0 * row['off'] / row['exact']:+.2f} %" if row["exact"] else _figure("off")(row)
+
+
+CELLS: dict[str, Callable[[Row], str]] = {
+    "case": lambda row: row["case"],
+    "method": lambda row: row["method"],
+    "figure": lambda row: row["figure"],
+    "exact": _figure("exact"),
+    "measured": _figure("measured"),
+    "off by": _off,
+    "holds": lambda row: {1: "yes", 0: "NO"}.get(row["holds"], ""),
+}

@@ -1,0 +1,1 @@
+"""`hhsim bench manipulation`: known answers of free objects with friction, and a pinch beside another engine."""

@@ -1,0 +1,268 @@
+"""Known answers of a free object with friction: what is exact, and what the solver's ticks come to.
+
+Motions are compared with the implicit Euler method's own sum, a Δt² n (n + 1) / 2, where they begin from rest: it is
+a Δt t / 2 ahead of a t² / 2, 0.3 % after 0.3 s, and that is the stated discretisation.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hhsim.bench.manipulation.gripped import gripped
+from hhsim.bench.manipulation.gripper import BEHIND, INDEX, REACH, THUMB, closed, gripper, gripper_options
+from hhsim.bench.manipulation.pinch import RATE, Pinch
+from hhsim.bench.manipulation.stage import Played, away, ball, block, play, touched, turned_by
+from hhsim.scene.free_object import FreeObject
+from hhsim.solver.options import SolverOptions
+
+GRAVITY = 9.81
+SLOPE = math.radians(30.0)
+WITHIN = 0.01
+"""A figure that is not 0 holds within this share of it."""
+SLIPS = 1e-7
+"""A contact slips that goes further than this in a tick [m]."""
+TURNS = 1e-3
+"""A block has turned in the grip by more than this [rad]."""
+TIP_RADIUS = 0.008
+EASED_FROM, EASED_TO = 1.3, 0.8
+"""Shares of the threshold between which a squeeze is let go to find it."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """One figure that is known, and what was measured.
+
+    Attributes:
+        case: What was played.
+        what: The figure.
+        unit: SI.
+        exact: What it should be.
+        measured: What it is.
+        allowed: By how much it may be off, in its unit.
+    """
+
+    case: str
+    what: str
+    unit: str
+    exact: float
+    measured: float
+    allowed: float
+
+    @property
+    def off(self) -> float:
+        """By how much it is off, in its unit."""
+        return self.measured - self.exact
+
+    @property
+    def holds(self) -> bool:
+        """Whether that is allowed."""
+        return abs(self.off) <= self.allowed
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lengths:
+    """How long the slow cases are played.
+
+    Attributes:
+        rest: A block on a table [s].
+        held: A block at 1.05 times the least squeeze [s].
+    """
+
+    rest: float = 600.0
+    held: float = 60.0
+
+
+def _near(case: str, what: str, unit: str, exact: float, measured: float) -> Answer:
+    return Answer(case, what, unit, exact, measured, WITHIN * abs(exact))
+
+
+def _way(acceleration: float, ticks: int) -> float:
+    """From the end of the first tick to that of the last one, by implicit Euler from rest [m]."""
+    return acceleration * (ticks * (ticks + 1) / 2 - 1) / RATE**2
+
+
+def _down() -> tuple[float, float, float]:
+    """Gravity along a slope, whose table is level."""
+    return (GRAVITY * math.sin(SLOPE), 0.0, -GRAVITY * math.cos(SLOPE))
+
+
+def _alone(free: FreeObject, size: tuple[float, float, float], ticks: int) -> Played:
+    return play(free, touched(block(size)), gripper(0.05, TIP_RADIUS), gripper_options(), away(ticks))
+
+
+def slope(lengths: Lengths) -> list[Answer]:
+    """A block on a slope of 30°: it slides, or it sticks."""
+    size, ticks = (0.06, 0.06, 0.04), 300
+    free = FreeObject.of_mesh(block(size), mass=0.1, friction=0.3, table=-0.02, gravity=_down())
+    slides, sticks = _alone(free, size, ticks), _alone(replace(free, friction=0.6), size, 10 * ticks)
+    pull = GRAVITY * (math.sin(SLOPE) - 0.3 * math.cos(SLOPE))
+    creep = float(np.linalg.norm(sticks.center - sticks.center[0], axis=1).max())
+    way = float(slides.center[-1, 0] - slides.center[0, 0])
+    return [
+        _near("block on 30°, μ 0.3", "way in 0.3 s", "m", _way(pull, ticks), way),
+        Answer(
+            "block on 30°, μ 0.3", "floats above the table, most", "m", 0.0, float(slides.table_distance.max()), 1e-6
+        ),
+        Answer("block on 30°, μ 0.6", "creep in 3 s", "m", 0.0, creep, 1e-6),
+    ]
+
+
+def rolling(lengths: Lengths) -> list[Answer]:
+    """A ball on a slope of 30°: it rolls with 5/7 g sin θ, or slides and spins up by what friction there is."""
+    radius, mass, ticks = 0.038, 0.2, 500
+    inertia = 0.4 * mass * radius**2
+    rows = ((inertia, 0.0, 0.0), (0.0, inertia, 0.0), (0.0, 0.0, inertia))
+    found = []
+    for friction in (0.6, 0.1):
+        free = FreeObject(mass, (0.0, 0.0, 0.0), rows, friction=friction, table=-radius, gravity=_down())
+        options = SolverOptions(method="coupled", surface="spheres", fingers=("thumb", "index"))
+        played = play(free, ball(radius), gripper(0.05, TIP_RADIUS), options, away(ticks))
+        rolls = friction > 2.0 / 7.0 * math.tan(SLOPE)
+        rolled = 5.0 / 7.0 * GRAVITY * math.sin(SLOPE)
+        slid = GRAVITY * (math.sin(SLOPE) - friction * math.cos(SLOPE))
+        spun = rolled / radius if rolls else 2.5 * friction * GRAVITY * math.cos(SLOPE) / radius
+        case = f"ball on 30°, μ {friction:g}"
+        way = float(played.center[-1, 0] - played.center[0, 0])
+        found.append(_near(case, "way in 0.5 s", "m", _way(rolled if rolls else slid, ticks), way))
+        found.append(
+            _near(case, "spin after 0.5 s", "rad/s", spun * ticks / RATE, float(played.angular_velocity[-1, 1]))
+        )
+    return found
+
+
+def flight(lengths: Lengths) -> list[Answer]:
+    """A body that flies and turns on its own, and one that tumbles on a table."""
+    size, ticks = (0.1, 0.06, 0.02), 2000
+    free = FreeObject.of_mesh(
+        block(size), mass=0.3, gravity=(0.0, 0.0, 0.0), velocity=(1.0, 2.0, 3.0), angular_velocity=(1.0, 12.0, 0.5)
+    )
+    flies = _alone(free, size, ticks)
+    momentum = 0.3 * np.linalg.norm(flies.velocity - np.array(free.velocity), axis=1).max()
+    spin = np.linalg.norm(flies.angular_momentum(), axis=1)
+    free = replace(
+        *(free,),
+        gravity=(0.0, 0.0, -GRAVITY),
+        table=-0.3,
+        friction=0.5,
+        velocity=(0.5, 0.0, 0.0),
+        angular_velocity=(3, 5, 0.5),
+    )
+    falls = _alone(free, size, ticks)
+    force = falls.table_wrench[:, :3].sum(axis=0) / RATE + 0.3 * np.array(free.gravity) * ticks / RATE
+    gained = 0.3 * (falls.velocity[-1] - np.array(free.velocity))
+    return [
+        Answer("body in flight", "momentum gained in 2 s", "N·s", 0.0, float(momentum), 1e-9),
+        # First order in the period: 12 rad/s about the middle axis, which is the hardest to keep.
+        _near("body in flight", "angular momentum after 1 s", "N·m·s", float(spin[0]), float(spin[1000])),
+        Answer(
+            "body that tumbles", "energy gained in a tick, most", "J", 0.0, float(np.diff(falls.energy()).max()), 1e-12
+        ),
+        Answer("body that tumbles", "impulse less momentum", "N·s", 0.0, float(np.abs(force - gained).max()), 1e-9),
+    ]
+
+
+def tipping(lengths: Lengths) -> list[Answer]:
+    """A cube pushed by a smooth fingertip slides below a height of a / 2 μ, and tips above it."""
+    side, friction, low, high = 0.07, 0.8, 0.02, 0.065
+    while high - low > 1e-4:
+        height = 0.5 * (low + high)
+        low, high = (low, height) if _tips(side, friction, height) else (height, high)
+    return [_near("cube pushed, μ 0.8", "height at which it tips", "m", 0.5 * side / friction, 0.5 * (low + high))]
+
+
+def _tips(side: float, friction: float, height: float) -> bool:
+    hand = gripper(0.05, TIP_RADIUS)
+    base = hand.base.copy()
+    base[INDEX], base[THUMB] = 0.0, BEHIND
+    mesh = block([side] * 3, [0.0, REACH + TIP_RADIUS + 0.001 + 0.5 * side, 0.0])
+    free = FreeObject.of_mesh(mesh, mass=0.24, friction=0.0, table_friction=friction, table=-0.5 * side)
+    ticks = 800
+    position = np.zeros((ticks, 3))
+    position[:, 1], position[:, 2] = 0.015 * np.arange(1, ticks + 1) / ticks, height - 0.5 * side
+    options = replace(gripper_options(), fingers=("index",))
+    played = play(free, touched(mesh), replace(hand, base=base), options, closed(np.zeros(ticks), position))
+    return max(turned_by(played.orientation[0], turn) for turn in played.orientation[::50]) > math.radians(1.0)
+
+
+def thresholds(lengths: Lengths) -> list[Answer]:
+    """The squeeze at which a block that is held begins to slip, m g / 2 μ, as it is let go slowly."""
+    found = []
+    for mass in (0.01, 0.1, 1.0):
+        for friction in (0.2, 0.5, 1.0):
+            # The same sag for every block that is not light.
+            pinch = Pinch(mass=mass, friction=friction, hold=0.1, easing=4.0, stiffness=max(1000.0, 1e4 * mass))
+            pinch = replace(pinch, squeeze=EASED_FROM * pinch.threshold, eased=EASED_TO / EASED_FROM)
+            played = gripped(pinch)
+            case = f"pinch of {1e3 * mass:g} g, μ {friction:g}"
+            slips = played.slipped(of_table=False) > SLIPS
+            measured = _normal_before(played, slips, pinch)
+            found.append(_near(case, "squeeze at which it slips", "N", pinch.threshold, measured))
+    return found
+
+
+def torsion(lengths: Lengths) -> list[Answer]:
+    """A block held beside its centre turns where friction and torsion together leave their limit.
+
+    A contact bears (|f| / μ)² + (τ / γ)² up to its normal force squared: the weight's share is m g / 2 μ, the moment's
+    m g d / 2 γ.
+    """
+    found = []
+    for limit, off_center in ((0.005, 0.01), (0.002, 0.01), (0.01, 0.015)):
+        pinch = Pinch(friction=2.0, hold=0.1, easing=4.0)
+        exact = math.hypot(pinch.threshold, 0.5 * pinch.mass * pinch.gravity * off_center / limit)
+        pinch = replace(pinch, squeeze=EASED_FROM * exact, eased=EASED_TO / EASED_FROM)
+        played = gripped(pinch, torsion=limit, off_center=off_center)
+        first = played.orientation[pinch.eased_from]
+        turned = np.array([turned_by(first, turn) for turn in played.orientation]) > TURNS
+        case = f"block held {1e3 * off_center:g} mm off, γ {1e3 * limit:g} mm"
+        found.append(_near(case, "squeeze at which it turns", "N", exact, _normal_before(played, turned, pinch)))
+    return found
+
+
+def _normal_before(played: Played, event: "np.ndarray[tuple[int, ...], np.dtype[np.bool_]]", pinch: Pinch) -> float:
+    """Normal force on a fingertip [N] right before something happens in the easing; NaN where it does not."""
+    normal = 0.5 * played.summed(played.normal_force, of_table=False)
+    at = np.flatnonzero(event[pinch.eased_from :])
+    return float(normal[pinch.eased_from + at[0] - 1]) if at.size and at[0] > 0 else math.nan
+
+
+def held(lengths: Lengths) -> list[Answer]:
+    """A block that is held: where it hangs, and that it stays there at 1.05 times the least squeeze."""
+    pinch = Pinch(hold=lengths.held, easing=1.0)
+    pinch = replace(pinch, squeeze=1.3 * pinch.threshold, eased=1.05 / 1.3)
+    played = gripped(pinch)
+    quiet = pinch.held_from + round(0.25 * RATE)
+    center = played.center[quiet:]
+    height = float(center[-1, 2] - played.center[0, 2])
+    sinks = pinch.mass * pinch.gravity * (1.0 + REACH**2) / pinch.stiffness
+    case = "100 g held at 1.05 times the least squeeze"
+    creep = float(np.linalg.norm(center - center[0], axis=1).max()) if height > 0.5 * pinch.lift else math.nan
+    return [
+        _near(case, "hangs below the command", "m", sinks, pinch.lift - height),
+        Answer(case, f"creep in {lengths.held:g} s", "m", 0.0, creep, 1e-6),
+    ]
+
+
+def rest(lengths: Lengths) -> list[Answer]:
+    """A cube on a table."""
+    size = (0.07, 0.07, 0.07)
+    free = FreeObject.of_mesh(block(size), mass=0.24, friction=0.6, table=-0.035)
+    played = _alone(free, size, round(RATE * lengths.rest))
+    moved = float(np.linalg.norm(played.center - played.center[0], axis=1).max())
+    turned = 0.035 * math.sqrt(3.0) * turned_by(played.orientation[0], played.orientation[-1])
+    return [Answer("cube on a table", f"creep in {lengths.rest:g} s", "m", 0.0, moved + turned, 1e-9)]
+
+
+CASES: dict[str, Callable[[Lengths], list[Answer]]] = {
+    "slope": slope,
+    "rolling": rolling,
+    "flight": flight,
+    "tipping": tipping,
+    "thresholds": thresholds,
+    "torsion": torsion,
+    "held": held,
+    "rest": rest,
+}
+"""What can be played, by name."""

@@ -1,0 +1,100 @@
+"""The pinch of the bench in MuJoCo: a block between two round fingertips, by its default options and by others.
+
+The hand of the bench is two fingers on a palm; here each fingertip is a ball on three position actuators of 1,000 N/m,
+critically damped, as a tracked hand is in an engine. Squeeze, friction, mass and motion are the same. The options are
+those of MuJoCo's documentation ("Computation", "XML Reference"): friction cones pyramidal or elliptic, `impratio`, by
+which friction is harder than contact, `noslip_iterations`, `solref` and `solimp`, the softness of contacts, and how
+many steps a tick takes.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hhsim.bench.manipulation.pinch import Pinch, PinchOutcome
+
+TIP_MASS = 0.02
+"""Of a fingertip [kg]."""
+
+
+@dataclass(frozen=True)
+class EngineOptions:
+    """Of MuJoCo, as its XML has them.
+
+    Attributes:
+        option: Attributes of <option>.
+        contact: Attributes of every geom.
+        steps: Of the engine in a tick of 1 ms.
+    """
+
+    option: str = ""
+    contact: str = ""
+    steps: int = 1
+
+
+CONFIGURATIONS = {
+    "mujoco, default": EngineOptions(),
+    "mujoco, elliptic": EngineOptions('cone="elliptic" impratio="10"'),
+    "mujoco, elliptic and noslip": EngineOptions('cone="elliptic" impratio="10" noslip_iterations="20"'),
+    "mujoco, stiff": EngineOptions(
+        'cone="elliptic" impratio="100" iterations="200" tolerance="1e-12"',
+        'solref="0.0005 1" solimp="0.99 0.999 0.0001"',
+        steps=4,
+    ),
+}
+"""What is run: as it comes, and as its documentation says to tune it against slip."""
+
+
+def mujoco_pinch(pinch: Pinch, options: EngineOptions) -> PinchOutcome:
+    """Pinch, lift and hold in MuJoCo.
+
+    Raises:
+        ImportError: It is not installed.
+    """
+    import mujoco
+
+    model = mujoco.MjModel.from_xml_string(_scene(pinch, options))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    times = np.arange(1, pinch.ticks + 1)
+    way, inward = pinch.height_at(times), pinch.gap * pinch.closed_at(times) + pinch.squeeze_at(times) / pinch.stiffness
+    height, depth = np.empty(pinch.ticks), 0.0
+    for tick in range(pinch.ticks):
+        data.ctrl[:] = [inward[tick], 0.0, way[tick], -inward[tick], 0.0, way[tick]]
+        for _ in range(options.steps):
+            mujoco.mj_step(model, data)
+        height[tick] = data.qpos[2]
+        touching = data.contact.geom.max(axis=1) > 1 if data.ncon else np.zeros(0, bool)
+        if touching.any():
+            depth = max(depth, -float(np.asarray(data.contact.dist)[touching].min()))
+    return pinch.outcome(height - height[0], depth)
+
+
+def _scene(pinch: Pinch, options: EngineOptions) -> str:
+    half, radius = 0.5 * pinch.side, pinch.tip_radius
+    tips = "".join(
+        f'<body pos="{sign * (half + radius + pinch.gap)} 0 {half}">'
+        + "".join(
+            f'<joint name="{name}{axis}" type="slide" axis="{" ".join(str(int(axis == other)) for other in "xyz")}"/>'
+            for axis in "xyz"
+        )
+        + f'<geom type="sphere" size="{radius}" mass="{TIP_MASS}"/></body>'
+        for name, sign in (("left", -1), ("right", 1))
+    )
+    damping = 2.0 * np.sqrt(pinch.stiffness * TIP_MASS)
+    actuators = "".join(
+        f'<position joint="{name}{axis}" kp="{pinch.stiffness}" kv="{damping}"/>'
+        for name in ("left", "right")
+        for axis in "xyz"
+    )
+    return f"""
+<mujoco>
+  <option timestep="{1e-3 / options.steps}" gravity="0 0 -{pinch.gravity}" {options.option}/>
+  <default><geom condim="4" friction="{pinch.friction} 0.005 0.0001" {options.contact}/></default>
+  <worldbody>
+    <geom type="plane" size="1 1 0.1"/>
+    <body pos="0 0 {half}"><freejoint/><geom type="box" size="{half} {half} {half}" mass="{pinch.mass}"/></body>
+    {tips}
+  </worldbody>
+  <actuator>{actuators}</actuator>
+</mujoco>"""

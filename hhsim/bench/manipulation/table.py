@@ -1,0 +1,138 @@
+"""The table of `hhsim bench manipulation`: a figure a line, what is exact, what was measured, and by whom."""
+
+import importlib.util
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+from hhsim.bench.manipulation.answers import CASES, Answer, Lengths
+from hhsim.bench.manipulation.gripped import own_outcome
+from hhsim.bench.manipulation.mujoco_pinch import CONFIGURATIONS, mujoco_pinch
+from hhsim.bench.manipulation.pinch import Pinch, PinchOutcome
+from hhsim.bench.table import Column
+from hhsim.errors import InputError, check_known
+
+Progress = Callable[[str, int, int], None]
+Row = Mapping[str, Any]
+
+OURS = "coupled"
+PINCH = "pinch"
+"""The case that engines play too."""
+SQUEEZES = (1.05, 1.5, 3.0)
+"""Of the pinches, as shares of the least squeeze that bears the weight."""
+COLUMNS = (
+    Column("case", "what was played"),
+    Column("method", "by which method"),
+    Column("figure", "what was measured"),
+    Column("unit", "of the next four; 1 for shares and truths"),
+    Column("exact", "what it should be"),
+    Column("measured", "what it is"),
+    Column("off", "by how much it is off"),
+    Column("allowed", "by how much it may be off; NaN: nothing is promised"),
+    Column("holds", "1 where it is off by no more than that, 0 where it is, -1 where nothing is promised"),
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ManipulationOptions:
+    """What is played.
+
+    Attributes:
+        cases: Some of `CASES`, and `PINCH`; all of them where there are none.
+        rest: How long a block rests on a table [s].
+        held: How long a block is held [s].
+    """
+
+    cases: tuple[str, ...] = ()
+    rest: float = 600.0
+    held: float = 60.0
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be played."""
+        check_known("case", self.cases, case_names())
+        for name in ("rest", "held"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 1.0):
+                raise InputError(f"{name} is {value:g} s: it must be at least 1 s")
+
+    @classmethod
+    def quick(cls, **named: Any) -> "ManipulationOptions":
+        """The same in a few seconds: short rests and holds."""
+        return cls(**{"rest": 10.0, "held": 5.0, **named})
+
+
+def case_names() -> tuple[str, ...]:
+    """Everything that can be played."""
+    return (*CASES, PINCH)
+
+
+def measure(options: ManipulationOptions, progress: Progress | None = None) -> list[Row]:
+    """Play the cases; the rows of the table."""
+    rows: list[Row] = []
+    chosen = options.cases or case_names()
+    for done, name in enumerate(chosen):
+        if progress is not None:
+            progress(name, done, len(chosen))
+        if name == PINCH:
+            rows += pinch_rows(options.held)
+        else:
+            rows += [_row(OURS, answer) for answer in CASES[name](Lengths(rest=options.rest, held=options.held))]
+    return rows
+
+
+def pinch_rows(held: float) -> list[Row]:
+    """A pinch by our method, and by MuJoCo with its options where it is installed."""
+    players: dict[str, Callable[[Pinch], PinchOutcome]] = {OURS: own_outcome}
+    if has_mujoco():
+        for name, configuration in CONFIGURATIONS.items():
+            players[name] = partial(mujoco_pinch, options=configuration)
+    rows = []
+    for share in SQUEEZES:
+        pinch = Pinch(hold=held)
+        pinch = replace(pinch, squeeze=share * pinch.threshold)
+        for name, play in players.items():
+            found = play(pinch)
+            case = f"100 g pinched with {share:g} times the least squeeze, μ 0.5"
+            promised = name == OURS
+            figures = [
+                Answer(case, "lifted", "1", 1.0, float(found.lifted), 0.0),
+                Answer(case, f"creep in {held - 0.5:g} s", "m", 0.0, found.creep, 1e-6),
+                Answer(case, "fingertip in the block, most", "m", 0.0, found.depth, 1e-9),
+            ]
+            rows += [_row(name, answer, promised=promised) for answer in figures]
+    return rows
+
+
+def has_mujoco() -> bool:
+    """Whether MuJoCo is installed."""
+    return importlib.util.find_spec("mujoco") is not None
+
+
+def missed(rows: Sequence[Row]) -> list[Row]:
+    """The rows whose figure is off by more than it may be."""
+    return [row for row in rows if row["holds"] == 0]
+
+
+def remarks() -> list[str]:
+    """What a reader should know besides."""
+    return (
+        []
+        if has_mujoco()
+        else ["MuJoCo is not installed, so the pinch has our rows alone: pip install 'hhsim[mujoco]'"]
+    )
+
+
+def _row(method: str, answer: Answer, *, promised: bool = True) -> Row:
+    return {
+        "case": answer.case,
+        "method": method,
+        "figure": answer.what,
+        "unit": answer.unit,
+        "exact": answer.exact,
+        "measured": answer.measured,
+        "off": answer.off,
+        "allowed": answer.allowed if promised else math.nan,
+        "holds": int(answer.holds) if promised else -1,
+    }

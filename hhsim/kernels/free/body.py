@@ -1,0 +1,337 @@
+"""A free rigid body from tick to tick: its pose, its velocities, and where it would go by itself.
+
+All is solved in the *object's frame*: the frame of its surface's arrays, which goes with the object. There the surface
+stands still and the hand is what moves, so that finding pairs and lists of near ones are as beside a fixed object.
+
+A tick is a step of the implicit Euler method: without contacts the body goes to c + Δt v + Δt² g and turns by Δt ω,
+where ω solves Euler's equation with its gyroscopic term at the end of the step, by Newton's method (Catto: Numerical
+methods, GDC 2015). It loses energy and gains none.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.kernels.copy import copy_values
+from hhsim.kernels.jit import Record, jit, jit_once
+from hhsim.kernels.rotation import quaternion_to_matrix, rotate_quaternion, rotation_vector_between
+
+Array = NDArray[np.float64]
+
+OBJECT_DOF = 6
+"""Translation of the centre of mass [m], then the rotation vector about the principal axes [rad]."""
+
+
+class Support(NamedTuple):
+    """What of the object can stand on a plane: spheres, or points, on its convex hull, in the object's frame.
+
+    | field | meaning | shape |
+    |---|---|---|
+    | point | centres [m] | (S, 3) |
+    | radius | [m], 0 for a vertex | (S,) |
+    """
+
+    point: Array
+    radius: Array
+
+
+BODY = np.dtype(
+    [
+        ("period", np.float64),
+        ("center", np.float64, (3,)),
+        ("axes", np.float64, (3, 3)),
+        ("moment", np.float64, (3,)),
+        ("inverse_root", np.float64, (OBJECT_DOF,)),
+        ("gravity", np.float64, (3,)),
+        ("damping", np.float64),
+        ("friction", np.float64),
+        ("torsion", np.float64),
+        ("has_table", np.int64),
+        ("table", np.float64),
+        ("table_friction", np.float64),
+        ("position", np.float64, (3,)),
+        ("orientation", np.float64, (4,)),
+        ("rotation", np.float64, (3, 3)),
+        ("safe_position", np.float64, (3,)),
+        ("safe_orientation", np.float64, (4,)),
+        ("start_position", np.float64, (3,)),
+        ("start_orientation", np.float64, (4,)),
+        ("goal_position", np.float64, (3,)),
+        ("goal_orientation", np.float64, (4,)),
+        ("left", np.float64, (OBJECT_DOF,)),
+        ("safe_left", np.float64, (OBJECT_DOF,)),
+        ("pushed", np.float64, (3, 3)),
+        ("safe_pushed", np.float64, (3, 3)),
+        ("velocity", np.float64, (3,)),
+        ("spin", np.float64, (3,)),
+        ("quaternion", np.float64, (4,)),
+        ("other", np.float64, (4,)),
+        ("vector", np.float64, (3,)),
+    ],
+    align=True,
+)
+"""The body; world frame unless said otherwise.
+
+| field | meaning |
+|---|---|
+| period | Δt [s] |
+| center | centre of mass [m], object's frame |
+| axes | principal axes as rows, object's frame |
+| moment | principal moments [kg·m²] |
+| inverse_root | Δt / √m [m/√J], Δt / √I of each principal axis [rad/√J]: 1 / √(M/Δt²) |
+| gravity, damping | [m/s²], [1/s] |
+| friction, torsion | μ, and torsional moment over normal force [m], of the hand's contacts |
+| has_table, table, table_friction | whether there is a plane, its height [m], its μ |
+| position, orientation, rotation | centre of mass [m], object's frame to world |
+| safe_…, start_… | the same where nothing penetrates, and at the start of the tick |
+| goal_… | where the body would be at the end of the tick by itself |
+| left | of the last step, what the hand's way past the object left no room for, as `body_target` gives it |
+| pushed | `rotation` at the start of the last step, in whose directions its forces are |
+| safe_left, safe_pushed | the same of the last step that ended without penetration |
+| velocity | of the centre [m/s] |
+| spin | angular velocity about the principal axes [rad/s] |
+| quaternion, other, vector | scratch |
+"""
+
+
+@jit_once
+def _gyrate(moment: Array, period: float, spin: Array, spin_out: Array) -> None:
+    # I (w' - w) / Δt + w' × I w' = 0 in the body's axes.
+    ix, iy, iz = moment[0], moment[1], moment[2]
+    x, y, z = spin[0], spin[1], spin[2]
+    h = period
+    for _ in range(3):
+        fx = ix * (x - spin[0]) + h * (iz - iy) * y * z
+        fy = iy * (y - spin[1]) + h * (ix - iz) * z * x
+        fz = iz * (z - spin[2]) + h * (iy - ix) * x * y
+        a, b, c = h * (iz - iy), h * (ix - iz), h * (iy - ix)
+        # Jacobian rows (ix, a z, a y), (b z, iy, b x), (c y, c x, iz).
+        m00, m01, m02 = iy * iz - b * x * c * x, a * y * c * x - a * z * iz, a * z * b * x - a * y * iy
+        m10, m11, m12 = b * x * c * y - b * z * iz, ix * iz - a * y * c * y, a * y * b * z - ix * b * x
+        m20, m21, m22 = b * z * c * x - iy * c * y, a * z * c * y - ix * c * x, ix * iy - a * z * b * z
+        determinant = ix * m00 + a * z * m10 + a * y * m20
+        x -= (m00 * fx + m01 * fy + m02 * fz) / determinant
+        y -= (m10 * fx + m11 * fy + m12 * fz) / determinant
+        z -= (m20 * fx + m21 * fy + m22 * fz) / determinant
+    spin_out[0], spin_out[1], spin_out[2] = x, y, z
+
+
+@jit
+def turn_out(body: Record, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """World components of a vector of the object's frame."""
+    r = body.rotation
+    return (
+        r[0, 0] * x + r[0, 1] * y + r[0, 2] * z,
+        r[1, 0] * x + r[1, 1] * y + r[1, 2] * z,
+        r[2, 0] * x + r[2, 1] * y + r[2, 2] * z,
+    )
+
+
+@jit
+def turn_in(body: Record, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Components in the object's frame of a world vector."""
+    r = body.rotation
+    return (
+        r[0, 0] * x + r[1, 0] * y + r[2, 0] * z,
+        r[0, 1] * x + r[1, 1] * y + r[2, 1] * z,
+        r[0, 2] * x + r[1, 2] * y + r[2, 2] * z,
+    )
+
+
+@jit
+def along_axes(body: Record, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Components along the principal axes of a vector of the object's frame."""
+    a = body.axes
+    return (
+        a[0, 0] * x + a[0, 1] * y + a[0, 2] * z,
+        a[1, 0] * x + a[1, 1] * y + a[1, 2] * z,
+        a[2, 0] * x + a[2, 1] * y + a[2, 2] * z,
+    )
+
+
+@jit
+def from_axes(body: Record, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Vector of the object's frame that has these components along the principal axes."""
+    a = body.axes
+    return (
+        a[0, 0] * x + a[1, 0] * y + a[2, 0] * z,
+        a[0, 1] * x + a[1, 1] * y + a[2, 1] * z,
+        a[0, 2] * x + a[1, 2] * y + a[2, 2] * z,
+    )
+
+
+@jit
+def turn_body(body: Record, orientation: Array, x: float, y: float, z: float, orientation_out: Array) -> None:
+    """Turn an orientation by a rotation vector [rad] of the object's frame; to the bit what it was where that is 0."""
+    if x == 0.0 and y == 0.0 and z == 0.0:
+        copy_values(orientation, body.quaternion[:])
+        copy_values(body.quaternion[:], orientation_out)
+        return
+    wx, wy, wz = turn_out(body, x, y, z)
+    rotate_quaternion(orientation, wx, wy, wz, orientation_out)
+
+
+@jit_once
+def predict(body: Record) -> None:
+    """Where the body would be at the end of the tick without contacts."""
+    period = body.period
+    kept = 1.0 / (1.0 + body.damping * period)
+    body.left[:] = 0.0
+    for i in range(3):
+        for j in range(3):
+            body.pushed[i, j] = body.rotation[i, j]
+    copy_values(body.position[:], body.start_position[:])
+    copy_values(body.orientation[:], body.start_orientation[:])
+    for j in range(3):
+        body.goal_position[j] = body.position[j] + period * kept * (body.velocity[j] + period * body.gravity[j])
+    _gyrate(body.moment[:], period, body.spin[:], body.vector[:])
+    turn = period * kept
+    x, y, z = from_axes(body, turn * body.vector[0], turn * body.vector[1], turn * body.vector[2])
+    turn_body(body, body.orientation[:], x, y, z, body.goal_orientation[:])
+
+
+@jit
+def keep_body(body: Record) -> None:
+    """Make the present pose the safe one."""
+    copy_values(body.position[:], body.safe_position[:])
+    copy_values(body.orientation[:], body.safe_orientation[:])
+    copy_values(body.left[:], body.safe_left[:])
+    for i in range(3):
+        for j in range(3):
+            body.safe_pushed[i, j] = body.pushed[i, j]
+
+
+@jit
+def take_body_back(body: Record) -> None:
+    """Return to the safe pose."""
+    copy_values(body.safe_left[:], body.left[:])
+    for i in range(3):
+        for j in range(3):
+            body.pushed[i, j] = body.safe_pushed[i, j]
+    copy_values(body.safe_position[:], body.position[:])
+    copy_values(body.safe_orientation[:], body.orientation[:])
+    quaternion_to_matrix(body.orientation[:], body.rotation[:])
+
+
+@jit_once
+def body_target(body: Record, target_out: Array) -> None:
+    """The step to where the body would go by itself, shape (6,): object's frame [m], principal axes [rad]."""
+    goal, position = body.goal_position, body.position
+    x, y, z = turn_in(body, goal[0] - position[0], goal[1] - position[1], goal[2] - position[2])
+    target_out[0], target_out[1], target_out[2] = x, y, z
+    rotation_vector_between(body.orientation[:], body.goal_orientation[:], body.vector[:])
+    x, y, z = turn_in(body, body.vector[0], body.vector[1], body.vector[2])
+    x, y, z = along_axes(body, x, y, z)
+    target_out[3], target_out[4], target_out[5] = x, y, z
+
+
+@jit_once
+def move_body(body: Record, step: Array, fraction: float) -> None:
+    """Move by `fraction` of a step, shape (6,), as `body_target` gives it; the rest of it is `left`."""
+    for i in range(3):
+        for j in range(3):
+            body.pushed[i, j] = body.rotation[i, j]
+    for j in range(OBJECT_DOF):
+        body.left[j] = (1.0 - fraction) * step[j]
+    x, y, z = turn_out(body, fraction * step[0], fraction * step[1], fraction * step[2])
+    turn_x, turn_y, turn_z = from_axes(body, fraction * step[3], fraction * step[4], fraction * step[5])
+    body.position[0] += x
+    body.position[1] += y
+    body.position[2] += z
+    turn_body(body, body.orientation[:], turn_x, turn_y, turn_z, body.orientation[:])
+    quaternion_to_matrix(body.orientation[:], body.rotation[:])
+
+
+@jit_once
+def take_velocity(body: Record) -> None:
+    """The velocities of the tick that ends: what was moved, and what was left of the last step, over its period."""
+    rate, left = 1.0 / body.period, body.left
+    r = body.pushed
+    x = r[0, 0] * left[0] + r[0, 1] * left[1] + r[0, 2] * left[2]
+    y = r[1, 0] * left[0] + r[1, 1] * left[1] + r[1, 2] * left[2]
+    z = r[2, 0] * left[0] + r[2, 1] * left[1] + r[2, 2] * left[2]
+    body.velocity[0] = rate * (body.position[0] - body.start_position[0] + x)
+    body.velocity[1] = rate * (body.position[1] - body.start_position[1] + y)
+    body.velocity[2] = rate * (body.position[2] - body.start_position[2] + z)
+    rotation_vector_between(body.start_orientation[:], body.orientation[:], body.vector[:])
+    x, y, z = turn_in(body, body.vector[0], body.vector[1], body.vector[2])
+    x, y, z = along_axes(body, x, y, z)
+    body.spin[0], body.spin[1], body.spin[2] = rate * (x + left[3]), rate * (y + left[4]), rate * (z + left[5])
+
+
+@jit
+def turn_back(body: Record, step: Array, fraction: float, vector: Array) -> None:
+    """Take a vector of the object's frame to what it is after `fraction` of a step, to second order in its turn."""
+    wx, wy, wz = from_axes(body, fraction * step[3], fraction * step[4], fraction * step[5])
+    x, y, z = vector[0], vector[1], vector[2]
+    qx, qy, qz = wy * z - wz * y, wz * x - wx * z, wx * y - wy * x
+    vector[0] = x - qx + 0.5 * (wy * qz - wz * qy)
+    vector[1] = y - qy + 0.5 * (wz * qx - wx * qz)
+    vector[2] = z - qz + 0.5 * (wx * qy - wy * qx)
+
+
+@jit
+def carry(body: Record, origin: Array, step: Array, moved_out: Array) -> None:
+    """How a point, shape (3,), would move with the body in a step as `body_target` gives it [m]; object's frame."""
+    center = body.center
+    wx, wy, wz = from_axes(body, step[3], step[4], step[5])
+    rx, ry, rz = origin[0] - center[0], origin[1] - center[1], origin[2] - center[2]
+    moved_out[0] = step[0] + wy * rz - wz * ry
+    moved_out[1] = step[1] + wz * rx - wx * rz
+    moved_out[2] = step[2] + wx * ry - wy * rx
+
+
+@jit
+def as_object_moves(body: Record, origin: Array, hand: Array, step: Array, relative_out: Array) -> None:
+    """The palm's step as the object sees it after its own.
+
+    Args:
+        body: The object.
+        origin: The palm's [m], shape (3,), object's frame.
+        hand: The palm's step (δp, δφ), shape (6,), object's frame before the tick's step.
+        step: The object's, as `body_target` gives it.
+        relative_out: (δp, δφ) in the frame that has made the object's step, shape (6,).
+    """
+    center = body.center
+    wx, wy, wz = from_axes(body, step[3], step[4], step[5])
+    angle = math.sqrt(wx * wx + wy * wy + wz * wz)
+    if angle < 1e-4:
+        sine, cosine = 1.0 - angle * angle / 6.0, 0.5 - angle * angle / 24.0
+    else:
+        sine, cosine = math.sin(angle) / angle, (1.0 - math.cos(angle)) / (angle * angle)
+    px = origin[0] + hand[0] - center[0] - step[0]
+    py = origin[1] + hand[1] - center[1] - step[1]
+    pz = origin[2] + hand[2] - center[2] - step[2]
+    qx, qy, qz = wy * pz - wz * py, wz * px - wx * pz, wx * py - wy * px
+    relative_out[0] = hand[0] - step[0] - sine * qx + cosine * (wy * qz - wz * qy)
+    relative_out[1] = hand[1] - step[1] - sine * qy + cosine * (wz * qx - wx * qz)
+    relative_out[2] = hand[2] - step[2] - sine * qz + cosine * (wx * qy - wy * qx)
+    # exp(-w) exp(δφ), as a vector.
+    first, second = body.quaternion, body.other
+    first[0], first[1], first[2], first[3] = 1.0, 0.0, 0.0, 0.0
+    rotate_quaternion(first[:], -hand[3], -hand[4], -hand[5], second[:])
+    rotate_quaternion(first[:], -wx, -wy, -wz, first[:])
+    rotation_vector_between(second[:], first[:], body.vector[:])
+    for j in range(3):
+        relative_out[3 + j] = body.vector[j]
+
+
+@jit
+def see_hand(body: Record, position: Array, orientation: Array, position_out: Array, orientation_out: Array) -> None:
+    """A palm's pose in the world, as the object sees it; shapes (3,) and (4,)."""
+    center = body.center
+    x, y, z = (
+        position[0] - body.position[0],
+        position[1] - body.position[1],
+        position[2] - body.position[2],
+    )
+    x, y, z = turn_in(body, x, y, z)
+    position_out[0], position_out[1], position_out[2] = x + center[0], y + center[1], z + center[2]
+    aw, ax, ay, az = body.orientation[0], -body.orientation[1], -body.orientation[2], -body.orientation[3]
+    bw, bx, by, bz = orientation[0], orientation[1], orientation[2], orientation[3]
+    orientation_out[0] = aw * bw - ax * bx - ay * by - az * bz
+    orientation_out[1] = aw * bx + ax * bw + ay * bz - az * by
+    orientation_out[2] = aw * by - ax * bz + ay * bw + az * bx
+    orientation_out[3] = aw * bz + ax * by - ay * bx + az * bw

@@ -1,0 +1,320 @@
+"""The program of hand and free object, solved until friction opposes the slip that comes out of it."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.kernels.free.body import as_object_moves
+from hhsim.kernels.free.coulomb import NO_LOAD, find_leanings, foresee_slips, keep_slips, return_to_slips
+from hhsim.kernels.free.rows import (
+    COMMON,
+    FREE_DOF,
+    ON_TABLE,
+    TABLE_KEYS,
+    contact_rows,
+    friction_rows,
+    measure_slip,
+)
+from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT
+from hhsim.kernels.jit import Record, as_int64, jit, jit_once
+from hhsim.kernels.qp.active_set import OPTIMAL, QpWork, solve
+from hhsim.kernels.qp.row_scan import ProgramRows
+from hhsim.kernels.tick.options import TickOptions
+from hhsim.kernels.tick.step import ACTIVE_CAPACITY
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+ROUNDS = 6
+"""Most solutions of a tick's first program with one Γ after another; then Γ stands, and what is left is convex."""
+CONVERGES = 0.5
+"""A round that leaves more than this share of what Γ was off before is the last one."""
+SEARCH = 20
+"""A tick looks for no other Γ once its programs have changed so many rows."""
+REPAIRS = 8
+"""Most solutions more of a program with a Γ that turned out too large made smaller; the last time it is 0."""
+PART_REPAIRS = 2
+"""The same of a program for a part of the way, which the tick goes on from."""
+MOST_WAIT = 3
+"""After each search for Γ that came to nothing in a row twice as many ticks go without one, up to this power of 2."""
+LET_FLOAT = 0.5
+"""Γ is the slip less this share of the clearance, and 0 where it slips by less: such a contact floats by that, and is
+not moved to and fro by a Γ that comes and goes."""
+SETTLED = 0.2
+SETTLED_SHARE = 1e-3
+"""A Γ that is off by no more than this share of the clearance and this one of it is left: so far a contact floats."""
+AT_REST = 1e-11
+"""An object that would move by no more than this in a tick [m], and touches something, does not: it is the tolerance of
+a program, and what moves so slowly would go on for ever."""
+
+LOADED = np.dtype(
+    [
+        ("count", np.int64),
+        ("key", np.int64, (ACTIVE_CAPACITY,)),
+        ("row", np.int64, (ACTIVE_CAPACITY,)),
+        ("multiplier", np.float64, (ACTIVE_CAPACITY,)),
+        ("guess", np.int64, (ACTIVE_CAPACITY,)),
+    ],
+    align=True,
+)
+"""Rows with a multiplier at the last solution: keys, rows, multipliers; and the guess made of them."""
+
+
+@jit_once
+def _guess(problem: Record, loaded: Record) -> int:
+    # The rows whose keys carried a multiplier the last time.
+    start, stop = problem.group_start, problem.group_stop
+    key, wanted = problem.key, loaded.key
+    filled = as_int64(0)
+    for i in range(loaded.count):
+        found = False
+        for g in range(start.shape[0]):
+            if found or start[g] == stop[g]:
+                continue
+            for row in range(start[g], stop[g]):
+                if key[row] == wanted[i]:
+                    loaded.guess[filled] = row
+                    filled += 1
+                    found = True
+                    break
+    return filled
+
+
+@jit
+def scale_target(body: Record, problem: Record) -> None:
+    """The program's target, scaled and in its order."""
+    hand, target, weight = problem.hand_target, problem.target, problem.inverse_root
+    for j in range(6):
+        target[j] = hand[j] / weight[j]
+        target[6 + j] = problem.body_target[j] / body.inverse_root[j]
+    for j in range(6, DOF):
+        target[6 + j] = hand[j] / weight[j]
+
+
+@jit
+def take_step(pose: Record, body: Record, problem: Record, step_out: Array) -> None:
+    """The hand's step as the object sees it, shape (21,), of the program's."""
+    delta = problem.delta
+    as_object_moves(body, pose.position[:], delta[0:6], delta[6:12], step_out[0:6])
+    for j in range(6, DOF):
+        step_out[j] = delta[6 + j]
+
+
+@jit
+def _read(body: Record, problem: Record, friction: Record, loaded: Record, qp: QpWork) -> None:
+    # The solution: the step, the loaded rows, and what each contact with friction bears and slips.
+    delta, weight = problem.delta, problem.inverse_root
+    for j in range(6):
+        delta[j] = qp.x[j] * weight[j]
+        delta[6 + j] = qp.x[6 + j] * body.inverse_root[j]
+    for j in range(6, DOF):
+        delta[6 + j] = qp.x[6 + j] * weight[j]
+    for i in range(friction.count):
+        friction.plain[i] = friction.cone[i] = 0.0
+    loaded.count = qp.counts[0]
+    for j in range(loaded.count):
+        row = qp.active[j]
+        multiplier = qp.multiplier[j]
+        loaded.row[j] = row
+        loaded.key[j] = problem.key[row]
+        loaded.multiplier[j] = multiplier
+        owner = problem.owner[row]
+        if owner >= 0:
+            kind = problem.kind[row]
+            if kind == 0:
+                friction.plain[owner] += multiplier
+            else:
+                friction.cone[owner] += multiplier
+
+
+@jit_once
+def _is_settled(pose: Record, body: Record, offset: float, problem: Record, friction: Record) -> bool:
+    # Whether every contact that bears a force has de Saxcé's Γ and rubs against its slip with all of its load.
+    settled = True
+    problem.astray = 0.0
+    for j in range(FREE_DOF):
+        problem.whole[j] = problem.total[j] + problem.delta[j]
+    for f in range(FINGER_COUNT):
+        problem.whole_abduction[f] = problem.abduction_total[f] + problem.abduction_step[f]
+    for i in range(friction.count):
+        if friction.rubs[i] == 0:
+            continue
+        slip = measure_slip(pose, body, problem.whole[:], problem.whole_abduction[:], friction, i)
+        friction.length[i] = slip
+        load = friction.plain[i] + friction.cone[i]
+        if load == 0.0:
+            continue
+        # Of a slip that is let float, what Γ is short of it counts as balanced.
+        shift = friction.shift[i] + min(slip, LET_FLOAT * offset)
+        square = (friction.spin[i] - shift * friction.about[i, 0]) ** 2
+        for j in range(3):
+            square += (friction.slip[i, j] - shift * friction.along[i, 0, j]) ** 2
+        off = math.sqrt(square)
+        problem.astray = max(problem.astray, off)
+        if off > SETTLED * offset + SETTLED_SHARE * slip or friction.plain[i] > NO_LOAD * load:
+            settled = False
+    return settled
+
+
+@jit_once
+def _lower(repairs: int, offset: float, friction: Record) -> bool:
+    # Γ of contacts whose plain row bears load is too large: friction would be less than the law's. Where it is too
+    # small a contact floats by what is missing, and all is right about its force. What counts is the slip along e_1;
+    # one that shrinks with its Γ is gone below in steps that double. False where no Γ is too large.
+    lowered = False
+    for i in range(friction.count):
+        load = friction.plain[i] + friction.cone[i]
+        if friction.rubs[i] == 1 and friction.plain[i] > NO_LOAD * load and friction.shift[i] > 0.0:
+            slip, shift = friction.spin[i] * friction.about[i, 0], friction.shift[i]
+            for j in range(3):
+                slip += friction.slip[i, j] * friction.along[i, 0, j]
+            slip -= LET_FLOAT * offset
+            below = (2.0 ** (repairs - 1) - 1.0) * max(0.0, shift - slip)
+            friction.shift[i] = 0.0 if repairs >= REPAIRS else max(0.0, min(shift, slip) - below)
+            lowered = True
+    return lowered
+
+
+@jit
+def _rest(body: Record, problem: Record) -> None:
+    delta = problem.delta
+    size = 0.0
+    turn = 0.0
+    for j in range(3):
+        size += abs(delta[6 + j])
+        # The rotation as the way of a point at the radius of gyration.
+        turn += abs(delta[9 + j]) * body.inverse_root[0] / body.inverse_root[3 + j]
+    if size + turn <= AT_REST:
+        for j in range(6, COMMON):
+            delta[j] = 0.0
+
+
+@jit_once
+def _hold(
+    body: Record, offset: float, problem: Record, friction: Record, loaded: Record, coulomb: Record, held: Record
+) -> None:
+    # Keep what the next program begins from: Γ as it stands, and which way e_1 is to be. A Γ that is found is that of
+    # the slip itself, or what is left of one would move what sticks to and fro.
+    find_leanings(body, LET_FLOAT * offset, problem, friction, loaded, coulomb)
+    count = as_int64(0)
+    for i in range(friction.count):
+        if friction.rubs[i] == 0:
+            continue
+        load = friction.plain[i] + friction.cone[i]
+        held.key[count] = TABLE_KEYS - friction.key[i] if friction.body[i] == ON_TABLE else friction.key[i]
+        wanted = max(0.0, friction.length[i] - LET_FLOAT * offset)
+        found = load == 0.0 or abs(friction.shift[i] - wanted) <= SETTLED * offset
+        held.shift[count] = wanted if found else friction.shift[i]
+        held.about[count] = coulomb.leaning[i, 3]
+        for j in range(3):
+            held.along[count, j] = coulomb.leaning[i, j]
+        count += 1
+    held.count = count
+
+
+@jit_once
+def clip_shifts(fraction: float, friction: Record) -> None:
+    """Γ for a step of which the hand goes a fraction of its way past the object."""
+    for i in range(friction.count):
+        begun = friction.start_spin[i] ** 2
+        for j in range(3):
+            begun += friction.start[i, j] ** 2
+        begun = math.sqrt(begun)
+        if friction.shift[i] > begun:
+            friction.shift[i] = begun + fraction * (friction.shift[i] - begun)
+
+
+@jit
+def begin_search(coulomb: Record) -> int:
+    """Most solutions with one Γ after another of a tick's first program: 1 where searches came to nothing of late."""
+    if coulomb.wait > 0:
+        coulomb.wait -= 1
+        return as_int64(1)
+    return as_int64(ROUNDS)
+
+
+@jit
+def solve_free(
+    options: TickOptions,
+    pose: Record,
+    contacts: Record,
+    body: Record,
+    relaxed: bool,
+    problem: Record,
+    friction: Record,
+    loaded: Record,
+    coulomb: Record,
+    held: Record,
+    step: Record,
+    qp: QpWork,
+    rounds: int,
+    clipped: bool,
+) -> int:
+    """Solve for a step of hand and object, with one Γ after another until friction is Coulomb's.
+
+    The problem's `delta` and the step's are written where the status is OPTIMAL. Γ of a step that is clipped is for a
+    part of the tick's slip, and is not kept. Returns a status of `kernels.qp.active_set`.
+    """
+    rows = ProgramRows(
+        as_int64(COMMON),
+        problem.common[:],
+        problem.block[:],
+        problem.rhs[:],
+        problem.group_start[:],
+        problem.group_stop[:],
+        problem.group_block[:],
+    )
+    status = OPTIMAL
+    friction_rows(pose, body, contacts, options.offset, relaxed, problem, friction)
+    guessed = _guess(problem, loaded)
+    best = np.inf
+    seeks = rounds > 1
+    repairs = as_int64(0)
+    for i in range(rounds + REPAIRS + 2):
+        status = solve(
+            as_int64(FREE_DOF),
+            rows,
+            problem.target[:],
+            options.tolerance,
+            options.relaxation,
+            loaded.guess[:],
+            guessed,
+            qp,
+        )
+        step.iterations += qp.counts[1]
+        if status != OPTIMAL:
+            return status
+        problem.solutions += 1
+        _read(body, problem, friction, loaded, qp)
+        if _is_settled(pose, body, options.offset, problem, friction):
+            if seeks:
+                coulomb.failures = 0
+            break
+        worse = seeks and problem.astray > best
+        seeks = seeks and i < rounds - 1 and problem.astray <= CONVERGES * best and step.iterations < SEARCH
+        if seeks:
+            best = problem.astray
+            keep_slips(friction, coulomb)
+            foresee_slips(pose, body, LET_FLOAT * options.offset, problem, friction, loaded, qp, coulomb)
+        elif worse:
+            # Where contacts let go at once slips run away from round to round: they do so from tick to tick instead.
+            return_to_slips(friction, coulomb)
+            coulomb.failures = min(coulomb.failures + 1, MOST_WAIT)
+            coulomb.wait = 2**coulomb.failures
+        else:
+            repairs += 1
+            if repairs > (PART_REPAIRS if clipped else REPAIRS) or not _lower(repairs, options.offset, friction):
+                break
+        for j in range(friction.count):
+            if friction.rubs[j] == 1:
+                contact_rows(pose, body, options.offset, relaxed, j, friction.row[j], problem, friction)
+        guessed = loaded.count
+        for j in range(guessed):
+            loaded.guess[j] = loaded.row[j]
+    if not clipped:
+        _hold(body, options.offset, problem, friction, loaded, coulomb, held)
+    if loaded.count > 0:
+        _rest(body, problem)
+    take_step(pose, body, problem, step.delta[:])
+    return status

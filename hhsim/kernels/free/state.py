@@ -1,0 +1,55 @@
+"""What a tick with a free object keeps from one to the next: the hand's state as ever, and the object's."""
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from hhsim.kernels.free.body import BODY
+from hhsim.kernels.free.coulomb import COULOMB
+from hhsim.kernels.free.program import LOADED
+from hhsim.kernels.free.record import BORNE
+from hhsim.kernels.free.rows import FREE_DOF, FREE_PROBLEM, FRICTION, HELD
+from hhsim.kernels.hand.kinematics import FINGER_COUNT
+from hhsim.kernels.tick.state import tick_state_dtype
+
+
+@cache
+def free_state_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
+    """The fields of `tick_state_dtype`, the hand in the object's frame but `haptic` between ticks, and the object's.
+
+    | field | meaning |
+    |---|---|
+    | body | the object |
+    | free_problem, friction, loaded | the program, its contacts with friction, and its loaded rows |
+    | held | Γ and directions of the contacts with friction |
+    | coulomb | what finds Γ |
+    | tried, borne | the contacts that bear a force at the last step, and at the last accepted one |
+    | body_safe_total, body_safe_abduction | the tick's step up to the last accepted one, and its fingers' spread |
+    | palm_position, palm_orientation | of the user's hand, world |
+    | table_distance | of the lowest point of the object from the table [m] |
+
+    Args:
+        candidates: Dtype of the near pairs with the surface at hand.
+    """
+    hand = tick_state_dtype(candidates)
+    return np.dtype(
+        [
+            # First, so that this is not a longer form of the hand's state: numba warns of those.
+            ("body", BODY),
+            *((name, hand[name]) for name in hand.names or ()),
+            ("free_problem", FREE_PROBLEM),
+            ("friction", FRICTION),
+            ("loaded", LOADED),
+            ("held", HELD),
+            ("coulomb", COULOMB),
+            ("tried", BORNE),
+            ("borne", BORNE),
+            ("body_safe_total", np.float64, (FREE_DOF,)),
+            ("body_safe_abduction", np.float64, (FINGER_COUNT,)),
+            ("palm_position", np.float64, (3,)),
+            ("palm_orientation", np.float64, (4,)),
+            ("table_distance", np.float64),
+        ],
+        align=True,
+    )

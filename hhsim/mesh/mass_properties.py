@@ -1,0 +1,62 @@
+"""Volume, centre and inertia of the solid that a closed mesh encloses, by the divergence theorem.
+
+A tetrahedron between each triangle and a common point: its moments are polynomials of its corners (Tonon: Explicit
+exact formulas for the 3-D tetrahedron inertia tensor in terms of its vertex coordinates, 2005).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import MeshError
+from hhsim.mesh.mesh import Mesh
+from hhsim.mesh.topology import is_closed, merged_vertices
+
+Array = NDArray[np.float64]
+
+LEAST_FILLED = 1e-6
+"""A mesh that encloses less than this share of its longest extent cubed has sides that cancel out."""
+
+
+class MassProperties(NamedTuple):
+    """Of a solid of density 1.
+
+    Attributes:
+        volume: [m³].
+        center: Centre of mass [m], shape (3,), in the mesh's frame.
+        inertia: About the centre, in the mesh's axes, shape (3, 3) [m⁵]: times a density [kg/m³] it is in kg·m².
+    """
+
+    volume: float
+    center: Array
+    inertia: Array
+
+
+def mass_properties(mesh: Mesh) -> MassProperties:
+    """Volume, centre and inertia of what a mesh encloses.
+
+    Raises:
+        MeshError: The triangles enclose nothing, or are wound inside out.
+    """
+    # Corners of equal places are one: a file may have given each triangle its own.
+    if not is_closed(merged_vertices(mesh.vertices, mesh.faces)[1]):
+        raise MeshError(
+            f"{mesh.name}: the mesh is not closed, so it encloses nothing that has a mass; make sheets of its open "
+            "parts (--thickness), let hhsim close it (--surface spheres), or let the object stand still"
+        )
+    if mesh.volume <= LEAST_FILLED * float(mesh.extent.max()) ** 3:
+        raise MeshError(
+            f"{mesh.name}: the triangles enclose {1e6 * mesh.volume:.3g} cm³, so it has no mass: a free object needs a "
+            "solid, wound outward"
+        )
+    origin = mesh.bounds.mean(axis=0)
+    corners = mesh.triangles - origin
+    a, b, c = corners.transpose(1, 0, 2)
+    volumes = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0
+    volume = float(volumes.sum())
+    sums = corners.sum(axis=1)
+    center = volumes @ sums / (4.0 * volume)
+    products = np.einsum("t,tci,tcj->ij", volumes, corners, corners) + np.einsum("t,ti,tj->ij", volumes, sums, sums)
+    second = products / 20.0 - volume * np.outer(center, center)
+    return MassProperties(volume, center + origin, np.trace(second) * np.eye(3) - second)

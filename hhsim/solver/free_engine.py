@@ -1,0 +1,182 @@
+"""The engine of `coupled` where the object is free: hand and object in one program, with friction and a table."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.errors import InputError
+from hhsim.kernels.copy import copy_values
+from hhsim.kernels.free.block import run_free_block
+from hhsim.kernels.free.body import Support
+from hhsim.kernels.free.record import ObjectRecord
+from hhsim.kernels.free.rows import FREE_DOF, FREE_ROWS
+from hhsim.kernels.free.state import free_state_dtype
+from hhsim.kernels.free.tick import Free, rebuild
+from hhsim.kernels.qp.active_set import new_work
+from hhsim.kernels.rotation import quaternion_to_matrix
+from hhsim.kernels.sphere_tree import TreeArrays
+from hhsim.kernels.tick.block import HapticBlock, TickRecord
+from hhsim.kernels.tick.step import ACTIVE_CAPACITY
+from hhsim.mesh.mesh import Mesh
+from hhsim.scene.free_object import FreeObject
+from hhsim.solver.options import SolverOptions
+from hhsim.solver.surface import surface_of
+from hhsim.solver.workspace import TickWorkspace, zeroed
+
+FloatArray = NDArray[np.float64]
+
+BELOW = 1e-6
+"""An object that is no further in the table than this at the start [m] begins on it."""
+
+
+def require_free(options: SolverOptions) -> None:
+    """Make sure that a free object can be solved for so.
+
+    Raises:
+        InputError: Another method than `coupled`, another QP solver, another force model, or several threads.
+    """
+    if options.method != "coupled":
+        raise InputError(f"method {options.method} has no free objects: coupled has")
+    if options.qp != "active-set":
+        raise InputError(f"a free object is solved for by hhsim's own QP solver, not {options.qp}: use active-set")
+    if options.force != "kkt":
+        raise InputError("with a free object the forces are the program's own: use the force model kkt")
+    if options.threads > 1:
+        raise InputError(f"threads is {options.threads}, but a free object is solved for in one thread")
+
+
+def support_of(workspace: TickWorkspace) -> Support:
+    """What of the object can stand on a plane: the corners of its mesh's convex hull; spheres where it has no mesh."""
+    surface = workspace.surface
+    if workspace.mesh is not None:
+        points = hull_corners(workspace.mesh)
+    elif isinstance(surface, TreeArrays):
+        leaves = slice(surface.leaf_start, None)
+        points = np.stack([surface.x[leaves], surface.y[leaves], surface.z[leaves]], axis=1)
+        return Support(points, np.array(surface.radius[leaves]))
+    else:
+        points = surface.vertex
+    return Support(points, np.zeros(len(points)))
+
+
+def hull_corners(mesh: Mesh) -> FloatArray:
+    """Corners of a mesh's convex hull [m], shape (S, 3); all its vertices where it is flat."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    points = mesh.vertices[np.unique(mesh.faces)]
+    try:
+        return np.ascontiguousarray(points[np.sort(ConvexHull(points).vertices)])
+    except QhullError:
+        return np.ascontiguousarray(points)
+
+
+class FreeEngine:
+    """Runs the ticks of hand and free object.
+
+    Args:
+        workspace: Of the hand, and of the object as it stands at first.
+        free: The object.
+
+    Attributes:
+        ticks: What became of the object in the last block.
+    """
+
+    def __init__(self, workspace: TickWorkspace, free: FreeObject) -> None:
+        require_free(workspace.options)
+        self.workspace = workspace
+        self.free = free
+        self.method = Free(workspace.tick_options, support_of(workspace))
+        self.qp = new_work(FREE_DOF, FREE_ROWS)
+        self.states = zeroed(free_state_dtype(surface_of(workspace.surface).candidates))
+        self.ticks = object_record(0)
+        state, plain = self.states[0], workspace.states[0]
+        for name in ("modelled", "stiffness"):
+            state[name][:] = plain[name]
+        state.candidates.fresh[:] = plain.candidates.fresh
+        state.candidates.nearest[:] = np.inf
+        state.problem.inverse_root[:] = plain.problem.inverse_root
+        state.free_problem.inverse_root[:] = plain.problem.inverse_root
+        for pose in (state.pose, state.safe, state.haptic):
+            pose.orientation[0] = 1.0
+            pose.rotation[:] = np.eye(3)
+        self._place_object()
+
+    def _place_object(self) -> None:
+        free, body = self.free, self.states[0].body
+        period = self.workspace.options.period
+        moment, axes = np.linalg.eigh(np.array(free.inertia))
+        # Right-handed, or the gyroscopic term would have the other sign.
+        axes[:, 0] *= np.sign(np.linalg.det(axes))
+        body.period = period
+        body.center[:] = body.position[:] = free.center
+        body.axes[:] = axes.T
+        body.moment[:] = moment
+        # Damping at the end of the step weighs as mass: forces balance as they would without it.
+        damped = period / np.sqrt(1.0 + free.damping * period)
+        body.inverse_root[:3] = damped / np.sqrt(free.mass)
+        body.inverse_root[3:] = damped / np.sqrt(moment)
+        body.gravity[:] = free.gravity
+        body.damping = free.damping
+        body.friction, body.torsion = free.friction, free.torsion
+        body.has_table = free.table is not None
+        body.table = 0.0 if free.table is None else free.table
+        body.table_friction = free.of_table
+        body.orientation[0] = 1.0
+        body.rotation[:] = np.eye(3)
+        body.velocity[:] = free.velocity
+        body.spin[:] = axes.T @ np.array(free.angular_velocity)
+        if free.table is None:
+            return
+        support = self.method.support
+        lowest = float((support.point[:, 2] - support.radius).min()) - free.table
+        if lowest < -BELOW:
+            raise InputError(
+                f"the object begins {-1e3 * lowest:.3g} mm below the table at z = {1e3 * free.table:.6g} mm: put the "
+                f"table at {1e3 * (lowest + free.table):.6g} mm or lower"
+            )
+        body.position[2] += max(0.0, self.workspace.options.offset - lowest)
+
+    def begin(self) -> None:
+        """See `Engine.begin`; the graphic hand stands in the workspace as the object sees it."""
+        state, plain = self.states[0], self.workspace.states[0]
+        for name in HapticBlock._fields:
+            state.pose[name][:] = plain.pose[name]
+            state.haptic[name][:] = plain.haptic[name]
+        copy_values(np.array(plain.haptic.position), state.palm_position)
+        copy_values(np.array(plain.haptic.orientation), state.palm_orientation)
+        quaternion_to_matrix(np.array(state.body.orientation), state.body.rotation)
+        workspace = self.workspace
+        if rebuild(workspace.hand, self.method, workspace.surface, self.states) != 0:
+            raise workspace.full()
+
+    def run(self, haptic: HapticBlock, record: TickRecord) -> int:
+        """See `Engine.run`."""
+        workspace = self.workspace
+        self.ticks = object_record(len(haptic.position))
+        return int(
+            run_free_block(
+                self.method, workspace.hand, workspace.surface, self.states, self.qp, haptic, record, self.ticks
+            )
+        )
+
+
+def object_record(ticks: int) -> ObjectRecord:
+    """Room for what becomes of the object in a block of ticks."""
+    zeros, rows = np.zeros, ticks * ACTIVE_CAPACITY
+    return ObjectRecord(
+        turn=zeros((ticks, 4)),
+        shift=zeros((ticks, 3)),
+        velocity=zeros((ticks, 3)),
+        angular_velocity=zeros((ticks, 3)),
+        hand_wrench=zeros((ticks, 6)),
+        table_wrench=zeros((ticks, 6)),
+        table_distance=zeros(ticks),
+        friction_residual=zeros(ticks),
+        contact=zeros(ticks + 1, np.int64),
+        body=zeros(rows, np.int64),
+        point=zeros((rows, 3)),
+        normal=zeros((rows, 3)),
+        normal_force=zeros(rows),
+        friction_force=zeros((rows, 3)),
+        torsional_moment=zeros(rows),
+        slip=zeros(rows),
+    )

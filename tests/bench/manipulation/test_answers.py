@@ -1,0 +1,61 @@
+"""Known answers: what is quick to play holds, and a wrong one would not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hhsim.bench.manipulation.answers import CASES, Answer, Lengths, slope
+from hhsim.bench.manipulation.gripped import clearance, gripped
+from hhsim.bench.manipulation.pinch import Pinch
+from hhsim.bench.manipulation.table import COLUMNS, ManipulationOptions, measure, missed
+from hhsim.errors import InputError, UnknownNameError
+
+SHORT = Lengths(rest=1.0, held=1.0)
+
+
+@pytest.mark.parametrize("case", ["slope", "tipping", "rest"])
+def test_what_is_quick_to_play_holds(case: str) -> None:
+    answers = CASES[case](SHORT)
+    assert answers and all(answer.holds for answer in answers), [answer for answer in answers if not answer.holds]
+
+
+def test_an_answer_that_is_off_or_unknown_does_not_hold() -> None:
+    right = Answer("a", "b", "m", 1.0, 1.005, 0.01)
+    assert right.holds and right.off == pytest.approx(0.005)
+    assert not replace(right, measured=0.98).holds
+    assert not replace(right, measured=float("nan")).holds
+
+
+def test_a_pinch_holds_and_its_fingers_never_enter() -> None:
+    pinch = Pinch(squeeze=1.5 * Pinch().threshold, hold=1.0)
+    played = gripped(pinch)
+    assert clearance(played, pinch).min() >= 0.0
+    normal = 0.5 * played.summed(played.normal_force, of_table=False)
+    assert normal[-1] == pytest.approx(pinch.squeeze, rel=0.01)
+    weight = played.hand_wrench[-1, 2]
+    assert weight == pytest.approx(0.981, rel=1e-3)
+    assert np.abs(played.table_wrench[-1]).max() == 0.0
+
+
+def test_the_table_says_what_is_exact_and_what_was_missed() -> None:
+    rows = measure(ManipulationOptions.quick(cases=("slope",)))
+    assert [set(row) for row in rows] == [{column.name for column in COLUMNS}] * len(rows)
+    assert not missed(rows) and len(rows) == len(slope(SHORT))
+    assert missed([{**rows[0], "holds": 0}])
+
+
+@pytest.mark.parametrize(
+    ("named", "error"),
+    [({"cases": ("slop",)}, UnknownNameError), ({"rest": 0.0}, InputError), ({"held": np.nan}, InputError)],
+)
+def test_what_cannot_be_played_is_refused(named: dict[str, object], error: type[Exception]) -> None:
+    with pytest.raises(error):
+        ManipulationOptions(**named)  # type: ignore[arg-type]
+
+
+@pytest.mark.soak
+def test_the_slow_ones_hold() -> None:
+    for case in CASES.values():
+        answers = case(SHORT)
+        assert all(answer.holds for answer in answers), [answer for answer in answers if not answer.holds]

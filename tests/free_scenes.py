@@ -1,0 +1,99 @@
+"""Free objects alone, under one finger, and between two that are each other's mirror image."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import trimesh
+from numpy.typing import ArrayLike, NDArray
+
+from hhsim.hand.model import HandModel
+from hhsim.mesh.mesh import Mesh
+from hhsim.scene.free_object import FreeObject
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions, Stiffness
+from hhsim.trees.contact_surface import contact_surface
+
+Array = NDArray[Any]
+Pose = tuple[Array, Array, Array, Array]
+GRAVITY = 9.81
+
+
+def box(size: Sequence[float], center: ArrayLike = (0.0, 0.0, 0.0)) -> Mesh:
+    """A box of these edges [m] around a centre [m]."""
+    solid = trimesh.creation.box(size)
+    return Mesh(solid.vertices + np.asarray(center), solid.faces, name="box")
+
+
+def solver_of(mesh: Mesh, free: FreeObject, hand: HandModel | None = None, **options: Any) -> HandSolver:
+    """A solver that touches the mesh itself."""
+    surface = contact_surface("mesh", mesh, None)
+    return HandSolver(hand or HandModel.default(), surface, SolverOptions(surface="mesh", **options), free)
+
+
+def far_hand(ticks: int) -> Pose:
+    """A hand that is 1.7 m from the origin and stands still."""
+    flat = np.zeros((ticks, 5, 3)), np.zeros((ticks, 5))
+    return np.full((ticks, 3), 1.0), np.tile([1.0, 0.0, 0.0, 0.0], (ticks, 1)), *flat
+
+
+TIP = 0.008
+"""Radius of the tongs' fingers [m]."""
+REACH = 0.09
+HALF_APART = 0.03
+
+
+def tongs() -> HandModel:
+    """A hand whose thumb and index lie along x, 60 mm apart, and close on each other."""
+    hand = HandModel.default()
+    fields = {name: getattr(hand, name).copy() for name in ("base", "distal", "dorsal", "length", "radius")}
+    limits = {name: getattr(hand, name).copy() for name in ("flexion_min", "flexion_max")}
+    for finger, side in ((0, -1.0), (1, 1.0)):
+        fields["base"][finger] = (0.0, HALF_APART * side, 0.0)
+        fields["distal"][finger] = (1.0, 0.0, 0.0)
+        fields["dorsal"][finger] = (0.0, side, 0.0)
+        fields["length"][finger] = (0.04, 0.03, 0.02)
+        fields["radius"][finger] = TIP
+        limits["flexion_min"][finger], limits["flexion_max"][finger] = -0.5, 1.5
+    return replace(hand, **fields, **limits)
+
+
+def closing(width: float) -> tuple[float, float]:
+    """The flexion [rad] at which the tongs touch both faces of a box of a width [m], and where their tips are [m]."""
+    touch = float(np.arcsin((HALF_APART - 0.5 * width - TIP) / REACH))
+    return touch, REACH * float(np.cos(touch))
+
+
+def tongs_at(flexion: ArrayLike, shift: ArrayLike = (0.0, 0.0, 0.0)) -> Pose:
+    """The tongs closed to a flexion [rad] at each tick, and shifted [m]."""
+    closed = np.atleast_1d(np.asarray(flexion, np.float64))
+    bent = np.zeros((len(closed), 5, 3))
+    bent[:, :2, 0] = closed[:, None]
+    position = np.broadcast_to(np.asarray(shift, np.float64), (len(closed), 3)).copy()
+    return position, np.tile([1.0, 0.0, 0.0, 0.0], (len(closed), 1)), bent, np.zeros((len(closed), 5))
+
+
+WIDTH = 0.03
+
+
+def gripped(mass: float, friction: float, squeeze: float, **others: float) -> tuple[HandSolver, float]:
+    """A box that the tongs hold without gravity with a force [N], and their flexion [rad]."""
+    touch, tip = closing(WIDTH)
+    mesh = box((0.02, WIDTH, 0.02), (tip, 0.0, 0.0))
+    # Each finger closes by 20 µm more than to touch; what swings dies out.
+    stiffness = Stiffness(translation=1e5, rotation=1e3, flexion=50.0 * squeeze)
+    free = FreeObject.of_mesh(mesh, mass=mass, friction=friction, gravity=(0.0, 0.0, 0.0), damping=20.0, **others)
+    solver = solver_of(mesh, free, tongs(), fingers=("thumb", "index"), stiffness=stiffness)
+    closed = touch + REACH_PER_STIFFNESS
+    solver.run(*tongs_at(np.r_[np.linspace(touch - 0.05, closed, 200), np.full(100, closed)]))
+    return solver, closed
+
+
+REACH_PER_STIFFNESS = 0.09 / 50.0
+
+
+def squeeze_of(solver: HandSolver) -> float:
+    """Sum of the normal forces [N] at the last tick."""
+    held = solver.object_ticks
+    return float(held.normal_force[held.contact[-2] : held.contact[-1]].sum())

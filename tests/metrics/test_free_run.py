@@ -1,0 +1,65 @@
+"""What is said of a free object's run: how far it goes, what slips first, and whether a lift took it along."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hhsim.metrics.free_run import FreeRun, body_name
+from hhsim.motion.object_motion import ObjectMotion
+from hhsim.motion.trajectory import TickPhase
+
+TICKS = 10
+LIFT = (TickPhase("hold", 0, 1), TickPhase("lift", 2, 9))
+PALM = np.outer(np.clip(np.arange(TICKS) - 2.0, 0.0, None), [0.0, 0.0, 0.01])
+
+
+def run(share: float) -> FreeRun:
+    """An object that comes along by a share of the palm's way, with two contacts that slip and one of the table."""
+    datasets: dict[str, Any] = {
+        "object/position": share * PALM,
+        "object/orientation": np.tile([1.0, 0.0, 0.0, 0.0], (TICKS, 1)),
+        "contact/tick": np.array([3, 4, 5, 5]),
+        "contact/body": np.array([-1, 5, 2, 15]),
+        "contact/slip": np.array([1e-3, 1e-7, 2e-6, 3e-6]),
+    }
+    properties = {
+        "mass": 0.1,
+        "gravity": (0.0, 0.0, -10.0),
+        "center": (0.0, 0.0, 0.0),
+        "friction": 0.5,
+        "torsion": 0.0,
+        "table_friction": 0.2,
+    }
+    first = ObjectMotion(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
+    corners = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+    return FreeRun(datasets, properties, corners, first)
+
+
+def test_a_lift_that_leaves_the_object_behind_says_which_contact_slipped_first() -> None:
+    said = run(0.5).left_behind(LIFT, PALM)
+    assert said == "in the lift the object comes 35.0 mm of 70.0 mm: the first contact to slip is of the palm at tick 5"
+    assert run(0.95).left_behind(LIFT, PALM) == ""
+    assert run(0.5).left_behind(LIFT[:1], PALM) == ""
+
+
+def test_friction_is_told_as_a_share_of_what_can_be_borne() -> None:
+    free = run(1.0)
+    free.datasets.update({  # type: ignore[attr-defined]
+        "contact/friction_force": np.array([[9.0, 0.0, 0.0], [0.0, 0.3, 0.0], [0.0, 0.0, 0.4], [0.0, 0.2, 0.0]]),
+        "contact/normal_force": np.array([1.0, 1.0, 1.0, 0.5]),
+        "contact/torsional_moment": np.array([0.0, 0.0, 6e-3, 0.0]),
+    })  # fmt: skip
+    free.properties.update(torsion=0.01)  # type: ignore[attr-defined]
+    # What the table bears is left out; of tick 5 it is the contact nearest to its limit.
+    assert free.friction_share == pytest.approx([0.0] * 4 + [0.6, 1.0] + [0.0] * 4)
+
+
+def test_weight_friction_and_way_are_those_of_the_object() -> None:
+    free = run(1.0)
+    assert free.weight == pytest.approx(1.0)
+    assert free.friction.tolist() == [0.2, 0.5, 0.5, 0.5]
+    assert free.of_hand.tolist() == [False, True, True, True]
+    assert free.displacement(2, 9) == pytest.approx(0.07)
+    assert free.center[-1] == pytest.approx([0.0, 0.0, 0.07])
+    assert (body_name(15), body_name(0), body_name(5)) == ("palm", "thumb's first phalanx", "index's last phalanx")
