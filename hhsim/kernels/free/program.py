@@ -12,6 +12,7 @@ from hhsim.kernels.free.rows import (
     FREE_DOF,
     ON_TABLE,
     TABLE_KEYS,
+    TINY,
     contact_rows,
     friction_rows,
     measure_slip,
@@ -206,9 +207,14 @@ def _hold(
         wanted = max(0.0, friction.length[i] - LET_FLOAT * offset)
         found = load == 0.0 or abs(friction.shift[i] - wanted) <= SETTLED * offset
         held.shift[count] = wanted if found else friction.shift[i]
-        held.about[count] = coulomb.leaning[i, 3]
+        held.about[count] = friction.about[i, 0]
         for j in range(3):
-            held.along[count, j] = coulomb.leaning[i, j]
+            held.along[count, j] = friction.along[i, 0, j]
+        # What sticks needs no other directions.
+        sticks = load > 0.0 and friction.length[i] <= TINY
+        held.leaning[count, 3] = held.about[count] if sticks else coulomb.leaning[i, 3]
+        for j in range(3):
+            held.leaning[count, j] = held.along[count, j] if sticks else coulomb.leaning[i, j]
         count += 1
     held.count = count
 

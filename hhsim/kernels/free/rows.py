@@ -167,10 +167,11 @@ HELD = np.dtype(
         ("shift", np.float64, (FRICTIONS,)),
         ("along", np.float64, (FRICTIONS, 3)),
         ("about", np.float64, (FRICTIONS,)),
+        ("leaning", np.float64, (FRICTIONS, 4)),
     ],
     align=True,
 )
-"""The contacts with friction of the last program, object's frame: Γ [m], and a vector along e_1 of any length."""
+"""The contacts with friction of the last program, object's frame: Γ [m], e_1, and a vector along what e_1 is better."""
 
 
 @jit_vector
@@ -533,11 +534,19 @@ def measure_slip(pose: Record, body: Record, step: Array, abduction: Array, fric
 
 @jit_once
 def begin_frictions(
-    pose: Record, body: Record, step: Array, abduction: Array, problem: Record, held: Record, friction: Record
+    pose: Record,
+    body: Record,
+    step: Array,
+    abduction: Array,
+    problem: Record,
+    held: Record,
+    turns: bool,
+    friction: Record,
 ) -> None:
     """Set what the contacts slipped in this tick so far, and Γ and directions as they were in the program before.
 
     A contact that is new begins with what it would slip in a step, shape (27,), of hand and object, and its abduction.
+    With `turns` the directions are those that turned out better.
     """
     for i in range(friction.count):
         friction.shift[i] = 0.0
@@ -554,7 +563,11 @@ def begin_frictions(
                 at = as_int64(j)
                 break
         if at >= 0:
-            if orient(friction, i, held.along[at, 0], held.along[at, 1], held.along[at, 2], held.about[at]):
+            lean, along = held.leaning[at], held.along[at]
+            if turns and orient(friction, i, lean[0], lean[1], lean[2], lean[3]):
+                friction.shift[i] = held.shift[at]
+                continue
+            if orient(friction, i, along[0], along[1], along[2], held.about[at]):
                 friction.shift[i] = held.shift[at]
                 continue
         else:

@@ -42,7 +42,7 @@ from hhsim.kernels.free.rows import (
 )
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration, move, update_kinematics
-from hhsim.kernels.jit import Record, as_int64, jit, jit_once
+from hhsim.kernels.jit import Record, as_bool, as_int64, jit, jit_once
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
 from hhsim.kernels.rotation import rotation_vector_between
 from hhsim.kernels.tick.force import hand_forces
@@ -83,6 +83,8 @@ Array = NDArray[np.float64]
 CLOSE = 20.0
 FLOATS = 2.0
 """A contact up to so many offsets apart, and this many residuals of the tick before, has friction."""
+SEARCHED = 2
+"""In so many programs of a tick Γ and directions are sought; in the others they stand."""
 
 
 class Free(NamedTuple):
@@ -146,7 +148,9 @@ def _prepare(hand: HandArrays, method: Free, surface: Any, state: Record) -> int
         step, abduction = problem.before[:], problem.before_abduction[:]
     else:
         step, abduction = problem.total[:], problem.abduction_total[:]
-    begin_frictions(state.pose, body, step, abduction, problem, state.held, friction)
+    # Directions that went on turning would give each program another one, and the tick no end.
+    turns = as_bool(state.work[WORK_LINEARISATIONS] < SEARCHED)
+    begin_frictions(state.pose, body, step, abduction, problem, state.held, turns, friction)
     scale_target(body, problem)
     count = total + friction.count - friction.of_hand
     work = state.work
@@ -179,7 +183,7 @@ def _solve(method: Free, count: int, state: Record, qp: QpWork) -> int:
 def _solve_rows(method: Free, state: Record, qp: QpWork) -> int:
     began = monotonic_ns()
     rounds = as_int64(1)
-    if state.work[WORK_LINEARISATIONS] <= 2 and not state.clipped:
+    if state.work[WORK_LINEARISATIONS] <= SEARCHED and not state.clipped:
         rounds = begin_search(state.coulomb)
     status = solve_free(
         method.options,
