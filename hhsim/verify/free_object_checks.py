@@ -253,7 +253,9 @@ def _slips(motion: FreeMotion) -> list[Claim]:
     # A step of the solver is straight, and what turns goes round: ½ way² / radius, of the object ½ turn² radius.
     turn = (motion.turned[1:] * motion.turned[:-1].inv()).magnitude()[motion.tick]
     arm = np.linalg.norm(motion.point - motion.center[1:][motion.tick], axis=1)
-    room = STICKS + 1e-2 * own + 0.5 * moved[motion.tick] ** 2 / RADIUS + 0.5 * turn**2 * arm
+    # Where a tick has several steps they may go beyond where they end: one there and one back bend it twice.
+    bends = np.where(np.asarray(motion.result["work/linearisations"]) > 1, 1.0, 0.5)
+    room = STICKS + 1e-2 * own + (bends * moved**2)[motion.tick] / RADIUS + 0.5 * turn**2 * arm
     # A tick that lags has gone parts of its steps, and what is left of them is taken off the next ones.
     room += np.where(np.isin(motion.tick, motion.whole), 0.0, 1e-3 * moved[motion.tick])
     wrong = (np.asarray(motion.result["contact/sticks"]) == 1) != (motion.slip <= STICKS)
