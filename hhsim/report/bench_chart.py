@@ -61,6 +61,11 @@ def _share_of_bar(row: Row) -> float:
     return math.nan if row["at_least"] or not bar > 0.0 else value / bar
 
 
+def _share_of_allowed(row: Row) -> float:
+    off, allowed = abs(float(row["off"])), float(row["allowed"])
+    return off / allowed if allowed > 0.0 else math.nan
+
+
 CHARTS: Mapping[str, Chart] = {
     "paper": Chart("How many times below the paper's figure", ("method",), x="ratio", labels=("label",), mark=1.0),
     "speed-error": Chart(
@@ -83,6 +88,14 @@ CHARTS: Mapping[str, Chart] = {
         labels=("case", "figure"),
         of=_share_of_bar,
         axis="of the bar",
+        mark=1.0,
+    ),
+    "manipulation": Chart(
+        "Share that is used of what a figure may be off by",
+        ("method",),
+        labels=("case", "figure"),
+        of=_share_of_allowed,
+        axis="of what is allowed",
         mark=1.0,
     ),
     "stress": Chart("Slowest hundredth of the ticks", ("method",), x="cpu_p99", labels=("object", "level")),
@@ -171,7 +184,7 @@ def _draw_lines(
         values += x
         y = [labels.index(_label(chart, row)) for row in of]
         axes.plot(x, y, MARKS[number % len(MARKS)], color=run_style(number)[0], markersize=4.5, alpha=0.8)
-    axes.set_yticks(range(len(labels)), [label if len(label) <= 60 else f"{label[:59]}…" for label in labels])
+    axes.set_yticks(range(len(labels)), [label if len(label) <= 52 else f"{label[:51]}…" for label in labels])
     axes.set_ylim(len(labels) - 0.4, -0.6)
     for place in range(len(labels)):
         axes.axhline(place, color=GRID, linewidth=0.6, zorder=0)

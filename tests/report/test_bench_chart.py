@@ -10,6 +10,7 @@ import pytest
 from drawings_alone import leave_charts_undrawn
 
 from hhsim.bench import mesh_size, peers_table, speed_error_table, threads, trees
+from hhsim.bench.manipulation import table as manipulation
 from hhsim.bench.paper import table as paper
 from hhsim.bench.qp import bench as qp
 from hhsim.bench.robustness import hard, recorded_metrics, stress_metrics
@@ -24,6 +25,7 @@ COLUMNS = {
     "speed-error": speed_error_table.COLUMNS,
     "peers": peers_table.COLUMNS,
     "hard": hard.COLUMNS,
+    "manipulation": manipulation.COLUMNS,
     "stress": stress_metrics.COLUMNS,
     "recorded": recorded_metrics.COLUMNS,
     "qp": qp.COLUMNS,
