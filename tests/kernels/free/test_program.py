@@ -49,7 +49,7 @@ def judge(program: CoulombProgram) -> float:
     differs = x - program.found
     bears = (forces[:, 0] > 0.0) | (program.multiplier[:, 0] > 0.0)
     assert np.abs((program.rows @ differs)[bears]).max() < CLEARANCE
-    assert np.abs((program.weight * differs)[6:9]).max() < SETTLED
+    assert np.abs((program.weight * differs)[6:9]).max() < FLOATS
     # The total force on the object, beside what presses on it.
     assert np.linalg.norm((differs / program.weight)[6:9]) < 2e-3 * forces[:, 0].sum()
     s = np.einsum("cpi,i->cp", program.rows[:, 1:], x) + program.start
