@@ -50,8 +50,8 @@ def judge(program: CoulombProgram) -> float:
     bears = (forces[:, 0] > 0.0) | (program.multiplier[:, 0] > 0.0)
     assert np.abs((program.rows @ differs)[bears]).max() < CLEARANCE
     assert np.abs((program.weight * differs)[6:9]).max() < FLOATS
-    # The total force on the object, beside what presses on it.
-    assert np.linalg.norm((differs / program.weight)[6:9]) < 2e-3 * forces[:, 0].sum()
+    # The total force on the object, beside what presses on it: to float by 0.1 µm in a tick takes 200 g 0.02 N.
+    assert np.linalg.norm((differs / program.weight)[6:9]) < 1e-2 * forces[:, 0].sum()
     s = np.einsum("cpi,i->cp", program.rows[:, 1:], x) + program.start
     return float(np.linalg.norm(s[forces[:, 0] > 0.0], axis=1).max())
 
