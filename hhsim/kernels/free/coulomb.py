@@ -1,13 +1,14 @@
-"""Coulomb's law for the contacts of a program: Newton's method for what each of them slips.
+"""Coulomb's law for the contacts of a program: Newton's method for what each of them slips, and which way it rubs.
 
 De Saxcé's correction asks that Γ, which the rows of friction of a contact are given, is |s| of the solution, where it
-bears a force. While the same rows bear it, the solution is linear in the Γ of all contacts: with N the normals of these
-rows, Nᵀ = Qᵀ R, and E which of them are of which contact's friction, dx = -Qᵀ R⁻ᵀ E dΓ. So
+bears a force; here it is to be |s| - φ, with φ what a contact may float, and 0 where it slips by less. While the same
+rows bear it, the solution is linear in the Γ of all contacts: with N the normals of these rows, Nᵀ = Qᵀ R, and E which
+of them are of which contact's friction, dx = -Qᵀ R⁻ᵀ E dΓ. So
 
-    (I - D) dΓ = |s| - Γ,     D_ij = d|s_i| / dΓ_j,
+    (I - D) dΓ = |s| - φ - Γ,     D_ij = d|s_i| / dΓ_j,
 
 is one small system, and the next program, which begins from the rows of this one, says whether they are still the same.
-Where a contact's plain row bears a part of its load Γ is too large, and does nothing: it becomes |s|.
+Where a contact's plain row bears a part of its load Γ is too large, and does nothing: it becomes |s| - φ.
 """
 
 import math
@@ -21,7 +22,6 @@ from hhsim.kernels.free.rows import (
     FREE_DOF,
     FREE_ROWS,
     FRICTIONS,
-    TINY,
     coefficient,
     orient,
     torsion_radius,
@@ -38,7 +38,7 @@ NO_LOAD = 1e-3
 FLAT = 1e-3
 """A system with a pivot smaller than this says nothing about the unknown that it belongs to."""
 RANK = 1e-10
-"""Share of the trace that is added where contacts do not tell all directions apart."""
+"""Share of the trace of Jᵀ J that is added to it: contacts do not tell all directions apart."""
 
 COULOMB = np.dtype(
     [
@@ -62,7 +62,7 @@ COULOMB = np.dtype(
 |---|---|
 | contact | their places in FRICTION |
 | moved | what a metre of Γ adds to the program's variables, scaled |
-| matrix, rhs | I - D, and |s| - Γ, then dΓ [m] |
+| matrix, rhs | I - D, and what Γ is short of, then dΓ [m]; also Jᵀ J and y of `_spread_evenly` |
 | share | scratch |
 | shift, along, about | Γ and e_1 of the round before, as FRICTION has them |
 | leaning | which way each contact is to rub next, see `find_leanings` |
@@ -118,13 +118,9 @@ def _fill_system(
             work.matrix[a, c] = 1.0 if a == c else 0.0
         if slip <= floats or friction.plain[i] > NO_LOAD * (friction.plain[i] + friction.cone[i]):
             continue
-        if slip > TINY:
-            scale = 1.0 / slip
-            x, y, z = scale * friction.slip[i, 0], scale * friction.slip[i, 1], scale * friction.slip[i, 2]
-            spin = scale * friction.spin[i]
-        else:
-            x, y, z = friction.along[i, 0, 0], friction.along[i, 0, 1], friction.along[i, 0, 2]
-            spin = friction.about[i, 0]
+        scale = 1.0 / slip
+        x, y, z = scale * friction.slip[i, 0], scale * friction.slip[i, 1], scale * friction.slip[i, 2]
+        spin = scale * friction.spin[i]
         of, n = friction.body[i], friction.normal[i]
         mu, w = coefficient(body, of), torsion_radius(body, of) * spin
         point = friction.point[i]
