@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from hhsim.kernels.live.phase import MOST_SHIFT
 from hhsim.result.reader import Result
 from hhsim.verify.claim import NOT_JUDGED, Claim, all_true, judged
 from hhsim.verify.finger_command_checks import DEVICE_LOST, command_claims
@@ -50,11 +51,14 @@ def _records(rows: SessionRows) -> Claim:
 
 
 def _deadlines(rows: SessionRows) -> Claim:
-    due = rows.deadline[0] + rows.period_ns * (rows.period - rows.period[0])
-    back = np.diff(rows.period, prepend=-1) < 1
-    off = np.where(back, np.inf, np.abs(rows.deadline - due) * 1e-9)
+    """Each tick may move the next deadline a little, those too that are not in the file."""
+    periods = np.diff(rows.period, prepend=rows.period[0] - 1)
+    apart = np.diff(rows.deadline, prepend=rows.deadline[0] - rows.period_ns)
+    off = np.where(periods < 1, np.inf, 1e-9 * np.abs(apart - rows.period_ns * periods))
+    moved = 1e-9 * (rows.period_ns // MOST_SHIFT) * np.maximum(1, periods - rows.missed)
     says = f"deadlines are {1e-6 * rows.period_ns:g} ms apart, by the numbers of their periods"
-    return judged("deadlines", says, off, 0.0, "s", "whole nanoseconds", ticks=rows.numbers)
+    why = f"a tick moves the next one by its period through {MOST_SHIFT} at most, towards the glove's samples"
+    return judged("deadlines", says, off, moved, "s", why, ticks=rows.numbers)
 
 
 def _missed(rows: SessionRows) -> Claim:
@@ -87,9 +91,10 @@ def _causes(rows: SessionRows) -> Claim:
     at = 1 + np.flatnonzero(rows.closed[:-1] & (rows.missed[1:] > 0))
     since = at - 1 - rows.at_once[at - 1]
     at, since = at[rows.closed[since]], since[rows.closed[since]]
+    period = rows.period_ns + rows.period_ns // MOST_SHIFT
     most = rows.over[at - 1] - rows.woke[since] - taken["computed"][at]
     kept = taken["kept"][at] - rows.wakeup[at] - rows.wakeup[since] % rows.period_ns
-    wrong[at] |= (kept < np.maximum(0, most - rows.period_ns)) | (kept > np.maximum(0, most))
+    wrong[at] |= (kept < np.maximum(0, most - period)) | (kept > np.maximum(0, most))
     return all_true(name, says, wrong, ticks=rows.numbers)
 
 

@@ -60,7 +60,8 @@ SCRIPT = [
     # A jump in one sample, and back.
     Moment(0.2),
     *HOLDING,
-    Moment(FIST, work_ns=12 * PERIOD),
+    # Not to the end of a period: the times that are made up for it below would end in the next.
+    Moment(FIST, work_ns=12 * PERIOD + PERIOD // 2),
     # Longer than the log is silent about a mishap that it has told of.
     *HOLDING * 14,
 ]

@@ -16,6 +16,7 @@ PASSED = -1
 DEADLINES = np.dtype(
     [
         ("period_ns", np.int64),
+        ("shift_ns", np.int64),
         ("tick", np.int64),
         ("deadline_ns", np.int64),
         ("asked_ns", np.int64),
@@ -35,6 +36,7 @@ DEADLINES = np.dtype(
 | field | meaning |
 |---|---|
 | period_ns | one period |
+| shift_ns | how much longer the present one is |
 | tick | number of the present one, from 0; missed ones leave gaps |
 | deadline_ns | when it began |
 | asked_ns | when the loop began to wait: its work was done |
@@ -54,7 +56,7 @@ def begin_periods(deadlines: Record, now: int) -> None:
     deadlines.deadline_ns = deadlines.asked_ns = deadlines.woke_ns = now
     deadlines.wakeup_ns = deadlines.late_ns = deadlines.missed = deadlines.missed_total = 0
     deadlines.aim_ns = now
-    deadlines.passed = deadlines.at_once = 0
+    deadlines.passed = deadlines.at_once = deadlines.shift_ns = 0
 
 
 @jit
@@ -66,7 +68,7 @@ def next_deadline(deadlines: Record, now: int) -> int:
     follow each other without a pause, and a loop that is too slow leaves the processor to others. Any other deadline
     that has passed is missed.
     """
-    aim = deadlines.deadline_ns + deadlines.period_ns
+    aim = deadlines.deadline_ns + deadlines.period_ns + deadlines.shift_ns
     deadlines.asked_ns = now
     deadlines.passed = 0
     past = now - aim

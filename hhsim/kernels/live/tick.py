@@ -24,6 +24,7 @@ from hhsim.kernels.live.notes import (
     SAFETY_CHANGED,
     note,
 )
+from hhsim.kernels.live.phase import LEAST_INTERVAL, count_phase, deadline_shift
 from hhsim.kernels.live.plausibility import use_sample
 from hhsim.kernels.live.tick_times import count_time
 from hhsim.kernels.parallel.atomic import fetch_add, load_acquire, store_release
@@ -108,6 +109,7 @@ class LiveArrays(NamedTuple):
     Attributes:
         loop: Of `LOOP`.
         deadlines: Of `hhsim.kernels.live.deadlines.DEADLINES`.
+        phase: Of `hhsim.kernels.live.phase.PHASE`.
         interlock: Of `hhsim.kernels.live.interlock.INTERLOCK`.
         commander: Of `hhsim.kernels.live.finger_command.COMMANDER`.
         watch: Of `hhsim.kernels.live.plausibility.WATCH`.
@@ -124,6 +126,7 @@ class LiveArrays(NamedTuple):
 
     loop: Any
     deadlines: Any
+    phase: Any
     interlock: Any
     commander: Any
     watch: Any
@@ -204,6 +207,18 @@ def _take_samples(live: LiveArrays) -> None:
 
 
 @jit
+def _follow_phase(live: LiveArrays) -> None:
+    """Move the next deadline towards where the glove's samples come."""
+    loop, deadlines = live.loop[0], live.deadlines[0]
+    if loop.arrived_ns >= 0:
+        newest = live.samples[(loop.taken - 1) % live.samples.shape[0]]
+        count_phase(live.phase[0], newest.handed_ns, deadlines.period_ns)
+    deadlines.shift_ns = 0
+    if loop.usual_ns >= LEAST_INTERVAL * deadlines.period_ns:
+        deadlines.shift_ns = deadline_shift(live.phase[0], deadlines.deadline_ns, deadlines.period_ns)
+
+
+@jit
 def _take_palm(live: LiveArrays) -> None:
     """Use the newest pose of the palm; one that is being written waits for the next tick."""
     loop, status, row = live.loop[0], live.status[0], live.row[0]
@@ -236,6 +251,7 @@ def begin_tick(live: LiveArrays) -> bool:
         _take_palm(live)
     else:
         loop.arrived_ns = -1
+    _follow_phase(live)
     silent = now - status.driver_ns
     lost = status.device_lost != 0
     if silent > loop.driver_ns and not lost:

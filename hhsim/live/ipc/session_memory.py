@@ -10,6 +10,7 @@ import argparse
 import json
 import os
 import time
+import weakref
 from collections.abc import Mapping
 from typing import Any, NamedTuple, Self
 
@@ -60,6 +61,11 @@ class Descriptors(NamedTuple):
     facts: int
     device: int
     wake: int
+
+
+def _close(descriptors: Descriptors) -> None:
+    for descriptor in descriptors:
+        os.close(descriptor)
 
 
 class FactPage:
@@ -145,11 +151,14 @@ class SessionMemory:
 
     @classmethod
     def create(cls) -> Self:
-        """Fresh memory for a session; pass `descriptors` on to the children (`subprocess`, `pass_fds`)."""
+        """Fresh memory for a session; pass `descriptors` on to the children (`subprocess`, `pass_fds`).
+
+        They are closed with the object that this returns.
+        """
         status = SharedBlock.create("status", LIVE_STATUS)
         for name in NOT_KNOWN_YET:
             status.array[name] = -1
-        return cls(
+        memory = cls(
             status,
             SharedRing.create("ticks", LIVE_TICK, TICK_CAPACITY),
             SharedRing.create("samples", GLOVE_SAMPLE, SAMPLE_CAPACITY),
@@ -159,6 +168,8 @@ class SessionMemory:
             SharedBlock.create("device", FACTS),
             os.eventfd(0, os.EFD_NONBLOCK),
         )
+        weakref.finalize(memory, _close, memory.descriptors)
+        return memory
 
     @classmethod
     def attach(cls, descriptors: Descriptors) -> Self:

@@ -14,6 +14,7 @@ import numpy as np
 from hhsim.kernels.jit import JIT_ENABLED
 from hhsim.kernels.live.loop import ASKS_PYTHON, Block, run_loop, wake_driver
 from hhsim.kernels.live.notes import NOTES
+from hhsim.kernels.live.phase import PHASE
 from hhsim.kernels.live.tick import (
     LOOP,
     NOT_PLACED,
@@ -128,6 +129,7 @@ class LiveLoop:
         self.live = LiveArrays(
             loop=self._loop,
             deadlines=self.deadlines.state,
+            phase=zeroed(PHASE),
             interlock=self.interlock.state,
             commander=self.commander.state,
             watch=self.watch.state,

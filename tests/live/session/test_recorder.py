@@ -357,13 +357,15 @@ def test_a_loop_that_is_killed_ends_the_recording_in_order(ticks: Records, tmp_p
     started(memory)
     recorder = threading.Thread(target=Recorder(make_setup(path), memory).run)
     with subprocess.Popen(["sleep", "600"]) as loop:
-        memory.status["loop_pid"] = loop.pid
-        recorder.start()
-        pour(memory.ticks, ticks[:60])
-        while recorder.is_alive() and memory.status["recorder_ticks"] < 50:
-            time.sleep(0.01)
-        assert recorder.is_alive()
-        loop.kill()
+        try:
+            memory.status["loop_pid"] = loop.pid
+            recorder.start()
+            pour(memory.ticks, ticks[:60])
+            while recorder.is_alive() and memory.status["recorder_ticks"] < 50:
+                time.sleep(0.01)
+            assert recorder.is_alive()
+        finally:
+            loop.kill()
         recorder.join()
     result = load_result(path)
     assert result.complete
