@@ -268,7 +268,7 @@ def command(
 
     solver_options = solver.options()
     motion = moving.motion(trajectory)
-    free.require(solver_options, motion)
+    free.require(solver_options, motion, way_out=": --object-pose fixed keeps it where it is at first")
     remarks = mended_remark(motion, trajectory)
     announce_compilation(quiet=output.quiet)
     solid = solver.surface != "mesh"

@@ -9,6 +9,7 @@ import gc
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 from hhsim.mesh.catalogue import load_object
 from hhsim.trees.builder import build_sphere_tree
@@ -52,8 +53,10 @@ def free() -> None:
     from hhsim.solver.compile import warm_up
     from hhsim.solver.options import SolverOptions
 
-    block = FreeObject.of_mesh(box((0.05, 0.05, 0.05)))
-    warm_up(HandModel.default(), SolverOptions(surface="mesh"), block)
+    mesh = box((0.05, 0.05, 0.05))
+    block, options = FreeObject.of_mesh(mesh), SolverOptions(surface="mesh")
+    warm_up(HandModel.default(), options, block)
+    sessions(mesh=mesh, free=block, options=options)
 
 
 def distances() -> None:
@@ -81,15 +84,16 @@ def phases() -> None:
         solver.solve(program)
 
 
-def sessions() -> None:
+def sessions(**changes: Any) -> None:
     """A session's loop: the compiled one, and what Python calls in its place."""
     from live_scripted import FakeClock, InStep, Moment, ScriptedGlove, make_setup
 
     from hhsim.live.ipc.config import SafetyLimits
     from hhsim.live.ipc.session_memory import SessionMemory
 
-    setup, clock = make_setup(safety=SafetyLimits(watchdog=False), duration=2e-3), FakeClock()
-    both = InStep(setup, SessionMemory.create(), ScriptedGlove(clock, [Moment(0.0)]), clock)
+    setup, clock = make_setup(safety=SafetyLimits(watchdog=False), duration=2e-3, **changes), FakeClock()
+    memory = SessionMemory.create(free=setup.free is not None)
+    both = InStep(setup, memory, ScriptedGlove(clock, [Moment(0.0)]), clock)
     both.loop.prepare()
     both.run()
 

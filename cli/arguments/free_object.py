@@ -63,8 +63,15 @@ class FreeChoice(OptionGroup, heading="Free object"):
         type=NOT_NEGATIVE, metavar="MU", help="Coefficient of friction of table and object. Default: as of the hand."
     )
 
-    def require(self, solver: "SolverOptions", motion: "Script | Demonstration | Trajectory") -> None:
+    def require(
+        self, solver: "SolverOptions", motion: "Script | Demonstration | Trajectory | None", *, way_out: str = ""
+    ) -> None:
         """Make sure, before the work, that the options go together.
+
+        Args:
+            solver: What it is solved with.
+            motion: Of the hand; None where a glove makes it.
+            way_out: What the command offers for a motion that holds how its object moves.
 
         Raises:
             UsageError: What only a free object has, of one that is not; no number; an object that the motion moves.
@@ -80,15 +87,11 @@ class FreeChoice(OptionGroup, heading="Free object"):
             from hhsim.solver.free_engine import require_free
 
             require_free(solver)
+            name = "" if motion is None else motion.name
             if getattr(motion, "object_motion", None) is not None:
-                raise click.UsageError(
-                    f"'{motion.name}' holds how its object moves, so it cannot be free: --object-pose fixed keeps it "
-                    "where it is at first"
-                )
+                raise click.UsageError(f"'{name}' holds how its object moves, so it cannot be free{way_out}")
             if getattr(motion, "carries", False):
-                raise click.UsageError(
-                    f"'{motion.name}' says how its object moves, so it cannot be free: lift is for that"
-                )
+                raise click.UsageError(f"'{name}' says how its object moves, so it cannot be free: lift is for that")
         elif given:
             name = next(iter(given)).replace("_", "-")
             raise click.UsageError(f"--{name} is for a free object: add --free")

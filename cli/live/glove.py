@@ -12,6 +12,7 @@ from hhsim.result.safety import AFTER_STALL
 
 from ..arguments import options
 from ..arguments.comma_list import number_list, one_or_five
+from ..arguments.free_object import FreeChoice
 from ..arguments.object_argument import MeshFile, complete_object
 from ..arguments.option_group import GroupedCommand, OptionGroup, option, shared
 from ..arguments.rerun_option import METAVAR, read_target
@@ -26,6 +27,10 @@ if TYPE_CHECKING:
     from hhsim.hand.model import HandModel
     from hhsim.live.devices.registry import GloveConfig, Hand
     from hhsim.live.real_time import RealTimeWishes
+
+
+USUAL_MOTION, USUAL_FREE_MOTION = "grasp", "lift"
+"""Of a glove that plays one, beside an object that stands still and a free one."""
 
 
 def check_rerun(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
@@ -45,7 +50,7 @@ class HandChoice(OptionGroup, heading="Hand"):
         metavar="TRAJECTORY",
         shell_complete=complete_trajectory,
         help="Motion of --device replay or sim, or of --pose replay: a name (hhsim trajectories), or a file as hhsim "
-        "replay takes it. Default: grasp.",
+        "replay takes it. Default: grasp; with --free lift.",
     )
     pose: str | None = option(
         type=click.Choice(list(POSES)),
@@ -72,8 +77,13 @@ class HandChoice(OptionGroup, heading="Hand"):
         help="Port that these packets arrive at.",
     )
 
-    def inputs(self, glove: GloveChoice, seed: int) -> "tuple[GloveConfig, PoseConfig, Any]":
+    def inputs(self, glove: GloveChoice, seed: int, usual_motion: str) -> "tuple[GloveConfig, PoseConfig, Any]":
         """The glove, where the palm is, and the motion that either of them makes, or None.
+
+        Args:
+            glove: Which one.
+            seed: Of its noise.
+            usual_motion: That is made where none is named.
 
         Raises:
             click.UsageError: Options that contradict each other.
@@ -100,7 +110,7 @@ class HandChoice(OptionGroup, heading="Hand"):
         if self.trajectory is not None and not plays:
             playing = " or ".join(name for name in glove_names() if find_glove(name).plays)
             raise click.UsageError(f"--trajectory is for --device {playing}, and for --pose replay")
-        motion = resolve_trajectory(self.trajectory or "grasp") if plays else None
+        motion = resolve_trajectory(self.trajectory or usual_motion) if plays else None
         side: Hand = "left" if (self.side or getattr(motion, "hand", None)) == "left" else "right"
         x, y, z = [1e-3 * value for value in self.palm] if self.palm else (0.0, 0.0, 0.0)
         a, b, c, d = self.palm_turn or (1.0, 0.0, 0.0, 0.0)
@@ -143,7 +153,7 @@ class Feedback(OptionGroup, heading="Forces"):
 
 
 class SessionSettings(OptionGroup, heading="Session"):
-    """How fast and how long it runs, and where it is shown and recorded; `rate` in [Hz], `duration` in [s]."""
+    """How fast and how long it runs, where it is shown, recorded and told; `rate` in [Hz], `duration` in [s]."""
 
     rate: float = option(
         type=click.FloatRange(10.0, 10_000.0), default=1000.0, metavar="HZ", help="Ticks a second [Hz]."
@@ -158,8 +168,8 @@ class SessionSettings(OptionGroup, heading="Session"):
         "--out",
         type=options.FILE,
         metavar="FILE",
-        help="Where the recording goes, some 2 MB a second. Default: a dated name in results/ under the current "
-        "folder.",
+        help="Where the recording goes, some 2 MB a second, 3 of a free object. Default: a dated name in results/ "
+        "under the current folder.",
     )
     no_record: bool = option(is_flag=True, help="Record nothing.")
     rerun: str | None = option(
@@ -175,6 +185,8 @@ class SessionSettings(OptionGroup, heading="Session"):
         is_flag=True, help="Ask the system for no real-time scheduling, locked memory or own processor."
     )
     seed: int = shared(options.seed)
+    as_json: bool = shared(options.json)
+    quiet: bool = shared(options.quiet)
 
     def record_path(self, stem: str) -> Path | None:
         """Where the recording goes, None for nowhere.
@@ -198,24 +210,16 @@ class SessionSettings(OptionGroup, heading="Session"):
         return RealTimeWishes.none() if self.no_realtime else RealTimeWishes(cpu=self.cpu)
 
 
-def refuse_free(context: click.Context, parameter: click.Parameter, value: bool) -> None:
-    """Say where an object can be free, which many will ask of a glove first."""
-    if value:
-        raise click.UsageError("in a session the object stands still: an object is free in hhsim replay --free alone")
-
-
 @click.command(cls=GroupedCommand)
 @click.argument("object_", metavar="[OBJECT]", default="bunny", shell_complete=complete_object)
-@click.option("--free", is_flag=True, hidden=True, expose_value=False, callback=refuse_free)
 @glove_choice().argument("glove")
 @HandChoice.argument("hand")
 @Feedback.argument("feedback")
 @options.SolverChoice.argument("solver")
 @TreeChoice.argument("tree")
+@FreeChoice.argument("free")
 @SessionSettings.argument("session")
 @MeshFile.argument("mesh_file")
-@options.json
-@options.quiet
 def command(
     object_: str,
     glove: GloveChoice,
@@ -223,10 +227,9 @@ def command(
     feedback: Feedback,
     solver: options.SolverChoice,
     tree: TreeChoice,
+    free: FreeChoice,
     session: SessionSettings,
     mesh_file: MeshFile,
-    as_json: bool,
-    quiet: bool,
 ) -> int:
     """Put a glove in the loop: its fingers move the hand, and are stopped where the shown hand is.
 
@@ -244,6 +247,7 @@ def command(
       hhsim live glove cube --device dexmo --host 127.0.0.1 --calibration me.toml
       hhsim live glove cup --device opengloves --serial /dev/ttyUSB0 --dry-run
       hhsim live glove bunny --device udp --pose udp --rerun spawn
+      hhsim live glove cube --free --mass 0.1 --friction 0.8 --torsion 5
       hhsim live glove --device replay --trajectory session.h5 --duration 10
     """
     from hhsim.live.devices.registry import open_device
@@ -258,14 +262,19 @@ def command(
         raise click.UsageError(f"a glove takes a method of hhsim's own, {', '.join(METHODS)}: not {solver.method}")
     if session.no_record and session.record is not None:
         raise click.UsageError(f"--no-record and --record {session.record} exclude each other")
-    device, palm, motion = hand.inputs(glove, session.seed)
+    usual = USUAL_FREE_MOTION if free.free else USUAL_MOTION
+    device, palm, motion = hand.inputs(glove, session.seed, usual)
+    options = SolverOptions(period=1.0 / session.rate, **solver.given())
+    free.require(options, motion)
     model = hand.model(device.hand)
-    announce_compilation(quiet=quiet)
+    announce_compilation(quiet=session.quiet)
     solid = solver.surface != "mesh"
     mesh, usual_level = mesh_file.read(object_, solid=solid)
+    # A mesh that can have no mass is refused before a tree is built of it.
+    free.object(mesh, object_)
     record = session.record_path(f"{mesh.name}-live-{device.kind}")
     print_notes(mesh.warnings, prefix="warning")
-    with progress(quiet=quiet) as report:
+    with progress(quiet=session.quiet) as report:
         chosen = tree.choose(mesh, usual_level, report, solid=solid)
         placed = hand.palm is not None
         scene = make_live_scene(mesh, chosen.tree, model, device, palm, motion, placed=placed, seed=session.seed)
@@ -279,9 +288,10 @@ def command(
         mesh=scene.mesh,
         tree=scene.tree,
         hand=model,
-        options=SolverOptions(period=1.0 / session.rate, **solver.given()),
+        options=options,
         device=scene.device,
         pose=scene.pose,
+        free=free.object(scene.mesh, object_),
         rate=session.rate,
         output=OutputLimits() if feedback.stiffness is None else OutputLimits(stiffness=feedback.stiffness),
         safety=SafetyLimits(stale=1e-3 * feedback.stale, after_stall=feedback.after_stall),
@@ -298,18 +308,18 @@ def command(
             "level": chosen.level,
             "hand_file": str(hand.hand_file) if hand.hand_file else None,
             "device": device.kind,
-            "trajectory": None if motion is None else hand.trajectory or "grasp",
+            "trajectory": None if motion is None else hand.trajectory or usual,
             "seed": session.seed,
         },
     )
-    warm_up(model, setup.options)
+    warm_up(model, setup.options, setup.free)
     warning = quick_warning(setup.rate, setup.real_time)
     print_notes([warning] if warning else [], prefix="warning")
     heading = f"{mesh.name}, {solver.method}, {device.kind}"
-    outcome, error = run_session(setup, heading, quiet=quiet)
-    if as_json:
+    outcome, error = run_session(setup, heading, quiet=session.quiet)
+    if session.as_json:
         print_json(summary_json(outcome, error))
-    elif not quiet and outcome.ticks:
+    elif not session.quiet and outcome.ticks:
         print_summary(outcome, f"{heading}: {outcome.seconds:,.1f} s, {outcome.reason}")
     if error:
         print(f"hhsim: error: {error}", file=sys.stderr)

@@ -56,17 +56,20 @@ def summary_rows(outcome: "SessionOutcome") -> list[Row]:
     if found:
         rows.append(("penetration in the recording, max", number(found["penetration_max"], 3, 1e6), "µm"))
         rows.append(("contacts off the mesh in the recording, max", number(found["contact_error_max"], 3, 1e3), "mm"))
+    if "object_raised" in found:
+        rows.append(("object raised, max", number(found["object_raised"], 2, 1e3), "mm"))
     return rows
 
 
 def recording_errors(outcome: "SessionOutcome") -> dict[str, float]:
-    """How deep the shown hand was in the object's spheres, and how far its contacts were off the true mesh.
+    """How deep the shown hand was in the object, how far its contacts were off the true mesh, and how a free one rose.
 
     Returns:
-        `penetration_max` and `contact_error_max` [m], the latter NaN where nothing touched; empty where there is no
-        whole recording.
+        `penetration_max` and `contact_error_max` [m], the latter NaN where nothing touched, and of a free object
+        `object_raised` [m]; empty where there is no whole recording.
     """
     from hhsim.errors import InputError
+    from hhsim.metrics.free_run import result_free_run
     from hhsim.result.reader import load_result
 
     if outcome.record is None or outcome.record_failed or not outcome.recorded:
@@ -75,9 +78,11 @@ def recording_errors(outcome: "SessionOutcome") -> dict[str, float]:
         result = load_result(outcome.record)
         if not result.complete:
             return {}
+        free = result_free_run(result)
         return {
             "penetration_max": float(result.summary["penetration_max"]),
             "contact_error_max": _off_the_mesh(result),
+            **({} if free is None else {"object_raised": free.raised}),
         }
     except InputError:
         return {}
@@ -96,7 +101,7 @@ def _off_the_mesh(result: "Result") -> float:
         return math.nan
     # The poses of a session of hours do not fit into memory: of each block, those that are looked at.
     first, parts = 0, []
-    for block in result.blocks(PLACED):
+    for block in result.seen_from_object.blocks(PLACED):
         size = len(block[PLACED[0]])
         here = chosen[(chosen >= first) & (chosen < first + size)] - first
         parts.append([block[name][here] for name in PLACED])

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from hhsim import __version__
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
+from hhsim.kernels.free.record import ObjectRecord
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.motion.object_motion import RigidMotion
 from hhsim.replay.free_ticks import as_seen, contact_rows, free_block
@@ -20,6 +21,7 @@ from hhsim.result.object_frame import as_object_sees, in_the_world
 from hhsim.result.reader import Result
 from hhsim.result.schema import CONTACT, CONTACT_COLUMNS, FREE_COLUMNS, OBJECT_COLUMNS, TICK_COLUMNS, Column
 from hhsim.solver.compile import warm_up
+from hhsim.solver.free_engine import object_record, of_tick
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.workspace import tick_record
 from hhsim.system import environment as info
@@ -146,8 +148,7 @@ def run_again(result: Result, *, progress: Progress | None = None) -> RunAgain:
                     block = in_the_world(block, moved)
             else:
                 haptic = _seen(stored, None)
-                record = solver.run(*haptic)
-                ticks = solver.object_ticks
+                record, ticks = _solve_free(solver, haptic, result.live is not None)
                 block = columns.block(stored["time"], stored["input_seq"], as_seen(haptic, ticks), record)
                 first = (result.static["object/position"], result.static["object/orientation"])
                 block = free_block(block, haptic, ticks, *first)
@@ -259,6 +260,19 @@ def _solve(solver: HandSolver, haptic: HandConfiguration, live: bool) -> TickRec
         for values, value in zip(record, row):
             values[i] = value[0]
     return record
+
+
+def _solve_free(solver: HandSolver, haptic: HandConfiguration, live: bool) -> tuple[TickRecord, ObjectRecord]:
+    """The same with a free object, and what became of it."""
+    if not live:
+        return solver.run(*haptic), solver.object_ticks
+    count = len(haptic.position)
+    record, ticks = tick_record(count), object_record(count)
+    for i in range(count):
+        given = HapticBlock(*(np.ascontiguousarray(values[i : i + 1]) for values in haptic))
+        row: list[Any] = [values[i : i + 1] for values in record]
+        solver.tick(given, TickRecord._make(row), of_tick(ticks, i))
+    return record, ticks
 
 
 def _other_makers(result: Result) -> list[str]:

@@ -90,6 +90,25 @@ SOLVER_FIELDS = (
 """What it makes of it, the fields of `hhsim.kernels.tick.block.TickRecord` in their order."""
 COMMAND_FIELDS = (TickField("command_bend", "<f8", (5,)), TickField("command_stiffness", "<f8", (5,)))
 """What the glove was told."""
+OBJECT_FIELDS = (
+    TickField("turn", "<f8", (4,)),
+    TickField("shift", "<f8", (3,)),
+    TickField("velocity", "<f8", (3,)),
+    TickField("angular_velocity", "<f8", (3,)),
+    TickField("hand_wrench", "<f8", (6,)),
+    TickField("table_wrench", "<f8", (6,)),
+    TickField("table_distance", "<f8"),
+    TickField("friction_residual", "<f8"),
+    TickField("contact", shape=(2,)),
+    TickField("body", shape=(64,)),
+    TickField("point", "<f8", (64, 3)),
+    TickField("normal", "<f8", (64, 3)),
+    TickField("normal_force", "<f8", (64,)),
+    TickField("friction_force", "<f8", (64, 3)),
+    TickField("torsional_moment", "<f8", (64,)),
+    TickField("slip", "<f8", (64,)),
+)
+"""What it makes of a free object, the fields of `hhsim.kernels.free.record.ObjectRecord` of one tick in their order."""
 TICK_FIELDS = (*LOOP_FIELDS, SOLVER_FIELDS[0], *HAPTIC_FIELDS, *SOLVER_FIELDS[1:], *COMMAND_FIELDS)
 """The record of a tick of a session, field by field as it lies in the ring."""
 _PARTS = {field.name: field.parts for field in TICK_FIELDS}

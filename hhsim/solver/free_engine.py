@@ -1,5 +1,7 @@
 """The engine of `coupled` where the object is free: hand and object in one program, with friction and a table."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -148,15 +150,20 @@ class FreeEngine:
         if rebuild(workspace.hand, self.method, workspace.surface, self.states) != 0:
             raise workspace.full()
 
-    def run(self, haptic: HapticBlock, record: TickRecord) -> int:
-        """See `Engine.run`."""
+    def run(self, haptic: HapticBlock, record: TickRecord, ticks: ObjectRecord | None = None) -> int:
+        """See `Engine.run`; what becomes of the object is written to `ticks`, or to fresh arrays."""
+        self.ticks = object_record(len(haptic.position)) if ticks is None else ticks
+        return int(run_free_block(*self._given(haptic, record, self.ticks)))
+
+    def block(self, haptic: HapticBlock, record: TickRecord, ticks: ObjectRecord) -> tuple[int, tuple[Any, ...]]:
+        """As `TickWorkspace.block`, of `run_free_block`."""
+        given = self._given(haptic, record, ticks)
+        compiled: Any = run_free_block
+        return compiled.address(*given), given
+
+    def _given(self, haptic: HapticBlock, record: TickRecord, ticks: ObjectRecord) -> tuple[Any, ...]:
         workspace = self.workspace
-        self.ticks = object_record(len(haptic.position))
-        return int(
-            run_free_block(
-                self.method, workspace.hand, workspace.surface, self.states, self.qp, haptic, record, self.ticks
-            )
-        )
+        return self.method, workspace.hand, workspace.surface, self.states, self.qp, haptic, record, ticks
 
 
 def object_record(ticks: int) -> ObjectRecord:
@@ -180,3 +187,10 @@ def object_record(ticks: int) -> ObjectRecord:
         torsional_moment=zeros(rows),
         slip=zeros(rows),
     )
+
+
+def of_tick(record: ObjectRecord, i: int) -> ObjectRecord:
+    """Room for tick i alone in the record of a block, whose contacts go on from those of the tick before."""
+    parts: list[Any] = [values[i : i + 1] for values in record]
+    first = ObjectRecord._fields.index("contact")
+    return ObjectRecord._make([*parts[:first], record.contact[i : i + 2], *record[first + 1 :]])

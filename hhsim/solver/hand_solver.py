@@ -59,8 +59,12 @@ class HandSolver:
     @property
     def object_ticks(self) -> ObjectRecord:
         """What became of the free object in the last ticks."""
+        return self._free.ticks
+
+    @property
+    def _free(self) -> FreeEngine:
         assert isinstance(self.engine, FreeEngine)
-        return self.engine.ticks
+        return self.engine
 
     def run(
         self, position: FloatArray, orientation: FloatArray, flexion: FloatArray, abduction: FloatArray
@@ -88,7 +92,7 @@ class HandSolver:
             raise self.workspace.full()
         return record
 
-    def tick(self, haptic: HapticBlock, record: TickRecord) -> int:
+    def tick(self, haptic: HapticBlock, record: TickRecord, object_ticks: ObjectRecord | None = None) -> int:
         """Run one tick in memory that is there already: for a loop that must not wait for any.
 
         The same bytes as `run` with that configuration alone; a tick whose pairs did not fit says so instead of
@@ -97,11 +101,12 @@ class HandSolver:
         Args:
             haptic: As in `run` with B = 1, float64 and C-contiguous.
             record: Of one tick; overwritten.
+            object_ticks: The same of a free object; None has it go to fresh arrays, which waits for memory.
 
         Returns:
             The tick's status bits (`hhsim.kernels.tick.state`).
         """
-        return self._advance(haptic, record)
+        return self._advance(haptic, record, object_ticks)
 
     def begin(self, haptic: HapticBlock) -> int:
         """Put the graphic hand on the first haptic one that is finite; the first tick does it where nobody has.
@@ -151,11 +156,13 @@ class HandSolver:
             self.engine.begin()
         return STATUS_START_INSIDE
 
-    def compiled_tick(self, haptic: HapticBlock, record: TickRecord) -> tuple[int, tuple[Any, ...]]:
+    def compiled_tick(
+        self, haptic: HapticBlock, record: TickRecord, object_ticks: ObjectRecord | None = None
+    ) -> tuple[int, tuple[Any, ...]]:
         """What `tick` comes to after `begin`, for a loop in compiled code.
 
         Args:
-            haptic, record: As in `tick`; each tick reads and writes these very arrays.
+            haptic, record, object_ticks: As in `tick`; each tick reads and writes these very arrays.
 
         Returns:
             The address of machine code and what it is given; the address is 0 where Python takes part in every tick.
@@ -163,14 +170,19 @@ class HandSolver:
         options, workspace = self.options, self.workspace
         if JIT_ENABLED and options.qp == "active-set" and find_method(options.method).compiled:
             engine: Any = self.engine
+            if object_ticks is not None:
+                return self._free.block(haptic, record, object_ticks)
             return workspace.block(engine.method, haptic, record)
         method = Coupled(workspace.tick_options)
         return 0, (method, workspace.hand, workspace.surface, workspace.states, workspace.qp, haptic, record)
 
-    def _advance(self, haptic: HapticBlock, record: TickRecord) -> int:
+    def _advance(self, haptic: HapticBlock, record: TickRecord, object_ticks: ObjectRecord | None = None) -> int:
         """One tick for each configuration, at least one; returns the status bits of the last one that was run."""
         start = 0 if self._started else self.begin(haptic)
-        done = self.engine.run(haptic, record)
+        if object_ticks is None:
+            done = self.engine.run(haptic, record)
+        else:
+            done = self._free.run(haptic, record, object_ticks)
         record.status[0] |= start
         return int(record.status[done - 1])
 

@@ -13,6 +13,7 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.result.reader import Result
 from hhsim.verify.claim import Claim, all_true, judged
 from hhsim.verify.contacts import PALM
+from hhsim.verify.file_checks import follows
 from hhsim.verify.force_checks import WHY_SLACK, force_slack
 from hhsim.verify.forces import AT_LIMIT
 from hhsim.verify.kinematics import Posed, configurations, own_hand, pose, rotations
@@ -51,6 +52,9 @@ class FreeMotion:
         self.mass, self.inertia = float(self.free["mass"]), np.array(self.free["inertia"], np.float64)
         self.gravity, self.damping = np.array(self.free["gravity"]), float(self.free["damping"])
         self.ticks = np.arange(result.ticks)
+        # Of the first tick all are; but where a recorder lost others, nobody knows from where the next one went on.
+        self.follows = follows(result)
+        self.follows[0] = result.live is None or result["live/tick/record"][0] == 0
         self.tick: IntArray = np.asarray(result["contact/tick"])
         self.body: IntArray = np.asarray(result["contact/body"]).astype(np.int64)
         self.point, self.normal = (np.asarray(result[f"contact/{name}"]) for name in ("point", "normal"))
@@ -131,7 +135,7 @@ def _velocities(motion: FreeMotion) -> list[Claim]:
         says = f"the object's {name.replace('_', ' ')} is that of its poses"
         why = "rounding of a pose over a period of the ticks"
         # A position is rounded to 1e-16, a quaternion to a few of them; over 1 ms that is 1e-13 and more.
-        kept = motion.whole
+        kept = motion.whole[motion.follows[motion.whole]]
         found.append(judged(f"object {name.split('_')[0]}", says, off[kept], 1e-9, unit, why, ticks=motion.ticks[kept]))
     return found
 
@@ -145,10 +149,9 @@ def _balance(motion: FreeMotion) -> list[Claim]:
     change = motion.mass * rate * (heavier * velocity[1:] - velocity[:-1]) - motion.mass * motion.gravity
     size = 1.0 + np.abs(wrench[:, :3]).sum(axis=1)
     off = np.linalg.norm(change - wrench[:, :3], axis=1)
-    newton = judged(
-        *("Newton", "m Δv / Δt is the weight and the forces of hand and table", off, FORCE * size, "N", WHY_FORCE),
-        ticks=motion.ticks,
-    )
+    kept = np.flatnonzero(motion.follows)
+    says = "m Δv / Δt is the weight and the forces of hand and table"
+    newton = judged("Newton", says, off[kept], (FORCE * size)[kept], "N", WHY_FORCE, ticks=kept)
     # In the body's axes: without moments it would have turned by Δt ω, with I (ω - ω₀) / Δt + ω × I ω = 0.
     omega = np.vstack([motion.free["angular_velocity"], result["object/angular_velocity"]])
     spin = motion.turned[:-1].inv().apply(omega[:-1])
@@ -167,7 +170,7 @@ def _balance(motion: FreeMotion) -> list[Claim]:
         beyond = (frame * motion.turned[1:]).as_rotvec() - (frame * goal).as_rotvec()
         apart[at] = np.linalg.norm(heavier * rate**2 * beyond @ motion.inertia.T - frame.apply(wrench[:, 3:]), axis=1)
     length = float(np.ptp(result.static["object/vertices"], axis=0).max())
-    kept = motion.whole
+    kept = motion.whole[motion.follows[motion.whole]]
     euler = judged(
         "Euler",
         "the change of its turning is the moments of hand and table",
@@ -259,17 +262,19 @@ def _slips(motion: FreeMotion) -> list[Claim]:
     # A tick that lags has gone parts of its steps, and what is left of them is taken off the next ones.
     room += np.where(np.isin(motion.tick, motion.whole), 0.0, 1e-3 * moved[motion.tick])
     wrong = (np.asarray(motion.result["contact/sticks"]) == 1) != (motion.slip <= STICKS)
+    known = motion.follows[motion.tick]
+    off_by, says = np.abs(own - motion.slip), "the way of a contact along the surface is that of the two bodies"
     apart = judged(
-        *("slip", "the way of a contact along the surface is that of the two bodies", np.abs(own - motion.slip), room),
-        *("m", "a hundredth, what a turn adds to a straight step, and a thousandth of the way in a tick that lags"),
-        ticks=motion.tick,
+        *("slip", says, off_by[known], room[known], "m"),
+        "a hundredth, what a turn adds to a straight step, and a thousandth of the way in a tick that lags",
+        ticks=motion.tick[known],
     )
     # Friction and moment do work on way and turn; in s = (μ way, γ turn) and r = (f / μ, τ / γ) the cone is |r| <= λ.
     reach = np.where(motion.of_table, 0.0, float(motion.free["torsion"]))
     slip = np.hypot(motion.coefficient * own, reach * spin)
     off = np.asarray(motion.result["object/friction_residual"])[motion.tick]
     # Friction is along Γ e, and |s - Γ e| is what is off: with less than |s| / √2 of that, e is at most 45° off s.
-    whole = np.isin(motion.tick, motion.whole)
+    whole = np.isin(motion.tick, motion.whole) & known
     slides = whole & (motion.slip > 1e-7) & (motion.load > 1e-3) & (slip > SQUARE * (off + motion.coefficient * room))
     power = -((motion.friction * way).sum(axis=1) + motion.torsion * spin) / np.where(slip > 0.0, slip, 1.0)
     short = np.maximum(0.0, AGAINST * motion.load - power)[slides]

@@ -110,7 +110,11 @@ def test_an_object_moves_in_one_way_alone() -> None:
         ("replay cube pinch --free --friction nan", "--friction is nan: it must be finite"),
         ("replay cube pinch --free --table nan", "expected under, none, or a height in mm"),
         ("replay bunny carry --free", "'carry' says how its object moves, so it cannot be free"),
-        ("live glove cube --free", "in a session the object stands still"),
+        ("live glove cube --mass 0.1", "--mass is for a free object: add --free"),
+        ("live glove cube --free --mass -1", "'--mass': -1.0 is not in the range"),
+        ("live glove cube --free --mass 0.1 --density 900", "--mass and --density exclude each other"),
+        ("live glove cube --free --method penalty", "method penalty has no free objects: coupled has"),
+        ("live glove cube --free --trajectory carry", "'carry' says how its object moves, so it cannot be free"),
     ],
 )
 def test_what_cannot_be_free_is_refused_before_anything_is_done(run: Run, tmp_path: Path, words: str, why: str) -> None:
@@ -123,8 +127,9 @@ def test_an_open_mesh_or_a_recording_of_a_moving_object_is_refused(result: Resul
     mesh = trimesh.creation.box((0.05, 0.05, 0.05))
     mesh.update_faces(np.arange(12) < 10)
     mesh.export(tmp_path / "open.stl")
-    answer = run("replay", "open.stl", "pinch", "--unit", "m", "--free", "--surface", "mesh")
-    assert answer.code == 2 and "the mesh is not closed" in answer.err and answer.err.count("\n") == 1
+    for words in ("replay open.stl pinch", "live glove open.stl"):
+        answer = run(*words.split(), "--unit", "m", "--free", "--surface", "mesh", "-q")
+        assert answer.code == 2 and "the mesh is not closed" in answer.err and answer.err.count("\n") == 1
     answer = run("replay", "cylinder", str(result.path), "--free")
     assert answer.code == 2 and "holds how its object moves" in answer.err and "--object-pose fixed" in answer.err
     assert [path.name for path in tmp_path.iterdir()] == ["open.stl"]

@@ -42,6 +42,19 @@ class Block(NamedTuple):
     record: Any
 
 
+class FreeBlock(NamedTuple):
+    """What `hhsim.kernels.free.block.run_free_block` is given, of one tick."""
+
+    method: Any
+    hand: Any
+    surface: Any
+    states: Any
+    qp: Any
+    haptic: Any
+    record: Any
+    object_record: Any
+
+
 class SystemFiles(NamedTuple):
     """What the loop reads and writes of the system; a descriptor is -1 where there is none.
 
@@ -84,12 +97,12 @@ def _write_event(typing: Any, descriptor: Any) -> Any:
 
 if JIT_ENABLED:
     # By its address: a tick then is the very code that a replay runs, and is compiled once.
-    _run_block = cast(Callable[[int, Block], int], intrinsic(_call_block))
+    _run_block = cast(Callable[[int, Block | FreeBlock], int], intrinsic(_call_block))
     _wake = cast(Callable[[int], int], intrinsic(_write_event))
 
 else:
 
-    def _run_block(address: int, block: Block) -> int:
+    def _run_block(address: int, block: Block | FreeBlock) -> int:
         return address
 
     def _wake(descriptor: int) -> int:
@@ -133,14 +146,15 @@ def _account(live: LiveArrays, files: SystemFiles) -> None:
 
 
 @jit
-def run_loop(live: LiveArrays, files: SystemFiles, address: int, block: Block) -> int:
+def run_loop(live: LiveArrays, files: SystemFiles, address: int, block: Block | FreeBlock) -> int:
     """Tick until the loop is to stop, or a hand is to be solved for by Python.
 
     Args:
         live: The loop; its periods begin with the first call.
         files: Of the system.
-        address: Of the machine code of `run_block` for the types of `block`; 0 to have Python solve.
-        block: What it is given; haptic hand and record are those of the loop's row.
+        address: Of the machine code of `run_block` or `run_free_block` for the types of `block`; 0 to have Python
+            solve.
+        block: What it is given; haptic hand and records are those of the loop's row.
 
     Returns:
         Why it stopped, `STOP_…`, or `ASKS_PYTHON` in the middle of a tick: the next call, with `LOOP.solved` and

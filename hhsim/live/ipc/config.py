@@ -5,7 +5,9 @@ import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
@@ -18,8 +20,12 @@ from hhsim.live.real_time import RealTimeWishes
 from hhsim.mesh.mesh import Mesh
 from hhsim.recordings.dexmo_regression import DexmoRegression
 from hhsim.result.safety import AFTER_STALL
+from hhsim.scene.free_object import FreeObject
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.sphere_tree import SphereTree
+
+if TYPE_CHECKING:
+    from hhsim.trees.contact_surface import ContactSurface
 
 RATE_RANGE = (10.0, 10_000.0)
 """Ticks per second [Hz] that a loop is asked for."""
@@ -122,6 +128,7 @@ class LiveSetup:
         options: Of the solver; its period is that of the rate.
         device: Which glove; its calibration says what a bend is in angles, and so makes the set points.
         pose: Where the palm's pose comes from.
+        free: What the object is besides, where it is free; mesh and tree are then where it is at first.
         rate: Ticks per second [Hz].
         duration: How long to run [s]; None until it is stopped.
         output: What the fingers may be told.
@@ -142,6 +149,7 @@ class LiveSetup:
     options: SolverOptions
     device: GloveConfig
     pose: PoseConfig
+    free: FreeObject | None = None
     rate: float = 1000.0
     duration: float | None = None
     output: OutputLimits = field(default_factory=OutputLimits)
@@ -171,11 +179,17 @@ class LiveSetup:
         """Of a tick [ns]."""
         return round(1e9 / self.rate)
 
-    def surface_arrays(self) -> Any:
-        """What the hand touches, in the kernels' form."""
+    def contact_surface(self) -> "ContactSurface":
+        """What the hand touches."""
         from hhsim.trees.contact_surface import contact_surface
 
-        return contact_surface(self.options.surface, self.mesh, self.tree).arrays
+        return contact_surface(self.options.surface, self.mesh, self.tree)
+
+    def object_pose(self) -> tuple[FloatArray, FloatArray]:
+        """Origin of the object's own frame at first [m], shape (3,), world, and object to world, shape (4,)."""
+        position = self.description.get("object_position", (0.0, 0.0, 0.0))
+        orientation = self.description.get("object_orientation", (1.0, 0.0, 0.0, 0.0))
+        return np.array(position, np.float64), np.array(orientation, np.float64)
 
     def bend_lines(self) -> tuple[FloatArray, FloatArray]:
         """See `Calibration.bend_lines`; the default regression's for a glove without a calibration."""

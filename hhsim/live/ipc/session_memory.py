@@ -3,7 +3,7 @@
 Made by the supervisor; every other process attaches to it by the descriptors that it inherits and is told on its
 command line::
 
-    --setup FD --status FD --ticks FD --samples FD --events FD --words FD --facts FD --device FD --wake FD
+    --setup FD --status FD --ticks FD --samples FD --events FD --words FD --facts FD --device FD --wake FD [--free]
 """
 
 import argparse
@@ -20,19 +20,29 @@ from hhsim.arrays import AnyArray
 from hhsim.live.device import GLOVE_SAMPLE
 from hhsim.live.ipc.status import LIVE_STATUS
 from hhsim.live.shared_memory import SharedBlock, SharedRing
-from hhsim.result.schema import TICK_FIELDS
+from hhsim.result.schema import OBJECT_FIELDS, TICK_FIELDS, TickField
 
 TICK_CAPACITY = 16_384
+FREE_TICK_CAPACITY = 4_096
+"""Of ticks with a free object, which are five times as long: 36 MB, and 4 s at 1 kHz."""
 SAMPLE_CAPACITY = 16_384
 EVENT_CAPACITY = 1_024
 WORD_CAPACITY = 64
 FACT_BYTES = 65_520
 
-LIVE_TICK = np.dtype([(field.name, field.type, field.shape) for field in TICK_FIELDS], align=True)
+
+def _record(*fields: TickField) -> np.dtype[Any]:
+    return np.dtype([(field.name, field.type, field.shape) for field in fields], align=True)
+
+
+LIVE_TICK = _record(*TICK_FIELDS)
 """One tick of the loop; `hhsim.result.schema.LIVE_TICK_COLUMNS` says what the fields are that only a session has.
 
 Periods that were missed leave gaps in `tick`; `input_seq` is the `seq` of the sample in use, -1 before the first.
 """
+# What the object adds comes first, so that this is not a longer form of the other: numba warns of those.
+FREE_TICK = _record(*OBJECT_FIELDS, *TICK_FIELDS)
+"""The same where the object is free: the shown hand and its forces are then as the object sees them."""
 
 EVENT = np.dtype([("time_ns", np.int64), ("level", np.int64), ("text", "S240")], align=True)
 """A line of the session's log: CLOCK_MONOTONIC [ns]; level 0 for information, 1 a warning, 2 a fault; UTF-8."""
@@ -115,7 +125,7 @@ class SessionMemory:
 
     Args:
         status: Of `LIVE_STATUS`.
-        ticks: Of `LIVE_TICK`, written by the loop.
+        ticks: Of `LIVE_TICK`, or of `FREE_TICK` where the object is free, written by the loop.
         samples: Of `GLOVE_SAMPLE`, written by the driver.
         events: Of `EVENT`, written by the loop.
         words: Of `EVENT`, written by the driver for the loop, which tells them.
@@ -150,17 +160,20 @@ class SessionMemory:
         self.descriptors = Descriptors._make([*(memory.descriptor for memory in mapped), wake])
 
     @classmethod
-    def create(cls) -> Self:
+    def create(cls, *, free: bool = False) -> Self:
         """Fresh memory for a session; pass `descriptors` on to the children (`subprocess`, `pass_fds`).
 
         They are closed with the object that this returns.
+
+        Args:
+            free: Whether the object is free.
         """
         status = SharedBlock.create("status", LIVE_STATUS)
         for name in NOT_KNOWN_YET:
             status.array[name] = -1
         memory = cls(
             status,
-            SharedRing.create("ticks", LIVE_TICK, TICK_CAPACITY),
+            SharedRing.create("ticks", *_tick_ring(free)),
             SharedRing.create("samples", GLOVE_SAMPLE, SAMPLE_CAPACITY),
             SharedRing.create("events", EVENT, EVENT_CAPACITY),
             SharedRing.create("words", EVENT, WORD_CAPACITY),
@@ -172,11 +185,11 @@ class SessionMemory:
         return memory
 
     @classmethod
-    def attach(cls, descriptors: Descriptors) -> Self:
-        """Map the memory that another process made."""
+    def attach(cls, descriptors: Descriptors, *, free: bool = False) -> Self:
+        """Map the memory that another process made; `free` as in `create`."""
         return cls(
             SharedBlock(descriptors.status, LIVE_STATUS),
-            SharedRing(descriptors.ticks, LIVE_TICK, TICK_CAPACITY),
+            SharedRing(descriptors.ticks, *_tick_ring(free)),
             SharedRing(descriptors.samples, GLOVE_SAMPLE, SAMPLE_CAPACITY),
             SharedRing(descriptors.events, EVENT, EVENT_CAPACITY),
             SharedRing(descriptors.words, EVENT, WORD_CAPACITY),
@@ -192,7 +205,8 @@ class SessionMemory:
 
     def arguments(self) -> list[str]:
         """The command line's options of a child that is to attach."""
-        return [word for name, value in self.descriptors._asdict().items() for word in (f"--{name}", str(value))]
+        words = [word for name, value in self.descriptors._asdict().items() for word in (f"--{name}", str(value))]
+        return [*words, "--free"] if self.ticks.records.dtype == FREE_TICK else words
 
     def field(self, name: str) -> AnyArray:
         """One field of the status as an array whose first axis has length 1; faster in a tick than by the record."""
@@ -234,6 +248,10 @@ class SessionMemory:
         return self._facts.read()
 
 
+def _tick_ring(free: bool) -> tuple[np.dtype[Any], int]:
+    return (FREE_TICK, FREE_TICK_CAPACITY) if free else (LIVE_TICK, TICK_CAPACITY)
+
+
 def _add_line(ring: SharedRing, level: int, text: str, time_ns: int) -> None:
     slot = ring.slot()
     slot["time_ns"] = time_ns
@@ -247,8 +265,10 @@ def add_memory_options(parser: argparse.ArgumentParser) -> None:
     """The options of every process of a session: its setup and its memory, by descriptor."""
     for name in ("setup", *Descriptors._fields):
         parser.add_argument(f"--{name}", type=int, required=True, metavar="FD")
+    parser.add_argument("--free", action="store_true", help="the object is free")
 
 
 def attached(options: argparse.Namespace) -> SessionMemory:
     """The memory that the options of `add_memory_options` name."""
-    return SessionMemory.attach(Descriptors(*(getattr(options, name) for name in Descriptors._fields)))
+    descriptors = Descriptors(*(getattr(options, name) for name in Descriptors._fields))
+    return SessionMemory.attach(descriptors, free=options.free)

@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from hhsim.kernels.free.record import ObjectRecord
 from hhsim.kernels.jit import JIT_ENABLED
-from hhsim.kernels.live.loop import ASKS_PYTHON, Block, run_loop, wake_driver
+from hhsim.kernels.live.loop import ASKS_PYTHON, Block, FreeBlock, run_loop, wake_driver
 from hhsim.kernels.live.notes import NOTES
 from hhsim.kernels.live.phase import PHASE
 from hhsim.kernels.live.tick import (
@@ -34,7 +35,7 @@ from hhsim.kernels.parallel.atomic import load_acquire, store_release
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.live.device import MOST_CHANNELS, Capability, GloveInfo
 from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.ipc.session_memory import INFORMATION, LIVE_TICK, SessionMemory
+from hhsim.live.ipc.session_memory import INFORMATION, SessionMemory
 from hhsim.live.ipc.status import Stage
 from hhsim.live.loop.deadlines import Clock, Deadlines
 from hhsim.live.loop.finger_command import FingerCommander
@@ -74,6 +75,18 @@ def loop_options(options: SolverOptions, rate: float) -> SolverOptions:
     return replace(options.at_rate(rate), threads=1)
 
 
+def object_row(rows: Any) -> ObjectRecord:
+    """Where a tick with a free object writes what became of it.
+
+    Args:
+        rows: Of `hhsim.live.ipc.session_memory.FREE_TICK`, shape (1,).
+    """
+    fields = {name: rows[name].view(np.ndarray) for name in ObjectRecord._fields}
+    first = ObjectRecord._fields.index("contact")
+    # The rows of its contacts are numbered from this tick on.
+    return ObjectRecord(**fields | {name: fields[name][0] for name in ObjectRecord._fields[first:]})
+
+
 class LiveLoop:
     """A session's loop.
 
@@ -111,15 +124,17 @@ class LiveLoop:
         self._misses = MissAccounts(self.deadlines, accounts)
         largest = np.zeros(3, np.int64)
         self.wakeups, self.latencies, self.works = (TickTimes(largest[i : i + 1]) for i in range(3))
-        self.solver = HandSolver(setup.hand, setup.surface_arrays(), loop_options(setup.options, setup.rate))
+        options = loop_options(setup.options, setup.rate)
+        self.solver = HandSolver(setup.hand, setup.contact_surface(), options, setup.free)
         feels = bool(info.capabilities & (Capability.FORCE | Capability.POWER))
         self.commander = FingerCommander(setup.output, setup.bend_lines(), 1e-9 * period, feels=feels)
         self.interlock = Interlock(setup.safety, dry_run=setup.dry_run, period_ns=period)
         self.watch = GloveWatch(info)
-        self._rows: Any = zeroed(LIVE_TICK)
+        self._rows: Any = zeroed(memory.ticks.records.dtype)
         self._rows["haptic_orientation"][:, 0] = 1.0
         self._rows["input_seq"] = -1
         self._record = TickRecord(*(self._rows[name].view(np.ndarray) for name in TickRecord._fields))
+        self._object = None if setup.free is None else object_row(self._rows)
         names = ("haptic_position", "haptic_orientation", "haptic_flexion", "haptic_abduction")
         self._haptic = HapticBlock(*(self._rows[name].view(np.ndarray) for name in names))
         self._loop = zeroed(LOOP)
@@ -204,8 +219,8 @@ class LiveLoop:
 
     def prepare(self) -> None:
         """Compile, or load from the cache, what `run` calls; the solver's own kernels are there."""
-        address, block = self.solver.compiled_tick(self._haptic, self._record)
-        self._block = address, Block(*block)
+        address, block = self.solver.compiled_tick(self._haptic, self._record, self._object)
+        self._block = address, (FreeBlock if len(block) == len(FreeBlock._fields) else Block)(*block)
         compiled: Any = run_loop
         self._run = compiled.entry(self.live, NO_FILES, *self._block) if JIT_ENABLED else run_loop
         # What `place` calls is compiled here, and not while a hand waits for it.
@@ -287,7 +302,7 @@ class LiveLoop:
     def _solve(self) -> tuple[bool, int]:
         """Whether there is a graphic hand, and the solver's status bits."""
         try:
-            return True, self.solver.tick(self._haptic, self._record)
+            return True, self.solver.tick(self._haptic, self._record, self._object)
         except Exception as error:  # whatever it is, the fingers are freed and the loop goes on
             self.at.safety |= _SOLVER_FAILED
             self.story.detail[Safety.SOLVER_FAILED] = f"{type(error).__name__}: {error}"

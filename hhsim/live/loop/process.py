@@ -166,9 +166,9 @@ class LoopThread(threading.Thread):
 def prepare_kernels(setup: LiveSetup, memory: SessionMemory) -> None:
     """Compile, or load from the cache, every kernel that a tick runs, whatever the place where the hand begins."""
     options = loop_options(setup.options, setup.rate)
-    warm_up(setup.hand, options)
-    if options.method not in ("coupled", "progressive"):
-        # A hand that begins inside the object is brought out by `coupled`.
+    warm_up(setup.hand, options, setup.free)
+    if options.method not in ("coupled", "progressive") or setup.free is not None:
+        # A hand that begins inside the object is brought out by `coupled`, as beside one that stands still.
         warm_up(setup.hand, replace(options, method="coupled"))
     LiveLoop(setup, memory, GloveInfo("", Capability.NONE, ())).prepare()
 

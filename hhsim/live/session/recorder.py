@@ -32,7 +32,7 @@ from hhsim.result.reader import CHUNK_TICKS, check_result_path
 from hhsim.solver.compile import warm_up
 
 POLL = 0.05
-"""The rings are looked at this often [s]; they hold 16 s of ticks at 1 kHz."""
+"""The rings are looked at this often [s]; they hold 16 s of ticks at 1 kHz, 4 s with a free object."""
 LONGEST_WAIT = 1.0
 """What came is written after this time at the latest [s]."""
 PRIORITY = 1
@@ -76,7 +76,7 @@ class Recorder:
         check_result_path(self._path)
         options = loop_options(self._setup.options, self._setup.rate)
         # Measuring penetration must not have to be compiled while ticks wait.
-        warm_up(self._setup.hand, options)
+        warm_up(self._setup.hand, options, self._setup.free)
         while not self._memory.read_facts():
             # The glove is being connected; without it there is no session.
             if self._end() or self._stop:

@@ -118,7 +118,7 @@ class Supervisor:
         setup = replace(setup, real_time=setup.real_time.chosen())
         self.setup = setup
         self._say = say
-        self.memory = SessionMemory.create()
+        self.memory = SessionMemory.create(free=setup.free is not None)
         self.tally = LiveTally(self.memory.ticks)
         self._events = RingReader(self.memory.events)
         descriptor = write_setup(setup)

@@ -24,15 +24,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import HhsimError, OutputError
-from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
-from hhsim.kernels.tick.block import TickRecord
 from hhsim.live.ipc.config import LiveSetup
 from hhsim.live.ipc.session_memory import SessionMemory, add_memory_options, attached
 from hhsim.live.ipc.status import Stage
 from hhsim.live.real_time import keep_off
+from hhsim.live.session.tick_block import SessionColumns
 from hhsim.live.shared_memory import RingReader, read_setup
-from hhsim.replay.tick_columns import TickColumns
 from hhsim.result.safety import why_free_or_held
 from hhsim.view.blueprint import blueprint
 from hhsim.view.decimation import ShownTicks, shown_ticks
@@ -78,7 +76,7 @@ class LiveViewer:
         self._memory = memory
         self._ticks = RingReader(memory.ticks)
         self._events = RingReader(memory.events)
-        self._columns = TickColumns(setup.surface_arrays(), setup.hand, setup.options)
+        self._columns = SessionColumns(setup, setup.options)
         self._parent = os.getppid()
         self._stop = False
         self._begin_ns = -1
@@ -152,11 +150,11 @@ class LiveViewer:
 
     def _show(self, viewer: RerunScene) -> None:
         _, events = self._events.read(self._memory.events.capacity)
-        _, records = self._ticks.read(self._memory.ticks.capacity)
+        first, records = self._ticks.read(self._memory.ticks.capacity)
         if len(records) > 0:
             if self._begin_ns < 0:
                 self._begin_ns = int(records["time_ns"][0])
-            viewer.log_ticks(self._frame(records))
+            viewer.log_ticks(self._frame(first, records))
             newest = records[-1]
             tick, seconds = int(newest["tick"]), self._seconds(newest["time_ns"])
             # Of all ticks since the frame before: what lasts for less than a frame shows too.
@@ -168,17 +166,15 @@ class LiveViewer:
                 text = bytes(event["text"]).decode("utf-8", "replace")
                 viewer.log_event(self._seconds(event["time_ns"]), EVENT_LEVELS[int(event["level"])], text)
 
-    def _frame(self, records: Records) -> ShownTicks:
+    def _frame(self, first: int, records: Records) -> ShownTicks:
         """The newest of some ticks, standing for all of them."""
-        haptic = HandConfiguration(*(records[f"haptic_{name}"] for name in HandConfiguration._fields))
-        record = TickRecord(*(np.ascontiguousarray(records[name]) for name in TickRecord._fields))
-        time_ = 1e-9 * (records["time_ns"] - self._begin_ns)
-        block = self._columns.block(time_, records["input_seq"], haptic, record)
+        block = self._columns.block(first, records, self._begin_ns)
         more = {
             GLOVE: records["command_stiffness"],
             LOOP: loop_values(records["wakeup_ns"], records["latency_ns"]),
         }
-        return shown_ticks(block.__getitem__, records["tick"], [len(records) - 1], [0], more)
+        moved = self._columns.moved(records)
+        return shown_ticks(block.__getitem__, records["tick"], [len(records) - 1], [0], more, moved)
 
     def _lane(self, viewer: RerunScene, lane: str, tick: int, seconds: float, state: str) -> None:
         if self._lanes.get(lane) != state:

@@ -25,14 +25,13 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.hand.configuration import HandConfiguration
-from hhsim.kernels.tick.block import TickRecord
 from hhsim.live.device import COUNTERS
 from hhsim.live.ipc.config import LiveSetup
 from hhsim.live.session.statistics import LiveTally, session_figures
+from hhsim.live.session.tick_block import SessionColumns
 from hhsim.replay.stored_scene import describe_scene, static_arrays
-from hhsim.replay.tick_columns import TickColumns
 from hhsim.result.schema import (
+    CONTACT,
     EVENT_COLUMNS,
     LIVE,
     LIVE_EVENT,
@@ -43,6 +42,7 @@ from hhsim.result.schema import (
     sample_columns,
 )
 from hhsim.result.writer import ResultWriter
+from hhsim.scene.free_object import LAW
 from hhsim.solver.options import SolverOptions
 
 Array = NDArray[Any]
@@ -75,21 +75,19 @@ class SessionWriter:
         device = dict(facts.get("device", {}))
         self._channels = len(device.get("channels", ()))
         self._sample_columns = sample_columns(self._channels)
-        self._columns = TickColumns(setup.surface_arrays(), setup.hand, options)
+        self._columns = SessionColumns(setup, options)
         self._waiting: dict[str, list[tuple[int, Records]]] = {ring: [] for ring in RINGS}
         self._came = dict.fromkeys(RINGS, False)
-        self._next_tick = 0
         self._began = -1
-        description = dict(setup.description)
-        position = description.get("object_position", (0.0, 0.0, 0.0))
-        orientation = description.get("object_orientation", (1.0, 0.0, 0.0, 0.0))
-        static = static_arrays(setup.mesh, setup.tree, setup.hand, position, orientation)
+        description, free = dict(setup.description), setup.free
+        static = static_arrays(setup.mesh, setup.tree, setup.hand, *setup.object_pose())
         scene = {
             **description,
             "motion": description.get("motion") or "live",
             "rate": setup.rate,
             "device": setup.device.kind,
-            **describe_scene(setup.mesh, setup.tree, setup.hand, options, static),
+            **({} if free is None else {"free": free.to_json(), "friction_law": LAW}),
+            **describe_scene(setup.mesh, setup.tree, setup.hand, options, static, free=free is not None),
         }
         tables = {
             LIVE_TICK: LIVE_TICK_COLUMNS,
@@ -108,7 +106,13 @@ class SessionWriter:
             "ended": "",
         }
         self._writer = ResultWriter(
-            path, scene=scene, static=static, tables=tables, attributes={LIVE: header}, command=setup.command
+            path,
+            scene=scene,
+            static=static,
+            tables=tables,
+            attributes={LIVE: header},
+            command=setup.command,
+            free=free is not None,
         )
 
     def __enter__(self) -> Self:
@@ -179,11 +183,17 @@ class SessionWriter:
 
     def _write(self, attributes: Mapping[str, str | int]) -> None:
         taken = {ring: self._waiting[ring] for ring in RINGS}
-        blocks = [self._tick_block(first, records) for first, records in taken["ticks"]]
-        ticks, live = [table for table, _ in blocks], [table for _, table in blocks]
+        ticks, live, contacts = [], [], []
+        row = self._writer.ticks
+        for first, records in taken["ticks"]:
+            ticks.append(self._tick_block(first, records))
+            live.append({"record": np.arange(first, first + len(records)), **_taken(LIVE_TICK_COLUMNS, records)})
+            contacts.append(self._columns.contacts(row, records))
+            row += len(records)
         samples = [self._sample_block(first, records) for first, records in taken["samples"]]
         events = [_taken(EVENT_COLUMNS, records) for _, records in taken["events"]]
-        tables = {LIVE_TICK: live, LIVE_SAMPLE: samples, LIVE_EVENT: events}
+        # A tick counts as written with its row of /live/tick: its contacts come before that.
+        tables = {CONTACT: contacts, LIVE_TICK: live, LIVE_SAMPLE: samples, LIVE_EVENT: events}
         others = {group: _joined(rows) for group, rows in tables.items()}
         self._writer.append(_joined(ticks), others, {LIVE: {**attributes, **self._lost_attributes()}})
         self._waiting = {ring: [] for ring in RINGS}
@@ -191,22 +201,15 @@ class SessionWriter:
     def _lost_attributes(self) -> dict[str, int]:
         return {f"lost_{ring}": self.lost[ring] for ring in RINGS}
 
-    def _tick_block(self, first: int, records: Records) -> tuple[dict[str, Array], dict[str, Array]]:
-        """The rows of /tick and of /live/tick."""
-        if first != self._next_tick:
-            self._columns.forget()
-        self._next_tick = first + len(records)
+    def _tick_block(self, first: int, records: Records) -> dict[str, Array]:
+        """The rows of /tick."""
         if self._began < 0:
             self._began = int(records["time_ns"][0])
-        haptic = HandConfiguration(*(records[f"haptic_{name}"] for name in HandConfiguration._fields))
-        record = TickRecord(*(records[name] for name in TickRecord._fields))
-        time_ = 1e-9 * (records["time_ns"] - self._began)
-        ticks = self._columns.block(time_, records["input_seq"], haptic, record)
+        ticks = self._columns.block(first, records, self._began)
         self.tally.count(records)
         # A hand that is not finite has no depth, and hides none.
         self.penetration_max = float(np.fmax.reduce(ticks["penetration_depth"], initial=self.penetration_max))
-        numbers = np.arange(first, first + len(records))
-        return ticks, {"record": numbers, **_taken(LIVE_TICK_COLUMNS, records)}
+        return ticks
 
     def _sample_block(self, first: int, records: Records) -> dict[str, Array]:
         return {

@@ -58,7 +58,9 @@ def _momentum(run: RunTicks) -> float:
     # Damping is implicit: of the velocity at the end of the tick.
     change = mass * (np.diff(velocity, axis=0) * run.rate + free.properties["damping"] * velocity[1:])
     force = free["object/hand_wrench"][:, :3] + free["object/table_wrench"][:, :3] + mass * gravity
-    return float(np.linalg.norm(change - force, axis=1).max(initial=0.0))
+    off = np.linalg.norm(change - force, axis=1)
+    # Where a session's recorder lost ticks, the velocity before is not known.
+    return float(off[~run.breaks].max(initial=0.0)) if run.breaks is not None else float(off.max(initial=0.0))
 
 
 def _outside_cone(run: RunTicks) -> float:

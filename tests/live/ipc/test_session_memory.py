@@ -113,13 +113,16 @@ def test_facts_are_replaced_whole_and_bounded() -> None:
     assert memory.read_facts() == {"short": 1}
 
 
-def test_the_options_name_the_memory() -> None:
-    memory = SessionMemory.create()
+@pytest.mark.parametrize("free", [False, True])
+def test_the_options_name_the_memory(free: bool) -> None:
+    memory = SessionMemory.create(free=free)
     parser = argparse.ArgumentParser()
     add_memory_options(parser)
     other = attached(parser.parse_args(["--setup", "0", *memory.arguments()]))
     memory.status["ticks"] = 42
     assert other.status["ticks"] == 42
+    assert other.ticks.records.dtype == memory.ticks.records.dtype
+    assert ("turn" in (other.ticks.records.dtype.names or ())) == free
 
 
 @pytest.mark.parametrize(

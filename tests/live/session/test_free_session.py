@@ -1,0 +1,249 @@
+"""A session with a free object: its ticks are a replay's, its world waits out a stall, and its file holds all of it."""
+
+import os
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from conftest import Run
+from live_rings import ended
+from live_scripted import FIST, FREE, FakeClock, InStep, Moment, ScriptedGlove, make_setup
+from numpy.typing import NDArray
+
+from hhsim.kernels.free.record import ObjectRecord
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.kernels.tick.state import STATUS_START_INSIDE
+from hhsim.kernels.tick.step import ACTIVE_CAPACITY
+from hhsim.live.device import Capability, GloveInfo
+from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
+from hhsim.live.ipc.session_memory import FREE_TICK, SessionMemory
+from hhsim.live.loop.loop import loop_options, object_row
+from hhsim.live.session.recorder import Recorder
+from hhsim.live.session.tick_block import SessionColumns, object_ticks
+from hhsim.live.shared_memory import RingReader
+from hhsim.metrics.run.registry import tick_figures
+from hhsim.metrics.run_ticks import result_ticks
+from hhsim.replay.repeat import run_again
+from hhsim.result.reader import Result, load_result
+from hhsim.result.safety import Safety
+from hhsim.result.schema import CONTACT_COLUMNS, FREE_COLUMNS, OBJECT_FIELDS
+from hhsim.scene.free_object import CLEARANCE, FreeObject
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions
+from hhsim.verify.free_object_checks import free_claims
+from hhsim.verify.object_frame import object_motion_claims
+from hhsim.view.decimation import shown_ticks
+from tools.shapes.generators import sphere
+
+Array = NDArray[np.float64]
+
+MILLISECOND = 1_000_000
+TIMINGS = {"duration", "duration_total", "duration_cpu"}
+BALL = sphere(0.06, 1)
+BALL = replace(BALL, vertices=BALL.vertices + np.array([0.0, 0.05, -0.05]))
+"""Before the fingers of a flat hand at the origin; a fist closes on it."""
+ON_TABLE = FreeObject.of_mesh(BALL, mass=0.1, friction=0.8, torsion=5e-3, table=float(BALL.bounds[0, 2]) - CLEARANCE)
+FALLING = replace(ON_TABLE, table=None)
+CLOSING = [*(Moment(FREE + (FIST - FREE) * i / 60) for i in range(60)), *[Moment(FIST)] * 40]
+QUICK = OutputLimits(ramp=0.01, stiffness_rise=1e4, bend_speed=1e3)
+
+
+class Session:
+    """A loop with a free object that has run a script to its end, in step with its glove."""
+
+    def __init__(
+        self,
+        script: Sequence[Moment] = CLOSING,
+        free: FreeObject = ON_TABLE,
+        oversleep: Sequence[int] = (),
+        takes: Capability = Capability.POSITION_LIMIT,
+    ) -> None:
+        self.setup: LiveSetup = make_setup(
+            mesh=BALL,
+            free=free,
+            options=SolverOptions(surface="mesh"),
+            output=QUICK,
+            safety=SafetyLimits(watchdog=False),
+            duration=1e-3 * (len(script) + 1),
+        )
+        self.memory, self.clock = SessionMemory.create(free=True), FakeClock()
+        self.glove = ScriptedGlove(self.clock, script)
+        self.glove.info = GloveInfo("scripted glove", takes, ("bend",))
+        both = InStep(self.setup, self.memory, self.glove, self.clock)
+        self.clock.oversleep.extend(oversleep)
+        both.run()
+        self.ticks: NDArray[Any] = RingReader(self.memory.ticks).read(10**6)[1]
+        self.object = object_ticks(self.ticks)
+
+    def again(self) -> tuple[TickRecord, ObjectRecord]:
+        """The same ticks in one block, as a replay runs them."""
+        setup = self.setup
+        options = loop_options(setup.options, setup.rate)
+        solver = HandSolver(setup.hand, setup.contact_surface(), options, setup.free)
+        haptic = (self.ticks[f"haptic_{name}"] for name in ("position", "orientation", "flexion", "abduction"))
+        return solver.run(*haptic), solver.object_ticks
+
+
+@pytest.fixture(scope="module")
+def session() -> Session:
+    return Session()
+
+
+def recorded(session: Session, path: Path) -> Result:
+    """The file of a session."""
+    memory = SessionMemory.create(free=True)
+    ring = memory.ticks
+    for tick in session.ticks:
+        ring.records[ring.written % ring.capacity] = tick
+        ring.publish()
+    ended(memory, os.getpid())
+    Recorder(replace(session.setup, record=path), memory).run()
+    return load_result(path)
+
+
+@pytest.fixture(scope="module")
+def result(session: Session, tmp_path_factory: pytest.TempPathFactory) -> Result:
+    return recorded(session, tmp_path_factory.mktemp("session") / "session.h5")
+
+
+def test_a_ticks_record_has_all_that_the_solver_tells_of_the_object() -> None:
+    assert tuple(field.name for field in OBJECT_FIELDS) == ObjectRecord._fields
+    assert FREE_TICK["body"].shape == (ACTIVE_CAPACITY,)
+    rows = np.zeros(1, FREE_TICK)
+    row = object_row(rows)
+    row.contact[:] = 0, 2
+    row.point[1] = 7.0
+    assert object_ticks(rows).point.tolist() == [[0.0] * 3, [7.0] * 3]
+
+
+@pytest.mark.parametrize("inside", [False, True])
+def test_the_ticks_are_those_of_a_replay_bit_for_bit(session: Session, inside: bool) -> None:
+    session = Session(CLOSING[40:]) if inside else session
+    assert bool(session.ticks["status"][0] & STATUS_START_INSIDE) == inside
+    hand, moved = session.again()
+    for name in set(TickRecord._fields) - TIMINGS:
+        np.testing.assert_array_equal(getattr(hand, name), session.ticks[name], err_msg=name)
+    bearing = session.object.contact[-1]
+    assert bearing == moved.contact[-1] > 0 and np.linalg.norm(session.object.velocity[-1]) > 0.01
+    for name, own in session.object._asdict().items():
+        theirs = getattr(moved, name)
+        np.testing.assert_array_equal(own, theirs[: len(own)], err_msg=name)
+
+
+def test_the_world_waits_out_a_stall_which_frees_the_fingers() -> None:
+    stalled = Session([Moment(FREE)] * 60, FALLING, oversleep=[0] * 30 + [14 * MILLISECOND])
+    missed = stalled.ticks["missed"]
+    at = int(missed.argmax())
+    assert missed[at] == 14 and missed.sum() == 14
+    assert stalled.ticks["safety"][at] & Safety.OVERRUN_STREAK
+    # A tick of the fall a tick, however long the wait before it.
+    speed = 9.81e-3 * np.arange(1, len(stalled.ticks) + 1)
+    np.testing.assert_allclose(stalled.object.velocity[:, 2], -speed, rtol=1e-9)
+    way = np.diff(stalled.object.shift[:, 2])
+    np.testing.assert_allclose(way, -1e-3 * speed[1:], rtol=1e-6)
+
+
+def test_the_forces_that_go_out_are_those_of_the_object() -> None:
+    session = Session(takes=Capability.FORCE)
+    told = np.array([command.force for command in session.glove.commands])
+    share = session.ticks["command_stiffness"] / 0.3
+    felt = np.linalg.norm(session.ticks["phalanx"], axis=3) * share[..., None]
+    assert felt.max() > 0.1
+    np.testing.assert_allclose(np.linalg.norm(told, axis=3), felt, atol=1e-12)
+    first, last = session.object.contact[:-1], session.object.contact[1:]
+    assert (session.object.body[first[-2] : last[-2]] >= 0).any(), "the hand bears on the object at the end"
+    assert not told[-1].any(), "the last tick frees the fingers"
+
+
+def test_the_file_holds_what_a_replays_does_and_runs_again(session: Session, result: Result) -> None:
+    assert result.complete and result.free and result.driven and result.live is not None
+    assert FreeObject.from_json(result.scene["free"]) == ON_TABLE and "Saxcé" in result.scene["friction_law"]
+    assert {column.name for column in FREE_COLUMNS} <= set(result.keys())
+    assert {f"contact/{column.name}" for column in CONTACT_COLUMNS} <= set(result.keys())
+    np.testing.assert_array_equal(np.bincount(result["contact/tick"], minlength=101), np.diff(session.object.contact))
+    np.testing.assert_array_equal(result["object/velocity"], session.ticks["velocity"])
+    np.testing.assert_array_equal(result["haptic/position"], session.ticks["haptic_position"])
+    assert result["penetration_depth"].max() == 0.0
+    again = run_again(result)
+    assert again.identical and (again.ticks, again.notes) == (101, ())
+    assert {"object/position", "contact/slip"} <= {array.name for array in again.arrays}
+    figures = tick_figures(result_ticks(result))
+    assert figures["cone_outside"] == figures["table_depth_max"] == 0.0 and figures["object_momentum"] < 1e-6
+
+
+def test_a_second_run_tells_where_the_file_is_not_what_was_solved(result: Result, tmp_path: Path) -> None:
+    path = tmp_path / "other.h5"
+    path.write_bytes(result.path.read_bytes())
+    with h5py.File(path, "r+") as file:
+        file["contact/slip"][-1] += 1e-9
+        file["tick/object/velocity"][50] += 1e-12
+    again = run_again(load_result(path))
+    differ = {array.name: array.first_tick for array in again.arrays if not array.identical}
+    assert differ.keys() == {"contact/slip", "object/velocity"} and differ["object/velocity"] == 50
+
+
+def test_columns_are_the_same_bytes_however_many_ticks_come_at_a_time(session: Session) -> None:
+    whole, parts = (SessionColumns(session.setup, session.setup.options) for _ in range(2))
+    one = whole.block(0, session.ticks, 0)
+    sizes = [0, 1, 3, 60, len(session.ticks)]
+    blocks = [parts.block(a, session.ticks[a:b], 0) for a, b in pairwise(sizes)]
+    for name, values in one.items():
+        assert values.tobytes() == np.concatenate([block[name] for block in blocks]).tobytes(), name
+    rows = [parts.contacts(a, session.ticks[a:b]) for a, b in pairwise(sizes)]
+    for name, values in whole.contacts(0, session.ticks).items():
+        assert values.tobytes() == np.concatenate([row[name] for row in rows]).tobytes(), name
+
+
+def test_a_viewer_is_shown_where_the_object_is(session: Session) -> None:
+    columns = SessionColumns(session.setup, session.setup.options)
+    block, moved = columns.block(0, session.ticks, 0), columns.moved(session.ticks)
+    shown = shown_ticks(block.__getitem__, session.ticks["tick"], [100], [0], moved=moved)
+    assert shown.moved is not None
+    start = np.array(ON_TABLE.center)
+    there = shown.moved.points(start[None])[0]
+    assert np.linalg.norm(there - start) > 1e-3
+    np.testing.assert_array_equal(shown.haptic.position[0], session.ticks["haptic_position"][-1])
+
+
+def test_the_referee_judges_no_motion_across_lost_ticks(session: Session, tmp_path: Path) -> None:
+    result = recorded(session, tmp_path / "session.h5")
+    assert not [claim for claim in (*free_claims(result), *object_motion_claims(result)) if claim.failed]
+    path = tmp_path / "lossy.h5"
+    path.write_bytes(result.path.read_bytes())
+    kept = np.delete(np.arange(101), slice(70, 75))
+    with h5py.File(path, "r+") as file:
+        tick = file["contact/tick"][()]
+        rows = np.isin(tick, kept)
+        renumbered = np.searchsorted(kept, tick[rows])
+        for group, chosen in (("tick", kept), ("live/tick", kept), ("contact", rows)):
+            names: list[str] = []
+            file[group].visititems(
+                lambda name, item, names=names: names.append(name) if isinstance(item, h5py.Dataset) else None
+            )
+            for name in names:
+                values = file[group][name][()][chosen]
+                file[group][name].resize(len(values), axis=0)
+                file[group][name][()] = values
+        file["contact/tick"][()] = renumbered
+    lossy = load_result(path)
+    assert not [claim for claim in free_claims(lossy) if claim.failed]
+    assert tick_figures(result_ticks(lossy))["object_momentum"] < 1e-6
+
+
+@pytest.mark.slow
+def test_a_session_of_the_simulated_glove_touches_it_and_runs_again(run: Run, tmp_path: Path) -> None:
+    answer = run(
+        *("live", "glove", "cube", "--free", "--mass", "0.1", "--torsion", "5", "--surface", "mesh", "--quiet"),
+        *("--duration", "1.5", "--record", "session.h5", "--no-realtime"),
+    )
+    assert answer.code == 0, answer.err
+    result = load_result(tmp_path / "session.h5")
+    assert result.complete and result.scene["free"]["mass"] == 0.1 and result.scene["free"]["torsion"] == 5e-3
+    assert result.scene["trajectory"] == "lift" and result["object/table_distance"].min() >= 0.0
+    assert (result["contact/body"] >= 0).any(), "the fingers have come to the cube"
+    assert run("replay", "session.h5", "--quiet").code == 0
