@@ -107,9 +107,9 @@ class Peer(threading.Thread):
         return max(felt) - since
 
 
-@pytest.fixture(params=["manus", "forces"])
+@pytest.fixture(scope="module", params=["manus", "forces"])
 def peer(request: pytest.FixtureRequest) -> Iterator[tuple[Peer, Supervisor]]:
-    """A session in which a finger feels something."""
+    """A session in which a finger feels something; the last drill ends it."""
     port = free_ports(socket.SOCK_DGRAM)
     if request.param == "manus":
         peer, device = Peer(port, hand_of_bends, told_power), configure("manus", port=port)
@@ -175,6 +175,7 @@ def test_a_peer_that_stalls_is_told_nothing_in_time_and_feels_again_when_it_goes
 
 def test_a_loop_that_is_killed_leaves_nobody_to_feel(peer: tuple[Peer, Supervisor]) -> None:
     hand, session = peer
+    until(session, lambda: hand.heard[-1][1] > LEAST)
     limit = allowed(session)
     pid = session.pid(LOOP)
     assert pid is not None
