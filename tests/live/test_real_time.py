@@ -130,7 +130,6 @@ def test_the_loop_s_process_runs_a_simulated_glove_and_says_what_became_of_it() 
     assert memory.status["stage"] == Stage.ENDED
 
 
-@pytest.mark.soak  # the command tells it in `cli/live/test_glove.py`
 def test_a_glove_that_is_not_there_is_one_line_and_exit_2() -> None:
     child, memory = run_loop(device=configure("dexmo", port=1))
     assert child.returncode == 2
