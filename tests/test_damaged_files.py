@@ -110,6 +110,11 @@ def check(answer: Served, told: str) -> None:
     assert len(errors) == (answer.code == 2), f"{told}: exit code {answer.code}\n{answer.err}"
 
 
+def name_of(value: Kind | range) -> str:
+    """What a parameter is called."""
+    return f"{value.name}-{'sealed' if value.sealed else 'bare'}" if isinstance(value, Kind) else f"from-{value.start}"
+
+
 CASES = [(kind, block) for kind in KINDS for block in BLOCKS]
 
 
@@ -119,9 +124,7 @@ CASES = [(kind, block) for kind in KINDS for block in BLOCKS]
         CASES,
         lambda _, case: case[1] in BLOCKS[: 2 if case[0].name == "result.h5" else 1] and case[0] != KINDS[3],
     ),
-    ids=lambda value: (
-        f"{value.name}-{'sealed' if value.sealed else 'bare'}" if isinstance(value, Kind) else f"from-{value.start}"
-    ),
+    ids=name_of,
 )
 def test_a_damaged_file_is_refused_in_time_and_in_one_line(
     kind: Kind, block: range, samples: dict[str, bytes], server: CommandServer, tmp_path: Path
@@ -155,7 +158,7 @@ def test_a_damaged_file_is_refused_in_time_and_in_one_line(
             case[0] not in (KINDS[3], *(kind for kind in KINDS if kind.name in ("result.h5", "ball.stl")))
         ),
     ),
-    ids=lambda kind: f"{kind.name}-{'sealed' if kind.sealed else 'bare'}",
+    ids=name_of,
 )
 def test_the_sound_file_goes_through(
     kind: Kind, samples: dict[str, bytes], server: CommandServer, tmp_path: Path
