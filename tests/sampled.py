@@ -18,5 +18,5 @@ def sampled(cases: Iterable[Any], keep: Callable[[int, Any], bool]) -> list[Any]
 
 def first_of_each(found_by: Mapping[Any, str]) -> list[Any]:
     """The planted faults, by what finds them, of which `make test` takes the first that each claim finds."""
-    first = {claim: fault for fault, claim in reversed(found_by.items())}
+    first = {claim: fault for fault, claim in reversed(list(found_by.items()))}
     return sampled(found_by, lambda _, fault: first[found_by[fault]] is fault)
