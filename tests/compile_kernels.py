@@ -99,18 +99,17 @@ def sessions(**changes: Any) -> None:
 
 
 def first() -> None:
-    """What the ticks of our own methods run on spheres, and what is made of these ticks."""
-    ticks("coupled", "progressive")
+    """What ticks run on spheres, what is made of these ticks, and what makes scenes."""
+    ticks("coupled", "progressive", "paper", "penalty")
     phases()
     sessions()
+    trees()
 
 
 def second() -> None:
-    """The same on triangles, the other methods, what makes scenes, and what tests measure by."""
+    """What ticks run on triangles, beside a fixed object and a free one, and what tests measure by."""
     triangles()
     free()
-    ticks("paper", "penalty")
-    trees()
     distances()
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
-from hypothesis import HealthCheck, settings
+from hypothesis import HealthCheck, is_hypothesis_test, settings
 
 settings.register_profile(
     "hhsim", derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow], print_blob=False
@@ -61,8 +61,27 @@ def pytest_collection(session: pytest.Session) -> None:
             importlib.import_module(".".join(file.relative_to(REPOSITORY).with_suffix("").parts))
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+PART_OF_EXAMPLES = 3
+"""`make test` tries a property on a third of the examples that its test asks for, `make soak` on all of them."""
+
+
+def sample_examples(items: list[pytest.Item], soak: bool) -> None:
+    """Ask for a part of the examples of every property, or have its test in the soak with all of them."""
+    properties = [item for item in items if isinstance(item, pytest.Function) and is_hypothesis_test(item.obj)]
+    if soak:
+        for item in properties:
+            item.add_marker(pytest.mark.soak)
+        return
+    for test in {item.function for item in properties}:
+        asked = test._hypothesis_internal_use_settings
+        part = settings(asked, max_examples=-(-asked.max_examples // PART_OF_EXAMPLES))
+        test._hypothesis_internal_use_settings = part
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Begin with the files that take longest, so that no worker is left with one of them at the end."""
+    sample_examples(items, soak=config.option.markexpr == "soak")
     long = {item.path for item in items if item.get_closest_marker("slow")}
     items.sort(key=lambda item: item.path not in long)
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from command_lines import parse
 from own_command import hhsim_command
 
 from hhsim import SolverOptions, load_result, replay_scene
@@ -80,6 +81,15 @@ def test_a_loop_of_ones_own_is_what_a_replay_runs(examples: Path, tmp_path: Path
     assert np.abs(result["force/total"]).max() > 0.1
 
 
+def test_the_commands_of_an_object_of_ones_own_are_ones_that_are_taken(examples: Path) -> None:
+    lines = (examples / "custom_object.sh").read_text(encoding="utf-8").splitlines()
+    commands = [line.replace("$hhsim", "hhsim") for line in lines if line.startswith("$hhsim ")]
+    assert [line.split()[1] for line in commands] == ["build-tree", "replay", "verify"]
+    for line in commands:
+        parse(line.replace("$here", str(examples)))
+
+
+@pytest.mark.soak
 def test_an_object_and_a_motion_of_ones_own(examples: Path, tmp_path: Path, environment: dict[str, str]) -> None:
     command = ["sh", str(examples / "custom_object.sh"), "mine"]
     answer = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)

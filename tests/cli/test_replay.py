@@ -309,6 +309,7 @@ def has_ticks(path: Path) -> bool:
         return False
 
 
+@pytest.mark.soak  # `result/test_reader.py` fills the disk of a writer every time
 def test_a_full_disk_keeps_the_ticks_before_it(tmp_path: Path) -> None:
     (tmp_path / "long.toml").write_text(LONG)
     prelude = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (6_000_000, 6_000_000))"

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import pytest
+from drawings_alone import leave_charts_undrawn
 from report_reader import Page, read_page
 from short_grasp import short_result
 
@@ -69,6 +70,7 @@ def test_a_report_is_made_and_told(run: Run, tmp_path: Path) -> None:
 
 def test_several_results_are_told_to_machines(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # What is drawn is tested elsewhere, and takes time.
+    leave_charts_undrawn(monkeypatch)
     monkeypatch.setattr("hhsim.report.worst_ticks_section.worst_ticks", lambda result: [])
     for picture in ("overview_picture", "held_picture"):
         monkeypatch.setattr(f"hhsim.report.report.{picture}", no_picture)

@@ -40,7 +40,7 @@ def second_ball(shift: float, inward: bool = False, scale: float = 1.0) -> tuple
     return np.concatenate([BALL.vertices, moved]), np.concatenate([BALL.faces, faces + len(BALL.vertices)])
 
 
-@pytest.mark.parametrize("mesh", [BALL, CUBE, cup()], ids=["ball", "cube", "cup"])
+@pytest.mark.parametrize("mesh", [BALL, CUBE, pytest.param(cup(), marks=pytest.mark.soak)], ids=["ball", "cube", "cup"])
 def test_sound_mesh_is_left_alone(mesh: MeshInRepair) -> None:
     surface = repaired(mesh.vertices, mesh.faces)
     assert (surface.merged, surface.repairs, surface.warnings) == ([], [], [])

@@ -71,7 +71,7 @@ def test_the_points_are_those_of_every_touching_pair(
 ) -> None:
     assert np.all(np.diff(found.tick) >= 0)
     assert len(found.tick) > 300, "more than the room at first"
-    for tick in (1, 8):
+    for tick in (8,):
         center, radius, part = balls(hand, placed, tick)
         away = np.linalg.norm(center[:, None] - tree.leaf_center, axis=2)
         gap = away - radius[:, None] - tree.leaf_radius

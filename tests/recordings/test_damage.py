@@ -182,7 +182,7 @@ def test_damaged_bytes_of_joint_centres_at_length(form: str, tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("form", FORMS)
-@pytest.mark.parametrize("runs", sampled([15, 100], lambda _, runs: runs == 15))
+@pytest.mark.parametrize("runs", sampled([8, 100], lambda _, runs: runs == 8))
 def test_damaged_bytes_of_every_format(form: str, runs: int, tmp_path: Path) -> None:
     data, path = file_of(form), tmp_path / "take.h5"
     options = ReadOptions()

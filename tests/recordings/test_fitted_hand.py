@@ -6,14 +6,17 @@ import numpy as np
 import pytest
 from joint_samples import Side, joint_sample, openxr_csv
 from recording_samples import read_as, smooth_recording
+from sampled import sampled
 
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.model import HandModel
 from hhsim.recordings.fitted_hand import check_hand_text, fitted_hand, for_hand, format_fitted_hand
 
 
-@pytest.mark.parametrize("side", ["right", "left"])
-@pytest.mark.parametrize("radii", [True, False])
+@pytest.mark.parametrize(
+    ("side", "radii"),
+    sampled([(side, radii) for side in ("right", "left") for radii in (True, False)], lambda place, _: place in (0, 3)),
+)
 def test_a_hand_of_another_size_is_found(side: Side, radii: bool, tmp_path: Path) -> None:
     sample = joint_sample(side, length=0.17)
     recording = read_as("openxr", openxr_csv(sample, side, radii=radii))

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from conftest import Run
 from driven_scenes import carried, swing
+from sampled import sampled
 from sphere_scenes import bumpy_ball
 
 from hhsim.gate.input_hash import run_inputs
@@ -59,7 +60,7 @@ def run(path: Path, moving: Trajectory, method: str = "coupled") -> Result:
     return load_result(path)
 
 
-@pytest.fixture(scope="module", params=["coupled", "progressive"])
+@pytest.fixture(scope="module", params=sampled(["coupled", "progressive"], lambda _, method: method == "coupled"))
 def runs(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Result, Result]:
     """The same grasp beside a fixed object, and carried at up to 3 m/s and 20 rad/s."""
     folder, fixed = tmp_path_factory.mktemp("driven"), motion()
@@ -154,7 +155,7 @@ def test_a_changed_pose_of_the_object_is_found(
     path.write_bytes(runs[1].path.read_bytes())
     with h5py.File(path, "r+") as file:
         file[dataset][:] = np.asarray(file[dataset]) * 1.01 + 1e-3
-    failed = {claim.name for claim in verify(load_result(path), every=40).claims if claim.verdict == FAILS}
+    failed = {claim.name for claim in verify(load_result(path), every=200).claims if claim.verdict == FAILS}
     assert claims <= failed
 
 
@@ -173,7 +174,9 @@ def test_a_fixed_object_has_no_pose_a_tick_and_the_old_schema(runs: tuple[Result
     np.testing.assert_array_equal(block["force/total"], seen["force/total"][:100])
 
 
-@pytest.mark.parametrize(("speed", "turning"), [(0.0, 20.0), (3.0, 0.0), (0.4, 2.0)])
+@pytest.mark.parametrize(
+    ("speed", "turning"), sampled([(0.0, 20.0), (3.0, 0.0), (0.4, 2.0)], lambda place, _: place == 2)
+)
 def test_any_motion_of_both_leaves_what_is_between_them(tmp_path: Path, speed: float, turning: float) -> None:
     fixed = motion()
     moved = run(tmp_path / "driven.h5", carried(fixed, swing(fixed.time, speed, turning)))

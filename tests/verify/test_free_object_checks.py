@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from free_results import free_result
 from planted_faults import forge_scene, planted
+from sampled import first_of_each
 
 from hhsim.metrics.run.registry import run_figure, run_metrics
 from hhsim.metrics.run_ticks import result_ticks
@@ -152,7 +153,7 @@ FAULTS: dict[Callable[[h5py.File], None], str] = {
 }
 
 
-@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.__name__)
+@pytest.mark.parametrize("fault", first_of_each(FAULTS), ids=lambda fault: fault.__name__)
 def test_a_planted_fault_is_found_by_name(honest: Result, tmp_path: Path, fault: Callable[[h5py.File], None]) -> None:
     found = failing(planted(honest.path, tmp_path, fault))
     assert FAULTS[fault] in found - failing(honest)

@@ -33,7 +33,7 @@ THIN = ("cup", "wall")
 AT_LEVELS = [
     *sampled(
         [(*played, 4 if played == THIN else LEVEL) for played in PLAYED],
-        lambda place, case: place % 3 == 0 or case[:2] == THIN,
+        lambda place, case: place % 6 == 0 or case[:2] == THIN,
     ),
     *(pytest.param(*played, 4, marks=pytest.mark.soak) for played in PLAYED if played[0] in COMPLEX and played != THIN),
 ]

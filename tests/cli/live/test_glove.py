@@ -81,6 +81,7 @@ def test_a_calibration_that_is_not_there_is_told_before_anything_starts(run: Run
     assert answer == (2, "", "hhsim: error: nobody.toml: no such file; expected a TOML calibration\n")
 
 
+@pytest.mark.soak  # the loop says the line in `live/test_real_time.py`, the supervisor hands it on in its own tests
 def test_a_glove_that_is_not_there_is_told_in_one_line(run: Run, tmp_path: Path) -> None:
     answer = run("live", "glove", "cube", "--device", "dexmo", "--port", "1", "--quiet", "--out", "session.h5")
     assert (answer.code, answer.out) == (2, "")

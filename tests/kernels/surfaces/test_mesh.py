@@ -348,7 +348,7 @@ def placed(motion: Motion) -> PlacedHand:
     return forward_kinematics(HAND, *motion)
 
 
-@pytest.mark.parametrize("name", sampled([*CLOSED, *OPEN], lambda _, name: name not in ("cup", "teapot", "torus")))
+@pytest.mark.parametrize("name", sampled([*CLOSED, *OPEN], lambda _, name: name in ("bunny", "sheet")))
 def test_lists_hold_the_nearest_feature_of_every_body_wherever_the_hand_goes(name: str) -> None:
     vertices, faces = {**CLOSED, **OPEN}[name]()
     closed = name in CLOSED
@@ -754,7 +754,7 @@ def harvest(name: str, seed: int, ticks: int, every: int) -> Harvest:
     return Harvest(programs, same, ghosts)
 
 
-@pytest.mark.parametrize("name", sampled(["cube", "curved", "soup"], lambda _, name: name != "curved"))
+@pytest.mark.parametrize("name", sampled(["cube", "curved", "soup"], lambda _, name: name == "cube"))
 def test_rows_and_programs_of_real_ticks_against_all_features(name: str) -> None:
     harvested = harvest(name, 3, 1160, 40)
     assert harvested.programs > 10

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from sampled import sampled
 from scipy.spatial.transform import Rotation
 from sphere_scenes import Motion, bumpy_ball, random_targets, record_clearance, sphere_tree, still, straight_line
 
@@ -193,8 +194,13 @@ def leaf() -> SphereTree:
     return wall()
 
 
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize(("ticks", "depth"), [(1, 0.25), (80, 0.2), (40, 0.2), (2, 0.5)])
+@pytest.mark.parametrize(
+    ("method", "ticks", "depth"),
+    sampled(
+        [(method, *way) for way in ((1, 0.25), (80, 0.2), (40, 0.2), (2, 0.5)) for method in METHODS],
+        lambda place, _: place in (0, 1, 4, 7),
+    ),
+)
 def test_no_speed_carries_the_hand_through_a_thin_leaf(leaf: SphereTree, method: str, ticks: int, depth: float) -> None:
     # A jump of half a metre across it, and swipes of 5 and 10 m/s.
     turn = Rotation.from_rotvec([0.4, 0.3, 0.1]).as_quat(scalar_first=True)

@@ -118,6 +118,7 @@ def guarded(tmp_path: Path) -> Iterator[Guarded]:
             child.wait()
 
 
+@pytest.mark.soak  # a drill of the whole session kills its loop every time
 def test_a_loop_that_is_killed_is_spoken_for(guarded: Guarded) -> None:
     watchdog, loop = guarded.hold()
     limit = guarded.limit_ns
@@ -171,6 +172,7 @@ def test_a_loop_that_stands_still_is_spoken_for_until_it_goes_on_whatever_signal
     assert guarded.memory.status["stage"] == Stage.ENDED
 
 
+@pytest.mark.soak  # a drill of the whole session kills its watchdog every time
 def test_a_loop_whose_watchdog_is_killed_frees_the_fingers_until_there_is_another(guarded: Guarded) -> None:
     watchdog, loop = guarded.hold()
     watchdog.kill()

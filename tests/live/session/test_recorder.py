@@ -294,6 +294,7 @@ def started(memory: SessionMemory) -> None:
     memory.status["stage"] = Stage.RUNNING
 
 
+@pytest.mark.soak  # a drill of the whole session kills its recorder every time
 def test_killed_outright_the_file_is_readable(ticks: Records, tmp_path: Path) -> None:
     path, memory = tmp_path / "session.h5", SessionMemory.create()
     started(memory)
@@ -311,6 +312,7 @@ def test_killed_outright_the_file_is_readable(ticks: Records, tmp_path: Path) ->
     assert result.live["ended"] == ""
 
 
+@pytest.mark.soak  # a drill of the whole session fills its disk every time
 def test_a_full_disk_ends_the_recorder_and_nothing_else(ticks: Records, tmp_path: Path) -> None:
     path, memory = tmp_path / "session.h5", SessionMemory.create()
     started(memory)
