@@ -225,7 +225,9 @@ def block_distance(block: Array, node: int, i: int, cone: RoundCone) -> float:
 
 @jit_vector
 def _block_distances(block: Array, node: int, cone: RoundCone, distance_out: Array) -> None:
-    for i in range(BRANCHING):
+    # A loop whose length the compiler knows it unrolls, before it thinks of the vector unit; and an index that might be
+    # negative is looked at first.
+    for i in range(np.uint64(0), np.uint64(block.shape[2])):
         distance_out[i] = block_distance(block, node, i, cone)
 
 
