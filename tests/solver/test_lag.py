@@ -7,13 +7,16 @@ import pytest
 from sampled import sampled
 from sphere_scenes import bumpy_ball, random_targets, record_clearance, still, straight_line
 
+from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.state import STATUS_INPUT_INVALID, STATUS_LAG, STATUS_START_INSIDE, STATUS_STUCK
 from hhsim.mesh.catalogue import load_object
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.options import TreeOptions
+from hhsim.trees.triangle_tree import tree_of_any
 
 HAND = HandModel.default()
 METHODS = ("coupled", "progressive")
@@ -136,3 +139,16 @@ def test_a_hand_that_moves_fast_is_followed_at_every_tick(limits: dict[str, int]
     assert (np.diff(record.joints, axis=0) != 0.0).any(axis=(1, 2, 3)).all()
     way = np.linalg.norm(HAND.joints(*(v[-1] for v in motion)) - HAND.joints(*(v[0] for v in motion)), axis=-1).max()
     assert record.lag[-1] < most * way
+
+
+def test_a_palm_between_two_places_that_lead_past_each_other_comes_to_rest() -> None:
+    # Each linearisation of the palm at the cylinder's side led by a millimetre past the optimum to the other's place.
+    cylinder = load_object("cylinder")
+    surface = contact_surface("mesh", cylinder.mesh, tree_of_any(cylinder.mesh, cylinder.level))
+    solver = HandSolver(HAND, surface.arrays, SolverOptions(surface="mesh"))
+    center = surface.tree.center[0]
+    motion = RandomTargets(HAND, sum(b"cylinder"), StressOptions(), center=center, height=0.0).take(150).hold(20)
+    record = solver.run(*motion)
+    assert (record.status[:150] & STATUS_LAG > 0).any(), "the scene hardly provokes"
+    assert not (record.status[-10:] & (STATUS_LAG | STATUS_STUCK)).any()
+    assert np.abs(np.diff(record.joints[-10:], axis=0)).max() < 1e-9

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.jit import jit, jit_allocating, jit_inline, jit_vector
 from hhsim.kernels.kd_tree import select
+from hhsim.kernels.prefetch import prefetch
 from hhsim.kernels.round_cone_distance import RoundCone
 
 Array = NDArray[np.float64]
@@ -23,6 +24,8 @@ Indices = NDArray[np.int64]
 BRANCHING = 8
 GROUP_TESTS = 6
 """Node tests that a group counts as: the vector unit looks at all of it at once."""
+BLOCK_BYTES, CHILD_BYTES = 8 * 4 * BRANCHING, 8 * BRANCHING
+"""Of a group in `FaceSpheres`."""
 ALONG = 1e-9
 """Sine of an angle that is none."""
 NOWHERE = 1e150
@@ -225,7 +228,9 @@ def block_distance(block: Array, node: int, i: int, cone: RoundCone) -> float:
 
 @jit_vector
 def _block_distances(block: Array, node: int, cone: RoundCone, distance_out: Array) -> None:
-    for i in range(BRANCHING):
+    # A loop whose length the compiler knows it unrolls, before it thinks of the vector unit; and an index that might be
+    # negative is looked at first.
+    for i in range(np.uint64(0), np.uint64(block.shape[2])):
         distance_out[i] = block_distance(block, node, i, cone)
 
 
@@ -274,6 +279,7 @@ def gather_faces(
             spare = True
         # A group farther than the clearance has nothing to tell. Which child is near is no branch: nobody can guess it.
         far = max(reach, min(look_out, clearance))
+        waiting = top
         for i in range(BRANCHING):
             child, away = spheres.child[node, i], near[i]
             group = child >= 0 and away <= far
@@ -284,6 +290,9 @@ def gather_faces(
             if spare or face:
                 face_out[count] = -1 - child
             count += 1 if face else 0
+        for i in range(waiting, top):
+            prefetch(spheres.block, stack[i], BLOCK_BYTES)
+            prefetch(spheres.child, stack[i], CHILD_BYTES)
     return count, clearance, tests
 
 

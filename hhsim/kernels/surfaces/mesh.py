@@ -51,6 +51,7 @@ from hhsim.kernels.mesh.features import (
     gather_faces,
 )
 from hhsim.kernels.mesh.ray_winding import is_surrounded
+from hhsim.kernels.prefetch import prefetch
 from hhsim.kernels.round_cone_distance import RoundCone, sphere_cone
 from hhsim.kernels.sphere_tree import STACK_SIZE
 from hhsim.kernels.triangle import Triangle, closest_on_triangle
@@ -65,6 +66,12 @@ PHALANX_ROOM = 4088
 PALM_ROOM = 32768
 LINE = 8
 """Numbers in a cache line."""
+BATCH = 32
+OWNED = 3 * BATCH
+"""Faces that are listed together, and their edges: memory for the next ones is on its way meanwhile."""
+FACE_BYTES, EDGE_BYTES, VERTEX_BYTES, OWN_BYTES = 8 * FACE_FIELDS, 8 * EDGE_FIELDS, 24, 24
+WING_BYTES, SPOKE_BYTES = 48, 128
+"""Of a face, an edge, a vertex, what belongs to a face, the two wings of an edge and the first spokes of a vertex."""
 FOUND_ROOM = 4 * PHALANX_ROOM
 """Faces whose spheres are near a part: more than those that are near themselves, where they are small."""
 ROOM = PALM_BODY * PHALANX_ROOM + PALM_ROOM
@@ -132,7 +139,7 @@ CANDIDATES = np.dtype(
         ("share", np.int64, (PARTS,)),
         ("near", np.float64, (PARTS, BRANCHING)),
         *SHARED_CANDIDATES,
-        ("scratch", np.int64, (FOUND_ROOM,)),
+        ("scratch", np.int64, (FOUND_ROOM + 2 * OWNED,)),
         ("stack", np.int64, (STACK_SIZE,)),
     ],
     align=True,
@@ -225,7 +232,8 @@ def _list_features(
     # Returns the part's slack; a negative infinity where there is no room.
     far = _pair_count(candidates, part) == 0 and candidates.own[part] > reach
     look_out = LOOK_OUT * reach if far else reach
-    found = walk.scratch
+    found = walk.scratch[: walk.scratch.shape[0] - 2 * OWNED]
+    batch_edges, batch_vertices = walk.scratch[-2 * OWNED : -OWNED], walk.scratch[-OWNED:]
     stack, block = walk.stack, candidates.near[part]
     count, slack, tests = gather_faces(mesh.spheres, cone, reach, look_out, stack, block, found[:most_faces])
     work[COUNT_NODE_TESTS] += tests + FINDING * max(count, 0)
@@ -243,46 +251,60 @@ def _list_features(
     wing_start, spoke_start = mesh.wing_start, mesh.spoke_start
     tolerance = NEAR_CONE * (cone.radius + reach)
     faces, edges, vertices = start, start, start
-    for i in range(count):
-        face = found[i]
-        triangle, inside = face_bounds(mesh.face, face, cone, one_sided)
-        if triangle > reach:
-            slack = min(slack, triangle)
-            continue
-        if inside > reach:
-            slack = min(slack, inside)
-        else:
+    for first in range(0, count, BATCH):
+        stop = min(first + BATCH, count)
+        for i in range(stop, min(stop + BATCH, count)):
+            prefetch(mesh.face, found[i], FACE_BYTES)
+            prefetch(face_edge, found[i], OWN_BYTES)
+            prefetch(face_vertex, found[i], OWN_BYTES)
+        # What is kept of a batch, its edges and its vertices: which they are nobody can guess, and no branch tells.
+        own_edges, own_vertices = 0, 0
+        for i in range(first, stop):
+            face = found[i]
+            triangle, inside = face_bounds(mesh.face, face, cone, one_sided)
+            if triangle > reach:
+                slack = min(slack, triangle)
+                continue
             if faces >= start + room:
                 return -np.inf
-            face_out[faces] = face
-            face_near[faces] = inside
-            faces += 1
-        for k in range(3):
-            edge = face_edge[face, k]
-            if edge >= 0:
-                first, last = wing_start[edge], wing_start[edge + 1]
-                near = edge_bound(mesh.edge, edge, cone, mesh.wing, first, last, tolerance, reach)
-                if near > reach:
-                    slack = min(slack, near)
-                elif edges >= start + room:
-                    return -np.inf
-                else:
-                    edge_out[edges] = edge
-                    edge_near[edges] = near
-                    edges += 1
-            vertex = face_vertex[face, k]
-            if vertex >= 0:
-                near = vertex_bound(
-                    mesh.vertex, vertex, cone, mesh.spoke, spoke_start[vertex], spoke_start[vertex + 1], tolerance
-                )
-                if near > reach:
-                    slack = min(slack, near)
-                elif vertices >= start + room:
-                    return -np.inf
-                else:
-                    vertex_out[vertices] = vertex
-                    vertex_near[vertices] = near
-                    vertices += 1
+            listed = inside <= reach
+            face_out[faces], face_near[faces] = face, inside
+            faces += 1 if listed else 0
+            slack = min(slack, np.inf if listed else inside)
+            for k in range(KINDS):
+                edge, vertex = face_edge[face, k], face_vertex[face, k]
+                batch_edges[own_edges] = edge
+                own_edges += 1 if edge >= 0 else 0
+                batch_vertices[own_vertices] = vertex
+                own_vertices += 1 if vertex >= 0 else 0
+        for i in range(own_edges):
+            prefetch(mesh.edge, batch_edges[i], EDGE_BYTES)
+            prefetch(mesh.wing, wing_start[batch_edges[i]], WING_BYTES)
+        for i in range(own_vertices):
+            prefetch(mesh.vertex, batch_vertices[i], VERTEX_BYTES)
+            prefetch(mesh.spoke, spoke_start[batch_vertices[i]], SPOKE_BYTES)
+        for i in range(own_edges):
+            if edges >= start + room:
+                return -np.inf
+            edge = batch_edges[i]
+            near = edge_bound(
+                mesh.edge, edge, cone, mesh.wing, wing_start[edge], wing_start[edge + 1], tolerance, reach
+            )
+            listed = near <= reach
+            edge_out[edges], edge_near[edges] = edge, near
+            edges += 1 if listed else 0
+            slack = min(slack, np.inf if listed else near)
+        for i in range(own_vertices):
+            if vertices >= start + room:
+                return -np.inf
+            vertex = batch_vertices[i]
+            near = vertex_bound(
+                mesh.vertex, vertex, cone, mesh.spoke, spoke_start[vertex], spoke_start[vertex + 1], tolerance
+            )
+            listed = near <= reach
+            vertex_out[vertices], vertex_near[vertices] = vertex, near
+            vertices += 1 if listed else 0
+            slack = min(slack, np.inf if listed else near)
     depth = reach / TIERS
     ends = candidates.tier_end[part]
     _put_in_order(start, faces, depth, face_near[:], ends[0], found, mesh.face, face_out[:], candidates.face_plane[:].T)
@@ -357,7 +379,7 @@ def _gather_part(
             least = needed + SHARES[k] * max(reach - needed, 0.0)
         else:
             least = LAST_SHARES[k - len(SHARES)] * needed
-        most, most_faces = (min(CROWD, room), CROWD_FACES) if k < last else (room, walk.scratch.shape[0])
+        most, most_faces = (min(CROWD, room), CROWD_FACES) if k < last else (room, FOUND_ROOM)
         slack = _list_features(mesh, cone, part, start, most, most_faces, least, candidates, walk, work)
         if slack > -np.inf:
             # Where few are left, more may be looked for the next time.

@@ -219,6 +219,8 @@ def begin_tick(options: TickOptions, state: Record) -> None:
     state.step.duration[:] = 0
     state.step.iterations = 0
     state.reach = _usual_reach(options, state)
+    if state.lag == 0.0:
+        state.turns = 0
     _follow_way(options, state)
     state.moved = 0.0
     state.lag = 0.0
@@ -397,6 +399,31 @@ def shortening(hand: HandArrays, options: TickOptions, state: Record) -> tuple[f
     return fraction, longest
 
 
+OPPOSITE = 0.9
+"""Steps whose directions have a cosine below minus this go back on each other."""
+MOST_TURNS = 2
+"""Steps in a row that each go back on the one before, by more than half: what follows is a half step."""
+
+
+@jit_once
+def _damping(state: Record) -> float:
+    # Where what is nearest changes from step to step, two linearisations may each lead past the optimum to where the
+    # other one was made, for ever. Between them is where both lead.
+    step, problem, last = state.step.delta, state.problem, state.last_step
+    now, before, along = 0.0, 0.0, 0.0
+    for j in range(DOF):
+        x = step[j] / problem.inverse_root[j]
+        now += x * x
+        before += last[j] * last[j]
+        along += x * last[j]
+        last[j] = x
+    if along >= -OPPOSITE * math.sqrt(now * before):
+        state.turns = 0
+    elif 4.0 * now > before:
+        state.turns += 1
+    return 0.5 if state.turns >= MOST_TURNS else 1.0
+
+
 CLEAR = 0.8
 LEAST_SHARE = 0.05
 """A hand that nothing is nearer to than this share of its clearance goes this share of a step or more of it."""
@@ -448,6 +475,8 @@ def advance(hand: HandArrays, surface: Any, options: TickOptions, state: Record)
         clamp_to_limits(hand, state.pose, f, step.delta[:])
     clearance = least_distance(candidates)
     fraction, longest = shortening(hand, options, state)
+    if state.contacts.start[FINGER_COUNT + 1] > 0:
+        fraction = min(fraction, _damping(state))
     move(state.pose, step.delta, problem.abduction_step, fraction)
     for body in range(BODY_COUNT):
         state.since_safe[body] += fraction * state.motion[body]
