@@ -144,10 +144,11 @@ def test_a_hand_that_moves_fast_is_followed_at_every_tick(limits: dict[str, int]
 def test_a_palm_between_two_places_that_lead_past_each_other_comes_to_rest() -> None:
     # Each linearisation of the palm at the cylinder's side led by a millimetre past the optimum to the other's place.
     cylinder = load_object("cylinder")
-    surface = contact_surface("mesh", cylinder.mesh, tree_of_any(cylinder.mesh, cylinder.level))
+    tree = tree_of_any(cylinder.mesh, cylinder.level)
+    surface = contact_surface("mesh", cylinder.mesh, tree)
     solver = HandSolver(HAND, surface.arrays, SolverOptions(surface="mesh"))
-    center = surface.tree.center[0]
-    motion = RandomTargets(HAND, sum(b"cylinder"), StressOptions(), center=center, height=0.0).take(150).hold(20)
+    targets = RandomTargets(HAND, sum(b"cylinder"), StressOptions(), center=tree.center[0], height=0.0)
+    motion = targets.take(150).hold(20)
     record = solver.run(*motion)
     assert (record.status[:150] & STATUS_LAG > 0).any(), "the scene hardly provokes"
     assert not (record.status[-10:] & (STATUS_LAG | STATUS_STUCK)).any()
