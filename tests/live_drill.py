@@ -52,8 +52,6 @@ def grasping_setup(port: int, record: Path | None) -> LiveSetup:
         options=options,
         device=scene.device,
         pose=scene.pose,
-        # What is measured takes tens of milliseconds, and a loop of four times the rate four times the work.
-        rate=250.0,
         output=OutputLimits(stiffness=(0.5,) * 5, stiffness_rise=50.0, ramp=0.1),
         record=record,
         duration=600.0,
