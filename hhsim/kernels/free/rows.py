@@ -138,6 +138,8 @@ FRICTION = np.dtype(
         ("length", np.float64, (FRICTIONS,)),
         ("plain", np.float64, (FRICTIONS,)),
         ("cone", np.float64, (FRICTIONS,)),
+        ("bearings", np.int64),
+        ("bearing", np.int64, (FREE_DOF,)),
         ("near", np.int64, (NEAR_POINTS,)),
         ("near_distance", np.float64, (NEAR_POINTS,)),
     ],
@@ -157,6 +159,7 @@ FRICTION = np.dtype(
 | slip, spin, length | s of the tick with the last solution: μ Δ_t, γ n · φ, and |s| [m] |
 | start, start_spin | s of the tick before the program |
 | plain, cone | multipliers of it: of the normal row, and of friction [N] |
+| bearings, bearing | of the contacts with rows of friction those that bear a force: how many, and their places here |
 | near, near_distance | points of the hull within reach of the table, and how far they are [m] |
 """
 
@@ -502,6 +505,12 @@ def orient(friction: Record, i: int, x: float, y: float, z: float, spin: float) 
     about[i, 1] = 0.0
     along[i, 2, 0], along[i, 2, 1], along[i, 2, 2], about[i, 2] = -w * tx, -w * ty, -w * tz, c
     return True
+
+
+@jit
+def finger_columns(of: int) -> int:
+    """Where the variables of the finger of a body of the hand begin; -1 for the palm and the table."""
+    return COMMON + PHALANX_COUNT * (of // PHALANX_COUNT) if 0 <= of < PALM_BODY else -1
 
 
 @jit

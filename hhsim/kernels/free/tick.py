@@ -195,6 +195,7 @@ def _solve_rows(method: Free, state: Record, qp: QpWork) -> int:
         state.friction,
         state.loaded,
         state.coulomb,
+        state.leanings,
         state.held,
         state.step,
         qp,
