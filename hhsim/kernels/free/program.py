@@ -11,6 +11,7 @@ from hhsim.kernels.free.rows import (
     COMMON,
     FREE_DOF,
     ON_TABLE,
+    STANDS_BACK,
     TABLE_KEYS,
     contact_rows,
     friction_rows,
@@ -18,7 +19,7 @@ from hhsim.kernels.free.rows import (
 )
 from hhsim.kernels.free.slips import NO_LOAD, foresee_slips, keep_slips, lower_slips, return_to_slips
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT
-from hhsim.kernels.jit import Record, as_int64, jit, jit_once
+from hhsim.kernels.jit import Record, as_bool, as_int64, jit, jit_once
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork, solve
 from hhsim.kernels.qp.row_scan import ProgramRows
 from hhsim.kernels.tick.options import TickOptions
@@ -46,8 +47,9 @@ SETTLED = 0.2
 SETTLED_SHARE = 1e-3
 """A Γ that is off by no more than this share of the clearance and this one of it is left: so far a contact floats."""
 AT_REST = 1e-11
-"""An object that would move by no more than this in a tick [m], and touches something, does not: it is the tolerance of
-a program, and what moves so slowly would go on for ever."""
+"""An object that would move by no more than this in a tick [m], as in the tick before, and touches something, does not:
+it is the tolerance of a program, and what moves so slowly would go on for ever. What comes to rest makes its last way
+first, or it would for ever be pushed to where it then stood short of."""
 
 LOADED = np.dtype(
     [
@@ -168,12 +170,13 @@ def _is_settled(pose: Record, body: Record, offset: float, problem: Record, fric
 def _rest(body: Record, problem: Record) -> None:
     delta = problem.delta
     size = 0.0
-    turn = 0.0
+    before = 0.0
     for j in range(3):
-        size += abs(delta[6 + j])
         # The rotation as the way of a point at the radius of gyration.
-        turn += abs(delta[9 + j]) * body.inverse_root[0] / body.inverse_root[3 + j]
-    if size + turn <= AT_REST:
+        radius = body.inverse_root[0] / body.inverse_root[3 + j]
+        size += abs(delta[6 + j]) + abs(delta[9 + j]) * radius
+        before += body.period * (abs(body.velocity[j]) + abs(body.spin[j]) * radius)
+    if size <= AT_REST and before <= AT_REST:
         for j in range(6, COMMON):
             delta[j] = 0.0
 
@@ -255,7 +258,7 @@ def solve_free(
     )
     status = OPTIMAL
     friction_rows(pose, body, contacts, options.offset, relaxed, problem, friction)
-    floats = LET_FLOAT * options.offset
+    floats, backs = LET_FLOAT * options.offset, STANDS_BACK * options.offset
     guessed = _guess(problem, loaded)
     best = np.inf
     seeks = rounds > 1
@@ -296,7 +299,8 @@ def solve_free(
         else:
             repairs += 1
             most = PART_REPAIRS if clipped else REPAIRS
-            if repairs > most or not lower_slips(floats, problem, friction, qp, coulomb, repairs >= REPAIRS):
+            last = as_bool(repairs >= REPAIRS)
+            if repairs > most or not lower_slips(floats, backs, problem, friction, qp, coulomb, last):
                 break
         for j in range(friction.count):
             if friction.rubs[j] == 1:

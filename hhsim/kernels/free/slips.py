@@ -182,11 +182,22 @@ def foresee_slips(
 
 
 @jit_once
-def lower_slips(floats: float, problem: Record, friction: Record, qp: QpWork, work: Record, last: bool) -> bool:
-    """Lower Γ of the contacts whose plain row bears load, to where it would bear none; with `last` to 0.
+def lower_slips(
+    floats: float, backs: float, problem: Record, friction: Record, qp: QpWork, work: Record, last: bool
+) -> bool:
+    """Lower Γ of the contacts whose plain row bears load, to the slip that they have once it bears none.
 
     There Γ is too large, and friction less than the law's. Where it is too small a contact floats by what is missing,
     and all is right about its force. False where no Γ is too large.
+
+    Args:
+        floats: What Γ is to be less than the slip [m].
+        backs: What Γ is more than the slip where the plain row bears for the last time [m].
+        problem: The program.
+        friction: Its contacts.
+        qp: Its solution.
+        work: Scratch.
+        last: Lower to 0.
     """
     count = as_int64(0)
     for c in range(friction.bearings):
@@ -208,8 +219,8 @@ def lower_slips(floats: float, problem: Record, friction: Record, qp: QpWork, wo
     _solve_system(count, work)
     for c in range(count):
         i = work.contact[c]
-        shift = friction.shift[i] + work.rhs[c]
-        if not shift < friction.shift[i]:
+        shift = friction.shift[i] + work.rhs[c] - backs - floats
+        if not work.rhs[c] < 0.0:
             # The loads say nothing of it: what counts is the slip along e_1.
             slip = friction.spin[i] * friction.about[i, 0]
             for j in range(3):
