@@ -5,6 +5,7 @@ from the contacts, the motion from the forces, slip from the poses of both bodie
 """
 
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,9 @@ from hhsim.verify.force_checks import WHY_SLACK, force_slack
 from hhsim.verify.forces import AT_LIMIT
 from hhsim.verify.kinematics import Posed, configurations, own_hand, pose, rotations
 from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, STUCK, JudgedTicks
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -61,7 +65,7 @@ class FreeMotion:
         self.of_table = self.body == ON_TABLE
 
     @cached_property
-    def turned(self):  # type: ignore[no-untyped-def]
+    def turned(self) -> "Rotation":
         """Rotations of the object since before the first tick, of that and of every tick, T + 1 of them."""
         first = self.result.static["object/orientation"]
         poses, _ = rotations(np.vstack([first, self.result["object/orientation"]]))

@@ -38,7 +38,7 @@ LEANINGS = np.dtype(
 
 | field | meaning |
 |---|---|
-| part | J of each contact that bears a force: of its normal, then of its s along e_1 to e_3, scaled; common columns, own |
+| part | J of each contact that bears a force: normal, then s along e_1 to e_3, scaled; common columns, then its own |
 | matrix, even | Jᵀ J, and y of `_spread_evenly` |
 | wanted | which way each contact is to rub next, see `find_leanings` |
 """

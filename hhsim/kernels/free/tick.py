@@ -380,6 +380,7 @@ def _end_tick(hand: HandArrays, method: Free, surface: Any, state: Record) -> in
         state.lag = np.inf
         state.borne.count = 0
         state.borne.residual = 0.0
+        state.borne.bare = 0.0
         state.borne.hand_wrench[:] = 0.0
         state.borne.table_wrench[:] = 0.0
         state.active.count = 0
