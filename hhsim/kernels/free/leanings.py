@@ -11,8 +11,8 @@ from hhsim.kernels.free.rows import (
     FREE_DOF,
     FRICTIONS,
     TINY,
-    finger_columns,
     orient,
+    own_columns,
     torsion_radius,
 )
 from hhsim.kernels.hand.kinematics import PHALANX_COUNT
@@ -80,7 +80,7 @@ def _spread_evenly(body: Record, problem: Record, friction: Record, loaded: Reco
         i = problem.owner[row]
         if i < 0 or friction.rubs[i] == 0:
             continue
-        block = finger_columns(friction.body[i])
+        block = own_columns(friction.body[i])
         for j in range(COMMON):
             y[j] += size * common[j, row]
         if block >= 0:
@@ -89,7 +89,7 @@ def _spread_evenly(body: Record, problem: Record, friction: Record, loaded: Reco
     trace = 0.0
     for c in range(friction.bearings):
         i = friction.bearing[c]
-        block = finger_columns(friction.body[i])
+        block = own_columns(friction.body[i])
         for e in range(1 + _opposite(body, friction, i)):
             part = work.part[c, e]
             for a in range(COMMON):
@@ -124,7 +124,7 @@ def _spread_evenly(body: Record, problem: Record, friction: Record, loaded: Reco
 @jit_once
 def _add_evenly(c: int, i: int, friction: Record, work: Record) -> None:
     lean, y = work.wanted[i], work.even
-    block = finger_columns(friction.body[i])
+    block = own_columns(friction.body[i])
     for e in range(DIRECTIONS):
         part = work.part[c, 1 + e]
         size = 0.0

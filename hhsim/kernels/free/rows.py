@@ -508,7 +508,7 @@ def orient(friction: Record, i: int, x: float, y: float, z: float, spin: float) 
 
 
 @jit
-def finger_columns(of: int) -> int:
+def own_columns(of: int) -> int:
     """Where the variables of the finger of a body of the hand begin; -1 for the palm and the table."""
     return COMMON + PHALANX_COUNT * (of // PHALANX_COUNT) if 0 <= of < PALM_BODY else -1
 

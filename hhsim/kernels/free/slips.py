@@ -21,8 +21,8 @@ from hhsim.kernels.free.rows import (
     FREE_ROWS,
     FRICTIONS,
     coefficient,
-    finger_columns,
     orient,
+    own_columns,
     torsion_radius,
     write_row,
 )
@@ -120,7 +120,7 @@ def _fill_system(pose: Record, body: Record, floats: float, problem: Record, fri
         mu, w = coefficient(body, of), torsion_radius(body, of) * spin
         point = friction.point[i]
         write_row(*(pose, body, problem, of, scratch, point, mu * x, mu * y, mu * z, w * n[0], w * n[1], w * n[2], 0.0))
-        block = finger_columns(of)
+        block = own_columns(of)
         for c in range(count):
             moved = work.moved[c]
             total = 0.0

@@ -186,3 +186,17 @@ def test_what_slips_out_of_the_tongs_rubs_with_all_of_its_load_and_keeps_newton(
         rubs = np.hypot(rubs, moved.torsional_moment[rows] / torsion)
     assert slips.sum() > 40
     assert rubs[slips] == pytest.approx(normal[slips], rel=1e-3)
+
+
+def test_what_has_tumbled_rests_and_its_table_bears_its_weight() -> None:
+    mass = 0.3
+    mesh = box((0.1, 0.06, 0.02))
+    free = FreeObject.of_mesh(
+        mesh, mass=mass, friction=0.5, table=-0.3, velocity=(0.5, 0.0, 0.0), angular_velocity=(3.0, 5.0, 0.5)
+    )
+    solver = solver_of(mesh, free)
+    solver.run(*far_hand(800))
+    moved = solver.object_ticks
+    resting = slice(-100, None)
+    assert (moved.shift[resting] == moved.shift[-1]).all()
+    assert np.abs(moved.table_wrench[resting, 2] - mass * GRAVITY).max() < 1e-10
