@@ -5,6 +5,7 @@ from the contacts, the motion from the forces, slip from the poses of both bodie
 """
 
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,9 @@ from hhsim.verify.force_checks import WHY_SLACK, force_slack
 from hhsim.verify.forces import AT_LIMIT
 from hhsim.verify.kinematics import Posed, configurations, own_hand, pose, rotations
 from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, STUCK, JudgedTicks
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -65,7 +69,7 @@ class FreeMotion:
         self.of_table = self.body == ON_TABLE
 
     @cached_property
-    def turned(self):  # type: ignore[no-untyped-def]
+    def turned(self) -> "Rotation":
         """Rotations of the object since before the first tick, of that and of every tick, T + 1 of them."""
         first = self.result.static["object/orientation"]
         poses, _ = rotations(np.vstack([first, self.result["object/orientation"]]))
@@ -164,7 +168,7 @@ def _balance(motion: FreeMotion) -> list[Claim]:
     apart = np.full((2, len(spin)), np.inf)
     moment = np.linalg.norm(wrench[:, 3:], axis=1)
     # Of several programs in a tick the last began anywhere between: its axes as far off as the object turns.
-    turned = (motion.turned[:-1].inv() * motion.turned[1:]).magnitude()
+    turned = np.asarray((motion.turned[:-1].inv() * motion.turned[1:]).magnitude())
     turned[np.asarray(result["work/linearisations"]) <= 1] = 0.0
     for at, frame in enumerate((motion.turned[:-1].inv(), motion.turned[1:].inv())):
         beyond = (frame * motion.turned[1:]).as_rotvec() - (frame * goal).as_rotvec()
@@ -254,7 +258,7 @@ def _slips(motion: FreeMotion) -> list[Claim]:
     joints = np.asarray(motion.result["graphic/joints"])
     moved = np.linalg.norm(np.diff(joints, axis=0, prepend=joints[:1]), axis=3).max(axis=(1, 2))
     # A step of the solver is straight, and what turns goes round: ½ way² / radius, of the object ½ turn² radius.
-    turn = (motion.turned[1:] * motion.turned[:-1].inv()).magnitude()[motion.tick]
+    turn = np.asarray((motion.turned[1:] * motion.turned[:-1].inv()).magnitude())[motion.tick]
     arm = np.linalg.norm(motion.point - motion.center[1:][motion.tick], axis=1)
     # Where a tick has several steps they may go beyond where they end: one there and one back bend it twice.
     bends = np.where(np.asarray(motion.result["work/linearisations"]) > 1, 1.0, 0.5)

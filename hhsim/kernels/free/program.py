@@ -6,19 +6,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.free.body import as_object_moves
-from hhsim.kernels.free.coulomb import NO_LOAD, find_leanings, foresee_slips, keep_slips, return_to_slips
+from hhsim.kernels.free.leanings import find_leanings, turn_contacts
 from hhsim.kernels.free.rows import (
     COMMON,
     FREE_DOF,
     ON_TABLE,
+    STANDS_BACK,
     TABLE_KEYS,
-    TINY,
     contact_rows,
     friction_rows,
     measure_slip,
 )
+from hhsim.kernels.free.slips import NO_LOAD, foresee_slips, keep_slips, lower_slips, return_to_slips
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT
-from hhsim.kernels.jit import Record, as_int64, jit, jit_once
+from hhsim.kernels.jit import Record, as_bool, as_int64, jit, jit_once
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork, solve
 from hhsim.kernels.qp.row_scan import ProgramRows
 from hhsim.kernels.tick.options import TickOptions
@@ -46,8 +47,9 @@ SETTLED = 0.2
 SETTLED_SHARE = 1e-3
 """A Γ that is off by no more than this share of the clearance and this one of it is left: so far a contact floats."""
 AT_REST = 1e-11
-"""An object that would move by no more than this in a tick [m], and touches something, does not: it is the tolerance of
-a program, and what moves so slowly would go on for ever."""
+"""An object that would move by no more than this in a tick [m], as in the tick before, and touches something, does not:
+it is the tolerance of a program, and what moves so slowly would go on for ever. What comes to rest makes its last way
+first, or it would for ever be pushed to where it then stood short of."""
 
 LOADED = np.dtype(
     [
@@ -127,6 +129,12 @@ def _read(body: Record, problem: Record, friction: Record, loaded: Record, qp: Q
                 friction.plain[owner] += multiplier
             else:
                 friction.cone[owner] += multiplier
+    bearings = as_int64(0)
+    for i in range(friction.count):
+        if friction.rubs[i] == 1 and friction.plain[i] + friction.cone[i] > 0.0:
+            friction.bearing[bearings] = i
+            bearings += 1
+    friction.bearings = bearings
 
 
 @jit_once
@@ -158,46 +166,25 @@ def _is_settled(pose: Record, body: Record, offset: float, problem: Record, fric
     return settled
 
 
-@jit_once
-def _lower(repairs: int, offset: float, friction: Record) -> bool:
-    # Γ of contacts whose plain row bears load is too large: friction would be less than the law's. Where it is too
-    # small a contact floats by what is missing, and all is right about its force. What counts is the slip along e_1;
-    # one that shrinks with its Γ is gone below in steps that double. False where no Γ is too large.
-    lowered = False
-    for i in range(friction.count):
-        load = friction.plain[i] + friction.cone[i]
-        if friction.rubs[i] == 1 and friction.plain[i] > NO_LOAD * load and friction.shift[i] > 0.0:
-            slip, shift = friction.spin[i] * friction.about[i, 0], friction.shift[i]
-            for j in range(3):
-                slip += friction.slip[i, j] * friction.along[i, 0, j]
-            slip -= LET_FLOAT * offset
-            below = (2.0 ** (repairs - 1) - 1.0) * max(0.0, shift - slip)
-            friction.shift[i] = 0.0 if repairs >= REPAIRS else max(0.0, min(shift, slip) - below)
-            lowered = True
-    return lowered
-
-
 @jit
 def _rest(body: Record, problem: Record) -> None:
     delta = problem.delta
     size = 0.0
-    turn = 0.0
+    before = 0.0
     for j in range(3):
-        size += abs(delta[6 + j])
         # The rotation as the way of a point at the radius of gyration.
-        turn += abs(delta[9 + j]) * body.inverse_root[0] / body.inverse_root[3 + j]
-    if size + turn <= AT_REST:
+        radius = body.inverse_root[0] / body.inverse_root[3 + j]
+        size += abs(delta[6 + j]) + abs(delta[9 + j]) * radius
+        before += body.period * (abs(body.velocity[j]) + abs(body.spin[j]) * radius)
+    if size <= AT_REST and before <= AT_REST:
         for j in range(6, COMMON):
             delta[j] = 0.0
 
 
 @jit_once
-def _hold(
-    body: Record, offset: float, problem: Record, friction: Record, loaded: Record, coulomb: Record, held: Record
-) -> None:
+def _hold(offset: float, friction: Record, leanings: Record, held: Record) -> None:
     # Keep what the next program begins from: Γ as it stands, and which way e_1 is to be. A Γ that is found is that of
     # the slip itself, or what is left of one would move what sticks to and fro.
-    find_leanings(body, LET_FLOAT * offset, problem, friction, loaded, coulomb)
     count = as_int64(0)
     for i in range(friction.count):
         if friction.rubs[i] == 0:
@@ -210,11 +197,8 @@ def _hold(
         held.about[count] = friction.about[i, 0]
         for j in range(3):
             held.along[count, j] = friction.along[i, 0, j]
-        # What sticks needs no other directions.
-        sticks = load > 0.0 and friction.length[i] <= TINY
-        held.leaning[count, 3] = held.about[count] if sticks else coulomb.leaning[i, 3]
-        for j in range(3):
-            held.leaning[count, j] = held.along[count, j] if sticks else coulomb.leaning[i, j]
+        for j in range(4):
+            held.leaning[count, j] = leanings.wanted[i, j]
         count += 1
     held.count = count
 
@@ -251,6 +235,7 @@ def solve_free(
     friction: Record,
     loaded: Record,
     coulomb: Record,
+    leanings: Record,
     held: Record,
     step: Record,
     qp: QpWork,
@@ -273,6 +258,7 @@ def solve_free(
     )
     status = OPTIMAL
     friction_rows(pose, body, contacts, options.offset, relaxed, problem, friction)
+    floats, backs = LET_FLOAT * options.offset, STANDS_BACK * options.offset
     guessed = _guess(problem, loaded)
     best = np.inf
     seeks = rounds > 1
@@ -301,16 +287,20 @@ def solve_free(
         seeks = seeks and i < rounds - 1 and problem.astray <= CONVERGES * best and step.iterations < SEARCH
         if seeks:
             best = problem.astray
-            keep_slips(friction, coulomb)
-            foresee_slips(pose, body, LET_FLOAT * options.offset, problem, friction, loaded, qp, coulomb)
+            keep_slips(friction, loaded, coulomb)
+            foresee_slips(pose, body, floats, problem, friction, qp, coulomb)
+            find_leanings(body, floats, problem, friction, loaded, leanings)
+            turn_contacts(friction, leanings)
         elif worse:
             # Where contacts let go at once slips run away from round to round: they do so from tick to tick instead.
-            return_to_slips(friction, coulomb)
+            return_to_slips(friction, loaded, coulomb)
             coulomb.failures = min(coulomb.failures + 1, MOST_WAIT)
             coulomb.wait = 2**coulomb.failures
         else:
             repairs += 1
-            if repairs > (PART_REPAIRS if clipped else REPAIRS) or not _lower(repairs, options.offset, friction):
+            most = PART_REPAIRS if clipped else REPAIRS
+            last = as_bool(repairs >= REPAIRS)
+            if repairs > most or not lower_slips(floats, backs, problem, friction, qp, coulomb, last):
                 break
         for j in range(friction.count):
             if friction.rubs[j] == 1:
@@ -319,7 +309,8 @@ def solve_free(
         for j in range(guessed):
             loaded.guess[j] = loaded.row[j]
     if not clipped:
-        _hold(body, options.offset, problem, friction, loaded, coulomb, held)
+        find_leanings(body, floats, problem, friction, loaded, leanings)
+        _hold(options.offset, friction, leanings, held)
     if loaded.count > 0:
         _rest(body, problem)
     take_step(pose, body, problem, step.delta[:])

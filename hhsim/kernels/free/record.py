@@ -8,7 +8,14 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.free.body import from_axes, turn_in, turn_out
-from hhsim.kernels.free.rows import DIRECTIONS, ON_TABLE, coefficient, displacement, torsion_radius
+from hhsim.kernels.free.rows import (
+    DIRECTIONS,
+    ON_TABLE,
+    coefficient,
+    displacement,
+    relative_turn,
+    torsion_radius,
+)
 from hhsim.kernels.jit import Record, as_int64, jit, jit_once
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 
@@ -33,6 +40,7 @@ BORNE = np.dtype(
         ("hand_wrench", np.float64, (6,)),
         ("table_wrench", np.float64, (6,)),
         ("residual", np.float64),
+        ("bare", np.float64),
     ],
     align=True,
 )
@@ -47,6 +55,7 @@ BORNE = np.dtype(
 | slip | tangential way of the contact in the tick [m] |
 | hand_wrench, table_wrench | on the object: force [N], moment about its centre of mass [N·m] |
 | residual | the most by which the slip that friction is balanced against is off the slip of a contact here [m] |
+| bare | the most that a contact slips that bears a force without rows of friction: it came from too far [m] |
 """
 
 
@@ -59,7 +68,7 @@ class ObjectRecord(NamedTuple):
     | velocity, angular_velocity | of the centre of mass [m/s], [rad/s] | (B, 3) |
     | hand_wrench, table_wrench | on the object: force [N], moment about its centre [N·m] | (B, 6) |
     | table_distance | lowest point above the table [m], infinite without one | (B,) |
-    | friction_residual | as BORNE has it [m] | (B,) |
+    | friction_residual | the larger of `residual` and `bare` of BORNE [m] | (B,) |
     | contact | the first row of each tick's, and of one more | (B + 1,) |
     | body, point, normal, normal_force, friction_force, torsional_moment, slip | as BORNE has them | (rows, ...) |
     """
@@ -155,6 +164,7 @@ def find_borne(
             bearing += 1
     active.count = bearing
     borne.count = count
+    borne.bare = 0.0
     for i in range(count):
         p, n = borne.point[i], borne.normal[i]
         x, y, z = displacement(
@@ -163,6 +173,12 @@ def find_borne(
         along = x * n[0] + y * n[1] + z * n[2]
         x, y, z = x - along * n[0], y - along * n[1], z - along * n[2]
         borne.slip[i] = math.sqrt(x * x + y * y + z * z)
+        place = borne.contact[i]
+        if place < 0 or friction.rubs[place] == 0:
+            of = borne.body[i]
+            turn = relative_turn(pose, body, problem.abduction_total[:], problem.total[:], of, n[0], n[1], n[2])
+            spin = torsion_radius(body, of) * turn
+            borne.bare = max(borne.bare, math.hypot(coefficient(body, of) * borne.slip[i], spin))
 
 
 @jit_once
@@ -170,6 +186,7 @@ def copy_borne(source: Record, target: Record) -> None:
     """Copy what is borne."""
     target.count = source.count
     target.residual = source.residual
+    target.bare = source.bare
     copy_values(source.hand_wrench[:], target.hand_wrench[:])
     copy_values(source.table_wrench[:], target.table_wrench[:])
     for i in range(source.count):
@@ -220,7 +237,7 @@ def record_object(body: Record, borne: Record, table_distance: float, i: int, re
         _out(body, borne.hand_wrench[3 * half : 3 * half + 3], record.hand_wrench[i, 3 * half : 3 * half + 3])
         _out(body, borne.table_wrench[3 * half : 3 * half + 3], record.table_wrench[i, 3 * half : 3 * half + 3])
     record.table_distance[i] = table_distance
-    record.friction_residual[i] = borne.residual
+    record.friction_residual[i] = max(borne.residual, borne.bare)
     row = record.contact[i]
     for k in range(borne.count):
         record.body[row] = borne.body[k]

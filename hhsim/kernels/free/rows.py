@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from hhsim.kernels.contact.linearise import ROW_CAPACITY, limit_start
 from hhsim.kernels.free.body import OBJECT_DOF, Support, along_axes, from_axes
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
-from hhsim.kernels.jit import Record, as_int64, jit, jit_once, jit_vector
+from hhsim.kernels.jit import Record, as_bool, as_int64, jit, jit_once, jit_vector
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -56,6 +56,8 @@ TABLE_KEYS = -1000
 
 NEAR_POINTS = 2048
 """Room for the points of the hull within reach of the table."""
+ENTRIES = 7
+"""Room for the points of the hull that entered the table in a tick: what TABLE_CONTACTS leaves."""
 
 STANDS_BACK = 0.5
 """The normal row of a contact that rubs asks for less than its clearance, by this share of it.
@@ -138,6 +140,10 @@ FRICTION = np.dtype(
         ("length", np.float64, (FRICTIONS,)),
         ("plain", np.float64, (FRICTIONS,)),
         ("cone", np.float64, (FRICTIONS,)),
+        ("bearings", np.int64),
+        ("bearing", np.int64, (FREE_DOF,)),
+        ("entries", np.int64),
+        ("entry", np.int64, (ENTRIES,)),
         ("near", np.int64, (NEAR_POINTS,)),
         ("near_distance", np.float64, (NEAR_POINTS,)),
     ],
@@ -157,6 +163,8 @@ FRICTION = np.dtype(
 | slip, spin, length | s of the tick with the last solution: μ Δ_t, γ n · φ, and |s| [m] |
 | start, start_spin | s of the tick before the program |
 | plain, cone | multipliers of it: of the normal row, and of friction [N] |
+| bearings, bearing | of the contacts with rows of friction those that bear a force: how many, and their places here |
+| entries, entry | points of the hull that a step of this tick would have had in the table: how many, and which |
 | near, near_distance | points of the hull within reach of the table, and how far they are [m] |
 """
 
@@ -365,6 +373,8 @@ HEADINGS = 8
 @jit_once
 def _choose_support(body: Record, support: Support, reach: float, friction: Record) -> None:
     # The points that are lowest over planes a little inclined: what a small turn of the object may bring to the table.
+    # And those by which this tick has entered it: of points less inclined to each other the lowest is another one at
+    # each program, and what only one of them holds goes into the table by the others in turn.
     r, center = body.rotation, body.center
     base = body.position[2] - body.table - (r[2, 0] * center[0] + r[2, 1] * center[1] + r[2, 2] * center[2])
     point, radius, near, near_distance = support.point, support.radius, friction.near, friction.near_distance
@@ -401,7 +411,28 @@ def _choose_support(body: Record, support: Support, reach: float, friction: Reco
                 friction.contact[count] = near[lowest]
                 friction.distance[count] = near_distance[lowest]
                 count += 1
+    ux, uy, uz = r[2, 0], r[2, 1], r[2, 2]
+    for k in range(friction.entries):
+        i = friction.entry[k]
+        known = as_bool(False)
+        for j in range(first, count):
+            known = known or friction.contact[j] == i
+        if not known and count < FRICTIONS:
+            friction.contact[count] = i
+            friction.distance[count] = base + ux * point[i, 0] + uy * point[i, 1] + uz * point[i, 2] - radius[i]
+            count += 1
     friction.count = count
+
+
+@jit
+def keep_entry(lowest: int, friction: Record) -> None:
+    """Have a point of the hull, which a step had in the table, in all further programs of the tick."""
+    known = as_bool(friction.entries == ENTRIES)
+    for k in range(friction.entries):
+        known = known or friction.entry[k] == lowest
+    if not known:
+        friction.entry[friction.entries] = lowest
+        friction.entries += 1
 
 
 @jit_once
@@ -502,6 +533,12 @@ def orient(friction: Record, i: int, x: float, y: float, z: float, spin: float) 
     about[i, 1] = 0.0
     along[i, 2, 0], along[i, 2, 1], along[i, 2, 2], about[i, 2] = -w * tx, -w * ty, -w * tz, c
     return True
+
+
+@jit
+def own_columns(of: int) -> int:
+    """Where the variables of the finger of a body of the hand begin; -1 for the palm and the table."""
+    return COMMON + PHALANX_COUNT * (of // PHALANX_COUNT) if 0 <= of < PALM_BODY else -1
 
 
 @jit

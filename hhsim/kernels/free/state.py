@@ -6,10 +6,11 @@ from typing import Any
 import numpy as np
 
 from hhsim.kernels.free.body import BODY
-from hhsim.kernels.free.coulomb import COULOMB
+from hhsim.kernels.free.leanings import LEANINGS
 from hhsim.kernels.free.program import LOADED
 from hhsim.kernels.free.record import BORNE
 from hhsim.kernels.free.rows import FREE_DOF, FREE_PROBLEM, FRICTION, HELD
+from hhsim.kernels.free.slips import COULOMB
 from hhsim.kernels.hand.kinematics import FINGER_COUNT
 from hhsim.kernels.tick.state import tick_state_dtype
 
@@ -23,7 +24,7 @@ def free_state_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
     | body | the object |
     | free_problem, friction, loaded | the program, its contacts with friction, and its loaded rows |
     | held | Γ and directions of the contacts with friction |
-    | coulomb | what finds Γ |
+    | coulomb, leanings | what finds Γ, and what finds directions |
     | tried, borne | the contacts that bear a force at the last step, and at the last accepted one |
     | body_safe_total, body_safe_abduction | the tick's step up to the last accepted one, and its fingers' spread |
     | palm_position, palm_orientation | of the user's hand, world |
@@ -43,6 +44,7 @@ def free_state_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
             ("loaded", LOADED),
             ("held", HELD),
             ("coulomb", COULOMB),
+            ("leanings", LEANINGS),
             ("tried", BORNE),
             ("borne", BORNE),
             ("body_safe_total", np.float64, (FREE_DOF,)),

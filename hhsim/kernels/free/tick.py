@@ -37,6 +37,7 @@ from hhsim.kernels.free.rows import (
     FREE_DOF,
     begin_frictions,
     find_frictions,
+    keep_entry,
     object_columns,
     table_distances,
 )
@@ -195,6 +196,7 @@ def _solve_rows(method: Free, state: Record, qp: QpWork) -> int:
         state.friction,
         state.loaded,
         state.coulomb,
+        state.leanings,
         state.held,
         state.step,
         qp,
@@ -266,11 +268,10 @@ def _clip_target(hand: HandArrays, method: Free, last_chance: bool, state: Recor
 
 
 @jit
-def _table(method: Free, state: Record) -> float:
+def _table(method: Free, state: Record) -> tuple[float, int]:
     if state.body.has_table == 0:
-        return np.inf
-    least, _ = table_distances(state.body, method.support)
-    return least
+        return np.inf, as_int64(-1)
+    return table_distances(state.body, method.support)
 
 
 @jit_once
@@ -320,7 +321,9 @@ def _advance(hand: HandArrays, method: Free, surface: Any, state: Record) -> boo
     else:
         state.reach = min(state.reach, max(REACH_FLOOR * options.step_tolerance, longest))
     status = evaluate_pose(hand, surface, options, state)
-    table = _table(method, state)
+    table, lowest = _table(method, state)
+    if table < 0.0:
+        keep_entry(lowest, state.friction)
     wanted = max(state.unclipped_motion if state.clipped else 0.0, longest)
     state.lag = wanted - fraction * longest
     done = False
@@ -379,6 +382,7 @@ def _end_tick(hand: HandArrays, method: Free, surface: Any, state: Record) -> in
         state.lag = np.inf
         state.borne.count = 0
         state.borne.residual = 0.0
+        state.borne.bare = 0.0
         state.borne.hand_wrench[:] = 0.0
         state.borne.table_wrench[:] = 0.0
         state.active.count = 0
@@ -414,6 +418,7 @@ def free_tick(method: Free, hand: HandArrays, surface: Any, state: Record, qp: Q
     problem.total[:] = 0.0
     problem.abduction_total[:] = 0.0
     problem.solutions = 0
+    state.friction.entries = 0
     state.body_safe_total[:] = 0.0
     state.body_safe_abduction[:] = 0.0
     status = 0
@@ -444,7 +449,7 @@ def free_tick(method: Free, hand: HandArrays, surface: Any, state: Record, qp: Q
 def rebuild(hand: HandArrays, method: Free, surface: Any, states: NDArray[np.void]) -> int:
     """Take the poses of hand and object as they now stand in the object's frame; returns 0 or FULL."""
     state = states[0]
-    state.table_distance = _table(method, state)
+    state.table_distance, _ = _table(method, state)
     for body in range(BODY_COUNT):
         state.candidates.fresh[body] = -np.inf if state.modelled[body] == 1 else np.inf
         state.candidates.count[body] = 0

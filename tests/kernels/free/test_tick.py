@@ -4,9 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 from free_scenes import GRAVITY, box, far_hand, gripped, solver_of, squeeze_of, tongs_at
 
 from hhsim.hand.model import HandModel
+from hhsim.mesh.mesh import Mesh
 from hhsim.scene.free_object import FreeObject
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
@@ -186,3 +188,40 @@ def test_what_slips_out_of_the_tongs_rubs_with_all_of_its_load_and_keeps_newton(
         rubs = np.hypot(rubs, moved.torsional_moment[rows] / torsion)
     assert slips.sum() > 40
     assert rubs[slips] == pytest.approx(normal[slips], rel=1e-3)
+
+
+def test_what_has_tumbled_rests_and_its_table_bears_its_weight() -> None:
+    mass = 0.3
+    mesh = box((0.1, 0.06, 0.02))
+    free = FreeObject.of_mesh(
+        mesh, mass=mass, friction=0.5, table=-0.3, velocity=(0.5, 0.0, 0.0), angular_velocity=(3.0, 5.0, 0.5)
+    )
+    solver = solver_of(mesh, free)
+    solver.run(*far_hand(800))
+    moved = solver.object_ticks
+    resting = slice(-100, None)
+    assert (moved.shift[resting] == moved.shift[-1]).all()
+    assert np.abs(moved.table_wrench[resting, 2] - mass * GRAVITY).max() < 1e-10
+
+
+def nearly_flat(radius: float, thick: float, curvature: float) -> Mesh:
+    """A disc of a radius and a thickness [m] whose underside is part of a sphere of a radius [m], in many corners."""
+    around = np.linspace(0.0, 2.0 * np.pi, 64, endpoint=False)
+    from_middle = np.linspace(0.0, radius, 17)[:, None]
+    x, y = from_middle * np.cos(around), from_middle * np.sin(around)
+    under = np.stack([x, y, np.broadcast_to(from_middle**2 / (2.0 * curvature), x.shape)], axis=-1).reshape(-1, 3)
+    solid = trimesh.convex.convex_hull(np.vstack([under, under[-64:] + [0.0, 0.0, thick]]))
+    return Mesh(solid.vertices, solid.faces, name="disc")
+
+
+@pytest.mark.parametrize("curvature", [30.0, 100.0])
+def test_what_is_nearly_flat_rocks_on_its_table_and_is_never_stuck(curvature: float) -> None:
+    mesh = nearly_flat(0.03, 0.02, curvature)
+    free = FreeObject.of_mesh(
+        mesh, mass=0.1, friction=0.1, table=-1e-4, velocity=(0.05, 0.0, 0.0), angular_velocity=(1.0, 0.5, 0.0)
+    )
+    solver = solver_of(mesh, free)
+    record = solver.run(*far_hand(100))
+    assert (record.status == 0).all()
+    assert solver.object_ticks.table_distance.min() >= 0.0
+    assert solver.object_ticks.shift[-1, 0] > 1e-3

@@ -1,0 +1,200 @@
+"""Which way the contacts of a program are to rub: against what they bear and slip, by the least friction that does."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.kernels.free.rows import (
+    COMMON,
+    DIRECTIONS,
+    FREE_DOF,
+    FRICTIONS,
+    TINY,
+    orient,
+    own_columns,
+    torsion_radius,
+)
+from hhsim.kernels.hand.kinematics import PHALANX_COUNT
+from hhsim.kernels.jit import Record, jit, jit_once
+
+Array = NDArray[np.float64]
+
+RANK = 1e-10
+"""Share of the trace of Jᵀ J that is added to it: contacts do not tell all directions apart."""
+PARTS = 1 + DIRECTIONS
+WIDTH = COMMON + PHALANX_COUNT
+
+LEANINGS = np.dtype(
+    [
+        ("part", np.float64, (FREE_DOF, PARTS, WIDTH)),
+        ("matrix", np.float64, (FREE_DOF, FREE_DOF)),
+        ("even", np.float64, (FREE_DOF,)),
+        ("wanted", np.float64, (FRICTIONS, 4)),
+    ],
+    align=True,
+)
+"""What finds directions.
+
+| field | meaning |
+|---|---|
+| part | J of each contact that bears a force: normal, then s along e_1 to e_3, scaled; common columns, then its own |
+| matrix, even | Jᵀ J, and y of `_spread_evenly` |
+| wanted | which way each contact is to rub next, see `find_leanings` |
+"""
+
+
+@jit
+def _opposite(body: Record, friction: Record, i: int) -> int:
+    # How many rows behind that of e_k the row of its opposite is.
+    return DIRECTIONS if torsion_radius(body, friction.body[i]) > 0.0 else DIRECTIONS - 1
+
+
+@jit_once
+def _take_apart(body: Record, problem: Record, friction: Record, work: Record) -> None:
+    # A row and its opposite are n · Δ less and more s along one direction.
+    common, own = problem.common, problem.block
+    for c in range(friction.bearings):
+        i = friction.bearing[c]
+        first, apart = friction.row[i], _opposite(body, friction, i)
+        for e in range(PARTS):
+            part = work.part[c, e]
+            row = first + max(e - 1, 0)
+            sign = 1.0 if e == 0 else -1.0
+            for j in range(COMMON):
+                part[j] = 0.5 * (common[j, row + apart] + sign * common[j, row]) if e <= apart else 0.0
+            for j in range(PHALANX_COUNT):
+                part[COMMON + j] = 0.5 * (own[j, row + apart] + sign * own[j, row]) if e <= apart else 0.0
+
+
+@jit_once
+def _spread_evenly(body: Record, problem: Record, friction: Record, loaded: Record, work: Record) -> None:
+    # Solve (Jᵀ J) y = Jᵀ f for the forces f that contacts with friction bear: J y are the least that do the same.
+    common, own, matrix, y = problem.common, problem.block, work.matrix, work.even
+    for a in range(FREE_DOF):
+        y[a] = 0.0
+        for b in range(a + 1):
+            matrix[a, b] = 0.0
+    for k in range(loaded.count):
+        row, size = loaded.row[k], loaded.multiplier[k]
+        i = problem.owner[row]
+        if i < 0 or friction.rubs[i] == 0:
+            continue
+        block = own_columns(friction.body[i])
+        for j in range(COMMON):
+            y[j] += size * common[j, row]
+        if block >= 0:
+            for j in range(PHALANX_COUNT):
+                y[block + j] += size * own[j, row]
+    trace = 0.0
+    for c in range(friction.bearings):
+        i = friction.bearing[c]
+        block = own_columns(friction.body[i])
+        for e in range(1 + _opposite(body, friction, i)):
+            part = work.part[c, e]
+            for a in range(COMMON):
+                trace += part[a] * part[a]
+                for b in range(a + 1):
+                    matrix[a, b] += part[a] * part[b]
+            if block >= 0:
+                for a in range(PHALANX_COUNT):
+                    trace += part[COMMON + a] * part[COMMON + a]
+                    for b in range(COMMON):
+                        matrix[block + a, b] += part[COMMON + a] * part[b]
+                    for b in range(a + 1):
+                        matrix[block + a, block + b] += part[COMMON + a] * part[COMMON + b]
+    for a in range(FREE_DOF):
+        matrix[a, a] += RANK * trace
+        for b in range(a + 1):
+            total = matrix[a, b]
+            for j in range(b):
+                total -= matrix[a, j] * matrix[b, j]
+            matrix[a, b] = math.sqrt(max(total, RANK * RANK * trace)) if a == b else total / matrix[b, b]
+    for a in range(FREE_DOF):
+        for j in range(a):
+            y[a] -= matrix[a, j] * y[j]
+        y[a] /= matrix[a, a]
+    for k in range(FREE_DOF):
+        a = FREE_DOF - 1 - k
+        for j in range(a + 1, FREE_DOF):
+            y[a] -= matrix[j, a] * y[j]
+        y[a] /= matrix[a, a]
+
+
+@jit_once
+def _add_evenly(c: int, i: int, friction: Record, work: Record) -> None:
+    lean, y = work.wanted[i], work.even
+    block = own_columns(friction.body[i])
+    for e in range(DIRECTIONS):
+        part = work.part[c, 1 + e]
+        size = 0.0
+        for j in range(COMMON):
+            size -= part[j] * y[j]
+        if block >= 0:
+            for j in range(PHALANX_COUNT):
+                size -= part[COMMON + j] * y[block + j]
+        for j in range(3):
+            lean[j] += size * friction.along[i, e, j]
+        lean[3] += size * friction.about[i, e]
+
+
+@jit
+def find_leanings(body: Record, floats: float, problem: Record, friction: Record, loaded: Record, work: Record) -> None:
+    """Find which way the contacts that rub are to rub next, shape (contacts, 4): along the surface, about the normal.
+
+    That is the friction that a contact bears, and what its slip would add to it were it held [N]: what has hardly begun
+    to slip turns as far as its slip relieves it, what slips far rubs against its slip. One that bears nothing: the slip
+    itself [m]. What sticks is right as it is, and leans to its e_1. Where contacts are about to slip, by no more than a
+    contact may float [m], what they bear against each other can be anything; they lean to the least of it, since what
+    is beyond takes from their cones.
+    """
+    wanted = work.wanted
+    even = False
+    for i in range(friction.count):
+        for j in range(3):
+            wanted[i, j] = friction.slip[i, j]
+        wanted[i, 3] = friction.spin[i]
+    slides = False
+    for c in range(friction.bearings):
+        i = friction.bearing[c]
+        slides = slides or friction.length[i] > TINY
+        even = even or TINY < friction.length[i] <= floats
+    if slides:
+        _take_apart(body, problem, friction, work)
+    if even:
+        _spread_evenly(body, problem, friction, loaded, work)
+    for c in range(friction.bearings):
+        i = friction.bearing[c]
+        if friction.length[i] <= TINY:
+            for j in range(3):
+                wanted[i, j] = friction.along[i, 0, j]
+            wanted[i, 3] = friction.about[i, 0]
+            continue
+        give = 0.0
+        for j in range(WIDTH):
+            give += work.part[c, 1, j] ** 2
+        stiffness = 1.0 / give if give > 0.0 else 1.0
+        for j in range(4):
+            wanted[i, j] *= stiffness
+        if friction.length[i] <= floats:
+            _add_evenly(c, i, friction, work)
+    for k in range(loaded.count):
+        row = loaded.row[k]
+        i, kind = problem.owner[row], problem.kind[row]
+        if kind == 0 or i < 0 or friction.length[i] <= floats:
+            continue
+        e = (kind - 1) % DIRECTIONS
+        size = loaded.multiplier[k] if kind <= DIRECTIONS else -loaded.multiplier[k]
+        for j in range(3):
+            wanted[i, j] += size * friction.along[i, e, j]
+        wanted[i, 3] += size * friction.about[i, e]
+
+
+@jit
+def turn_contacts(friction: Record, work: Record) -> None:
+    """Turn the directions of the contacts that bear a force as they lean."""
+    wanted = work.wanted
+    for c in range(friction.bearings):
+        i = friction.bearing[c]
+        if friction.length[i] > TINY:
+            orient(friction, i, wanted[i, 0], wanted[i, 1], wanted[i, 2], wanted[i, 3])

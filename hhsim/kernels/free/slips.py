@@ -1,0 +1,255 @@
+"""How far each contact slips: Newton's method for the Γ that de Saxcé's correction asks for.
+
+Γ, which the rows of friction of a contact are given, is to be |s| of the solution, where it bears a force; here it is
+to be |s| - φ, with φ what a contact may float, and 0 where it slips by less. While the same rows bear it, the solution
+is linear in the Γ of all contacts: with N the normals of these rows, Nᵀ = Qᵀ R, and E which of them are of which
+contact's friction, dx = -Qᵀ R⁻ᵀ E dΓ and dλ = -R⁻¹ R⁻ᵀ E dΓ. So
+
+    (I - D) dΓ = |s| - φ - Γ,     D_ij = d|s_i| / dΓ_j,
+
+is one small system, and the next program, which begins from the rows of this one, says whether they are still the same.
+Where a contact's plain row bears a part of its load Γ is too large, and does nothing: it becomes |s| - φ. What Γ is
+then to be at most is another such system, of the loads of the plain rows.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.kernels.free.rows import (
+    COMMON,
+    FREE_DOF,
+    FREE_ROWS,
+    FRICTIONS,
+    coefficient,
+    orient,
+    own_columns,
+    torsion_radius,
+    write_row,
+)
+from hhsim.kernels.hand.kinematics import PHALANX_COUNT
+from hhsim.kernels.jit import Record, as_int64, jit, jit_once
+from hhsim.kernels.qp.active_set import QpWork
+from hhsim.kernels.qp.qr_update import back_substitute
+
+Array = NDArray[np.float64]
+
+NO_LOAD = 1e-3
+"""A contact whose normal row bears no more than this share of its load rubs with all of it."""
+FLAT = 1e-3
+"""A system with a pivot smaller than this, as a share of its largest entry or of 1, says nothing of its unknown."""
+
+COULOMB = np.dtype(
+    [
+        ("contact", np.int64, (FREE_DOF,)),
+        ("moved", np.float64, (FREE_DOF, FREE_DOF)),
+        ("matrix", np.float64, (FREE_DOF, FREE_DOF)),
+        ("rhs", np.float64, (FREE_DOF,)),
+        ("share", np.float64, (FREE_DOF,)),
+        ("shift", np.float64, (FRICTIONS,)),
+        ("along", np.float64, (FRICTIONS, 3)),
+        ("about", np.float64, (FRICTIONS,)),
+        ("row", np.int64, (FREE_DOF,)),
+        ("rows", np.int64),
+        ("failures", np.int64),
+        ("wait", np.int64),
+    ],
+    align=True,
+)
+"""What a step of Newton's method needs; the first axis is that of the contacts it is about.
+
+| field | meaning |
+|---|---|
+| contact | their places in FRICTION |
+| moved | what a metre of Γ adds to the program's variables, scaled |
+| matrix, rhs | I - D, and what Γ is short of, then dΓ [m]; or dλ / dΓ of plain rows [N/m], and their loads, then dΓ |
+| share | scratch |
+| shift, along, about, row, rows | Γ and e_1 of the round before, as FRICTION has them, and its loaded rows |
+| failures, wait | searches in a row that came to nothing, and ticks that go without one |
+"""
+
+
+@jit
+def _raise_shift(of: int, problem: Record, qp: QpWork, share_out: Array) -> None:
+    # What a metre of Γ of a contact adds to the solution's coordinates in the basis of its rows.
+    column = qp.column
+    begun = False
+    for i in range(qp.counts[0]):
+        row = qp.active[i]
+        total = 0.0
+        if problem.owner[row] == of and problem.kind[row] > 0:
+            total = -qp.inverse_norm[row]
+            begun = True
+        if begun:
+            for j in range(i):
+                total -= column[i, j] * share_out[j]
+            total *= qp.inverse_diagonal[i]
+        share_out[i] = total
+
+
+@jit_once
+def _find_moved(friction: Record, problem: Record, qp: QpWork, work: Record) -> None:
+    for c in range(friction.bearings):
+        moved, share = work.moved[c], work.share
+        _raise_shift(friction.bearing[c], problem, qp, share[:])
+        for j in range(FREE_DOF):
+            moved[j] = 0.0
+        for i in range(qp.counts[0]):
+            if share[i] != 0.0:
+                for j in range(FREE_DOF):
+                    moved[j] += share[i] * qp.basis[i, j]
+
+
+@jit_once
+def _fill_system(pose: Record, body: Record, floats: float, problem: Record, friction: Record, work: Record) -> None:
+    scratch = as_int64(FREE_ROWS - 1)
+    common, own = problem.common, problem.block
+    count = friction.bearings
+    for a in range(count):
+        i = friction.bearing[a]
+        slip = friction.length[i]
+        work.contact[a] = i
+        work.rhs[a] = max(0.0, slip - floats) - friction.shift[i]
+        for c in range(count):
+            work.matrix[a, c] = 1.0 if a == c else 0.0
+        if slip <= floats or friction.plain[i] > NO_LOAD * (friction.plain[i] + friction.cone[i]):
+            continue
+        scale = 1.0 / slip
+        x, y, z = scale * friction.slip[i, 0], scale * friction.slip[i, 1], scale * friction.slip[i, 2]
+        spin = scale * friction.spin[i]
+        of, n = friction.body[i], friction.normal[i]
+        mu, w = coefficient(body, of), torsion_radius(body, of) * spin
+        point = friction.point[i]
+        write_row(*(pose, body, problem, of, scratch, point, mu * x, mu * y, mu * z, w * n[0], w * n[1], w * n[2], 0.0))
+        block = own_columns(of)
+        for c in range(count):
+            moved = work.moved[c]
+            total = 0.0
+            for j in range(COMMON):
+                total += common[j, scratch] * moved[j]
+            if block >= 0:
+                for j in range(PHALANX_COUNT):
+                    total += own[j, scratch] * moved[block + j]
+            work.matrix[a, c] -= total
+
+
+@jit
+def _solve_system(count: int, work: Record) -> None:
+    # Elimination with pivots by rows; an unknown of which the system says nothing does not change.
+    matrix, rhs = work.matrix, work.rhs
+    largest = 1.0
+    for a in range(count):
+        for c in range(count):
+            largest = max(largest, abs(matrix[a, c]))
+    for c in range(count):
+        at = as_int64(c)
+        for a in range(c + 1, count):
+            if abs(matrix[a, c]) > abs(matrix[at, c]):
+                at = as_int64(a)
+        if at != c:
+            rhs[c], rhs[at] = rhs[at], rhs[c]
+            for j in range(c, count):
+                matrix[c, j], matrix[at, j] = matrix[at, j], matrix[c, j]
+        if abs(matrix[c, c]) < FLAT * largest:
+            matrix[c, c] = 1.0
+            rhs[c] = 0.0
+            for j in range(c + 1, count):
+                matrix[c, j] = 0.0
+        for a in range(c + 1, count):
+            factor = matrix[a, c] / matrix[c, c]
+            if factor != 0.0:
+                rhs[a] -= factor * rhs[c]
+                for j in range(c + 1, count):
+                    matrix[a, j] -= factor * matrix[c, j]
+    for k in range(count):
+        c = count - 1 - k
+        total = rhs[c]
+        for j in range(c + 1, count):
+            total -= matrix[c, j] * rhs[j]
+        rhs[c] = total / matrix[c, c]
+
+
+@jit_once
+def foresee_slips(
+    pose: Record, body: Record, floats: float, problem: Record, friction: Record, qp: QpWork, work: Record
+) -> None:
+    """Set Γ of the contacts that bear a force to their slip less what a contact may float [m]."""
+    _find_moved(friction, problem, qp, work)
+    _fill_system(pose, body, floats, problem, friction, work)
+    _solve_system(friction.bearings, work)
+    for c in range(friction.bearings):
+        i = friction.bearing[c]
+        friction.shift[i] = max(0.0, friction.shift[i] + work.rhs[c])
+
+
+@jit_once
+def lower_slips(
+    floats: float, backs: float, problem: Record, friction: Record, qp: QpWork, work: Record, last: bool
+) -> bool:
+    """Lower Γ of the contacts whose plain row bears load, to the slip that they have once it bears none.
+
+    There Γ is too large, and friction less than the law's. Where it is too small a contact floats by what is missing,
+    and all is right about its force. False where no Γ is too large.
+
+    Args:
+        floats: What Γ is to be less than the slip [m].
+        backs: What Γ is more than the slip where the plain row bears for the last time [m].
+        problem: The program.
+        friction: Its contacts.
+        qp: Its solution.
+        work: Scratch.
+        last: Lower to 0.
+    """
+    count = as_int64(0)
+    for c in range(friction.bearings):
+        i = friction.bearing[c]
+        if friction.plain[i] > NO_LOAD * (friction.plain[i] + friction.cone[i]) and friction.shift[i] > 0.0:
+            work.contact[count] = i
+            work.rhs[count] = -friction.plain[i]
+            count += 1
+    k, change = qp.counts[0], qp.dual_step
+    for c in range(count):
+        _raise_shift(work.contact[c], problem, qp, work.share[:])
+        back_substitute(k, qp, work.share[:], change[:])
+        for a in range(count):
+            work.matrix[a, c] = 0.0
+            for j in range(k):
+                row = qp.active[j]
+                if problem.owner[row] == work.contact[a] and problem.kind[row] == 0:
+                    work.matrix[a, c] += qp.inverse_norm[row] * change[j]
+    _solve_system(count, work)
+    for c in range(count):
+        i = work.contact[c]
+        shift = friction.shift[i] + work.rhs[c] - backs - floats
+        if not work.rhs[c] < 0.0:
+            # The loads say nothing of it: what counts is the slip along e_1.
+            slip = friction.spin[i] * friction.about[i, 0]
+            for j in range(3):
+                slip += friction.slip[i, j] * friction.along[i, 0, j]
+            shift = min(friction.shift[i], slip - floats)
+        friction.shift[i] = 0.0 if last else max(0.0, shift)
+    return count > 0
+
+
+@jit
+def keep_slips(friction: Record, loaded: Record, work: Record) -> None:
+    """Keep Γ and e_1 of all contacts, and which rows are loaded."""
+    for i in range(friction.count):
+        work.shift[i] = friction.shift[i]
+        work.about[i] = friction.about[i, 0]
+        for j in range(3):
+            work.along[i, j] = friction.along[i, 0, j]
+    work.rows = loaded.count
+    for j in range(loaded.count):
+        work.row[j] = loaded.row[j]
+
+
+@jit
+def return_to_slips(friction: Record, loaded: Record, work: Record) -> None:
+    """Return to what was kept."""
+    for i in range(friction.count):
+        if friction.rubs[i] == 1:
+            friction.shift[i] = work.shift[i]
+            orient(friction, i, work.along[i, 0], work.along[i, 1], work.along[i, 2], work.about[i])
+    loaded.count = work.rows
+    for j in range(work.rows):
+        loaded.row[j] = work.row[j]
