@@ -155,11 +155,10 @@ def test_a_peer_that_stalls_is_told_nothing_in_time_and_feels_again_when_it_goes
     def has_ramped() -> bool:
         now = time.monotonic_ns()
         lately = [most for at, most in list(hand.heard) if at > now - ramp]
-        return now > begun + ramp and bool(lately) and min(lately) > LEAST
+        return now > begun + ramp and bool(lately) and min(lately) > 10.0 * LEAST
 
     until(session, has_ramped)
     whole = hand.heard[-1][1]
-    assert whole > 10.0 * LEAST
     stalled = time.monotonic_ns()
     hand.stalled = True
     wait(session, 0.3)
