@@ -85,7 +85,8 @@ def tick_state_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
     | relapses, lagged | how often it has since lagged after it had not; whether the last tick but one did |
     | hold_abduction | this tick keeps the abduction, since following it left no feasible step |
     | full | this tick met more pairs than the arrays hold |
-    | last_step, turns | the last step near the object, as the program has it; how many in a row went back on it |
+    | last_step | the last step near the object, as the program has it |
+    | turns | how many steps in a row went back on the one before; -1: `last_step` is none |
     | accepted, bad_steps | whether a step was accepted in this tick; penetrating ones in a row |
     | first_step, first_abduction | the penetrating step that was taken from `safe`, and its abduction's |
     | part | share of it that is thought not to penetrate |
