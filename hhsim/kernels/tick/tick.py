@@ -405,7 +405,7 @@ def shortening(hand: HandArrays, options: TickOptions, state: Record) -> tuple[f
 OPPOSITE = 0.9
 """Steps whose directions have a cosine below minus this go back on each other."""
 MOST_TURNS = 2
-"""Steps in a row that each go back on the one before, by more than half: what follows is a half step."""
+"""Steps in a row that each go back on the one before, by more than half: the last of them is halved."""
 
 
 # Absorbed by its one caller it made every tick 3 to 6 % slower.
