@@ -61,8 +61,8 @@ def pytest_collection(session: pytest.Session) -> None:
             importlib.import_module(".".join(file.relative_to(REPOSITORY).with_suffix("").parts))
 
 
-PART_OF_EXAMPLES = 3
-"""`make test` tries a property on a third of the examples that its test asks for, `make soak` on all of them."""
+PART_OF_EXAMPLES = 4
+"""`make test` tries a property on a quarter of the examples that its test asks for, `make soak` on all of them."""
 
 
 def sample_examples(items: list[pytest.Item], soak: bool) -> None:
