@@ -89,6 +89,10 @@ MODES = {
 }
 
 
+BY_EITHER_INDEX = {"sphere_tree.node_distance"}
+"""Compiled for an unsigned index, too: by a signed one, which may be negative, a loop keeps off the vector unit."""
+
+
 def scene() -> tuple[SphereTree, Motion]:
     """A short grasp that begins in free space and ends pressed on the ball."""
     curl = np.array([[0.3, 0.5, 0.4], [0.6, 0.7, 0.5], [0.7, 0.7, 0.5], [0.6, 0.7, 0.5], [0.5, 0.7, 0.4]])
@@ -153,4 +157,4 @@ def test_every_kernel_of_a_replay_is_compiled_for_one_signature(folder: Path) ->
     signatures = json.loads((folder / "signatures.json").read_text())
     assert len(signatures["tick.block.run_block"]) == len(METHODS)
     assert len(signatures["tick.thread_team_worker.help_out"]) == 1
-    assert {name: kinds for name, kinds in signatures.items() if len(kinds) > len(set(kinds))} == {}
+    assert {name for name, kinds in signatures.items() if len(kinds) > len(set(kinds))} == BY_EITHER_INDEX
