@@ -99,6 +99,33 @@ class Callee(CPUDispatcher):  # type: ignore[misc]
         self.overloads[tuple(cres.signature.args)] = cres
 
 
+class _EntryCompiler(Compiler):  # type: ignore[misc]
+    """numba's compiler of what Python calls; what was compiled for other kernels is neither typed nor lowered again."""
+
+    def __init__(self, stored: Callable[[Any], Any], *state: Any) -> None:
+        self._stored = stored
+        super().__init__(*state)
+
+    def compile_extra(self, func: Callable[..., Any]) -> Any:
+        """Machine code of the function."""
+        state = self.state
+        callee = self._stored(tuple(state.args))
+        if callee is None:
+            return super().compile_extra(func)
+        context, description = state.targetctx, callee.fndesc
+        library = context.codegen().create_library(callee.library.name)
+        library.enable_object_caching()
+        code = callee.library._get_module_for_linking().clone()
+        # As it is for callers it would be gone when the wrapper has taken it in.
+        code.get_function(description.llvm_func_name).linkage = "external"
+        library._final_module.link_in(code)
+        with context.push_code_library(library):
+            context.create_cpython_wrapper(library, description, callee.environment, None, state.flags.release_gil)
+        entry = context.get_executable(library, description, callee.environment)
+        context.insert_user_function(entry, description, [library])
+        return callee._replace(library=library, entry_point=entry, metadata=None)
+
+
 @contextmanager
 def collector_at_rest() -> Iterator[None]:
     """Without Python's garbage collector, which takes a third of a compilation to look through what is still in use."""
@@ -118,7 +145,11 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
     """
 
     def __init__(self, function: Callable[..., Any], options: dict[str, Any], cached: bool) -> None:
-        super().__init__(function, targetoptions={**options, "no_cfunc_wrapper": True})
+        super().__init__(
+            function,
+            targetoptions={**options, "no_cfunc_wrapper": True},
+            pipeline_class=functools.partial(_EntryCompiler, self._stored_callee),
+        )
         self._cached = cached
         if cached:
             self._cache = KernelCache(function)
@@ -136,6 +167,10 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
         if self._cached:
             callee._cache = KernelCache(self.py_func, _StoredCallee)
         return callee
+
+    def _stored_callee(self, kinds: tuple[Any, ...]) -> Any:
+        """What was compiled of it for other kernels, None where nothing was."""
+        return self.callee.overloads.get(kinds) or self.callee._cache.load_overload(kinds, self.targetctx)
 
     def address(self, *arguments: Any) -> int:
         """Where the machine code for arguments of these types begins; compiled, or loaded, if need be."""

@@ -38,6 +38,11 @@ def main(path: Path, seconds: int) -> int:
     resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    return judge(path)
+
+
+def judge(path: Path) -> int:
+    """Read a file and print what is wrong with it, without limits; returns the exit code."""
     try:
         _read(path)
     except BlockingIOError:

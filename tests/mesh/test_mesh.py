@@ -314,6 +314,7 @@ def test_teapot_of_four_open_shells_becomes_one_solid(shared_data: Path) -> None
     assert any("solid there" in warning for warning in mesh.warnings)
 
 
+@pytest.mark.soak  # the bunny of 94 components has five holes, too
 @pytest.mark.usefixtures("few_winding_points")
 def test_bunny_with_five_holes(shared_data: Path) -> None:
     mesh = load_mesh(shared_data / "meshes/nasty_bunny_5_holes.obj")

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import Run
+from drawings_alone import leave_charts_undrawn
 from short_grasp import short_grasp, short_result, short_scene
 
 from hhsim.metrics.run.registry import known_figures, run_metrics
@@ -41,7 +42,10 @@ def test_its_errors_are_those_of_the_same_poses_from_inside(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("name", ["Follow", pytest.param("OurOwn", marks=pytest.mark.soak)])
-def test_the_referee_the_second_run_and_the_page_take_it(name: str, tmp_path: Path, run: Run) -> None:
+def test_the_referee_the_second_run_and_the_page_take_it(
+    name: str, tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    leave_charts_undrawn(monkeypatch)
     result = short_result(tmp_path / "result.h5", RELEASED, method=f"outside_methods:{name}")
     assert result.gives("times") and not result.gives("work") and result.gives("forces") == (name == "OurOwn")
     judged = verify(result, every=20, again=True)

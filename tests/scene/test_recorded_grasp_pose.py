@@ -83,7 +83,7 @@ def placed_at(name: str) -> GraspPlacement:
     return place_at_grasp(reach_and_close(), HAND, object_tree(name))
 
 
-@pytest.mark.parametrize("name", ["sphere", "cup"])
+@pytest.mark.parametrize("name", sampled(["sphere", "cup"], lambda _, name: name == "sphere"))
 def test_closing_fingers_meet_the_object(name: str) -> None:
     tree, placed = object_tree(name), placed_at(name)
     check_by_brute_force(placed, tree)
@@ -160,7 +160,7 @@ def test_where_no_finger_meets_the_object_it_says_so(monkeypatch: pytest.MonkeyP
 
 @pytest.mark.parametrize(
     ("recording", "closes"),
-    sampled([("leap_grab", True), ("dapg_door_17", True), ("leap_wave", False)], lambda place, _: place != 1),
+    sampled([("leap_grab", True), ("dapg_door_17", True), ("leap_wave", False)], lambda place, _: place == 0),
 )
 def test_real_recordings_find_a_place_at_the_cup(shared_data: Path, recording: str, closes: bool) -> None:
     tree = object_tree("cup")

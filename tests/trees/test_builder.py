@@ -287,7 +287,8 @@ def test_options_check_themselves(wrong: dict[str, Any]) -> None:
         TreeOptions(**wrong)
 
 
-@pytest.mark.parametrize(("level", "bound"), sampled([(2, 6e-3), (3, 2.5e-3)], lambda _, case: case[0] == 2))
+@pytest.mark.soak  # the bunny of the catalogue, whose protrusion is held every time, is a scan
+@pytest.mark.parametrize(("level", "bound"), [(2, 6e-3), (3, 2.5e-3)])
 def test_real_scan(shared_data: Path, level: int, bound: float) -> None:
     shape = trimesh.load_mesh(shared_data / "meshes" / "object_sim_stanfordbunny.stl")
     mesh = mesh_of(shape).scaled(0.1 / shape.extents.max())

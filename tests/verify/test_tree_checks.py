@@ -163,6 +163,7 @@ def test_4096_leaves_keep_to_the_bars(name: str, monkeypatch: pytest.MonkeyPatch
     judge(name, 4, FINE_BARS[name], [4])
 
 
+@pytest.mark.soak  # `trees/test_builder.py` compares bytes, of one thread and of several
 def test_another_process_builds_the_same_bytes() -> None:
     program = (
         "from tools.shapes.generators import cube; from hhsim.trees.builder import *; "

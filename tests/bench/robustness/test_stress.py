@@ -244,12 +244,12 @@ def test_only_a_method_that_promises_can_miss() -> None:
 
 
 def test_processes_give_the_same_figures_in_the_same_order() -> None:
-    cases = [case(method, 900, wild=wild) for method in ("coupled", "progressive") for wild in (False, True)]
+    cases = [case("coupled", 900, wild=False), case("progressive", 900, wild=True)]
     seen: list[tuple[str, int, int]] = []
     alone = list(run_stress(cases, progress=lambda *news: seen.append(news)))
-    assert seen == [("cases", done, 4) for done in (1, 2, 3, 4)]
+    assert seen == [("cases", done, 2) for done in (1, 2)]
     assert [without_times(row) for row in run_stress(cases, jobs=2)] == [without_times(row) for row in alone]
-    assert [row.held > 0 for row in alone] == [False, True, False, True]
+    assert [row.held > 0 for row in alone] == [False, True]
 
 
 def test_a_total_adds_what_adds_up() -> None:

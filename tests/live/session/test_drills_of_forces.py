@@ -19,6 +19,7 @@ import pytest
 from live_drill import IN_TIME, LOOP, PATIENCE, WITHOUT_REAL_TIME, grasping_setup
 from live_peers import free_ports
 from openxr_peer import Location, hand_datagram, read_haptic
+from sampled import sampled
 
 from hhsim.hand.model import HandModel
 from hhsim.live.devices.registry import configure
@@ -107,7 +108,7 @@ class Peer(threading.Thread):
         return max(felt) - since
 
 
-@pytest.fixture(scope="module", params=["manus", "forces"])
+@pytest.fixture(scope="module", params=sampled(["manus", "forces"], lambda _, kind: kind == "manus"))
 def peer(request: pytest.FixtureRequest) -> Iterator[tuple[Peer, Supervisor]]:
     """A session in which a finger feels something; the last drill ends it."""
     port = free_ports(socket.SOCK_DGRAM)
