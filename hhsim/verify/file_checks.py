@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.errors import MeshError
 from hhsim.kernels.tick.state import (
     STATUS_INPUT_INVALID,
     UNITS_CONTACT,
@@ -14,6 +15,7 @@ from hhsim.kernels.tick.state import (
     UNITS_QP_ITERATION,
     UNITS_ROW,
 )
+from hhsim.mesh.mesh import LARGEST_NUMBER, require_usable_arrays
 from hhsim.replay.stored_scene import PARTS, checksums
 from hhsim.result.reader import Result
 from hhsim.solver.method import never_penetrates
@@ -207,9 +209,12 @@ def _tree_encloses(result: Result) -> Claim:
 def cover(result: Result) -> Claim:
     """Whether the leaves hold the mesh: vertices, middles of edges and random points of it."""
     vertices, faces = np.array(result.static["object/vertices"]), np.array(result.static["object/faces"])
-    gap = outside_spheres(vertices, faces, *leaves(result))
-    why = "less than any figure is stated to"
-    claim = judged("cover", "the leaf spheres cover the object's surface", gap, COVER, "m", why)
+    says, why = "the leaf spheres cover the object's surface", "less than any figure is stated to"
+    try:
+        gap = outside_spheres(vertices, faces, *leaves(result))
+    except MeshError as error:
+        return judged("cover", says, [np.inf], COVER, "m", "exact", note=str(error))
+    claim = judged("cover", says, gap, COVER, "m", why)
     if covers(result):
         return claim
     return Claim(
@@ -219,10 +224,18 @@ def cover(result: Result) -> Claim:
 
 
 def outside_spheres(vertices: FloatArray, faces: IntArray, center: FloatArray, radius: FloatArray) -> FloatArray:
-    """How far points of a mesh are outside of spheres [m]: its vertices, its edges' middles, random points; (N,)."""
+    """How far points of a mesh are outside of spheres [m]: its vertices, its edges' middles, random points; (N,).
+
+    Raises:
+        MeshError: Arrays that are no mesh.
+    """
     from scipy.spatial import cKDTree
     from scipy.spatial.distance import cdist
 
+    require_usable_arrays(vertices, faces, "its mesh")
+    # Squares of areas would be no numbers.
+    if np.abs(vertices).max() > LARGEST_NUMBER:
+        return np.array([np.inf])
     a, b, c = vertices[faces].transpose(1, 0, 2)
     rng = np.random.default_rng(0)
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)

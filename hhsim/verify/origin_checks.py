@@ -9,7 +9,7 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import HhsimError, MeshError
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.mesh.catalogue import load_object, names_a_file, object_names, resolve_object
-from hhsim.mesh.mesh import Mesh, require_usable_arrays
+from hhsim.mesh.mesh import Mesh
 from hhsim.result.reader import Result
 from hhsim.trees.cache import cached_sphere_tree, shipped_tree
 from hhsim.trees.options import TreeOptions
@@ -133,10 +133,9 @@ def _palm(result: Result) -> Claim:
         return judged("palm", says, [np.inf], COVER, "m", "exact", note="its tree has other leaves")
     vertices, faces = static["hand/palm_mesh/vertices"], static["hand/palm_mesh/faces"]
     try:
-        require_usable_arrays(np.array(vertices), np.array(faces), "its mesh")
+        gap = outside_spheres(np.array(vertices), np.array(faces), np.array(center), np.array(radius))
     except MeshError as error:
         return judged("palm", says, [np.inf], COVER, "m", "exact", note=str(error))
-    gap = outside_spheres(np.array(vertices), np.array(faces), np.array(center), np.array(radius))
     return judged("palm", says, gap, COVER, "m", "less than any figure is stated to")
 
 
