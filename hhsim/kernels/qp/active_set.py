@@ -52,6 +52,9 @@ WARM_RANK_TOLERANCE = 1e-6
 MULTIPLIER_TOLERANCE = 1e-13
 """Entries of the dual step direction up to this size, relative to its largest or to 1, are rounding."""
 
+RESUMES = -1
+"""As a number of guessed rows: those that were active at the end of the last solve, with their factors."""
+
 DRIFT = 1e-3
 """Share of the tolerance by which steps may have carried the active rows off, for x to be taken as it is."""
 
@@ -148,7 +151,8 @@ def solve(
             reconcile them, all are moved by this much; a zero row short by no more than this, in units of b, counts
             as satisfied.
         guess: Rows expected to be active, shape (>= guess_count,); duplicates and rows that no group holds are ignored.
-        guess_count: How many; 0 for a cold start.
+        guess_count: How many; 0 for a cold start. RESUMES where the last solve was of the same rows, but for b, and of
+            the same target, and ended OPTIMAL.
         work: Workspace and result.
 
     Returns:
@@ -164,14 +168,18 @@ def solve(
     limit = 100 + 10 * (n + total_rows)
     iterations = 0
     shift = 0.0
-    k = as_int64(0)
     counts, multiplier, dual_step = work.counts, work.multiplier, work.dual_step
+    k = counts[0] if guess_count == RESUMES else as_int64(0)
     inverse_norm, violations = work.inverse_norm[:], work.violation[:]
     counts[2] = -1
     row_lengths(rows, inverse_norm)
     row_violations(rows, target, inverse_norm, violations)
     found = unsound_rows(rows, inverse_norm, violations)
 
+    for j in range(k):
+        row = work.active[j]
+        scale = _load_normal(row, n, rows, work)
+        work.active_rhs[j] = _rest(n, rhs[row], scale, target, work)
     for g in range(guess_count):
         row = guess[g]
         held = False
