@@ -1,5 +1,6 @@
 """The task of a rest: a cube stands on a table and nothing touches it; and how far it has gone."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,4 +37,4 @@ class Rest:
             orientation: Of the first and the last of them, (w, x, y, z), shape (2, 4).
         """
         moved = float(np.linalg.norm(center - center[0], axis=1).max())
-        return moved + 0.5 * self.side * np.sqrt(3.0) * turned_by(orientation[0], orientation[1])
+        return moved + 0.5 * self.side * math.sqrt(3.0) * turned_by(orientation[0], orientation[1])
