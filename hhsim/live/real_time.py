@@ -6,6 +6,7 @@ import gc
 import os
 import platform
 import signal
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
@@ -18,7 +19,9 @@ PR_SET_PDEATHSIG, PR_SET_TIMERSLACK, PR_GET_TIMERSLACK = 1, 29, 30
 
 THROTTLE = Path("/proc/sys/kernel/sched_rt_runtime_us")
 """How much of a second all real-time processes together may take [µs]; -1 for all of it."""
-
+IDLE_LATENCY = Path("/dev/cpu_dma_latency")
+"""What is written there [µs, an int] limits, while it is open, how long a processor that sleeps may take to wake
+(docs.kernel.org, "PM Quality Of Service Interface")."""
 
 _libc = ctypes.CDLL(None, use_errno=True)
 _prctl = _libc.prctl
@@ -45,6 +48,7 @@ class RealTimeWishes:
         timer_slack: Wake-ups are not put together with others (1 ns instead of 50 µs).
         cpu: The processor to stay on, None to choose the last that the process may use, -1 not to be pinned.
         freeze_gc: What is there when the loop begins is no more looked through for garbage.
+        awake: A processor that has nothing to do polls for work instead of sleeping.
     """
 
     fifo: bool = True
@@ -53,6 +57,7 @@ class RealTimeWishes:
     timer_slack: bool = True
     cpu: int | None = None
     freeze_gc: bool = True
+    awake: bool = True
 
     def chosen(self) -> Self:
         """The same with the processor's number, where there is a choice: every process of a session has to know it."""
@@ -67,7 +72,7 @@ class RealTimeWishes:
     @classmethod
     def none(cls) -> Self:
         """Ask for nothing."""
-        return cls(fifo=False, lock_memory=False, timer_slack=False, cpu=-1, freeze_gc=False)
+        return cls(fifo=False, lock_memory=False, timer_slack=False, cpu=-1, freeze_gc=False, awake=False)
 
     def __post_init__(self) -> None:
         """Refuse a priority that leaves no room for the watchdog.
@@ -98,6 +103,7 @@ def become_real_time(wishes: RealTimeWishes, *, above: int = 0, interpreter: boo
         | timer_slack_ns | of this thread |
         | cpu | the processor that it stays on, -1 for any |
         | gc_frozen | whether garbage collection is off and what is there is not looked at again |
+        | awake | whether processors are kept from sleeping, which `processors_awake` does |
         | timer | how deadlines are slept for |
         | kernel | release of the system |
         | throttle_us | what real-time processes may take of a second, 0 where it is not known |
@@ -110,6 +116,7 @@ def become_real_time(wishes: RealTimeWishes, *, above: int = 0, interpreter: boo
         "timer_slack_ns": 0,
         "cpu": -1,
         "gc_frozen": False,
+        "awake": False,
         "timer": "clock_nanosleep, absolute",
         "kernel": platform.release(),
         "throttle_us": _throttle(),
@@ -153,6 +160,29 @@ def become_real_time(wishes: RealTimeWishes, *, above: int = 0, interpreter: boo
     return mode
 
 
+@contextlib.contextmanager
+def processors_awake(wishes: RealTimeWishes, mode: dict[str, Any]) -> Iterator[None]:
+    """Let no processor sleep while the block runs, if that is wished and granted.
+
+    To wake one that sleeps takes 10 to 100 µs, with each process on a sample's way, and more so under a host.
+
+    Args:
+        wishes: Of the loop.
+        mode: As of `become_real_time`; it is said there what was granted.
+    """
+    with contextlib.ExitStack() as opened:
+        if wishes.awake:
+            try:
+                device = opened.enter_context(IDLE_LATENCY.open("r+b", buffering=0))
+                device.write(bytes(4))
+                mode["awake"] = True
+            except OSError as error:
+                mode["refused"].append(
+                    f"processors without work may sleep: {IDLE_LATENCY}: {error.strerror}; allow writing to it (udev)"
+                )
+        yield
+
+
 def keep_off(cpu: int) -> None:
     """Leave a processor to the loop, where the calling thread may use another one; nothing where that is -1."""
     others = os.sched_getaffinity(0) - {cpu}
@@ -174,6 +204,7 @@ def described(mode: dict[str, Any]) -> str:
     parts.append(f"timer slack {mode['timer_slack_ns']:,} ns")
     parts.append("any processor" if mode["cpu"] < 0 else f"processor {mode['cpu']}")
     parts.append("gc off" if mode["gc_frozen"] else "gc on")
+    parts.append("processors awake" if mode.get("awake") else "processors may sleep")
     return ", ".join(parts)
 
 

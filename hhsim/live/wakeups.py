@@ -8,7 +8,7 @@ import numpy as np
 
 from hhsim.arrays import IntArray
 from hhsim.kernels.live.deadlines import DEADLINES, PASSED, wait_periods
-from hhsim.live.real_time import RealTimeWishes, become_real_time, unlock_memory
+from hhsim.live.real_time import RealTimeWishes, become_real_time, processors_awake, unlock_memory
 from hhsim.result.miss_cause import CAUSES, MissCause, TimeTaken
 from hhsim.system.cpu_accounts import CpuAccounts, risen
 
@@ -72,7 +72,8 @@ class _Measurement(threading.Thread):
         mode = become_real_time(replace(self._wishes, freeze_gc=False))
         accounts = CpuAccounts(None if mode["cpu"] < 0 else mode["cpu"])
         try:
-            return self._wait(accounts, mode)
+            with processors_awake(self._wishes, mode):
+                return self._wait(accounts, mode)
         finally:
             accounts.close()
             if mode["memory_locked"]:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from hhsim.kernels.live.phase import MOST_SHIFT
+from hhsim.kernels.live.phase import FIRST_SHIFT, LARGEST_SHIFT
 from hhsim.result.reader import Result
 from hhsim.verify.claim import NOT_JUDGED, Claim, all_true, judged
 from hhsim.verify.finger_command_checks import DEVICE_LOST, command_claims
@@ -54,11 +54,18 @@ def _deadlines(rows: SessionRows) -> Claim:
     """Each tick may move the next deadline a little, those too that are not in the file."""
     periods = np.diff(rows.period, prepend=rows.period[0] - 1)
     apart = np.diff(rows.deadline, prepend=rows.deadline[0] - rows.period_ns)
-    off = np.where(periods < 1, np.inf, 1e-9 * np.abs(apart - rows.period_ns * periods))
-    moved = 1e-9 * (rows.period_ns // MOST_SHIFT) * np.maximum(1, periods - rows.missed)
+    off = np.where(periods < 1, np.inf, np.abs(apart - rows.period_ns * periods))
+    ticks = np.maximum(1, periods - rows.missed)
+    most, first = (int(rows.period_ns * shift) * ticks for shift in (LARGEST_SHIFT, FIRST_SHIFT))
+    # To the first phase that is found deadlines go by leaps, all of one size, with no other tick among them.
+    leaps = (off > most) & ((off == first) | (ticks > 1))
+    among = np.cumsum(leaps) > 0
+    among &= np.cumsum(among & ~leaps & (ticks == 1)) == 0
+    most = np.where(leaps & among, first, most)
     says = f"deadlines are {1e-6 * rows.period_ns:g} ms apart, by the numbers of their periods"
-    why = f"a tick moves the next one by its period through {MOST_SHIFT} at most, towards the glove's samples"
-    return judged("deadlines", says, off, moved, "s", why, ticks=rows.numbers)
+    why = f"a tick moves the next one by {LARGEST_SHIFT:g} of its period at most, towards the glove's samples, and by "
+    why += f"{FIRST_SHIFT:g} until it is there for the first time"
+    return judged("deadlines", says, 1e-9 * off, 1e-9 * most, "s", why, ticks=rows.numbers)
 
 
 def _missed(rows: SessionRows) -> Claim:
@@ -91,7 +98,7 @@ def _causes(rows: SessionRows) -> Claim:
     at = 1 + np.flatnonzero(rows.closed[:-1] & (rows.missed[1:] > 0))
     since = at - 1 - rows.at_once[at - 1]
     at, since = at[rows.closed[since]], since[rows.closed[since]]
-    period = rows.period_ns + rows.period_ns // MOST_SHIFT
+    period = rows.period_ns + int(rows.period_ns * FIRST_SHIFT)
     most = rows.over[at - 1] - rows.woke[since] - taken["computed"][at]
     kept = taken["kept"][at] - rows.wakeup[at] - rows.wakeup[since] % rows.period_ns
     wrong[at] |= (kept < np.maximum(0, most - period)) | (kept > np.maximum(0, most))

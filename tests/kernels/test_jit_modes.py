@@ -145,6 +145,10 @@ def test_results_are_equal_to_rounding(folder: Path, mode: str) -> None:
             np.testing.assert_allclose(other[name], values, rtol=1e-9, atol=1e-9, err_msg=name)
 
 
+FOR_TWO = {"sphere_tree.node_distance"}
+"""Put into its callers, and so small that it is compiled at once: with indices without a sign for the vector unit."""
+
+
 @pytest.mark.soak
 def test_every_kernel_of_a_replay_is_compiled_for_one_signature(folder: Path) -> None:
     # A second signature would cost seconds at the first run of each user, for nothing. What is generic in the method is
@@ -153,4 +157,4 @@ def test_every_kernel_of_a_replay_is_compiled_for_one_signature(folder: Path) ->
     signatures = json.loads((folder / "signatures.json").read_text())
     assert len(signatures["tick.block.run_block"]) == len(METHODS)
     assert len(signatures["tick.thread_team_worker.help_out"]) == 1
-    assert {name: kinds for name, kinds in signatures.items() if len(kinds) > len(set(kinds))} == {}
+    assert {name: kinds for name, kinds in signatures.items() if len(kinds) > len(set(kinds))}.keys() == FOR_TWO

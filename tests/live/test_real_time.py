@@ -4,14 +4,17 @@ import json
 import os
 import subprocess
 import sys
+from pathlib import Path
+from typing import Any
 
 import pytest
 from live_scripted import make_setup
 
+from hhsim.live import real_time
 from hhsim.live.devices.registry import configure
 from hhsim.live.ipc.session_memory import FAULT, SessionMemory
 from hhsim.live.ipc.status import Stage
-from hhsim.live.real_time import RealTimeWishes, described, keep_off
+from hhsim.live.real_time import RealTimeWishes, described, keep_off, processors_awake
 from hhsim.live.shared_memory import RingReader, write_setup
 
 ASK = """
@@ -69,10 +72,34 @@ def test_a_processor_that_is_not_there_is_said() -> None:
 
 
 def test_no_wishes_change_nothing() -> None:
-    wishes = "fifo=False, lock_memory=False, timer_slack=False, cpu=-1, freeze_gc=False"
+    wishes = "fifo=False, lock_memory=False, timer_slack=False, cpu=-1, freeze_gc=False, awake=False"
     mode, policy, cpus, collects = ask(wishes)
     assert (policy, collects, mode["refused"]) == (os.SCHED_OTHER, True, [])
     assert cpus == sorted(os.sched_getaffinity(0))
+
+
+def test_processors_are_kept_awake_while_a_block_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    device = tmp_path / "cpu_dma_latency"
+    monkeypatch.setattr(real_time, "IDLE_LATENCY", device)
+    mode: dict[str, Any] = {"awake": False, "refused": []}
+    with processors_awake(RealTimeWishes(), mode):
+        assert mode["awake"] is False
+        assert not device.exists(), "no file takes the place of a device that is not there"
+    assert [line for line in mode["refused"] if f"{device}: No such file" in line]
+
+    device.write_bytes(b"")
+    mode["refused"] = []
+    with processors_awake(RealTimeWishes.none(), mode):
+        assert (device.read_bytes(), mode["awake"]) == (b"", False)
+    with processors_awake(RealTimeWishes(), mode):
+        assert device.read_bytes() == bytes(4), "an int of 0 µs"
+        assert mode == {"awake": True, "refused": []}
+        assert device in opened()
+    assert device not in opened()
+
+
+def opened() -> set[Path]:
+    return {link.resolve() for link in Path("/proc/self/fd").iterdir()}
 
 
 LOCKED = """

@@ -276,6 +276,12 @@ def moved_deadline(file: h5py.File) -> None:
     file["live/tick/deadline"][HOLD] += 1000
 
 
+def leapt_again(file: h5py.File) -> None:
+    """One leap may be the way to the first phase; not another one after it."""
+    for tick in (HOLD, HOLD + 20):
+        file["live/tick/deadline"][tick:] += PERIOD // 100
+
+
 def wrong_time(file: h5py.File) -> None:
     file["tick/time"][HOLD] += 1e-4
 
@@ -390,6 +396,7 @@ FAULTS: dict[Callable[[h5py.File], None], str] = {
     other_name: "causes of missed periods",
     more_waited: "causes of missed periods",
     moved_deadline: "deadlines",
+    leapt_again: "deadlines",
     wrong_time: "time",
     early_wake_up: "wake-up",
     overslept_and_not_missed: "wake-up",

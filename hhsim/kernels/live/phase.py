@@ -12,19 +12,30 @@ import numpy as np
 
 from hhsim.kernels.jit import Record, as_int64, jit
 
-PHASE = np.dtype([("cosine", np.float64), ("sine", np.float64)], align=True)
-"""Running mean of the phase's cosine and sine."""
+PHASE = np.dtype(
+    [("cosine", np.float64), ("sine", np.float64), ("samples", np.int64), ("stage", np.int64)],
+    align=True,
+)
+"""Running mean of the phase's cosine and sine, of so many samples; and how far the search is."""
+
+SEARCHING, MOVING, FOUND = 0, 1, 2
+"""No phase is known yet; deadlines move to the first one that was found; they follow it."""
 
 WEIGHT = 1.0 / 128.0
-"""Of the newest sample: a mean of about half a second at 200 Hz."""
+"""Of the newest sample, where there are so many: a mean of about half a second at 200 Hz."""
+LEAST_SAMPLES = 48
+"""Before there are so many, samples of another rate may look as if they had a phase."""
 LEAST_RESULTANT = 0.7
 """Mean resultant length below which samples have no phase: a deviation of 0.13 periods."""
-DEVIATIONS = 4.0
-"""How many standard deviations after the mean of its samples a deadline is to be."""
+DEVIATIONS = 3.0
+"""How many standard deviations after the mean of its samples a deadline is to be: with more of them every sample waits
+longer, with fewer of them too many come too late and wait a whole period."""
 LEAST_INTERVAL = 0.75
 """Periods: samples that come more often are never old."""
-MOST_SHIFT = 5000
-"""A deadline moves by a period through this at most: a glove's clock may go so much faster or slower than ours."""
+FIRST_SHIFT = 1.0 / 100.0
+"""Of a period: by so much each deadline moves until the first phase that was found is nearer than that."""
+LARGEST_SHIFT = 1.0 / 5000.0
+"""By so much each deadline moves at most from then on: a glove's clock may go so much faster or slower than ours."""
 
 
 @jit
@@ -37,21 +48,25 @@ def count_phase(phase: Record, handed: int, period: int) -> None:
         period: The loop's [ns].
     """
     angle = 2.0 * math.pi * float(handed % period) / float(period)
-    phase.cosine += WEIGHT * (math.cos(angle) - phase.cosine)
-    phase.sine += WEIGHT * (math.sin(angle) - phase.sine)
+    phase.samples += 1
+    weight = max(1.0 / float(phase.samples), WEIGHT)
+    phase.cosine += weight * (math.cos(angle) - phase.cosine)
+    phase.sine += weight * (math.sin(angle) - phase.sine)
 
 
 @jit
-def deadline_shift(phase: Record, deadline: int, period: int) -> int:
+def deadline_shift(phase: Record, deadline: int, period: int, interval: float) -> int:
     """By how much the next deadline is to be more than a period after `deadline` [ns], negative for less.
 
     Args:
-        phase: Of `PHASE`.
+        phase: Of `PHASE`. Deadlines that move by `FIRST_SHIFT` follow one another, once in a session.
         deadline: The present one [ns].
         period: The loop's [ns].
+        interval: Between two samples, usually [ns].
     """
     resultant = math.hypot(phase.cosine, phase.sine)
-    if resultant < LEAST_RESULTANT:
+    if phase.samples < LEAST_SAMPLES or resultant < LEAST_RESULTANT or interval < LEAST_INTERVAL * float(period):
+        phase.stage = FOUND if phase.stage == MOVING else phase.stage
         return as_int64(0)
     turn = float(period) / (2.0 * math.pi)
     deviation = turn * math.sqrt(max(0.0, -2.0 * math.log(resultant)))
@@ -59,5 +74,10 @@ def deadline_shift(phase: Record, deadline: int, period: int) -> int:
     off = (int(wanted) - deadline) % period
     if 2 * off > period:
         off -= period
-    most = period // MOST_SHIFT
+    most = int(float(period) * FIRST_SHIFT)
+    if phase.stage == FOUND or abs(off) <= most:
+        phase.stage = FOUND
+        most = int(float(period) * LARGEST_SHIFT)
+    else:
+        phase.stage = MOVING
     return min(max(off, -most), most)

@@ -24,7 +24,7 @@ from hhsim.kernels.live.notes import (
     SAFETY_CHANGED,
     note,
 )
-from hhsim.kernels.live.phase import LEAST_INTERVAL, count_phase, deadline_shift
+from hhsim.kernels.live.phase import count_phase, deadline_shift
 from hhsim.kernels.live.plausibility import use_sample
 from hhsim.kernels.live.tick_times import count_time
 from hhsim.kernels.parallel.atomic import fetch_add, load_acquire, store_release
@@ -213,9 +213,7 @@ def _follow_phase(live: LiveArrays) -> None:
     if loop.arrived_ns >= 0:
         newest = live.samples[(loop.taken - 1) % live.samples.shape[0]]
         count_phase(live.phase[0], newest.handed_ns, deadlines.period_ns)
-    deadlines.shift_ns = 0
-    if loop.usual_ns >= LEAST_INTERVAL * deadlines.period_ns:
-        deadlines.shift_ns = deadline_shift(live.phase[0], deadlines.deadline_ns, deadlines.period_ns)
+    deadlines.shift_ns = deadline_shift(live.phase[0], deadlines.deadline_ns, deadlines.period_ns, loop.usual_ns)
 
 
 @jit

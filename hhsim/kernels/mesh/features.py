@@ -146,8 +146,8 @@ def _middle_of_box(corner: Array, order: Indices, start: int, end: int, center_o
 
 
 @jit
-def _halve(middle: Array, order: Indices, start: int, end: int) -> int:
-    # Splits a range at the median of its widest axis; returns where.
+def _split(middle: Array, order: Indices, start: int, end: int, place: int) -> None:
+    # Splits a range at a place in the order along its widest axis.
     widest, axis = -1.0, 0
     for m in range(3):
         low, high = np.inf, -np.inf
@@ -156,45 +156,60 @@ def _halve(middle: Array, order: Indices, start: int, end: int) -> int:
             high = max(high, middle[m, order[i]])
         if high - low > widest:
             widest, axis = high - low, m
-    half = (start + end) // 2
-    select(middle[axis], order, start, end, half)
-    return half
+    select(middle[axis], order, start, end, place)
+
+
+@jit
+def _children(faces: int) -> int:
+    # As few as hold that many faces in full groups: halved three times at every level, most of the last groups would be
+    # of two or three.
+    most = 1
+    while most * BRANCHING < faces:
+        most *= BRANCHING
+    return (faces + most - 1) // most
 
 
 @jit_allocating
 def face_spheres(corner: Array) -> FaceSpheres:
-    """Spheres around faces, shape (F, 9), in groups of eight: halved at the median of the widest axis, three times."""
+    """Spheres around faces, shape (F, 9), in groups of up to eight, split across the widest axis.
+
+    The groups of faces themselves are nearly full, whatever F is; those at the top need not be.
+    """
     faces = corner.shape[0]
     middle = np.empty((3, faces))
     for i in range(faces):
         for m in range(3):
             middle[m, i] = (corner[i, m] + corner[i, 3 + m] + corner[i, 6 + m]) / 3.0
     order = np.arange(faces)
-    # Of nodes whose children are all faces there are at most half as many as faces, and a seventh of that above them.
-    most = 4 * faces // 7 + 2
+    # A node of nodes has two at least, and one of faces four, where it is not the only one.
+    most = faces // 2 + 1
     block, child = np.full((most, 4, BRANCHING), NOWHERE), np.full((most, BRANCHING), -1)
     block[:, 3] = 0.0
     start, end = np.empty(most, np.int64), np.empty(most, np.int64)
-    bound = np.empty(BRANCHING + 1, np.int64)
+    bound, share = np.empty(BRANCHING + 1, np.int64), np.empty(BRANCHING, np.int64)
     center = np.empty(3)
     start[0], end[0] = 0, faces
     blocks, node = 1, 0
     while node < blocks:
         pieces = 1
         bound[0], bound[1] = start[node], end[node]
-        while pieces < BRANCHING:
-            # Halve every piece that has more than one face; the pieces stay in order.
-            last = pieces
-            for i in range(last - 1, -1, -1):
-                low, high = bound[i], bound[i + 1]
-                if high - low > 1 and pieces < BRANCHING:
-                    half = _halve(middle, order, low, high)
-                    for j in range(pieces, i, -1):
-                        bound[j + 1] = bound[j]
-                    bound[i + 1] = half
-                    pieces += 1
-            if pieces == last:
-                break
+        share[0] = _children(end[node] - start[node])
+        i = 0
+        while i < pieces:
+            # A piece of several children is split, and its first part looked at again; the pieces stay in order.
+            if share[i] == 1:
+                i += 1
+                continue
+            low, high, first = bound[i], bound[i + 1], share[i] // 2
+            place = low + (high - low) * first // share[i]
+            _split(middle, order, low, high, place)
+            for j in range(pieces, i, -1):
+                bound[j + 1] = bound[j]
+            for j in range(pieces - 1, i, -1):
+                share[j + 1] = share[j]
+            bound[i + 1] = place
+            share[i], share[i + 1] = first, share[i] - first
+            pieces += 1
         for i in range(pieces):
             low, high = bound[i], bound[i + 1]
             if high - low == 1:

@@ -99,10 +99,10 @@ class GloveCalibration:
     def angles(self, readings: FloatArray) -> tuple[FloatArray, FloatArray] | None:
         """Flexion (5, 3) and abduction (5,) [rad] of finite readings, shape (11,); None where they are of no hand."""
         normalised = self.regression.normalised(readings)
-        bends = normalised[BENDS]
-        if not ((bends >= FAR[0]).all() and (bends <= FAR[1]).all()):
+        least, most = FAR
+        if not all(least <= bend <= most for bend in normalised[BENDS].tolist()):
             return None
-        whole = np.clip(normalised, *FAR) @ self.regression.slope.T + self.regression.offset
+        whole = self.regression.slope @ np.minimum(np.maximum(normalised, least), most) + self.regression.offset
         return whole[:15].reshape(5, 3), whole[15:]
 
     def bends(self, readings: FloatArray) -> FloatArray | None:

@@ -27,7 +27,14 @@ from hhsim.live.ipc.session_memory import FAULT, INFORMATION, WARNING, SessionMe
 from hhsim.live.ipc.status import DriverSetup, Stage, oldest_heartbeat
 from hhsim.live.loop.driver import BEGIN, OPEN, glove_info
 from hhsim.live.loop.loop import LiveLoop, loop_options
-from hhsim.live.real_time import become_ordinary, become_real_time, described, end_with, keep_off
+from hhsim.live.real_time import (
+    become_ordinary,
+    become_real_time,
+    described,
+    end_with,
+    keep_off,
+    processors_awake,
+)
 from hhsim.live.shared_memory import read_setup, write_setup
 from hhsim.solver.compile import warm_up
 
@@ -143,24 +150,29 @@ class LoopThread(threading.Thread):
 
     def run(self) -> None:
         """Become real time, say so, and run the loop."""
-        loop, memory = self._loop, self._loop.memory
+        loop = self._loop
         try:
             mode = become_real_time(loop.setup.real_time, interpreter=not loop.compiled)
-            self.facts["real_time"] = mode
-            memory.write_facts(self.facts)
-            memory.log(INFORMATION, f"the loop runs at {loop.setup.rate:g} Hz: {described(mode)}")
-            for line in mode["refused"]:
-                memory.log(WARNING, line)
-            # A glove that plays a motion begins it now, and what others sent before has lost its times.
-            memory.status["loop_ready"] = BEGIN
-            begun = time.monotonic() + DRIVER_PATIENCE
-            while not memory.status["driver_begun"] and time.monotonic() < begun:
-                time.sleep(0.0005)
-            loop.run(mode["cpu"])
+            with processors_awake(loop.setup.real_time, mode):
+                self._run(mode)
             become_ordinary()
         except BaseException as error:  # raised again where the thread was started
             self.failure = error
             loop.end()
+
+    def _run(self, mode: dict[str, Any]) -> None:
+        loop, memory = self._loop, self._loop.memory
+        self.facts["real_time"] = mode
+        memory.write_facts(self.facts)
+        memory.log(INFORMATION, f"the loop runs at {loop.setup.rate:g} Hz: {described(mode)}")
+        for line in mode["refused"]:
+            memory.log(WARNING, line)
+        # A glove that plays a motion begins it now, and what others sent before has lost its times.
+        memory.status["loop_ready"] = BEGIN
+        begun = time.monotonic() + DRIVER_PATIENCE
+        while not memory.status["driver_begun"] and time.monotonic() < begun:
+            time.sleep(0.0005)
+        loop.run(mode["cpu"])
 
 
 def prepare_kernels(setup: LiveSetup, memory: SessionMemory) -> None:

@@ -10,7 +10,7 @@ import pytest
 from live_peers import PATIENCE
 from live_scripted import FIST, FREE, FakeClock, Moment, ScriptedGlove, make_setup
 
-from hhsim.kernels.live.phase import MOST_SHIFT
+from hhsim.kernels.live.phase import FIRST_SHIFT
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_START_INSIDE
 from hhsim.live.ipc.config import OutputLimits, SafetyLimits
@@ -88,7 +88,7 @@ def test_ticks_of_compiled_code_are_those_of_a_replay_bit_for_bit(rate: float, i
     period, missed = ticks["tick"], ticks["missed"]
     np.testing.assert_array_equal(np.diff(period), 1 + missed[1:])
     moved = np.diff(ticks["time_ns"]) - np.diff(period) * round(1e9 / rate)
-    assert np.abs(moved).max() <= round(1e9 / rate) // MOST_SHIFT, "towards the samples"
+    assert np.abs(moved).max() <= FIRST_SHIFT * round(1e9 / rate), "towards the samples"
     assert ticks["total"].any(), "the hand touches the ball"
     began_inside = (ticks["status"] & STATUS_START_INSIDE) != 0
     # On a machine that is late, the hand of the first sample has closed already.

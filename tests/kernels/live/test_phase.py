@@ -1,14 +1,21 @@
 """Deadlines follow samples: to right after them where they have a phase, and nowhere where they have none."""
 
-import math
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from hhsim.kernels.live.phase import DEVIATIONS, LEAST_RESULTANT, MOST_SHIFT, PHASE, WEIGHT, count_phase, deadline_shift
+from hhsim.kernels.live.phase import (
+    DEVIATIONS,
+    FIRST_SHIFT,
+    LARGEST_SHIFT,
+    LEAST_SAMPLES,
+    PHASE,
+    WEIGHT,
+    count_phase,
+    deadline_shift,
+)
 from hhsim.solver.workspace import zeroed
 
 PERIOD = 1_000_000
@@ -25,7 +32,7 @@ def follow(sent: NDArray[np.int64], begin: int) -> tuple[list[int], list[int]]:
             waited.append(deadline - int(sent[newest - 1]))
             count_phase(phase, int(sent[newest - 1]), PERIOD)
             at = newest
-        moved.append(deadline_shift(phase, deadline, PERIOD))
+        moved.append(deadline_shift(phase, deadline, PERIOD, PERIOD))
         deadline += PERIOD + moved[-1]
     return waited, moved
 
@@ -39,12 +46,15 @@ def follow(sent: NDArray[np.int64], begin: int) -> tuple[list[int], list[int]]:
 )
 def test_ticks_begin_right_after_the_samples(offset: int, every: int, jitter: float, parts_per_million: int) -> None:
     rng = np.random.default_rng(offset)
-    count = 6_000 // every + 1_200
+    count = LEAST_SAMPLES + 200 // every + 1_200
     steady = np.arange(count) * every * PERIOD * (1.0 + 1e-6 * parts_per_million)
     sent = LONG_AGO + np.sort(steady + rng.normal(0.0, jitter * PERIOD, count)).astype(np.int64)
     waited, moved = follow(sent, LONG_AGO - offset)
     late = np.array(waited[-400:]) / PERIOD
-    assert np.abs(moved).max() <= PERIOD // MOST_SHIFT
+    leaps = np.flatnonzero(np.abs(moved) > LARGEST_SHIFT * PERIOD)
+    assert (np.abs(moved)[leaps] == FIRST_SHIFT * PERIOD).all()
+    assert (np.diff(leaps) == 1).all(), "to the first phase, and not again"
+    assert len(leaps) <= 0.5 / FIRST_SHIFT + 5
     # A clock that goes faster or slower leads the running mean by what it gains in as many samples as that weighs, and
     # the deviation of what is in that mean is as much.
     leads = every * 1e-6 * abs(parts_per_million) / WEIGHT
@@ -62,26 +72,37 @@ def test_other_rates_move_nothing_in_the_long_run(offset: int, hertz: float) -> 
 
 def test_before_there_is_a_phase_nothing_moves() -> None:
     phase = zeroed(PHASE)[0]
-    assert deadline_shift(phase, LONG_AGO, PERIOD) == 0
-    samples = 0
-    while deadline_shift(phase, LONG_AGO + PERIOD // 2, PERIOD) == 0:
+    for _ in range(LEAST_SAMPLES):
+        assert deadline_shift(phase, LONG_AGO + PERIOD // 2, PERIOD, PERIOD) == 0
         count_phase(phase, LONG_AGO, PERIOD)
-        samples += 1
-    assert samples == math.ceil(math.log(1.0 - LEAST_RESULTANT) / math.log(1.0 - WEIGHT))
+    assert deadline_shift(phase, LONG_AGO + PERIOD // 2, PERIOD, 0.7 * PERIOD) == 0, "a glove that sends more often"
+    assert abs(deadline_shift(phase, LONG_AGO + PERIOD // 2, PERIOD, PERIOD)) == FIRST_SHIFT * PERIOD
 
 
-@given(st.lists(st.integers(0, 10 * PERIOD), min_size=1, max_size=60), st.integers(0, PERIOD - 1))
+def test_a_phase_that_is_lost_on_the_way_is_followed_slowly() -> None:
+    phase = zeroed(PHASE)[0]
+    for _ in range(LEAST_SAMPLES):
+        count_phase(phase, LONG_AGO, PERIOD)
+    assert deadline_shift(phase, LONG_AGO - PERIOD // 4, PERIOD, PERIOD) == FIRST_SHIFT * PERIOD
+    assert deadline_shift(phase, LONG_AGO - PERIOD // 4, PERIOD, 0.0) == 0
+    assert deadline_shift(phase, LONG_AGO - PERIOD // 4, PERIOD, PERIOD) == LARGEST_SHIFT * PERIOD
+
+
+@given(st.lists(st.integers(0, 10 * PERIOD), min_size=1, max_size=300), st.integers(0, PERIOD - 1))
 def test_the_mean_is_that_of_the_directions(handed: list[int], deadline: int) -> None:
     phase = zeroed(PHASE)[0]
-    mean = 0.0 + 0.0j
+    ways = np.exp(2j * np.pi * np.array(handed) / PERIOD)
+    first = round(1.0 / WEIGHT)
     for time in handed:
         count_phase(phase, time, PERIOD)
-        mean = (1.0 - WEIGHT) * mean + WEIGHT * np.exp(2j * np.pi * time / PERIOD)
+    mean = ways[:first].mean()
+    for way in ways[first:]:
+        mean = (1.0 - WEIGHT) * mean + WEIGHT * way
     assert complex(phase.cosine, phase.sine) == pytest.approx(mean, abs=1e-9)
     # Many samples of the same phase leave nothing of the others.
     for _ in range(2_000):
         count_phase(phase, handed[0], PERIOD)
     off = (handed[0] - deadline + PERIOD / 2) % PERIOD - PERIOD / 2
-    moved = deadline_shift(phase, deadline, PERIOD)
-    if MOST_SHIFT < abs(off) < PERIOD / 2 - MOST_SHIFT:
+    moved = deadline_shift(phase, deadline, PERIOD, PERIOD)
+    if 1.0 < abs(off) < PERIOD / 2 - 1.0:
         assert np.sign(moved) == np.sign(off)

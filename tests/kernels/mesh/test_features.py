@@ -77,8 +77,17 @@ def test_spheres_enclose_the_faces_below_them_and_hold_each_face_once(count: int
                 assert np.linalg.norm(corners[faces] - center, axis=2).max() <= radius
             else:
                 assert radius == 0.0
-    # No block but the root's is there for a single face or for what another one holds; all above the last are full.
-    assert len(spheres.child) <= 4 * count // 7 + 1
+    # No block but the root's is there for a single face or for what another one holds.
+    assert len(spheres.child) <= count // 2 + 1
+
+
+@pytest.mark.parametrize("count", [65, 80, 513, 640, 1118])
+def test_groups_of_faces_are_nearly_full_whatever_their_number(count: int) -> None:
+    spheres = spheres_of(soup(np.random.default_rng(count), count))
+    used = (spheres.block[:, 0] != NOWHERE).sum(axis=1)
+    of_faces = (spheres.child < 0).all(axis=1)
+    assert used[of_faces].sum() == count
+    assert used[of_faces].min() >= 6
 
 
 @given(SEEDS)
