@@ -22,7 +22,7 @@ from hhsim.kernels.free.slips import NO_LOAD, foresee_slips, keep_slips, lower_s
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT
 from hhsim.kernels.jit import Record, as_bool, as_int64, jit, jit_once
 from hhsim.kernels.qp.active_set import OPTIMAL, RESUMES, QpWork, solve
-from hhsim.kernels.qp.row_scan import ProgramRows
+from hhsim.kernels.qp.row_scan import WideRows
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 
@@ -36,7 +36,7 @@ CONVERGES = 0.5
 SEARCH = 20
 """A tick looks for no other Γ once its programs have changed so many rows."""
 REPAIRS = 8
-"""Most solutions more of a program with a Γ that turned out too large made smaller; the last time it is 0."""
+"""Most solutions more of a program with a Γ that turned out too large made smaller; the last time all are 0."""
 PART_REPAIRS = 2
 """The same of a program for a part of the way, which the tick goes on from."""
 MOST_WAIT = 3
@@ -252,7 +252,7 @@ def solve_free(
     The problem's `delta` and the step's are written where the status is OPTIMAL. Γ of a step that is clipped is for a
     part of the tick's slip, and is not kept. Returns a status of `kernels.qp.active_set`.
     """
-    rows = ProgramRows(
+    rows = WideRows(
         as_int64(COMMON),
         problem.common[:],
         problem.block[:],
@@ -304,15 +304,18 @@ def solve_free(
         else:
             repairs += 1
             most = PART_REPAIRS if clipped else REPAIRS
-            last = as_bool(repairs >= REPAIRS)
-            lowered = lower_slips(floats, backs, problem, friction, qp, coulomb, last) if repairs <= most else 0
+            lowered = lower_slips(floats, backs, problem, friction, qp, coulomb) if repairs <= most else 0
             if lowered == 0:
                 break
-            for c in range(lowered):
-                j = coulomb.contact[c]
-                contact_rows(pose, body, options.offset, relaxed, j, friction.row[j], problem, friction)
-            guessed = RESUMES
-            continue
+            if repairs < REPAIRS:
+                guessed = RESUMES
+                for c in range(lowered):
+                    j = coulomb.contact[c]
+                    contact_rows(pose, body, options.offset, relaxed, j, friction.row[j], problem, friction)
+                continue
+            # Once these are lowered others may be too large: none is of which all are 0.
+            for j in range(friction.count):
+                friction.shift[j] = 0.0
         for j in range(friction.count):
             if friction.rubs[j] == 1:
                 contact_rows(pose, body, options.offset, relaxed, j, friction.row[j], problem, friction)

@@ -183,7 +183,7 @@ def foresee_slips(
 
 @jit_once
 def lower_slips(
-    floats: float, backs: float, problem: Record, friction: Record, qp: QpWork, work: Record, last: bool
+    floats: float, backs: float, problem: Record, friction: Record, qp: QpWork, work: Record
 ) -> int:
     """Lower Γ of the contacts whose plain row bears load, to the slip that they have once it bears none.
 
@@ -226,7 +226,7 @@ def lower_slips(
             for j in range(3):
                 slip += friction.slip[i, j] * friction.along[i, 0, j]
             shift = min(friction.shift[i], slip - floats)
-        friction.shift[i] = 0.0 if last else max(0.0, shift)
+        friction.shift[i] = max(0.0, shift)
     return count
 
 

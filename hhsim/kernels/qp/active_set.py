@@ -27,7 +27,7 @@ from hhsim.kernels.qp.qr_update import LANES, append, back_substitute, project, 
 from hhsim.kernels.qp.row_scan import (
     ROWS_NAN,
     ROWS_ZERO,
-    ProgramRows,
+    Rows,
     most_violated,
     row_lengths,
     row_violations,
@@ -76,7 +76,7 @@ def new_work(n_max: int, capacity: int) -> QpWork:
 
 
 @jit
-def _load_normal(row: int, n: int, rows: ProgramRows, work: Record) -> float:
+def _load_normal(row: int, n: int, rows: Rows, work: Record) -> float:
     # The row's unit normal, padded; returns its scale.
     scale, normal = work.inverse_norm[row], work.normal
     for j in range(LANES * ((n + LANES - 1) // LANES)):
@@ -132,7 +132,7 @@ def _settle(n: int, k: int, target: Array, work: Record) -> float:
 @jit
 def solve(
     n: int,
-    rows: ProgramRows,
+    rows: Rows,
     target: Array,
     tolerance: float,
     relaxation: float,

@@ -3,18 +3,18 @@
 Rows are stored as a structure of arrays in groups: all rows share `common` columns 0 … n_common - 1; the rows of group
 g have three more in `block`, which stand for the variables group_block[g] … + 2 (none where it is negative). A contact
 of the coupled problem thus takes 9 numbers, not 21. The widths that a hand's programs have (6 and 6 + 3 in the palm's
-and the coupled one, 3 in a finger's) are read in one go, group by group. Of wider rows, as a free object's are, what
-all share is read over all groups at once, and over what lies between them: there are many groups of a few rows, and to
-begin one takes as long as to read it.
+and the coupled one, 3 in a finger's) are read in one go, any other in strips of six columns, three and one, group by
+group. `WideRows`, as a free object's are, have many groups of a few rows, and to begin one takes as long as to read it:
+what all share is read over all groups at once, and over what lies between them.
 """
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.jit import as_int64, jit, jit_once, jit_vector
+from hhsim.kernels.jit import as_int64, generic, jit, jit_once, jit_vector
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -26,8 +26,6 @@ ROWS_ZERO = 2
 
 STRETCH_ROWS = 64
 """Rows among which the most violated one is looked for at a time."""
-WIDE = 6
-"""Rows that share more columns than this are wide."""
 
 
 class ProgramRows(NamedTuple):
@@ -51,6 +49,21 @@ class ProgramRows(NamedTuple):
     group_start: Indices
     group_stop: Indices
     group_block: Indices
+
+
+class WideRows(NamedTuple):
+    """Rows as those of `ProgramRows`, which share many columns and lie in many groups of a few rows."""
+
+    n_common: int
+    common: Array
+    block: Array
+    rhs: Array
+    group_start: Indices
+    group_stop: Indices
+    group_block: Indices
+
+
+Rows: TypeAlias = ProgramRows | WideRows
 
 
 # Plain loops over slices, few arrays in each and no name used for two of them: for an index that might be negative, and
@@ -100,7 +113,7 @@ def _invert_root(start: int, stop: int, square_out: Array) -> None:
 
 
 @jit
-def _row_range(rows: ProgramRows) -> tuple[int, int]:
+def _row_range(rows: WideRows) -> tuple[int, int]:
     # From the first row that a group holds to the one behind the last.
     first, last = as_int64(0), as_int64(0)
     for g in range(rows.group_start.shape[0]):
@@ -110,8 +123,14 @@ def _row_range(rows: ProgramRows) -> tuple[int, int]:
     return first, last
 
 
+@generic
+def row_lengths(rows: Rows, inverse_norm_out: Array) -> None:
+    """1 / |a| of every row, 0 for a zero row, shape (capacity,)."""
+
+
+@row_lengths.of(WideRows)
 @jit
-def _wide_lengths(rows: ProgramRows, inverse_norm_out: Array) -> None:
+def _wide_lengths(rows: WideRows, inverse_norm_out: Array) -> None:
     first, last = _row_range(rows)
     _fill(first, last, 0.0, inverse_norm_out)
     for g in range(rows.group_block.shape[0]):
@@ -128,12 +147,9 @@ def _wide_lengths(rows: ProgramRows, inverse_norm_out: Array) -> None:
     _invert_root(first, last, inverse_norm_out)
 
 
-@jit_once
-def row_lengths(rows: ProgramRows, inverse_norm_out: Array) -> None:
-    """1 / |a| of every row, 0 for a zero row, shape (capacity,)."""
-    if rows.n_common > WIDE:
-        _wide_lengths(rows, inverse_norm_out)
-        return
+@row_lengths.of(ProgramRows)
+@jit
+def _lengths(rows: ProgramRows, inverse_norm_out: Array) -> None:
     n_common, common, block = rows.n_common, rows.common, rows.block
     group_start, group_stop, group_block = rows.group_start, rows.group_stop, rows.group_block
     for g in range(group_block.shape[0]):
@@ -247,8 +263,14 @@ def _scale(start: int, stop: int, source: Array, factor: Array, out: Array) -> N
         left[i] = right[i] * scale[i]
 
 
+@generic
+def row_violations(rows: Rows, x: Array, inverse_norm: Array, violation: Array) -> None:
+    """Normalised violation (b - a · x) / |a| of every row, shape (capacity,)."""
+
+
+@row_violations.of(WideRows)
 @jit
-def _wide_violations(rows: ProgramRows, x: Array, inverse_norm: Array, violation: Array) -> None:
+def _wide_violations(rows: WideRows, x: Array, inverse_norm: Array, violation: Array) -> None:
     n_common, common = rows.n_common, rows.common
     first, last = _row_range(rows)
     _copy(first, last, rows.rhs, violation)
@@ -269,12 +291,9 @@ def _wide_violations(rows: ProgramRows, x: Array, inverse_norm: Array, violation
     _scale(first, last, violation, inverse_norm, violation)
 
 
+@row_violations.of(ProgramRows)
 @jit
-def row_violations(rows: ProgramRows, x: Array, inverse_norm: Array, violation: Array) -> None:
-    """Normalised violation (b - a · x) / |a| of every row, shape (capacity,)."""
-    if rows.n_common > WIDE:
-        _wide_violations(rows, x, inverse_norm, violation)
-        return
+def _violations(rows: ProgramRows, x: Array, inverse_norm: Array, violation: Array) -> None:
     n_common, common, block, rhs = rows.n_common, rows.common, rows.block, rows.rhs
     group_start, group_stop, group_block = rows.group_start, rows.group_stop, rows.group_block
     for g in range(group_block.shape[0]):
@@ -298,6 +317,12 @@ def row_violations(rows: ProgramRows, x: Array, inverse_norm: Array, violation: 
             j += 3
         else:
             _copy(start, stop, rhs, violation)
+        while j + 6 < n_common:
+            _take_three(start, stop, common, j, x, j, violation, violation)
+            j += 3
+        if j + 6 == n_common:
+            _take_six_and_scale(start, stop, common, j, x, violation, inverse_norm, violation)
+            continue
         while j < n_common:
             _take_one(start, stop, common, j, x, violation, violation)
             j += 1
@@ -315,7 +340,7 @@ def _unsound(start: int, stop: int, inverse_norm: Array, violation: Array) -> tu
 
 
 @jit_once
-def unsound_rows(rows: ProgramRows, inverse_norm: Array, violation: Array) -> int:
+def unsound_rows(rows: Rows, inverse_norm: Array, violation: Array) -> int:
     """ROWS_NAN and ROWS_ZERO bits of what `row_lengths` and `row_violations` found."""
     nans, zeros = 0, 0
     for g in range(rows.group_start.shape[0]):
@@ -354,7 +379,7 @@ def _largest(values: Array, start: int, stop: int) -> float:
 
 
 @jit_once
-def most_violated(violation: Array, rows: ProgramRows) -> int:
+def most_violated(violation: Array, rows: Rows) -> int:
     """First row with the largest violation; -1 where there is none to compare (no row, or NaN only)."""
     best, place = -np.inf, as_int64(-1)
     for g in range(rows.group_start.shape[0]):
