@@ -312,7 +312,7 @@ def _balanced(motion: FreeMotion, slip: FloatArray) -> Claim:
     return judged(
         *("balanced", "the slip that friction is balanced against is the slip made, to what the file says", off),
         *(2.0 * most + CLEAR, "m"),
-        "twice the slip, which may have turned round, and of a tick that lags what it has to go; the solver's clearance",
+        "twice the slip, which may have turned round, and in a tick that lags what it has to go; the clearance",
         ticks=motion.ticks,
         note=f"µm in contact: {size[0]:.2g} in the median, {size[1]:.2g} at p99, {size[2]:.2g} at most",
     )

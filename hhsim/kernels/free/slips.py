@@ -182,9 +182,7 @@ def foresee_slips(
 
 
 @jit_once
-def lower_slips(
-    floats: float, backs: float, problem: Record, friction: Record, qp: QpWork, work: Record
-) -> int:
+def lower_slips(floats: float, backs: float, problem: Record, friction: Record, qp: QpWork, work: Record) -> int:
     """Lower Γ of the contacts whose plain row bears load, to the slip that they have once it bears none.
 
     There Γ is too large, and friction less than the law's. Where it is too small a contact floats by what is missing,

@@ -22,12 +22,14 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.jit import Record, as_int64, jit, jit_once
+from hhsim.kernels.jit import Record, as_int64, generic, jit, jit_inline, jit_once
 from hhsim.kernels.qp.qr_update import LANES, append, back_substitute, project, remove, resolve, work_dtype
 from hhsim.kernels.qp.row_scan import (
     ROWS_NAN,
     ROWS_ZERO,
+    ProgramRows,
     Rows,
+    WideRows,
     most_violated,
     row_lengths,
     row_violations,
@@ -129,6 +131,23 @@ def _settle(n: int, k: int, target: Array, work: Record) -> float:
     return math.sqrt(square)
 
 
+@generic
+def _resumed(rows: Rows, guess_count: int, work: Record) -> int:
+    """How many rows of the last solve are active from the first."""
+
+
+@_resumed.of(ProgramRows)
+@jit_inline
+def _begins_anew(rows: ProgramRows, guess_count: int, work: Record) -> int:
+    return as_int64(0)
+
+
+@_resumed.of(WideRows)
+@jit_inline
+def _goes_on(rows: WideRows, guess_count: int, work: Record) -> int:
+    return work.counts[0] if guess_count == RESUMES else as_int64(0)
+
+
 @jit
 def solve(
     n: int,
@@ -151,8 +170,8 @@ def solve(
             reconcile them, all are moved by this much; a zero row short by no more than this, in units of b, counts
             as satisfied.
         guess: Rows expected to be active, shape (>= guess_count,); duplicates and rows that no group holds are ignored.
-        guess_count: How many; 0 for a cold start. RESUMES where the last solve was of the same rows, but for b, and of
-            the same target, and ended OPTIMAL.
+        guess_count: How many; 0 for a cold start. RESUMES, of `WideRows`, where the last solve was of the same rows,
+            but for b, and of the same target, and ended OPTIMAL.
         work: Workspace and result.
 
     Returns:
@@ -169,7 +188,7 @@ def solve(
     iterations = 0
     shift = 0.0
     counts, multiplier, dual_step = work.counts, work.multiplier, work.dual_step
-    k = counts[0] if guess_count == RESUMES else as_int64(0)
+    k = _resumed(rows, guess_count, work)
     inverse_norm, violations = work.inverse_norm[:], work.violation[:]
     counts[2] = -1
     row_lengths(rows, inverse_norm)

@@ -14,7 +14,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.jit import as_int64, generic, jit, jit_once, jit_vector
+from hhsim.kernels.jit import as_int64, generic, jit, jit_inline, jit_once, jit_vector
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -148,7 +148,7 @@ def _wide_lengths(rows: WideRows, inverse_norm_out: Array) -> None:
 
 
 @row_lengths.of(ProgramRows)
-@jit
+@jit_inline
 def _lengths(rows: ProgramRows, inverse_norm_out: Array) -> None:
     n_common, common, block = rows.n_common, rows.common, rows.block
     group_start, group_stop, group_block = rows.group_start, rows.group_stop, rows.group_block

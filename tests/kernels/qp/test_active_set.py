@@ -15,7 +15,7 @@ from sampled import sampled
 
 from hhsim.kernels.qp import active_set
 from hhsim.kernels.qp.active_set import INFEASIBLE, ITERATION_LIMIT, NOT_FINITE, OPTIMAL, RESUMES, new_work
-from hhsim.kernels.qp.row_scan import ProgramRows
+from hhsim.kernels.qp.row_scan import ProgramRows, WideRows
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -277,7 +277,7 @@ def test_going_on_with_other_bounds_gives_the_same_optimum(problem: tuple[Array,
     work = solve_dense(matrix, looser[0], target).work
     for bounds in (looser[1], rhs, looser[0]):
         rows = dense_rows(matrix, bounds)
-        program = ProgramRows(
+        program = WideRows(
             rows.n_common, rows.common, rows.block, rows.rhs, rows.group_start, rows.group_stop, rows.group_block
         )
         none = np.empty(0, dtype=np.int64)
