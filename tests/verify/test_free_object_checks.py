@@ -111,11 +111,11 @@ def hidden_slip(file: h5py.File) -> None:
     file["contact/slip"][int(slip.argmax())] = 0.0
 
 
-def shortened_slip(file: h5py.File) -> None:
-    """By a tenth, in a tick of several programs."""
+def halved_slip(file: h5py.File) -> None:
+    """In a tick of several programs."""
     slip = file["contact/slip"][...]
     several = file["tick/work/linearisations"][...][file["contact/tick"][...]] > 1
-    file["contact/slip"][int(np.where(several, slip, 0.0).argmax())] *= 0.9
+    file["contact/slip"][int(np.where(several, slip, 0.0).argmax())] *= 0.5
 
 
 def friction_off(file: h5py.File) -> None:
@@ -156,7 +156,7 @@ FAULTS: dict[Callable[[h5py.File], None], str] = {
     too_much_torsion: "torsion",
     pulling_table: "friction cones",
     hidden_slip: "slip",
-    shortened_slip: "slip",
+    halved_slip: "slip",
     friction_off: "balanced",
     claimed_to_stick: "sticks",
     friction_along: "hand's balance",
