@@ -47,7 +47,8 @@ def command(settings: ManipulationSettings, output: Output) -> int:
     """Play free objects with friction whose answers are known: slopes, rolling, tipping, pinches, rest.
 
     Each line says what is exact and what was measured; exit code 1 where a figure of ours is off by more than 1 %, or
-    than stated where the answer is 0. A pinch is also played in MuJoCo, as it comes and tuned, where it is installed.
+    than stated where the answer is 0. Pinch and rest are also played in MuJoCo, as it comes and tuned, where it is
+    installed.
 
     \b
     Examples:

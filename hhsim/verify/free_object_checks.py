@@ -263,6 +263,9 @@ def _slips(motion: FreeMotion) -> list[Claim]:
     # Where a tick has several steps they may go beyond where they end: one there and one back bend it twice.
     bends = np.where(np.asarray(motion.result["work/linearisations"]) > 1, 1.0, 0.5)
     room = STICKS + 1e-2 * own + (bends * moved**2)[motion.tick] / RADIUS + 0.5 * turn**2 * arm
+    # Its way is that of the hand as the last step found it, which is up to the tolerance of steps from where it ends.
+    last = np.where(bends > 0.5, float(motion.result.scene["solver"]["step_tolerance"]), 0.0)
+    room += (moved * last)[motion.tick] / RADIUS
     # A tick that lags has gone parts of its steps, and what is left of them is taken off the next ones.
     room += np.where(np.isin(motion.tick, motion.whole), 0.0, 1e-3 * moved[motion.tick])
     wrong = (np.asarray(motion.result["contact/sticks"]) == 1) != (motion.slip <= STICKS)
@@ -270,7 +273,7 @@ def _slips(motion: FreeMotion) -> list[Claim]:
     off_by, says = np.abs(own - motion.slip), "the way of a contact along the surface is that of the two bodies"
     apart = judged(
         *("slip", says, off_by[known], room[known], "m"),
-        "a hundredth, what a turn adds to a straight step, and a thousandth of the way in a tick that lags",
+        "a hundredth, what turns add to straight steps, and a thousandth of the way in a tick that lags",
         ticks=motion.tick[known],
     )
     # Friction and moment do work on way and turn; in s = (μ way, γ turn) and r = (f / μ, τ / γ) the cone is |r| <= λ.
@@ -300,11 +303,16 @@ def _balanced(motion: FreeMotion, slip: FloatArray) -> Claim:
     off = np.asarray(motion.result["object/friction_residual"])
     most = np.zeros(len(off))
     np.maximum.at(most, motion.tick, slip)
+    # Of a tick that lags it is the slip of a program of whose step the hand has made a part.
+    behind = np.setdiff1d(motion.ticks, motion.whole)
+    to_go = np.hypot(np.max(motion.coefficient, initial=0.0), float(motion.free["torsion"]) / RADIUS)
+    most[behind] += to_go * np.asarray(motion.result["lag"])[behind]
     in_contact = np.unique(motion.tick)
     size = 1e6 * np.percentile(off[in_contact], (50.0, 99.0, 100.0)) if len(in_contact) else np.zeros(3)
     return judged(
         *("balanced", "the slip that friction is balanced against is the slip made, to what the file says", off),
-        *(2.0 * most + CLEAR, "m", "twice the slip: a slip that has turned round; and the solver's clearance"),
+        *(2.0 * most + CLEAR, "m"),
+        "twice the slip, which may have turned round, and in a tick that lags what it has to go; the clearance",
         ticks=motion.ticks,
         note=f"µm in contact: {size[0]:.2g} in the median, {size[1]:.2g} at p99, {size[2]:.2g} at most",
     )

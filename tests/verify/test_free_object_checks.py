@@ -111,6 +111,17 @@ def hidden_slip(file: h5py.File) -> None:
     file["contact/slip"][int(slip.argmax())] = 0.0
 
 
+def halved_slip(file: h5py.File) -> None:
+    """In a tick of several programs."""
+    slip = file["contact/slip"][...]
+    several = file["tick/work/linearisations"][...][file["contact/tick"][...]] > 1
+    file["contact/slip"][int(np.where(several, slip, 0.0).argmax())] *= 0.5
+
+
+def friction_off(file: h5py.File) -> None:
+    file["tick/object/friction_residual"][TICK] += 1e-5
+
+
 def claimed_to_stick(file: h5py.File) -> None:
     file["contact/sticks"][int(file["contact/slip"][...].argmax())] = 1
 
@@ -145,6 +156,8 @@ FAULTS: dict[Callable[[h5py.File], None], str] = {
     too_much_torsion: "torsion",
     pulling_table: "friction cones",
     hidden_slip: "slip",
+    halved_slip: "slip",
+    friction_off: "balanced",
     claimed_to_stick: "sticks",
     friction_along: "hand's balance",
     higher_object: "table",

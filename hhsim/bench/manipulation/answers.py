@@ -13,6 +13,7 @@ import numpy as np
 from hhsim.bench.manipulation.gripped import gripped
 from hhsim.bench.manipulation.gripper import BEHIND, INDEX, REACH, THUMB, closed, gripper, gripper_options
 from hhsim.bench.manipulation.pinch import RATE, Pinch
+from hhsim.bench.manipulation.rest import Rest
 from hhsim.bench.manipulation.stage import Played, away, ball, block, play, touched, turned_by
 from hhsim.scene.free_object import FreeObject
 from hhsim.solver.options import SolverOptions
@@ -247,12 +248,20 @@ def held(lengths: Lengths) -> list[Answer]:
 
 def rest(lengths: Lengths) -> list[Answer]:
     """A cube on a table."""
-    size = (0.07, 0.07, 0.07)
-    free = FreeObject.of_mesh(block(size), mass=0.24, friction=0.6, table=-0.035)
-    played = _alone(free, size, round(RATE * lengths.rest))
-    moved = float(np.linalg.norm(played.center - played.center[0], axis=1).max())
-    turned = 0.035 * math.sqrt(3.0) * turned_by(played.orientation[0], played.orientation[-1])
-    return [Answer("cube on a table", f"creep in {lengths.rest:g} s", "m", 0.0, moved + turned, 1e-9)]
+    task = Rest(lengths.rest)
+    size, table = (task.side, task.side, task.side), -0.5 * task.side
+    free = FreeObject.of_mesh(block(size), mass=task.mass, friction=task.friction, table=table)
+    played = _alone(free, size, round(RATE * task.seconds))
+    creep = task.creep(played.center, played.orientation[[0, -1]])
+    return rest_answers(task, creep, max(0.0, -float(played.table_distance.min())))
+
+
+def rest_answers(task: Rest, creep: float, depth: float) -> list[Answer]:
+    """What a rest comes to: how far the cube goes, and how deep it is in the table at most [m]."""
+    return [
+        Answer("cube on a table", f"creep in {task.seconds:g} s", "m", 0.0, creep, 1e-9),
+        Answer("cube on a table", "in the table, most", "m", 0.0, depth, 0.0),
+    ]
 
 
 CASES: dict[str, Callable[[Lengths], list[Answer]]] = {

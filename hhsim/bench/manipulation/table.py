@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-from hhsim.bench.manipulation.answers import CASES, Answer, Lengths
+from hhsim.bench.manipulation.answers import CASES, Answer, Lengths, rest_answers
 from hhsim.bench.manipulation.gripped import own_outcome
-from hhsim.bench.manipulation.mujoco_pinch import CONFIGURATIONS, mujoco_pinch
+from hhsim.bench.manipulation.mujoco_block import CONFIGURATIONS, mujoco_pinch, mujoco_rest
 from hhsim.bench.manipulation.pinch import Pinch, PinchOutcome
+from hhsim.bench.manipulation.rest import Rest
 from hhsim.bench.table import Column
 from hhsim.errors import InputError, check_known
 
@@ -19,7 +20,8 @@ Row = Mapping[str, Any]
 
 OURS = "coupled"
 PINCH = "pinch"
-"""The case that engines play too."""
+REST = "rest"
+"""The cases that engines play too."""
 SQUEEZES = (1.05, 1.5, 3.0)
 """Of the pinches, as shares of the least squeeze that bears the weight."""
 COLUMNS = (
@@ -79,6 +81,16 @@ def measure(options: ManipulationOptions, progress: Progress | None = None) -> l
             rows += pinch_rows(options.held)
         else:
             rows += [_row(OURS, answer) for answer in CASES[name](Lengths(rest=options.rest, held=options.held))]
+        if name == REST and has_mujoco():
+            rows += _engine_rests(Rest(options.rest))
+    return rows
+
+
+def _engine_rests(rest: Rest) -> list[Row]:
+    rows = []
+    for name, configuration in CONFIGURATIONS.items():
+        answers = rest_answers(rest, *mujoco_rest(rest, configuration))
+        rows += [_row(name, answer, promised=False) for answer in answers]
     return rows
 
 
@@ -120,7 +132,7 @@ def remarks() -> list[str]:
     return (
         []
         if has_mujoco()
-        else ["MuJoCo is not installed, so the pinch has our rows alone: pip install 'hhsim[mujoco]'"]
+        else ["MuJoCo is not installed, so pinch and rest have our rows alone: pip install 'hhsim[mujoco]'"]
     )
 
 

@@ -12,6 +12,7 @@ from hhsim.kernels.free.rows import (
     FREE_DOF,
     ON_TABLE,
     STANDS_BACK,
+    TABLE_GROUP,
     TABLE_KEYS,
     contact_rows,
     friction_rows,
@@ -20,8 +21,8 @@ from hhsim.kernels.free.rows import (
 from hhsim.kernels.free.slips import NO_LOAD, foresee_slips, keep_slips, lower_slips, return_to_slips
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT
 from hhsim.kernels.jit import Record, as_bool, as_int64, jit, jit_once
-from hhsim.kernels.qp.active_set import OPTIMAL, QpWork, solve
-from hhsim.kernels.qp.row_scan import ProgramRows
+from hhsim.kernels.qp.active_set import OPTIMAL, RESUMES, QpWork, solve
+from hhsim.kernels.qp.row_scan import WideRows
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 
@@ -35,7 +36,7 @@ CONVERGES = 0.5
 SEARCH = 20
 """A tick looks for no other Γ once its programs have changed so many rows."""
 REPAIRS = 8
-"""Most solutions more of a program with a Γ that turned out too large made smaller; the last time it is 0."""
+"""Most solutions more of a program with a Γ that turned out too large made smaller; the last time all are 0."""
 PART_REPAIRS = 2
 """The same of a program for a part of the way, which the tick goes on from."""
 MOST_WAIT = 3
@@ -66,12 +67,16 @@ LOADED = np.dtype(
 
 @jit_once
 def _guess(problem: Record, loaded: Record) -> int:
-    # The rows whose keys carried a multiplier the last time.
+    # The rows whose keys carried a multiplier the last time; most lie where they were.
     start, stop = problem.group_start, problem.group_stop
     key, wanted = problem.key, loaded.key
     filled = as_int64(0)
     for i in range(loaded.count):
-        found = False
+        row = loaded.row[i]
+        found = as_bool(row < stop[TABLE_GROUP] and key[row] == wanted[i])
+        if found:
+            loaded.guess[filled] = row
+            filled += 1
         for g in range(start.shape[0]):
             if found or start[g] == stop[g]:
                 continue
@@ -247,7 +252,7 @@ def solve_free(
     The problem's `delta` and the step's are written where the status is OPTIMAL. Γ of a step that is clipped is for a
     part of the tick's slip, and is not kept. Returns a status of `kernels.qp.active_set`.
     """
-    rows = ProgramRows(
+    rows = WideRows(
         as_int64(COMMON),
         problem.common[:],
         problem.block[:],
@@ -299,9 +304,18 @@ def solve_free(
         else:
             repairs += 1
             most = PART_REPAIRS if clipped else REPAIRS
-            last = as_bool(repairs >= REPAIRS)
-            if repairs > most or not lower_slips(floats, backs, problem, friction, qp, coulomb, last):
+            lowered = lower_slips(floats, backs, problem, friction, qp, coulomb) if repairs <= most else 0
+            if lowered == 0:
                 break
+            if repairs < REPAIRS:
+                guessed = RESUMES
+                for c in range(lowered):
+                    j = coulomb.contact[c]
+                    contact_rows(pose, body, options.offset, relaxed, j, friction.row[j], problem, friction)
+                continue
+            # Once these are lowered others may be too large: none is of which all are 0.
+            for j in range(friction.count):
+                friction.shift[j] = 0.0
         for j in range(friction.count):
             if friction.rubs[j] == 1:
                 contact_rows(pose, body, options.offset, relaxed, j, friction.row[j], problem, friction)

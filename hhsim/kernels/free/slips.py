@@ -182,13 +182,11 @@ def foresee_slips(
 
 
 @jit_once
-def lower_slips(
-    floats: float, backs: float, problem: Record, friction: Record, qp: QpWork, work: Record, last: bool
-) -> bool:
+def lower_slips(floats: float, backs: float, problem: Record, friction: Record, qp: QpWork, work: Record) -> int:
     """Lower Γ of the contacts whose plain row bears load, to the slip that they have once it bears none.
 
     There Γ is too large, and friction less than the law's. Where it is too small a contact floats by what is missing,
-    and all is right about its force. False where no Γ is too large.
+    and all is right about its force. Returns how many it has lowered, whose places are the first of `contact`.
 
     Args:
         floats: What Γ is to be less than the slip [m].
@@ -226,8 +224,8 @@ def lower_slips(
             for j in range(3):
                 slip += friction.slip[i, j] * friction.along[i, 0, j]
             shift = min(friction.shift[i], slip - floats)
-        friction.shift[i] = 0.0 if last else max(0.0, shift)
-    return count > 0
+        friction.shift[i] = max(0.0, shift)
+    return count
 
 
 @jit

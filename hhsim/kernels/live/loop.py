@@ -1,7 +1,7 @@
 """The loop: it waits, ticks and records until it is to stop, in one call that no interpreter takes part in."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple, TypeAlias, cast
 
 import numpy as np
 from llvmlite import ir
@@ -30,29 +30,10 @@ ASKS_PYTHON = 0
 """Of `run_loop`: a hand is to be solved for, by a method that is not compiled."""
 
 
-class Block(NamedTuple):
-    """What `hhsim.kernels.tick.block.run_block` is given, of one tick."""
-
-    method: Any
-    hand: Any
-    surface: Any
-    states: Any
-    qp: Any
-    haptic: Any
-    record: Any
-
-
-class FreeBlock(NamedTuple):
-    """What `hhsim.kernels.free.block.run_free_block` is given, of one tick."""
-
-    method: Any
-    hand: Any
-    surface: Any
-    states: Any
-    qp: Any
-    haptic: Any
-    record: Any
-    object_record: Any
+Block: TypeAlias = tuple[Any, ...]
+"""What `run_block` of `hhsim.kernels.tick.block` or `run_free_block` of `hhsim.kernels.free.block` is given."""
+RECORD = 6
+"""The place of the record of the tick in it."""
 
 
 class SystemFiles(NamedTuple):
@@ -97,12 +78,12 @@ def _write_event(typing: Any, descriptor: Any) -> Any:
 
 if JIT_ENABLED:
     # By its address: a tick then is the very code that a replay runs, and is compiled once.
-    _run_block = cast(Callable[[int, Block | FreeBlock], int], intrinsic(_call_block))
+    _run_block = cast(Callable[[int, Block], int], intrinsic(_call_block))
     _wake = cast(Callable[[int], int], intrinsic(_write_event))
 
 else:
 
-    def _run_block(address: int, block: Block | FreeBlock) -> int:
+    def _run_block(address: int, block: Block) -> int:
         return address
 
     def _wake(descriptor: int) -> int:
@@ -146,7 +127,7 @@ def _account(live: LiveArrays, files: SystemFiles) -> None:
 
 
 @jit
-def run_loop(live: LiveArrays, files: SystemFiles, address: int, block: Block | FreeBlock) -> int:
+def run_loop(live: LiveArrays, files: SystemFiles, address: int, block: Block) -> int:
     """Tick until the loop is to stop, or a hand is to be solved for by Python.
 
     Args:
@@ -184,7 +165,7 @@ def run_loop(live: LiveArrays, files: SystemFiles, address: int, block: Block | 
             status = loop.status
             loop.status = 0
             _run_block(address, block)
-            block.record.status[0] |= status
-            status = block.record.status[0]
+            block[RECORD].status[0] |= status
+            status = block[RECORD].status[0]
         _finish(live, files, solved, status)
     return loop.stop[0]

@@ -22,12 +22,14 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.jit import Record, as_int64, jit, jit_once
+from hhsim.kernels.jit import Record, as_int64, generic, jit, jit_inline, jit_once
 from hhsim.kernels.qp.qr_update import LANES, append, back_substitute, project, remove, resolve, work_dtype
 from hhsim.kernels.qp.row_scan import (
     ROWS_NAN,
     ROWS_ZERO,
     ProgramRows,
+    Rows,
+    WideRows,
     most_violated,
     row_lengths,
     row_violations,
@@ -52,6 +54,9 @@ WARM_RANK_TOLERANCE = 1e-6
 MULTIPLIER_TOLERANCE = 1e-13
 """Entries of the dual step direction up to this size, relative to its largest or to 1, are rounding."""
 
+RESUMES = -1
+"""As a number of guessed rows: those that were active at the end of the last solve, with their factors."""
+
 DRIFT = 1e-3
 """Share of the tolerance by which steps may have carried the active rows off, for x to be taken as it is."""
 
@@ -73,7 +78,7 @@ def new_work(n_max: int, capacity: int) -> QpWork:
 
 
 @jit
-def _load_normal(row: int, n: int, rows: ProgramRows, work: Record) -> float:
+def _load_normal(row: int, n: int, rows: Rows, work: Record) -> float:
     # The row's unit normal, padded; returns its scale.
     scale, normal = work.inverse_norm[row], work.normal
     for j in range(LANES * ((n + LANES - 1) // LANES)):
@@ -126,10 +131,27 @@ def _settle(n: int, k: int, target: Array, work: Record) -> float:
     return math.sqrt(square)
 
 
+@generic
+def _resumed(rows: Rows, guess_count: int, work: Record) -> int:
+    """How many rows of the last solve are active from the first."""
+
+
+@_resumed.of(ProgramRows)
+@jit_inline
+def _begins_anew(rows: ProgramRows, guess_count: int, work: Record) -> int:
+    return as_int64(0)
+
+
+@_resumed.of(WideRows)
+@jit_inline
+def _goes_on(rows: WideRows, guess_count: int, work: Record) -> int:
+    return work.counts[0] if guess_count == RESUMES else as_int64(0)
+
+
 @jit
 def solve(
     n: int,
-    rows: ProgramRows,
+    rows: Rows,
     target: Array,
     tolerance: float,
     relaxation: float,
@@ -148,7 +170,8 @@ def solve(
             reconcile them, all are moved by this much; a zero row short by no more than this, in units of b, counts
             as satisfied.
         guess: Rows expected to be active, shape (>= guess_count,); duplicates and rows that no group holds are ignored.
-        guess_count: How many; 0 for a cold start.
+        guess_count: How many; 0 for a cold start. RESUMES, of `WideRows`, where the last solve was of the same rows,
+            but for b, and of the same target, and ended OPTIMAL.
         work: Workspace and result.
 
     Returns:
@@ -164,14 +187,18 @@ def solve(
     limit = 100 + 10 * (n + total_rows)
     iterations = 0
     shift = 0.0
-    k = as_int64(0)
     counts, multiplier, dual_step = work.counts, work.multiplier, work.dual_step
+    k = _resumed(rows, guess_count, work)
     inverse_norm, violations = work.inverse_norm[:], work.violation[:]
     counts[2] = -1
     row_lengths(rows, inverse_norm)
     row_violations(rows, target, inverse_norm, violations)
     found = unsound_rows(rows, inverse_norm, violations)
 
+    for j in range(k):
+        row = work.active[j]
+        scale = _load_normal(row, n, rows, work)
+        work.active_rhs[j] = _rest(n, rhs[row], scale, target, work)
     for g in range(guess_count):
         row = guess[g]
         held = False

@@ -3,16 +3,18 @@
 Rows are stored as a structure of arrays in groups: all rows share `common` columns 0 … n_common - 1; the rows of group
 g have three more in `block`, which stand for the variables group_block[g] … + 2 (none where it is negative). A contact
 of the coupled problem thus takes 9 numbers, not 21. The widths that a hand's programs have (6 and 6 + 3 in the palm's
-and the coupled one, 3 in a finger's) are read in one go; any other in strips of six columns, three and one.
+and the coupled one, 3 in a finger's) are read in one go, any other in strips of six columns, three and one, group by
+group. `WideRows`, as a free object's are, have many groups of a few rows, and to begin one takes as long as to read it:
+what all share is read over all groups at once, and over what lies between them.
 """
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.jit import as_int64, jit, jit_once, jit_vector
+from hhsim.kernels.jit import as_int64, generic, jit, jit_inline, jit_once, jit_vector
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -47,6 +49,21 @@ class ProgramRows(NamedTuple):
     group_start: Indices
     group_stop: Indices
     group_block: Indices
+
+
+class WideRows(NamedTuple):
+    """Rows as those of `ProgramRows`, which share many columns and lie in many groups of a few rows."""
+
+    n_common: int
+    common: Array
+    block: Array
+    rhs: Array
+    group_start: Indices
+    group_stop: Indices
+    group_block: Indices
+
+
+Rows: TypeAlias = ProgramRows | WideRows
 
 
 # Plain loops over slices, few arrays in each and no name used for two of them: for an index that might be negative, and
@@ -95,9 +112,44 @@ def _invert_root(start: int, stop: int, square_out: Array) -> None:
         square[i] = 1.0 / math.sqrt(square[i]) if square[i] > 0.0 else 0.0
 
 
-@jit_once
-def row_lengths(rows: ProgramRows, inverse_norm_out: Array) -> None:
+@jit
+def _row_range(rows: WideRows) -> tuple[int, int]:
+    # From the first row that a group holds to the one behind the last.
+    first, last = as_int64(0), as_int64(0)
+    for g in range(rows.group_start.shape[0]):
+        if rows.group_start[g] < rows.group_stop[g]:
+            first = rows.group_start[g] if last == 0 else min(first, rows.group_start[g])
+            last = max(last, rows.group_stop[g])
+    return first, last
+
+
+@generic
+def row_lengths(rows: Rows, inverse_norm_out: Array) -> None:
     """1 / |a| of every row, 0 for a zero row, shape (capacity,)."""
+
+
+@row_lengths.of(WideRows)
+@jit
+def _wide_lengths(rows: WideRows, inverse_norm_out: Array) -> None:
+    first, last = _row_range(rows)
+    _fill(first, last, 0.0, inverse_norm_out)
+    for g in range(rows.group_block.shape[0]):
+        start, stop = rows.group_start[g], rows.group_stop[g]
+        if rows.group_block[g] >= 0 and start < stop:
+            _add_squares(start, stop, rows.block, as_int64(0), inverse_norm_out)
+    j = as_int64(0)
+    while j + 2 < rows.n_common:
+        _add_squares(first, last, rows.common, j, inverse_norm_out)
+        j += 3
+    while j < rows.n_common:
+        _add_square(first, last, rows.common, j, inverse_norm_out)
+        j += 1
+    _invert_root(first, last, inverse_norm_out)
+
+
+@row_lengths.of(ProgramRows)
+@jit_inline
+def _lengths(rows: ProgramRows, inverse_norm_out: Array) -> None:
     n_common, common, block = rows.n_common, rows.common, rows.block
     group_start, group_stop, group_block = rows.group_start, rows.group_stop, rows.group_block
     for g in range(group_block.shape[0]):
@@ -156,6 +208,16 @@ def _take_six_and_scale(
 
 
 @jit_vector
+def _take_six(start: int, stop: int, columns: Array, first: int, x: Array, out: Array) -> None:
+    left = out[start:stop]
+    a, b, c = columns[first, start:stop], columns[first + 1, start:stop], columns[first + 2, start:stop]
+    d, e, f = columns[first + 3, start:stop], columns[first + 4, start:stop], columns[first + 5, start:stop]
+    x0, x1, x2, x3, x4, x5 = x[first], x[first + 1], x[first + 2], x[first + 3], x[first + 4], x[first + 5]
+    for i in range(stop - start):
+        left[i] = left[i] - (a[i] * x0 + b[i] * x1 + c[i] * x2 + d[i] * x3 + e[i] * x4 + f[i] * x5)
+
+
+@jit_vector
 def _take_nine_and_scale(
     start: int,
     stop: int,
@@ -201,9 +263,37 @@ def _scale(start: int, stop: int, source: Array, factor: Array, out: Array) -> N
         left[i] = right[i] * scale[i]
 
 
-@jit
-def row_violations(rows: ProgramRows, x: Array, inverse_norm: Array, violation: Array) -> None:
+@generic
+def row_violations(rows: Rows, x: Array, inverse_norm: Array, violation: Array) -> None:
     """Normalised violation (b - a · x) / |a| of every row, shape (capacity,)."""
+
+
+@row_violations.of(WideRows)
+@jit
+def _wide_violations(rows: WideRows, x: Array, inverse_norm: Array, violation: Array) -> None:
+    n_common, common = rows.n_common, rows.common
+    first, last = _row_range(rows)
+    _copy(first, last, rows.rhs, violation)
+    for g in range(rows.group_block.shape[0]):
+        start, stop, offset = rows.group_start[g], rows.group_stop[g], rows.group_block[g]
+        if offset >= 0 and start < stop:
+            _take_three(start, stop, rows.block, as_int64(0), x, offset, violation, violation)
+    j = as_int64(0)
+    while j + 6 < n_common:
+        _take_six(first, last, common, j, x, violation)
+        j += 6
+    if j + 6 == n_common:
+        _take_six_and_scale(first, last, common, j, x, violation, inverse_norm, violation)
+        return
+    while j < n_common:
+        _take_one(first, last, common, j, x, violation, violation)
+        j += 1
+    _scale(first, last, violation, inverse_norm, violation)
+
+
+@row_violations.of(ProgramRows)
+@jit
+def _violations(rows: ProgramRows, x: Array, inverse_norm: Array, violation: Array) -> None:
     n_common, common, block, rhs = rows.n_common, rows.common, rows.block, rows.rhs
     group_start, group_stop, group_block = rows.group_start, rows.group_stop, rows.group_block
     for g in range(group_block.shape[0]):
@@ -250,7 +340,7 @@ def _unsound(start: int, stop: int, inverse_norm: Array, violation: Array) -> tu
 
 
 @jit_once
-def unsound_rows(rows: ProgramRows, inverse_norm: Array, violation: Array) -> int:
+def unsound_rows(rows: Rows, inverse_norm: Array, violation: Array) -> int:
     """ROWS_NAN and ROWS_ZERO bits of what `row_lengths` and `row_violations` found."""
     nans, zeros = 0, 0
     for g in range(rows.group_start.shape[0]):
@@ -289,7 +379,7 @@ def _largest(values: Array, start: int, stop: int) -> float:
 
 
 @jit_once
-def most_violated(violation: Array, rows: ProgramRows) -> int:
+def most_violated(violation: Array, rows: Rows) -> int:
     """First row with the largest violation; -1 where there is none to compare (no row, or NaN only)."""
     best, place = -np.inf, as_int64(-1)
     for g in range(rows.group_start.shape[0]):

@@ -13,7 +13,7 @@ import numpy as np
 
 from hhsim.kernels.free.record import ObjectRecord
 from hhsim.kernels.jit import JIT_ENABLED
-from hhsim.kernels.live.loop import ASKS_PYTHON, Block, FreeBlock, run_loop, wake_driver
+from hhsim.kernels.live.loop import ASKS_PYTHON, run_loop, wake_driver
 from hhsim.kernels.live.notes import NOTES
 from hhsim.kernels.live.phase import PHASE
 from hhsim.kernels.live.tick import (
@@ -220,7 +220,7 @@ class LiveLoop:
     def prepare(self) -> None:
         """Compile, or load from the cache, what `run` calls; the solver's own kernels are there."""
         address, block = self.solver.compiled_tick(self._haptic, self._record, self._object)
-        self._block = address, (FreeBlock if len(block) == len(FreeBlock._fields) else Block)(*block)
+        self._block = address, block
         compiled: Any = run_loop
         self._run = compiled.entry(self.live, NO_FILES, *self._block) if JIT_ENABLED else run_loop
         # What `place` calls is compiled here, and not while a hand waits for it.

@@ -7,7 +7,9 @@ import pytest
 
 from hhsim.bench.manipulation.answers import CASES, Answer, Lengths, slope
 from hhsim.bench.manipulation.gripped import clearance, gripped
+from hhsim.bench.manipulation.mujoco_block import CONFIGURATIONS
 from hhsim.bench.manipulation.pinch import Pinch
+from hhsim.bench.manipulation.rest import Rest
 from hhsim.bench.manipulation.table import COLUMNS, ManipulationOptions, measure, missed
 from hhsim.errors import InputError, UnknownNameError
 
@@ -43,6 +45,27 @@ def test_the_table_says_what_is_exact_and_what_was_missed() -> None:
     assert [set(row) for row in rows] == [{column.name for column in COLUMNS}] * len(rows)
     assert not missed(rows) and len(rows) == len(slope(SHORT))
     assert missed([{**rows[0], "holds": 0}])
+
+
+def test_mujoco_rests_on_the_same_table_and_is_never_promised() -> None:
+    pytest.importorskip("mujoco")
+    rows = measure(ManipulationOptions(cases=("rest",), rest=1.0))
+    found = {(row["method"], row["figure"]): row for row in rows}
+    assert {method for method, _ in found} == {"coupled", *CONFIGURATIONS}
+    for method in CONFIGURATIONS:
+        # It is soft: it sinks by what bears its weight, and then stands.
+        creep, depth = found[method, "creep in 1 s"], found[method, "in the table, most"]
+        assert creep["holds"] == depth["holds"] == -1
+        assert creep["measured"] < depth["measured"] < 1e-3
+    assert found["coupled", "in the table, most"]["measured"] == 0.0
+
+
+def test_how_far_a_corner_has_gone() -> None:
+    task = Rest(side=0.2)
+    level, tilted = np.array([1.0, 0.0, 0.0, 0.0]), np.array([np.cos(5e-4), 0.0, np.sin(5e-4), 0.0])
+    center = np.array([[0.0, 0.0, 0.1], [3e-3, 4e-3, 0.1], [1e-3, 0.0, 0.1]])
+    assert task.creep(center, np.array([level, level])) == pytest.approx(5e-3)
+    assert task.creep(center[:1], np.array([level, tilted])) == pytest.approx(np.sqrt(0.03) * 1e-3)
 
 
 @pytest.mark.parametrize(

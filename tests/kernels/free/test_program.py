@@ -21,7 +21,7 @@ TICKS = range(4, 40, 5)
 
 
 def harvest(solver: HandSolver, haptic: HandConfiguration, ticks: range) -> Iterator[CoulombProgram]:
-    """The program of every so many ticks in which a contact bears a force and Γ is found."""
+    """The program of every so many ticks in which a contact bears a force, and Γ and directions are found."""
     done = 0
     for tick in ticks:
         solver.run(*haptic.at(slice(done, tick + 1)))
@@ -29,7 +29,8 @@ def harvest(solver: HandSolver, haptic: HandConfiguration, ticks: range) -> Iter
         state = solver.engine.states[0]  # type: ignore[attr-defined]
         if state.loaded.count and not state.relaxed:
             program = last_program(solver)
-            if program.astray <= FLOATS:
+            # The tick itself says by how much its friction is off the way of the slip, which the program's Γ does not.
+            if max(program.astray, float(state.free_problem.astray)) <= FLOATS:
                 yield program
 
 

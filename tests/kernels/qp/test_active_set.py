@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from sampled import sampled
 
 from hhsim.kernels.qp import active_set
-from hhsim.kernels.qp.active_set import INFEASIBLE, ITERATION_LIMIT, NOT_FINITE, OPTIMAL, new_work
-from hhsim.kernels.qp.row_scan import ProgramRows
+from hhsim.kernels.qp.active_set import INFEASIBLE, ITERATION_LIMIT, NOT_FINITE, OPTIMAL, RESUMES, new_work
+from hhsim.kernels.qp.row_scan import ProgramRows, WideRows
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -266,6 +266,25 @@ def test_any_guess_gives_the_same_optimum(problem: tuple[Array, Array, Array], s
     warm = solve_dense(matrix, rhs, target, guess)
     assert_optimal(warm, matrix, rhs, target)
     np.testing.assert_allclose(warm.x, cold.x, atol=1e-9 * (1.0 + np.abs(target).max()))
+
+
+@settings(max_examples=200)
+@given(contact_problems(), st.integers(0, 2**32 - 1))
+def test_going_on_with_other_bounds_gives_the_same_optimum(problem: tuple[Array, Array, Array], seed: int) -> None:
+    matrix, rhs, target = problem
+    rng = np.random.default_rng(seed)
+    looser = rhs - rng.choice([0.0, 1e-6, 1e-3, 1.0], size=(2, rhs.size)) * rng.random((2, rhs.size))
+    work = solve_dense(matrix, looser[0], target).work
+    for bounds in (looser[1], rhs, looser[0]):
+        rows = dense_rows(matrix, bounds)
+        program = WideRows(
+            rows.n_common, rows.common, rows.block, rows.rhs, rows.group_start, rows.group_stop, rows.group_block
+        )
+        none = np.empty(0, dtype=np.int64)
+        status = active_set.solve(rows.n, program, target, TOLERANCE, RELAXATION, none, RESUMES, work)
+        multiplier = np.zeros(rhs.size)
+        np.add.at(multiplier, work.active[: work.counts[0]], work.multiplier[: work.counts[0]])
+        assert_optimal(Outcome(status, work.x[: rows.n].copy(), multiplier, work), matrix, bounds, target)
 
 
 def test_a_right_guess_needs_no_iteration() -> None:

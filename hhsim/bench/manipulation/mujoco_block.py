@@ -1,4 +1,4 @@
-"""The pinch of the bench in MuJoCo: a block between two round fingertips, by its default options and by others.
+"""The block of the bench in MuJoCo, between two round fingertips and at rest, by its default options and by others.
 
 The hand of the bench is two fingers on a palm; here each fingertip is a ball on three position actuators of 1,000 N/m,
 critically damped, as a tracked hand is in an engine. Squeeze, friction, mass and motion are the same. The options are
@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hhsim.bench.manipulation.pinch import Pinch, PinchOutcome
+from hhsim.bench.manipulation.pinch import QUIET, RATE, Pinch, PinchOutcome
+from hhsim.bench.manipulation.rest import Rest
 
 TIP_MASS = 0.02
 """Of a fingertip [kg]."""
@@ -70,7 +71,44 @@ def mujoco_pinch(pinch: Pinch, options: EngineOptions) -> PinchOutcome:
     return pinch.outcome(height - height[0], depth)
 
 
-def _scene(pinch: Pinch, options: EngineOptions) -> str:
+def mujoco_rest(rest: Rest, options: EngineOptions) -> tuple[float, float]:
+    """How far a cube on a table goes once it has sunk in, after `QUIET` ticks, and how deep it is at most [m].
+
+    Raises:
+        ImportError: It is not installed.
+    """
+    import mujoco
+
+    model = mujoco.MjModel.from_xml_string(_scene(rest, options))
+    data = mujoco.MjData(model)
+    ticks = round(RATE * rest.seconds)
+    center, orientation, depth = np.empty((ticks, 3)), np.empty((ticks, 4)), 0.0
+    for tick in range(ticks):
+        mujoco.mj_step(model, data, options.steps)
+        center[tick], orientation[tick] = data.qpos[:3], data.qpos[3:7]
+        if data.ncon:
+            depth = max(depth, -float(data.contact.dist.min()))
+    return rest.creep(center[QUIET:], orientation[[QUIET, -1]]), depth
+
+
+def _scene(task: Pinch | Rest, options: EngineOptions) -> str:
+    half = 0.5 * task.side
+    fingers = _fingers(task) if isinstance(task, Pinch) else ("", "")
+    return f"""
+<mujoco>
+  <option timestep="{1e-3 / options.steps}" gravity="0 0 -{task.gravity}" {options.option}/>
+  <default><geom condim="4" friction="{task.friction} 0.005 0.0001" {options.contact}/></default>
+  <worldbody>
+    <geom type="plane" size="1 1 0.1"/>
+    <body pos="0 0 {half}"><freejoint/><geom type="box" size="{half} {half} {half}" mass="{task.mass}"/></body>
+    {fingers[0]}
+  </worldbody>
+  <actuator>{fingers[1]}</actuator>
+</mujoco>"""
+
+
+def _fingers(pinch: Pinch) -> tuple[str, str]:
+    """Fingertips, and what drives them."""
     half, radius = 0.5 * pinch.side, pinch.tip_radius
     tips = "".join(
         f'<body pos="{sign * (half + radius + pinch.gap)} 0 {half}">'
@@ -87,14 +125,4 @@ def _scene(pinch: Pinch, options: EngineOptions) -> str:
         for name in ("left", "right")
         for axis in "xyz"
     )
-    return f"""
-<mujoco>
-  <option timestep="{1e-3 / options.steps}" gravity="0 0 -{pinch.gravity}" {options.option}/>
-  <default><geom condim="4" friction="{pinch.friction} 0.005 0.0001" {options.contact}/></default>
-  <worldbody>
-    <geom type="plane" size="1 1 0.1"/>
-    <body pos="0 0 {half}"><freejoint/><geom type="box" size="{half} {half} {half}" mass="{pinch.mass}"/></body>
-    {tips}
-  </worldbody>
-  <actuator>{actuators}</actuator>
-</mujoco>"""
+    return tips, actuators
