@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from hhsim.kernels.live.phase import FIRST_SHIFT, LARGEST_SHIFT
+from hhsim.kernels.live.phase import FIRST_SHIFT, LARGEST_SHIFT, MOST_LEAPS
 from hhsim.result.reader import Result
 from hhsim.verify.claim import NOT_JUDGED, Claim, all_true, judged
 from hhsim.verify.finger_command_checks import DEVICE_LOST, command_claims
@@ -60,7 +60,7 @@ def _deadlines(rows: SessionRows) -> Claim:
     # To the first phase that is found deadlines go by leaps, all of one size, with no other tick among them.
     leaps = (off > most) & ((off == first) | (ticks > 1))
     among = np.cumsum(leaps) > 0
-    among &= np.cumsum(among & ~leaps & (ticks == 1)) == 0
+    among &= (np.cumsum(among & ~leaps & (ticks == 1)) == 0) & (np.cumsum(leaps) <= MOST_LEAPS)
     most = np.where(leaps & among, first, most)
     says = f"deadlines are {1e-6 * rows.period_ns:g} ms apart, by the numbers of their periods"
     why = f"a tick moves the next one by {LARGEST_SHIFT:g} of its period at most, towards the glove's samples, and by "

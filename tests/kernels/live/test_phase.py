@@ -10,7 +10,10 @@ from hhsim.kernels.live.phase import (
     DEVIATIONS,
     FIRST_SHIFT,
     LARGEST_SHIFT,
+    LATE_SHARE,
     LEAST_SAMPLES,
+    MOST_FURTHER,
+    MOST_LEAPS,
     PHASE,
     WEIGHT,
     count_phase,
@@ -86,6 +89,29 @@ def test_a_phase_that_is_lost_on_the_way_is_followed_slowly() -> None:
     assert deadline_shift(phase, LONG_AGO - PERIOD // 4, PERIOD, PERIOD) == FIRST_SHIFT * PERIOD
     assert deadline_shift(phase, LONG_AGO - PERIOD // 4, PERIOD, 0.0) == 0
     assert deadline_shift(phase, LONG_AGO - PERIOD // 4, PERIOD, PERIOD) == LARGEST_SHIFT * PERIOD
+
+
+@settings(max_examples=15)
+@given(seed=st.integers(0, 10**6), tail=st.floats(0.0, 0.1), spread=st.floats(0.002, 0.02))
+def test_however_jitter_is_spread_few_samples_wait_for_the_next_tick(seed: int, tail: float, spread: float) -> None:
+    rng = np.random.default_rng(seed)
+    count = 5_000
+    jitter = np.where(rng.random(count) < tail, rng.exponential(3.0 * spread, count), rng.normal(0.0, spread, count))
+    sent = LONG_AGO + np.sort((5.0 * np.arange(count) + jitter) * PERIOD).astype(np.int64)
+    waited, _ = follow(sent, LONG_AGO)
+    late = np.array(waited[1_000:]) / PERIOD
+    assert (late > 0.6).mean() <= 3.0 * LATE_SHARE
+    assert np.median(late) <= (DEVIATIONS + MOST_FURTHER + 1.0) * (spread + 5.0 * tail * spread) + 0.01
+
+
+def test_samples_that_answer_ticks_are_not_run_after() -> None:
+    phase, deadline, moved = zeroed(PHASE)[0], LONG_AGO, []
+    for _ in range(LEAST_SAMPLES + 200):
+        count_phase(phase, deadline + PERIOD // 2, PERIOD)
+        moved.append(deadline_shift(phase, deadline, PERIOD, PERIOD))
+        deadline += PERIOD + moved[-1]
+    assert np.count_nonzero(np.abs(moved) == FIRST_SHIFT * PERIOD) <= MOST_LEAPS
+    assert np.abs(moved[-100:]).max() <= LARGEST_SHIFT * PERIOD
 
 
 @given(st.lists(st.integers(0, 10 * PERIOD), min_size=1, max_size=300), st.integers(0, PERIOD - 1))

@@ -24,8 +24,8 @@ from hhsim.result.miss_cause import CAUSES, MissCause, TimeTaken, by_name
 from hhsim.result.safety import Safety
 
 PERIOD = 1_000_000
-AT = 70
-"""The tick in which something is planted; the one after it has missed periods before it."""
+AT = 40
+"""The tick in which something is planted, before any phase is known; the one after it has missed periods before it."""
 
 
 class Planted:
