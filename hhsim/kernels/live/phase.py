@@ -42,6 +42,7 @@ DEVIATIONS = 3.0
 LATE_SHARE = 0.005
 """Of the samples that may miss their tick and wait for the next one: where fewer do, all others wait longer."""
 LEAST_FURTHER, MOST_FURTHER = -1.0, 3.0
+"""What `further` stays between: a stall of the machine tells nothing of a glove."""
 LEAST_INTERVAL = 0.75
 """Periods: samples that come more often are never old."""
 FIRST_SHIFT = 1.0 / 100.0
