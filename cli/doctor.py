@@ -12,7 +12,7 @@ BAR = 40
 @click.command()
 @click.option(
     "--rate",
-    type=click.FloatRange(10.0, 4000.0),
+    type=click.FloatRange(10.0, 10_000.0),
     default=1000.0,
     metavar="HZ",
     help="Wake-ups a second [Hz], as of the session that is meant.",

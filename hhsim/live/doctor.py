@@ -122,7 +122,7 @@ HOST_ADVICE = "the host took the processor: nothing set in here helps; a machine
 OTHERS_ADVICE = "other work had the processor: end it, or set a processor aside (isolcpus) and name it (--cpu)"
 NOBODY_ADVICE = (
     "no account says who had the processor when the thread was woken late: in a virtual machine most often a host that "
-    "does not tell, else the firmware (system management) or the kernel itself"
+    "does not tell, else the firmware (system management), or the kernel's own work, where it does not interrupt that"
 )
 
 

@@ -3,6 +3,7 @@
 Nothing here is measured, and no fact alone is a verdict: a machine that does not tell one of them may be as good.
 """
 
+import gzip
 import os
 import platform
 import re
@@ -15,6 +16,8 @@ NOT_TOLD = "not told"
 CAP_IPC_LOCK, CAP_SYS_NICE = 14, 23
 """Bits of the capabilities that stand above the limits (capabilities(7))."""
 LIMITS_FILE = "in /etc/security/limits.d/90-hhsim.conf, then log in anew"
+PREEMPTION = {"PREEMPT_NONE": "none", "PREEMPT_VOLUNTARY": "voluntary", "PREEMPT_LAZY": "lazy", "PREEMPT": "full"}
+"""What a kernel is built to begin with, by its configuration, and what `preempt=` calls it."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +46,7 @@ def scheduling_facts(priority: int, root: Path = Path("/")) -> list[SchedulingFa
     allowed = sorted(os.sched_getaffinity(0))
     return [
         _kernel(root),
+        _preemption(root),
         _affinity(allowed),
         _isolated(root, allowed),
         SchedulingFact("NUMA nodes", _text(root / "sys/devices/system/node/online")),
@@ -56,10 +60,41 @@ def scheduling_facts(priority: int, root: Path = Path("/")) -> list[SchedulingFa
 
 
 def _kernel(root: Path) -> SchedulingFact:
-    flag = _text(root / "sys/kernel/realtime")
-    preempt = "PREEMPT_RT" if flag == "1" or "PREEMPT_RT" in platform.version() else "no PREEMPT_RT"
-    advice = "" if preempt == "PREEMPT_RT" else "a kernel with PREEMPT_RT (in Linux since 6.12) has shorter worst cases"
-    return SchedulingFact("kernel", f"{platform.release()}, {preempt}", advice)
+    if _has_real_time(root):
+        return SchedulingFact("kernel", f"{platform.release()}, PREEMPT_RT")
+    advice = "a kernel with PREEMPT_RT (in Linux since 6.12) has shorter worst cases"
+    return SchedulingFact("kernel", f"{platform.release()}, no PREEMPT_RT", advice)
+
+
+def _has_real_time(root: Path) -> bool:
+    return _text(root / "sys/kernel/realtime") == "1" or "PREEMPT_RT" in platform.version()
+
+
+def _preemption(root: Path) -> SchedulingFact:
+    """Whether a thread that is to run interrupts the kernel's own work; the last word is the command line's."""
+    name = "kernel interrupts its own work"
+    asked = re.findall(r"(?:^|\s)preempt=(\w+)", _text(root / "proc/cmdline"))
+    built = re.search(rf"^CONFIG_({'|'.join(PREEMPTION)})=y$", _configuration(root), re.MULTILINE)
+    if _has_real_time(root):
+        return SchedulingFact(name, "always (PREEMPT_RT)")
+    if not asked and built is None:
+        return SchedulingFact(name, NOT_TOLD)
+    value = asked[-1] if asked else PREEMPTION[built[1]] if built else NOT_TOLD
+    late = value in ("none", "voluntary")
+    advice = (
+        "preempt=full on the kernel's command line: else a thread that is due waits until a kernel thread on its "
+        "processor, such as one that reclaims memory, pauses by itself"
+    )
+    return SchedulingFact(name, f"{value} (preempt=)", advice if late else "")
+
+
+def _configuration(root: Path) -> str:
+    """What the kernel was built with, "" where it is not told."""
+    packed, plain = root / "proc/config.gz", root / f"boot/config-{platform.release()}"
+    try:
+        return gzip.decompress(packed.read_bytes()).decode() if packed.exists() else plain.read_text(encoding="utf-8")
+    except (OSError, EOFError, UnicodeDecodeError):
+        return ""
 
 
 def _affinity(allowed: list[int]) -> SchedulingFact:

@@ -7,6 +7,7 @@ import pytest
 from conftest import Run
 
 from hhsim.live import doctor
+from hhsim.live.ipc.config import RATE_RANGE
 from hhsim.live.real_time import RealTimeWishes
 from hhsim.live.wakeups import Wakeups
 from hhsim.result.miss_cause import CAUSES, MissCause
@@ -37,6 +38,13 @@ def test_a_machine_that_keeps_the_rate(run: Run, missed: dict[MissCause, int]) -
     document = json.loads(run("doctor", "--rate", "500", "--duration", "2", "--json").out)
     assert (document["good"], document["periods"], document["advice"]) == (True, 1000, [])
     assert document["histogram"][2] == {"above": 2e-05, "up_to": 5e-05, "count": 1000}
+
+
+@pytest.mark.parametrize("rate", RATE_RANGE)
+def test_any_rate_of_a_session_can_be_asked_for(run: Run, missed: dict[MissCause, int], rate: float) -> None:
+    assert json.loads(run("doctor", "--rate", str(rate), "--json").out)["rate"] == rate
+    refused = run("doctor", "--rate", str(2.0 * rate if rate > 100.0 else 0.5 * rate))
+    assert (refused.code, refused.out) == (2, "")
 
 
 def test_a_machine_that_does_not(run: Run, missed: dict[MissCause, int]) -> None:

@@ -1,5 +1,6 @@
 """What the system is set to, read from planted files: each fact alone, and a system that tells nothing."""
 
+import gzip
 import os
 import platform
 import resource
@@ -40,6 +41,16 @@ def test_a_system_that_tells_nothing_is_told_of(root: Path, monkeypatch: pytest.
     [
         ("sys__kernel__realtime", "1\n", "kernel", f"{platform.release()}, PREEMPT_RT", ""),
         ("sys__kernel__realtime", "0\n", "kernel", f"{platform.release()}, no PREEMPT_RT", "PREEMPT_RT"),
+        (
+            "proc__cmdline",
+            "quiet preempt=none rw\n",
+            "kernel interrupts its own work",
+            "none (preempt=)",
+            "preempt=full",
+        ),
+        ("proc__cmdline", "preempt=none preempt=full\n", "kernel interrupts its own work", "full (preempt=)", ""),
+        ("proc__cmdline", "nopreempt=none\n", "kernel interrupts its own work", NOT_TOLD, ""),
+        ("sys__kernel__realtime", "1\n", "kernel interrupts its own work", "always (PREEMPT_RT)", ""),
         ("sys__devices__system__cpu__isolated", "\n", "processors set aside", "none", "isolcpus=3"),
         ("sys__devices__system__cpu__isolated", "3\n", "processors set aside", "3", ""),
         (
@@ -65,6 +76,33 @@ def test_a_fact_is_told_with_what_would_be_better(
     fact = planted(root, **{file: text})[name]
     assert fact.value == value
     assert (advised in fact.advice) if advised else fact.advice == ""
+
+
+@pytest.mark.parametrize(
+    ("built", "value", "advised"),
+    [
+        ("CONFIG_PREEMPT_NONE=y\n# CONFIG_PREEMPT is not set\nCONFIG_PREEMPT_DYNAMIC=y\n", "none (preempt=)", True),
+        ("CONFIG_PREEMPT_VOLUNTARY=y\n", "voluntary (preempt=)", True),
+        ("CONFIG_PREEMPT_BUILD=y\nCONFIG_PREEMPT_LAZY=y\n", "lazy (preempt=)", False),
+        ("# CONFIG_PREEMPT_NONE is not set\nCONFIG_PREEMPT=y\n", "full (preempt=)", False),
+        ("CONFIG_HZ=250\n", NOT_TOLD, False),
+    ],
+)
+def test_what_the_kernel_was_built_with(root: Path, built: str, value: str, advised: bool) -> None:
+    name = f"boot__config-{platform.release()}"
+    assert planted(root, **{name: built})["kernel interrupts its own work"].value == value
+    (root / "proc").mkdir()
+    (root / "proc/config.gz").write_bytes(gzip.compress(built.encode()))
+    fact = planted(root, **{name: "CONFIG_PREEMPT_NONE=y\n"})["kernel interrupts its own work"]
+    assert (fact.value, bool(fact.advice)) == (value, advised)
+    assert planted(root, proc__cmdline="preempt=full\n")["kernel interrupts its own work"].value == "full (preempt=)"
+
+
+def test_a_damaged_configuration_tells_nothing(root: Path) -> None:
+    (root / "proc").mkdir()
+    for packed in (b"", b"no gzip", gzip.compress(b"CONFIG_PREEMPT=y\n")[:12], gzip.compress(b"\xff\xfe")):
+        (root / "proc/config.gz").write_bytes(packed)
+        assert planted(root)["kernel interrupts its own work"].value == NOT_TOLD
 
 
 def test_the_limit_must_reach_the_priority(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
