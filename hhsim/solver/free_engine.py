@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from hhsim.errors import InputError
 from hhsim.kernels.copy import copy_values
-from hhsim.kernels.free.block import run_free_block
+from hhsim.kernels.free.block import FreeBlock, run_free_block
 from hhsim.kernels.free.body import Support
 from hhsim.kernels.free.record import ObjectRecord
 from hhsim.kernels.free.rows import FREE_DOF, FREE_ROWS
@@ -155,15 +155,15 @@ class FreeEngine:
         self.ticks = object_record(len(haptic.position)) if ticks is None else ticks
         return int(run_free_block(*self._given(haptic, record, self.ticks)))
 
-    def block(self, haptic: HapticBlock, record: TickRecord, ticks: ObjectRecord) -> tuple[int, tuple[Any, ...]]:
+    def block(self, haptic: HapticBlock, record: TickRecord, ticks: ObjectRecord) -> tuple[int, FreeBlock]:
         """As `TickWorkspace.block`, of `run_free_block`."""
         given = self._given(haptic, record, ticks)
         compiled: Any = run_free_block
         return compiled.address(*given), given
 
-    def _given(self, haptic: HapticBlock, record: TickRecord, ticks: ObjectRecord) -> tuple[Any, ...]:
+    def _given(self, haptic: HapticBlock, record: TickRecord, ticks: ObjectRecord) -> FreeBlock:
         workspace = self.workspace
-        return self.method, workspace.hand, workspace.surface, self.states, self.qp, haptic, record, ticks
+        return FreeBlock(self.method, workspace.hand, workspace.surface, self.states, self.qp, haptic, record, ticks)
 
 
 def object_record(ticks: int) -> ObjectRecord:

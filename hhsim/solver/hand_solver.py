@@ -7,12 +7,13 @@ from numpy.typing import NDArray
 
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.penetration import HandSurface, PlacedHands, clearances
+from hhsim.kernels.free.block import FreeBlock
 from hhsim.kernels.free.record import ObjectRecord
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.hand.pose import is_finite_configuration
 from hhsim.kernels.jit import JIT_ENABLED, as_argument
 from hhsim.kernels.rotation import quaternion_to_matrix
-from hhsim.kernels.tick.block import HapticBlock, TickRecord
+from hhsim.kernels.tick.block import HapticBlock, TickBlock, TickRecord
 from hhsim.kernels.tick.method import Coupled
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_START_INSIDE
 from hhsim.scene.free_object import FreeObject
@@ -158,7 +159,7 @@ class HandSolver:
 
     def compiled_tick(
         self, haptic: HapticBlock, record: TickRecord, object_ticks: ObjectRecord | None = None
-    ) -> tuple[int, tuple[Any, ...]]:
+    ) -> tuple[int, TickBlock | FreeBlock]:
         """What `tick` comes to after `begin`, for a loop in compiled code.
 
         Args:
@@ -174,7 +175,7 @@ class HandSolver:
                 return self._free.block(haptic, record, object_ticks)
             return workspace.block(engine.method, haptic, record)
         method = Coupled(workspace.tick_options)
-        return 0, (method, workspace.hand, workspace.surface, workspace.states, workspace.qp, haptic, record)
+        return 0, TickBlock(method, workspace.hand, workspace.surface, workspace.states, workspace.qp, haptic, record)
 
     def _advance(self, haptic: HapticBlock, record: TickRecord, object_ticks: ObjectRecord | None = None) -> int:
         """One tick for each configuration, at least one; returns the status bits of the last one that was run."""

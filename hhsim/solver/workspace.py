@@ -15,7 +15,7 @@ from hhsim.kernels.hand.kinematics import DOF
 from hhsim.kernels.jit import JIT_ENABLED
 from hhsim.kernels.qp.active_set import new_work
 from hhsim.kernels.surfaces.spheres import SURFACE as SPHERES
-from hhsim.kernels.tick.block import HapticBlock, TickRecord, run_block
+from hhsim.kernels.tick.block import HapticBlock, TickBlock, TickRecord, run_block
 from hhsim.kernels.tick.force import FORCE_KKT, FORCE_PAPER
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.state import WORK_COUNTERS, tick_state_dtype
@@ -114,9 +114,9 @@ class TickWorkspace:
         """Run one tick of a compiled method for each row of the haptic input; returns the ticks done."""
         return int(run_block(method, self.hand, self.surface, self.states, self.qp, haptic, record))
 
-    def block(self, method: Any, haptic: HapticBlock, record: TickRecord) -> tuple[int, tuple[Any, ...]]:
+    def block(self, method: Any, haptic: HapticBlock, record: TickRecord) -> tuple[int, TickBlock]:
         """Where the machine code of `run_block` begins, and what it is given, for a loop that calls it by itself."""
-        given = (method, self.hand, self.surface, self.states, self.qp, haptic, record)
+        given = TickBlock(method, self.hand, self.surface, self.states, self.qp, haptic, record)
         compiled: Any = run_block
         return compiled.address(*given), given
 

@@ -1,6 +1,6 @@
 """Blocks of ticks with a free object, each timed and recorded as those of `kernels.tick.block`."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,19 @@ from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.tick.block import HapticBlock, TickRecord, record_tick
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED
 from hhsim.kernels.tick.tick import set_haptic
+
+
+class FreeBlock(NamedTuple):
+    """What `run_free_block` is given, in its order, for a loop that calls its machine code."""
+
+    method: Free
+    hand: HandArrays
+    surface: Any
+    states: NDArray[np.void]
+    qp: QpWork
+    haptic: HapticBlock
+    record: TickRecord
+    object_record: ObjectRecord
 
 
 @jit

@@ -1,7 +1,7 @@
 """The loop: it waits, ticks and records until it is to stop, in one call that no interpreter takes part in."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, Union, cast
 
 import numpy as np
 from llvmlite import ir
@@ -24,16 +24,17 @@ from hhsim.kernels.live.tick import (
     publish_tick,
 )
 
+if TYPE_CHECKING:
+    from hhsim.kernels.free.block import FreeBlock
+    from hhsim.kernels.tick.block import TickBlock
+
 Bytes = NDArray[np.uint8]
 
 ASKS_PYTHON = 0
 """Of `run_loop`: a hand is to be solved for, by a method that is not compiled."""
 
 
-Block: TypeAlias = tuple[Any, ...]
-"""What `run_block` of `hhsim.kernels.tick.block` or `run_free_block` of `hhsim.kernels.free.block` is given."""
-RECORD = 6
-"""The place of the record of the tick in it."""
+Block: TypeAlias = Union["TickBlock", "FreeBlock"]
 
 
 class SystemFiles(NamedTuple):
@@ -165,7 +166,7 @@ def run_loop(live: LiveArrays, files: SystemFiles, address: int, block: Block) -
             status = loop.status
             loop.status = 0
             _run_block(address, block)
-            block[RECORD].status[0] |= status
-            status = block[RECORD].status[0]
+            block.record.status[0] |= status
+            status = block.record.status[0]
         _finish(live, files, solved, status)
     return loop.stop[0]

@@ -48,6 +48,18 @@ class TickRecord(NamedTuple):
     lag: Array
 
 
+class TickBlock(NamedTuple):
+    """What `run_block` is given, in its order, for a loop that calls its machine code."""
+
+    method: Any
+    hand: HandArrays
+    surface: Any
+    states: NDArray[np.void]
+    qp: QpWork
+    haptic: HapticBlock
+    record: TickRecord
+
+
 @jit_inline
 def record_tick(state: Record, status: int, wall: int, cpu: int, i: int, record: TickRecord) -> None:
     """Copy the outcome of the last tick to row i of the record; wall and CPU time in ns."""

@@ -23,7 +23,7 @@ from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_s
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.detection import COUNT_GATHERS, evaluate, find_contacts
 from hhsim.kernels.contact.surface import cone_distance
-from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF
+from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, PALM_BODY
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.kernels.mesh.feature_distance import edge_distance, face_distance, line_witness, vertex_distance
 from hhsim.kernels.mesh.features import ALONG, MeshFeatures
@@ -510,8 +510,11 @@ STEP = 2e-5
 """Of second differences [m, rad]; see the test of the curvature of spheres."""
 
 
-def row_distance(mesh: MeshFeatures, key: int, at: Motion) -> float:
-    """Distance [m] of what a row is about, from the pose alone: a plane, a line, a point against a body or its end."""
+def row_distance(mesh: MeshFeatures, key: int, at: Motion, face: Array | None = None) -> float:
+    """Distance [m] of what a row is about, from the pose alone: a plane, a line, a point against a body or its end.
+
+    An edge or a corner whose nearest place is at the border of its normals stands for that `face`, normal and offset.
+    """
     count = len(mesh.face), len(mesh.edge)
     part, rest = divmod(key, 3 * (sum(count) + len(mesh.vertex)))
     feature, which = divmod(rest, 3)
@@ -521,6 +524,8 @@ def row_distance(mesh: MeshFeatures, key: int, at: Motion) -> float:
     x = center[part]
     if feature < count[0]:
         return float(abs(mesh.face[feature, :3] @ x - mesh.face[feature, 3]) - radius[part])
+    if face is not None:
+        return float(face[:3] @ x - face[3] - radius[part])
     feature -= count[0]
     if feature < count[1]:
         start, along = mesh.edge[feature, :3], mesh.edge[feature, 3:6]
@@ -529,6 +534,14 @@ def row_distance(mesh: MeshFeatures, key: int, at: Motion) -> float:
         off = x - start
         return float(np.linalg.norm(off - (off @ along) * along) - radius[part])
     return float(vertex_distance(mesh.vertex, feature - count[1], cones.kernel(part))[0])
+
+
+def stands_for(contacts: Any, row: int) -> Array | None:
+    """The plane of a flat row of a sphere, whose centre is all that it is about; None of any other row."""
+    if contacts.body[row] < PALM_BODY or np.isfinite(contacts.object_radius[row]):
+        return None
+    normal = contacts.normal[:, row]
+    return np.array([*normal, normal @ contacts.point[:, row] - contacts.distance[row]])
 
 
 @pytest.mark.parametrize("seed", sampled(range(4), lambda place, _: place == 2))
@@ -555,10 +568,11 @@ def test_curvature_at_faces_edges_and_vertices_is_that_of_second_differences(see
             if contacts.distance[row] < -0.7 * contacts.hand_radius[row]:
                 continue
             key = int(contacts.key[row])
+            face = stands_for(contacts, row)
             bent = np.empty(DOF)
             for j, direction in enumerate(STEP * np.eye(DOF)):
                 bent[j] = sum(
-                    a * b * row_distance(mesh, key, moved(at, a * direction + b * STEP * step))
+                    a * b * row_distance(mesh, key, moved(at, a * direction + b * STEP * step), face)
                     for a in (1, -1)
                     for b in (1, -1)
                 ) / (4.0 * STEP**2)
