@@ -23,7 +23,7 @@ from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_s
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.detection import COUNT_GATHERS, evaluate, find_contacts
 from hhsim.kernels.contact.surface import cone_distance
-from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, PALM_BODY
+from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.kernels.mesh.feature_distance import edge_distance, face_distance, line_witness, vertex_distance
 from hhsim.kernels.mesh.features import ALONG, MeshFeatures
@@ -510,22 +510,36 @@ STEP = 2e-5
 """Of second differences [m, rad]; see the test of the curvature of spheres."""
 
 
-def row_distance(mesh: MeshFeatures, key: int, at: Motion, face: Array | None = None) -> float:
-    """Distance [m] of what a row is about, from the pose alone: a plane, a line, a point against a body or its end.
+class Border(NamedTuple):
+    """What an edge or a corner stands for whose nearest place is at the border of its normals: a face, or an edge.
 
-    An edge or a corner whose nearest place is at the border of its normals stands for that `face`, normal and offset.
+    A `place` on the object, the `normal` there, whether the border is of a face, or of an edge that goes `along`; the
+    `share` of the axis at which it is near.
     """
+
+    place: Array
+    normal: Array
+    flat: bool
+    along: Array
+    share: float
+
+
+def row_distance(mesh: MeshFeatures, key: int, at: Motion, border: Border | None = None) -> float:
+    """Distance [m] of what a row is about, from the pose alone: a plane, a line, a point against a body or its end."""
     count = len(mesh.face), len(mesh.edge)
     part, rest = divmod(key, 3 * (sum(count) + len(mesh.vertex)))
     feature, which = divmod(rest, 3)
     cones = bodies(at)
     end = which if feature < count[0] else which - 1
+    if feature >= count[0] and border is not None:
+        u = border.share
+        off = (1.0 - u) * cones.a[part] + u * cones.b[part] - border.place
+        away = off @ border.normal if border.flat else np.linalg.norm(np.cross(off, border.along))
+        return float(away - (1.0 - u) * cones.radius_a[part] - u * cones.radius_b[part])
     center, radius = ((cones.a, cones.radius_a), (cones.b, cones.radius_b))[max(end, 0)]
     x = center[part]
     if feature < count[0]:
         return float(abs(mesh.face[feature, :3] @ x - mesh.face[feature, 3]) - radius[part])
-    if face is not None:
-        return float(face[:3] @ x - face[3] - radius[part])
     feature -= count[0]
     if feature < count[1]:
         start, along = mesh.edge[feature, :3], mesh.edge[feature, 3:6]
@@ -536,12 +550,20 @@ def row_distance(mesh: MeshFeatures, key: int, at: Motion, face: Array | None = 
     return float(vertex_distance(mesh.vertex, feature - count[1], cones.kernel(part))[0])
 
 
-def stands_for(contacts: Any, row: int) -> Array | None:
-    """The plane of a flat row of a sphere, whose centre is all that it is about; None of any other row."""
-    if contacts.body[row] < PALM_BODY or np.isfinite(contacts.object_radius[row]):
+def border_of(mesh: MeshFeatures, contacts: Any, row: int, at: Motion) -> Border | None:
+    """What a row of an edge or a corner stands for, by its record; None where that is itself, or the axis slides."""
+    count = len(mesh.face), len(mesh.edge)
+    part, rest = divmod(int(contacts.key[row]), 3 * (sum(count) + len(mesh.vertex)))
+    flat, along = np.isinf(contacts.object_radius[row]), contacts.straight[:, row]
+    of_itself = rest < 3 * count[0] or not (flat or (rest >= 3 * sum(count) and along.any()))
+    if of_itself or contacts.slides[row]:
         return None
-    normal = contacts.normal[:, row]
-    return np.array([*normal, normal @ contacts.point[:, row] - contacts.distance[row]])
+    normal, cones = contacts.normal[:, row], bodies(at)
+    x = contacts.point[:, row] + contacts.hand_radius[row] * normal
+    axis = cones.b[part] - cones.a[part]
+    share = float(np.clip((x - cones.a[part]) @ axis / max(axis @ axis, 1e-30), 0.0, 1.0))
+    place = contacts.point[:, row] - contacts.distance[row] * normal
+    return Border(place, normal, bool(flat), along, share)
 
 
 @pytest.mark.parametrize("seed", sampled(range(4), lambda place, _: place == 2))
@@ -568,11 +590,11 @@ def test_curvature_at_faces_edges_and_vertices_is_that_of_second_differences(see
             if contacts.distance[row] < -0.7 * contacts.hand_radius[row]:
                 continue
             key = int(contacts.key[row])
-            face = stands_for(contacts, row)
+            border = border_of(mesh, contacts, row, at)
             bent = np.empty(DOF)
             for j, direction in enumerate(STEP * np.eye(DOF)):
                 bent[j] = sum(
-                    a * b * row_distance(mesh, key, moved(at, a * direction + b * STEP * step), face)
+                    a * b * row_distance(mesh, key, moved(at, a * direction + b * STEP * step), border)
                     for a in (1, -1)
                     for b in (1, -1)
                 ) / (4.0 * STEP**2)
