@@ -9,6 +9,8 @@ import pytest
 from markdown_pages import Page
 from own_command import hhsim_command
 
+pytestmark = pytest.mark.slow
+
 RECURSIVE = re.compile(r"^make test|-m pytest")
 """The tests do not run themselves."""
 ENVIRONMENT = re.compile(r"^(make |python3 -m venv|\.venv/bin/|\. \.venv/|pip install)")
