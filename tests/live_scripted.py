@@ -26,6 +26,8 @@ BALL = SphereTree(np.array([[0.0, 0.05, -0.05]]), np.array([0.03]), np.array([0]
 """Before the fingers of a flat hand at the origin; a fist closes on it."""
 FREE, FIST = 0.0, 0.9
 """Angles of every joint [rad]: a hand that touches nothing, and one that presses on the ball."""
+WAKING_NS = 30_000
+"""What it takes to wake a loop by a sample."""
 
 
 def make_setup(**changes: Any) -> LiveSetup:
@@ -49,11 +51,19 @@ class FakeClock:
         self.oversleep: list[int] = []
         """How much later than asked the next sleeps end [ns]; none are late when it is empty."""
         self.slept: MutableSequence[int] = []
+        self.alarms: list[tuple[int, Callable[[], object]]] = []
+        """Sleeps end at these times, if they would go on until later, when something is done that takes its time."""
 
     def now(self) -> int:
         return self.time_ns
 
     def sleep_until(self, time_ns: int) -> None:
+        if self.alarms and self.alarms[0][0] < time_ns:
+            at, action = self.alarms.pop(0)
+            self.time_ns = max(self.time_ns, at)
+            action()
+            self.time_ns += WAKING_NS
+            return
         self.slept.append(time_ns)
         self.time_ns = max(self.time_ns, time_ns + (self.oversleep.pop(0) if self.oversleep else 0))
 
@@ -85,7 +95,8 @@ class Moment:
         angles: Of every joint in a sample that comes [rad]; None: none comes.
         good: What the driver says of it.
         reading: Of its one channel.
-        work_ns: Time that the tick takes.
+        work_ns: Time that the tick takes; the driver's, of a sample that comes early.
+        early_ns: So long before the deadline its sample is there; 0: after it.
         gone: Reading fails.
         send_fails: Sending fails.
     """
@@ -94,6 +105,7 @@ class Moment:
     good: bool = True
     reading: float = np.nan
     work_ns: int = 100_000
+    early_ns: int = 0
     gone: bool = False
     send_fails: bool = False
 
@@ -130,7 +142,11 @@ class ScriptedGlove(GloveDevice):
         return
 
     def _moment(self) -> Moment:
-        return self.script[min(max(self.tick, 0), len(self.script) - 1)]
+        return self.moment(self.tick)
+
+    def moment(self, tick: int) -> Moment:
+        """What it does in a tick."""
+        return self.script[min(max(tick, 0), len(self.script) - 1)]
 
     def read(self, samples_out: NDArray[np.void]) -> int:
         self.tick += 1
@@ -192,6 +208,7 @@ class InStep:
         pose: PoseSource | None = None,
         accounts: FakeAccounts | None = None,
     ) -> None:
+        self.glove, self.clock = glove, clock
         source = pose or FixedPose(PoseConfig())
         self.driver = GloveDriver(memory, glove, source, dry_run=setup.dry_run, now=clock.now)
         self.loop = LiveLoop(setup, memory, glove.info, clock=clock, accounts=accounts)
@@ -212,8 +229,14 @@ class InStep:
 
     def step(self) -> None:
         """A period."""
+        at, glove = self.loop.deadlines.at, self.glove
+        moment = glove.moment(glove.tick + 1) if isinstance(glove, ScriptedGlove) else Moment()
+        if moment.early_ns:
+            end = int(at.deadline_ns + at.period_ns + at.shift_ns)
+            self.clock.alarms.append((end - moment.early_ns - moment.work_ns, self.driver.take))
         self.loop.wait()
-        self.driver.take()
+        if not moment.early_ns:
+            self.driver.take()
         self.loop.tick()
         self.driver.give()
         self.loop.story.tell()

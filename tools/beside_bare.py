@@ -69,6 +69,7 @@ class Turns:
         causes: Of the missed ones, by who took most of the time.
         interrupted: Of those that were computed, how many followed on a tick that fits into its period when it is run
             again: `interrupted`.
+        early: Ticks that a sample made due before their period ended.
         at_once: Ticks that began late in their period, right after the one before and without a sleep.
         woke: How late each wake-up was [ns].
         longest: Most missed periods in a row.
@@ -81,6 +82,7 @@ class Turns:
     missed: int = 0
     causes: dict[MissCause, int] = field(default_factory=lambda: dict.fromkeys(CAUSES, 0))
     interrupted: int = 0
+    early: int = 0
     at_once: int = 0
     woke: list[Times] = field(default_factory=list)
     longest: int = 0
@@ -155,6 +157,7 @@ def session_turn(both: Beside, name: str, setup: Callable[[Path], Any], folder: 
         turns.causes[cause] += count
     result = load_result(record)
     turns.interrupted += interrupted(result)
+    turns.early += int((np.asarray(result["live/tick/early"]) > 0).sum())
     turns.at_once += int(np.asarray(result["live/tick/at_once"]).sum())
     turns.woke.append(np.asarray(result["live/tick/wakeup"]))
     turns.longest = max(turns.longest, int(np.asarray(result["live/tick/missed"]).max(initial=0)))
@@ -211,7 +214,8 @@ def interrupted(result: Result) -> int:
     rest = np.percentile(besides - solved[-len(besides) :], 99.0) if besides.size else 0.0
     period = 1e9 / float(result.scene["rate"])
     two = at_once[named - 1]
-    late = np.asarray(result["live/tick/wakeup"])[named - 1 - two] % period
+    first = named - 1 - two
+    late = np.asarray(result["live/tick/wakeup"])[first] % period - np.asarray(result["live/tick/early"])[first]
     worked = again[named - 1] + rest + two * (again[named - 2] + rest)
     return int(missed[named][late + worked < np.where(two, 2.0, 1.5) * period].sum())
 
@@ -282,6 +286,7 @@ def table(both: Beside) -> str:
     for cause, name in zip(CAUSES, by_name(range(len(CAUSES))), strict=True):
         add(f"missed, {name.replace('_', ' ')}", lambda each, cause=cause: f"{each.causes[cause]:,}")  # type: ignore[misc]
     add("of the computed, fit in when run again", lambda each: f"{each.interrupted:,}")
+    add("begun with a sample, before the deadline", lambda each: f"{each.early:,}")
     add("begun late, without a sleep before", lambda each: f"{each.at_once:,}")
     add("most in a row", lambda each: f"{each.longest:,}")
     shown = " / ".join(f"p{percent:g}" for percent in PERCENTS)
@@ -311,6 +316,7 @@ def as_json(both: Beside) -> dict[str, Any]:
                 "missed": turn.missed,
                 "missed_by": by_name(turn.causes.values()),
                 "computed_fit_when_run_again": turn.interrupted,
+                "begun_early": turn.early,
                 "begun_at_once": turn.at_once,
                 "most_in_a_row": turn.longest,
                 "wakeup_us": {f"p{percent:g}": turn.wakeup(percent) for percent in PERCENTS},

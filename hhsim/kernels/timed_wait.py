@@ -9,20 +9,18 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from hhsim.kernels.clock import CLOCK_MONOTONIC
+from hhsim.kernels.clock import CLOCK_MONOTONIC, monotonic_ns
 from hhsim.kernels.jit import JIT_ENABLED, jit
 
 _TIMER_ABSTIME = 1
+_POLLIN = 1
+_SECOND = 1_000_000_000
 
 
 def _clock_nanosleep(typing: Any, time_ns: Any) -> Any:
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         integer, number = ir.IntType(64), ir.IntType(32)
-        until = cgutils.alloca_once(builder, ir.ArrayType(integer, 2))
-        second = integer(1_000_000_000)
-        parts = (builder.sdiv(arguments[0], second), builder.srem(arguments[0], second))
-        for i, part in enumerate(parts):
-            builder.store(part, cgutils.gep_inbounds(builder, until, 0, i))
+        until = _timespec(builder, arguments[0])
         kind = ir.FunctionType(number, (number, number, until.type, until.type))
         function = cgutils.get_or_insert_function(builder.module, kind, "clock_nanosleep")
         answer = builder.call(function, (number(CLOCK_MONOTONIC), number(_TIMER_ABSTIME), until, until.type(None)))
@@ -31,9 +29,48 @@ def _clock_nanosleep(typing: Any, time_ns: Any) -> Any:
     return types.int64(types.int64), generate
 
 
+def _timespec(builder: Any, time_ns: Any) -> Any:
+    """A struct timespec on the stack."""
+    integer = ir.IntType(64)
+    spec = cgutils.alloca_once(builder, ir.ArrayType(integer, 2))
+    for i, part in enumerate((builder.sdiv, builder.srem)):
+        builder.store(part(time_ns, integer(_SECOND)), cgutils.gep_inbounds(builder, spec, 0, i))
+    return spec
+
+
+def _ppoll(typing: Any, descriptor: Any, timeout_ns: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        integer, number, short = ir.IntType(64), ir.IntType(32), ir.IntType(16)
+        # struct pollfd: descriptor, events, what came of them.
+        looked_for = cgutils.alloca_once(builder, ir.LiteralStructType((number, short, short)))
+        for i, value in enumerate((builder.trunc(arguments[0], number), short(_POLLIN), short(0))):
+            builder.store(value, cgutils.gep_inbounds(builder, looked_for, 0, i))
+        timeout = _timespec(builder, arguments[1])
+        signals = ir.IntType(8).as_pointer()
+        kind = ir.FunctionType(number, (looked_for.type, integer, timeout.type, signals))
+        function = cgutils.get_or_insert_function(builder.module, kind, "ppoll")
+        answer = builder.call(function, (looked_for, integer(1), timeout, signals(None)))
+        return builder.sext(answer, integer)
+
+    return types.int64(types.int64, types.int64), generate
+
+
+def _read_event(typing: Any, descriptor: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        word, number = ir.IntType(64), ir.IntType(32)
+        count = cgutils.alloca_once(builder, word)
+        kind = ir.FunctionType(word, (number, count.type, word))
+        function = cgutils.get_or_insert_function(builder.module, kind, "read")
+        return builder.call(function, (builder.trunc(arguments[0], number), count, word(8)))
+
+    return types.int64(types.int64), generate
+
+
 if JIT_ENABLED:
     # An external symbol, as in `clock`: a kernel with a function pointer in it could not be kept.
     _sleep = cast(Callable[[int], int], intrinsic(_clock_nanosleep))
+    _poll = cast(Callable[[int, int], int], intrinsic(_ppoll))
+    _clear = cast(Callable[[int], int], intrinsic(_read_event))
 
 else:
 
@@ -41,8 +78,32 @@ else:
         time.sleep(max(0.0, 1e-9 * (time_ns - time.monotonic_ns())))
         return 0
 
+    def _poll(descriptor: int, timeout_ns: int) -> int:
+        time.sleep(1e-9 * timeout_ns)
+        return 0
+
+    def _clear(descriptor: int) -> int:
+        return -1
+
 
 @jit
 def sleep_until(time_ns: int) -> int:
     """Sleep until CLOCK_MONOTONIC is `time_ns`, or until a signal came; 0, or the system's error."""
     return _sleep(time_ns)
+
+
+@jit
+def await_event(descriptor: int, time_ns: int) -> int:
+    """Sleep until an event comes, which is then taken, or until CLOCK_MONOTONIC is `time_ns`, or until a signal came.
+
+    Args:
+        descriptor: Of the event (eventfd), which does not block.
+        time_ns: In CLOCK_MONOTONIC [ns]; in the past, it is only looked.
+
+    Returns:
+        1 where the event came, 0 or the system's -1 where it did not.
+    """
+    came = _poll(descriptor, max(0, time_ns - monotonic_ns()))
+    if came > 0:
+        _clear(descriptor)
+    return came

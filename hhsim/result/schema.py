@@ -46,6 +46,7 @@ class TickField(NamedTuple):
 LOOP_FIELDS = (
     TickField("tick"),
     TickField("time_ns"),
+    TickField("early_ns"),
     TickField("wakeup_ns"),
     TickField("latency_ns"),
     TickField("missed"),
@@ -354,6 +355,15 @@ LIVE_TICK_COLUMNS: tuple[Column, ...] = (
         "tick",
     ),
     Column("deadline", (), "<i8", "ns", "CLOCK_MONOTONIC at which the tick was due", "time_ns"),
+    Column(
+        "early",
+        (),
+        "<i8",
+        "ns",
+        "how long before its period's end that was, since a sample had come; 0: none had",
+        "early_ns",
+        optional=True,
+    ),
     Column(
         "wakeup",
         (),

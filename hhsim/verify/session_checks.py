@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from hhsim.kernels.live.phase import FIRST_SHIFT, LARGEST_SHIFT, MOST_LEAPS
+from hhsim.kernels.live.deadlines import EARLIEST
+from hhsim.kernels.live.phase import LARGEST_SHIFT
 from hhsim.result.reader import Result
 from hhsim.verify.claim import NOT_JUDGED, Claim, all_true, judged
 from hhsim.verify.finger_command_checks import DEVICE_LOST, command_claims
@@ -12,6 +13,8 @@ from hhsim.verify.session_summary_checks import session_figures_claims
 FINGER_NAMES = ("thumb", "index finger", "middle finger", "ring finger", "little finger")
 JUMPED = "jumped by"
 """Such a line of the log, after a finger's name, tells that it was not believed."""
+OLD_SHIFT = 0.01
+"""Of a period: so far a tick moved the next deadline at most in files that do not say which ticks were early."""
 ONE_CLOCK = "one clock stamps all of them"
 
 
@@ -23,6 +26,7 @@ def session_claims(result: Result) -> list[Claim]:
     return [
         _records(rows),
         _deadlines(rows),
+        _early(rows),
         _missed(rows),
         _causes(rows),
         _wakeup(rows),
@@ -50,22 +54,39 @@ def _records(rows: SessionRows) -> Claim:
     return all_true("records", says, np.array(wrong), note="; ".join(notes))
 
 
+def _most_shift(rows: SessionRows) -> int:
+    return int(rows.period_ns * (LARGEST_SHIFT if rows.tells("early") else OLD_SHIFT))
+
+
 def _deadlines(rows: SessionRows) -> Claim:
     """Each tick may move the next deadline a little, those too that are not in the file."""
+    ends = rows.deadline + rows.early
     periods = np.diff(rows.period, prepend=rows.period[0] - 1)
-    apart = np.diff(rows.deadline, prepend=rows.deadline[0] - rows.period_ns)
+    apart = np.diff(ends, prepend=ends[0] - rows.period_ns)
     off = np.where(periods < 1, np.inf, np.abs(apart - rows.period_ns * periods))
-    ticks = np.maximum(1, periods - rows.missed)
-    most, first = (int(rows.period_ns * shift) * ticks for shift in (LARGEST_SHIFT, FIRST_SHIFT))
-    # To the first phase that is found deadlines go by leaps, all of one size, with no other tick among them.
-    leaps = (off > most) & ((off == first) | (ticks > 1))
-    among = np.cumsum(leaps) > 0
-    among &= (np.cumsum(among & ~leaps & (ticks == 1)) == 0) & (np.cumsum(leaps) <= MOST_LEAPS)
-    most = np.where(leaps & among, first, most)
-    says = f"deadlines are {1e-6 * rows.period_ns:g} ms apart, by the numbers of their periods"
-    why = f"a tick moves the next one by {LARGEST_SHIFT:g} of its period at most, towards the glove's samples, and by "
-    why += f"{FIRST_SHIFT:g} until it is there for the first time"
+    most = _most_shift(rows) * np.maximum(1, periods - rows.missed)
+    says = f"ends of periods are {1e-6 * rows.period_ns:g} ms apart, by their numbers"
+    why = f"a tick moves the next one by {LARGEST_SHIFT:g} of its period at most, towards the glove's samples"
     return judged("deadlines", says, 1e-9 * off, 1e-9 * most, "s", why, ticks=rows.numbers)
+
+
+def _early(rows: SessionRows) -> Claim:
+    """What makes a tick due early is a sample, and the time of that is when it was due."""
+    name = "early ticks"
+    says = f"a tick is due before its period ends only with a sample that it takes, and by {EARLIEST:g} periods at most"
+    if not rows.tells("early"):
+        return Claim(name, says, NOT_JUDGED, note="the file does not say which ticks were early; it was written before")
+    most, early = int(EARLIEST * rows.period_ns), rows.early > 0
+    wrong = (rows.early < 0) | (rows.early > most)
+    wrong |= early & ((rows.missed > 0) | rows.at_once | (rows.wakeup >= rows.early))
+    if rows.samples_whole and rows.handed is not None:
+        # Samples that cannot be used make a tick due as well, but are no tick's.
+        at = 1 + np.flatnonzero(early[1:] & rows.follows[1:] & (rows.used[:-1] >= 0))
+        first, due = rows.used[at - 1] + 1, rows.deadline[at]
+        last = np.searchsorted(rows.handed, due, side="right") - 1
+        there = (last >= first) & ((rows.handed[last] == due) | (rows.early[at] == most))
+        wrong[at] |= ~there
+    return all_true(name, says, wrong, ticks=rows.numbers)
 
 
 def _missed(rows: SessionRows) -> Claim:
@@ -94,11 +115,11 @@ def _causes(rows: SessionRows) -> Claim:
     took = np.stack([np.zeros_like(host), taken["computed"], taken["kept"] - host - device, host, device])
     wrong |= (cause > 0) & (took[np.clip(cause, 0, 4), rows.numbers] < took.max(axis=0))
     # The tick before worked until some time in the period before the deadline that was then slept for. Where it had
-    # begun at once, the time is that of both.
+    # begun at once, the time is that of both. One that began early may have been done a period and more before.
     at = 1 + np.flatnonzero(rows.closed[:-1] & (rows.missed[1:] > 0))
     since = at - 1 - rows.at_once[at - 1]
     at, since = at[rows.closed[since]], since[rows.closed[since]]
-    period = rows.period_ns + int(rows.period_ns * FIRST_SHIFT)
+    period = rows.period_ns + _most_shift(rows) + rows.early[since]
     most = rows.over[at - 1] - rows.woke[since] - taken["computed"][at]
     kept = taken["kept"][at] - rows.wakeup[at] - rows.wakeup[since] % rows.period_ns
     wrong[at] |= (kept < np.maximum(0, most - period)) | (kept > np.maximum(0, most))

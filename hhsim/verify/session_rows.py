@@ -1,8 +1,8 @@
 """The rows of a recorded session as the referee reads them: which sample a tick had, and from when to when it ran.
 
-A loop of one thread sleeps until a deadline, reads, solves, tells the fingers, and sleeps again until a deadline that
-has not passed, or begins the next tick at once. So all that a tick did lies between its waking and the deadline that
-the next one slept for, or its beginning, and a sample belongs to the tick in whose span its bytes were read.
+A loop of one thread sleeps until a tick is due, reads, solves, tells the fingers, and sleeps again until the next one
+is, or begins that at once. So all that a tick did lies between its waking and when the next one was due, or its
+beginning, and a sample belongs to the tick in whose span its bytes were read.
 """
 
 import json
@@ -47,11 +47,12 @@ class SessionRows:
         numbers: Of the rows, shape (T,).
         follows: Whether the row before is the tick before, shape (T,).
         period, deadline, wakeup, latency, missed, safety: As /live/tick, shape (T,).
+        early: As /live/tick, 0 in files that do not say so, shape (T,).
         bend, stiffness: What each finger was told, shape (T, 5).
         at_once: Whether a tick began without a sleep; no tick of the files that do not say so did, shape (T,).
         woke: When the loop woke, or began the tick [ns], shape (T,).
         closed: Whether it is known when the tick was over, shape (T,).
-        over: Where it is: the deadline that the next tick slept for, or when it began at once [ns], shape (T,).
+        over: Where it is: when the next tick that slept was due, or when it began at once [ns], shape (T,).
     """
 
     def __init__(self, result: Result) -> None:
@@ -76,9 +77,17 @@ class SessionRows:
         whole[1:] = np.diff(self.period) == 1 + self.missed[1:]
         whole &= self.follows
         self.closed = np.append(whole[1:], False)
-        name = "live/tick/at_once"
-        self.at_once = np.asarray(result[name], bool) if name in result else np.zeros(result.ticks, bool)
+        self.at_once = self._told("at_once").astype(bool)
+        self.early = self._told("early")
         self.over = np.append(np.where(self.at_once, self.woke, self.deadline - slept_over)[1:], 0)
+
+    def tells(self, name: str) -> bool:
+        """Whether the file has this column of /live/tick, which older ones lack."""
+        return f"live/tick/{name}" in self.result
+
+    def _told(self, name: str) -> IntArray:
+        told = self.result[f"live/tick/{name}"] if self.tells(name) else np.zeros(self.result.ticks)
+        return np.asarray(told, np.int64)
 
     @cached_property
     def samples(self) -> dict[str, AnyArray]:

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from live_rings import FACTS, ended
-from live_scripted import FIST, FREE, FakeAccounts, FakeClock, InStep, Moment, ScriptedGlove, make_setup
+from live_scripted import FIST, FREE, WAKING_NS, FakeAccounts, FakeClock, InStep, Moment, ScriptedGlove, make_setup
 from sampled import first_of_each, sampled
 from sealed_change import changed
 from verify_document import documented_faults
@@ -61,6 +61,9 @@ SCRIPT = [
     # A jump in one sample, and back.
     Moment(0.2),
     *HOLDING,
+    # Samples that come before their tick's deadline; one of them before any tick is due.
+    *[Moment(FIST, early_ns=early) for early in (400_000, 250_000, 500_000, 800_000, 100_000) * 3],
+    *HOLDING,
     # Not to the end of a period: the times that are made up for it below would end in the next.
     Moment(FIST, work_ns=12 * PERIOD + PERIOD // 2),
     # Longer than the log is silent about a mishap that it has told of.
@@ -80,7 +83,8 @@ LONG = 110
 FAILED = 170
 """A tick whose solver fails: there is no row of it, and the ramp begins anew."""
 LIVE_CLAIMS = (
-    *("time", "records", "deadlines", "missed periods", "causes of missed periods", "wake-up", "latency"),
+    *("time", "records", "deadlines", "early ticks", "missed periods", "causes of missed periods", "wake-up"),
+    "latency",
     *("samples", "newest sample"),
     *("fingers of the sample", "reasons", "free fingers", "stiffness", "command bounds", "set points"),
     "session figures",
@@ -104,7 +108,9 @@ class Scripted:
         # The solver measures by the true clock: its times are made those of the script's.
         ticks = self.memory.ticks.records
         ticks["duration"], ticks["duration_total"], ticks["duration_cpu"] = 1000, 120_000, 100_000
-        ticks["latency_ns"][(ticks["latency_ns"] >= 0) & (ticks["latency_ns"] < PERIOD)] += 50_000
+        latency = ticks["latency_ns"]
+        # Where the sample was there before the loop woke, the driver's time is not within the tick.
+        latency += np.select([latency < 0, latency == 0, latency < PERIOD], [0, 50_000, 150_000], 0)
 
     def fail_once(self) -> None:
         """The solver raises in the tick that is under way: it is not in the file."""
@@ -149,6 +155,9 @@ def test_an_honest_session_with_every_mishap_holds(session: Result) -> None:
     assert (np.diff(session["live/tick/period"]) - 1 - missed[1:]).tolist().count(1) == 1, "no tick failed"
     assert session["live/tick/command_stiffness"][HOLD, 2:].min() == pytest.approx(0.3), "nothing is held"
     assert session["force/total"][HOLD].any()
+    early = session["live/tick/early"]
+    assert sorted(set(early.tolist())) == [0, 100_000, 250_000, 400_000, 500_000]
+    assert (session["live/tick/wakeup"][early > 0] == WAKING_NS).all()
     assert any(b"jumped by" in line for line in session["live/event/text"])
     found = verify(session, every=50)
     assert failing(found) == set()
@@ -276,10 +285,32 @@ def moved_deadline(file: h5py.File) -> None:
     file["live/tick/deadline"][HOLD] += 1000
 
 
-def leapt_again(file: h5py.File) -> None:
-    """One leap may be the way to the first phase; not another one after it."""
-    for tick in (HOLD, HOLD + 20):
-        file["live/tick/deadline"][tick:] += PERIOD // 100
+def leapt(file: h5py.File) -> None:
+    file["live/tick/deadline"][HOLD:] += PERIOD // 100
+
+
+def early_without_a_sample(file: h5py.File) -> None:
+    file["live/tick/deadline"][HOLD] -= PERIOD // 4
+    file["live/tick/early"][HOLD] = PERIOD // 4
+
+
+def _early(file: h5py.File) -> int:
+    return int(np.flatnonzero(file["live/tick/early"][:])[0])
+
+
+def due_when_it_woke(file: h5py.File) -> None:
+    """As if no time had passed between a sample and the tick that it made due."""
+    at = _early(file)
+    file["live/tick/deadline"][at] += WAKING_NS
+    file["live/tick/early"][at] -= WAKING_NS
+    file["live/tick/wakeup"][at] = 0
+
+
+def too_early(file: h5py.File) -> None:
+    at = _early(file)
+    more = PERIOD * 4 // 5 - file["live/tick/early"][at]
+    file["live/tick/deadline"][at] -= more
+    file["live/tick/early"][at] += more
 
 
 def wrong_time(file: h5py.File) -> None:
@@ -396,7 +427,10 @@ FAULTS: dict[Callable[[h5py.File], None], str] = {
     other_name: "causes of missed periods",
     more_waited: "causes of missed periods",
     moved_deadline: "deadlines",
-    leapt_again: "deadlines",
+    leapt: "deadlines",
+    early_without_a_sample: "early ticks",
+    due_when_it_woke: "early ticks",
+    too_early: "early ticks",
     wrong_time: "time",
     early_wake_up: "wake-up",
     overslept_and_not_missed: "wake-up",
@@ -481,7 +515,7 @@ def test_a_dry_run_tells_so_in_every_tick(tmp_path: Path) -> None:
 @pytest.mark.parametrize("after_stall", sampled(["ease", "hold"], lambda _, after: after == "ease"))
 def test_a_stall_that_is_eased_or_held_is_judged_by_what_was_asked_for(tmp_path: Path, after_stall: str) -> None:
     safety = SafetyLimits(watchdog=False, after_stall=after_stall)
-    short, long_ = (Moment(FIST, work_ns=periods * PERIOD) for periods in (12, 25))
+    short, long_ = (Moment(FIST, work_ns=periods * PERIOD + PERIOD // 2) for periods in (12, 25))
     script = [*CLOSING, *HOLDING, short, *HOLDING, long_, *HOLDING]
     scripted = Scripted(tmp_path / "stall.h5", script, safety=safety)
     ended(scripted.memory, os.getpid())

@@ -1,6 +1,8 @@
 """The periods of a loop: absolute deadlines; a period in which no tick begins is missed, and counted.
 
-The loop of a session and the one that only measures wake-ups wait by the same code.
+The loop of a session and the one that only measures wake-ups count by the same code. A tick is due at its deadline, or
+before it when what it waits for comes, half a period at most: the deadlines stay where they are, so that there is one
+tick a period all the same.
 """
 
 import numpy as np
@@ -12,6 +14,10 @@ from hhsim.kernels.timed_wait import sleep_until
 
 PASSED = -1
 """Stands for a deadline that could not be slept for."""
+NOTHING = -1
+"""Stands for the time at which something came, where nothing has."""
+EARLIEST = 0.75
+"""Of a period: so long before its deadline a tick may be due at most."""
 
 DEADLINES = np.dtype(
     [
@@ -19,6 +25,7 @@ DEADLINES = np.dtype(
         ("shift_ns", np.int64),
         ("tick", np.int64),
         ("deadline_ns", np.int64),
+        ("early_ns", np.int64),
         ("asked_ns", np.int64),
         ("woke_ns", np.int64),
         ("wakeup_ns", np.int64),
@@ -38,10 +45,11 @@ DEADLINES = np.dtype(
 | period_ns | one period |
 | shift_ns | how much longer the present one is |
 | tick | number of the present one, from 0; missed ones leave gaps |
-| deadline_ns | when it began |
+| deadline_ns | when it was to begin at the latest |
+| early_ns | so long before that it was due, since something had come; 0: nothing had |
 | asked_ns | when the loop began to wait: its work was done |
 | woke_ns | when it woke |
-| wakeup_ns | how long after `deadline_ns` that was |
+| wakeup_ns | how long after it was due that was |
 | late_ns | how long after the deadline that was slept for; more than `wakeup_ns` where whole periods went by |
 | missed, missed_total | periods between the tick before and this one, and since the start |
 | aim_ns, passed | the deadline that is slept for, and the periods that had passed before |
@@ -54,7 +62,7 @@ def begin_periods(deadlines: Record, now: int) -> None:
     """Begin to count: the first deadline is one period from now [ns]."""
     deadlines.tick = -1
     deadlines.deadline_ns = deadlines.asked_ns = deadlines.woke_ns = now
-    deadlines.wakeup_ns = deadlines.late_ns = deadlines.missed = deadlines.missed_total = 0
+    deadlines.early_ns = deadlines.wakeup_ns = deadlines.late_ns = deadlines.missed = deadlines.missed_total = 0
     deadlines.aim_ns = now
     deadlines.passed = deadlines.at_once = deadlines.shift_ns = 0
 
@@ -81,9 +89,40 @@ def next_deadline(deadlines: Record, now: int) -> int:
 
 
 @jit
-def woken(deadlines: Record, now: int) -> None:
-    """The loop woke; where that is periods too late, it goes on in the period that it is in."""
-    late = now - deadlines.aim_ns
+def earliest_due(deadlines: Record) -> int:
+    """Before this a tick whose deadline is slept for is never due [ns]."""
+    return deadlines.aim_ns - int(EARLIEST * float(deadlines.period_ns))
+
+
+@jit
+def due_time(deadlines: Record, came: int, now: int) -> int:
+    """When the tick that is waited for is due [ns]: with what comes, or else at its deadline.
+
+    A loop whose work was not done when its tick could have been due at the earliest keeps to its deadline, as does one
+    that wakes after that: each early tick follows on a pause.
+
+    Args:
+        deadlines: After `next_deadline`.
+        came: When something came that the tick is to begin with [ns], or `NOTHING`.
+        now: The present [ns].
+    """
+    aim, earliest = deadlines.aim_ns, earliest_due(deadlines)
+    if came == NOTHING or now >= aim or deadlines.asked_ns > earliest or deadlines.passed > 0:
+        return aim
+    return min(max(came, earliest), aim)
+
+
+@jit
+def woken(deadlines: Record, now: int, due: int) -> None:
+    """The loop woke; where that is periods too late, it goes on in the period that it is in.
+
+    Args:
+        deadlines: After `next_deadline`.
+        now: The present, not before `due` [ns].
+        due: Of `due_time` [ns].
+    """
+    deadlines.early_ns = deadlines.aim_ns - due
+    late = now - due
     overslept = late // deadlines.period_ns
     missed = deadlines.passed + overslept
     deadlines.tick += 1 + missed
@@ -103,7 +142,7 @@ def await_deadline(deadlines: Record) -> None:
     while now < aim:
         sleep_until(aim)
         now = monotonic_ns()
-    woken(deadlines, now)
+    woken(deadlines, now, aim)
 
 
 @jit

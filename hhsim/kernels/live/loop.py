@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from hhsim.kernels.clock import monotonic_ns, thread_cpu_ns
 from hhsim.kernels.jit import JIT_ENABLED, jit
 from hhsim.kernels.live.accounts import account_waking, measure_miss, name_miss, read_run_delay, read_steal
-from hhsim.kernels.live.deadlines import await_deadline, begin_periods
+from hhsim.kernels.live.deadlines import begin_periods, due_time, next_deadline, woken
 from hhsim.kernels.live.tick import (
     LiveArrays,
     begin_hand,
@@ -22,7 +22,9 @@ from hhsim.kernels.live.tick import (
     count_work,
     look_for_stop,
     publish_tick,
+    waiting_since,
 )
+from hhsim.kernels.timed_wait import await_event, sleep_until
 
 if TYPE_CHECKING:
     from hhsim.kernels.free.block import FreeBlock
@@ -41,7 +43,8 @@ class SystemFiles(NamedTuple):
     """What the loop reads and writes of the system; a descriptor is -1 where there is none.
 
     Attributes:
-        descriptors: Of schedstat, of /proc/stat, and of the event that wakes the driver, shape (3,).
+        descriptors: Of schedstat, of /proc/stat, of the event that wakes the driver, and of the one by which it wakes
+            the loop, shape (4,).
         line, lines: Room for the text of both.
         allowed: Processors whose steal counts, by their numbers.
         step: What it is counted in, shape (1,) [ns].
@@ -102,6 +105,28 @@ def wake_driver(live: LiveArrays, descriptor: int, now: int) -> None:
 
 
 @jit
+def await_tick(live: LiveArrays, descriptor: int) -> None:
+    """Sleep until the next tick is due: by its deadline, or by a sample that comes shortly before that.
+
+    Args:
+        live: The loop.
+        descriptor: Of the event that comes with each sample; -1 where none does.
+    """
+    deadlines = live.deadlines[0]
+    aim = next_deadline(deadlines, monotonic_ns())
+    now = deadlines.asked_ns
+    due = due_time(deadlines, waiting_since(live), now)
+    while now < due:
+        if due < aim or descriptor < 0:
+            sleep_until(due)
+        else:
+            await_event(descriptor, due)
+        now = monotonic_ns()
+        due = due_time(deadlines, waiting_since(live), now)
+    woken(deadlines, now, due)
+
+
+@jit
 def _finish(live: LiveArrays, files: SystemFiles, solved: bool, status: int) -> None:
     """All of a tick that comes after its solving."""
     deadlines, misses = live.deadlines[0], live.misses[0]
@@ -152,7 +177,7 @@ def run_loop(live: LiveArrays, files: SystemFiles, address: int, block: Block) -
         begin_periods(deadlines, monotonic_ns())
         _account(live, files)
     while loop.stop[0] == 0:
-        await_deadline(deadlines)
+        await_tick(live, files.descriptors[3])
         look_for_stop(live)
         _account(live, files)
         solved = begin_tick(live)

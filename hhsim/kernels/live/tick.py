@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.jit import as_int64, jit
 from hhsim.kernels.live.accounts import CAUSES
+from hhsim.kernels.live.deadlines import NOTHING, earliest_due
 from hhsim.kernels.live.finger_command import ease_fingers, free_fingers, update_command
 from hhsim.kernels.live.interlock import DEVICE_LOST, DRY_RUN, NOT_FINITE, OVERRUN_STREAK, SOLVER_FAILED, judge
 from hhsim.kernels.live.notes import (
@@ -39,6 +40,8 @@ Indices = NDArray[np.int64]
 
 MOST_SAMPLES = 64
 """Used in one tick; what is left waits for the next one."""
+SOON = 1.5
+"""Periods: a glove whose samples come as often has another one for each tick."""
 INTERVAL_STEP = 1.05
 """What is taken for a glove's usual interval goes by this factor towards each one: half are longer, half shorter."""
 
@@ -189,6 +192,22 @@ def _take_sample(live: LiveArrays, place: int) -> None:
         note(live.notes[0], sample.time_ns, as_int64(REFUSED), as_int64(0), as_int64(0), 0.0)
     loop.usable = 1 if usable else 0
     live.status[0].battery = sample.battery
+
+
+@jit
+def waiting_since(live: LiveArrays) -> int:
+    """When the sample was handed over that the next tick is to begin with [ns], or `NOTHING`.
+
+    Where another one is to come within the period, one that came before a tick can be due waits for that: if it was
+    late, and each tick took the one that the tick before had missed, all that follow would wait as long.
+    """
+    loop, deadlines = live.loop[0], live.deadlines[0]
+    written = load_acquire(live.samples_written, as_int64(0))
+    if written == loop.taken or load_acquire(loop.placing[:], as_int64(0)) not in (NO_HAND, BEGUN):
+        return as_int64(NOTHING)
+    handed = live.samples[(written - 1) % live.samples.shape[0]].handed_ns
+    another = 0.0 < loop.usual_ns < SOON * float(deadlines.period_ns)
+    return as_int64(NOTHING) if another and handed < earliest_due(deadlines) else handed
 
 
 @jit
@@ -347,7 +366,8 @@ def command_tick(live: LiveArrays, now: int, solved: bool, status: int) -> None:
 def _publish(live: LiveArrays) -> None:
     row, loop, deadlines, commander = live.row[0], live.loop[0], live.deadlines[0], live.commander[0]
     row.tick = deadlines.tick
-    row.time_ns = deadlines.deadline_ns
+    row.time_ns = deadlines.deadline_ns - deadlines.early_ns
+    row.early_ns = deadlines.early_ns
     row.wakeup_ns = deadlines.late_ns
     row.latency_ns = loop.latency_ns
     row.missed = deadlines.missed

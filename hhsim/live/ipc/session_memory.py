@@ -1,9 +1,10 @@
-"""The shared memory of one live session: the status block, the rings, two pages of facts, and what wakes the driver.
+"""The shared memory of one live session: the status block, the rings, two pages of facts, and what wakes whom.
 
 Made by the supervisor; every other process attaches to it by the descriptors that it inherits and is told on its
 command line::
 
-    --setup FD --status FD --ticks FD --samples FD --events FD --words FD --facts FD --device FD --wake FD [--free]
+    --setup FD --status FD --ticks FD --samples FD --events FD --words FD --facts FD --device FD --wake FD
+    --sampled FD [--free]
 """
 
 import argparse
@@ -71,6 +72,7 @@ class Descriptors(NamedTuple):
     facts: int
     device: int
     wake: int
+    sampled: int
 
 
 def _close(descriptors: Descriptors) -> None:
@@ -131,7 +133,8 @@ class SessionMemory:
         words: Of `EVENT`, written by the driver for the loop, which tells them.
         facts: Of `FACTS`, written by the loop.
         device: Of `FACTS`, written by the driver: the fields of `hhsim.live.device.GloveInfo`, and the pose's name.
-        wake: Descriptor of the event by which the loop wakes the driver.
+        wake: Descriptor of the event by which the loop wakes the driver: there is a command.
+        sampled: Of the one by which the driver wakes the loop: there is a sample.
 
     Attributes:
         status: The one record of `LIVE_STATUS`; `status["heartbeat_ns"]` reads and writes in place.
@@ -148,6 +151,7 @@ class SessionMemory:
         facts: SharedBlock,
         device: SharedBlock,
         wake: int,
+        sampled: int,
     ) -> None:
         """Take over memory that is mapped."""
         self.status_block = status
@@ -155,9 +159,9 @@ class SessionMemory:
         self.ticks, self.samples = ticks, samples
         self.events, self.words = events, words
         self._facts, self.device = FactPage(facts), FactPage(device)
-        self.wake = wake
+        self.wake, self.sampled = wake, sampled
         mapped = (status, ticks, samples, events, words, facts, device)
-        self.descriptors = Descriptors._make([*(memory.descriptor for memory in mapped), wake])
+        self.descriptors = Descriptors._make([*(memory.descriptor for memory in mapped), wake, sampled])
 
     @classmethod
     def create(cls, *, free: bool = False) -> Self:
@@ -180,6 +184,7 @@ class SessionMemory:
             SharedBlock.create("facts", FACTS),
             SharedBlock.create("device", FACTS),
             os.eventfd(0, os.EFD_NONBLOCK),
+            os.eventfd(0, os.EFD_NONBLOCK),
         )
         weakref.finalize(memory, _close, memory.descriptors)
         return memory
@@ -196,6 +201,7 @@ class SessionMemory:
             SharedBlock(descriptors.facts, FACTS),
             SharedBlock(descriptors.device, FACTS),
             descriptors.wake,
+            descriptors.sampled,
         )
 
     def populate(self) -> None:

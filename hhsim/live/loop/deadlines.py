@@ -1,9 +1,10 @@
 """The periods of a loop by a clock, in Python; the loop itself waits in `hhsim.kernels.live.loop`."""
 
 import time
+from collections.abc import Callable
 from typing import Any, Protocol
 
-from hhsim.kernels.live.deadlines import DEADLINES, begin_periods, next_deadline, woken
+from hhsim.kernels.live.deadlines import DEADLINES, NOTHING, begin_periods, due_time, next_deadline, woken
 from hhsim.kernels.timed_wait import sleep_until
 from hhsim.solver.workspace import zeroed
 
@@ -54,12 +55,18 @@ class Deadlines:
         """Begin to count: the first deadline is one period from now."""
         begin_periods(self.at, self.clock.now())
 
-    def wait(self) -> None:
-        """Sleep until the next deadline."""
+    def wait(self, waiting_since: Callable[[], int] = lambda: NOTHING) -> None:
+        """Sleep until the next tick is due.
+
+        Args:
+            waiting_since: When something came that no tick has taken [ns], or `NOTHING`; what comes ends a sleep.
+        """
         clock = self.clock
         now = clock.now()
-        aim = next_deadline(self.at, now)
-        while now < aim:
-            clock.sleep_until(aim)
+        next_deadline(self.at, now)
+        due = due_time(self.at, waiting_since(), now)
+        while now < due:
+            clock.sleep_until(due)
             now = clock.now()
-        woken(self.at, now)
+            due = due_time(self.at, waiting_since(), now)
+        woken(self.at, now, due)

@@ -214,6 +214,8 @@ class GloveDriver:
             sample["handed_ns"] = self._now()
             ring.records[ring.written % ring.capacity] = sample
             ring.publish()
+        if count:
+            os.eventfd_write(self.memory.sampled, 1)
 
     def _lose(self, error: DeviceError) -> None:
         self._lost = True

@@ -30,6 +30,7 @@ from hhsim.kernels.live.tick import (
     count_work,
     look_for_stop,
     publish_tick,
+    waiting_since,
 )
 from hhsim.kernels.parallel.atomic import load_acquire, store_release
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
@@ -257,7 +258,7 @@ class LiveLoop:
         self.at.taken = self.memory.samples.written
         self.deadlines.start()
         files = self._misses.begin(cpu)
-        files.descriptors[2] = -1 if self.setup.dry_run else self.memory.wake
+        files.descriptors[2:] = -1 if self.setup.dry_run else self.memory.wake, self.memory.sampled
         self._wake = int(files.descriptors[2])
         if self._misses.steal_unread:
             self.memory.log(INFORMATION, STEAL_UNREAD)
@@ -282,7 +283,7 @@ class LiveLoop:
 
     def wait(self) -> None:
         """Sleep until the next period, in Python."""
-        self.deadlines.wait()
+        self.deadlines.wait(lambda: int(waiting_since(self.live)))
         look_for_stop(self.live)
 
     def tick(self) -> None:

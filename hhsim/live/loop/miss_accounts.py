@@ -60,7 +60,7 @@ class MissAccounts:
             cpu: The processor that it stays on; -1 for any.
 
         Returns:
-            Of the system's accounts, for a loop in compiled code; without what wakes a driver.
+            Of the system's accounts, for a loop in compiled code; without what wakes the driver, or the loop.
         """
         if self._accounts is None:
             self._accounts = CpuAccounts(None if cpu < 0 else cpu)
@@ -104,7 +104,7 @@ def system_files(accounts: CpuAccounts) -> SystemFiles:
     allowed = np.zeros(max(accounts.processors, default=0) + 1, np.bool_)
     allowed[list(accounts.processors)] = True
     return SystemFiles(
-        descriptors=np.array([accounts.schedule, accounts.stat, -1]),
+        descriptors=np.array([accounts.schedule, accounts.stat, -1, -1]),
         line=np.zeros(LINE_BYTES, np.uint8),
         lines=np.zeros(accounts.stat_bytes, np.uint8),
         allowed=allowed,
@@ -113,5 +113,5 @@ def system_files(accounts: CpuAccounts) -> SystemFiles:
 
 
 NO_FILES = SystemFiles(
-    np.full(3, -1), np.zeros(1, np.uint8), np.zeros(1, np.uint8), np.zeros(1, np.bool_), np.ones(1, np.int64)
+    np.full(4, -1), np.zeros(1, np.uint8), np.zeros(1, np.uint8), np.zeros(1, np.bool_), np.ones(1, np.int64)
 )

@@ -1,5 +1,6 @@
 """The loop in compiled code, by the system's clock, with its driver in another thread."""
 
+import os
 import threading
 import time
 from collections.abc import Callable
@@ -9,8 +10,10 @@ import numpy as np
 import pytest
 from live_peers import PATIENCE
 from live_scripted import FIST, FREE, FakeClock, Moment, ScriptedGlove, make_setup
+from numpy.typing import NDArray
 
-from hhsim.kernels.live.phase import FIRST_SHIFT
+from hhsim.kernels.live.deadlines import EARLIEST
+from hhsim.kernels.live.phase import LARGEST_SHIFT
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_START_INSIDE
 from hhsim.live.ipc.config import OutputLimits, SafetyLimits
@@ -36,15 +39,19 @@ class PresentClock(FakeClock):
 
 
 def run(
-    rate: float, script: list[Moment] = CLOSING, begin: Callable[..., int] | None = None
+    rate: float,
+    script: list[Moment] = CLOSING,
+    begin: Callable[..., int] | None = None,
+    glove: type[ScriptedGlove] = ScriptedGlove,
+    hertz: float = 0.0,
 ) -> tuple[LiveLoop, SessionMemory, int, int]:
     """A hand that closes on the ball; also how often Python solved a tick, and how often it put the hand somewhere."""
     safety = SafetyLimits(watchdog=False, stale=1.0, heartbeat_stale=1.0)
     setup = make_setup(output=OutputLimits(ramp=0.01), safety=safety, rate=rate)
-    memory, glove = SessionMemory.create(), ScriptedGlove(PresentClock(), script)
-    driver = GloveDriver(memory, glove, FixedPose(PoseConfig()))
+    memory, worn = SessionMemory.create(), glove(PresentClock(), script)
+    driver = GloveDriver(memory, worn, FixedPose(PoseConfig()))
     driver.open()
-    loop = LiveLoop(setup, memory, glove.info)
+    loop = LiveLoop(setup, memory, worn.info)
     loop.prepare()
     solver: Any = loop.solver
     asked, placed, solve, begin = [], [], solver.tick, begin or solver.begin
@@ -62,7 +69,9 @@ def run(
     def end() -> None:
         until = time.monotonic() + PATIENCE
         while memory.ticks.written < ENOUGH and time.monotonic() < until:
-            time.sleep(0.01)
+            if isinstance(worn, LineGlove):
+                os.write(worn.end, b"-")
+            time.sleep(1.0 / hertz if hertz else 0.01)
         loop.stop("enough")
 
     threads = [threading.Thread(target=target) for target in (driver.run, loop.place, end)]
@@ -76,7 +85,7 @@ def run(
             thread.join()
         driver.close()
     loop.story.tell()
-    assert glove.commands, "the driver was woken"
+    assert worn.commands, "the driver was woken"
     return loop, memory, len(asked), len(placed)
 
 
@@ -87,8 +96,8 @@ def test_ticks_of_compiled_code_are_those_of_a_replay_bit_for_bit(rate: float, i
     ticks = RingReader(memory.ticks).read(10**6)[1]
     period, missed = ticks["tick"], ticks["missed"]
     np.testing.assert_array_equal(np.diff(period), 1 + missed[1:])
-    moved = np.diff(ticks["time_ns"]) - np.diff(period) * round(1e9 / rate)
-    assert np.abs(moved).max() <= FIRST_SHIFT * round(1e9 / rate), "towards the samples"
+    moved = np.diff(ticks["time_ns"] + ticks["early_ns"]) - np.diff(period) * round(1e9 / rate)
+    assert np.abs(moved).max() <= LARGEST_SHIFT * round(1e9 / rate), "towards the samples"
     assert ticks["total"].any(), "the hand touches the ball"
     began_inside = (ticks["status"] & STATUS_START_INSIDE) != 0
     # On a machine that is late, the hand of the first sample has closed already.
@@ -102,6 +111,41 @@ def test_ticks_of_compiled_code_are_those_of_a_replay_bit_for_bit(rate: float, i
     summary = loop.summary()
     assert summary["wakeup"]["count"] == summary["work"]["count"] == memory.status["ticks"]
     assert summary["missed"] == sum(summary["missed_by"].values())
+
+
+class LineGlove(ScriptedGlove):
+    """Has a sample whenever something is written to its line."""
+
+    def open(self, timeout: float = 5.0) -> None:
+        self.line, self.end = os.pipe2(os.O_NONBLOCK)
+
+    def descriptors(self) -> tuple[int, ...]:
+        return (self.line,)
+
+    def read(self, samples_out: NDArray[np.void]) -> int:
+        try:
+            os.read(self.line, 64)
+        except BlockingIOError:
+            return 0
+        return super().read(samples_out)
+
+    def close(self) -> None:
+        os.close(self.line)
+        os.close(self.end)
+
+
+def test_a_tick_begins_with_the_sample_that_comes_while_the_loop_waits() -> None:
+    # At 290 Hz samples come everywhere in the loop's period.
+    _, memory, _, _ = run(1000.0, glove=LineGlove, hertz=290.0)
+    ticks, samples = RingReader(memory.ticks).read(10**6)[1], RingReader(memory.samples).read(10**6)[1]
+    early = np.flatnonzero(ticks["early_ns"] > 0)
+    assert len(early) > 0
+    assert ticks["early_ns"].max() <= EARLIEST * 1_000_000
+    assert (ticks["wakeup_ns"][early] < ticks["early_ns"][early]).all() and (ticks["wakeup_ns"] >= 0).all()
+    handed = samples["handed_ns"][np.searchsorted(samples["seq"], ticks["input_seq"][early])]
+    at_the_earliest = ticks["early_ns"][early] == EARLIEST * 1_000_000
+    assert ((handed == ticks["time_ns"][early]) | (at_the_earliest & (handed < ticks["time_ns"][early]))).all()
+    assert (np.diff(ticks["tick"]) == 1 + ticks["missed"][1:]).all(), "one tick a period all the same"
 
 
 def test_a_hand_that_cannot_be_put_anywhere_frees_the_fingers_and_the_loop_goes_on() -> None:

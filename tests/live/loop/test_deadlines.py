@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from live_scripted import FakeClock
+from live_scripted import WAKING_NS, FakeClock
 
+from hhsim.kernels.live.deadlines import EARLIEST, NOTHING
 from hhsim.kernels.live.tick_times import count_time
 from hhsim.live.loop.deadlines import Deadlines, MonotonicClock
 from hhsim.live.loop.tick_times import TickTimes
@@ -95,6 +96,72 @@ def test_a_signal_does_not_end_the_sleep_early() -> None:
     deadlines.wait()
     assert clock.now() == PERIOD
     assert clock.slept == [PERIOD] * 3
+
+
+def wait_for(clock: FakeClock, deadlines: Deadlines, came: int) -> Deadlines:
+    """Wait for the next tick, when something comes at a time [ns]."""
+    clock.alarms.append((came, lambda: None))
+    deadlines.wait(lambda: came if clock.now() >= came else NOTHING)
+    clock.alarms.clear()
+    return deadlines
+
+
+@pytest.mark.parametrize(
+    ("before", "early"),
+    [(1, 0), (WAKING_NS + 1, WAKING_NS + 1), (600_000, 600_000), (750_000, 750_000), (900_000, 750_000)],
+)
+def test_what_comes_before_a_deadline_makes_the_tick_due(before: int, early: int) -> None:
+    clock = FakeClock(0)
+    deadlines = started(clock)
+    at = wait_for(clock, deadlines, PERIOD - before).at
+    assert (at.tick, at.missed, at.at_once, at.deadline_ns, at.early_ns) == (0, 0, 0, PERIOD, early)
+    assert clock.now() == at.woke_ns == PERIOD - early + at.wakeup_ns
+    assert at.wakeup_ns == at.late_ns
+    deadlines.wait()
+    assert (at.tick, at.deadline_ns, at.early_ns, at.woke_ns) == (1, 2 * PERIOD, 0, 2 * PERIOD), "the others stay"
+
+
+@pytest.mark.parametrize("work", [PERIOD // 4 + 1, PERIOD * 5 // 4 + 1, PERIOD * 3 // 2 + 1])
+def test_a_loop_that_has_not_waited_keeps_to_its_deadline(work: int) -> None:
+    clock = FakeClock(0)
+    deadlines = started(clock)
+    deadlines.wait()
+    clock.work(work)
+    asked = clock.now()
+    at = wait_for(clock, deadlines, asked + 1).at
+    assert at.early_ns == 0
+    if not at.at_once:
+        assert clock.slept[-1] == at.deadline_ns == at.woke_ns
+
+
+def test_a_loop_that_is_woken_after_the_deadline_was_due_at_it() -> None:
+    clock = FakeClock(0)
+    deadlines = started(clock)
+    at = wait_for(clock, deadlines, PERIOD - WAKING_NS).at
+    assert (at.early_ns, at.wakeup_ns, at.woke_ns) == (0, 0, PERIOD)
+
+
+@given(
+    st.lists(st.tuples(st.integers(0, 3 * PERIOD), st.integers(0, 2 * PERIOD), st.integers(0, 3 * PERIOD)), max_size=60)
+)
+def test_however_things_come_there_is_one_tick_a_period(steps: list[tuple[int, int, int]]) -> None:
+    clock = FakeClock(0)
+    deadlines = started(clock)
+    at, before, asked = deadlines.at, -1, 0
+    for work, oversleep, after in steps:
+        clock.oversleep = [oversleep]
+        wait_for(clock, deadlines, asked + after)
+        assert at.tick == before + 1 + at.missed
+        assert at.deadline_ns == (at.tick + 1) * PERIOD
+        assert 0 <= at.early_ns <= EARLIEST * PERIOD and 0 <= at.wakeup_ns < PERIOD
+        assert clock.now() == at.woke_ns == at.deadline_ns - at.early_ns + at.wakeup_ns
+        if at.early_ns:
+            assert at.woke_ns < at.deadline_ns and at.missed == at.at_once == 0
+            assert asked <= at.deadline_ns - EARLIEST * PERIOD
+            assert at.deadline_ns - at.early_ns in (asked + after, (1.0 - EARLIEST) * PERIOD + at.deadline_ns - PERIOD)
+        before = at.tick
+        clock.work(work)
+        asked = clock.now()
 
 
 @given(st.lists(st.tuples(st.integers(0, 4 * PERIOD), st.integers(0, 4 * PERIOD)), max_size=60))

@@ -13,7 +13,7 @@ from live_scripted import FIST, FREE, FakeClock, InStep, Moment, ScriptedGlove, 
 from numpy.typing import NDArray
 
 from hhsim.hand.quaternion import rotation_matrix
-from hhsim.kernels.live.phase import FIRST_SHIFT
+from hhsim.kernels.live.phase import LARGEST_SHIFT
 from hhsim.kernels.tick.block import HapticBlock
 from hhsim.live.device import Capability, DeviceError, FingerCommand, GloveInfo
 from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
@@ -82,11 +82,40 @@ def test_a_hand_that_holds_is_held_and_is_released_at_the_end() -> None:
     assert len(session.glove.released) == 1
     assert session.memory.status["stage"] == Stage.ENDING
     assert session.ticks["tick"].tolist() == list(range(121))
-    assert np.abs(np.diff(session.ticks["time_ns"]) - PERIOD).max() <= FIRST_SHIFT * PERIOD, "towards the samples"
+    assert np.abs(np.diff(session.ticks["time_ns"]) - PERIOD).max() <= LARGEST_SHIFT * PERIOD, "towards the samples"
     assert session.ticks["input_seq"].tolist() == list(range(121))
     assert (session.ticks["latency_ns"] >= 0).all()
     assert len(session.samples) == 121
     assert session.memory.status["counters"][7] == 121
+
+
+def early_ticks(rest: int, late: int = -1) -> list[int]:
+    """How early ticks are if a glove sends 0.4 ms before a deadline, rests for so many, and is late with one sample."""
+    script = [Moment(FIST, early_ns=400_000) if i % (rest + 1) == 0 else Moment() for i in range(120)]
+    session = Session(script)
+    session.both.driver.take()
+    session.loop.begin()
+    for tick in range(len(script)):
+        if tick == late:
+            session.loop.wait()
+            session.clock.alarms.append((session.clock.now() + 50_000, session.both.driver.take))
+            session.loop.tick()
+        else:
+            session.both.step()
+    session.loop.end()
+    return [int(early) for early in RingReader(session.memory.ticks).read(10**6)[1]["early_ns"]]
+
+
+def test_ticks_begin_with_their_samples() -> None:
+    assert early_ticks(0)[1:] == [400_000] * 119
+    assert early_ticks(4)[1:] == ([0] * 4 + [400_000]) * 23 + [0] * 4
+
+
+def test_a_sample_that_came_too_late_does_not_delay_all_others() -> None:
+    early = early_ticks(0, 60)
+    assert early[60:] == [0, *[400_000] * 59]
+    # Where no other sample follows soon, it is taken as soon as a tick can be due.
+    assert early_ticks(4, 60)[58:67] == [0, 0, 0, 750_000, 0, 0, 0, 400_000, 0]
 
 
 def test_what_is_published_is_what_the_glove_was_told() -> None:
@@ -230,7 +259,7 @@ def test_a_driver_that_calls_nonsense_good_does_not_reach_the_solver(bad: float)
 
 
 def test_a_streak_of_overruns_frees_the_fingers() -> None:
-    slow = [Moment(FIST, work_ns=PERIOD + 1)] * 14
+    slow = [Moment(FIST, work_ns=PERIOD + 1_000)] * 14
     session = Session([*HOLDING, *slow, *[Moment(FIST)] * 30], duration=0.17).run()
     ticks = session.ticks
     # Every second one begins at once, and a period is missed after it.
@@ -243,7 +272,7 @@ def test_a_streak_of_overruns_frees_the_fingers() -> None:
 
 
 def test_one_long_gap_frees_the_fingers_too() -> None:
-    session = Session([*HOLDING, Moment(FIST, work_ns=30 * PERIOD), *[Moment(FIST)] * 30]).run()
+    session = Session([*HOLDING, Moment(FIST, work_ns=30 * PERIOD + 1_000), *[Moment(FIST)] * 30]).run()
     freed = (session.ticks["safety"] & Safety.OVERRUN_STREAK) != 0
     assert np.flatnonzero(freed).tolist() == [120, 121], "the tick that took so long, and the one after the gap"
     assert session.ticks["missed"][121] == 30
@@ -303,9 +332,10 @@ def test_a_driver_that_falls_silent_frees_the_fingers() -> None:
     session.both.driver.take = lambda: None if 100 <= session.loop.deadlines.at.tick < 140 else take()  # type: ignore[method-assign]
     session.run()
     freed = session.ticks["tick"][(session.ticks["safety"] & Safety.DEVICE_LOST) != 0]
-    # Its last sign of life was in tick 99, and 20 ms have passed when tick 120 begins.
-    assert freed.tolist() == list(range(120, 140))
-    assert (session.ticks["command_stiffness"][120:140] == 0.0).all()
+    # Its last sign of life was in tick 99, and 20 ms have passed when tick 119 begins: deadlines that go after samples
+    # are a little more than a period apart.
+    assert freed.tolist() == list(range(119, 140))
+    assert (session.ticks["command_stiffness"][119:140] == 0.0).all()
     assert any("its driver has given no sign of life" in text for text in session.events)
 
 

@@ -31,7 +31,7 @@ import argparse, pickle, signal, sys, time
 from hhsim.live.ipc.status import LIVE_STATUS, Stage
 from hhsim.live.shared_memory import SharedBlock, SharedRing, read_setup
 parser = argparse.ArgumentParser()
-for name in ("setup", "status", "ticks", "samples", "events", "words", "facts", "device", "wake"):
+for name in ("setup", "status", "ticks", "samples", "events", "words", "facts", "device", "wake", "sampled"):
     parser.add_argument("--" + name, type=int)
 options = parser.parse_args()
 with open({dtypes!r}, "rb") as file:
