@@ -233,6 +233,7 @@ class HandModel:
             flexion_max=self.flexion_max.copy(),
             reach=np.linalg.norm(self.base, axis=1)[:, None] + np.cumsum(self.length, axis=1),
             lever=lever,
+            turning_lever=_turning_levers(self.length, center),
             palm_x=np.ascontiguousarray(center[:, 0]),
             palm_y=np.ascontiguousarray(center[:, 1]),
             palm_z=np.ascontiguousarray(center[:, 2]),
@@ -364,6 +365,16 @@ def _model(sizes: Mapping[str, Any], side: Side, where: str) -> HandModel:
         palm_tree=tree,
         **{key: np.ascontiguousarray(value) for key, value in arrays.items()},
     )
+
+
+def _turning_levers(length: FloatArray, center: FloatArray) -> FloatArray:
+    """`HandArrays.turning_lever`: two points that move by d at most move by 2 d at most against each other.
+
+    The palm's turn is that of two sides of the box around its centres: its square is no more than the sum of theirs.
+    """
+    sides = np.sort(np.ptp(center, axis=0))[1:]
+    palm = 1.0 / np.sqrt(np.sum(1.0 / np.maximum(sides, 1e-9) ** 2))
+    return np.maximum(0.5 * np.append(length.ravel(), palm), 1e-9)
 
 
 def _palm_groups(tree: SphereTree) -> tuple[FloatArray, IntArray]:

@@ -9,7 +9,7 @@ v_i = v_j + w × (x_i - x_j). If the program holds row j, d_j + n_j · v_j >= ε
                    >= ε + (d_i - d_j) - |w| |x_i - x_j| - |n_i - n_j| |v_j|,
 
 and no step is longer than `reach` at any axis point of a body that has contacts: |v_j| <= reach, and |w| <= reach over
-the shortest lever by which `kernels.hand.motion_bounds` counts rotations. Hence row i follows from row j where
+the body's turning lever, of a phalanx across its axis, along which x_i - x_j lies. Hence row i follows from row j where
 
     d_i - d_j >= reach · (|x_i - x_j| / lever + |n_i - n_j|).
 
@@ -22,7 +22,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT, HandArrays
+from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
 from hhsim.kernels.jit import Record, as_int64, jit, jit_inline, jit_vector
 
 Array = NDArray[np.float64]
@@ -132,15 +132,12 @@ def drop_redundant_contacts(hand: HandArrays, reach: float, contacts: Record, ex
     """
     start = contacts.start[0]
     stop = contacts.start[1]
-    row = _thin(start, stop, start, hand.palm_reach[0], reach, contacts, excess)
+    row = _thin(start, stop, start, hand.turning_lever[PALM_BODY], reach, contacts, excess)
     contacts.start[1] = row
     for f in range(FINGER_COUNT):
         for k in range(PHALANX_COUNT):
             start = stop
             stop = contacts.phalanx_end[f, k]
-            lever = hand.reach[f, k]
-            for i in range(k + 1):
-                lever = min(lever, hand.lever[f, k, i])
-            row = _thin(start, stop, row, lever, reach, contacts, excess)
+            row = _thin(start, stop, row, hand.turning_lever[3 * f + k], reach, contacts, excess)
             contacts.phalanx_end[f, k] = row
         contacts.start[f + 2] = row

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.jit import jit
+from hhsim.kernels.jit import Record, jit
 
 Array = NDArray[np.float64]
 
@@ -40,6 +40,7 @@ class HandArrays(NamedTuple):
     | flexion_min, flexion_max | joint limits [rad] | (5, 3) |
     | reach | farthest that an axis point of the phalanx can be from the palm's origin [m] | (5, 3) |
     | lever | farthest that an axis point of phalanx k can be from joint i [m], 0 for i > k | (5, 3, 3) |
+    | turning_lever | a body whose points move by d at most turns, across its axis, by d over this at most [m] | (16,) |
     | palm_x, palm_y, palm_z, palm_radius | leaf spheres of the palm's tree [m] | (P,) |
     | palm_group | spheres around groups of the palm's: centres (3 rows) and radii [m] | (4, G) |
     | palm_group_start | first sphere of each group, and the end | (G + 1,) |
@@ -59,6 +60,7 @@ class HandArrays(NamedTuple):
     flexion_max: Array
     reach: Array
     lever: Array
+    turning_lever: Array
     palm_x: Array
     palm_y: Array
     palm_z: Array
@@ -128,18 +130,72 @@ def forward_kinematics(
 
 
 @jit
-def motion_bounds(hand: HandArrays, step: Array, abduction_step: Array, motion_out: Array) -> None:
-    """Upper bound [m] on how far any point of each body moves in a step, shape (16,).
-
-    `step` is (δp, δφ, δθ), shape (21,); |δp| + |δφ|·reach + Σ |δθ_i|·lever_i holds for every point at every
-    instant of the motion, because a sphere of the hand moves as far as its centre.
-    """
+def _coarse_bounds(hand: HandArrays, step: Array, abduction_step: Array, motion_out: Array) -> float:
+    # As if all of a body's turns were at their greatest and in one direction; returns the largest.
     shift = math.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2)
     turn = math.sqrt(step[3] ** 2 + step[4] ** 2 + step[5] ** 2)
-    motion_out[PALM_BODY] = shift + turn * hand.palm_reach[0]
+    longest = motion_out[PALM_BODY] = shift + turn * hand.palm_reach[0]
     for f in range(FINGER_COUNT):
         for k in range(PHALANX_COUNT):
             motion = shift + turn * hand.reach[f, k] + abs(abduction_step[f]) * hand.lever[f, k, 0]
             for i in range(k + 1):
                 motion += abs(step[6 + 3 * f + i]) * hand.lever[f, k, i]
             motion_out[3 * f + k] = motion
+            longest = max(longest, motion)
+    return longest
+
+
+@jit
+def motion_bounds(
+    hand: HandArrays, pose: Record, step: Array, abduction_step: Array, enough: float, motion_out: Array
+) -> None:
+    """Upper bound [m] on how far any axis point of each body moves in a step, shape (16,).
+
+    It holds at every instant of the motion, and of a share of it by that share. With all of a body's turns at their
+    greatest and in one direction a point would move by |δp| + Σ ω_i l_i, of angles ω and levers l. Where they work
+    against each other it moves by less: to first order by what the ends of the axis do, of which all between them are
+    means, and beyond that by half the greatest acceleration, Σ ω_i l_i (ω_i + 2 Σ_{j<i} ω_j), joint by joint outwards.
+
+    Args:
+        hand: The hand.
+        pose: Of `HAND_POSE`, up to date, where the step begins.
+        step: (δp, δφ, δθ), shape (21,).
+        abduction_step: [rad], shape (5,).
+        enough: Where the coarse bound of no body is more than this [m], it is taken.
+        motion_out: Of phalanges and palm.
+    """
+    if _coarse_bounds(hand, step, abduction_step, motion_out) <= enough:
+        return
+    px, py, pz, wx, wy, wz = step[0], step[1], step[2], step[3], step[4], step[5]
+    turn = math.sqrt(wx * wx + wy * wy + wz * wz)
+    square = 0.0
+    rotation, box = pose.rotation, hand.palm_box
+    for i in range(BOX_CORNERS):
+        x = rotation[0, 0] * box[i, 0] + rotation[0, 1] * box[i, 1] + rotation[0, 2] * box[i, 2]
+        y = rotation[1, 0] * box[i, 0] + rotation[1, 1] * box[i, 1] + rotation[1, 2] * box[i, 2]
+        z = rotation[2, 0] * box[i, 0] + rotation[2, 1] * box[i, 1] + rotation[2, 2] * box[i, 2]
+        vx, vy, vz = px + wy * z - wz * y, py + wz * x - wx * z, pz + wx * y - wy * x
+        square = max(square, vx * vx + vy * vy + vz * vz)
+    bend = turn * turn * hand.palm_reach[0]
+    motion_out[PALM_BODY] = min(motion_out[PALM_BODY], math.sqrt(square) + 0.5 * bend)
+    for f in range(FINGER_COUNT):
+        joints, axis, spread = pose.joints[f], pose.axis[f], pose.abduction_axis[f]
+        x, y, z = joints[0, 0] - pose.position[0], joints[0, 1] - pose.position[1], joints[0, 2] - pose.position[2]
+        vx, vy, vz = px + wy * z - wz * y, py + wz * x - wx * z, pz + wx * y - wy * x
+        a = abduction_step[f]
+        ux, uy, uz = wx + a * spread[0], wy + a * spread[1], wz + a * spread[2]
+        before = vx * vx + vy * vy + vz * vz
+        for k in range(PHALANX_COUNT):
+            angle = step[6 + 3 * f + k]
+            ux, uy, uz = ux + angle * axis[0], uy + angle * axis[1], uz + angle * axis[2]
+            x, y, z = joints[k + 1, 0] - joints[k, 0], joints[k + 1, 1] - joints[k, 1], joints[k + 1, 2] - joints[k, 2]
+            vx, vy, vz = vx + uy * z - uz * y, vy + uz * x - ux * z, vz + ux * y - uy * x
+            after = vx * vx + vy * vy + vz * vz
+            size, bend = turn, turn * turn * hand.reach[f, k]
+            for i in range(-1, k + 1):
+                angle = abs(a) if i < 0 else abs(step[6 + 3 * f + i])
+                bend += angle * hand.lever[f, k, max(i, 0)] * (angle + 2.0 * size)
+                size += angle
+            motion = math.sqrt(max(before, after)) + 0.5 * bend
+            motion_out[3 * f + k] = min(motion_out[3 * f + k], motion)
+            before = after

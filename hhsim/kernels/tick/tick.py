@@ -303,7 +303,7 @@ def _complete_lists(hand: HandArrays, surface: Any, options: TickOptions, state:
         lacking = lacking or candidates.slack[body] < reach
     if not lacking:
         return False
-    motion_bounds(hand, state.step.delta, state.problem.abduction_step, state.motion)
+    motion_bounds(hand, state.pose, state.step.delta, state.problem.abduction_step, 0.0, state.motion)
     beyond = False
     for body in range(BODY_COUNT):
         slack = candidates.slack[body]
@@ -384,7 +384,9 @@ def shortening(hand: HandArrays, options: TickOptions, state: Record) -> tuple[f
     """The share of the step that the pairs at hand vouch for, and the way of the hand's farthest point in it [m]."""
     candidates = state.candidates
     reach = min(state.reach, state.trust)
-    motion_bounds(hand, state.step.delta, state.problem.abduction_step, state.motion)
+    # A step that ends the tick, of a hand that rests, needs no better bound.
+    enough = options.step_tolerance
+    motion_bounds(hand, state.pose, state.step.delta, state.problem.abduction_step, enough, state.motion)
     fraction = 1.0
     longest = 0.0
     for body in range(BODY_COUNT):

@@ -134,7 +134,7 @@ def test_no_pair_is_ever_missed_while_the_hand_wanders(seed: int, skin: float) -
         step[:3] *= 1e-3
         step[3:] *= 10.0 ** random.uniform(-4, -2)
         turn *= 10.0 ** random.uniform(-4, -2)
-        motion_bounds(arrays, step, turn, motion)
+        motion_bounds(arrays, state.pose, step, turn, 0.0, motion)
         # As the tick does: no body moves further than the pairs at hand vouch for.
         fraction = min(1.0, float(np.min(np.maximum(state.candidates.slack, margin) / motion)))
         move(state.pose, step, turn, fraction)

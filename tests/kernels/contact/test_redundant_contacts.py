@@ -56,11 +56,11 @@ def rows(state: Any) -> tuple[Array, Array, list[int]]:
     return row_matrix(state), np.array(state.problem.rhs[:count]), [int(key) for key in state.contacts.key[:count]]
 
 
-def bounded_step(random: np.random.Generator, bodies: set[int], reach: float) -> Array:
-    """A random step in which no point of these bodies moves farther than `reach`, and one moves just so far."""
+def bounded_step(random: np.random.Generator, pose: Any, bodies: set[int], reach: float) -> Array:
+    """A random step in which no point of these bodies moves farther than `reach`, and one about so far."""
     step = random.normal(size=21) / ROOT * 10.0 ** random.uniform(-1.0, 1.0, 21)
     motion = np.zeros(16)
-    motion_bounds(RIGHT.arrays(), step, np.zeros(5), motion)
+    motion_bounds(RIGHT.arrays(), pose, step, np.zeros(5), 0.0, motion)
     return np.asarray(step * reach / motion[sorted(bodies)].max())
 
 
@@ -80,7 +80,7 @@ def test_every_dropped_row_follows_from_the_kept_ones(seed: int, leaves: int, re
         return
     random = np.random.default_rng(seed)
     for _ in range(200):
-        step = bounded_step(random, bodies, reach)
+        step = bounded_step(random, state.pose, bodies, reach)
         change = matrix @ step
         # To the edge of what the kept rows allow, where a dropped one would show first.
         towards = change[keeps] < 0.0

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from hhsim.hand.model import HandModel, Side
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, PALM_BODY, HandArrays, forward_kinematics, motion_bounds
+from hhsim.kernels.hand.pose import HAND_POSE
 
 Array = NDArray[np.float64]
 
@@ -75,6 +76,17 @@ def moved(pose: Pose, step: Array, abduction_step: Array, share: float = 1.0) ->
         pose.flexion + share * step[6:].reshape(5, 3),
         pose.abduction + share * abduction_step,
     )
+
+
+def bounds(hand: HandArrays, pose: Pose, step: Array, abduction_step: Array) -> Array:
+    """What `motion_bounds` says of a step from a pose, shape (16,)."""
+    at, bound = np.zeros(1, HAND_POSE).view(np.recarray)[0], np.full(BODY_COUNT, np.nan)
+    at.position[:] = pose.position
+    at.rotation[:] = pose.rotation.as_matrix()
+    for name, values in zip(Placement._fields, place(hand, pose)):
+        at[name][:] = values
+    motion_bounds(hand, at, step, abduction_step, 0.0, bound)
+    return bound
 
 
 def transform(rotation: Rotation | Array, translation: Array) -> Array:
@@ -181,36 +193,55 @@ def test_no_point_moves_farther_than_its_bound(seed: int, side: Side, size: floa
     step = step * mask
     if part not in ("all", "abduction"):
         abduction_step = np.zeros(5)
-    bound = np.empty(BODY_COUNT)
-    motion_bounds(hand, step, abduction_step, bound)
+    bound = bounds(hand, pose, step, abduction_step)
     share = np.concatenate([[0.0, 1.0], random.uniform(0.0, 1.0, 6)])
     start = body_points(hand, pose, share)
     for moment in (1.0, *random.uniform(0.0, 1.0, 5)):
         now = body_points(hand, moved(pose, step, abduction_step, moment), share)
         for body in range(BODY_COUNT):
             travelled = np.linalg.norm(now[body] - start[body], axis=1).max()
-            assert travelled <= bound[body] * (1.0 + 1e-12) + 1e-15
+            assert travelled <= moment * bound[body] * (1.0 + 1e-12) + 1e-15
+
+
+@given(seeds, sides)
+@settings(max_examples=40)
+def test_a_small_step_is_bounded_by_what_the_ends_move(seed: int, side: Side) -> None:
+    hand, random = HANDS[side], np.random.default_rng(seed)
+    pose = random_pose(random)
+    step, abduction_step = 1e-6 * random.uniform(-1.0, 1.0, DOF), 1e-6 * random.uniform(-1.0, 1.0, 5)
+    # The palm turns about a fingertip that stands still: what its way and its turn add up to is far from what moves.
+    tip = place(hand, pose).joints[1, 3]
+    step[:3] = np.cross(tip - pose.position, step[3:6])
+    step[9:12] = abduction_step[1] = 0.0
+    bound = bounds(hand, pose, step, abduction_step)
+    start, now = (place(hand, at).joints for at in (pose, moved(pose, step, abduction_step)))
+    way = np.linalg.norm(now - start, axis=2)
+    assert way[1, 3] < 1e-11
+    ends = np.maximum(way[:, :-1], way[:, 1:]).ravel()
+    np.testing.assert_allclose(bound[:PALM_BODY], ends, rtol=1e-3, atol=1e-11)
+    corners = [pose.rotation.apply(hand.palm_box) + pose.position, None]
+    corners[1] = Rotation.from_rotvec(step[3:6]).apply(corners[0] - pose.position) + pose.position + step[:3]
+    np.testing.assert_allclose(bound[PALM_BODY], np.linalg.norm(corners[1] - corners[0], axis=1).max(), rtol=1e-3)
 
 
 def test_bound_is_reached() -> None:
     """A bound that a straight finger or a plain shift reaches cannot be made smaller."""
     hand = HANDS["right"]
     straight = Pose(np.zeros(3), Rotation.identity(), np.zeros((5, 3)), np.zeros(5))
-    bound = np.empty(BODY_COUNT)
     shift = np.zeros(DOF)
     shift[:3] = 0.3, -0.4, 1.2
-    motion_bounds(hand, shift, np.zeros(5), bound)
+    bound = bounds(hand, straight, shift, np.zeros(5))
     np.testing.assert_allclose(bound, 1.3, rtol=1e-15)
     small = 1e-4
     flex = np.zeros(DOF)
     flex[6::3] = small
-    motion_bounds(hand, flex, np.zeros(5), bound)
+    bound = bounds(hand, straight, flex, np.zeros(5))
     travelled = np.linalg.norm(
         place(hand, moved(straight, flex, np.zeros(5))).joints - place(hand, straight).joints, axis=2
     )
     np.testing.assert_allclose(bound[:PALM_BODY].reshape(5, 3), travelled[:, 1:], rtol=1e-6)
     assert bound[PALM_BODY] == 0.0
-    motion_bounds(hand, np.zeros(DOF), np.full(5, small), bound)
+    bound = bounds(hand, straight, np.zeros(DOF), np.full(5, small))
     travelled = np.linalg.norm(
         place(hand, moved(straight, np.zeros(DOF), np.full(5, small))).joints - place(hand, straight).joints, axis=2
     )
@@ -219,6 +250,6 @@ def test_bound_is_reached() -> None:
 
 @pytest.mark.parametrize("side", ["right", "left"])
 def test_no_motion_has_no_bound(side: Side) -> None:
-    bound = np.full(BODY_COUNT, np.nan)
-    motion_bounds(HANDS[side], np.zeros(DOF), np.zeros(5), bound)
+    pose = random_pose(np.random.default_rng(5))
+    bound = bounds(HANDS[side], pose, np.zeros(DOF), np.zeros(5))
     np.testing.assert_array_equal(bound, np.zeros(BODY_COUNT))
