@@ -20,14 +20,15 @@ TICKS = 480
 
 
 def harvest(method: str, motion: Motion, every: int) -> Any:
-    """A solver standing before every `every`-th tick at which pairs are near, its first program prepared.
+    """A solver standing before every `every`-th tick of a motion at which pairs are near, its first program prepared.
 
     Without a budget, so that the programs are the same whatever work is said to cost.
     """
     solver = HandSolver(HAND, TREE.arrays(), SolverOptions(method=method, budget=UNLIMITED))
-    for first in range(0, TICKS, every):
+    ticks = len(motion.position)
+    for first in range(0, ticks, every):
         solver.run(*motion.part(first, first + every))
-        if first + every < TICKS and prepared(solver, motion, first + every) > 0:
+        if first + every < ticks and prepared(solver, motion, first + every) > 0:
             yield solver
 
 

@@ -124,13 +124,14 @@ def test_any_budget_gets_there_in_the_end(method: str, limits: dict[str, int]) -
 
 
 @pytest.mark.parametrize(
-    ("limits", "most"), [({"linearisations": 1}, 0.8), ({"linearisations": 2}, 0.45), ({"budget": 5000}, 0.5)]
+    ("limits", "flexion", "most"),
+    [({"linearisations": 1}, 0.7, 0.8), ({"linearisations": 2}, 1.15, 0.2), ({"budget": 5000}, 1.15, 0.3)],
 )
-def test_a_hand_that_moves_fast_is_followed_at_every_tick(limits: dict[str, int], most: float) -> None:
-    # Fingertips at 2 m/s, faster than so few linearisations can follow. Every other step was taken back, and the hand
-    # stayed where it was: it had as far to go in the end as the user had gone.
+def test_a_hand_that_moves_fast_is_followed_at_every_tick(limits: dict[str, int], flexion: float, most: float) -> None:
+    # Fingertips at 2 and at 4 m/s, faster than so few linearisations can follow. Every other step was taken back, and
+    # the hand stayed where it was: it had as far to go as the user had gone.
     opened = still(1, np.array([0.0, -0.045, 0.056]), flexion=np.full((5, 3), 0.2))
-    closed = still(1, np.array([0.0, -0.045, 0.050]), flexion=np.full((5, 3), 0.7))
+    closed = still(1, np.array([0.0, -0.045, 0.050]), flexion=np.full((5, 3), flexion))
     motion = straight_line(opened, closed, 40)
     record = HandSolver(HAND, bumpy_ball(300).arrays(), SolverOptions(**limits)).run(*motion)  # type: ignore[arg-type]
     lagging = record.status & (STATUS_STUCK | STATUS_LAG) > 0
@@ -138,7 +139,7 @@ def test_a_hand_that_moves_fast_is_followed_at_every_tick(limits: dict[str, int]
     assert not (record.status & STATUS_STUCK).any()
     assert (np.diff(record.joints, axis=0) != 0.0).any(axis=(1, 2, 3)).all()
     way = np.linalg.norm(HAND.joints(*(v[-1] for v in motion)) - HAND.joints(*(v[0] for v in motion)), axis=-1).max()
-    assert record.lag[-1] < most * way
+    assert record.lag.max() < most * way
 
 
 def test_a_palm_between_two_places_that_lead_past_each_other_comes_to_rest() -> None:
