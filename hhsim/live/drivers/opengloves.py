@@ -249,14 +249,19 @@ class OpenGlovesGlove(GloveDevice):
             # Without a calibration, the middle of the range is taken for straight fingers.
             splay = 2.0 * splay - 1.0
         found = calibration.angles(calibration.readings(curl, splay))
-        joints = calibration.bends(our_joints(line) / scale)
-        if found is None or joints is None:
+        if found is None:
             return False
-        flexion, self._abduction = found
-        low, high = calibration.bend_ends()
-        bends = (curl - low) / (high - low)
-        slope, _ = calibration.bend_lines()
-        self._flexion = flexion + np.where(np.isfinite(joints), (joints - bends[:, None]) * slope, 0.0)
+        flexion, abduction = found
+        # Most gloves send no joints: what has nothing to add took longer than all the rest of a sample.
+        if any(math.isfinite(value) for bones in line.joints for value in bones):
+            joints = calibration.bends(our_joints(line) / scale)
+            if joints is None:
+                return False
+            low, high = calibration.bend_ends()
+            bends = (curl - low) / (high - low)
+            slope, _ = calibration.bend_lines()
+            flexion = flexion + np.where(np.isfinite(joints), (joints - bends[:, None]) * slope, 0.0)
+        self._flexion, self._abduction = flexion, abduction
         return True
 
 
