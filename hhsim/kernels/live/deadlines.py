@@ -89,12 +89,6 @@ def next_deadline(deadlines: Record, now: int) -> int:
 
 
 @jit
-def earliest_due(deadlines: Record) -> int:
-    """Before this a tick whose deadline is slept for is never due [ns]."""
-    return deadlines.aim_ns - int(EARLIEST * float(deadlines.period_ns))
-
-
-@jit
 def due_time(deadlines: Record, came: int, now: int) -> int:
     """When the tick that is waited for is due [ns]: with what comes, or else at its deadline.
 
@@ -106,7 +100,8 @@ def due_time(deadlines: Record, came: int, now: int) -> int:
         came: When something came that the tick is to begin with [ns], or `NOTHING`.
         now: The present [ns].
     """
-    aim, earliest = deadlines.aim_ns, earliest_due(deadlines)
+    aim = deadlines.aim_ns
+    earliest = aim - int(EARLIEST * float(deadlines.period_ns))
     if came == NOTHING or now >= aim or deadlines.asked_ns > earliest or deadlines.passed > 0:
         return aim
     return min(max(came, earliest), aim)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.jit import as_int64, jit
 from hhsim.kernels.live.accounts import CAUSES
-from hhsim.kernels.live.deadlines import NOTHING, earliest_due
+from hhsim.kernels.live.deadlines import NOTHING
 from hhsim.kernels.live.finger_command import ease_fingers, free_fingers, update_command
 from hhsim.kernels.live.interlock import DEVICE_LOST, DRY_RUN, NOT_FINITE, OVERRUN_STREAK, SOLVER_FAILED, judge
 from hhsim.kernels.live.notes import (
@@ -198,8 +198,8 @@ def _take_sample(live: LiveArrays, place: int) -> None:
 def waiting_since(live: LiveArrays) -> int:
     """When the sample was handed over that the next tick is to begin with [ns], or `NOTHING`.
 
-    Where another one is to come within the period, one that came before a tick can be due waits for that: if it was
-    late, and each tick took the one that the tick before had missed, all that follow would wait as long.
+    Where another one is to come within the period, one that came before the last deadline waits for that: its tick had
+    begun, and if each tick took the one that the tick before had missed, all that follow would wait as long.
     """
     loop, deadlines = live.loop[0], live.deadlines[0]
     written = load_acquire(live.samples_written, as_int64(0))
@@ -207,7 +207,8 @@ def waiting_since(live: LiveArrays) -> int:
         return as_int64(NOTHING)
     handed = live.samples[(written - 1) % live.samples.shape[0]].handed_ns
     another = 0.0 < loop.usual_ns < SOON * float(deadlines.period_ns)
-    return as_int64(NOTHING) if another and handed < earliest_due(deadlines) else handed
+    missed_its_tick = handed < deadlines.aim_ns - deadlines.period_ns
+    return as_int64(NOTHING) if another and missed_its_tick else handed
 
 
 @jit

@@ -113,7 +113,8 @@ def test_ticks_begin_with_their_samples() -> None:
 
 def test_a_sample_that_came_too_late_does_not_delay_all_others() -> None:
     early = early_ticks(0, 60)
-    assert early[60:] == [0, *[400_000] * 59]
+    # It comes right after its deadline; the next tick takes it, and the one after that waits for its own sample.
+    assert early[60:] == [0, 750_000, *[400_000] * 58]
     # Where no other sample follows soon, it is taken as soon as a tick can be due.
     assert early_ticks(4, 60)[58:67] == [0, 0, 0, 750_000, 0, 0, 0, 400_000, 0]
 
