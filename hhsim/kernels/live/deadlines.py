@@ -1,8 +1,8 @@
 """The periods of a loop: absolute deadlines; a period in which no tick begins is missed, and counted.
 
 The loop of a session and the one that only measures wake-ups count by the same code. A tick is due at its deadline, or
-before it when what it waits for comes, half a period at most: the deadlines stay where they are, so that there is one
-tick a period all the same.
+before it when what it waits for comes, by `EARLIEST` periods at most: the deadlines stay where they are, so that there
+is one tick a period all the same.
 """
 
 import numpy as np
@@ -50,7 +50,7 @@ DEADLINES = np.dtype(
 | asked_ns | when the loop began to wait: its work was done |
 | woke_ns | when it woke |
 | wakeup_ns | how long after it was due that was |
-| late_ns | how long after the deadline that was slept for; more than `wakeup_ns` where whole periods went by |
+| late_ns | how long after what was slept for; more than `wakeup_ns` where whole periods went by |
 | missed, missed_total | periods between the tick before and this one, and since the start |
 | aim_ns, passed | the deadline that is slept for, and the periods that had passed before |
 | at_once | 1: the work before ended in this period, which began without a sleep |
