@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from sphere_scenes import (
     BALL_RADIUS,
     Motion,
+    brute_pairs,
     bumpy_ball,
     cloud,
     random_targets,
@@ -244,6 +245,21 @@ def test_too_many_contacts_are_an_error_that_says_what_to_do() -> None:
     motion = straight_line(still(1, [0.0, 0.0, 0.4]), still(1, [0.0, 0.0, 0.34]), 60)
     with pytest.raises(HhsimError, match=r"margin.*coarser"):
         solver.run(*motion)
+
+
+def test_more_contacts_than_fit_within_a_step_make_it_shorter_and_the_hand_arrives() -> None:
+    joints = RIGHT.joints([0.0, 0.0, 0.4], [1.0, 0.0, 0.0, 0.0], np.zeros((5, 3)), np.zeros(5))
+    # Under three fingertips 2,000 spheres each, one below the other within a millimetre.
+    below = np.outer(np.linspace(0.0, 8e-4, 2000), [0.0, 0.0, -1.0])
+    tops = [joints[f, 3] - [0.0, 0.0, RIGHT.radius[f, 3] + 0.021] for f in (1, 2, 3)]
+    columns = sphere_tree(np.concatenate([top + below for top in tops]), np.full(6000, 1e-3))
+    motion = straight_line(still(1, [0.0, 0.0, 0.4]), still(1, [0.0, 0.0, 0.37]), 100)
+    for method in METHODS:
+        record = HandSolver(RIGHT, columns.arrays(), SolverOptions(method=method)).run(*motion)
+        assert_sound(RIGHT, columns, record)
+        last = Motion(*(getattr(record, name)[-1:] for name in Motion._fields))
+        gaps = brute_pairs(RIGHT, columns.leaf_center, columns.leaf_radius, last)[[5, 8, 11]].min(axis=1)
+        assert (gaps < 2e-6).all()
 
 
 def test_place_puts_the_graphic_hand_where_it_is_told() -> None:

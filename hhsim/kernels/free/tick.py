@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.clock import monotonic_ns
-from hhsim.kernels.contact.detection import find_contacts, pairs_near
+from hhsim.kernels.contact.detection import pairs_near
 from hhsim.kernels.contact.linearise import build_rows, clamp_to_limits, limit_start
 from hhsim.kernels.contact.redundant_contacts import drop_redundant_contacts
 from hhsim.kernels.copy import copy_values
@@ -73,6 +73,7 @@ from hhsim.kernels.tick.tick import (
     begin_tick,
     cap_lag,
     evaluate_pose,
+    find_program_contacts,
     is_last_chance,
     least_distance,
     shortening,
@@ -128,9 +129,9 @@ def _prepare(hand: HandArrays, method: Free, surface: Any, state: Record) -> int
         state.friction,
         state.body,
     )
-    reach = min(state.reach, state.trust)
-    if find_contacts(surface, hand, state.pose, state.candidates, reach, contacts) != 0:
+    if find_program_contacts(hand, surface, options, state) != 0:
         return -1
+    reach = min(state.reach, state.trust)
     found = contacts.start[FINGER_COUNT + 1]
     drop_redundant_contacts(hand, reach, contacts, state.excess[:])
     total = contacts.start[FINGER_COUNT + 1]

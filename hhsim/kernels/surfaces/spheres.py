@@ -42,6 +42,13 @@ PALM_PAIRS = PALM_SLOTS * SLOT_PAIRS
 The palm's spheres are gathered by slots, each when its own slack is used up: all of them at once would take many times
 another tick.
 """
+CROWD = 1024
+SHARES = (1.0, 0.5, 0.25, 0.0)
+"""Where more pairs of a slot than a crowd are within the reach, those up to the next share of the way from what is
+needed to that reach are listed: a crowd takes long to measure. From the last but one on there may be as many as there
+is room for: what reaches no further than what is needed is used up by the next tick."""
+FEW = 4
+"""A slot with no more pairs than this part of a crowd may reach further the next time."""
 
 CANDIDATES = np.dtype(
     [
@@ -65,6 +72,7 @@ CANDIDATES = np.dtype(
         ("palm_distance", np.float64, (PALM_PAIRS,)),
         ("palm_count", np.int64, (PALM_SLOTS,)),
         ("palm_spare", np.float64, (PALM_SLOTS,)),
+        ("palm_share", np.int64, (PALM_SLOTS,)),
         *SHARED_CANDIDATES,
         ("scratch", np.int64, (PHALANX_PAIRS,)),
         ("stack", np.int64, (STACK_SIZE,)),
@@ -84,6 +92,7 @@ CANDIDATES = np.dtype(
 | palm_distance | signed distance [m] |
 | palm_count | pairs of each slot of the palm; each has its own stretch of the room |
 | palm_spare | slack of each slot beyond that of the palm [m] |
+| palm_share | which of `SHARES` each slot was last gathered with |
 | scratch, stack | of a walk |
 """
 
@@ -133,13 +142,14 @@ def _gather_phalanx(
     return True
 
 
-@jit_once
-def _gather_slot(
+@jit
+def _gather_slot_up_to(
     tree: TreeArrays,
     hand: HandArrays,
     pose: Record,
     slot: int,
     reach: float,
+    room: int,
     candidates: Record,
     walk: Walk,
     work: Indices,
@@ -159,7 +169,7 @@ def _gather_slot(
         count, clearance, tests = gather_round_cone(tree, cone, reach, walk.stack, walk.scratch)
         work[COUNT_NODE_TESTS] += tests
         slack = min(slack, clearance)
-        if count < 0 or place + count > start + SLOT_PAIRS:
+        if count < 0 or place + count > start + room:
             return -np.inf
         for i in range(count):
             node = walk.scratch[i]
@@ -175,6 +185,28 @@ def _gather_slot(
             candidates.palm_leaf[place] = node
             place += 1
     candidates.palm_count[slot] = place - start
+    return slack
+
+
+@jit_once
+def _gather_slot(
+    tree: TreeArrays,
+    hand: HandArrays,
+    pose: Record,
+    slot: int,
+    reach: float,
+    candidates: Record,
+    walk: Walk,
+    work: Indices,
+) -> float:
+    least, share, slack = min(candidates.needed, reach), candidates.palm_share, -np.inf
+    for k in range(share[slot], len(SHARES)):
+        room = CROWD if k < len(SHARES) - 2 else SLOT_PAIRS
+        own = least + SHARES[k] * (reach - least)
+        slack = _gather_slot_up_to(tree, hand, pose, slot, own, room, candidates, walk, work)
+        if slack > -np.inf:
+            share[slot] = max(k - 1, 0) if FEW * candidates.palm_count[slot] <= CROWD else k
+            break
     return slack
 
 

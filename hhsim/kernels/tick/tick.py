@@ -252,14 +252,28 @@ def _aim(state: Record) -> None:
 
 
 @jit_once
+def find_program_contacts(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> int:
+    """Contact records as far as the program may reach; where they do not fit, it may reach less, and go as far.
+
+    Returns:
+        0, or FULL: not even those that touch fit.
+    """
+    while True:
+        reach = min(state.reach, state.trust)
+        status = find_contacts(surface, hand, state.pose, state.candidates, reach, state.contacts)
+        if status == 0 or reach < LEAST_TRUST * options.margin:
+            return status
+        state.trust = TRUST_DECAY * reach
+
+
+@jit_once
 def prepare(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> int:
     """Contacts and program at the present configuration; returns the number of contacts, -1 where they do not fit."""
     began = monotonic_ns()
     candidates = state.candidates
-    reach = min(state.reach, state.trust)
-    status = find_contacts(surface, hand, state.pose, candidates, reach, state.contacts)
-    if status != 0:
+    if find_program_contacts(hand, surface, options, state) != 0:
         return -1
+    reach = min(state.reach, state.trust)
     found = state.contacts.start[FINGER_COUNT + 1]
     drop_redundant_contacts(hand, reach, state.contacts, state.excess[:])
     _aim(state)

@@ -304,6 +304,36 @@ def test_a_skin_that_holds_too_many_pairs_is_given_up() -> None:
     assert_exactly_the_near_pairs(state, RIGHT, tree, 1e-3)
 
 
+def test_a_crowd_at_the_palm_is_listed_less_far_and_not_anew_in_every_tick() -> None:
+    random = np.random.default_rng(4)
+    lowest = int(np.argmin(RIGHT.palm_tree.leaf_center[:, 2] - RIGHT.palm_tree.leaf_radius))
+    below = RIGHT.palm_tree.leaf_center[lowest] - [0.0, 0.0, RIGHT.palm_tree.leaf_radius[lowest]]
+    size, margin, skin = 1e-4, 1e-3, 3e-3
+    center = below + random.uniform(-0.01, 0.01, (40_000, 3))
+    gap = brute_pairs(RIGHT, center, np.full(len(center), size), still(1, np.zeros(3)))[PALM:].min(axis=0)
+    center = center[(gap > 2e-4) & (gap < margin + skin)]
+
+    def seen(count: int, state: Any, place: Array) -> float:
+        set_pose(RIGHT, state.pose, still(1, place))
+        state.work[:] = 0
+        tree = sphere_tree(center[:count], np.full(count, size))
+        detect(state, RIGHT, tree, margin, skin)
+        assert_exactly_the_near_pairs(state, RIGHT, tree, margin)
+        return float(state.candidates.slack[PALM])
+
+    for count, least, most in ((100, 1.0, 1.2), (700, 0.45, 0.6), (2000, 0.2, 0.3)):
+        state = new_state()
+        assert margin + least * skin < seen(count, state, np.zeros(3)) < margin + most * skin, count
+        # A tenth of a millimetre takes no new list.
+        seen(count, state, np.array([1e-4, 0.0, 0.0]))
+        assert state.work[COUNT_GATHERS] == 0, count
+    # Where the crowd is gone, a list reaches as far as it can again.
+    for count in (100, 100, 100):
+        state.candidates.fresh[:] = -np.inf
+        last = seen(count, state, np.zeros(3))
+    assert last > margin + skin
+
+
 def test_a_body_far_away_costs_one_node_and_no_pair() -> None:
     tree = cloud(np.random.default_rng(0), 300)
     state = new_state()
