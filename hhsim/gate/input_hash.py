@@ -27,6 +27,8 @@ INPUT_OPTIONS = (
     *("motion", "samples", "rate", "seed", "tremor_mm_deg", "place_object"),
 )
 """Options of a replay that say what is fed in; names of files do not."""
+OF_THE_MESH = ("center", "inertia")
+"""What follows from the mesh and the mass of a free object; a zero among them differs in all its digits."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +39,7 @@ class RunInputs:
         schema: Of the result file.
         mesh: SHA-256 of the object's mesh.
         spheres: Leaves of the object's tree.
-        options: Of the replay, by name.
+        options: Of the replay, by name; numbers of a free object as `free name`.
         solver: Options of the solver, by name; those of the stiffness as `stiffness.name`.
         tree, hand, motion: Sums that hardly two different ones have in common.
     """
@@ -54,8 +56,8 @@ class RunInputs:
 
 
 def run_inputs(result: Result) -> RunInputs:
-    """What a result was made from; the motion is that which the object sees."""
-    result = result.seen_from_object
+    """What a result was made from; the motion is that which the object sees, but of a free one, which the run moved."""
+    result = result if result.free else result.seen_from_object
     scene = result.scene
     solver = {}
     for name, value in scene.get("solver", {}).items():
@@ -68,7 +70,7 @@ def run_inputs(result: Result) -> RunInputs:
         mesh=str(scene.get("object_mesh") or scene.get("checksums", {}).get("object", "")),
         ticks=result.ticks,
         spheres=int(scene.get("object_spheres", 0)),
-        options={name: scene.get(name) for name in INPUT_OPTIONS},
+        options={**{name: scene.get(name) for name in INPUT_OPTIONS}, **_free_object(result)},
         solver=solver,
         tree=_moments(result.static["object/tree/center"], result.static["object/tree/radius"]),
         hand=_sums(result.static[name] for name in HAND),
@@ -120,6 +122,12 @@ def differences(base: RunInputs, head: RunInputs) -> list[str]:
 def new_options(base: RunInputs, head: RunInputs) -> list[str]:
     """Names of solver options that only one of two runs has."""
     return sorted(base.solver.keys() ^ head.solver.keys())
+
+
+def _free_object(result: Result) -> dict[str, Any]:
+    """Whether the object is free, and what it then is besides its surface."""
+    numbers = {f"free {name}": value for name, value in result.scene.get("free", {}).items() if name not in OF_THE_MESH}
+    return {"free object": "yes" if result.free else "no", **numbers}
 
 
 def _sums(arrays: Any) -> tuple[float, ...]:

@@ -65,9 +65,9 @@ def run_figures(result: Result) -> RunFigures:
     Raises:
         InputError: A dataset that the result's schema does not have, or a tree that is none.
     """
-    result = result.seen_from_object
+    inputs, result = run_inputs(result), result.seen_from_object
     counters = {name: int(np.sum(result[dataset])) for name, (dataset, _) in COUNTERS.items()}
-    return RunFigures(run_inputs(result), _errors(result), counters, cpu_p50(result), _others(result))
+    return RunFigures(inputs, _errors(result), counters, cpu_p50(result), _others(result))
 
 
 def cpu_p50(result: Result) -> float:

@@ -64,8 +64,9 @@ def test_a_replay_takes_the_tree_of_a_file(run: Run, tmp_path: Path, box: Path) 
         assert result.scene["tree"] == (options[1] if options[0] == "--tree" else None)
         assert (f"note: the sphere tree is that of {options[1]}" in answer.out) == (options[0] == "--tree")
         joints.append(result["graphic/joints"])
-    assert np.array_equal(joints[0], joints[1])
-    assert np.array_equal(joints[0], joints[2])
+    # What ships was built on another processor, whose last bits differ.
+    assert joints[0] == pytest.approx(joints[1], rel=0.0, abs=1e-9)
+    assert np.array_equal(joints[1], joints[2])
     other = run("replay", box.name, "short.toml", "--unit", "mm", "--tree", "cube.h5")
     assert other.code == 2
     assert "cube.h5: built for the mesh" in other.err

@@ -1,5 +1,7 @@
 """A free object's result: motion and contacts in the world, in balance, the same in a second run, and never inside."""
 
+import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,9 +10,11 @@ import pytest
 import trimesh
 from conftest import Run
 from free_scenes import GRAVITY
+from sealed_change import changed
 from short_grasp import short_grasp, short_scene
 
 from hhsim.errors import InputError
+from hhsim.gate.input_hash import differences, run_inputs
 from hhsim.gate.metrics import run_figures
 from hhsim.replay.repeat import run_again
 from hhsim.replay.replay import replay
@@ -87,6 +91,40 @@ def test_a_report_draws_how_it_rises_and_what_friction_bears(result: Result) -> 
 def test_the_gate_judges_it_on_the_surface_that_the_hand_touched(result: Result) -> None:
     errors = run_figures(result).errors
     assert errors["penetration_max"] == errors["table_depth_max"] == errors["cone_outside"] == 0.0
+
+
+def test_what_a_run_made_of_the_object_is_none_of_its_inputs(result: Result, tmp_path: Path) -> None:
+    path = Path(shutil.copy(result.path, tmp_path / "again.h5"))
+
+    def apart() -> list[str]:
+        return differences(run_figures(result).inputs, run_figures(load_result(path)).inputs)
+
+    with changed(path) as file:
+        assert file["tick/object/position"].shape == (result.ticks, 3)
+        file["tick/object/position"][...] += 1e-3
+    assert apart() == []
+    with changed(path) as file:
+        file["tick/haptic/position"][...] += 1e-6
+    assert apart() == ["trajectory"]
+
+
+def test_another_body_or_none_is_another_input(result: Result, tmp_path: Path) -> None:
+    path = Path(shutil.copy(result.path, tmp_path / "other.h5"))
+    with changed(path) as file:
+        scene = json.loads(file.attrs["scene"])
+        scene["free"]["friction"] = 0.7
+        file.attrs["scene"] = json.dumps(scene)
+    inputs = [run_inputs(found) for found in (result, load_result(path))]
+    assert differences(*inputs) == ["free friction: 0.6 and 0.7"]
+    # One bit of what follows from the mesh is as another processor has it.
+    scene["free"] = {**result.scene["free"], "center": np.nextafter(result.scene["free"]["center"], 1.0).tolist()}
+    with changed(path) as file:
+        file.attrs["scene"] = json.dumps(scene)
+    assert differences(inputs[0], run_inputs(load_result(path))) == []
+    with changed(path) as file:
+        del scene["free"]
+        file.attrs["scene"] = json.dumps(scene)
+    assert "free object: yes and no" in differences(inputs[0], run_inputs(load_result(path)))
 
 
 def test_an_object_moves_in_one_way_alone() -> None:
