@@ -251,7 +251,7 @@ def _aim(state: Record) -> None:
             problem.target[6 + 3 * f + k] = haptic.flexion[f, k] - pose.flexion[f, k]
 
 
-@jit_once
+@jit
 def find_program_contacts(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> int:
     """Contact records as far as the program may reach; where they do not fit, it may reach less, and go as far.
 
