@@ -264,6 +264,7 @@ def find_program_contacts(hand: HandArrays, surface: Any, options: TickOptions, 
         if status == 0 or reach < LEAST_TRUST * options.margin:
             return status
         state.trust = TRUST_DECAY * reach
+        state.work[WORK_UNITS] += UNITS_CONTACT * state.contacts.key.shape[0]
 
 
 @jit_once
