@@ -20,7 +20,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.jit import jit_inline, jit_vector
+from hhsim.kernels.jit import jit, jit_inline, jit_vector
 from hhsim.kernels.mesh.features import FACE_FIELDS
 from hhsim.kernels.round_cone_distance import RoundCone
 
@@ -123,6 +123,62 @@ def face_distance(face: Array, i: int, cone: RoundCone) -> float:
     second = abs(nx * bx + ny * by + nz * bz - height) - cone.radius + cone.drop
     second = second if above(face, i, bx, by, bz) else ELSEWHERE
     return min(first, second)
+
+
+@jit
+def triangle_distance(corner: Array, face: Array, i: int, cone: RoundCone) -> tuple[float, float]:
+    """Distance [m] of a round cone to triangle i with its sides and corners, and where on the axis it is least, s [m].
+
+    Unsigned but for the radius: where the axis goes through the triangle, minus the radius there.
+
+    Args:
+        corner: a, b, c of each triangle [m], shape (F, 9).
+        face: In the order of `FACE_FIELDS`, shape (F, 16).
+        i: Which.
+        cone: The body.
+    """
+    place, plane = corner[i], face[i]
+    best, parameter = ELSEWHERE, 0.0
+    for k in range(3):
+        p, q = 3 * k, 3 * ((k + 1) % 3)
+        distance, s = vertex_witness(cone, place[p] - cone.x, place[p + 1] - cone.y, place[p + 2] - cone.z)
+        if distance < best:
+            best, parameter = distance, s
+        wx, wy, wz = place[q] - place[p], place[q + 1] - place[p + 1], place[q + 2] - place[p + 2]
+        extent = math.sqrt(wx * wx + wy * wy + wz * wz)
+        if extent == 0.0:
+            continue
+        scale = 1.0 / extent
+        distance, s = edge_witness(
+            cone,
+            cone.x - place[p],
+            cone.y - place[p + 1],
+            cone.z - place[p + 2],
+            wx * scale,
+            wy * scale,
+            wz * scale,
+            extent,
+        )
+        if distance < best:
+            best, parameter = distance, s
+    slope = cone.drop * cone.inverse_length
+    rise = plane[0] * cone.ux + plane[1] * cone.uy + plane[2] * cone.uz
+    height = plane[0] * cone.x + plane[1] * cone.y + plane[2] * cone.z - plane[3]
+    # The two ends, and where the axis goes through.
+    for which in range(3):
+        s = cone.length if which == 1 else 0.0
+        if which == 2:
+            if not abs(rise) > slope:
+                continue
+            s = -height / rise
+            if not 0.0 < s < cone.length:
+                continue
+        x, y, z = cone.x + s * cone.ux, cone.y + s * cone.uy, cone.z + s * cone.uz
+        if above(face, i, x, y, z):
+            distance = abs(height + s * rise) - cone.radius + slope * s
+            if distance < best:
+                best, parameter = distance, s
+    return best, parameter
 
 
 @jit_inline

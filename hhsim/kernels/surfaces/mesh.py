@@ -32,13 +32,12 @@ from hhsim.kernels.mesh.feature_distance import (
     above,
     edge_bound,
     edge_distances,
-    edge_witness,
     face_bounds,
     face_distances,
     line_witness,
+    triangle_distance,
     vertex_bound,
     vertex_distances,
-    vertex_witness,
 )
 from hhsim.kernels.mesh.features import (
     ALONG,
@@ -877,51 +876,6 @@ def _record(
 
 
 @jit
-def _corner_distance(mesh: MeshFeatures, face: int, cone: RoundCone) -> tuple[float, float]:
-    # (distance, s) of a round cone and one triangle with all its sides and corners; unsigned but for the radius.
-    corner, plane = mesh.corner[face], mesh.face[face]
-    best, parameter = ELSEWHERE, 0.0
-    for k in range(3):
-        i, j = 3 * k, 3 * ((k + 1) % 3)
-        distance, s = vertex_witness(cone, corner[i] - cone.x, corner[i + 1] - cone.y, corner[i + 2] - cone.z)
-        if distance < best:
-            best, parameter = distance, s
-        wx, wy, wz = corner[j] - corner[i], corner[j + 1] - corner[i + 1], corner[j + 2] - corner[i + 2]
-        extent = math.sqrt(wx * wx + wy * wy + wz * wz)
-        scale = 1.0 / extent
-        distance, s = edge_witness(
-            cone,
-            cone.x - corner[i],
-            cone.y - corner[i + 1],
-            cone.z - corner[i + 2],
-            wx * scale,
-            wy * scale,
-            wz * scale,
-            extent,
-        )
-        if distance < best:
-            best, parameter = distance, s
-    slope = cone.drop * cone.inverse_length
-    rise = plane[0] * cone.ux + plane[1] * cone.uy + plane[2] * cone.uz
-    height = plane[0] * cone.x + plane[1] * cone.y + plane[2] * cone.z - plane[3]
-    # The two ends, and where the axis goes through.
-    for which in range(3):
-        s = cone.length if which == 1 else 0.0
-        if which == 2:
-            if not abs(rise) > slope:
-                continue
-            s = -height / rise
-            if not 0.0 < s < cone.length:
-                continue
-        x, y, z = cone.x + s * cone.ux, cone.y + s * cone.uy, cone.z + s * cone.uz
-        if above(mesh.face, face, x, y, z):
-            distance = abs(height + s * rise) - cone.radius + slope * s
-            if distance < best:
-                best, parameter = distance, s
-    return best, parameter
-
-
-@jit
 def _contact(triangle: Triangle, cone: RoundCone, s: float, limit: float, row: int, pairs_out: ContactPoints) -> int:
     # The pair of a triangle and the ball at s of the axis.
     x, y, z = cone.x + s * cone.ux, cone.y + s * cone.uy, cone.z + s * cone.uz
@@ -962,7 +916,7 @@ def _cone_contacts(
                 top += 1
                 continue
             face = -1 - child
-            distance, s = _corner_distance(mesh, face, cone)
+            distance, s = triangle_distance(mesh.corner, mesh.face, face, cone)
             if distance > limit:
                 clearance = min(clearance, distance)
                 continue
@@ -995,7 +949,7 @@ def _cone_distance(mesh: MeshFeatures, cone: RoundCone, limit: float, stack: Ind
             if not away <= best or away > 0.1 * NOWHERE:
                 continue
             if child < 0:
-                distance, s = _corner_distance(mesh, -1 - child, cone)
+                distance, s = triangle_distance(mesh.corner, mesh.face, -1 - child, cone)
                 if distance < best:
                     best, found, parameter = distance, -1 - child, s
                 continue
