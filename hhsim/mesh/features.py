@@ -1,11 +1,12 @@
 """What of a mesh can be touched: its faces, edges and vertices, made ready for contacts.
 
-Any triangles will do: they may enclose nothing, meet three at an edge, lie loose. Vertices at the same place are one,
-and so are those that rounding has torn apart; triangles without area, and all but one of several on the same corners,
-are left out.
-"""
+Any triangles will do: they may enclose nothing, meet three at an edge, lie loose, lie on each other. Vertices at the
+same place are one, and so are those that rounding has torn apart; of several triangles on the same corners one is kept.
+A triangle without area is touched as the line or the point that it is.
 
-from typing import NamedTuple
+The boundary of a solid is touched from outside alone: concave edges, and vertices that only an inside could touch, are
+then no features. That this holds is shown first; any other mesh is touched from both sides, closed or not.
+"""
 
 import numpy as np
 
@@ -22,6 +23,8 @@ from hhsim.kernels.mesh.features import (
     face_spheres,
     touchable_vertices,
 )
+from hhsim.kernels.mesh.self_contact import touches_itself
+from hhsim.mesh.one_sided import has_solid_behind
 from hhsim.mesh.topology import distinct_rows, merged_vertices
 
 SAME_PLACE = 1e-10
@@ -29,29 +32,21 @@ SAME_PLACE = 1e-10
 else have the normals of a border."""
 FLAT = 1e-8
 """Sine of the angle between two faces under which their edge is none."""
-WITHOUT_AREA = 1e-13
+WITHOUT_AREA = 1e-10
 """A triangle whose height is this share of its longest side, or less, has a normal that is noise."""
+WIDTH = 1e-9
+"""Width [m] of the strip along its longest side that stands for a triangle without area."""
+HIGHEST = 0.1
+"""Height above a face [m] from which nothing is felt: the radius of a body and the reach of its list together are less.
+So high the gap between two faces that are nearly one plane is narrower than what each reaches beyond its sides."""
 
 BEYOND = 1e-7
 """How far the inside of a face may reach beyond a corner [m]. At the tip of a sliver the sides, each moved by `ON`,
 would meet millimetres away; this much makes the distance of a body of millimetres 1e-12 m too short."""
 
 
-class LeftOut(NamedTuple):
-    """How many triangles of a mesh cannot be touched.
-
-    | field | meaning |
-    |---|---|
-    | without_area | their corners lie on a line |
-    | repeated | another one has the same corners |
-    """
-
-    without_area: int
-    repeated: int
-
-
-def mesh_features(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tuple[MeshFeatures, LeftOut]:
-    """Features of a mesh, and what was left out of it.
+def mesh_features(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tuple[MeshFeatures, int]:
+    """Features of a mesh, and how many triangles lie on the same corners as another one, which stands for them.
 
     Args:
         vertices: [m], shape (V, 3).
@@ -63,66 +58,79 @@ def mesh_features(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tup
     """
     vertices = np.asarray(vertices, np.float64)
     place, corners = _along_a_curve(*((vertices, faces) if closed else _welded(vertices, faces)))
-    kept = np.sort(distinct_rows(np.sort(corners, axis=1))[0])
-    repeated = len(faces) - len(kept)
-    corners = corners[kept]
-    normal, high = _normals(place, corners)
-    corners, normal = corners[high], normal[high]
-    without_area = int(len(high) - high.sum())
-    if len(corners) == 0:
+    kept, kind = distinct_rows(np.sort(corners, axis=1))
+    multiplicity = _net_windings(corners, kept, kind)
+    order = np.argsort(kept, kind="stable")
+    repeated, corners, multiplicity = len(corners) - len(kept), corners[kept[order]], multiplicity[order]
+    corner = np.ascontiguousarray(place[corners].reshape(-1, 9))
+    normal, high = _normals(corner.reshape(-1, 3, 3))
+    if not high.any():
         raise MeshError(f"none of {len(faces)} triangles has an area; expected a surface mesh")
+    shape = corner.reshape(-1, 3, 3).copy()
+    shape[~high] = _strips(shape[~high])
+    normal[~high] = _normals(shape[~high])[0]
     # First what needs most room beside it: a million triangles hold a gigabyte in the end.
-    face = _faces(place, corners, normal)
+    face, slack = _faces(shape, normal)
+    spheres = face_spheres(corner)
 
     ends = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2)
+    side = np.flatnonzero(ends[:, 0] != ends[:, 1])
+    ends = ends[side]
     low, top = ends.min(axis=1), ends.max(axis=1)
     _, first, edge = np.unique(low * np.int64(len(place)) + top, return_index=True, return_inverse=True)
     edge = edge.reshape(-1)
-    start, along = place[low[first]], place[top[first]] - place[low[first]]
+    edge_ends = np.ascontiguousarray(np.stack([low[first], top[first]], axis=1))
+    start, along = place[edge_ends[:, 0]], place[edge_ends[:, 1]] - place[edge_ends[:, 0]]
     length = np.linalg.norm(along, axis=1)
     along = along / length[:, None]
-    wing_order = np.argsort(edge, kind="stable")
-    wing_face = wing_order // 3
-    wing, wing_start = _wings(place, normal, ends, edge, wing_order, len(first))
-    flat = _is_flat(wing, wing_start)
+    line = np.ascontiguousarray(np.concatenate([start, along, length[:, None]], axis=1)).reshape(-1, EDGE_FIELDS)
+    # What has no area has no direction across its sides.
+    wide = high[side // 3]
+    wing_order = np.flatnonzero(wide)[np.argsort(edge[wide], kind="stable")]
+    wing_face = side[wing_order] // 3
+    wing, wing_start = _wings(place, normal[wing_face], ends[wing_order], edge[wing_order], len(first))
+    one_sided = (
+        closed
+        and repeated == 0
+        and bool(high.all() and (np.diff(wing_start) == 2).all())
+        and not touches_itself(spheres, corner, face, corners, line, edge_ends)
+        and has_solid_behind(place, corners)
+    )
+    flat = _is_flat(wing, wing_start, slack[wing_face])
     bent = ~flat
-    outward = pseudonormals(place, corners) if closed else np.zeros((0, 7, 3))
-    if closed:
+    outward = pseudonormals(place, corners) if one_sided else np.zeros((0, 7, 3))
+    if one_sided:
         bent &= _is_convex(wing, wing_start, normal[wing_face])
 
     both = np.zeros(len(first), dtype=np.int64)
     both[flat] = wing_face[wing_start[:-1][flat]] + wing_face[wing_start[:-1][flat] + 1]
-    face_across = np.where(flat[edge], both[edge] - np.arange(len(ends)) // 3, -1)
+    face_across = np.full(3 * len(corners), -1, dtype=np.int64)
+    face_across[side] = np.where(flat[edge], both[edge] - side // 3, -1)
 
     used, owner = np.unique(corners.reshape(-1), return_index=True)
-    face_vertex = np.full(len(ends), -1, dtype=np.int64)
-    face_vertex[owner] = used
+    face_vertex = np.full(3 * len(corners), -1, dtype=np.int64)
 
-    origin = np.concatenate([low[first], top[first]])
+    origin = np.concatenate([edge_ends[:, 0], edge_ends[:, 1]])
     order = np.argsort(origin, kind="stable")
     spoke = np.ascontiguousarray(np.concatenate([along, -along])[order])
     spoke_start = np.concatenate([[0], np.cumsum(np.bincount(origin, minlength=len(place)))]).astype(np.int64)
 
-    corner = np.ascontiguousarray(place[corners].reshape(-1, 9))
-    spheres = face_spheres(corner)
-    line = np.ascontiguousarray(np.concatenate([start, along, length[:, None]], axis=1)).reshape(-1, EDGE_FIELDS)
-    normal_at = np.zeros((len(place) if closed else 0, 3))
-    if closed:
+    normal_at = np.zeros((len(place) if one_sided else 0, 3))
+    if one_sided:
         normal_at[corners] = outward[:, 1:4]
     touchable = np.empty(len(place), dtype=bool)
     touchable_vertices(spoke_start, spoke, normal_at, touchable)
-    if not closed:
+    if not one_sided:
         border = np.flatnonzero(np.diff(wing_start) == 1)
         inward, own = wing[wing_start[border]], wing_face[wing_start[border]]
         covered = np.zeros(len(border), dtype=bool)
         covered_edges(spheres, face, line[border], inward, own, FLAT, covered)
         bent[border[covered]] = False
-        at_border = np.concatenate([low[first][border], top[first][border]])
-        touchable &= ~_are_covered(spheres, face, place, corners, at_border)
-    face_vertex[face_vertex >= 0] = np.where(touchable[used], used, -1)[np.argsort(owner)]
+        touchable &= ~_are_covered(spheres, face, place, corners, edge_ends[border].ravel())
+    face_vertex[owner] = np.where(touchable[used], used, -1)
 
-    face_edge = np.full(len(ends), -1, dtype=np.int64)
-    face_edge[first[bent]] = edge[first[bent]]
+    face_edge = np.full(3 * len(corners), -1, dtype=np.int64)
+    face_edge[side[first[bent]]] = edge[first[bent]]
 
     features = MeshFeatures(
         spheres=spheres,
@@ -139,9 +147,35 @@ def mesh_features(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tup
         spoke_start=spoke_start,
         spoke=spoke,
         spoke_edge=order % len(first),
+        multiplicity=multiplicity if closed else np.zeros(0, dtype=np.int64),
         pseudonormal=outward,
     )
-    return features, LeftOut(without_area, repeated)
+    return features, repeated
+
+
+def _net_windings(corners: IntArray, kept: IntArray, kind: IntArray) -> IntArray:
+    # Of each kind of triangle how often it is there wound as the kept one, less how often the other way.
+    a, b, c = corners.T
+    turn = np.sign(b - a) * np.sign(c - b) * np.sign(a - c)
+    net = np.zeros(len(kept), dtype=np.int64)
+    np.add.at(net, kind, turn)
+    return net * turn[kept]
+
+
+def _strips(triangle: FloatArray) -> FloatArray:
+    # Narrow triangles along the longest sides of those without area, shape (N, 3, 3).
+    rows = np.arange(len(triangle))
+    sides = np.roll(triangle, -1, axis=1) - triangle
+    length = np.linalg.norm(sides, axis=2)
+    first = np.argmax(length, axis=1)
+    longest = length[rows, first]
+    start, along = triangle[rows, first], sides[rows, first]
+    along[longest == 0.0] = (1.0, 0.0, 0.0)
+    along /= np.where(longest == 0.0, 1.0, longest)[:, None]
+    across = np.cross(along, np.eye(3)[np.argmin(np.abs(along), axis=1)])
+    across /= np.linalg.norm(across, axis=1)[:, None]
+    end = start + np.where(longest == 0.0, WIDTH, longest)[:, None] * along
+    return np.stack([start, end, start + WIDTH * across], axis=1)
 
 
 def _are_covered(
@@ -193,32 +227,31 @@ def _along_a_curve(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, I
     return place[order], corners[np.argsort(corners.min(axis=1), kind="stable")]
 
 
-def _normals(place: FloatArray, corners: IntArray) -> tuple[FloatArray, BoolArray]:
+def _normals(triangle: FloatArray) -> tuple[FloatArray, BoolArray]:
     # Unit normals by the two shorter sides, and which triangles have one.
-    a, b, c = (place[corners[:, k]] for k in range(3))
-    sides = np.stack([b - a, c - b, a - c], axis=1)
+    sides = np.roll(triangle, -1, axis=1) - triangle
     squares = np.einsum("fkm,fkm->fk", sides, sides)
     longest = np.argmax(squares, axis=1)
-    rows = np.arange(len(corners))
+    rows = np.arange(len(triangle))
     cross = np.cross(sides[rows, (longest + 1) % 3], sides[rows, (longest + 2) % 3])
     double_area = np.linalg.norm(cross, axis=1)
     high = double_area > WITHOUT_AREA * squares[rows, longest]
     return cross / np.where(high, double_area, 1.0)[:, None], high
 
 
-def _faces(place: FloatArray, corners: IntArray, normal: FloatArray) -> FloatArray:
-    a = place[corners[:, 0]]
-    face = np.empty((len(corners), FACE_FIELDS))
+def _faces(triangle: FloatArray, normal: FloatArray) -> tuple[FloatArray, FloatArray]:
+    # The fields of each face, and how far it reaches beyond its sides [m].
+    face = np.empty((len(triangle), FACE_FIELDS))
     face[:, :3] = normal
-    face[:, 3] = np.einsum("ij,ij->i", normal, a)
-    slack = np.minimum(ON, BEYOND * _least_half_sine(place[corners]))
+    face[:, 3] = np.einsum("ij,ij->i", normal, triangle[:, 0])
+    slack = np.minimum(ON, BEYOND * _least_half_sine(triangle))
     for k in range(3):
-        p, q = place[corners[:, k]], place[corners[:, (k + 1) % 3]]
+        p, q = triangle[:, k], triangle[:, (k + 1) % 3]
         inward = np.cross(normal, q - p)
         inward /= np.linalg.norm(inward, axis=1)[:, None]
         face[:, 4 + 4 * k : 7 + 4 * k] = inward
         face[:, 7 + 4 * k] = np.einsum("ij,ij->i", inward, p) - slack
-    return face
+    return face, slack
 
 
 def _least_half_sine(triangle: FloatArray) -> FloatArray:
@@ -232,20 +265,23 @@ def _least_half_sine(triangle: FloatArray) -> FloatArray:
 
 
 def _wings(
-    place: FloatArray, normal: FloatArray, ends: IntArray, edge: IntArray, order: IntArray, edges: int
+    place: FloatArray, normal: FloatArray, ends: IntArray, edge: IntArray, edges: int
 ) -> tuple[FloatArray, IntArray]:
-    # Of every side of every face the unit vector in the face, across the side and inward; sorted by edge.
-    inward = np.cross(np.repeat(normal, 3, axis=0), place[ends[:, 1]] - place[ends[:, 0]])
+    # Of sides in the order of their edges the unit vector in the face, across the side and inward; and where the sides
+    # of each edge begin.
+    inward = np.cross(normal, place[ends[:, 1]] - place[ends[:, 0]])
     inward /= np.linalg.norm(inward, axis=1)[:, None]
     start = np.concatenate([[0], np.cumsum(np.bincount(edge, minlength=edges))]).astype(np.int64)
-    return np.ascontiguousarray(inward[order]), start
+    return np.ascontiguousarray(inward), start
 
 
-def _is_flat(wing: FloatArray, start: IntArray) -> BoolArray:
+def _is_flat(wing: FloatArray, start: IntArray, slack: FloatArray) -> BoolArray:
+    # Where the gap between the two faces, as high as anything is felt, is no wider than what they reach beyond it.
     two = np.diff(start) == 2
     flat = np.zeros(len(two), dtype=bool)
     first = start[:-1][two]
-    flat[two] = np.linalg.norm(wing[first] + wing[first + 1], axis=1) < FLAT
+    bend = np.linalg.norm(wing[first] + wing[first + 1], axis=1)
+    flat[two] = (bend < FLAT) & (HIGHEST * bend <= np.minimum(slack[first], slack[first + 1]))
     return flat
 
 

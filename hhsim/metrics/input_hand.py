@@ -97,7 +97,7 @@ def object_depths(surface: Any, mesh: Mesh, shape: HandShape, fingers: BoolArray
         surface: Arrays of the object's surface.
         fingers: Which ones are modelled, shape (5,).
     """
-    if isinstance(surface, MeshFeatures) and surface.pseudonormal.shape[0] > 0:
+    if isinstance(surface, MeshFeatures) and surface.multiplicity.shape[0] > 0:
         return _mesh_depths(mesh, shape, fingers)
     return _surface_depths(surface, shape, fingers)
 

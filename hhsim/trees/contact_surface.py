@@ -50,12 +50,12 @@ def contact_surface(name: str, mesh: Mesh | None, tree: SphereTree | None) -> Co
     if name == "spheres" or mesh is None:
         raise InputError(f"this object has no {name}")
     closed = encloses(mesh)
-    features, left_out = mesh_features(mesh.vertices, mesh.faces, closed=closed)
+    features, repeated = mesh_features(mesh.vertices, mesh.faces, closed=closed)
     notes = []
-    if left_out.without_area:
-        notes.append(f"{counted(left_out.without_area, 'triangle')} without area cannot be touched")
-    if left_out.repeated:
-        notes.append(f"{counted(left_out.repeated, 'triangle')} on the same corners as another one left out")
+    if repeated:
+        notes.append(f"{counted(repeated, 'triangle')} on the same corners as another one: that one is touched")
+    if closed and features.pseudonormal.shape[0] == 0:
+        notes.append("the triangles touch or cross each other, or are wound inside out: both sides can be touched")
     if not closed:
         notes.append("the triangles enclose nothing: both sides can be touched, and no hand begins inside")
     return ContactSurface(features, tuple(notes), mesh, tree)

@@ -72,7 +72,8 @@ class MeshFeatures(NamedTuple):
     | spoke_start | first spoke of each vertex, and the end | (V + 1,) |
     | spoke | unit vectors from a vertex along its edges | (·, 3) |
     | spoke_edge | the edge of each spoke | (·,) |
-    | pseudonormal | outward, by the features of `closest_on_triangle`; no rows where nothing is inside | (F, 7, 3) |
+    | multiplicity | times that a face is there, less those wound the other way; no rows: no inside | (F,) |
+    | pseudonormal | outward, by the features of `closest_on_triangle`; no rows: both sides touched | (F, 7, 3) |
     """
 
     spheres: FaceSpheres
@@ -89,6 +90,7 @@ class MeshFeatures(NamedTuple):
     spoke_start: Indices
     spoke: Array
     spoke_edge: Indices
+    multiplicity: Indices
     pseudonormal: Array
 
 

@@ -2,8 +2,7 @@
 
 A ray comes out of closed triangles as often, less the times that it goes in, as they go around its start: their
 winding number. It is asked where the nearest triangle says inside, since that is true only of triangles that nowhere
-cut through each other (Bærentzen and Aanæs, 2005). A ray that meets an edge, or one of a pair of triangles of which the
-other was left out, counts wrong; so three of them vote.
+cut through each other (Bærentzen and Aanæs, 2005). A ray that meets an edge counts wrong; so three of them vote.
 """
 
 import math
@@ -42,12 +41,15 @@ def _comes_out(c: Array, x: float, y: float, z: float, dx: float, dy: float, dz:
 
 
 @jit
-def is_surrounded(spheres: FaceSpheres, corner: Array, x: float, y: float, z: float, stack: Indices) -> bool:
+def is_surrounded(
+    spheres: FaceSpheres, corner: Array, multiplicity: Indices, x: float, y: float, z: float, stack: Indices
+) -> bool:
     """Whether closed triangles go around a point at least once.
 
     Args:
         spheres: Around the triangles.
         corner: Theirs [m], shape (F, 9).
+        multiplicity: As in `MeshFeatures`, shape (F,).
         x, y, z: The point [m].
         stack: Workspace, shape (STACK_SIZE,).
     """
@@ -73,6 +75,6 @@ def is_surrounded(spheres: FaceSpheres, corner: Array, x: float, y: float, z: fl
                     stack[top] = child
                     top += 1
                 else:
-                    times += _comes_out(corner[-1 - child], x, y, z, dx, dy, dz)
+                    times += multiplicity[-1 - child] * _comes_out(corner[-1 - child], x, y, z, dx, dy, dz)
         votes += 1 if times > 0 else 0
     return votes >= 2

@@ -935,7 +935,7 @@ def _cone_contacts(
 @jit
 def _cone_distance(mesh: MeshFeatures, cone: RoundCone, limit: float, stack: Indices) -> float:
     # Where something can be inside the nearest triangle is looked for however far it is: its side decides.
-    spheres, signed = mesh.spheres, mesh.pseudonormal.shape[0] > 0
+    spheres, signed = mesh.spheres, mesh.multiplicity.shape[0] > 0
     best = np.inf if signed else limit
     found, parameter = -1, 0.0
     stack[0] = 0
@@ -965,10 +965,12 @@ def _cone_distance(mesh: MeshFeatures, cone: RoundCone, limit: float, stack: Ind
         x, y, z = cone.x + parameter * cone.ux, cone.y + parameter * cone.uy, cone.z + parameter * cone.uz
         triangle = Triangle(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8])
         px, py, pz, square, feature = closest_on_triangle(x, y, z, triangle)
-        n = mesh.pseudonormal[found, feature]
-        behind = n[0] * (x - px) + n[1] * (y - py) + n[2] * (z - pz) < 0.0
-        # Of a mesh that cuts through itself the nearest triangle may look the other way.
-        if behind and is_surrounded(spheres, mesh.corner, x, y, z, stack):
+        behind = True
+        # Only of the boundary of a solid does the nearest triangle tell the side.
+        if mesh.pseudonormal.shape[0] > 0:
+            n = mesh.pseudonormal[found, feature]
+            behind = n[0] * (x - px) + n[1] * (y - py) + n[2] * (z - pz) < 0.0
+        if behind and is_surrounded(spheres, mesh.corner, mesh.multiplicity, x, y, z, stack):
             best -= 2.0 * math.sqrt(square)
     return min(best, limit)
 
