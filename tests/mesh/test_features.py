@@ -70,8 +70,9 @@ def owned(owner: Indices) -> list[int]:
     ),
 )
 def test_edges_and_vertices_are_owned_once_by_a_face_that_has_them(name: str, closed: bool) -> None:
-    mesh, left_out = mesh_features(*CLOSED[name](), closed=closed)
-    assert left_out == (0, 0)
+    mesh, repeated = mesh_features(*CLOSED[name](), closed=closed)
+    assert repeated == 0
+    assert len(mesh.pseudonormal) == len(mesh.multiplicity) == (len(mesh.face) if closed else 0)
     for owner in (mesh.face_edge, mesh.face_vertex):
         assert len(set(owned(owner))) == len(owned(owner))
     corners = mesh.corner.reshape(-1, 3, 3)
@@ -152,8 +153,8 @@ def test_a_vertex_is_one_where_its_normal_cone_is_outside(name: str, closed: boo
 
 
 def test_one_triangle_has_all_its_features() -> None:
-    mesh, left_out = mesh_features(TRIANGLE, np.array([[0, 1, 2]]), closed=False)
-    assert left_out == (0, 0)
+    mesh, repeated = mesh_features(TRIANGLE, np.array([[0, 1, 2]]), closed=False)
+    assert repeated == 0
     assert owned(mesh.face_edge) == owned(mesh.face_vertex) == [0, 1, 2]
     assert mesh.pseudonormal.shape == (0, 7, 3)
     np.testing.assert_array_equal(np.diff(mesh.wing_start), 1)
@@ -178,20 +179,69 @@ def test_a_sheet_has_no_edges_within_but_those_around_it() -> None:
     assert owned(turned.face_vertex) == owned(mesh.face_vertex)
 
 
-def test_duplicates_and_triangles_without_area_are_left_out() -> None:
-    place = np.concatenate([TRIANGLE, [[0.02, 0.0, 0.0], [-0.0, 0.0, -0.0], [0.0, 0.0, 1.0]]])
+def test_of_triangles_on_the_same_corners_one_is_kept() -> None:
+    place = np.concatenate([TRIANGLE, [[-0.0, 0.0, -0.0], [0.0, 0.0, 1.0]]])
     # The last names its corners by other vertices at the same places, one of them with zeros below zero.
-    faces = np.array([[0, 1, 2], [2, 0, 1], [1, 0, 2], [0, 3, 1], [2, 2, 1], [4, 1, 2]])
-    mesh, left_out = mesh_features(place, faces, closed=False)
-    assert left_out == (2, 3)
+    mesh, repeated = mesh_features(place, np.array([[0, 1, 2], [2, 0, 1], [1, 0, 2], [3, 1, 2]]), closed=False)
+    assert repeated == 3
     alone, _ = mesh_features(TRIANGLE, np.array([[0, 1, 2]]), closed=False)
     np.testing.assert_array_equal(mesh.corner, alone.corner)
     np.testing.assert_array_equal(mesh.face, alone.face)
     assert len(owned(mesh.face_edge)) == len(owned(mesh.face_vertex)) == 3
     # What no face uses is nowhere to be touched.
     assert not (mesh.vertex[owned(mesh.face_vertex)] == [0.0, 0.0, 1.0]).all(axis=1).any()
+
+
+def test_a_triangle_without_area_has_the_edges_and_corners_of_a_line() -> None:
+    place = np.concatenate([TRIANGLE, [[0.02, 0.0, 0.0], [0.0, 0.0, 0.05]]])
+    # On a side of the triangle; from a corner into the air and back; a corner alone.
+    faces = np.array([[0, 1, 2], [0, 3, 1], [0, 0, 4], [1, 1, 1]])
+    mesh, _ = mesh_features(place, faces, closed=False)
+    assert len(mesh.face) == 4
+    np.testing.assert_allclose(np.sort(mesh.edge[owned(mesh.face_edge), 6]), [0.02, 0.02, 0.03, 0.04, 0.05, 0.05])
+    # What has no width has no face across its sides.
+    assert sorted(np.diff(mesh.wing_start).tolist()) == [0, 0, 0, 1, 1, 1]
     with pytest.raises(MeshError, match="none of 2 triangles has an area"):
         mesh_features(place, np.array([[0, 3, 1], [2, 2, 1]]), closed=False)
+
+
+def box(size: float = 0.04, away: float = 0.0) -> tuple[Array, Indices]:
+    shape = trimesh.creation.box((size, size, size))
+    return np.asarray(shape.vertices, np.float64) + [away, 0.0, 0.0], np.asarray(shape.faces, np.int64)
+
+
+def joined(*parts: tuple[Array, Indices]) -> tuple[Array, Indices]:
+    first = np.cumsum([0] + [len(vertices) for vertices, _ in parts])
+    faces = [faces + start for (_, faces), start in zip(parts, first)]
+    return np.concatenate([vertices for vertices, _ in parts]), np.concatenate(faces)
+
+
+def inside_out(part: tuple[Array, Indices]) -> tuple[Array, Indices]:
+    return part[0], part[1][:, ::-1]
+
+
+FLAP = np.array([[0.02, 0.02, 0.02], [0.02, -0.02, 0.02], [0.05, 0.0, 0.03]]), np.array([[0, 1, 2], [2, 1, 0]])
+BOUNDARIES: dict[str, tuple[tuple[Array, Indices], bool]] = {
+    "a box": (box(), True),
+    "two boxes": (joined(box(), box(away=0.1)), True),
+    "a box in a box": (joined(box(), box(0.01)), True),
+    "a box with a cavity": (joined(box(), inside_out(box(0.01))), True),
+    "a box inside out beside a larger one": (joined(box(), inside_out(box(0.01, 0.1))), False),
+    "boxes through each other": (joined(box(), box(away=0.01)), False),
+    "boxes that share a face": (joined(box(), box(away=0.04)), False),
+    "a box and one nearly on it": (joined(box(), box(0.04 + 1e-11)), False),
+    "a box with a flap of no thickness": (joined(box(), FLAP), False),
+    "a box with a box inside out on a corner of it": (joined(box(), inside_out(box(0.04, 0.02))), False),
+}
+
+
+@pytest.mark.parametrize("name", BOUNDARIES)
+def test_only_the_boundary_of_a_solid_is_touched_from_one_side_alone(name: str) -> None:
+    (vertices, faces), one_sided = BOUNDARIES[name]
+    mesh, repeated = mesh_features(vertices, faces, closed=True)
+    assert (len(mesh.pseudonormal) > 0) == one_sided
+    # A pair that is wound both ways goes around nothing.
+    assert mesh.multiplicity.tolist().count(0) == repeated
 
 
 def test_copies_that_rounding_has_torn_apart_are_one() -> None:
@@ -205,8 +255,8 @@ def test_copies_that_rounding_has_torn_apart_are_one() -> None:
     corners = np.repeat(grid[faces], 8, axis=0)
     for apart, once in ((3e-13, True), (1e-9, False)):
         shaken = corners + np.random.default_rng(0).uniform(-apart, apart, corners.shape)
-        mesh, left_out = mesh_features(shaken.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3), closed=False)
-        assert (left_out == (0, 7 * len(faces))) == once
+        mesh, repeated = mesh_features(shaken.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3), closed=False)
+        assert (repeated == 7 * len(faces)) == once
         assert (len(owned(mesh.face_edge)) == len(owned(whole.face_edge))) == once
         assert (len(owned(mesh.face_vertex)) == len(owned(whole.face_vertex))) == once
         assert (len(mesh.wing) == len(whole.wing)) == once

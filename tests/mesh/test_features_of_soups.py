@@ -1,0 +1,142 @@
+"""The distance that a tick goes by is that to every triangle, however the triangles are put together."""
+
+from typing import Any
+
+import numba
+import numpy as np
+import pytest
+from contact_scenes import moved
+from numpy.typing import NDArray
+from sampled import sampled
+from scipy.spatial.transform import Rotation
+from sphere_scenes import Motion, palm_spheres, set_pose
+from triangle_soups import SOUPS, indexed, least_distance, plane_normals, soup, touching_cone, unit, winding
+
+from hhsim.hand.model import HandModel
+from hhsim.kernels.contact.detection import evaluate
+from hhsim.kernels.hand.kinematics import DOF, PALM_BODY
+from hhsim.kernels.mesh.feature_distance import edge_distance, face_distance, vertex_distance
+from hhsim.kernels.mesh.features import MeshFeatures
+from hhsim.kernels.round_cone_distance import RoundCone, cone_slope
+from hhsim.mesh.features import mesh_features
+from hhsim.mesh.mesh import Mesh
+from hhsim.solver.surface import SURFACES
+from hhsim.solver.workspace import tick_state
+from hhsim.trees.contact_surface import encloses
+
+Array = NDArray[np.float64]
+
+SAME = 2e-10
+"""Two distances of one body [m]: a triangle lower than a billionth of its length is a line in one of them."""
+POSES = 10
+HAND = HandModel.default("right")
+ARRAYS = HAND.arrays()
+MARGIN, SKIN = 1e-3, 3e-3
+
+
+@numba.njit(error_model="numpy")  # type: ignore[untyped-decorator]
+def least_of_features(mesh: MeshFeatures, cone: RoundCone) -> float:
+    """Least distance [m] to what belongs to a face: nothing else is ever listed."""
+    least = np.inf
+    for f in range(mesh.face.shape[0]):
+        least = min(least, face_distance(mesh.face, f, cone))
+        for k in range(3):
+            e, v = mesh.face_edge[f, k], mesh.face_vertex[f, k]
+            least = min(least, edge_distance(mesh.edge, e, cone)[0]) if e >= 0 else least
+            least = min(least, vertex_distance(mesh.vertex, v, cone)[0]) if v >= 0 else least
+    return least
+
+
+def kernel_cone(ends: Array, radius: Array) -> RoundCone:
+    axis = ends[1] - ends[0]
+    length = float(np.linalg.norm(axis))
+    large, small = radius.tolist()
+    tan_slope, inverse = cone_slope(length, large, small)
+    if inverse == 0.0:
+        return RoundCone(*ends[0].tolist(), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, large, 0.0)
+    return RoundCone(*ends[0].tolist(), *(axis / length).tolist(), length, tan_slope, inverse, large, large - small)
+
+
+def features_of(triangles: Array) -> tuple[MeshFeatures, bool]:
+    vertices, faces = indexed(triangles)
+    closed = encloses(Mesh(vertices, faces))
+    return mesh_features(vertices, faces, closed=closed)[0], closed
+
+
+@pytest.mark.parametrize(
+    ("kind", "first"), sampled([(kind, first) for first in range(0, 1680, 40) for kind in SOUPS], lambda i, _: i < 12)
+)
+def test_the_least_over_features_is_the_least_over_triangles(kind: str, first: int) -> None:
+    judged = 0
+    for seed in range(first, first + 40):
+        triangles, random = soup(kind, seed)
+        normals = plane_normals(triangles)
+        mesh, closed = features_of(triangles)
+        for _ in range(POSES):
+            ends, radius = touching_cone(random, triangles, normals)
+            if closed and winding(triangles, ends[0]) > 0.5:
+                continue
+            distance = least_distance(ends, radius, triangles, normals)
+            if distance > 0.0:
+                assert least_of_features(mesh, kernel_cone(ends, radius)) == pytest.approx(distance, abs=SAME), seed
+                judged += 1
+    assert judged > POSES
+
+
+def bodies(at: Motion) -> list[tuple[Array, Array]]:
+    """Ends and radii of the phalanges, then of the palm's spheres."""
+    joints = HAND.joints(*(values[0] for values in at))
+    palm = palm_spheres(HAND.palm_tree.leaf_center, at.position[:1], at.orientation[:1])[0]
+    phalanges = [(joints[f, k : k + 2], HAND.radius[f, k : k + 2]) for f in range(5) for k in range(3)]
+    spheres = [(np.stack([p, p]), np.array([r, r])) for p, r in zip(palm, HAND.palm_tree.leaf_radius)]
+    return phalanges + spheres
+
+
+def distances(at: Motion, triangles: Array, normals: Array) -> Array:
+    """Of each phalanx and of the palm [m], shape (16,)."""
+    each = [least_distance(ends, radius, triangles, normals) for ends, radius in bodies(at)]
+    return np.array([*each[:PALM_BODY], min(each[PALM_BODY:])])
+
+
+@pytest.mark.parametrize(
+    ("kind", "seed"), sampled([(kind, seed) for seed in range(20) for kind in SOUPS], lambda i, _: i < 12)
+)
+def test_lists_that_last_hold_the_nearest_triangle_of_every_body(kind: str, seed: int) -> None:
+    triangles, random = soup(kind, seed)
+    normals = plane_normals(triangles)
+    mesh, closed = features_of(triangles)
+    state: Any = tick_state(np.ones(DOF), surface=SURFACES["mesh"])[0]
+    orientation = Rotation.random(1, rng=random).as_quat(scalar_first=True)
+    at = Motion(
+        np.zeros((1, 3)),
+        orientation,
+        random.uniform(HAND.flexion_min, HAND.flexion_max, (1, 5, 3)),
+        random.uniform(HAND.abduction_min, HAND.abduction_max, (1, 5)),
+    )
+    # A body on a triangle; from there away until it is millimetres off.
+    ends, _ = bodies(at)[random.integers(PALM_BODY + 5)]
+    start, way, low, high = triangles[random.integers(len(triangles))].mean(axis=0) - ends[0], unit(random), 0.0, 0.4
+    for _ in range(8):
+        middle = 0.5 * (low + high)
+        near = distances(at._replace(position=(start + middle * way)[None]), triangles, normals).min() < 2e-3
+        low, high = (middle, high) if near else (low, middle)
+    at = at._replace(position=(start + high * way)[None])
+    judged = 0
+    for _ in range(30):
+        size = 10.0 ** random.uniform(-5.0, -2.5)
+        step = random.normal(size=DOF) * size
+        step[3:] *= 4.0
+        target = moved(at, step, 4.0 * size * random.normal(size=5))
+        expected = distances(target, triangles, normals)
+        if not expected.min() > 0.0 or (closed and winding(triangles, target.position[0]) > 0.5):
+            continue
+        at = target
+        set_pose(HAND, state.pose, at)
+        assert evaluate(ARRAYS, state.pose, mesh, MARGIN, MARGIN, SKIN, state.candidates, state.work) == 0
+        nearest, slack = np.array(state.candidates.nearest), np.array(state.candidates.slack)
+        assert (slack >= MARGIN).all()
+        assert (nearest >= expected - SAME).all()
+        listed = expected < slack
+        np.testing.assert_allclose(nearest[listed], expected[listed], rtol=0.0, atol=SAME)
+        judged += int(listed.any())
+    assert judged > 0
