@@ -34,6 +34,8 @@ FLAT = 1e-8
 """Sine of the angle between two faces under which their edge is none."""
 WITHOUT_AREA = 1e-10
 """A triangle whose height is this share of its longest side, or less, has a normal that is noise."""
+LINE = 1e-13
+"""The same share of a triangle whose corners lie on a line but for rounding: a mesh of nothing else is no surface."""
 WIDTH = 1e-9
 """Width [m] of the strip along its longest side that stands for a triangle without area."""
 HIGHEST = 0.1
@@ -63,8 +65,9 @@ def mesh_features(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tup
     order = np.argsort(kept, kind="stable")
     repeated, corners, multiplicity = len(corners) - len(kept), corners[kept[order]], multiplicity[order]
     corner = np.ascontiguousarray(place[corners].reshape(-1, 9))
-    normal, high = _normals(corner.reshape(-1, 3, 3))
-    if not high.any():
+    normal, height = _normals(corner.reshape(-1, 3, 3))
+    high = height > WITHOUT_AREA
+    if not (height > LINE).any():
         raise MeshError(f"none of {len(faces)} triangles has an area; expected a surface mesh")
     shape = corner.reshape(-1, 3, 3).copy()
     shape[~high] = _strips(shape[~high])
@@ -227,16 +230,16 @@ def _along_a_curve(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, I
     return place[order], corners[np.argsort(corners.min(axis=1), kind="stable")]
 
 
-def _normals(triangle: FloatArray) -> tuple[FloatArray, BoolArray]:
-    # Unit normals by the two shorter sides, and which triangles have one.
+def _normals(triangle: FloatArray) -> tuple[FloatArray, FloatArray]:
+    # Unit normals by the two shorter sides, and heights as shares of the longest sides.
     sides = np.roll(triangle, -1, axis=1) - triangle
     squares = np.einsum("fkm,fkm->fk", sides, sides)
     longest = np.argmax(squares, axis=1)
     rows = np.arange(len(triangle))
     cross = np.cross(sides[rows, (longest + 1) % 3], sides[rows, (longest + 2) % 3])
     double_area = np.linalg.norm(cross, axis=1)
-    high = double_area > WITHOUT_AREA * squares[rows, longest]
-    return cross / np.where(high, double_area, 1.0)[:, None], high
+    height = double_area / np.where(squares[rows, longest] > 0.0, squares[rows, longest], 1.0)
+    return cross / np.where(double_area > 0.0, double_area, 1.0)[:, None], height
 
 
 def _faces(triangle: FloatArray, normal: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -17,7 +17,9 @@ from hhsim.mesh.features import mesh_features
 def surrounded(mesh: MeshFeatures, points: NDArray[np.float64], found_out: NDArray[np.bool_]) -> None:
     stack = np.empty(STACK_SIZE, np.int64)
     for i in range(points.shape[0]):
-        found_out[i] = is_surrounded(mesh.spheres, mesh.corner, mesh.multiplicity, points[i, 0], points[i, 1], points[i, 2], stack)
+        found_out[i] = is_surrounded(
+            mesh.spheres, mesh.corner, mesh.multiplicity, points[i, 0], points[i, 1], points[i, 2], stack
+        )
 
 
 @pytest.mark.parametrize("turned", [False, True])
