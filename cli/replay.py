@@ -14,6 +14,7 @@ from hhsim.ranges import RANGES
 from .arguments import options, rerun_option
 from .arguments.comma_list import number_list
 from .arguments.free_object import FreeChoice
+from .arguments.method_name import isolate
 from .arguments.object_argument import MeshFile, complete_object
 from .arguments.option_group import GroupedCommand, option, shared
 from .arguments.options import COUNT, Side, within
@@ -49,6 +50,7 @@ def complete_trajectory(context: click.Context, parameter: click.Parameter, inco
 class SolverSettings(options.Linearising, options.SolverChoice):
     """How the hand is solved for, with all that steers it; `stiffness` is k_t [N/m], k_r and k_θ [N·m/rad]."""
 
+    isolate: bool = shared(isolate)
     qp: str = option(
         metavar="NAME",
         default="active-set",
@@ -100,15 +102,17 @@ class SolverSettings(options.Linearising, options.SolverChoice):
             HhsimError: No such QP solver, a method whose engine is not installed, or a number out of range.
         """
         from hhsim.errors import InputError, UnknownNameError
-        from hhsim.solver.known_methods import find_method
+        from hhsim.solver.known_methods import find_method, isolated_name
         from hhsim.solver.options import SolverOptions
         from hhsim.solver.qp import ACTIVE_SET, available_backends
 
         changed = {**self.given(), "margin": options.metres(self.margin), "stiffness": self._stiffness()}
         changed.pop("penalty_stiffness", None)
+        if changed.pop("isolate"):
+            changed["method"] = isolated_name(self.method)
         if self.qp != ACTIVE_SET and self.qp not in available_backends():
             raise UnknownNameError("QP solver", self.qp, available_backends())
-        if missing := find_method(self.method).missing:
+        if missing := find_method(changed["method"]).missing:
             raise InputError(f"method {self.method} {missing}")
         return SolverOptions(**{name: value for name, value in changed.items() if value is not None})
 

@@ -115,7 +115,7 @@ class IsolatedMethod:
         if len(answer) != TIMES.size + 8 * (HAND + FORCES * forces):
             raise InputError(f"method '{self.name}' answers with {len(answer):,} bytes (tick {self.ticks:,})")
         own_wall, own_cpu, native = TIMES.unpack_from(answer)
-        self._counted += cpu - 2 * own_cpu - EACH_TICK
+        self._counted = max(0, self._counted + cpu - 2 * own_cpu - EACH_TICK)
         if not (0 <= own_wall <= wall and 0 <= own_cpu <= cpu and self._counted <= AT_FIRST):
             raise InputError(
                 f"method '{self.name}' says that a tick took {own_wall:,} ns and {own_cpu:,} ns of CPU time, of "
@@ -179,10 +179,15 @@ def _end(process: "subprocess.Popen[bytes]", link: Connection) -> None:
     process.wait()
 
 
+_waiting: dict[str, IsolatedMethod] = {}
+"""Processes that were asked for the facts alone, for the first engine of each method to take."""
+
+
 @cache
 def isolated_facts(name: str) -> dict[str, Any]:
     """What the class of a method says of itself, asked in a process of its own; see `IsolatedMethod.facts`."""
-    return IsolatedMethod(name).facts
+    _waiting[name] = IsolatedMethod(name)
+    return _waiting[name].facts
 
 
 def isolated_engine(name: str, forces: bool, workspace: "TickWorkspace") -> OutsideEngine:
@@ -191,7 +196,8 @@ def isolated_engine(name: str, forces: bool, workspace: "TickWorkspace") -> Outs
     Raises:
         InputError: As `IsolatedMethod`.
     """
-    return OutsideEngine(IsolatedMethod(name).make, forces, workspace)
+    process = _waiting.pop(name, None) or IsolatedMethod(name)
+    return OutsideEngine(process.make, forces, workspace)
 
 
 def _packed(pose: HandConfiguration) -> bytes:

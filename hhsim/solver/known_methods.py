@@ -123,6 +123,17 @@ def _imported(name: str, load: Callable[[], Any]) -> Any:
         ) from error.__cause__
 
 
+def isolated_name(name: str) -> str:
+    """The name by which a method from outside runs in a process of its own.
+
+    Raises:
+        InputError: The method is hhsim's own.
+    """
+    if name in METHODS:
+        raise InputError(f"method '{name}' is hhsim's own: only one from outside runs in a process of its own")
+    return name if name.startswith(ISOLATED) else ISOLATED + name
+
+
 def facts_of(made: Any) -> dict[str, Any]:
     """What the class of a method says of itself: `summary`, `forces`, `never_penetrates` and `missing`."""
     lines = (getattr(made, "__doc__", None) or "").strip().splitlines()
@@ -165,8 +176,7 @@ def _engine(name: str, made: Callable[[Any], Any], forces: bool, workspace: Any)
 
 
 def _isolated(name: str) -> Method:
-    if name in METHODS:
-        raise InputError(f"method '{name}' is hhsim's own and runs in no process of its own")
+    isolated_name(name)
     module = import_module("hhsim.solver.isolated_method")
     facts = module.isolated_facts(name)
     return _method(name, facts, partial(module.isolated_engine, name, facts["forces"]))
