@@ -10,7 +10,7 @@ from click.core import ParameterSource
 
 from .arguments.object_argument import MeshFile, complete_object
 from .arguments.option_group import GroupedCommand, OptionGroup, option
-from .arguments.options import COUNT, FILE, UNITS, Output, seed
+from .arguments.options import FILE, UNITS, Output, seed
 from .arguments.tree_choice import read_length
 from .console import announce_compilation, number, print_json, print_notes, print_rows, progress
 
@@ -29,7 +29,7 @@ class BuiltTree(OptionGroup, heading="Sphere tree"):
         "for a mesh file.",
     )
     leaves: int | None = option(
-        type=COUNT,
+        type=click.IntRange(1, 262_144),
         metavar="N",
         help="So many leaves, or fewer where a mesh has no use for more. Default: --branching to the power of --level.",
     )

@@ -12,16 +12,16 @@ BAR = 40
 @click.command()
 @click.option(
     "--rate",
-    type=click.FloatRange(10.0, 10_000.0),
+    type=options.Number(10.0, 10_000.0),
     default=1000.0,
     metavar="HZ",
     help="Wake-ups a second [Hz], as of the session that is meant.",
 )
 @click.option(
-    "--duration", type=click.FloatRange(0.1, 3600.0), default=10.0, metavar="S", help="How long to measure [s]."
+    "--duration", type=options.Number(0.1, 3600.0), default=10.0, metavar="S", help="How long to measure [s]."
 )
 @click.option(
-    "--cpu", type=click.IntRange(-1), metavar="N", help="Processor to stay on; -1: any. Default: the last one."
+    "--cpu", type=click.IntRange(-1, 4095), metavar="N", help="Processor to stay on; -1: any. Default: the last one."
 )
 @click.option("--no-realtime", is_flag=True, help="Measure without real-time scheduling and a processor of one's own.")
 @options.json

@@ -7,7 +7,7 @@ import click
 
 from .arguments.comma_list import number_list
 from .arguments.option_group import GroupedCommand, OptionGroup, option
-from .arguments.options import FILE, POSITIVE, SIDES, UNITS, Output, Side, metres
+from .arguments.options import FILE, SIDES, UNITS, Number, Output, Side, metres
 from .console import print_json, print_notes, print_table
 
 if TYPE_CHECKING:
@@ -15,8 +15,10 @@ if TYPE_CHECKING:
     from hhsim.recordings.recording_format import ReadOptions
     from hhsim.recordings.repair import RepairOptions
 
-POSE = number_list("from [s]", "to [s]")
-HAND_LENGTH = click.FloatRange(50.0, 400.0)
+SECONDS = Number(-1e12, 1e12)
+"""A stamp, which may count from 1970."""
+POSE = number_list("from [s]", "to [s]", ranges=[(0.0, 1e12)] * 2)
+HAND_LENGTH = Number(50.0, 400.0)
 
 
 class FormatOption(click.Option):
@@ -64,7 +66,7 @@ class FileSettings(OptionGroup, heading="Recording"):
     )
 
     rate: float | None = option(
-        type=click.FloatRange(0.1, 100_000.0),
+        type=Number(0.1, 100_000.0),
         metavar="HZ",
         help="Samples a second of a file without stamps [Hz], such as 21 keypoints of a camera.",
     )
@@ -105,7 +107,7 @@ class HandData(OptionGroup, heading="MANO, UmeTrack, LeRobot"):
         help="Object that moves with an UmeTrack hand, of dynamic_objects.csv beside it. Default: the only one.",
     )
     episode: int | None = option(
-        type=click.IntRange(0), metavar="N", help="Episode of a LeRobot file. Default: the only one."
+        type=click.IntRange(0, 2**63 - 1), metavar="N", help="Episode of a LeRobot file. Default: the only one."
     )
 
     def fields(self) -> dict[str, Any]:
@@ -163,9 +165,11 @@ class DexmoCalibration(OptionGroup, heading="Dexmo glove"):
 class RepairSettings(OptionGroup, heading="Selection and repair"):
     """What is made of the recording; times in [s], lengths in [mm]."""
 
-    start: float | None = option("--from", type=float, metavar="S", help="Keep samples from this stamp on [s].")
-    end: float | None = option("--to", type=float, metavar="S", help="Keep samples up to this stamp [s].")
-    max_gap: float = option(type=POSITIVE, default=1.0, metavar="S", help="Longest hole that is interpolated [s].")
+    start: float | None = option("--from", type=SECONDS, metavar="S", help="Keep samples from this stamp on [s].")
+    end: float | None = option("--to", type=SECONDS, metavar="S", help="Keep samples up to this stamp [s].")
+    max_gap: float = option(
+        type=Number(0.001, 1e7), default=1.0, metavar="S", help="Longest hole that is interpolated [s]."
+    )
     hand_length: float | None = option(
         type=HAND_LENGTH,
         metavar="MM",

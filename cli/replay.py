@@ -9,12 +9,15 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 from click.shell_completion import CompletionItem
 
+from hhsim.ranges import RANGES
+
 from .arguments import options, rerun_option
 from .arguments.comma_list import number_list
 from .arguments.free_object import FreeChoice
+from .arguments.method_name import isolate
 from .arguments.object_argument import MeshFile, complete_object
 from .arguments.option_group import GroupedCommand, option, shared
-from .arguments.options import COUNT, POSITIVE, Side
+from .arguments.options import COUNT, Side, within
 from .arguments.tree_choice import TreeOrFile
 from .console import announce_compilation, print_json, print_line, print_notes, print_table, progress
 from .run_again import names_a_result, run_again
@@ -32,6 +35,10 @@ if TYPE_CHECKING:
     from hhsim.view.sink import RerunTarget
 
 
+STIFFNESSES = ("translation", "rotation", "flexion")
+"""Parts of --stiffness in their order, as the library names them."""
+
+
 def complete_trajectory(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
     """Offer the names of the catalogue, and files where what is typed looks like one."""
     from hhsim.scene.motion_catalogue import trajectory_names
@@ -43,6 +50,7 @@ def complete_trajectory(context: click.Context, parameter: click.Parameter, inco
 class SolverSettings(options.Linearising, options.SolverChoice):
     """How the hand is solved for, with all that steers it; `stiffness` is k_t [N/m], k_r and k_θ [N·m/rad]."""
 
+    isolate: bool = shared(isolate)
     qp: str = option(
         metavar="NAME",
         default="active-set",
@@ -54,15 +62,22 @@ class SolverSettings(options.Linearising, options.SolverChoice):
         "--method paper.",
     )
     stiffness: tuple[float, ...] | None = option(
-        callback=number_list("k_t [N/m]", "k_r [N·m/rad]", "k_θ [N·m/rad]", positive=True),
+        callback=number_list(
+            "k_t [N/m]",
+            "k_r [N·m/rad]",
+            "k_θ [N·m/rad]",
+            ranges=[RANGES[f"stiffness {name}"][:2] for name in STIFFNESSES],
+        ),
         metavar="K_T,K_R,K_THETA",
         help="Virtual coupling of palm position [N/m], palm rotation and joints [N·m/rad]. Default: 1000,5,0.5.",
     )
     penalty_stiffness: float | None = option(
-        type=POSITIVE, metavar="K", help="Stiffness of each contact with --method penalty [N/m]. Default: 100000."
+        type=within("stiffness penalty"),
+        metavar="K",
+        help="Stiffness of each contact with --method penalty [N/m]. Default: 100000.",
     )
     tolerance: float | None = option(
-        type=POSITIVE,
+        type=within("tolerance"),
         metavar="SHARE",
         help="Largest violation of a contact's row, as a share of the margin. Default: 1e-8.",
     )
@@ -72,7 +87,7 @@ class SolverSettings(options.Linearising, options.SolverChoice):
         "Eq. 13), or Eq. 7 holds there as printed (flat). Default: spheres.",
     )
     threads: int = option(
-        type=COUNT,
+        type=within("threads"),
         default=1,
         metavar="N",
         help="Threads that share each tick: finding contacts and, with progressive, the fingers' programs (coupled "
@@ -87,15 +102,17 @@ class SolverSettings(options.Linearising, options.SolverChoice):
             HhsimError: No such QP solver, a method whose engine is not installed, or a number out of range.
         """
         from hhsim.errors import InputError, UnknownNameError
-        from hhsim.solver.known_methods import find_method
+        from hhsim.solver.known_methods import find_method, isolated_name
         from hhsim.solver.options import SolverOptions
         from hhsim.solver.qp import ACTIVE_SET, available_backends
 
         changed = {**self.given(), "margin": options.metres(self.margin), "stiffness": self._stiffness()}
         changed.pop("penalty_stiffness", None)
+        if changed.pop("isolate"):
+            changed["method"] = isolated_name(self.method)
         if self.qp != ACTIVE_SET and self.qp not in available_backends():
             raise UnknownNameError("QP solver", self.qp, available_backends())
-        if missing := find_method(self.method).missing:
+        if missing := find_method(changed["method"]).missing:
             raise InputError(f"method {self.method} {missing}")
         return SolverOptions(**{name: value for name, value in changed.items() if value is not None})
 
@@ -106,7 +123,7 @@ class SolverSettings(options.Linearising, options.SolverChoice):
             raise click.UsageError(f"--penalty-stiffness is for --method penalty, not {self.method}")
         changed = {} if self.penalty_stiffness is None else {"penalty": self.penalty_stiffness}
         if self.stiffness is not None:
-            changed |= dict(zip(("translation", "rotation", "flexion"), self.stiffness))
+            changed |= dict(zip(STIFFNESSES, self.stiffness))
         return Stiffness(**changed) if changed else None
 
 
@@ -124,7 +141,7 @@ class HandAndMotion(options.Sampling, heading="Hand and motion"):
     )
     hand_file: Path | None = shared(options.hand_file)
     tremor: tuple[float, ...] | None = option(
-        callback=number_list("mm", "degrees"),
+        callback=number_list("mm", "degrees", ranges=[(0.0, 100.0), (0.0, 180.0)]),
         metavar="MM,DEG",
         help="Add seeded tremor of 10 Hz: amplitude of the palm's position [mm] and rotation [°], such as 0.1,0.2.",
     )
@@ -240,8 +257,8 @@ def command(
     recording, .h5 or .csv, or any file that hhsim import reads without options. Without them, five fingers grasp the
     bunny. Above the table stands the verdict, beside the figures their limits and, in scenes of the paper, the paper's
     figures; every tick is in the file. A recording whose hand touches nothing, or begins inside the object, gets its
-    object placed. The exit code is 0 whatever the verdict: hhsim gate fails on it. Ctrl-C stops the replay and keeps
-    the ticks so far.
+    object placed. The exit code is 1 where more than half of the ticks are stuck, and else 0 whatever the verdict:
+    hhsim gate fails on it. Ctrl-C stops the replay and keeps the ticks so far.
 
     OBJECT may also be a result or a recorded live session: its ticks are run again with the options that it holds, and
     every array is compared bit for bit; the exit code is 1 where one differs. As TRAJECTORY, such a file is the motion
@@ -323,7 +340,9 @@ def command(
             if note not in mesh.warnings:
                 print_line(f"note: {note}")
         print_line(f"every tick is in {summary.path}")
-    return 0
+    elif summary.verdict.mostly_stuck:
+        print_notes([summary.verdict.line], prefix="missed")
+    return int(summary.verdict.mostly_stuck)
 
 
 def _print(summary: "ReplaySummary", *, whole: bool) -> None:

@@ -26,7 +26,7 @@ MOST_FAILURES = 20
 )
 @click.option(
     "--jobs",
-    type=options.COUNT,
+    type=options.JOBS,
     metavar="N",
     help="Cells at a time, in processes of this machine. Default: one for each physical core, kept there.",
 )

@@ -37,8 +37,13 @@ SLOW, PIXELS = 1.0, 640
 @click.option("--spheres", is_flag=True, help="Show the spheres of the object's tree in the place of its mesh.")
 @click.option("--unit", type=options.UNITS, help="Length unit of a mesh file, which does not state it. Default: m.")
 @click.option("--video", type=options.FILE, metavar="FILE.gif|FILE.mp4", help="Make a film of a result.")
-@click.option("--slow", type=float, metavar="TIMES", help=f"How many times slower the film plays. Default: {SLOW:g}.")
-@click.option("--pixels", type=int, metavar="N", help=f"How wide the film is. Default: {PIXELS}.")
+@click.option(
+    "--slow",
+    type=options.Number(0.01, 1000.0),
+    metavar="TIMES",
+    help=f"How many times slower the film plays. Default: {SLOW:g}.",
+)
+@click.option("--pixels", type=click.IntRange(160, 1920), metavar="N", help=f"How wide the film is. Default: {PIXELS}.")
 @options.json
 @options.quiet
 def command(

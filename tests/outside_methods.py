@@ -1,6 +1,9 @@
 """Methods from outside, right and wrong, that tests name as `outside_methods:Class`."""
 
+import ctypes
 import itertools
+import os
+import sys
 import time
 
 import numpy as np
@@ -8,6 +11,8 @@ import numpy as np
 import hhsim
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.solver.outside_method import MethodScene, TickAnswer
+
+PROCESS_TIME = time.process_time
 
 
 class Follow:
@@ -101,11 +106,115 @@ class Random(Follow):
         return haptic._replace(position=haptic.position + 1e-9 * next(self.count))
 
 
+class Modest(Follow):
+    """Says what its own engine took."""
+
+    def answer(self, haptic: HandConfiguration) -> TickAnswer:
+        return TickAnswer(haptic, native_ns=123)
+
+
 class Boasts(Follow):
     """Claims more time of its own than the tick took."""
 
     def answer(self, haptic: HandConfiguration) -> TickAnswer:
-        return TickAnswer(haptic, native_ns=1_000_000_000)
+        return TickAnswer(haptic, native_ns=10**15)
+
+
+class Owes(Follow):
+    """Claims less than no time."""
+
+    def answer(self, haptic: HandConfiguration) -> TickAnswer:
+        return TickAnswer(haptic, native_ns=-(10**18))
+
+
+class Leaves(Follow):
+    """Ends the interpreter."""
+
+    def answer(self, haptic: HandConfiguration) -> HandConfiguration:
+        sys.exit(0)
+
+
+class Interrupts(Follow):
+    """Raises what Ctrl-C raises."""
+
+    def answer(self, haptic: HandConfiguration) -> HandConfiguration:
+        raise KeyboardInterrupt
+
+
+class Talks(Follow):
+    """Prints in three ways, and goes elsewhere."""
+
+    def begin(self, pose: HandConfiguration) -> None:
+        self.answer(pose)
+
+    def answer(self, haptic: HandConfiguration) -> HandConfiguration:
+        print("printed")
+        os.write(1, b"written\n")
+        ctypes.CDLL(None).puts(b"by C")
+        os.chdir("/")
+        return haptic
+
+
+class StopsTheClock(Follow):
+    """Has the time stand still, and works for 2 ms."""
+
+    def answer(self, haptic: HandConfiguration) -> HandConfiguration:
+        until = PROCESS_TIME() + 0.003
+        for name in ("perf_counter_ns", "process_time_ns", "perf_counter", "process_time"):
+            setattr(time, name, lambda: 0)
+        while PROCESS_TIME() < until:
+            pass
+        return haptic
+
+
+class Rewrites(Follow):
+    """Writes to all arrays of its scene."""
+
+    def __init__(self, scene: MethodScene) -> None:
+        super().__init__(scene)
+        assert scene.mesh is not None
+        for array in (scene.mesh.vertices, scene.hand.length):
+            array.flags.writeable = True
+            array[...] = 7.0
+
+
+class Dies(Follow):
+    """Its process ends in its third tick by a fault of the memory."""
+
+    count = 0
+
+    def answer(self, haptic: HandConfiguration) -> HandConfiguration:
+        self.count += 1
+        if self.count == 3:
+            ctypes.string_at(0)
+        return haptic
+
+
+class Exits(Follow):
+    """Its process ends in its first tick without a word."""
+
+    def answer(self, haptic: HandConfiguration) -> HandConfiguration:
+        os._exit(0)
+
+
+class Grows(Follow):
+    """Asks for more memory than there is."""
+
+    def answer(self, haptic: HandConfiguration) -> HandConfiguration:
+        self.kept = np.ones(2**44)
+        return haptic
+
+
+class NeverEnds(Follow):
+    """Its second tick does not end."""
+
+    count = 0
+
+    def answer(self, haptic: HandConfiguration) -> HandConfiguration:
+        self.count += 1
+        while self.count == 2:
+            pass
+        return haptic
 
 
 class Lazy(Follow):

@@ -1,12 +1,14 @@
 """Options that take several names or numbers with commas between."""
 
-import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import click
 
 Decorator = Callable[[Any], Any]
+DIGITS = 20
+"""Of a whole number: no more than it can have that is read at all."""
 Reader = Callable[[click.Context, click.Parameter, str | None], tuple[float, ...] | None]
 
 
@@ -18,30 +20,29 @@ def names(option: str, parameter: str, help: str, **more: Any) -> Decorator:
     return click.option(option, parameter, callback=_read_names, multiple=True, metavar="NAMES", help=help, **more)
 
 
-def counts(option: str, parameter: str, help: str) -> Decorator:
-    """An option such as --level 3,4: as `names`, of whole numbers from 1 on."""
-    return click.option(option, parameter, callback=_read_counts, multiple=True, metavar="NUMBERS", help=help)
+def counts(option: str, parameter: str, help: str, most: int) -> Decorator:
+    """An option such as --level 3,4: as `names`, of whole numbers from 1 to `most`."""
+    return click.option(
+        option, parameter, callback=partial(_read_counts, most), multiple=True, metavar="NUMBERS", help=help
+    )
 
 
-def number_list(*meanings: str, positive: bool = False, signed: bool = False) -> Reader:
+def number_list(*meanings: str, ranges: Sequence[tuple[float, float]]) -> Reader:
     """Make the callback of an option such as --stiffness 1000,5,0.5, which takes a fixed count of numbers.
 
     Args:
         meanings: What each number is, with its unit.
-        positive: Refuse 0 too.
-        signed: Take negative numbers, which are refused otherwise.
+        ranges: Least and greatest value of each.
     """
 
     def read(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[float, ...] | None:
         if value is None:
             return None
         numbers = _numbers(value)
-        in_range = all(
-            math.isfinite(number) and (signed or number > 0.0 or (number == 0.0 and not positive)) for number in numbers
-        )
+        in_range = all(least <= number <= most for number, (least, most) in zip(numbers, ranges))
         if len(numbers) != len(meanings) or not in_range:
-            sign = "" if signed else " positive," if positive else " none of them negative,"
-            wanted = f"{len(meanings)} numbers,{sign} with commas between: {', '.join(meanings)}"
+            each = [f"{meaning} {least:g} to {most:g}" for meaning, (least, most) in zip(meanings, ranges)]
+            wanted = f"{len(meanings)} numbers with commas between: {', '.join(each)}"
             raise click.BadParameter(f"'{value}', expected {wanted}", context, parameter)
         return numbers
 
@@ -74,10 +75,12 @@ def _read_names(context: click.Context, parameter: click.Parameter, value: Seque
     return tuple(dict.fromkeys(parts)) or None
 
 
-def _read_counts(context: click.Context, parameter: click.Parameter, value: Sequence[str]) -> tuple[int, ...] | None:
+def _read_counts(
+    most: int, context: click.Context, parameter: click.Parameter, value: Sequence[str]
+) -> tuple[int, ...] | None:
     parts = _parts(value)
-    if not all(part.isdecimal() and int(part) >= 1 for part in parts):
-        wanted = "expected whole numbers from 1 on with commas between"
+    if not all(part.isdecimal() and len(part) < DIGITS and 1 <= int(part) <= most for part in parts):
+        wanted = f"expected whole numbers from 1 to {most} with commas between"
         raise click.BadParameter(f"'{','.join(value)}', {wanted}", context, parameter)
     return tuple(dict.fromkeys(int(part) for part in parts)) or None
 

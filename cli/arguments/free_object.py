@@ -1,12 +1,13 @@
 """Whether the object is free, and what it is then besides its surface."""
 
-import math
 from typing import TYPE_CHECKING
 
 import click
 
+from hhsim.ranges import RANGES
+
 from .option_group import OptionGroup, option
-from .options import POSITIVE
+from .options import within
 
 if TYPE_CHECKING:
     from hhsim.mesh.mesh import Mesh
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
     from hhsim.scene.script import Script
     from hhsim.solver.options import SolverOptions
 
-NOT_NEGATIVE = click.FloatRange(min=0.0)
 UNDER, NONE = "under", "none"
 
 
@@ -25,11 +25,14 @@ def read_table(context: click.Context, parameter: click.Parameter, value: str | 
     if value in (None, UNDER, NONE):
         return value
     try:
-        if not math.isfinite(float(value)):
-            raise ValueError(value)
-    except ValueError:
+        within("table", 1e-3).convert(value, parameter, context)
+    except click.BadParameter:
+        least, greatest, *_ = RANGES["table"]
         raise click.BadParameter(
-            f"'{value}', expected under, none, or a height in mm such as -25", context, parameter
+            f"'{value}', expected under, none, or a height in mm such as -25, from {1e3 * least:g} to "
+            f"{1e3 * greatest:g}",
+            context,
+            parameter,
         ) from None
     return value
 
@@ -40,17 +43,19 @@ class FreeChoice(OptionGroup, heading="Free object"):
     free: bool = option(
         "--free", is_flag=True, help="The object is free: it has mass and friction, falls, and rests on a table."
     )
-    mass: float | None = option(type=POSITIVE, metavar="KG", help="Its mass [kg]. Default: by its density.")
+    mass: float | None = option(type=within("mass"), metavar="KG", help="Its mass [kg]. Default: by its density.")
     density: float | None = option(
-        type=POSITIVE, metavar="KG/M3", help="Its density [kg/m³]. Default: as hhsim objects has it, or of water."
+        type=within("density"),
+        metavar="KG/M3",
+        help="Its density [kg/m³]. Default: as hhsim objects has it, or of water.",
     )
     friction: float | None = option(
-        type=NOT_NEGATIVE,
+        type=within("friction"),
         metavar="MU",
         help="Coefficient of friction of hand and object. Default: as hhsim objects has it, or 0.6.",
     )
     torsion: float | None = option(
-        type=NOT_NEGATIVE,
+        type=within("torsion", 1e-3),
         metavar="MM",
         help="Moment about its normal that a contact with the hand bears, per newton of its force [mm]. Default: 0.",
     )
@@ -60,7 +65,9 @@ class FreeChoice(OptionGroup, heading="Free object"):
         help="A table right under the object, none, or one at the height Z [mm], world. Default: under.",
     )
     table_friction: float | None = option(
-        type=NOT_NEGATIVE, metavar="MU", help="Coefficient of friction of table and object. Default: as of the hand."
+        type=within("table_friction"),
+        metavar="MU",
+        help="Coefficient of friction of table and object. Default: as of the hand.",
     )
 
     def require(
@@ -74,13 +81,10 @@ class FreeChoice(OptionGroup, heading="Free object"):
             way_out: What the command offers for a motion that holds how its object moves.
 
         Raises:
-            UsageError: What only a free object has, of one that is not; no number; an object that the motion moves.
+            UsageError: What only a free object has, of one that is not; an object that the motion moves.
             InputError: A method that has no free objects.
         """
         given = self.given()
-        for name, value in given.items():
-            if isinstance(value, float) and not math.isfinite(value):
-                raise click.UsageError(f"--{name.replace('_', '-')} is {value:g}: it must be finite")
         if "mass" in given and "density" in given:
             raise click.UsageError("--mass and --density exclude each other: one follows from the other")
         if given.pop("free"):

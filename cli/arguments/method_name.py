@@ -6,6 +6,13 @@ from click.shell_completion import CompletionItem
 from hhsim.errors import UnknownNameError
 from hhsim.solver.method import METHODS
 
+isolate = click.option(
+    "--isolate",
+    is_flag=True,
+    help="Run a method from outside in a process of its own: nothing that it does reaches hhsim, and its crash is an "
+    "error with its name. Elsewhere isolated: in front of its name says the same.",
+)
+
 
 class MethodName(click.ParamType[str]):
     """A name that `hhsim methods` lists, or `package.module:Class`."""

@@ -7,7 +7,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from .option_group import OptionGroup, option
-from .options import POSITIVE, UNITS, metres
+from .options import UNITS, metres, within
 
 if TYPE_CHECKING:
     from hhsim.mesh.mesh import Mesh
@@ -26,7 +26,9 @@ class MeshSize(OptionGroup, heading="Mesh file"):
 
     unit: str | None = option(type=UNITS, help="Length unit of a mesh file, which does not state it. Default: m.")
     size: float | None = option(
-        type=POSITIVE, metavar="MM", help="Scale a mesh file to this longest extent [mm], whatever its unit."
+        type=within("size", 1e-3),
+        metavar="MM",
+        help="Scale a mesh file to this longest extent [mm], whatever its unit.",
     )
 
     def read(self, object_: str) -> tuple["Mesh", int]:
@@ -44,7 +46,7 @@ class MeshFile(MeshSize):
     """How a mesh file is read; its open parts become sheets of a thickness [mm], or are closed."""
 
     thickness: float | None = option(
-        type=POSITIVE,
+        type=within("thickness", 1e-3),
         metavar="MM",
         help="Make each open part of a mesh file a sheet this thick [mm], instead of closing it.",
     )

@@ -5,6 +5,7 @@ from typing import Any, Literal
 
 import click
 
+from hhsim.ranges import RANGES
 from hhsim.solver.method import METHODS
 from hhsim.solver.surface import SURFACES
 
@@ -12,12 +13,36 @@ from .method_name import MethodName
 from .option_group import OptionGroup, option, shared
 
 FILE = click.Path(path_type=Path)
-POSITIVE = click.FloatRange(0.0, min_open=True)
-COUNT = click.IntRange(1)
+MOST_COUNT = 1_000_000_000
+COUNT = click.IntRange(1, MOST_COUNT)
+JOBS = click.IntRange(1, 4096)
 SIDES = click.Choice(["right", "left"])
 UNITS = click.Choice(["m", "cm", "mm", "inch"])
 
 Side = Literal["right", "left"]
+
+
+class Number(click.FloatRange):
+    """A number from `min` to `max`, both of which it has; NaN, which is in no order, is refused too."""
+
+    def _describe_range(self) -> str:
+        return f"{self.min:g}<=x<={self.max:g}"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """The number that the text says."""
+        found = float(super().convert(value, param, ctx))
+        if found != found:
+            self.fail(f"{value} is not in the range {self._describe_range()}.", param, ctx)
+        return found
+
+
+def within(name: str, scale: float = 1.0) -> click.ParamType[Any]:
+    """The type of an option for the number that `hhsim.ranges` has by a name; `scale` is the option's unit in SI."""
+    least, greatest, *_ = RANGES[name]
+    if isinstance(greatest, int):
+        return click.IntRange(int(least), greatest)
+    # To 15 digits, so that bounds in millimetres are as round as those in metres.
+    return Number(float(f"{least / scale:.15g}"), float(f"{greatest / scale:.15g}"))
 
 
 def metres(millimetres: float | None) -> float | None:
@@ -48,12 +73,12 @@ def _check_picture(context: click.Context, parameter: click.Parameter, value: Pa
     return value
 
 
-seed = click.option("--seed", type=click.IntRange(0), metavar="N", default=0, help="Seed of everything random.")
+seed = click.option(
+    "--seed", type=click.IntRange(0, 2**63 - 1), metavar="N", default=0, help="Seed of everything random."
+)
 json = click.option("--json", "as_json", is_flag=True, help="Print one JSON document, SI units, and nothing else.")
 quiet = click.option("--quiet", "-q", is_flag=True, help="Show no progress and no table; errors still show.")
-rate = click.option(
-    "--rate", type=click.FloatRange(1.0, 100_000.0), default=1000.0, metavar="HZ", help="Ticks a second [Hz]."
-)
+rate = click.option("--rate", type=Number(1.0, 100_000.0), default=1000.0, metavar="HZ", help="Ticks a second [Hz].")
 tree_level = click.option(
     "--level", type=click.IntRange(1, 5), metavar="N", help="Level of the sphere trees. Default: as the catalogue says."
 )
@@ -138,7 +163,7 @@ class SolverChoice(OptionGroup, heading="Solver"):
         "Default: all five.",
     )
     budget: int | None = option(
-        type=COUNT,
+        type=within("budget"),
         metavar="UNITS",
         help="Work after which a tick begins no further linearisation, 1 to 3 ns a unit; what is left is "
         "lag, and the next tick goes on. Default: 150 units a microsecond of the period.",
@@ -155,12 +180,14 @@ class Linearising(OptionGroup, heading="Solver"):
     """What steers the linearisations of a tick; `margin` in [mm]."""
 
     margin: float | None = option(
-        type=POSITIVE,
+        type=within("margin", 1e-3),
         metavar="MM",
         help="Pairs up to this far from each other enter the program [mm]. Default: 1; 0.5 with --method paper.",
     )
     linearisations: int | None = option(
-        type=COUNT, metavar="N", help="Most linearisations in a tick. Default: 12; 1 with --method paper."
+        type=within("linearisations"),
+        metavar="N",
+        help="Most linearisations in a tick. Default: 12; 1 with --method paper.",
     )
 
 

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 AUTO = 0
 """Stands for `--level auto`."""
+LEAST_ERROR = 1e-6
+"""Least --max-error [m]: no tree comes near it."""
 METRES = {"": 1e-3, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "m": 1.0}
 
 
@@ -48,8 +50,8 @@ def read_length(context: click.Context, parameter: click.Parameter, value: str |
         length = float(found[1]) * METRES[found[2]] if found else 0.0
     except ValueError:
         length = 0.0
-    if not 0.0 < length < 1.0:
-        raise click.BadParameter(f"'{value}', expected a length such as 0.3mm", context, parameter)
+    if not LEAST_ERROR <= length < 1.0:
+        raise click.BadParameter(f"'{value}', expected a length such as 0.3mm, from 1um to 1m", context, parameter)
     return length
 
 

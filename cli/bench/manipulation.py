@@ -8,7 +8,7 @@ import click
 
 from ..arguments.comma_list import names
 from ..arguments.option_group import OptionGroup, option, shared
-from ..arguments.options import Output
+from ..arguments.options import Number, Output
 from ..console import announce_compilation, print_json, print_notes, print_rows, progress
 from .table_document import table_document
 
@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from hhsim.bench.manipulation.table import ManipulationOptions
 
 Row = Mapping[str, Any]
+
+
+SECONDS = Number(1.0, 1e6)
 
 
 class ManipulationSettings(OptionGroup):
@@ -29,8 +32,8 @@ class ManipulationSettings(OptionGroup):
         )
     )
     quick: bool = option(is_flag=True, help="A rest of 10 s and holds of 5 s.")
-    rest: float | None = option(type=float, metavar="S", help="How long a block rests on a table. Default: 600.")
-    held: float | None = option(type=float, metavar="S", help="How long a block is held. Default: 60.")
+    rest: float | None = option(type=SECONDS, metavar="S", help="How long a block rests on a table. Default: 600.")
+    held: float | None = option(type=SECONDS, metavar="S", help="How long a block is held. Default: 60.")
 
     def options(self) -> "ManipulationOptions":
         """The same for the library."""

@@ -18,7 +18,7 @@ class MeshSizeSettings(OptionGroup):
 
     object_name: str = option("--object", metavar="NAME", default="bunny", help="Object of the catalogue.")
     subdivisions: tuple[int, ...] | None = shared(
-        counts("--subdivisions", "subdivisions", "How often each triangle becomes four. Default: 2,4.")
+        counts("--subdivisions", "subdivisions", "How often each triangle becomes four. Default: 2,4.", 6)
     )
 
 

@@ -37,12 +37,15 @@ class Configurations(OptionGroup, heading="Configurations"):
             "What of the object the hand touches; paper and penalty take spheres alone. Default: spheres,mesh.",
         )
     )
-    levels: tuple[int, ...] | None = shared(counts("--level", "levels", "Levels of the sphere tree. Default: 2,3,4,5."))
+    levels: tuple[int, ...] | None = shared(
+        counts("--level", "levels", "Levels of the sphere tree. Default: 2,3,4,5.", 5)
+    )
     linearisations: tuple[int, ...] | None = shared(
         counts(
             "--linearisations",
             "linearisations",
             "Most linearisations in a tick. Default: 1,2,3,12; of method paper 1,2,3; of penalty 12.",
+            1_000_000,
         )
     )
     backends: tuple[str, ...] | None = shared(

@@ -49,7 +49,9 @@ class Targets(OptionGroup, heading="Targets"):
         help="Add what broken devices do: jumps, NaN, zero quaternions, late samples, angles beyond every limit.",
     )
     hold: int = option(type=options.COUNT, default=60, metavar="N", help="Ticks from one target to the next.")
-    step: float = option(type=options.POSITIVE, default=2.0, metavar="MM", help="How far the hand goes in a tick [mm].")
+    step: float = option(
+        type=options.Number(0.001, 1000.0), default=2.0, metavar="MM", help="How far the hand goes in a tick [mm]."
+    )
     bound: Literal["palm", "hand", "none"] = option(
         type=click.Choice(["palm", "hand", "none"]),
         default="palm",
@@ -71,7 +73,7 @@ class Targets(OptionGroup, heading="Targets"):
 @Targets.argument("targets")
 @options.tree_level
 @options.Linearising.argument("linearising")
-@click.option("--jobs", type=options.COUNT, default=1, metavar="N", help="Processes to share the work.")
+@click.option("--jobs", type=options.JOBS, default=1, metavar="N", help="Processes to share the work.")
 @click.option(
     "--keep",
     type=click.Path(path_type=Path, file_okay=False),

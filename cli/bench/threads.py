@@ -17,7 +17,7 @@ class ThreadsSettings(OptionGroup):
     """What is replayed, by how many threads, and how often."""
 
     objects: tuple[str, ...] | None = shared(names("--object", "objects", "Objects. Default: cup,bunny."))
-    threads: tuple[int, ...] | None = shared(counts("--threads", "threads", "Numbers of threads. Default: 1,2."))
+    threads: tuple[int, ...] | None = shared(counts("--threads", "threads", "Numbers of threads. Default: 1,2.", 6))
     instances: int = option(type=COUNT, default=100, metavar="N", help="Ticks in contact of each row.")
     rounds: int = option(type=COUNT, default=9, metavar="N", help="Replays of each row.")
 

@@ -21,7 +21,7 @@ class TreesSettings(OptionGroup):
         names("--object", "objects", "Objects. Default: bunny,teapot,cube,hexagonal-prism,cylinder,cup.")
     )
     spheres: tuple[int, ...] | None = shared(
-        counts("--spheres", "spheres", "Most leaves of the trees. Default: 64,512,4096.")
+        counts("--spheres", "spheres", "Most leaves of the trees. Default: 64,512,4096.", 32_768)
     )
     seed: int = shared(options.seed)
 
@@ -30,7 +30,7 @@ class TreesSettings(OptionGroup):
 @TreesSettings.argument("settings")
 @click.option(
     "--size",
-    type=click.FloatRange(1.0, 10_000.0),
+    type=options.Number(1.0, 10_000.0),
     default=100.0,
     metavar="MM",
     help="Scale every object to this longest extent [mm].",

@@ -60,12 +60,12 @@ class HandChoice(OptionGroup, heading="Hand"):
         "elsewhere.",
     )
     palm: tuple[float, ...] | None = option(
-        callback=number_list("x [mm]", "y [mm]", "z [mm]", signed=True),
+        callback=number_list("x [mm]", "y [mm]", "z [mm]", ranges=[(-100_000.0, 100_000.0)] * 3),
         metavar="X,Y,Z",
         help="Where the palm is or begins [mm]. Default: where it can grasp the object.",
     )
     palm_turn: tuple[float, ...] | None = option(
-        callback=number_list("w", "x", "y", "z", signed=True),
+        callback=number_list("w", "x", "y", "z", ranges=[(-1000.0, 1000.0)] * 4),
         metavar="W,X,Y,Z",
         help="How the palm is turned there, a quaternion. Default: as it is, 1,0,0,0.",
     )
@@ -137,7 +137,7 @@ class Feedback(OptionGroup, heading="Forces"):
         help="How hard the glove stops a finger that touches, 0 (free) to 1; one number or five. Default: 0.3.",
     )
     stale: float = option(
-        type=click.FloatRange(1.0, 1000.0),
+        type=options.Number(1.0, 1000.0),
         default=25.0,
         metavar="MS",
         help="Input older than this frees the fingers [ms].",
@@ -155,11 +155,9 @@ class Feedback(OptionGroup, heading="Forces"):
 class SessionSettings(OptionGroup, heading="Session"):
     """How fast and how long it runs, where it is shown, recorded and told; `rate` in [Hz], `duration` in [s]."""
 
-    rate: float = option(
-        type=click.FloatRange(10.0, 10_000.0), default=1000.0, metavar="HZ", help="Ticks a second [Hz]."
-    )
+    rate: float = option(type=options.Number(10.0, 10_000.0), default=1000.0, metavar="HZ", help="Ticks a second [Hz].")
     duration: float | None = option(
-        type=options.POSITIVE,
+        type=options.Number(0.001, 1e7),
         metavar="S",
         help="End by itself after so long [s]. Default: when told to; with --device replay, at the end of the motion.",
     )
@@ -179,7 +177,9 @@ class SessionSettings(OptionGroup, heading="Session"):
         "HOST:PORT.",
     )
     cpu: int | None = option(
-        type=click.IntRange(-1), metavar="N", help="Processor that the loop stays on; -1: any. Default: the last one."
+        type=click.IntRange(-1, 4095),
+        metavar="N",
+        help="Processor that the loop stays on; -1: any. Default: the last one.",
     )
     no_realtime: bool = option(
         is_flag=True, help="Ask the system for no real-time scheduling, locked memory or own processor."

@@ -11,6 +11,7 @@ from click.core import ParameterSource
 from hhsim.live.devices.registry import Setting, find_glove, glove_names
 
 from ..arguments.option_group import OptionGroup, option
+from ..arguments.options import Number
 
 
 class GloveChoice(OptionGroup, heading="Glove"):
@@ -84,7 +85,10 @@ def _type(item: Field[Any], setting: Setting) -> Any:
     (kind,) = [kind for kind in get_args(item.type) or (item.type,) if kind is not NoneType]
     if setting.choices:
         return click.Choice(setting.choices)
-    if (setting.least, setting.most) != (None, None):
-        bounded: Any = click.IntRange if kind is int else click.FloatRange
-        return bounded(setting.least, setting.most)
+    if setting.least is not None and setting.most is not None:
+        return (
+            click.IntRange(int(setting.least), int(setting.most))
+            if kind is int
+            else Number(setting.least, setting.most)
+        )
     return click.Path() if setting.metavar == "FILE" else kind

@@ -3,13 +3,15 @@
 import click
 
 from ..arguments import options
+from ..arguments.method_name import isolate
 from ..console import announce_compilation, print_json, print_line, print_table
 
 
 @click.command()
 @click.argument("name")
+@isolate
 @options.json
-def command(name: str, as_json: bool) -> int:
+def command(name: str, isolate: bool, as_json: bool) -> int:
     """Tell what is wrong with a method from outside.
 
     NAME is a name of hhsim methods, or package.module:Class. It grasps a ball, twice, and what it answers is looked
@@ -21,9 +23,10 @@ def command(name: str, as_json: bool) -> int:
       hhsim methods check penalty
     """
     from hhsim.replay.conformance import WRONG, check_method
+    from hhsim.solver.known_methods import isolated_name
 
     announce_compilation(quiet=as_json)
-    findings = list(check_method(name))
+    findings = list(check_method(isolated_name(name) if isolate else name))
     wrong = sum(finding.verdict == WRONG for finding in findings)
     if as_json:
         print_json({"method": name, "passed": not wrong, "findings": [finding.to_json() for finding in findings]})

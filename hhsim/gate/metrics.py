@@ -15,6 +15,7 @@ from hhsim.gate.limits import limitable
 from hhsim.hand.fingers import FINGERS
 from hhsim.metrics import metrics
 from hhsim.metrics.run.registry import judged_metrics, run_metrics
+from hhsim.metrics.run.stuck_and_lag import is_mostly_stuck
 from hhsim.metrics.run_metric import Figure, RunMetric
 from hhsim.metrics.run_ticks import RunTicks, result_ticks
 from hhsim.replay.stored_scene import stored_surface
@@ -45,6 +46,7 @@ class RunFigures:
         cpu_p50: Median CPU time of its ticks in contact, of all ticks where it has no contact [s].
         others: Figures of `hhsim.gate.limits.limitable` that are judged only where a suite limits them, by name, SI or
             %; NaN where undefined. None of a baseline.
+        mostly_stuck: True if more than half of its ticks are stuck, which no suite allows.
     """
 
     inputs: RunInputs
@@ -52,6 +54,7 @@ class RunFigures:
     counters: dict[str, int]
     cpu_p50: float
     others: dict[str, float] = field(default_factory=dict)
+    mostly_stuck: bool = False
 
     def to_json(self) -> dict[str, Any]:
         """As plain values; what is undefined is None."""
@@ -67,7 +70,9 @@ def run_figures(result: Result) -> RunFigures:
     """
     inputs, result = run_inputs(result), result.seen_from_object
     counters = {name: int(np.sum(result[dataset])) for name, (dataset, _) in COUNTERS.items()}
-    return RunFigures(inputs, _errors(result), counters, cpu_p50(result), _others(result))
+    errors = _errors(result)
+    stuck = is_mostly_stuck(errors["stuck_ticks"], result.ticks)
+    return RunFigures(inputs, errors, counters, cpu_p50(result), _others(result), stuck)
 
 
 def cpu_p50(result: Result) -> float:

@@ -80,6 +80,8 @@ def judge_errors(scene: str, head: RunFigures, base: RunFigures | None, limits: 
         elif limited and not value <= limit:
             passed = False
             reason = "over the limit" if math.isfinite(value) else "not finite"
+        elif name == "stuck_ticks" and head.mostly_stuck:
+            passed, reason = False, "more than half of the ticks"
         elif not limited and not promised(name, method):
             reason = f"not promised by {method}"
         rounding = max(metric.judged.rounding if metric.judged else 0.0, ROUNDING * abs(before))

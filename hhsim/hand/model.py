@@ -59,6 +59,8 @@ Side = Literal["right", "left"]
 
 DEFAULT_HAND_LENGTH = 0.19
 BREADTH_PER_LENGTH = 0.085 / 0.19
+FINGER_SIZES = {"base": (-0.5, 0.5), "length": (1e-4, 0.5), "radius": (1e-4, 0.1)}
+"""Least and greatest of each number of a finger [m]."""
 HAND_LENGTH_RANGE = (0.05, 0.40)
 """Hand lengths [m] that are taken for a hand; outside it the unit is probably wrong."""
 
@@ -407,22 +409,20 @@ def _replace_finger(arrays: dict[str, FloatArray], index: int, sizes: Any, where
         if key not in FINGER_SHAPES:
             raise UnknownNameError(f"key in {where}, [{finger}]", key, FINGER_SHAPES)
         arrays[key][index] = _array(f"{where}: {finger}.{key}", value, FINGER_SHAPES[key])
-    for key in ("length", "radius"):
+    for key, (least, most) in FINGER_SIZES.items():
         value = arrays[key][index]
-        if not (value > 0.0).all():
-            raise InputError(f"{where}: {finger}.{key} {_text(value)}: every one must be positive [m]")
+        if not ((least <= value) & (value <= most)).all():
+            raise InputError(f"{where}: {finger}.{key} {_text(value)}: expected {least:g} to {most:g} m each")
     radius = arrays["radius"][index]
     if (np.diff(radius) > 0.0).any():
         raise InputError(f"{where}: {finger}.radius {_text(radius)}: must not grow towards the tip")
     for kind in ("flexion", "abduction"):
-        least, most = arrays[f"{kind}_min"][index], arrays[f"{kind}_max"][index]
-        if not np.all(least < most):
+        low, high = arrays[f"{kind}_min"][index], arrays[f"{kind}_max"][index]
+        if not np.all(low < high):
+            raise InputError(f"{where}: {finger}.{kind}_min {_text(low)} must lie below {kind}_max {_text(high)} [rad]")
+        if not np.all(np.abs([low, high]) <= math.pi):
             raise InputError(
-                f"{where}: {finger}.{kind}_min {_text(least)} must lie below {kind}_max {_text(most)} [rad]"
-            )
-        if not np.all(np.abs([least, most]) <= math.pi):
-            raise InputError(
-                f"{where}: {finger}.{kind} limits {_text(least)} to {_text(most)}: expected radians within ±π"
+                f"{where}: {finger}.{kind} limits {_text(low)} to {_text(high)}: expected radians within ±π"
             )
 
 

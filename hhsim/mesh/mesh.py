@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError, MeshError
 from hhsim.mesh.file import read_triangles
+from hhsim.ranges import check_range
 
 METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254}
 """The units that `load_mesh` takes, and their length [m]."""
@@ -151,7 +152,7 @@ def load_mesh(
         The mesh [m]; `repairs` says what was changed and assumed, `warnings` what looks wrong.
 
     Raises:
-        InputError: No such file, an unknown unit, or a size or a thickness that is not positive.
+        InputError: No such file, an unknown unit, or a size or a thickness out of its range.
         MeshError: Unreadable, empty, not finite, of absurd size, or without an inside where it is to be solid.
     """
     # The checks bring the compiler; who only reads the catalogue does without it.
@@ -160,10 +161,10 @@ def load_mesh(
     path = Path(path)
     if unit not in METRES_PER_UNIT:
         raise InputError(f"unknown unit '{unit}': known: {', '.join(METRES_PER_UNIT)}")
-    if size is not None and not (np.isfinite(size) and size > 0.0):
-        raise InputError(f"size {size} m: the longest extent must be positive")
-    if thickness is not None and not (np.isfinite(thickness) and thickness > 0.0):
-        raise InputError(f"thickness {thickness} m: the thickness of a sheet must be positive")
+    if size is not None:
+        check_range("size", size)
+    if thickness is not None:
+        check_range("thickness", thickness)
     vertices, faces = read_triangles(path)
     require_usable_arrays(vertices, faces, str(path))
     mesh = Mesh(vertices, faces, name=path.stem, source=str(path))

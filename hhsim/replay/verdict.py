@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from hhsim.mesh.solidify import ASSUMED_SOLID
+from hhsim.metrics.run.stuck_and_lag import is_mostly_stuck
 from hhsim.replay.limits import default_limits
 from hhsim.replay.summary_table import SummaryRow
 from hhsim.result.reader import Result
@@ -24,12 +25,14 @@ class Verdict:
         word: One of the words.
         sentences: What it rests on, the limits that were missed last.
         missed: Names of the figures that are over their limits.
+        mostly_stuck: True if more than half of the ticks are stuck.
         line: Word and reason, for the head of a table that has the figures themselves.
     """
 
     word: str
     sentences: tuple[str, ...]
     missed: tuple[str, ...] = ()
+    mostly_stuck: bool = False
     line: str = ""
 
 
@@ -73,6 +76,9 @@ def run_verdict(
     missed = tuple(name for name, limit in limits.items() if not figures[name].value <= limit)
     over = "; ".join(_over(figures[name], limits[name]) for name in missed)
     contact, touched = _contact(figures, surface)
+    stuck = "stuck_ticks" in figures and is_mostly_stuck(figures["stuck_ticks"].value, ticks)
+    if stuck:
+        contact = f"More than half of the ticks are stuck: the shown hand does not follow the user's. {contact}".strip()
     stopped = "" if complete else f"The run was stopped after {ticks:,} ticks; what follows is of these."
     assumed = [f"{text[:1].upper()}{text[1:]}." for text in repairs if text.startswith(ASSUMED_SOLID)]
     parts = [stopped, contact, *assumed, _speed(figures, ticks)]
@@ -86,7 +92,7 @@ def run_verdict(
         )
     word = MISSED if missed else SHORT if not complete else UNTOUCHED if not touched else LATE if late else OK
     line = f"{word}: {over}. {contact}" if missed else f"{word}. {contact}"
-    return Verdict(word, tuple(part for part in parts if part), missed, line.strip())
+    return Verdict(word, tuple(part for part in parts if part), missed, stuck, line.strip())
 
 
 def _contact(figures: Mapping[str, SummaryRow], surface: str) -> tuple[str, bool]:

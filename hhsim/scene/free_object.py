@@ -1,6 +1,5 @@
 """An object that is free: a rigid body with mass, friction and gravity, on a table or on none."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Self
@@ -11,6 +10,7 @@ from numpy.typing import ArrayLike
 from hhsim.errors import InputError
 from hhsim.mesh.mass_properties import mass_properties
 from hhsim.mesh.mesh import Mesh
+from hhsim.ranges import check_range
 
 Triple = tuple[float, float, float]
 GRAVITY: Triple = (0.0, 0.0, -9.81)
@@ -41,7 +41,7 @@ class FreeObject:
         angular_velocity: At the start [rad/s], world.
 
     Raises:
-        InputError: A number that is not finite or not possible.
+        InputError: A number out of its range (`hhsim.ranges`), or an inertia that no body has.
     """
 
     mass: float
@@ -57,18 +57,17 @@ class FreeObject:
     angular_velocity: Triple = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        """Refuse what no body can have."""
-        if not (math.isfinite(self.mass) and self.mass > 0.0):
-            raise InputError(f"mass is {self.mass:g} kg: it must be positive and finite")
-        for name, unit in (("friction", ""), ("torsion", " m"), ("damping", " 1/s"), ("table_friction", "")):
-            value = getattr(self, name)
-            if value is not None and not (math.isfinite(value) and value >= 0.0):
-                raise InputError(f"{name} is {value:g}{unit}: it must be finite and not negative")
-        for name in ("center", "inertia", "gravity", "velocity", "angular_velocity"):
-            if not np.isfinite(getattr(self, name)).all():
-                raise InputError(f"{name} of the free object is not finite")
-        if self.table is not None and not math.isfinite(self.table):
-            raise InputError(f"the table's height is {self.table:g} m: it must be finite")
+        """Raise InputError for numbers out of their ranges, and for an inertia that is not positive definite."""
+        for name in ("mass", "friction", "torsion", "damping"):
+            check_range(name, getattr(self, name))
+        for name in ("table", "table_friction"):
+            if getattr(self, name) is not None:
+                check_range(name, getattr(self, name))
+        for name in ("gravity", "velocity", "angular_velocity"):
+            for component in getattr(self, name):
+                check_range(name, component)
+        if not (np.isfinite(self.center).all() and np.isfinite(self.inertia).all()):
+            raise InputError("the centre or the inertia of the free object is not finite")
         inertia = np.array(self.inertia)
         if not np.allclose(inertia, inertia.T, rtol=1e-9, atol=0.0 if inertia.any() else 1.0):
             raise InputError("the inertia of the free object is not symmetric")
@@ -89,6 +88,7 @@ class FreeObject:
             MeshError: The mesh encloses nothing.
             InputError: As the class.
         """
+        check_range("density", density)
         solid = mass_properties(mesh)
         mass = density * solid.volume if mass is None else mass
         inertia = mass / solid.volume * solid.inertia

@@ -5,7 +5,7 @@ declares. Either is a `hhsim.solver.method.Method`, or a class as `hhsim.solver.
 """
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache, partial
 from importlib import import_module
@@ -15,11 +15,14 @@ from typing import Any, cast
 
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.solver.method import FORCES, METHODS, RUNS, TIMES, Engine, Method
+from hhsim.system.foreign_call import ForeignError, foreign_call
 
 GROUP = "hhsim.methods"
 """Of the entry points."""
 SUBMITTED = "submission:"
 """What the name of a submission's poses begins with, in its result; see `hhsim.submissions.score`."""
+ISOLATED = "isolated:"
+"""What stands in front of the name of a method from outside that runs in a process of its own."""
 _known_for_now: dict[str, Method] = {}
 
 
@@ -38,7 +41,7 @@ def find_method(name: str) -> Method:
     """The method of a name.
 
     Args:
-        name: One of `method_names`, or `package.module:Class`.
+        name: One of `method_names`, or `package.module:Class`; one from outside may have `ISOLATED` in front.
 
     Raises:
         UnknownNameError: Nothing is called so.
@@ -52,11 +55,10 @@ def find_method(name: str) -> Method:
         return Method(
             "poses that were computed elsewhere", partial(_no_engine, name), gives=frozenset(), compiled=False
         )
-    if name in declared_methods():
-        return _as_method(name, _imported(name, declared_methods()[name].load))
-    if ":" in name:
-        return _as_method(name, _imported(name, lambda: _named(name)))
-    raise UnknownNameError("method", name, method_names())
+    if name.startswith(ISOLATED):
+        return _isolated(name.removeprefix(ISOLATED))
+    found = outside_class(name)
+    return found if isinstance(found, Method) else outside_method(name, found)
 
 
 @contextmanager
@@ -76,6 +78,32 @@ def _no_engine(name: str, workspace: Any) -> Engine:
     )
 
 
+def outside_class(name: str) -> Any:
+    """Import the class of a method from outside.
+
+    Args:
+        name: Of a method that a package declares, or `package.module:Class`.
+
+    Raises:
+        InputError: It cannot be imported, or is no method.
+        UnknownNameError: Nothing is called so.
+    """
+    if name in declared_methods():
+        found = _imported(name, declared_methods()[name].load)
+    elif ":" in name:
+        found = _imported(name, lambda: _named(name))
+    else:
+        raise UnknownNameError("method", name, method_names())
+    missing = [part for part in ("begin", "tick") if not callable(getattr(found, part, None))]
+    if not isinstance(found, Method) and (not isinstance(found, type) or missing):
+        what = f"lacks {' and '.join(missing)}" if missing else "is an instance"
+        raise InputError(
+            f"method '{name}' is no method: {found!r} {what}; expected a class with __init__(scene), begin(pose) and "
+            "tick(haptic)"
+        )
+    return found
+
+
 def _named(name: str) -> Any:
     module, _, attribute = name.partition(":")
     here = str(Path.cwd())
@@ -87,26 +115,34 @@ def _named(name: str) -> Any:
 
 def _imported(name: str, load: Callable[[], Any]) -> Any:
     try:
-        return load()
-    except Exception as error:
+        return foreign_call(load).value
+    except ForeignError as error:
         # Whatever somebody else's module raises is told in one line.
-        why = f"{type(error).__name__}: {error}"
         raise InputError(
-            f"method '{name}' cannot be imported: {why} (package.module:Class, from the current folder or installed)"
-        ) from error
+            f"method '{name}' cannot be imported: {error} (package.module:Class, from the current folder or installed)"
+        ) from error.__cause__
 
 
-def _as_method(name: str, found: Any) -> Method:
-    if isinstance(found, Method):
-        return found
-    missing = [part for part in ("begin", "tick") if not callable(getattr(found, part, None))]
-    if not isinstance(found, type) or missing:
-        what = f"lacks {' and '.join(missing)}" if missing else "is an instance"
-        raise InputError(
-            f"method '{name}' is no method: {found!r} {what}; expected a class with __init__(scene), begin(pose) and "
-            "tick(haptic)"
-        )
-    return outside_method(name, found)
+def isolated_name(name: str) -> str:
+    """The name by which a method from outside runs in a process of its own.
+
+    Raises:
+        InputError: The method is hhsim's own.
+    """
+    if name in METHODS:
+        raise InputError(f"method '{name}' is hhsim's own: only one from outside runs in a process of its own")
+    return name if name.startswith(ISOLATED) else ISOLATED + name
+
+
+def facts_of(made: Any) -> dict[str, Any]:
+    """What the class of a method says of itself: `summary`, `forces`, `never_penetrates` and `missing`."""
+    lines = (getattr(made, "__doc__", None) or "").strip().splitlines()
+    return {
+        "summary": str(getattr(made, "summary", lines[0] if lines else "a method from outside")).rstrip("."),
+        "forces": bool(getattr(made, "gives_forces", False)),
+        "never_penetrates": bool(getattr(made, "never_penetrates", False)),
+        "missing": str(getattr(made, "missing", "")),
+    }
 
 
 def outside_method(name: str, made: Callable[[Any], Any]) -> Method:
@@ -117,19 +153,30 @@ def outside_method(name: str, made: Callable[[Any], Any]) -> Method:
         made: The class, as `hhsim.solver.outside_method.OutsideMethod`, or whatever makes one for a scene and has its
             attributes.
     """
-    forces = bool(getattr(made, "gives_forces", False))
-    lines = (getattr(made, "__doc__", None) or "").strip().splitlines()
+    facts = facts_of(made)
+    return _method(name, facts, partial(_engine, name, made, facts["forces"]))
+
+
+def _method(name: str, facts: Mapping[str, Any], engine: Callable[[Any], Engine]) -> Method:
     return Method(
-        summary=str(getattr(made, "summary", lines[0] if lines else "a method from outside")).rstrip("."),
-        engine=partial(_engine, name, made, forces),
-        never_penetrates=bool(getattr(made, "never_penetrates", False)),
+        summary=facts["summary"],
+        engine=engine,
+        never_penetrates=facts["never_penetrates"],
         refuses_backends=f"method {name} comes from outside and takes no QP solver of hhsim's, not {{qp}}",
-        gives=frozenset((TIMES, RUNS, *([FORCES] if forces else []))),
+        gives=frozenset((TIMES, RUNS, *([FORCES] if facts["forces"] else []))),
         compiled=False,
-        missing=str(getattr(made, "missing", "")),
+        missing=facts["missing"],
     )
 
 
 def _engine(name: str, made: Callable[[Any], Any], forces: bool, workspace: Any) -> Engine:
     # As hhsim's own, the engine is imported when it is made: it stands above what only names methods.
-    return cast(Engine, import_module("hhsim.solver.outside_method").OutsideEngine(name, made, forces, workspace))
+    module = import_module("hhsim.solver.outside_method")
+    return cast(Engine, module.OutsideEngine(partial(module.MethodHere, name, made, forces), forces, workspace))
+
+
+def _isolated(name: str) -> Method:
+    isolated_name(name)
+    module = import_module("hhsim.solver.isolated_method")
+    facts = module.isolated_facts(name)
+    return _method(name, facts, partial(module.isolated_engine, name, facts["forces"]))

@@ -1,6 +1,5 @@
 """How the graphic hand is solved for: method, backend, stiffness, and the lengths that steer a tick."""
 
-import math
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -9,14 +8,13 @@ import numpy as np
 from hhsim.arrays import BoolArray, FloatArray
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.hand.fingers import BODIES, FINGERS, PHALANGES
+from hhsim.ranges import check_range
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.method import methods_that
 from hhsim.solver.surface import SURFACES
 
 FORCES = ("kkt", "paper")
 FRUSTUM_ENDS = ("spheres", "flat")
-PARTS = len(FINGERS) + 1
-"""Of a tick, that threads can share."""
 TOUCH = 1e-5
 """A hand of the usual size touches spheres that are no farther than this [m]."""
 
@@ -28,9 +26,11 @@ under way is finished, lists that it gathers included: that may take a tick to 0
 BY_PERIOD: Any = None
 """Default of an option whose default depends on the period; no option keeps this value."""
 
-LEAST_TOLERANCE, GREATEST_TOLERANCE = 1e-12, 1e-6
-LEAST_STIFFNESS, GREATEST_STIFFNESS = 1e-9, 1e12
-"""Of each kind [N/m or N·m/rad]; rounding leaves nothing of a hand's motion beyond."""
+NUMBERS = (
+    *("period", "response", "contact_response", "linearisations", "budget", "threads"),
+    *("margin", "skin", "offset", "step_tolerance", "touch", "tolerance"),
+)
+"""Options that are numbers, of which `hhsim.ranges` has the ranges; the default budget follows from the period."""
 BY_METHOD: Any = None
 """Default of an option whose default depends on the method; no option keeps this value."""
 BY_SURFACE: Any = None
@@ -63,15 +63,9 @@ class Stiffness:
     penalty: float = 100_000.0
 
     def __post_init__(self) -> None:
-        """Refuse what is not positive and finite, or so large or small that no program of it can be solved."""
+        """Raise InputError for a stiffness out of its range."""
         for name, value in asdict(self).items():
-            if not (math.isfinite(value) and value > 0.0):
-                raise InputError(f"stiffness {name} is {value:g}: it must be positive and finite")
-            if not LEAST_STIFFNESS <= value <= GREATEST_STIFFNESS:
-                raise InputError(
-                    f"stiffness {name} is {value:g}: expected {LEAST_STIFFNESS:g} to {GREATEST_STIFFNESS:g}; no "
-                    "program of what is beyond can be solved"
-                )
+            check_range(f"stiffness {name}", value)
 
     def diagonal(self) -> FloatArray:
         """G of the 21 variables, shape (21,)."""
@@ -80,7 +74,7 @@ class Stiffness:
 
 def usual_budget(period: float) -> int:
     """Work units that a tick of a period [s] may use, where nothing else is asked for."""
-    return max(1, round(1e9 * BUDGET_SHARE * period)) if math.isfinite(period) else UNLIMITED
+    return max(1, round(1e9 * BUDGET_SHARE * period))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,7 +131,7 @@ class SolverOptions:
     contact_response: float = 1e-3
 
     def __post_init__(self) -> None:
-        """Refuse unknown names and impossible lengths."""
+        """Raise InputError for unknown names and for numbers out of their ranges."""
         method = find_method(self.method)
         for name, value in method.defaults.items():
             if getattr(self, name) is BY_METHOD:
@@ -157,39 +151,18 @@ class SolverOptions:
             raise UnknownNameError("force model", self.force, FORCES)
         if self.frustum_ends not in FRUSTUM_ENDS:
             raise UnknownNameError("kind of frustum ends", self.frustum_ends, FRUSTUM_ENDS)
-        if self.linearisations < 1:
-            raise InputError(f"linearisations is {self.linearisations}: a tick needs at least 1")
         for finger in self.fingers:
             if finger not in FINGERS:
                 raise UnknownNameError("finger", finger, FINGERS)
-        if self.budget is BY_PERIOD:
-            object.__setattr__(self, "budget", usual_budget(self.period))
-        if self.budget < 1:
-            raise InputError(f"the budget is {self.budget} work units: a tick needs at least 1")
-        if not 1 <= self.threads <= PARTS:
-            raise InputError(
-                f"threads is {self.threads}: 1 to {PARTS}, since a tick has {PARTS} parts, five fingers and the palm"
-            )
+        for name in NUMBERS:
+            if name == "budget" and self.budget is BY_PERIOD:
+                object.__setattr__(self, "budget", usual_budget(self.period))
+            check_range(name, getattr(self, name))
         if self.threads > 1 and self.qp != "active-set":
             raise InputError(f"threads is {self.threads}, but '{self.qp}' is driven in one thread: use active-set")
         if self.threads > 1 and not method.takes_threads:
             known = " and ".join(methods_that("takes_threads"))
             raise InputError(f"threads is {self.threads}, but '{self.method}' runs in one thread; {known} take several")
-        for name in ("period", "response"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise InputError(f"{name} is {value:g} s: it must be positive and finite")
-        if not (math.isfinite(self.contact_response) and self.contact_response >= 0.0):
-            raise InputError(f"contact_response is {self.contact_response:g} s: it must be finite and not negative")
-        for name in ("margin", "skin", "offset", "step_tolerance", "touch"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise InputError(f"{name} is {value:g} m: it must be positive and finite")
-        if not LEAST_TOLERANCE <= self.tolerance <= GREATEST_TOLERANCE:
-            raise InputError(
-                f"the tolerance is {self.tolerance:g} of the margin: between {LEAST_TOLERANCE:g}, where rounding "
-                f"begins, and {GREATEST_TOLERANCE:g}, above which steps end inside"
-            )
         if self.offset * 10.0 > self.margin:
             least = 1e4 * self.offset
             raise InputError(f"a margin of {1e3 * self.margin:g} mm is too small: at least {least:g} mm, ten offsets")

@@ -3,9 +3,10 @@
 hhsim times it, and measures its hands as it does its own. See docs/outside-methods.md.
 """
 
-import time
+import copy
 from collections.abc import Callable
 from dataclasses import dataclass
+from numbers import Real
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
@@ -16,6 +17,7 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.mesh.mesh import Mesh
 from hhsim.solver.options import SolverOptions
+from hhsim.system.foreign_call import ForeignError, Timed, foreign_call
 from hhsim.trees.sphere_tree import SphereTree
 
 if TYPE_CHECKING:
@@ -32,7 +34,7 @@ UNIT = 1e-6
 
 @dataclass(frozen=True)
 class MethodScene:
-    """What a method is told before the first tick.
+    """What a method is told before the first tick: copies, of which it may make what it likes.
 
     Attributes:
         hand: Sizes, joint limits, and the spheres of the palm.
@@ -86,31 +88,128 @@ class OutsideMethod(Protocol):
         """Say where the shown hand goes, for the user's hand of this tick."""
 
 
-class OutsideEngine:
-    """Runs a method from outside, and finds out of its hands what `hhsim.kernels` would know.
+class MethodRunner(Protocol):
+    """Runs the code of a method, in this process or another; `ticks` counts those that were answered."""
+
+    ticks: int
+
+    def begin(self, pose: HandConfiguration) -> None:
+        """Hand on a call of `OutsideMethod.begin`."""
+
+    def tick(self, haptic: HandConfiguration) -> Timed:
+        """Hand on a call of `OutsideMethod.tick`; the value is a `TickAnswer` as `checked_answer` makes it."""
+
+
+class MethodHere:
+    """Runs a method in this process.
 
     Args:
         name: For messages.
         make: Of the method for a scene.
         forces: Whether its ticks have forces.
+
+    Raises:
+        InputError: It cannot be made; and so each call where it fails, or answers with what is no hand.
     """
 
     def __init__(
-        self, name: str, make: Callable[[MethodScene], OutsideMethod], forces: bool, workspace: "TickWorkspace"
+        self, name: str, make: Callable[[MethodScene], OutsideMethod], forces: bool, scene: MethodScene
     ) -> None:
-        self.name, self.forces, self.workspace = name, forces, workspace
+        self.name, self.forces, self.ticks = name, forces, 0
+        self.method = self._call("cannot be made", make, scene).value
+
+    def begin(self, pose: HandConfiguration) -> None:
+        """See `MethodRunner.begin`."""
+        self._call("fails in begin()", self.method.begin, pose)
+
+    def tick(self, haptic: HandConfiguration) -> Timed:
+        """See `MethodRunner.tick`."""
+        found = self._call("fails", self.method.tick, haptic)
+        answer = checked_answer(self.name, self.ticks, found, self.forces)
+        self.ticks += 1
+        return found._replace(value=answer)
+
+    def _call(self, what: str, function: Callable[..., Any], *given: Any) -> Timed:
+        try:
+            return foreign_call(function, *given)
+        except ForeignError as error:
+            if isinstance(error.__cause__, InputError):
+                raise error.__cause__ from None
+            where = f" (tick {self.ticks:,})" if what == "fails" else ""
+            raise InputError(f"method '{self.name}' {what}: {error}{where}") from error.__cause__
+
+
+def checked_answer(name: str, tick: int, found: Timed, forces: bool) -> TickAnswer:
+    """Return what a tick was answered with as arrays of float64, the quaternion of length 1.
+
+    Args:
+        name, tick: For messages.
+        found: The answer, and the times that the tick took.
+        forces: Whether there must be forces; without, none are looked at.
+
+    Raises:
+        InputError: It is no hand, or claims a time that the tick did not take.
+    """
+
+    def wrong(what: str) -> InputError:
+        return InputError(f"method '{name}' {what} (tick {tick:,})")
+
+    def array(part: str, values: Any, shape: tuple[int, ...]) -> FloatArray:
+        try:
+            array = np.asarray(values, np.float64)
+        except (TypeError, ValueError) as error:
+            raise wrong(f"answers with a {part} that is no array of numbers") from error
+        if array.shape != shape:
+            raise wrong(f"answers with a {part} of shape {array.shape}: expected {shape}")
+        if not np.isfinite(array).all():
+            raise wrong(f"answers with a {part} that is not finite")
+        return array
+
+    answer = found.value if isinstance(found.value, TickAnswer) else TickAnswer(found.value)
+    pose = answer.pose
+    if not isinstance(pose, tuple) or len(pose) != len(SHAPES):
+        raise wrong(
+            f"answers with {type(pose).__name__}: expected a HandConfiguration (position, orientation, flexion, "
+            "abduction), or a TickAnswer"
+        )
+    arrays = {part: array(part, values, shape) for (part, shape), values in zip(SHAPES.items(), pose)}
+    length = float(np.linalg.norm(arrays["orientation"]))
+    if abs(length - 1.0) > UNIT:
+        raise wrong(f"answers with an orientation of length {length:.6g}: expected a unit quaternion w x y z")
+    arrays["orientation"] = arrays["orientation"] / length
+    native, most = answer.native_ns, max(found.wall, found.cpu)
+    if not isinstance(native, Real) or not 0 <= native <= most:
+        raise wrong(f"answers with a native_ns of {native!r:.40}: expected 0 to the {most:,} ns that the tick took")
+    phalanx = palm = None
+    if forces:
+        if answer.phalanx_force is None:
+            raise wrong("promises forces (gives_forces) and gives none")
+        phalanx = array("phalanx_force", answer.phalanx_force, (5, 3, 3))
+        palm = np.zeros(3) if answer.palm_force is None else array("palm_force", answer.palm_force, (3,))
+    return TickAnswer(HandConfiguration(**arrays), phalanx, palm, int(native))
+
+
+class OutsideEngine:
+    """Runs a method from outside, and finds out of its hands what `hhsim.kernels` would know.
+
+    Args:
+        run_by: Makes what runs the method's code, of a scene.
+        forces: Whether its ticks have forces.
+    """
+
+    def __init__(self, run_by: Callable[[MethodScene], MethodRunner], forces: bool, workspace: "TickWorkspace") -> None:
+        self.forces, self.workspace = forces, workspace
         # Views: to find a field of a record takes longer than to write it, and a tick has a dozen.
         states = workspace.states
         self.haptic = {field: states["haptic"][field][0] for field in HandConfiguration._fields}
         self.pose = {field: states["pose"][field][0] for field in (*HandConfiguration._fields, "joints")}
         self.palm_wrench, self.work = states["forces"]["palm_wrench"][0], states["work"][0]
         scene = MethodScene(workspace.model, workspace.mesh, workspace.tree, workspace.options)
-        self.method = self._call("cannot be made", make, scene)
-        self.ticks = 0
+        self.runner = run_by(copy.deepcopy(scene))
 
     def begin(self) -> None:
         """See `Engine.begin`."""
-        self._call("fails in begin()", self.method.begin, self._shown())
+        self.runner.begin(HandConfiguration(*(self.pose[field].copy() for field in HandConfiguration._fields)))
 
     def run(self, haptic: "HapticBlock", record: "TickRecord") -> int:
         """See `Engine.run`.
@@ -132,12 +231,8 @@ class OutsideEngine:
                 self.haptic[name][:] = values
             self.haptic["orientation"] /= np.linalg.norm(self.haptic["orientation"])
         # Copies, so that nothing of ours is the method's to write to.
-        given = HandConfiguration(*(values.copy() for values in self.haptic.values()))
-        cpu, wall = time.process_time_ns(), time.perf_counter_ns()
-        found = self._call("fails", self.method.tick, given)
-        wall, cpu = time.perf_counter_ns() - wall, time.process_time_ns() - cpu
-        answer = found if isinstance(found, TickAnswer) else TickAnswer(found)
-        for name, values in self._checked(answer.pose).items():
+        answer, wall, cpu = self.runner.tick(HandConfiguration(*(values.copy() for values in self.haptic.values())))
+        for name, values in answer.pose._asdict().items():
             self.pose[name][:] = values
         full = self._look()
         for field, values in self.pose.items():
@@ -149,62 +244,16 @@ class OutsideEngine:
             record.work[i] = np.maximum(record.work[i], 1)
         record.status[i] = 0 if good else STATUS_INPUT_INVALID
         record.duration_total[i], record.duration_cpu[i] = wall, cpu
-        record.duration[i, NATIVE] = int(answer.native_ns)
-        self._take_forces(answer, i, record)
-        self.ticks += 1
+        record.duration[i, NATIVE] = answer.native_ns
+        record.fingertip_normal[i] = np.nan
+        if self.forces:
+            record.phalanx[i] = answer.phalanx_force
+            record.total[i] = record.phalanx[i].sum(axis=(0, 1)) + answer.palm_force
+        else:
+            record.phalanx[i] = record.total[i] = np.nan
 
     def _look(self) -> int:
         from hhsim.kernels.tick.shown_hand import look_at
 
         workspace = self.workspace
         return int(look_at(workspace.hand, workspace.surface, workspace.tick_options, workspace.states))
-
-    def _shown(self) -> HandConfiguration:
-        return HandConfiguration(*(self.pose[field].copy() for field in HandConfiguration._fields))
-
-    def _take_forces(self, answer: TickAnswer, i: int, record: "TickRecord") -> None:
-        record.fingertip_normal[i] = np.nan
-        if not self.forces:
-            record.phalanx[i] = record.total[i] = np.nan
-            return
-        if answer.phalanx_force is None:
-            raise self._wrong("promises forces (gives_forces) and gives none")
-        record.phalanx[i] = self._array("phalanx_force", answer.phalanx_force, (5, 3, 3))
-        palm = np.zeros(3) if answer.palm_force is None else self._array("palm_force", answer.palm_force, (3,))
-        record.total[i] = record.phalanx[i].sum(axis=(0, 1)) + palm
-
-    def _checked(self, pose: Any) -> dict[str, FloatArray]:
-        if not isinstance(pose, tuple) or len(pose) != len(SHAPES):
-            raise self._wrong(
-                f"answers with {type(pose).__name__}: expected a HandConfiguration (position, orientation, flexion, "
-                "abduction), or a TickAnswer"
-            )
-        found = {name: self._array(name, values, shape) for (name, shape), values in zip(SHAPES.items(), pose)}
-        length = float(np.linalg.norm(found["orientation"]))
-        if abs(length - 1.0) > UNIT:
-            raise self._wrong(f"answers with an orientation of length {length:.6g}: expected a unit quaternion w x y z")
-        found["orientation"] = found["orientation"] / length
-        return found
-
-    def _array(self, name: str, values: Any, shape: tuple[int, ...]) -> FloatArray:
-        try:
-            array = np.asarray(values, np.float64)
-        except (TypeError, ValueError) as error:
-            raise self._wrong(f"answers with a {name} that is no array of numbers") from error
-        if array.shape != shape:
-            raise self._wrong(f"answers with a {name} of shape {array.shape}: expected {shape}")
-        if not np.isfinite(array).all():
-            raise self._wrong(f"answers with a {name} that is not finite")
-        return array
-
-    def _wrong(self, what: str) -> InputError:
-        return InputError(f"method '{self.name}' {what} (tick {self.ticks:,})")
-
-    def _call(self, what: str, function: Callable[..., Any], *given: Any) -> Any:
-        try:
-            return function(*given)
-        except InputError:
-            raise
-        except Exception as error:
-            where = f" (tick {self.ticks:,})" if what == "fails" else ""
-            raise InputError(f"method '{self.name}' {what}: {type(error).__name__}: {error}{where}") from error

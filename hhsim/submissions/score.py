@@ -18,7 +18,7 @@ from hhsim.scene.scene import Scene
 from hhsim.solver.known_methods import SUBMITTED, known_for_now
 from hhsim.solver.method import FORCES, TIMES, Engine, Method
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.outside_method import MethodScene, OutsideEngine, TickAnswer
+from hhsim.solver.outside_method import MethodHere, MethodScene, OutsideEngine, TickAnswer
 from hhsim.submissions.pose_errors import MESH_DEPTH, OFF_BEST, OFF_BEST_MAX, PoseErrors, pose_errors
 from hhsim.submissions.pose_file import Submission
 from hhsim.submissions.scene_file import load_scene, named_scene, scene_digest
@@ -156,11 +156,12 @@ class _SubmittedEngine(OutsideEngine):
 
     def __init__(self, name: str, submission: Submission, workspace: "TickWorkspace") -> None:
         made = partial(_SubmittedPoses, submission)
-        super().__init__(name, made, submission.phalanx_force is not None, workspace)
+        forces = submission.phalanx_force is not None
+        super().__init__(partial(MethodHere, name, made, forces), forces, workspace)
         self.duration = submission.duration
 
     def run(self, haptic: "HapticBlock", record: "TickRecord") -> int:
-        first = self.ticks
+        first = self.runner.ticks
         done = super().run(haptic, record)
         took = np.zeros(done) if self.duration is None else np.round(1e9 * self.duration[first : first + done])
         # What it took here to look a pose up says nothing.

@@ -18,7 +18,8 @@ from hhsim.errors import InputError
 from hhsim.mesh.catalogue import names_a_file
 from hhsim.scene.described_scene import SceneWords
 from hhsim.scene.motion_catalogue import trajectory_names
-from hhsim.solver.known_methods import find_method
+from hhsim.solver.isolated_method import isolated_facts
+from hhsim.solver.known_methods import ISOLATED, find_method
 from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions, Stiffness
 
@@ -199,6 +200,8 @@ def _method_source(name: str) -> str:
     """Of the file that a method from outside is written in; "" for hhsim's own, and where there is no such file."""
     if name in METHODS:
         return ""
+    if name.startswith(ISOLATED):
+        return str(isolated_facts(name.removeprefix(ISOLATED))["source"])
     made = find_method(name).engine
     # `hhsim.solver.known_methods.outside_method` binds the name and the class.
     for part in (*getattr(made, "args", ()), made):

@@ -47,6 +47,7 @@ from hhsim.system.toml_document import (
 from hhsim.trees.options import MOST_LEVEL
 
 PLAN_VERSION = 1
+MOST_TICKS = 1_000_000_000
 KEYS = ("version", "name", "objects", "motions", "methods", "surfaces", "seeds", "ticks", "options")
 UNITS = ("m", "cm", "mm", "inch")
 WILD = frozenset("*?[")
@@ -120,8 +121,8 @@ def parse_plan(text: str, name: str, folder: Path, where: str) -> SweepPlan:
     methods = [checked_text(where, "methods", entry) for entry in _listed(where, table, "methods", ["coupled"])]
     surfaces = [checked_text(where, "surfaces", entry) for entry in _listed(where, table, "surfaces", ["spheres"])]
     check_known("surface", surfaces, SURFACES.names())
-    seeds = [_count(where, "seeds", entry, 0) for entry in _listed(where, table, "seeds", [0])]
-    ticks = None if "ticks" not in table else _count(where, "ticks", table["ticks"], 1)
+    seeds = [_count(where, "seeds", entry, 0, 2**63 - 1) for entry in _listed(where, table, "seeds", [0])]
+    ticks = None if "ticks" not in table else _count(where, "ticks", table["ticks"], 1, MOST_TICKS)
     options = checked_table(where, "options", table.get("options", {"usual": {}}))
     sets = {key: _options(f"{where}, [options.{key}]", folder, value) for key, value in options.items()}
     if not sets:
@@ -263,9 +264,9 @@ def _unique(where: str, key: str, entries: list[Any]) -> list[Any]:
     return entries
 
 
-def _count(where: str, key: str, value: Any, least: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or value < least:
-        raise InputError(f"{where}: {key}: {value!r}; expected a whole number from {least} on")
+def _count(where: str, key: str, value: Any, least: int, most: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
+        raise InputError(f"{where}: {key}: {value!r}; expected a whole number from {least} to {most}")
     return value
 
 
@@ -294,8 +295,7 @@ def _within(low: float, high: float) -> Callable[[str, str, Any], object]:
 
 
 def _level(where: str, key: str, value: Any) -> None:
-    if _count(where, key, value, 1) > MOST_LEVEL:
-        raise InputError(f"{where}: {key} = {value}; expected 1 to {MOST_LEVEL}")
+    _count(where, key, value, 1, MOST_LEVEL)
 
 
 def _tremor(where: str, key: str, value: Any) -> None:

@@ -11,6 +11,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+_noted = False
+
 
 @contextmanager
 def interruptible_between() -> Iterator[Callable[[], None]]:
@@ -19,26 +21,60 @@ def interruptible_between() -> Iterator[Callable[[], None]]:
     A second Ctrl-C raises at once. Outside of the main thread, where no signal arrives, and where Ctrl-C is ignored or
     another handler is installed, nothing changes.
     """
-    if (
-        threading.current_thread() is not threading.main_thread()
-        or signal.getsignal(signal.SIGINT) is not signal.default_int_handler
-    ):
+    if not _is_usual():
         yield lambda: None
         return
-    noted = False
-
-    def note(number: int, frame: FrameType | None) -> None:
-        nonlocal noted
-        if noted:
-            raise KeyboardInterrupt
-        noted = True
 
     def check() -> None:
-        if noted:
+        if _noted:
             raise KeyboardInterrupt
 
-    signal.signal(signal.SIGINT, note)
-    try:
+    with _handled(_note):
         yield check
+
+
+@contextmanager
+def watched_sigint() -> Iterator[Callable[[], bool]]:
+    """Yield a function that tells whether Ctrl-C was pressed, which raises KeyboardInterrupt as ever.
+
+    So that a KeyboardInterrupt that code raises by itself is not taken for one.
+    """
+    if not _is_usual():
+        yield interrupt_is_noted
+        return
+    with _handled(_raise):
+        yield interrupt_is_noted
+
+
+def interrupt_is_noted() -> bool:
+    """Return whether Ctrl-C was pressed and has been held back since."""
+    return _noted
+
+
+def _is_usual() -> bool:
+    is_main = threading.current_thread() is threading.main_thread()
+    return is_main and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+@contextmanager
+def _handled(handler: Callable[[int, FrameType | None], None]) -> Iterator[None]:
+    global _noted
+    signal.signal(signal.SIGINT, handler)
+    try:
+        yield
     finally:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+        _noted = False
+
+
+def _note(number: int, frame: FrameType | None) -> None:
+    global _noted
+    if _noted:
+        raise KeyboardInterrupt
+    _noted = True
+
+
+def _raise(number: int, frame: FrameType | None) -> None:
+    global _noted
+    _noted = True
+    raise KeyboardInterrupt

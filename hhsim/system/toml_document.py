@@ -39,7 +39,8 @@ def parse_toml(text: str, where: str, error: type[InputError] = InputError) -> d
     """
     try:
         return tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as reason:
+    except (ValueError, RecursionError) as reason:
+        # Of the first kind is also a whole number of more digits than Python reads.
         raise error(f"{where}: not TOML: {reason}") from None
 
 

@@ -184,6 +184,18 @@ def test_an_older_result_is_replaced_by_a_complete_one(run: Run, tmp_path: Path,
     assert sorted(path.name for path in tmp_path.iterdir()) == ["run.h5", "short.toml"]
 
 
+def test_a_replay_of_which_most_ticks_are_stuck_ends_with_1(
+    run: Run, short: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # No input that is taken makes one: every run counts as one here.
+    monkeypatch.setattr("hhsim.metrics.run.stuck_and_lag.MOST_STUCK", -1.0)
+    answer = run("replay", "cube", short.name, "--level", "2", "--ticks", "50", "--out", "run.h5", "--quiet")
+    assert (answer.code, answer.out) == (1, "")
+    assert "hhsim: missed: " in answer.err and "More than half of the ticks are stuck" in answer.err
+    with_json = run("replay", "cube", short.name, "--level", "2", "--ticks", "50", "--out", "run.h5", "--json")
+    assert with_json.code == 1 and json.loads(with_json.out)["verdict"]["mostly_stuck"] is True
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -192,10 +204,10 @@ def test_an_older_result_is_replaced_by_a_complete_one(run: Run, tmp_path: Path,
         (["none.stl"], "none.stl: no such file; expected a mesh"),
         (["cube", "none.csv"], "none.csv: no such file; expected a trajectory, .h5 or .csv"),
         (["cube", "--qp", "clarabell"], "unknown QP solver 'clarabell': did you mean clarabel"),
-        (["cube", "--stiffness", "1000,5"], "expected 3 numbers, positive, with commas between: k_t [N/m]"),
-        (["cube", "--stiffness", "1000,5,0"], "expected 3 numbers, positive"),
-        (["cube", "--stiffness", "1e308,1e308,1e308"], "stiffness translation is 1e+308: expected 1e-09 to 1e+12"),
-        (["cube", "--tremor", "nan,0"], "expected 2 numbers, none of them negative"),
+        (["cube", "--stiffness", "1000,5"], "expected 3 numbers with commas between: k_t [N/m]"),
+        (["cube", "--stiffness", "1000,5,0"], "expected 3 numbers with commas"),
+        (["cube", "--stiffness", "1e308,1e308,1e308"], "k_t [N/m] 1e-09 to 1e+12"),
+        (["cube", "--tremor", "nan,0"], "expected 2 numbers with commas between: mm 0 to 100"),
         (["cube", "--method", "couple"], "unknown method 'couple': did you mean coupled"),
         (["cube", "--method", "paper", "--qp", "clarabel"], "method paper is solved by active-set"),
         (["cube", "--method", "penalty", "--qp", "clarabel"], "method penalty solves no quadratic program"),
@@ -213,7 +225,7 @@ def test_an_older_result_is_replaced_by_a_complete_one(run: Run, tmp_path: Path,
         (["cube", "--level", "auto"], "--level auto needs --max-error, such as --max-error 0.3mm"),
         (["cube", "--level", "3", "--max-error", "1mm"], "--max-error chooses the level itself: leave --level 3 out"),
         (["cube", "--max-error", "fine"], "'fine', expected a length such as 0.3mm"),
-        (["cube", "--tolerance", "0.1"], "the tolerance is 0.1 of the margin"),
+        (["cube", "--tolerance", "0.1"], "0.1 is not in the range 1e-12<=x<=1e-06"),
     ],
 )
 def test_bad_input_is_told_in_one_line_and_leaves_nothing(

@@ -63,7 +63,7 @@ def test_a_film_is_made_without_a_viewer(run: Run, tmp_path: Path, short: str) -
         (("short.h5", "short.h5", "--video", "two.gif"), "is of one result"),
         (("short.toml", "--video", "x.gif"), "expected a result"),
         (("short.h5", "--video", "x.avi"), ".gif or .mp4"),
-        (("short.h5", "--video", "x.gif", "--slow", "0.001"), "expected 0.01 to 1000"),
+        (("short.h5", "--video", "x.gif", "--slow", "0.001"), "0.001 is not in the range 0.01<=x<=1000"),
     ):
         answer = run("view", *arguments)
         assert (answer.code, answer.out) == (2, ""), arguments

@@ -308,6 +308,13 @@ def test_what_is_undefined_is_not_missed_unless_the_base_has_it(
     assert (row.passed, row.reason) == (passed, reason)
 
 
+@pytest.mark.parametrize("limits", [{}, {"stuck_ticks": 1e9}])
+def test_no_suite_allows_a_run_of_which_most_ticks_are_stuck(figures: RunFigures, limits: dict[str, float]) -> None:
+    head = replace(figures, errors={**figures.errors, "stuck_ticks": 900.0}, mostly_stuck=True)
+    (row,) = (row for row in judge_errors("tiny", head, None, limits) if row.name == "stuck_ticks")
+    assert (row.passed, row.reason) == (False, "more than half of the ticks")
+
+
 def test_a_force_that_is_no_number_is_not_taken_for_one_that_is_not_there(result: Path) -> None:
     with changed(result) as file:
         file["tick/force/total"][77] = math.nan

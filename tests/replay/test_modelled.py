@@ -194,7 +194,7 @@ def test_the_coarsest_level_within_the_budget_is_chosen() -> None:
 def test_what_cannot_be_is_refused() -> None:
     with pytest.raises(UnknownNameError, match="unknown finger 'pinky'"):
         SolverOptions(fingers=("pinky",))
-    with pytest.raises(InputError, match="the budget is 0 work units"):
+    with pytest.raises(InputError, match="budget is 0 work units: expected 1 to"):
         SolverOptions(budget=0)
-    with pytest.raises(InputError, match=r"the tolerance is 0\.01 of the margin"):
+    with pytest.raises(InputError, match=r"tolerance is 0\.01 of the margin: expected 1e-12 to 1e-06; rounding"):
         SolverOptions(tolerance=0.01)

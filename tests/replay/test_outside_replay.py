@@ -1,5 +1,6 @@
 """A method from outside all the way: its file, its table, the referee, a second run, a page."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +40,15 @@ def test_its_errors_are_those_of_the_same_poses_from_inside(tmp_path: Path) -> N
     assert len(exact) > 10
     for name in exact:
         assert theirs[name] == pytest.approx(ours[name], rel=1e-12, abs=1e-12, nan_ok=True), name
+
+
+def test_what_it_prints_and_where_it_goes_change_no_answer(run: Run, tmp_path: Path) -> None:
+    more = ("--method", "outside_methods:Talks", "--ticks", "5", "--level", "2", "--out", "talks.h5", "--json")
+    answer = run("replay", "sphere", "grasp", *more)
+    assert answer.code == 0, answer.err
+    assert json.loads(answer.out)["method"] == "outside_methods:Talks"
+    assert answer.err.count("printed") == 6, "begin() and five ticks"
+    assert (tmp_path / "talks.h5").is_file()
 
 
 @pytest.mark.parametrize("name", ["Follow", pytest.param("OurOwn", marks=pytest.mark.soak)])

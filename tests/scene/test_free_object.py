@@ -24,8 +24,8 @@ def test_a_file_has_it_to_the_bit() -> None:
     [
         ({"mass": 0.0}, "mass is 0 kg"),
         ({"friction": -0.1}, "friction is -0.1"),
-        ({"table": float("nan")}, "table's height"),
-        ({"center": (0.0, float("inf"), 0.0)}, "center .* not finite"),
+        ({"table": float("nan")}, "table is nan m: expected -100 to 100"),
+        ({"center": (0.0, float("inf"), 0.0)}, "centre or the inertia .* not finite"),
         ({"inertia": ((1e-4, 1e-5, 0), (0, 1e-4, 0), (0, 0, 1e-4))}, "not symmetric"),
         ({"inertia": ((1e-4, 0, 0), (0, 1e-4, 0), (0, 0, 0))}, "not positive"),
     ],

@@ -1,5 +1,9 @@
 """The engine of methods from outside: what they are given, what is taken of them, and what is refused."""
 
+import time
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import pytest
 from short_grasp import short_grasp, short_scene
@@ -9,7 +13,7 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.state import STATUS_INPUT_INVALID, STATUS_START_INSIDE, WORK_CANDIDATES, WORK_TOUCHING
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.outside_method import OutsideEngine
+from hhsim.solver.outside_method import MethodHere, OutsideEngine
 from hhsim.trees.contact_surface import contact_surface
 
 SCENE = short_scene(short_grasp())
@@ -32,8 +36,8 @@ def test_our_own_method_from_outside_is_our_own() -> None:
 
 
 def test_the_time_that_a_method_reports_is_kept_as_it_reports_it() -> None:
-    record = solver_of("Boasts").run(*HAPTIC.part(0, 3))
-    np.testing.assert_array_equal(record.duration, np.tile([0, 1_000_000_000, 0, 0], (3, 1)))
+    record = solver_of("Modest").run(*HAPTIC.part(0, 3))
+    np.testing.assert_array_equal(record.duration, np.tile([0, 123, 0, 0], (3, 1)))
 
 
 def test_it_is_told_of_the_scene_and_where_to_begin() -> None:
@@ -41,10 +45,17 @@ def test_it_is_told_of_the_scene_and_where_to_begin() -> None:
     solver.run(*HAPTIC.part(0, 1))
     engine = solver.engine
     assert isinstance(engine, OutsideEngine)
-    scene = engine.method.scene
-    assert scene.mesh is SCENE.mesh and scene.tree is SCENE.tree and scene.hand is SCENE.hand
+    assert isinstance(engine.runner, MethodHere)
+    method: Any = engine.runner.method
+    scene = method.scene
     assert scene.period == 1e-3
-    begun: list[HandConfiguration] = engine.method.begun
+    for theirs, ours in ((scene.mesh, SCENE.mesh), (scene.tree, SCENE.tree), (scene.hand, SCENE.hand)):
+        arrays = {name: values for name, values in vars(ours).items() if isinstance(values, np.ndarray)}
+        for name, values in arrays.items():
+            np.testing.assert_array_equal(getattr(theirs, name), values)
+            assert not np.shares_memory(getattr(theirs, name), values), name
+        assert arrays
+    begun: list[HandConfiguration] = method.begun
     np.testing.assert_array_equal(begun[0].position, HAPTIC.position[0])
     solver.place(*HAPTIC.at(5))
     np.testing.assert_array_equal(begun[1].flexion, HAPTIC.flexion[5])
@@ -80,7 +91,7 @@ def test_a_hand_that_begins_inside_begins_at_a_free_place() -> None:
     solver = solver_of("Follow")
     record = solver.run(*inside)
     assert record.status[0] & STATUS_START_INSIDE
-    begun: list[HandConfiguration] = solver.engine.method.begun  # type: ignore[attr-defined]
+    begun: list[HandConfiguration] = solver.engine.runner.method.begun  # type: ignore[attr-defined]
     assert np.linalg.norm(begun[-1].position - inside.position[0]) > 0.01
 
 
@@ -94,9 +105,38 @@ def test_a_hand_that_begins_inside_begins_at_a_free_place() -> None:
         ("NotFinite", "position that is not finite"),
         ("NoNumbers", "abduction that is no array of numbers"),
         ("NoHand", "answers with NoneType: expected a HandConfiguration"),
+        ("Boasts", r"native_ns of 1000000000000000: expected 0 to the .* ns that the tick took \(tick 0\)"),
+        ("Owes", "native_ns of -1000000000000000000: expected 0 to"),
+        ("Leaves", r"fails: SystemExit: 0 \(tick 0\)"),
+        ("Interrupts", r"fails: KeyboardInterrupt:  \(tick 0\)"),
         ("NoForces", r"promises forces \(gives_forces\) and gives none"),
     ],
 )
 def test_what_is_no_hand_is_refused_by_name_and_tick(name: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         solver_of(name).run(*HAPTIC.part(0, 5))
+
+
+def test_what_it_prints_goes_to_stderr_and_its_folder_is_its_own(
+    capfd: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    here = Path.cwd()
+    solver_of("Talks").run(*HAPTIC.part(0, 2))
+    shown = capfd.readouterr()
+    assert shown.out == ""
+    assert [shown.err.count(word) for word in ("printed", "written", "by C")] == [3, 3, 3]
+    assert Path.cwd() == here
+
+
+def test_the_time_of_a_tick_is_taken_by_a_clock_that_no_method_changes(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("perf_counter_ns", "process_time_ns", "perf_counter", "process_time"):
+        monkeypatch.setattr(time, name, getattr(time, name))
+    record = solver_of("StopsTheClock").run(*HAPTIC.part(0, 3))
+    assert (record.duration_cpu >= 2_000_000).all() and (record.duration_total >= 2_000_000).all()
+
+
+def test_what_it_does_to_its_scene_is_its_own_business() -> None:
+    kept = SCENE.mesh.vertices.copy(), SCENE.hand.length.copy()
+    solver_of("Rewrites").run(*HAPTIC.part(0, 1))
+    np.testing.assert_array_equal(SCENE.mesh.vertices, kept[0])
+    np.testing.assert_array_equal(SCENE.hand.length, kept[1])

@@ -199,7 +199,7 @@ def test_without_the_compiler_one_thread_does_everything(hand: HandModel) -> Non
 
 def test_impossible_numbers_are_refused() -> None:
     for threads in (0, -1, PARTS + 1):
-        with pytest.raises(InputError, match=f"threads is {threads}: 1 to 6"):
+        with pytest.raises(InputError, match=f"threads is {threads}: expected 1 to 6; a tick has 6 parts"):
             SolverOptions(threads=threads)
     with pytest.raises(InputError, match="'daqp' is driven in one thread"):
         SolverOptions(threads=2, qp="daqp")

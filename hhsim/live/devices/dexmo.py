@@ -15,7 +15,9 @@ class DexmoOptions(ServedOptions):
     """
 
     port: int = setting(55555, "Port of the glove's server", "PORT", least=1, most=65535)
-    device_id: int | None = setting(None, "The glove's number at its server. Default: the hand's first", "ID", least=0)
+    device_id: int | None = setting(
+        None, "The glove's number at its server. Default: the hand's first", "ID", least=0, most=2**31 - 1
+    )
 
 
 GLOVE = Glove(

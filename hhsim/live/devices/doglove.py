@@ -22,7 +22,7 @@ class DogloveOptions(GloveOptions):
     path: str = setting(
         "", "Serial line, such as /dev/ttyUSB0, instead of the network", "LINE", flags=("--serial", "--path")
     )
-    baud: int = setting(921_600, "Speed of the serial line", "BAUD", unit="bit/s", least=1)
+    baud: int = setting(921_600, "Speed of the serial line", "BAUD", unit="bit/s", least=1, most=12_000_000)
     servo_zero: str = setting(
         "182.2,165.2,150.29,151.44,145.9",
         "What the five servos read with a flat hand, with commas",

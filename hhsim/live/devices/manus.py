@@ -15,7 +15,9 @@ class ManusOptions(ReachedOptions):
     """
 
     port: int = setting(24170, "Port of the glove's server", "PORT", least=1, most=65535)
-    full_force: float = setting(2.0, "Force on a finger that shakes it with full power", "N", unit="N", least=0.01)
+    full_force: float = setting(
+        2.0, "Force on a finger that shakes it with full power", "N", unit="N", least=0.01, most=1000.0
+    )
 
 
 GLOVE = Glove(

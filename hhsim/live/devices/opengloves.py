@@ -20,9 +20,9 @@ class OpenGlovesOptions(ServedOptions):
     path: str = setting(
         "", "Serial line, such as /dev/ttyUSB0, instead of the network", "LINE", flags=("--serial", "--path")
     )
-    baud: int = setting(115_200, "Speed of the serial line", "BAUD", unit="bit/s", least=1)
+    baud: int = setting(115_200, "Speed of the serial line", "BAUD", unit="bit/s", least=1, most=12_000_000)
     full_scale: float = setting(
-        4095.0, "Largest reading; 1023 for boards with 10 bits", "COUNTS", unit="count", least=1.0
+        4095.0, "Largest reading; 1023 for boards with 10 bits", "COUNTS", unit="count", least=1.0, most=1e9
     )
 
 

@@ -22,7 +22,7 @@ class UdpOptions(ServedOptions):
         "limits", "Whether it takes where fingers are stopped, or forces on their tips", "limits|forces", choices=TAKES
     )
     most_force: float = setting(
-        5.0, "Most force on a fingertip, of a glove that takes forces", "N", unit="N", least=0.1
+        5.0, "Most force on a fingertip, of a glove that takes forces", "N", unit="N", least=0.1, most=1000.0
     )
 
 

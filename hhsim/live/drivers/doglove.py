@@ -198,14 +198,17 @@ def servo_zero(text: str) -> FloatArray:
     """What the servos read with a flat hand [deg], shape (5,).
 
     Raises:
-        InputError: Not five finite numbers.
+        InputError: Not five numbers from -360 to 360.
     """
     try:
         zero = np.array([float(part) for part in text.split(",")])
     except ValueError:
         zero = np.zeros(0)
-    if zero.shape != (SERVOS,) or not np.isfinite(zero).all():
-        raise InputError(f"servo zero '{text}'; expected five numbers in degrees, thumb to little finger, with commas")
+    if zero.shape != (SERVOS,) or not (np.abs(zero) <= 360.0).all():
+        raise InputError(
+            f"servo zero '{text}'; expected five numbers from -360 to 360 in degrees, with commas, thumb to little "
+            "finger"
+        )
     return zero
 
 

@@ -5,6 +5,15 @@ import numpy as np
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
 from hhsim.metrics.run_metric import Judged, RunMetric
 
+MOST_STUCK = 0.5
+"""Share of stuck ticks above which the figures of a run are of a hand that did not follow."""
+
+
+def is_mostly_stuck(stuck: float, ticks: int) -> bool:
+    """Return whether more than half of the ticks are stuck: such a run misses its limits, whatever these are."""
+    return stuck > MOST_STUCK * ticks
+
+
 METRICS = (
     RunMetric(
         name="stuck_ticks",

@@ -60,7 +60,7 @@ HHSIM = [sys.executable, "-c", "from hhsim.cli.main import main; main()"]
         (["--pose", "fixed", "--palm-turn", "1,0,0,0"], "--palm-turn needs --palm, where the palm is"),
         (["--stiffness", "1.5"], "Invalid value for '--stiffness': '1.5', expected 0 (free) to 1, or five of that"),
         (["--stiffness", "0,1"], "Invalid value for '--stiffness': '0,1', expected 0 (free) to 1, or five of that"),
-        (["--palm", "1,2"], "Invalid value for '--palm': '1,2', expected 3 numbers, with commas between"),
+        (["--palm", "1,2"], "Invalid value for '--palm': '1,2', expected 3 numbers with commas between"),
     ],
 )
 def test_options_that_contradict_are_told_in_one_line(

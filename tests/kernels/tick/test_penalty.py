@@ -308,7 +308,7 @@ def test_a_hand_that_never_touches_tests_no_pair() -> None:
         ({"qp": "clarabel"}, "solves no quadratic program"),
         ({"period": 0.0}, "period is 0 s"),
         ({"response": np.inf}, "response is inf s"),
-        ({"contact_response": -1.0}, "must be finite and not negative"),
+        ({"contact_response": -1.0}, "contact_response is -1 s: expected 0 to 1000"),
     ],
 )
 def test_options_that_make_no_sense_are_refused(options: dict[str, Any], says: str) -> None:

@@ -195,7 +195,7 @@ def test_a_glove_in_one_file_is_in_the_help_with_its_settings(
         refused = run("live", "glove", "--device", "sim", "--fist", "80")
         assert refused.err.startswith("hhsim: error: --fist is for --device text, not sim")
         answer = run("live", "glove", "cube", "--device", "text", "--file", "gone", "--no-record", "--fist", "0")
-        assert "0.0 is not in the range 1.0<=x<=120.0" in answer.err
+        assert "0.0 is not in the range 1<=x<=120" in answer.err
     finally:
         monkeypatch.undo()
         importlib.reload(module)

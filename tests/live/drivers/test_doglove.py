@@ -179,9 +179,9 @@ def test_what_is_missing_is_told_in_one_line() -> None:
         glove.read(np.zeros(1, GLOVE_SAMPLE))
 
 
-@pytest.mark.parametrize("text", ["", "1,2,3,4", "1,2,3,4,five", "1,2,3,4,inf"])
+@pytest.mark.parametrize("text", ["", "1e300,0,0,0,0", "1,2,3,4", "1,2,3,4,five", "1,2,3,4,inf"])
 def test_zeros_that_are_not_five_numbers_are_refused(text: str) -> None:
-    with pytest.raises(InputError, match="expected five numbers in degrees"):
+    with pytest.raises(InputError, match="expected five numbers from -360 to 360 in degrees"):
         open_device(configure("doglove", servo_zero=text))
 
 

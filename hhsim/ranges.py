@@ -1,0 +1,66 @@
+"""Ranges of the numbers that a run is given, the same for options, for files and for whoever calls the library."""
+
+from numbers import Integral, Real
+from typing import Any, NamedTuple
+
+from hhsim.errors import InputError
+
+
+class Range(NamedTuple):
+    """Least and greatest value that a number may have, its unit, and the reason where it is not plain."""
+
+    least: float
+    greatest: float
+    unit: str = ""
+    reason: str = ""
+
+
+_STIFFNESS = "rounding leaves nothing of a hand's motion beyond"
+RANGES = {
+    "mass": Range(1e-9, 1e9, "kg"),
+    "density": Range(1e-3, 1e6, "kg/m³"),
+    "friction": Range(0.0, 100.0),
+    "table_friction": Range(0.0, 100.0),
+    "torsion": Range(0.0, 10.0, "m"),
+    "table": Range(-100.0, 100.0, "m"),
+    "damping": Range(0.0, 1e6, "1/s"),
+    "gravity": Range(-1e4, 1e4, "m/s²"),
+    "velocity": Range(-1e4, 1e4, "m/s"),
+    "angular_velocity": Range(-1e5, 1e5, "rad/s"),
+    "size": Range(0.001, 20.0, "m", "a hand is to touch it"),
+    "thickness": Range(1e-6, 20.0, "m"),
+    "stiffness translation": Range(1e-9, 1e12, "N/m", _STIFFNESS),
+    "stiffness rotation": Range(1e-9, 1e12, "N·m/rad", _STIFFNESS),
+    "stiffness flexion": Range(1e-9, 1e12, "N·m/rad", _STIFFNESS),
+    "stiffness contact": Range(1e-9, 1e12, "N/m", _STIFFNESS),
+    "stiffness penalty": Range(1e-9, 1e12, "N/m", _STIFFNESS),
+    "linearisations": Range(1, 1_000_000),
+    "budget": Range(1, 2**62, "work units"),
+    "threads": Range(1, 6, reason="a tick has 6 parts, five fingers and the palm"),
+    "tolerance": Range(1e-12, 1e-6, "of the margin", "rounding begins below, and steps end inside above"),
+    "margin": Range(1e-9, 100.0, "m"),
+    "skin": Range(1e-9, 100.0, "m"),
+    "offset": Range(1e-12, 100.0, "m"),
+    "step_tolerance": Range(1e-12, 100.0, "m"),
+    "touch": Range(1e-12, 100.0, "m"),
+    "period": Range(1e-6, 1e3, "s"),
+    "response": Range(1e-9, 1e3, "s"),
+    "contact_response": Range(0.0, 1e3, "s"),
+}
+"""Range of each number by its name, in SI units."""
+
+
+def check_range(name: str, value: Any) -> None:
+    """Raise InputError for what is no number, or is outside of the range of that name in `RANGES`.
+
+    Where the range is of whole numbers, another number is refused too.
+    """
+    least, greatest, unit, reason = RANGES[name]
+    kind: Any = Integral if isinstance(greatest, int) else Real
+    if isinstance(value, kind) and not isinstance(value, bool) and least <= value <= greatest:
+        return
+    # A whole number may have more digits than a float or a line can hold.
+    shown = f"{value:g}" if isinstance(value, float) else repr(value)[:40]
+    if unit and isinstance(value, Real):
+        shown += f" {unit}"
+    raise InputError(f"{name} is {shown}: expected {least:g} to {greatest:g}{reason and f'; {reason}'}")

@@ -1,0 +1,151 @@
+"""Every option that takes a number refuses an absurd one while the command line is read, in one line with its range."""
+
+import importlib
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import click
+import pytest
+
+from hhsim.errors import InputError
+from hhsim.ranges import RANGES, check_range
+from hhsim.scene.free_object import FreeObject
+from hhsim.solver.options import NUMBERS, SolverOptions, Stiffness
+
+COMMANDS: list[Any] = list(importlib.import_module("hhsim.cli.reference").commands())
+
+ABSURD = (
+    *("0", "-1", "nan", "inf", "-inf", "5e-324", "1e-300", "-1e300", "1e300"),
+    *("9223372036854775808", "-9223372036854775809", "99999999999999999999"),
+)
+WORDS = {
+    *(
+        "--method",
+        "--fingers",
+        "--qp",
+        "--object",
+        "--motion",
+        "--surface",
+        "--case",
+        "--columns",
+        "--name",
+        "--source",
+    ),
+    *("--licence", "--format", "--object-track", "--profile", "--host", "--pose-host", "--scheduler", "--serial"),
+    *("--rerun", "--trajectory", "--palm-axes"),
+}
+"""Options whose texts hold no number."""
+READ_LATER = {
+    "--servo-zero": "the driver of a DOGlove reads it before it opens a port: tests/live/drivers/test_doglove.py",
+    "--width": "what draws the figure reads it, with its unit: tests/report/test_figure_file.py",
+}
+SMALL = "a number from 0 on may be as small as it likes"
+OFF = "0 is none at all"
+TINY = {"--friction", "--table-friction", "--torsion", "--tremor"}
+SIGNED = {"--table", "--palm", "--palm-turn"}
+FINE = {
+    **{(name, value): why for name in TINY for value, why in (("0", OFF), ("5e-324", SMALL), ("1e-300", SMALL))},
+    **{(name, value): "a place on an axis" for name in SIGNED for value in ("0", "-1", "5e-324", "1e-300")},
+    **{(name, value): "a stamp [s]" for name in ("--from", "--to") for value in ("0", "-1", "5e-324", "1e-300")},
+    **{
+        (name, value): "a stamp [s]; which of two comes first the poses say"
+        for name in ("--open", "--fist", "--spread")
+        for value in ("0", "5e-324", "1e-300")
+    },
+    **{("live --stiffness", value): "0 is a free finger" for value in ("0", "5e-324", "1e-300")},
+    **{(name, "0"): "they count from 0" for name in ("--seed", "--episode", "--device-id", "--cpu")},
+    ("--cpu", "-1"): "any processor",
+}
+"""Why a value is none that is absurd, by the option."""
+
+
+def numeric_options() -> Iterator[tuple[Any, click.Option]]:
+    for found in COMMANDS:
+        for option in found.command.params:
+            if isinstance(option, click.Option) and not option.is_flag and not option.is_eager:
+                typed = isinstance(option.type, click.Choice | click.Path)
+                if not typed and option.opts[0] not in WORDS | READ_LATER.keys():
+                    yield found, option
+
+
+@pytest.mark.parametrize(
+    ("found", "option"), [pytest.param(*case, id=f"{case[0].path} {case[1].opts[0]}") for case in numeric_options()]
+)
+def test_absurd_numbers_are_refused_in_one_line(found: Any, option: click.Option) -> None:
+    name = option.opts[0]
+    name = "live --stiffness" if found.path == "hhsim live glove" and name == "--stiffness" else name
+    for value in ABSURD:
+        # Of an option that takes several numbers, the count is not known here.
+        for text in (",".join([value] * count) for count in (1, 2, 3, 4, 5)):
+            given = (text,) if option.multiple else text
+            try:
+                option.process_value(found.context, given)
+            except click.UsageError as error:
+                assert error.exit_code == 2
+                assert "\n" not in error.format_message(), (value, error.format_message())
+            else:
+                assert (name, value) in FINE, f"{text} is taken"
+                break
+        else:
+            assert (name, value) not in FINE, f"{value} is refused"
+
+
+def test_every_option_that_is_named_here_is_one() -> None:
+    there = {option for found in COMMANDS for parameter in found.command.params for option in parameter.opts}
+    named = {name.removeprefix("live ") for name, _ in FINE} | WORDS | READ_LATER.keys()
+    assert named <= there, named - there
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("replay cube lift --free --mass 1e-300", "'--mass': 1e-300 is not in the range 1e-09<=x<=1e+09"),
+        ("replay cube lift --free --friction 1e300", "'--friction': 1e+300 is not in the range 0<=x<=100"),
+        ("replay cube lift --free --torsion 1e300", "'--torsion': 1e+300 is not in the range 0<=x<=10000"),
+        ("replay cube --budget 99999999999999999999", "not in the range 1<=x<=4611686018427387904"),
+        ("replay cube --budget 9223372036854775807", "not in the range 1<=x<=4611686018427387904"),
+        ("replay cube --rate nan", "'--rate': nan is not in the range 1<=x<=100000"),
+        ("replay cube --stiffness 1000,5,0", "3 numbers with commas between: k_t [N/m] 1e-09 to 1e+12"),
+        ("bench speed-error --level 2,99999999999999999999", "expected whole numbers from 1 to 5"),
+    ],
+)
+def test_the_command_line_says_the_range(run: Callable[..., Any], words: str, message: str) -> None:
+    answer = run(*words.split())
+    assert (answer.code, answer.out) == (2, "")
+    assert message in answer.err
+    assert len(answer.err.splitlines()) == 1
+
+
+BODY: dict[str, Any] = {
+    "mass": 0.1,
+    "center": (0.0, 0.0, 0.0),
+    "inertia": ((1e-4, 0.0, 0.0), (0.0, 1e-4, 0.0), (0.0, 0.0, 1e-4)),
+}
+VECTORS = ("gravity", "velocity", "angular_velocity")
+TAKEN = (
+    *NUMBERS,
+    *("mass", "friction", "torsion", "damping", "table", "table_friction", *VECTORS),
+    *(name for name in RANGES if name.startswith("stiffness ")),
+)
+
+
+def give(name: str, value: Any) -> object:
+    """Make the record of the library that has a number of this name."""
+    if name in NUMBERS:
+        return SolverOptions(**{name: value})
+    if name.startswith("stiffness "):
+        return Stiffness(**{name.removeprefix("stiffness "): value})
+    return FreeObject(**{**BODY, name: (value,) * 3 if name in VECTORS else value})
+
+
+@pytest.mark.parametrize("name", TAKEN)
+def test_the_library_refuses_what_the_command_line_refuses(name: str) -> None:
+    least, greatest, *_ = RANGES[name]
+    for value in (float("nan"), float("inf"), -float("inf"), 1e300, -1e300, 10**400, "1", True):
+        with pytest.raises(InputError, match=f"{name} is .*: expected {least:g} to") as caught:
+            give(name, value)
+        assert len(str(caught.value)) < 200
+    if name not in ("margin", "offset"):
+        # Of these two, one has to be ten times the other.
+        give(name, greatest if isinstance(greatest, int) else float(greatest))
+    check_range(name, least)
