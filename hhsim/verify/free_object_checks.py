@@ -414,7 +414,7 @@ def free_complementarity_claim(judge: JudgedTicks) -> Claim:
     to_go = np.where(late, np.asarray(motion.result["lag"])[ticks], 0.0)
     bears = (np.where(late, judge.bearing, judge.touch) + to_go)[:, None] + floats[ticks]
     # Of what is beyond the margin the distance is not known.
-    nearest = np.minimum(judge.candidates.nearest(len(judge.chosen))[places], float(judge.options["margin"]))
+    nearest = np.minimum(judge.near.nearest[places], float(judge.options["margin"]))
     apart = nearest > bears + LENGTH
     size = np.linalg.norm(judge.stored_forces(ticks), axis=2)
     off = np.where(apart, size, 0.0).max(axis=1)

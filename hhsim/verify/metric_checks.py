@@ -74,10 +74,10 @@ def change_rate(force: FloatArray, first: NDArray[np.bool_]) -> FloatArray:
     """One-tick change of the size of forces (T, ..., 3) [N], in %; NaN below 0.01 N and at ticks that are `first`."""
     size = np.sqrt(np.einsum("...i,...i->...", force, force))
     rate = np.full(size.shape, np.nan)
-    for t in np.flatnonzero(~first):
-        with np.errstate(divide="ignore", invalid="ignore"):
-            change = 100.0 * np.abs(size[t] / size[t - 1] - 1.0)
-        rate[t] = np.where(size[t - 1] < FLOOR, np.nan, change)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        change = 100.0 * np.abs(size[1:] / size[:-1] - 1.0)
+    rate[1:] = np.where(size[:-1] < FLOOR, np.nan, change)
+    rate[first] = np.nan
     return rate
 
 
