@@ -77,6 +77,8 @@ def command(result: Path, every: int | None, again: bool, why: bool, as_json: bo
 
 
 def _print(path: Path, found: "Verification", *, why: bool) -> None:
+    from hhsim.verify.claim import NOT_JUDGED
+
     # What failed first, and with its reason, whether that was asked for or not.
     failed, others = ([claim for claim in found.claims if claim.failed is wanted] for wanted in (True, False))
     cells = CELLS if why else {heading: cell for heading, cell in CELLS.items() if heading != WHY}
@@ -88,7 +90,8 @@ def _print(path: Path, found: "Verification", *, why: bool) -> None:
     deep = f"deepest in the {spheres}mesh {_depth(found.mesh_penetration)}"
     false = [claim.name for claim in found.claims if claim.failed]
     verdict = f"FALSE: {', '.join(false)}" if false else "every claim that could be judged holds"
-    print_line(f"{found.looked}; {deep}; {verdict}")
+    rest = [claim.name for claim in found.claims if claim.verdict == NOT_JUDGED]
+    print_line(f"{found.looked}; {deep}; not judged: {', '.join(rest)}; {verdict}")
 
 
 def _depth(depth: float) -> str:

@@ -206,7 +206,7 @@ def _beyond_a_file(result: Result, again: bool) -> list[Claim]:
     }
     if result.live is not None:
         beyond["glove's own words"] = (
-            "raw channels, the glove's stamps, numbers and battery, what it is and how it was reached",
+            "raw channels, the glove's stamps, numbers and battery, what it is, and who ended the session",
             "nothing in the file follows from them but the angles, by a calibration that it does not hold",
         )
     if not again:
