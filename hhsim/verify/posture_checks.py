@@ -64,7 +64,9 @@ def _lag(judge: JudgedTicks) -> Claim:
     far = np.linalg.norm(judge.shown_posed.joints - judge.wanted_posed.joints, axis=3).max(axis=(1, 2))
     lag, late = np.asarray(judge.result["lag"]), judge.status & (STUCK | LAG) > 0
     over = np.where(late, np.maximum(0.0, np.maximum(lag - far, -lag)), np.abs(lag))
-    says = "a settled tick has none, another no more than the way left"
+    # Of a hand that is on its way something is left to go, unless it is there.
+    over[late & (lag <= 0.0) & (far > LENGTH)] = np.inf
+    says = "a settled tick has none, another some, and no more than the way left"
     return judged("lag", says, over, LENGTH, "m", WHY_LENGTH, ticks=judge.numbers)
 
 

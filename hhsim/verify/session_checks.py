@@ -29,6 +29,8 @@ COUNTERS = (
     *("commands", "commands_refused"),
 )
 """What a glove's driver counts."""
+TAKES_COMMANDS = frozenset({"POSITION_LIMIT", "STIFFNESS", "FORCE", "POWER"})
+"""Capabilities of a glove that takes commands."""
 AT_THE_END = 100
 """Commands that free a glove when a session begins and ends, at most."""
 ONE_CLOCK = "one clock stamps all of them"
@@ -257,7 +259,8 @@ def _counters(rows: SessionRows) -> Claim:
         "commands of a dry run": rows.dry_run and counted["commands"] > 0,
         "no command, though fingers were held": not rows.dry_run
         and counted["commands"] == 0
-        and bool((rows.stiffness > 0.0).any()),
+        and bool((rows.stiffness > 0.0).any())
+        and not TAKES_COMMANDS.isdisjoint(json.loads(str(rows.live["device"])).get("capabilities", ())),
     }
     return all_true(name, says, list(wrong.values()), note="; ".join(what for what, is_so in wrong.items() if is_so))
 

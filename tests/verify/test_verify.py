@@ -19,6 +19,7 @@ from planted_faults import (
     FAULTS,
     HOLD,
     SEALED,
+    UNMARKED,
     described_grasp,
     failing,
     forge_scene,
@@ -67,7 +68,7 @@ pytestmark = pytest.mark.slow
 ALL = os.environ.get("HHSIM_VERIFY_ALL") == "1"
 """All ten objects by both safe methods; without it, the two that differ most."""
 
-BEYOND_A_FILE = {"times", "machine and versions", "names"}
+BEYOND_A_FILE = {"times", "machine and versions", "names", "second run", "motion", "begin of phases"}
 """What no file can show, and every verdict says so."""
 
 
@@ -92,9 +93,9 @@ def test_a_planted_fault_is_found_by_name(honest: Result, tmp_path: Path, fault:
     found = verify(planted(honest.path, tmp_path, fault), every=HOLD)
     assert FAULTS[fault] in failing(found)
     claim = next(claim for claim in found.claims if claim.name == FAULTS[fault])
-    assert claim.worst > claim.tolerance
+    assert not claim.worst <= claim.tolerance
     if claim.tick is not None and fault not in EVERYWHERE:
-        assert claim.tick in (0, 119, 120, 121, HOLD)
+        assert claim.tick in (0, 119, 120, 121, UNMARKED, UNMARKED + 1, HOLD)
     if fault in SEALED:
         assert "checksums" not in failing(found)
 
