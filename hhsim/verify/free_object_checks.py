@@ -28,6 +28,8 @@ IntArray = NDArray[np.int64]
 
 ON_TABLE = -1
 UNIT = 1e-9
+EARTH = (0.0, 0.0, -9.81)
+"""Gravity [m/s²]."""
 APART = 1e-6
 """Two contacts of one body that are no farther apart [m] are one."""
 FORCE = 1e-6
@@ -62,8 +64,9 @@ class FreeMotion:
         # Of the first tick all are; but where a recorder lost others, nobody knows from where the next one went on.
         self.follows = follows(result)
         self.follows[0] = result.live is None or result["live/tick/record"][0] == 0
-        self.tick: IntArray = np.asarray(result["contact/tick"])
-        self.body: IntArray = np.asarray(result["contact/body"]).astype(np.int64)
+        # What is none of a tick or of a body is found by `_contacts`.
+        self.tick: IntArray = np.clip(result["contact/tick"], 0, result.ticks - 1)
+        self.body: IntArray = np.clip(np.asarray(result["contact/body"], np.int64), ON_TABLE, PALM)
         self.point, self.normal = (np.asarray(result[f"contact/{name}"]) for name in ("point", "normal"))
         self.load, self.friction = (
             np.asarray(result[f"contact/{name}"]) for name in ("normal_force", "friction_force")
@@ -136,7 +139,8 @@ def free_claims(result: Result) -> list[Claim]:
 def _contacts(motion: FreeMotion) -> list[Claim]:
     """The rows of /contact themselves: in the order of the ticks, on the body that they name, each with its own."""
     tick, body, point, normal = motion.tick, motion.body, motion.point, motion.normal
-    wrong = (np.diff(tick, prepend=0) < 0) | (tick >= len(motion.ticks)) | (body < ON_TABLE) | (body > PALM)
+    stored = np.asarray(motion.result["contact/tick"])
+    wrong = (np.diff(stored, prepend=0) < 0) | (stored != tick) | (np.asarray(motion.result["contact/body"]) != body)
     wrong |= ~(np.abs(np.linalg.norm(normal, axis=1) - 1.0) <= UNIT)
     wrong |= np.asarray(motion.result["contact/sticks"]) > 1
     wrong |= motion.of_table & (np.abs(normal - [0.0, 0.0, 1.0]).max(axis=1) > UNIT)
@@ -160,7 +164,7 @@ def _solid(motion: FreeMotion) -> Claim:
     """Centre of mass and inertia by trimesh, of the mesh where it was before the first tick."""
     from trimesh.triangles import mass_properties
 
-    name, says = "solid", "centre of mass and inertia are those of the mesh, filled with one density"
+    name, says = "solid", "centre of mass and inertia are those of the mesh, of one density, in the earth's gravity"
     static = motion.result.static
     try:
         own = mass_properties(np.asarray(static["object/vertices"])[static["object/faces"]])
@@ -171,6 +175,7 @@ def _solid(motion: FreeMotion) -> Claim:
     off = [
         float(np.abs(np.asarray(own.center_mass) - motion.free["center"]).max()) / extent,
         float(np.abs(inertia - motion.inertia).max() / np.abs(inertia).max()),
+        float(np.abs(motion.gravity - EARTH).max()),
     ]
     claim = judged(name, says, off, FORCE, "1", "a millionth: sums over the triangles in another order")
     if claim.failed:

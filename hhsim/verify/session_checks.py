@@ -260,7 +260,7 @@ def _counters(rows: SessionRows) -> Claim:
         "no command, though fingers were held": not rows.dry_run
         and counted["commands"] == 0
         and bool((rows.stiffness > 0.0).any())
-        and not TAKES_COMMANDS.isdisjoint(json.loads(str(rows.live["device"])).get("capabilities", ())),
+        and not TAKES_COMMANDS.isdisjoint(json.loads(str(rows.live["device"])).get("capabilities", TAKES_COMMANDS)),
     }
     return all_true(name, says, list(wrong.values()), note="; ".join(what for what, is_so in wrong.items() if is_so))
 
