@@ -1,8 +1,8 @@
 """The referee's distances to leaf spheres and triangles, held against an established collision library, coal.
 
-Coal knows no round cones, but balls: the union of balls along an axis is min over s of d(x(s)) − r(s) away. A sphere and
-a triangle are convex, so d is convex along the axis, and its tangents, by coal's nearest points, bound it from below.
-The next place is where two tangents meet, until they meet at what was found.
+Coal knows no round cones, but balls: the union of balls along an axis is min over s of d(x(s)) − r(s) away. A sphere
+and a triangle are convex, so d is convex along the axis, and its tangents, by coal's nearest points, bound it from
+below. The next place that is asked is where two tangents meet, until they meet at what was found.
 """
 
 import math

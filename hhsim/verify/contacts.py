@@ -139,9 +139,7 @@ def near_rows(
     return row[kept], piece[kept]
 
 
-def near_pairs(
-    hand: OwnHand, posed: Posed, spheres: Groups, fingers: BoolArray, near: float
-) -> Pairs:
+def near_pairs(hand: OwnHand, posed: Posed, spheres: Groups, fingers: BoolArray, near: float) -> Pairs:
     """All pairs of a body and a sphere no more than `near` [m] apart.
 
     Args:

@@ -1,4 +1,4 @@
-"""The claims of how the user's hand goes from sample to sample, how deep it was, and how far the shown one is off it."""
+"""The claims of how the user's hand goes from sample to sample, how deep it was, and how far off the shown one is."""
 
 import numpy as np
 

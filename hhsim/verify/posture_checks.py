@@ -33,7 +33,9 @@ def posture_claims(judge: JudgedTicks) -> list[Claim]:
     beyond = np.maximum(hand.flexion_min - at.flexion, at.flexion - hand.flexion_max).max(axis=(1, 2))
     says = "the joints are those of the stored angles and pose"
     return [
-        judged("unit quaternions", "orientations are unit, and change no sign", unit, 1e-9, "1", "rounding", ticks=ticks),
+        judged(
+            "unit quaternions", "orientations are unit, and change no sign", unit, 1e-9, "1", "rounding", ticks=ticks
+        ),
         judged("kinematics", says, off, LENGTH, "m", WHY_LENGTH, ticks=ticks),
         *_of_the_solver(judge, np.maximum(0.0, beyond)),
         *_free(judge),

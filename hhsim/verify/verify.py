@@ -166,8 +166,8 @@ def require_coal() -> None:
 def chosen_ticks(result: Result, every: int) -> IntArray:
     """The ticks to look at: one in `every`, the last, and where the file itself says that something is worst.
 
-    And those in which the hand leaps: what moves by less than it is thick cannot get inside without touching the surface
-    in some tick, which is judged at all of them.
+    And those in which the hand leaps: what moves by less than it is thick cannot get inside without touching the
+    surface in some tick, which is judged at all of them.
     """
     worst = [
         int(np.nan_to_num(np.asarray(result[name], np.float64)).argmax())

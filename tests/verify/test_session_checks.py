@@ -163,7 +163,11 @@ def test_an_honest_session_with_every_mishap_holds(session: Result) -> None:
     assert failing(found) == set()
     claims = {claim.name: claim for claim in found.claims}
     assert {name: claims[name].verdict for name in LIVE_CLAIMS} == dict.fromkeys(LIVE_CLAIMS, HOLDS)
-    assert all(claims[name].checked > 300 for name in LIVE_CLAIMS if name not in ("records", "end", "counters", "session figures"))
+    assert all(
+        claims[name].checked > 300
+        for name in LIVE_CLAIMS
+        if name not in ("records", "end", "counters", "session figures")
+    )
     assert "not believed" in claims["fingers of the sample"].note
     assert "summary" not in claims
 
