@@ -34,9 +34,10 @@ NUMBERS = {"worst", "let pass", "at tick", "looked at"}
 @click.option(
     "--every",
     type=options.COUNT,
-    default=10,
+    default=None,
     metavar="K",
-    help="Judge distances and forces at every K-th tick, and where the file says that something is worst.",
+    help="Ask the collision library at every K-th tick, and where the file says that something is worst; all else is "
+    "judged at every tick. Default: 1 below 10,000 ticks, else 50.",
 )
 @click.option("--why", is_flag=True, help="Show what each claim says, and why so much is let pass.")
 @click.option(
@@ -46,7 +47,7 @@ NUMBERS = {"worst", "let pass", "at tick", "looked at"}
 )
 @options.json
 @options.quiet
-def command(result: Path, every: int, again: bool, why: bool, as_json: bool, quiet: bool) -> int:
+def command(result: Path, every: int | None, again: bool, why: bool, as_json: bool, quiet: bool) -> int:
     """Check every claim of a result with independent code.
 
     RESULT is a file that hhsim replay or hhsim live wrote. Joints, depths, forces, optimality, times and the summary
@@ -57,8 +58,8 @@ def command(result: Path, every: int, again: bool, why: bool, as_json: bool, qui
     \b
     Examples:
       hhsim verify results/grasp.h5
-      hhsim verify grasp.h5 --every 1 --why
-      hhsim verify grasp.h5 --every 1 --again
+      hhsim verify grasp.h5 --why
+      hhsim verify grasp.h5 --again
       hhsim verify session.h5 --every 100 --json
     """
     from hhsim.result.reader import load_result
@@ -76,6 +77,8 @@ def command(result: Path, every: int, again: bool, why: bool, as_json: bool, qui
 
 
 def _print(path: Path, found: "Verification", *, why: bool) -> None:
+    from hhsim.verify.claim import NOT_JUDGED
+
     # What failed first, and with its reason, whether that was asked for or not.
     failed, others = ([claim for claim in found.claims if claim.failed is wanted] for wanted in (True, False))
     cells = CELLS if why else {heading: cell for heading, cell in CELLS.items() if heading != WHY}
@@ -87,7 +90,8 @@ def _print(path: Path, found: "Verification", *, why: bool) -> None:
     deep = f"deepest in the {spheres}mesh {_depth(found.mesh_penetration)}"
     false = [claim.name for claim in found.claims if claim.failed]
     verdict = f"FALSE: {', '.join(false)}" if false else "every claim that could be judged holds"
-    print_line(f"{found.looked_at:,} of {found.ticks:,} ticks looked at; {deep}; {verdict}")
+    rest = [claim.name for claim in found.claims if claim.verdict == NOT_JUDGED]
+    print_line(f"{found.looked}; {deep}; not judged: {', '.join(rest)}; {verdict}")
 
 
 def _depth(depth: float) -> str:

@@ -25,6 +25,8 @@ from hhsim.verify.verify import Verification
 
 HOLD = 200
 """A tick of the hold."""
+UNMARKED = 173
+"""A tick of the hold in which nothing is worst, and no library is asked."""
 
 
 def described_grasp(
@@ -380,6 +382,161 @@ def renamed_method(file: h5py.File) -> None:
     forge_scene(file, lambda scene: scene["solver"].update(method="progressive"))
 
 
+def invented_figure(file: h5py.File) -> None:
+    file["summary"].attrs["comfort"] = 0.97
+
+
+def worded_figure(file: h5py.File) -> None:
+    file["summary"].attrs["penetration_max"] = "none"
+
+
+def deep_between_samples(file: h5py.File) -> None:
+    """Both hands 2 mm deeper at a tick that nothing marks."""
+    direction = -file["tick/force/total"][HOLD] / np.linalg.norm(file["tick/force/total"][HOLD])
+    for name in ("graphic/position", "graphic/joints", "haptic/position"):
+        file[f"tick/{name}"][UNMARKED] += 2e-3 * direction
+
+
+def moved_force(file: h5py.File) -> None:
+    """What a phalanx felt is given to the next one of its finger."""
+    phalanx = file["tick/force/phalanx"]
+    row = phalanx[UNMARKED]
+    f, k = divmod(int(np.linalg.norm(row, axis=2).argmax()), 3)
+    row[f, [k, (k + 1) % 3]] = row[f, [(k + 1) % 3, k]]
+    phalanx[UNMARKED] = row
+
+
+def turned_force(file: h5py.File) -> None:
+    """As another frame has it, a quarter turn about z: sums and all."""
+    for name in ("phalanx", "total"):
+        x, y, z = np.moveaxis(file[f"tick/force/{name}"][UNMARKED], -1, 0)
+        file[f"tick/force/{name}"][UNMARKED] = np.stack([-y, x, z], axis=-1)
+
+
+def stale_forces(file: h5py.File) -> None:
+    """A tick of the grasp has the forces of the tick before."""
+    for name in ("phalanx", "total"):
+        file[f"tick/force/{name}"][120] = file[f"tick/force/{name}"][119]
+
+
+def turned_moment(file: h5py.File) -> None:
+    file["tick/force/palm_wrench"][UNMARKED, 3:] *= -1.0
+
+
+def fingertip_of_another(file: h5py.File) -> None:
+    tips = file["tick/force/fingertip_normal"]
+    row = tips[UNMARKED]
+    row[[1, 3]] = row[[3, 1]]
+    tips[UNMARKED] = row
+
+
+def swapped_user_fingers(file: h5py.File) -> None:
+    flexion = file["tick/haptic/flexion"]
+    row = flexion[UNMARKED]
+    row[[1, 4]] = row[[4, 1]]
+    flexion[UNMARKED] = row
+
+
+def swapped_hands(file: h5py.File) -> None:
+    for name in ("position", "flexion"):
+        shown, user = file[f"tick/graphic/{name}"], file[f"tick/haptic/{name}"]
+        shown[UNMARKED], user[UNMARKED] = user[UNMARKED], shown[UNMARKED]
+
+
+def in_degrees(file: h5py.File) -> None:
+    file["tick/graphic/flexion"][UNMARKED] = np.degrees(file["tick/graphic/flexion"][UNMARKED])
+
+
+def user_spread(file: h5py.File) -> None:
+    file["tick/haptic/abduction"][UNMARKED, 2] += 1e-6
+
+
+def flipped_quaternion(file: h5py.File) -> None:
+    file["tick/graphic/orientation"][UNMARKED] *= -1.0
+
+
+def left_hand(file: h5py.File) -> None:
+    forge_scene(file, lambda scene: scene["hand"].update(side="left"))
+
+
+def widened_limits(file: h5py.File) -> None:
+    file["hand/flexion_max"][...] += 0.1
+
+
+def larger_hand(file: h5py.File) -> None:
+    forge_scene(file, lambda scene: scene["hand"].update(length=0.191))
+
+
+def wider_spread(file: h5py.File) -> None:
+    file["hand/abduction_min"][3] -= 1e-3
+
+
+def held_input(file: h5py.File) -> None:
+    file["tick/status"][160:190] |= 4
+
+
+def late_first_sample(file: h5py.File) -> None:
+    file["tick/input_seq"][...] += 5
+
+
+def false_lag(file: h5py.File) -> None:
+    file["tick/status"][UNMARKED] |= 2
+    file["summary"].attrs["lag_ticks"] += 1.0
+
+
+def lag_of_no_number(file: h5py.File) -> None:
+    file["tick/lag"][UNMARKED] = np.nan
+
+
+def depth_of_no_number(file: h5py.File) -> None:
+    file["tick/penetration_finger"][UNMARKED, 3] = np.nan
+
+
+def variation_of_no_number(file: h5py.File) -> None:
+    file["tick/force_variation_rate"][UNMARKED] = np.nan
+
+
+def stamp_of_no_number(file: h5py.File) -> None:
+    file["tick/time"][UNMARKED] = np.nan
+
+
+def busy_clock(file: h5py.File) -> None:
+    """More time of one thread than went by."""
+    file["tick/duration/total_cpu"][UNMARKED] = file["tick/duration/total"][UNMARKED] + 5_000_000
+
+
+def negative_time(file: h5py.File) -> None:
+    file["tick/duration/force"][UNMARKED] = -5
+
+
+def more_pairs_tested(file: h5py.File) -> None:
+    file["tick/work/pair_tests"][UNMARKED] += 100_000
+
+
+def fewer_spheres_said(file: h5py.File) -> None:
+    forge_scene(file, lambda scene: scene["modelled"].update(object_spheres=63))
+
+
+def other_level(file: h5py.File) -> None:
+    forge_scene(file, lambda scene: scene["tree_options"].update(level=3))
+
+
+def placed_elsewhere(file: h5py.File) -> None:
+    file["object/position"][0] += 1e-6
+
+
+def deeper_user(file: h5py.File) -> None:
+    file["summary"].attrs["input_depth_max"] += 1e-5
+
+
+def smaller_correction(file: h5py.File) -> None:
+    file["summary"].attrs["correction_joint_max"] *= 0.99
+
+
+def nearer_contacts(file: h5py.File) -> None:
+    file["summary"].attrs["contact_error_max"] *= 0.9
+
+
 FAULTS: dict[Callable[[h5py.File], None], str] = {
     shifted: "kinematics",
     moved_hand: "non-penetration",
@@ -442,14 +599,48 @@ FAULTS: dict[Callable[[h5py.File], None], str] = {
     deleted_tremor: "summary",
     moved_in_the_air: "free hand",
     renamed_method: "durations",
+    invented_figure: "summary",
+    worded_figure: "summary",
+    deep_between_samples: "non-penetration",
+    moved_force: "complementarity",
+    turned_force: "force balance",
+    stale_forces: "palm balance",
+    turned_moment: "palm wrench",
+    fingertip_of_another: "fingertips",
+    swapped_user_fingers: "stationarity",
+    swapped_hands: "kinematics",
+    in_degrees: "kinematics",
+    user_spread: "abduction",
+    flipped_quaternion: "unit quaternions",
+    left_hand: "hand",
+    widened_limits: "hand",
+    larger_hand: "hand",
+    wider_spread: "hand",
+    held_input: "input",
+    late_first_sample: "input",
+    false_lag: "lag",
+    lag_of_no_number: "lag",
+    depth_of_no_number: "depth",
+    variation_of_no_number: "force variation",
+    stamp_of_no_number: "time",
+    busy_clock: "durations",
+    negative_time: "durations",
+    more_pairs_tested: "work",
+    fewer_spheres_said: "scene",
+    other_level: "scene",
+    placed_elsewhere: "object",
+    deeper_user: "input depth",
+    smaller_correction: "correction",
+    nearer_contacts: "contacts off the mesh",
 }
 SEALED = {missing_sphere, wrong_parent, edited_mesh, longer_finger, thicker_finger, moved_sphere, shrunk_sphere}
 SEALED |= {slightly_shrunk_sphere, pushed_vertex, dropped_palm_sphere, loose_palm_sphere}
+SEALED |= {widened_limits, wider_spread, placed_elsewhere}
 """Faults whose forger also made the checksums fit."""
 EVERYWHERE = {scaled_force, longer_finger, thicker_finger, slower_clock, smoothed_variation}
 EVERYWHERE |= {moved_sphere, halved_candidates, shifted_time, stretched_time, wider_margin, narrower_margin}
 EVERYWHERE |= {fewer_linearisations, softer_coupling, wider_touch, other_force_model, fewer_fingers, moved_in_the_air}
-EVERYWHERE |= {fewer_bodies, renamed_method}
+EVERYWHERE |= {fewer_bodies, renamed_method, left_hand, held_input, deeper_user, nearer_contacts, late_first_sample}
 """Faults of more than one tick."""
 
 

@@ -88,7 +88,7 @@ def _figures(result: Result, own: dict[str, float], again: RunAgain) -> Claim:
 
 
 def _motion(result: Result) -> Claim:
-    name, says = "again: motion", "the user's hand is that of the motion that the scene names"
+    name, says = "again: motion", "the user's hand and the phases are those of the motion that the scene names"
     if result.live is not None:
         return Claim(name, says, NOT_JUDGED, note="it came from a glove")
     try:
@@ -113,7 +113,7 @@ def _motion(result: Result) -> Claim:
         made = np.asarray(values)[:count].reshape(count, -1)
         off[:count] = np.maximum(off[:count], difference(stored, made).max(axis=1))
     off[:count] = np.maximum(off[:count], np.abs(np.asarray(result["input_seq"])[:count] - ticks.input_seq[:count]))
-    if result.complete and ticks.tick_count > count:
+    if result.complete and (ticks.tick_count > count or ticks.phases != result.phases):
         off[-1] = np.inf
     note = "" if str(result.scene.get("trajectory")) in trajectory_names() else f"as {_word(result)} is now"
     return judged(

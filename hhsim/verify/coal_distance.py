@@ -1,11 +1,10 @@
 """The referee's distances to leaf spheres and triangles, held against an established collision library, coal.
 
-Coal knows no round cones, but segments: the union of spheres along an axis is min over s of d(x(s)) − r(s) away, and
-coal's d over a piece of the axis bounds that from below. The piece with the lowest bound is halved until the bounds
-meet, as in `hhsim.verify.mesh_distance` for the mesh.
+Coal knows no round cones, but balls: the union of balls along an axis is min over s of d(x(s)) − r(s) away. A sphere
+and a triangle are convex, so d is convex along the axis, and its tangents, by coal's nearest points, bound it from
+below. The next place that is asked is where two tangents meet, until they meet at what was found.
 """
 
-import heapq
 import math
 from collections.abc import Callable
 from typing import Any
@@ -17,9 +16,8 @@ from hhsim.mesh.mesh import Mesh
 
 EXACT = 1e-9
 """Bounds this near to each other [m] have met."""
-_MOST_PIECES = 1000
-"""Far more than bounds take to meet but where an axis lies along an edge: 200 left 3 nm between them there."""
-
+_MOST_PLACES = 200
+"""Far more than bounds take to meet."""
 
 Shape = tuple[Any, Any]
 """One of coal's shapes, and where it is."""
@@ -48,7 +46,7 @@ def triangle_shapes(mesh: Mesh) -> Callable[[int], Shape]:
 
 
 def coal_distance(a: FloatArray, b: FloatArray, radius_a: float, radius_b: float, shape: Any, place: Any) -> float:
-    """Signed distance [m] of the hull of two spheres to a sphere or a triangle, at most `EXACT` too large.
+    """Signed distance [m] of the hull of two balls to a sphere or a triangle, at most `EXACT` too large.
 
     Args:
         a, b: Centres of the spheres [m], shape (3,).
@@ -57,29 +55,32 @@ def coal_distance(a: FloatArray, b: FloatArray, radius_a: float, radius_b: float
     """
     import coal
 
-    request, answer = coal.DistanceRequest(), coal.DistanceResult()
+    request, answer, ball, there = coal.DistanceRequest(), coal.DistanceResult(), coal.Sphere(0.0), coal.Transform3s()
     request.gjk_tolerance = 1e-12
+    axis, drop = b - a, radius_b - radius_a
 
-    def apart(low: float, high: float) -> float:
-        first, last = a + low * (b - a), a + high * (b - a)
+    def tangent(share: float) -> tuple[float, float, float]:
+        """The place, the distance there and its slope."""
+        at = a + share * axis
+        there.setTranslation(at)
         answer.clear()
-        piece: Any = coal.Capsule(0.0, float(np.linalg.norm(last - first)))
-        there = coal.Transform3s(frame_along(b - a), 0.5 * (first + last))
-        return float(coal.distance(shape, place, piece, there, request, answer))
+        distance = float(coal.distance(shape, place, ball, there, request, answer))
+        away = at - np.array(answer.getNearestPoint1())
+        # Inside of a sphere the nearest point is farther out.
+        slope = float(away @ axis) / (math.copysign(float(np.linalg.norm(away)), distance) or math.inf)
+        return share, distance - radius_a - share * drop, slope - drop
 
-    def size(share: float) -> float:
-        return radius_a + share * (radius_b - radius_a)
-
-    best = min(apart(0.0, 0.0) - radius_a, apart(1.0, 1.0) - radius_b)
-    pieces = [(apart(0.0, 1.0) - max(radius_a, radius_b), 0.0, 1.0)]
-    for _ in range(_MOST_PIECES):
-        bound, low, high = heapq.heappop(pieces)
-        if bound >= best - EXACT:
+    low, high = tangent(0.0), tangent(1.0)
+    best = min(low[1], high[1])
+    for _ in range(_MOST_PLACES):
+        if low[2] >= 0.0 or high[2] <= 0.0:
             break
-        middle = 0.5 * (low + high)
-        best = min(best, apart(middle, middle) - size(middle))
-        for start, end in ((low, middle), (middle, high)):
-            heapq.heappush(pieces, (apart(start, end) - max(size(start), size(end)), start, end))
+        share = (high[1] - low[1] + low[2] * low[0] - high[2] * high[0]) / (low[2] - high[2])
+        if best <= low[1] + low[2] * (share - low[0]) + EXACT:
+            break
+        found = tangent(share)
+        best = min(best, found[1])
+        low, high = (found, high) if found[2] < 0.0 else (low, found)
     return best
 
 

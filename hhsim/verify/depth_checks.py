@@ -22,13 +22,13 @@ CONTACT_ERROR = "contact_error_max"
 """The figure of the summary that is of contacts off the mesh."""
 _OFF_MESH = (
     "contacts off the mesh",
-    "no contact of the ticks that the summary is of is farther from the true mesh than it says",
+    "the contacts of the ticks that the summary is of are as far from the true mesh as it says",
 )
 
 
 def depth_claims(judge: JudgedTicks) -> list[Claim]:
     """Depths, touching pairs, and the nearest pair by a library."""
-    depth = np.maximum(0.0, -judge.pairs.nearest(len(judge.chosen)))
+    depth = np.maximum(0.0, -judge.near.nearest)
     finger = depth[:, :PALM].reshape(-1, 5, 3).max(axis=2)
     finger[:, ~judge.fingers] = np.nan
     most = np.fmax(depth[:, PALM], np.nanmax(finger, axis=1, initial=0.0))
@@ -80,15 +80,13 @@ def _candidates(judge: JudgedTicks) -> list[Claim]:
     """
     if not judge.safe:
         return []
-    result, pairs, size = judge.result, judge.candidates, len(judge.chosen)
-    margin, after = float(judge.options["margin"]), np.minimum(judge.chosen + 1, result.ticks - 1)
+    result, near, chosen = judge.result, judge.listed, judge.chosen[judge.asked]
+    after = np.minimum(chosen + 1, result.ticks - 1)
     steps = np.asarray(result["work/linearisations"])[after]
     full = judge.status & CAPACITY_EXCEEDED > 0
-    looked = (after > judge.chosen) & follows(result)[after] & ~full[after] & ~full[judge.chosen] & (steps > 0)
-    wrong = np.zeros(size, bool)
-    surely = min(margin, 2.0 * float(judge.options["step_tolerance"])) if judge.on_mesh else margin
-    bodies = [pairs.within(limit).bodies(size) for limit in (surely - LENGTH, margin + LENGTH)]
-    counts = judge.pair_counts(pairs, surely)[0], judge.pair_counts(pairs, margin)[1]
+    looked = (after > chosen) & follows(result)[after] & ~full[after] & ~full[chosen] & (steps > 0)
+    wrong = np.zeros(len(after), bool)
+    counts, bodies = (near.fewest, near.most), (near.fewest_bodies, near.most_bodies)
     for name, (least, most) in (("contacts/candidates", counts), ("work/bodies", bodies)):
         stored = np.asarray(result[name])[after]
         wrong |= (stored < least) | ((steps == 1) & (stored > most))
@@ -102,6 +100,7 @@ def _by_library(judge: JudgedTicks) -> Claim:
     pieces = triangle_shapes(stored_mesh(judge.result)) if judge.on_mesh else sphere_shapes(*leaves(judge.result))
     hand, pairs, posed, off, ticks = judge.hand, judge.pairs, judge.chosen_posed, [], []
     # Sorted by tick, then distance: the first of each tick is its nearest.
+    pairs = pairs.at(np.flatnonzero(np.isin(pairs.tick, judge.asked)))
     order = np.lexsort((pairs.distance, pairs.tick))
     for n in order[np.unique(pairs.tick[order], return_index=True)[1]]:
         i, body, leaf = int(pairs.tick[n]), int(pairs.body[n]), int(pairs.leaf[n])
@@ -137,10 +136,14 @@ def contact_error_claim(judge: JudgedTicks) -> Claim:
     surface = TrueSurface(stored_mesh(result), open_too=True)
     # Of a long run the figure is of some ticks, and says nothing of the others.
     stated_of = np.isin(judge.chosen, ticks_looked_at(np.asarray(result["contacts/candidates"]) > 0))
+    stated_of &= np.isin(np.arange(len(judge.chosen)), judge.asked)
     touching = judge.touching.at(np.flatnonzero(stated_of[judge.touching.tick]))
     # A hand at rest touches at the same points over and over.
     points, place = np.unique(np.round(touching.point, 12), axis=0, return_inverse=True)
     away = nearest_on(surface.model, points)[0][place.ravel()]
     stated = float(result.summary[CONTACT_ERROR])
     over = np.maximum(0.0, away - stated) if np.isfinite(stated) else away
+    if len(judge.asked) == len(judge.chosen) == result.ticks and np.isfinite(stated):
+        # Of all ticks that it is of, the farthest is as far as it says.
+        over = np.where(away == away.max(initial=-np.inf), np.abs(away - stated), over)
     return judged(*_OFF_MESH, over, LENGTH, "m", WHY_LENGTH, ticks=judge.chosen[touching.tick])

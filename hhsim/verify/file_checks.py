@@ -18,9 +18,12 @@ from hhsim.kernels.tick.state import (
 from hhsim.mesh.mesh import LARGEST_NUMBER, require_usable_arrays
 from hhsim.replay.stored_scene import PARTS, checksums
 from hhsim.result.reader import Result
+from hhsim.scene.motion_catalogue import load_script, script_names
+from hhsim.scene.script import Script
 from hhsim.solver.method import never_penetrates
-from hhsim.verify.claim import HOLDS, NOT_CLAIMED, Claim, all_true, judged
+from hhsim.verify.claim import HOLDS, NOT_CLAIMED, NOT_JUDGED, Claim, all_true, judged
 
+BoolArray = NDArray[np.bool_]
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
@@ -31,6 +34,12 @@ COVER = 1e-9
 FEW, NEIGHBOURS = 4, 24
 """Of the spheres nearest to a point, so many are tried first, and so many before all of them are."""
 KNOWN_STATUS = 63
+LARGEST, LEAST_SQUARE = 1e6, 1e-12
+"""A hand whose numbers are larger together [m, rad], or whose quaternion has no length to speak of, is none."""
+STAMP = 1e-9
+"""A stamp this close to a tick [s] is that tick."""
+BETWEEN_CLOCKS = 1e-3
+"""So long [s] may what happens between reading one clock and the other take: an interrupt of the system."""
 DURATIONS = ("detect", "palm", "fingers", "force", "total")
 
 
@@ -41,7 +50,7 @@ def file_claims(result: Result) -> list[Claim]:
         _checksums(result),
         _time(result),
         _input(result),
-        _phases(result),
+        *_phases(result),
         all_true(
             "status",
             "every tick's status is made of known flags",
@@ -102,25 +111,57 @@ def _time(result: Result) -> Claim:
     )
 
 
+def usable(result: Result) -> BoolArray:
+    """Ticks whose user's hand is one: finite, of no absurd size, with a quaternion that has a length; shape (T,)."""
+    parts = [np.asarray(result[f"haptic/{name}"]) for name in ("position", "flexion", "abduction")]
+    total = np.sum([np.abs(values).reshape(result.ticks, -1).sum(axis=1) for values in parts], axis=0)
+    square = (np.asarray(result["haptic/orientation"]) ** 2).sum(axis=1)
+    return np.asarray((total < LARGEST) & (square > LEAST_SQUARE) & (square < LARGEST))
+
+
+def own_script(result: Result) -> Script | None:
+    """The script of the catalogue that a replay says it is of; None for another motion."""
+    name = result.scene.get("trajectory")
+    return load_script(name) if result.live is None and name in script_names() else None
+
+
 def _input(result: Result) -> Claim:
-    """Finite, or marked as held; sample numbers never go back."""
-    finite = np.ones(result.ticks, bool)
-    for name in ("position", "orientation", "flexion", "abduction"):
-        finite &= np.isfinite(result[f"haptic/{name}"]).reshape(result.ticks, -1).all(axis=1)
-    back = np.concatenate([[result["input_seq"][0] < 0], np.diff(result["input_seq"]) < 0])
-    wrong = back | (~finite & (result["status"] & STATUS_INPUT_INVALID == 0))
-    return all_true(
-        "input", "samples are used in their order, and none that is not finite", wrong, ticks=np.arange(result.ticks)
-    )
+    """Finite, or marked as held, and only then; sample numbers begin with the first one and never go back."""
+    held = result["status"] & STATUS_INPUT_INVALID > 0
+    numbers = np.asarray(result["input_seq"])
+    wrong = np.diff(numbers, prepend=numbers[0]) < 0
+    wrong[0] |= numbers[0] < 0 or (result.live is None and numbers[0] != 0)
+    wrong |= held == usable(result) if result.gives("status") else ~usable(result)
+    script = own_script(result)
+    if script is not None:
+        # A stamp that is this near to a tick is that tick's.
+        newest = np.floor((np.arange(result.ticks) / result.rate + STAMP) * script.rate)
+        wrong |= numbers != np.minimum(newest, script.sample_count - 1)
+    says = "samples are used in their order, from the first on, and those and no others are held that are no hand"
+    return all_true("input", says, wrong, ticks=np.arange(result.ticks))
 
 
-def _phases(result: Result) -> Claim:
+def _phases(result: Result) -> list[Claim]:
     wrong, after = [], -1
     for phase in result.phases:
         late = phase.last_tick >= result.ticks and result.complete
         wrong.append(phase.first_tick <= after or phase.last_tick < phase.first_tick or late)
         after = phase.last_tick
-    return all_true("phases", "phases follow each other within the ticks", np.array(wrong, bool))
+    script = own_script(result)
+    says = "phases follow each other within the ticks"
+    if script is None:
+        claims = [all_true("phases", says, np.array(wrong, bool))]
+        if not result.phases:
+            return claims
+        says, note = "phases begin where the motion has them", "it is no script of the catalogue; --again reads it"
+        return [*claims, Claim("begin of phases", says, NOT_JUDGED, note=note)]
+    ends = np.cumsum([phase.duration for phase in script.phases])
+    first = np.ceil((np.append(0.0, ends[:-1]) - STAMP) * result.rate).astype(np.int64)
+    own = [(phase.name, int(tick)) for phase, tick in zip(script.phases, first) if tick < result.ticks]
+    wrong += [own != [(phase.name, phase.first_tick) for phase in result.phases]]
+    wrong += [before.last_tick + 1 != phase.first_tick for before, phase in zip(result.phases, result.phases[1:])]
+    wrong += [result.complete and after != result.ticks - 1]
+    return [all_true("phases", f"{says}, as in the script", np.array(wrong, bool))]
 
 
 def _durations(result: Result) -> Claim:
@@ -129,6 +170,10 @@ def _durations(result: Result) -> Claim:
     parts = detect + palm + fingers + force
     negative = np.min([detect, palm, fingers, force, total, result["duration/total_cpu"]], axis=0)
     off = np.maximum(0, np.maximum(parts - total, -negative)) * 1e-9
+    if result.gives("work"):
+        cpu = 1e-9 * np.asarray(result["duration/total_cpu"], np.float64)
+        threads = int(result.scene["solver"].get("threads", 1))
+        off = np.maximum(off, np.maximum(0.0, cpu - 1e-9 * threads * total - BETWEEN_CLOCKS))
     method, contact = result.scene["solver"]["method"], np.asarray(result["work/rows"]) > 0
     if result.live is not None:
         method = ""
@@ -138,11 +183,12 @@ def _durations(result: Result) -> Claim:
         off = np.where(contact, np.inf, off)
     return judged(
         "durations",
-        "the parts of a tick's time fit in the whole, and are those that the method has",
+        "the parts of a tick's time fit in the whole, as do its threads, and are those that the method has",
         off,
         0.0,
         "s",
-        "one clock measures all, the parts inside of the whole; programs of the fingers alone are progressive's",
+        "one clock measures all, the parts inside of the whole; of CPU time an interrupt of 1 ms; programs of the "
+        "fingers alone are progressive's",
         ticks=np.arange(result.ticks),
     )
 

@@ -118,7 +118,7 @@ def _complementarity(judge: JudgedTicks) -> Claim:
     chosen = _judgeable(judge, STUCK)
     late = judge.status[judge.chosen[chosen]] & LAG > 0
     bears = np.where(late, judge.bearing, judge.touch)
-    apart = judge.pairs.nearest(len(judge.chosen))[chosen] > bears[:, None] + LENGTH
+    apart = judge.near.nearest[chosen] > bears[:, None] + LENGTH
     size = np.linalg.norm(judge.stored_forces(judge.chosen[chosen]), axis=2)
     off = np.where(apart, size, 0.0).max(axis=1)
     says = "what does not touch bears no force"

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.result.reader import Result
-from hhsim.verify.claim import Claim, all_true, judged
+from hhsim.verify.claim import NOT_JUDGED, Claim, all_true, judged
 from hhsim.verify.contacts import PALM
 from hhsim.verify.file_checks import follows
 from hhsim.verify.force_checks import WHY_SLACK, force_slack
@@ -27,6 +27,11 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 ON_TABLE = -1
+UNIT = 1e-9
+EARTH = (0.0, 0.0, -9.81)
+"""Gravity [m/s²]."""
+APART = 1e-6
+"""Two contacts of one body that are no farther apart [m] are one."""
 FORCE = 1e-6
 """Forces that differ by this share, or by this [N], are the same."""
 LENGTH = 1e-9
@@ -59,8 +64,9 @@ class FreeMotion:
         # Of the first tick all are; but where a recorder lost others, nobody knows from where the next one went on.
         self.follows = follows(result)
         self.follows[0] = result.live is None or result["live/tick/record"][0] == 0
-        self.tick: IntArray = np.asarray(result["contact/tick"])
-        self.body: IntArray = np.asarray(result["contact/body"]).astype(np.int64)
+        # What is none of a tick or of a body is found by `_contacts`.
+        self.tick: IntArray = np.clip(result["contact/tick"], 0, result.ticks - 1)
+        self.body: IntArray = np.clip(np.asarray(result["contact/body"], np.int64), ON_TABLE, PALM)
         self.point, self.normal = (np.asarray(result[f"contact/{name}"]) for name in ("point", "normal"))
         self.load, self.friction = (
             np.asarray(result[f"contact/{name}"]) for name in ("normal_force", "friction_force")
@@ -125,7 +131,57 @@ def free_claims(result: Result) -> list[Claim]:
         *_cones(motion),
         *_slips(motion),
         _table(motion),
+        *_contacts(motion),
+        _solid(motion),
     ]
+
+
+def _contacts(motion: FreeMotion) -> list[Claim]:
+    """The rows of /contact themselves: in the order of the ticks, on the body that they name, each with its own."""
+    tick, body, point, normal = motion.tick, motion.body, motion.point, motion.normal
+    stored = np.asarray(motion.result["contact/tick"])
+    wrong = (np.diff(stored, prepend=0) < 0) | (stored != tick) | (np.asarray(motion.result["contact/body"]) != body)
+    wrong |= ~(np.abs(np.linalg.norm(normal, axis=1) - 1.0) <= UNIT)
+    wrong |= np.asarray(motion.result["contact/sticks"]) > 1
+    wrong |= motion.of_table & (np.abs(normal - [0.0, 0.0, 1.0]).max(axis=1) > UNIT)
+    says = "contacts are in the order of the ticks, of known bodies, with unit normals; those of the table look up"
+    claims = [all_true("contact rows", says, wrong, ticks=tick)]
+    name, says = "single contacts", "no contact is written as two: none is where another one of its body is"
+    if motion.result.surface == "mesh":
+        note = "two triangles at one edge may each have a row there"
+        return [*claims, Claim(name, says, NOT_JUDGED, note=note)]
+    # Rows of a tick and body are few: each is held against the next ones of its group.
+    order = np.lexsort((body, tick))
+    twice = np.zeros(len(tick), bool)
+    for step in range(1, int(np.bincount(tick * (PALM + 2) + body + 1).max(initial=1))):
+        one, other = order[:-step], order[step:]
+        same = (tick[one] == tick[other]) & (body[one] == body[other])
+        twice[other] |= same & (np.linalg.norm(point[one] - point[other], axis=1) < APART)
+    return [*claims, all_true(name, says, twice, ticks=tick, why="a micrometre; spheres are larger")]
+
+
+def _solid(motion: FreeMotion) -> Claim:
+    """Centre of mass and inertia by trimesh, of the mesh where it was before the first tick."""
+    from trimesh.triangles import mass_properties
+
+    name, says = "solid", "centre of mass and inertia are those of the mesh, of one density, in the earth's gravity"
+    static = motion.result.static
+    try:
+        own = mass_properties(np.asarray(static["object/vertices"])[static["object/faces"]])
+    except (IndexError, ValueError, ZeroDivisionError) as error:
+        return Claim(name, says, NOT_JUDGED, note=f"the mesh has none: {error}")
+    inertia = motion.mass / float(own.volume) * np.asarray(own.inertia)
+    extent = float(np.ptp(static["object/vertices"], axis=0).max())
+    off = [
+        float(np.abs(np.asarray(own.center_mass) - motion.free["center"]).max()) / extent,
+        float(np.abs(inertia - motion.inertia).max() / np.abs(inertia).max()),
+        float(np.abs(motion.gravity - EARTH).max()),
+    ]
+    claim = judged(name, says, off, FORCE, "1", "a millionth: sums over the triangles in another order")
+    if claim.failed:
+        note = f"they are off by {max(off):.2g} of it: a program that calls the library may give others"
+        return Claim(name, says, NOT_JUDGED, note=note)
+    return claim
 
 
 def _velocities(motion: FreeMotion) -> list[Claim]:
@@ -412,9 +468,11 @@ def free_complementarity_claim(judge: JudgedTicks) -> Claim:
     ticks = judge.chosen[places]
     late = judge.status[ticks] & LAG > 0
     to_go = np.where(late, np.asarray(motion.result["lag"])[ticks], 0.0)
-    bears = (np.where(late, judge.bearing, judge.touch) + to_go)[:, None] + floats[ticks]
+    # A step of the solver is straight, and what turns goes round; the slip may be too large by its clearance.
+    room = CLEAR + judge.moved[ticks].clip(max=float(judge.options["margin"])) ** 2 / RADIUS
+    bears = (np.where(late, judge.bearing, judge.touch) + to_go + room)[:, None] + floats[ticks]
     # Of what is beyond the margin the distance is not known.
-    nearest = np.minimum(judge.candidates.nearest(len(judge.chosen))[places], float(judge.options["margin"]))
+    nearest = np.minimum(judge.near.nearest[places], float(judge.options["margin"]))
     apart = nearest > bears + LENGTH
     size = np.linalg.norm(judge.stored_forces(ticks), axis=2)
     off = np.where(apart, size, 0.0).max(axis=1)

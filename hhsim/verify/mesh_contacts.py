@@ -9,7 +9,18 @@ from typing import NamedTuple
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
-from hhsim.verify.contacts import CHUNK, HALVINGS, PALM, Pairs, joined
+from hhsim.verify.contacts import (
+    CHUNK,
+    HALVINGS,
+    PALM,
+    Groups,
+    Pairs,
+    grouped,
+    joined,
+    near_palm_rows,
+    near_rows,
+    phalanges,
+)
 from hhsim.verify.kinematics import OwnHand, Posed
 
 
@@ -55,75 +66,62 @@ def ready_triangles(corners: FloatArray) -> ReadyTriangles:
     return ReadyTriangles(start, side, 1.0 / np.where(square > 0.0, square, 1.0), inward, normal, solid)
 
 
-def near_triangle_pairs(hand: OwnHand, posed: Posed, triangles: FloatArray, fingers: BoolArray, near: float) -> Pairs:
+def triangle_groups(triangles: FloatArray) -> Groups:
+    """Triangles in groups of neighbours; corners [m], world, shape (F, 3, 3)."""
+    middle = triangles.mean(axis=1)
+    return grouped(middle, np.linalg.norm(triangles - middle[:, None], axis=2).max(axis=1))
+
+
+def near_triangle_pairs(
+    hand: OwnHand, posed: Posed, triangles: ReadyTriangles, groups: Groups, fingers: BoolArray, near: float
+) -> Pairs:
     """All pairs of a body and a triangle no more than `near` [m] apart; `leaf` is the number of the triangle.
 
     A phalanx has pairs where it is nearest and at each of its ends, which is where it touches what it lies flat on. No
     distance is deeper than the radius: that of a body whose axis goes through the triangle.
 
     Args:
-        triangles: Corners [m], world, shape (F, 3, 3).
+        triangles: World.
+        groups: What `triangle_groups` makes of them.
         fingers: Which fingers count, shape (5,).
         near: [m].
     """
     found: list[Pairs] = []
-    middle = triangles.mean(axis=1)
-    around = np.linalg.norm(triangles - middle[:, None], axis=2).max(axis=1)
     for first in range(0, len(posed.joints), CHUNK):
         part = Posed(*(values[first : first + CHUNK] for values in posed))
-        both = (
-            _phalanges(hand, part, triangles, middle, around, fingers, near),
-            _palm(hand, part, triangles, middle, around, near),
-        )
+        both = (_phalanges(hand, part, triangles, groups, fingers, near), _palm(hand, part, triangles, groups, near))
         found.extend(pairs._replace(tick=pairs.tick + first) for pairs in both)
     return joined(found)
 
 
 def _phalanges(
-    hand: OwnHand,
-    posed: Posed,
-    triangles: FloatArray,
-    middle: FloatArray,
-    around: FloatArray,
-    fingers: BoolArray,
-    near: float,
+    hand: OwnHand, posed: Posed, triangles: ReadyTriangles, groups: Groups, fingers: BoolArray, near: float
 ) -> Pairs:
-    from scipy.spatial.distance import cdist
-
-    ticks = len(posed.joints)
-    a, b = posed.joints[:, :, :3].reshape(-1, 3), posed.joints[:, :, 1:].reshape(-1, 3)
-    radius_a, radius_b = (np.tile(hand.radius[:, part].ravel(), ticks) for part in (slice(3), slice(1, 4)))
-    reach = 0.5 * np.linalg.norm(b - a, axis=1) + np.maximum(radius_a, radius_b)
-    counts = np.tile(np.repeat(fingers, 3), ticks)
-    apart = cdist(0.5 * (a + b), middle) - reach[:, None] - around
-    row, face = np.nonzero((apart <= near) & counts[:, None])
-    axis, drop = b[row] - a[row], radius_b[row] - radius_a[row]
-    ready = ready_triangles(triangles[face])
-    share = nearest_share(a[row], axis, drop, ready)
-    parts = [_pairs(row, face, a[row] + share[:, None] * axis, radius_a[row] + share * drop, ready, near)]
+    of = phalanges(hand, posed, fingers)
+    row, face = near_rows(of.a, of.b, of.thick, groups, near)
+    axis, drop = (of.b - of.a)[row], (of.radius_b - of.radius_a)[row]
+    # Nor is a triangle that is on one side of a plane at some distance from the axis nearer than that.
+    start, normal = triangles.start[0].T[face], triangles.normal.T[face]
+    heights = [((at - start) * normal).sum(axis=1) for at in (of.a[row], of.b[row])]
+    over = np.where(np.sign(heights[0]) == np.sign(heights[1]), np.abs(heights).min(axis=0), 0.0)
+    close = np.flatnonzero(over - of.thick[row] <= near)
+    row, face, axis, drop, ready = row[close], face[close], axis[close], drop[close], triangles.at(face[close])
+    share = nearest_share(of.a[row], axis, drop, ready)
+    parts = [_pairs(row, face, of.a[row] + share[:, None] * axis, of.radius_a[row] + share * drop, ready, near)]
     for end in (0.0, 1.0):
         other = share != end
-        place = a[row[other]] + end * axis[other]
-        size = radius_a[row[other]] + end * drop[other]
+        place = of.a[row[other]] + end * axis[other]
+        size = of.radius_a[row[other]] + end * drop[other]
         parts.append(_pairs(row[other], face[other], place, size, ready.at(other), near))
     together = Pairs(*(np.concatenate(values) for values in zip(*parts)))
     return together._replace(tick=together.tick // 15, body=together.tick % 15)
 
 
-def _palm(
-    hand: OwnHand, posed: Posed, triangles: FloatArray, middle: FloatArray, around: FloatArray, near: float
-) -> Pairs:
-    from scipy.spatial.distance import cdist
-
-    reach = float((np.linalg.norm(hand.palm_center, axis=1) + hand.palm_radius).max())
-    close = np.flatnonzero((cdist(posed.position, middle) - around - reach <= near).any(axis=0))
-    spheres = len(hand.palm_radius)
-    center = posed.palm.reshape(-1, 3)
-    apart = cdist(center, middle[close]) - np.tile(hand.palm_radius, len(posed.palm))[:, None] - around[close]
-    row, face = np.nonzero(apart <= near)
-    ready = ready_triangles(triangles[close[face]])
-    pairs = _pairs(row, close[face], center[row], hand.palm_radius[row % spheres], ready, near)
-    return pairs._replace(tick=pairs.tick // spheres, body=np.full(len(pairs.tick), PALM))
+def _palm(hand: OwnHand, posed: Posed, triangles: ReadyTriangles, groups: Groups, near: float) -> Pairs:
+    row, face = near_palm_rows(hand, posed, groups, near)
+    count, center = len(hand.palm_radius), posed.palm.reshape(-1, 3)
+    pairs = _pairs(row, face, center[row], hand.palm_radius[row % count], triangles.at(face), near)
+    return pairs._replace(tick=pairs.tick // count, body=np.full(len(pairs.tick), PALM))
 
 
 def nearest_share(a: FloatArray, axis: FloatArray, drop: FloatArray, triangles: ReadyTriangles) -> FloatArray:

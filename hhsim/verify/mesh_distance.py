@@ -17,7 +17,7 @@ from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.mesh.mesh import Mesh
 from hhsim.verify.coal_distance import frame_along
-from hhsim.verify.tree_checks import TrueSurface
+from hhsim.verify.tree_checks import TrueSurface, nearest_on
 
 PALM = 15
 BODIES = 16
@@ -57,28 +57,46 @@ class HandReferee:
             limit: Stands for everything from here on [m].
         """
         found = np.full((len(placed.joints), BODIES), limit)
+        spheres = len(shape.palm_radius)
+        # What was as far as its bound, and where: it is no nearer than that by more than it moved since.
+        bound, at = np.full(PALM + spheres, -np.inf), np.zeros((PALM + spheres, 2, 3))
+        thinnest = np.concatenate(
+            [np.minimum(shape.phalanx_radius[:, :3], shape.phalanx_radius[:, 1:]).ravel(), shape.palm_radius]
+        )
         for tick in range(len(placed.joints)):
             joints = placed.joints[tick]
             palm = palm_centers(shape.palm_center, placed.position[tick], placed.orientation[tick])
-            middles = 0.5 * (joints[:, :3] + joints[:, 1:]).reshape(PALM, 3)
-            # Asked for at once: point by point, what goes with a query takes longer than the query.
-            signed = self.surface.signed_distance(np.concatenate([middles, palm]))
-            for body, inside in enumerate((signed[:PALM] < 0.0).tolist()):
+            phalanges = np.stack([joints[:, :3], joints[:, 1:]], axis=2).reshape(PALM, 2, 3)
+            ends = np.concatenate([phalanges, np.repeat(palm[:, None], 2, axis=1)])
+            least = bound - np.sqrt(((ends - at) ** 2).sum(axis=2)).max(axis=1) - EXACT
+            near = np.flatnonzero(~(least >= limit))
+            at[near] = ends[near]
+            # An axis that has not been as far as its surface has stayed outside.
+            inside = np.zeros(len(bound), bool)
+            unsure = near[~(least[near] + thinnest[near] > 0.0)]
+            if unsure.size:
+                inside[unsure] = self.surface.signed_distance(ends[unsure].mean(axis=1)) < 0.0
+            for body in near[near < PALM].tolist():
                 f, k = divmod(body, 3)
                 radii = float(shape.phalanx_radius[f, k]), float(shape.phalanx_radius[f, k + 1])
-                found[tick, body] = self._round_cone(joints[f, k], joints[f, k + 1], radii, limit, inside)
-            found[tick, PALM] = min(limit, float((signed[PALM:] - shape.palm_radius).min()))
+                bound[body] = self._round_cone(joints[f, k], joints[f, k + 1], radii, limit, bool(inside[body]))
+                found[tick, body] = min(limit, bound[body])
+            of_palm = near[near >= PALM]
+            if of_palm.size:
+                distance = nearest_on(self.surface.model, ends[of_palm, 0])[0]
+                bound[of_palm] = np.where(inside[of_palm], -distance, distance) - thinnest[of_palm]
+                found[tick, PALM] = min(limit, float(bound[of_palm].min()))
         return found
 
     def round_cone(self, a: FloatArray, b: FloatArray, radius_a: float, radius_b: float, limit: float) -> float:
         """Signed distance [m] of the hull of two balls to the mesh, or `limit`; see `clearances`."""
         inside = bool(self.surface.signed_distance(0.5 * (a + b)[None])[0] < 0.0)
-        return self._round_cone(a, b, (radius_a, radius_b), limit, inside)
+        return min(limit, self._round_cone(a, b, (radius_a, radius_b), limit, inside))
 
     def _round_cone(
         self, a: FloatArray, b: FloatArray, radii: tuple[float, float], limit: float, inside: bool
     ) -> float:
-        """The same, where it is known whether the middle of the axis is inside."""
+        """The same, where it is known whether the middle of the axis is inside; a lower bound from `limit` on."""
 
         def radius(share: float) -> float:
             return (1.0 - share) * radii[0] + share * radii[1]
@@ -99,17 +117,18 @@ class HandReferee:
         if nearest <= 0.0 or inside:
             return -max(radii)
         if bound >= limit:
-            return limit
+            return bound
         pieces = [(bound, 0.0, 1.0)]
         for _ in range(_MOST_PIECES):
             bound, low, high = heapq.heappop(pieces)
             if bound >= min(limit, best - EXACT):
-                break
+                # What is nearer than the limit is told as exact as it is known.
+                return bound if bound >= limit else best
             for half in ((low, 0.5 * (low + high)), (0.5 * (low + high), high)):
                 lower, reached, _ = piece(*half)
                 best = min(best, reached)
                 heapq.heappush(pieces, (lower, *half))
-        return min(limit, best)
+        return best
 
     def _segment(self, first: FloatArray, last: FloatArray, length: float) -> tuple[float, FloatArray]:
         """Distance [m] of a segment to the mesh, 0 where it passes through, and the segment's nearest point."""

@@ -1,5 +1,7 @@
 """Claims about figures: the columns and the summary that follow from other columns, computed anew by other code."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -74,10 +76,10 @@ def change_rate(force: FloatArray, first: NDArray[np.bool_]) -> FloatArray:
     """One-tick change of the size of forces (T, ..., 3) [N], in %; NaN below 0.01 N and at ticks that are `first`."""
     size = np.sqrt(np.einsum("...i,...i->...", force, force))
     rate = np.full(size.shape, np.nan)
-    for t in np.flatnonzero(~first):
-        with np.errstate(divide="ignore", invalid="ignore"):
-            change = 100.0 * np.abs(size[t] / size[t - 1] - 1.0)
-        rate[t] = np.where(size[t - 1] < FLOOR, np.nan, change)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        change = 100.0 * np.abs(size[1:] / size[:-1] - 1.0)
+    rate[1:] = np.where(size[:-1] < FLOOR, np.nan, change)
+    rate[first] = np.nan
     return rate
 
 
@@ -89,37 +91,43 @@ def told_apart(stored: float, own: float) -> tuple[str, str]:
 
 def _summary_claims(result: Result) -> list[Claim]:
     own = own_summary(result)
+    stored = {name: _number(value) for name, value in result.summary.items()}
     off = {}
     for name, value in own.items():
-        if name in result.summary:
-            stored = float(result.summary[name])
+        if name in stored:
             room = np.nan_to_num(np.abs(value)) + ROUNDING.get(name, 0.0) / SAME
-            apart = float(difference(np.array(stored), np.array(value)))
+            apart = float(difference(np.array(stored[name]), np.array(value)))
             off[name] = apart / room if room > 0.0 else np.inf if apart > 0.0 else 0.0
-    values = np.array(list(off.values()))
     wrong = [
-        "{} is stored as {}, the ticks give {}".format(name, *told_apart(float(result.summary[name]), own[name]))
+        "{} is stored as {}, the ticks give {}".format(name, *told_apart(stored[name], own[name]))
         for name, value in off.items()
         if value > SAME
     ]
-    gone = [name for name in required_figures(result) if name not in result.summary]
+    gone = [name for name in required_figures(result) if name not in stored]
     wrong += [f"{name} is not there" for name in gone]
-    values = np.concatenate([values, np.full(len(gone), np.inf)])
-    missing = [name for name in result.summary if name not in own and name not in (CONTACT_ERROR, *INPUT_HAND)]
-    says = "the figures of the summary are those of the ticks"
+    metrics = run_metrics()
+    rest = sorted(name for name in stored if name not in own and name not in (CONTACT_ERROR, *INPUT_HAND))
+    invented = [name for name in rest if name not in metrics]
+    wrong += [f"{name} has no definition" for name in invented]
+    values = np.concatenate([list(off.values()), np.full(len(gone) + len(invented), np.inf)])
+    says = "the figures of the summary are those of the ticks, and no others"
     why = "sums in another order differ by less; 1e-9 N and 1e-9 % where rounding is all there is"
     claims = [judged("summary", says, values, SAME, "1", why, note="; ".join(wrong))]
-    if missing:
-        own_runs = {name: metric.own_run for name, metric in run_metrics().items() if metric.own_run}
-        note = "; ".join(f"{name} {own_runs[name]}" for name in sorted(missing) if name in own_runs)
-        other = [name for name in missing if name not in own_runs]
-        if other:
-            unknown = f"{len(other)} figures have no definition here, such as {other[0]}"
-            note = "; ".join([*([note] if note else []), unknown])
+    rest = [name for name in rest if name not in invented]
+    if rest:
+        note = "; ".join(f"{name} {metrics[name].own_run or 'is not computed here'}" for name in rest)
         claims.append(
             Claim("summary, rest", "figures that do not follow from the ticks", NOT_JUDGED, checked=0, note=note)
         )
     return claims
+
+
+def _number(value: Any) -> float:
+    """A figure as the file has it; NaN for what is no number."""
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        return float("nan")
 
 
 def required_figures(result: Result) -> list[str]:

@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 from hhsim.motion.object_motion import ObjectMotion
 from hhsim.result.object_frame import TURNS
 from hhsim.result.reader import Result
+from hhsim.scene.hand_moves import carried
 from hhsim.verify.claim import Claim, judged
+from hhsim.verify.file_checks import own_script
 from hhsim.verify.kinematics import rotations
 
 Array = NDArray[Any]
@@ -49,26 +51,47 @@ def _first_step(result: Result) -> float:
 
 
 def object_motion_claims(result: Result) -> list[Claim]:
-    """Of an object that moves: its poses are some, and begin where the file places the object."""
+    """Of an object that moves: its poses are some, begin where the file places the object, and are the script's."""
     if not result.driven:
         return []
     poses, static = result.object_motion(), result.static
-    unit = np.abs(np.linalg.norm(poses.orientation, axis=1) - 1.0)
-    wrong = np.where(np.isfinite(poses.position).all(axis=1) & np.isfinite(unit), unit, np.inf)
-    off = max(
+    off = np.abs(np.linalg.norm(poses.orientation, axis=1) - 1.0)
+    off = np.where(np.isfinite(poses.position).all(axis=1) & np.isfinite(off), off, np.inf)
+    # The same turn by the other quaternion is a jump to whoever goes by the numbers.
+    off[1:][(poses.orientation[1:] * poses.orientation[:-1]).sum(axis=1) < 0.0] = np.inf
+    says, note = "the object has a pose at every tick, with a unit quaternion", ""
+    if not result.free:
+        says += ", where the scene says that it moves"
+        if result.scene.get("object_pose") == "fixed":
+            off[:], note = np.inf, "the scene says that it is fixed"
+        own = _of_the_script(result)
+        if own is not None:
+            says += ", and as its script carries it"
+            off = np.max([off, *(np.abs(a - b).max(axis=1) for a, b in zip(poses, own))], axis=0)
+    first = max(
         float(np.abs(poses.position[0] - static["object/position"]).max()),
         float(np.abs(poses.orientation[0] - static["object/orientation"]).max()),
     )
     room = _first_step(result) if result.free else 0.0
     why = "its first step, and what it may be raised by to stand on its table" if result.free else "the same numbers"
     return [
+        judged("object poses", says, off, 1e-9, "m, 1", "rounding", ticks=np.arange(result.ticks), note=note),
         judged(
-            *("object poses", "the object has a pose at every tick, with a unit quaternion", wrong),
-            *(1e-9, "1", "rounding"),
-            ticks=np.arange(result.ticks),
-        ),
-        judged(
-            *("object at first", "the object's mesh and tree lie where its first pose has them", [off]),
+            *("object at first", "the object's mesh and tree lie where its first pose has them", [first]),
             *(room, "m, 1", why),
         ),
     ]
+
+
+def _of_the_script(result: Result) -> ObjectMotion | None:
+    """Where a script of the catalogue carries the object, of which a tick is a sample; None for another motion."""
+    script = own_script(result)
+    if script is None or script.rate != result.rate:
+        return None
+    start = [result.static[f"object/{name}"] for name in ("position", "orientation")]
+    moved = carried(script, np.arange(script.sample_count) / script.rate, start[0])
+    if moved is None:
+        return None
+    position, orientation = (np.tile(values, (script.sample_count, 1)) for values in start)
+    ticks = np.minimum(np.arange(result.ticks), script.sample_count - 1)
+    return ObjectMotion(moved.points(position), moved.orientations(orientation)).at(ticks)

@@ -1,4 +1,4 @@
-"""Claims of where the parts of a scene come from: object, tree and palm; and what no file can show of itself."""
+"""Claims of where the parts of a scene come from: object, tree and hand; and what no file can show of itself."""
 
 from dataclasses import fields
 from typing import Any
@@ -7,16 +7,18 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import HhsimError, MeshError
-from hhsim.kernels.rotation import quaternion_to_matrix
+from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object, names_a_file, object_names, resolve_object
 from hhsim.mesh.mesh import Mesh
 from hhsim.result.reader import Result
+from hhsim.result.stored_hand import HAND_ARRAYS
 from hhsim.trees.cache import cached_sphere_tree, shipped_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.trees.triangle_tree import OPTIONS, triangle_tree
-from hhsim.verify.claim import NOT_JUDGED, Claim, judged
-from hhsim.verify.file_checks import COVER, outside_spheres
+from hhsim.verify.claim import NOT_JUDGED, Claim, all_true, judged
+from hhsim.verify.file_checks import COVER, leaves, outside_spheres
+from hhsim.verify.kinematics import rotations
 
 SAME_PLACE = 1e-12
 """Places that differ by this [m] are the same: what turning a mesh about rounds to."""
@@ -25,7 +27,7 @@ TREE_ARRAYS = ("center", "radius", "level", "parent")
 
 
 def origin_claims(result: Result, again: bool = False) -> list[Claim]:
-    """Object, tree and palm, and what is not judged.
+    """Object, tree and hand, and what is not judged.
 
     Args:
         result: Of a replay or a session.
@@ -33,7 +35,14 @@ def origin_claims(result: Result, again: bool = False) -> list[Claim]:
     """
     mesh = own_object(result, again)
     tree = None if mesh is None else own_tree(result, mesh, again)
-    return [_object(result, mesh, again), _tree(result, mesh, tree, again), _palm(result), *_beyond_a_file()]
+    return [
+        _object(result, mesh, again),
+        _tree(result, mesh, tree, again),
+        _hand(result),
+        _palm(result),
+        _described(result),
+        *_beyond_a_file(result, again),
+    ]
 
 
 def own_object(result: Result, again: bool) -> Mesh | None:
@@ -116,9 +125,55 @@ def _tree(result: Result, mesh: Mesh | None, tree: SphereTree | None, again: boo
 
 
 def _placement(result: Result) -> tuple[FloatArray, FloatArray]:
-    rotation = np.empty((3, 3))
-    quaternion_to_matrix(np.array(result.static["object/orientation"]), rotation)
-    return rotation, np.array(result.static["object/position"])
+    turned, _ = rotations(np.array(result.static["object/orientation"])[None])
+    return turned.as_matrix()[0], np.array(result.static["object/position"])
+
+
+def _hand(result: Result) -> Claim:
+    """The published hand of the stated sizes, where no file of sizes made another one."""
+    name, says = "hand", "the hand is the one of its side, length and breadth, joint limits and all"
+    sizes, static = result.scene["hand"], result.static
+    other = Claim(name, says, NOT_JUDGED, unit="m, rad", note="its sizes were given, and are not in the result")
+    if result.scene.get("hand_file") is not None:
+        return other
+    try:
+        hand = HandModel.default(sizes["side"], float(sizes["length"]), float(sizes["breadth"]))
+    except HhsimError as error:
+        return judged(name, says, [np.inf], SAME_PLACE, "m, rad", WHY_SAME_PLACE, note=str(error))
+    own = {f"hand/{stored}": np.asarray(getattr(hand, field)) for field, stored in HAND_ARRAYS.items()}
+    own |= {f"hand/palm_tree/{part}": getattr(hand.palm_tree, part) for part in TREE_ARRAYS}
+    own |= {f"hand/palm_mesh/{part}": getattr(hand.palm_mesh, part) for part in ("vertices", "faces")}
+    off = [
+        np.abs(values - static[column]).max(initial=0.0) if values.shape == static[column].shape else np.inf
+        for column, values in own.items()
+    ]
+    claim = judged(name, says, off, SAME_PLACE, "m, rad", WHY_SAME_PLACE)
+    # A program that calls the library says nothing of a hand of its own.
+    return other if claim.failed and "hand_file" not in result.scene else claim
+
+
+def _described(result: Result) -> Claim:
+    """What the scene counts against what is there."""
+    scene, static, solver = result.scene, result.static, result.scene["solver"]
+    modelled = scene.get("modelled", {})
+    leaf, palm, phalanges = len(leaves(result)[1]), len(static["hand/palm_radius"]), 3 * len(solver["fingers"])
+    depth = int(static["object/tree/level"].max(initial=0))
+    stated = {
+        "object_spheres": (scene.get("object_spheres", leaf), leaf),
+        "hand.palm_spheres": (scene["hand"].get("palm_spheres", palm), palm),
+        "modelled.fingers": (modelled.get("fingers", solver["fingers"]), solver["fingers"]),
+        "modelled.phalanges": (modelled.get("phalanges", phalanges), phalanges),
+        "modelled.palm_spheres": (modelled.get("palm_spheres", palm), palm),
+        "modelled.object_spheres": (modelled.get("object_spheres", leaf), leaf),
+        "modelled.all_pairs": (modelled.get("all_pairs"), (phalanges + palm) * leaf),
+        "modelled.not_modelled": ("friction" in modelled.get("not_modelled", ["friction"]), not result.free),
+        "tree_options.level": ((scene.get("tree_options") or {}).get("level", depth), depth),
+        "ticks": (not result.complete or result.ticks <= int(scene.get("ticks") or result.ticks), True),
+    }
+    wrong = {name: pair for name, pair in stated.items() if None not in pair and pair[0] != pair[1]}
+    note = "; ".join(f"{name} is stated as {given}, there are {own}" for name, (given, own) in wrong.items())
+    says = "spheres, fingers and pairs are as many as the scene says"
+    return all_true("scene", says, np.isin(list(stated), list(wrong)), note=note)
 
 
 def _palm(result: Result) -> Claim:
@@ -139,15 +194,26 @@ def _palm(result: Result) -> Claim:
     return judged("palm", says, gap, COVER, "m", "less than any figure is stated to")
 
 
-def _beyond_a_file() -> list[Claim]:
+def _beyond_a_file(result: Result, again: bool) -> list[Claim]:
     """What a file says of itself, and what nothing in it could contradict: it is no part of a verdict."""
-    return [
-        Claim("times", "how long ticks took", NOT_JUDGED, note="no second measurement gives the same times"),
-        Claim(
-            "machine and versions",
+    beyond = {
+        "times": ("how long ticks took", "no second measurement gives the same times"),
+        "machine and versions": (
             "the machine, the packages, hhsim's version and the date",
-            NOT_JUDGED,
-            note="a file cannot show where and by what it was made",
+            "a file cannot show where and by what it was made",
         ),
-        Claim("names", "names, sources and the command", NOT_JUDGED, note="words that no number follows from"),
-    ]
+        "names": ("names, sources and the command", "words that no number follows from"),
+    }
+    if result.live is not None:
+        beyond["glove's own words"] = (
+            "raw channels, the glove's stamps, numbers and battery, what it is, and who ended the session",
+            "nothing in the file follows from them but the angles, by a calibration that it does not hold",
+        )
+    if not again:
+        beyond["second run"] = (
+            "the input, run once more, gives these ticks",
+            "--again makes the motion and the ticks once more; without it nothing shows a hand and its user moved "
+            "together where nothing touches, work counters within their bounds, how much was left to go in a tick that "
+            "lags, or options that only decide how the solver gets there",
+        )
+    return [Claim(name, says, NOT_JUDGED, note=note) for name, (says, note) in beyond.items()]

@@ -27,11 +27,15 @@ def posture_claims(judge: JudgedTicks) -> list[Claim]:
     """Joints, limits, abduction, lag, and hands that are stuck."""
     result, hand, at, ticks = judge.result, judge.hand, judge.shown, judge.numbers
     unit = np.abs(np.linalg.norm(at.orientation, axis=1) - 1.0)
+    # The same turn by the other quaternion is a jump to whoever goes by the numbers.
+    unit[1:][(at.orientation[1:] * at.orientation[:-1]).sum(axis=1) < 0.0] = np.inf
     off = np.linalg.norm(judge.shown_posed.joints - result["graphic/joints"], axis=3).max(axis=(1, 2))
     beyond = np.maximum(hand.flexion_min - at.flexion, at.flexion - hand.flexion_max).max(axis=(1, 2))
     says = "the joints are those of the stored angles and pose"
     return [
-        judged("unit quaternions", "orientations are unit", unit, 1e-9, "1", "rounding", ticks=ticks),
+        judged(
+            "unit quaternions", "orientations are unit, and change no sign", unit, 1e-9, "1", "rounding", ticks=ticks
+        ),
         judged("kinematics", says, off, LENGTH, "m", WHY_LENGTH, ticks=ticks),
         *_of_the_solver(judge, np.maximum(0.0, beyond)),
         *_free(judge),
@@ -62,7 +66,9 @@ def _lag(judge: JudgedTicks) -> Claim:
     far = np.linalg.norm(judge.shown_posed.joints - judge.wanted_posed.joints, axis=3).max(axis=(1, 2))
     lag, late = np.asarray(judge.result["lag"]), judge.status & (STUCK | LAG) > 0
     over = np.where(late, np.maximum(0.0, np.maximum(lag - far, -lag)), np.abs(lag))
-    says = "a settled tick has none, another no more than the way left"
+    # Of a hand that is on its way something is left to go, unless it is there.
+    over[late & (lag <= 0.0) & (far > LENGTH)] = np.inf
+    says = "a settled tick has none, another some, and no more than the way left"
     return judged("lag", says, over, LENGTH, "m", WHY_LENGTH, ticks=judge.numbers)
 
 

@@ -1,13 +1,16 @@
 """Claims that only a recorded session makes: its periods, its latency, its samples, and what they became."""
 
+import json
+import signal
+
 import numpy as np
 
 from hhsim.kernels.live.deadlines import EARLIEST
 from hhsim.kernels.live.phase import LARGEST_SHIFT
 from hhsim.result.reader import Result
 from hhsim.verify.claim import NOT_JUDGED, Claim, all_true, judged
-from hhsim.verify.finger_command_checks import DEVICE_LOST, command_claims
-from hhsim.verify.session_rows import SessionRows
+from hhsim.verify.finger_command_checks import DEVICE_LOST, STOPPING, command_claims
+from hhsim.verify.session_rows import LOOP_DIED, MOST_READ, SessionRows
 from hhsim.verify.session_summary_checks import session_figures_claims
 
 FINGER_NAMES = ("thumb", "index finger", "middle finger", "ring finger", "little finger")
@@ -15,6 +18,21 @@ JUMPED = "jumped by"
 """Such a line of the log, after a finger's name, tells that it was not believed."""
 OLD_SHIFT = 0.01
 """Of a period: so far a tick moved the next deadline at most in files that do not say which ticks were early."""
+IN_ORDER = ("duration", "stopped", *(number.name for number in signal.Signals))
+"""Why a session ended whose loop was brought to its end."""
+DRIVER_DIED = "the glove's driver "
+"""How it begins to say so where the loop was, since that had died."""
+BROKEN_OFF = (LOOP_DIED, "the session's supervisor died before the loop began")
+"""Why one ended that was not."""
+COUNTERS = (
+    *("frames", "samples", "rejected", "other", "malformed", "resyncs", "dropped"),
+    *("commands", "commands_refused"),
+)
+"""What a glove's driver counts."""
+TAKES_COMMANDS = frozenset({"POSITION_LIMIT", "STIFFNESS", "FORCE", "POWER"})
+"""Capabilities of a glove that takes commands."""
+AT_THE_END = 100
+"""Commands that free a glove when a session begins and ends, at most."""
 ONE_CLOCK = "one clock stamps all of them"
 
 
@@ -34,6 +52,8 @@ def session_claims(result: Result) -> list[Claim]:
         _samples(rows),
         _newest(rows),
         _haptic(rows),
+        _ended(rows),
+        _counters(rows),
         *command_claims(rows),
         *session_figures_claims(rows),
     ]
@@ -205,6 +225,46 @@ def _haptic(rows: SessionRows) -> Claim:
     note = f"in {count:,} ticks a finger jumped and was not believed" if count and not wrong.any() else ""
     says = "the user's fingers are those of the sample; where one is not, the log names it and it is free"
     return all_true("fingers of the sample", says, wrong, ticks=known, note=note)
+
+
+def _ended(rows: SessionRows) -> Claim:
+    """Why a session ended is a known cause, and where its loop died no tick says that it stops."""
+    ended = str(rows.live["ended"])
+    of_loop = ended in IN_ORDER or ended.startswith(DRIVER_DIED)
+    told = bool(rows.safety[-1] & STOPPING > 0)
+    wrong = [rows.result.complete and not (of_loop or ended in BROKEN_OFF), told and ended in BROKEN_OFF]
+    says = "the session ended by a known cause, which its last tick agrees with"
+    return all_true("end", says, wrong, note=f"it is said to have ended by '{ended}'" if any(wrong) else "")
+
+
+def _counters(rows: SessionRows) -> Claim:
+    """What the driver counted against the samples and the ticks in the file."""
+    name, says = "counters", "the driver counted the samples that are here, and no more commands than periods"
+    if not rows.result.complete or str(rows.live["ended"]) not in IN_ORDER:
+        return Claim(name, says, NOT_JUDGED, note="the session was cut short, and its driver's last word is older")
+    try:
+        stated = {what: int(count) for what, count in json.loads(str(rows.live["counters"])).items()}
+    except (ValueError, TypeError, AttributeError):
+        return all_true(name, says, [True], note="they cannot be read")
+    counted = {**dict.fromkeys(COUNTERS, 0), **stated}
+    good, last = int((rows.samples["good"] == 1).sum()), int(rows.samples["seq"].max(initial=-1)) + 1
+    samples, commands = counted["samples"], counted["commands"]
+    came = samples + counted["rejected"]
+    # Each period has a command, each of which may be sent once more to be sure, and the end has some of its own.
+    periods = int(rows.period.max(initial=0)) + 1
+    held = bool((rows.stiffness > 0.0).any()) and not rows.dry_run
+    takes = not TAKES_COMMANDS.isdisjoint(json.loads(str(rows.live["device"])).get("capabilities", TAKES_COMMANDS))
+    wrong = {
+        f"nobody counts {', '.join(sorted(set(stated) - set(COUNTERS)))}": len(counted) > len(COUNTERS),
+        "a count is below zero": min(counted.values()) < 0,
+        f"{last:,} samples are numbered, {came:,} are counted": came < last,
+        f"{good:,} good samples are here, {samples:,} are counted": samples < good,
+        f"{came:,} samples are counted, {last:,} are numbered": rows.samples_whole and came > last + MOST_READ,
+        f"{commands:,} commands in {periods:,} periods": commands > 2 * periods + AT_THE_END,
+        "commands of a dry run": rows.dry_run and commands > 0,
+        "no command, though fingers were held": held and takes and commands == 0,
+    }
+    return all_true(name, says, list(wrong.values()), note="; ".join(what for what, is_so in wrong.items() if is_so))
 
 
 def _unclear(rows: SessionRows) -> str:

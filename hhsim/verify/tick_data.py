@@ -1,6 +1,7 @@
 """What the claims of ticks are judged by: the stored hands placed anew, what they touch, and how they are pulled."""
 
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -9,21 +10,42 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.replay.stored_scene import stored_mesh
 from hhsim.result.reader import Result
 from hhsim.solver.method import never_penetrates
-from hhsim.verify.contacts import PALM, Pairs, joined, near_pairs
-from hhsim.verify.file_checks import follows, leaves
+from hhsim.verify.contacts import PALM, Groups, Pairs, grouped, joined, near_pairs
+from hhsim.verify.file_checks import follows, leaves, usable
 from hhsim.verify.kinematics import Posed, configurations, own_hand, pose, turn_between
-from hhsim.verify.mesh_contacts import near_triangle_pairs, ready_triangles
+from hhsim.verify.mesh_contacts import ReadyTriangles, near_triangle_pairs, ready_triangles, triangle_groups
 
 FINGERS = ("thumb", "index", "middle", "ring", "little")
 STUCK, LAG, INPUT_INVALID, START_INSIDE, CAPACITY_EXCEEDED, ABDUCTION_HELD = 1, 2, 4, 8, 16, 32
 """Flags of a tick's status."""
 LENGTH = 1e-9
 """Lengths that differ by this [m] are the same: a thousandth of the smallest that any table shows."""
+BLOCK = 1024
+"""Ticks whose pairs within the margin are in memory at once."""
 ON_THE_WAY = 20.0
 """Offsets."""
 NEAR_CONE = 0.03
 """Sine of the angle by which the line between a contact and a border may lean from what the solver pushes along."""
 WHY_LENGTH = "a thousandth of the smallest length that a table shows"
+
+
+class Nearness(NamedTuple):
+    """What is near a hand at some ticks.
+
+    | field | meaning | shape |
+    |---|---|---|
+    | pairs | those that touch, or nearly so | (N,) |
+    | nearest | least distance of each body [m]; infinite where no pair is near | (n, 16) |
+    | fewest, most | pairs that there can be where contacts are listed | (n,) |
+    | fewest_bodies, most_bodies | the same of bodies that have such a pair | (n,) |
+    """
+
+    pairs: Pairs
+    nearest: FloatArray
+    fewest: IntArray
+    most: IntArray
+    fewest_bodies: IntArray
+    most_bodies: IntArray
 
 
 class JudgedTicks:
@@ -32,8 +54,10 @@ class JudgedTicks:
     Args:
         result: Of a replay or a session.
         chosen: Ticks whose distances and forces are judged, ascending.
+        asked: Those of them at which a library is asked, which is dear; None: all.
 
     Attributes:
+        asked: Their places in `chosen`.
         hand: As the file has it.
         fingers: Which ones the scene models, shape (5,).
         status: Flags of all ticks, shape (T,).
@@ -46,9 +70,10 @@ class JudgedTicks:
         scale: Of the same 21 rows, to N.
     """
 
-    def __init__(self, result: Result, chosen: IntArray) -> None:
+    def __init__(self, result: Result, chosen: IntArray, asked: IntArray | None = None) -> None:
         """Place the hands of all ticks."""
         self.result, self.chosen = result, chosen
+        self.asked = np.arange(len(chosen)) if asked is None else np.flatnonzero(np.isin(chosen, asked))
         self.hand = own_hand(result)
         self.options = result.scene["solver"]
         self.fingers = np.array([name in self.options["fingers"] for name in FINGERS])
@@ -64,10 +89,7 @@ class JudgedTicks:
         self.scale = np.sqrt(g["translation"] / self.diagonal)
 
     def _last_good(self, haptic: HandConfiguration) -> HandConfiguration:
-        good = np.ones(self.result.ticks, bool)
-        for values in haptic:
-            good &= np.isfinite(values).reshape(len(values), -1).all(axis=1)
-        good &= np.linalg.norm(haptic.orientation, axis=1) > 0.0
+        good = usable(self.result)
         last = np.maximum.accumulate(np.where(good, np.arange(len(good)), 0))
         return haptic.at(last)
 
@@ -122,32 +144,68 @@ class JudgedTicks:
 
         That is how such a row of the program pushes: its contact slides on over the border.
         """
-        across = self._face_normals[pairs.leaf]
+        across = self._triangles.normal.T[pairs.leaf]
         side = np.sign((across * pairs.normal).sum(axis=1))
         lean = np.linalg.norm(np.cross(across, pairs.normal), axis=1)
         leaning = np.flatnonzero((lean > 0.0) & (lean <= NEAR_CONE))
         return joined([pairs, pairs.at(leaning)._replace(normal=(side[:, None] * across)[leaning])])
 
     @cached_property
-    def _face_normals(self) -> FloatArray:
-        return ready_triangles(stored_mesh(self.result).triangles).normal.T
+    def _triangles(self) -> ReadyTriangles:
+        return ready_triangles(stored_mesh(self.result).triangles)
 
     @cached_property
-    def candidates(self) -> Pairs:
-        """Pairs of the chosen ticks within the margin, and a nanometre more."""
-        near = 2.0 * self.bearing
-        if self.safe:
-            near = max(near, float(self.options["margin"]) + 2.0 * LENGTH)
+    def pieces(self) -> Groups:
+        """Spheres or triangles, whichever the hand touched."""
         if self.on_mesh:
-            triangles = stored_mesh(self.result).triangles
-            return near_triangle_pairs(self.hand, self.chosen_posed, triangles, self.fingers, near)
-        center, radius = leaves(self.result)
-        return near_pairs(self.hand, self.chosen_posed, center, radius, self.fingers, near)
+            return triangle_groups(stored_mesh(self.result).triangles)
+        return grouped(*leaves(self.result))
+
+    def _nearness(self, places: IntArray, reach: float) -> Nearness:
+        """What is within `reach` [m] at some chosen ticks: of pairs that do not touch, which are many, only counts."""
+        parts = []
+        for block in np.array_split(places, range(BLOCK, len(places), BLOCK)):
+            posed, size = Posed(*(values[block] for values in self.chosen_posed)), len(block)
+            if self.on_mesh:
+                found = near_triangle_pairs(self.hand, posed, self._triangles, self.pieces, self.fingers, reach)
+            else:
+                found = near_pairs(self.hand, posed, self.pieces, self.fingers, reach)
+            pairs = found.within(2.0 * self.bearing)
+            counts = self.pair_counts(found, self.surely, size)[0], self.pair_counts(found, self.margin, size)[1]
+            bodies = (found.within(limit).bodies(size) for limit in (self.surely - LENGTH, self.margin + LENGTH))
+            parts.append(Nearness(pairs._replace(tick=block[pairs.tick]), found.nearest(size), *counts, *bodies))
+        pairs = joined([part.pairs for part in parts])
+        return Nearness(pairs, *(np.concatenate(values) for values in zip(*(part[1:] for part in parts))))
 
     @cached_property
+    def near(self) -> Nearness:
+        """What is near at all chosen ticks; the numbers of listed pairs and bodies count where a library is asked."""
+        wide = len(self.asked) == len(self.chosen) or self.result.free
+        return self._nearness(np.arange(len(self.chosen)), self._listed if wide else 2.0 * self.bearing)
+
+    @cached_property
+    def listed(self) -> Nearness:
+        """What is near where a library is asked, as far as contacts are listed."""
+        return self.near if len(self.asked) == len(self.chosen) else self._nearness(self.asked, self._listed)
+
+    @property
+    def _listed(self) -> float:
+        return max(2.0 * self.bearing, self.margin + 2.0 * LENGTH if self.safe else 0.0)
+
+    @property
+    def margin(self) -> float:
+        """Pairs no farther apart than this [m] are candidates."""
+        return float(self.options["margin"])
+
+    @property
+    def surely(self) -> float:
+        """Pairs no farther apart than this [m] are listed: of triangles, what a step that ends a tick may reach."""
+        return min(self.margin, 2.0 * float(self.options["step_tolerance"])) if self.on_mesh else self.margin
+
+    @property
     def pairs(self) -> Pairs:
         """Pairs of the chosen ticks that touch, or nearly so."""
-        return self.candidates.within(2.0 * self.bearing)
+        return self.near.pairs
 
     @cached_property
     def touching(self) -> Pairs:
@@ -157,17 +215,16 @@ class JudgedTicks:
     @cached_property
     def miscounted(self) -> BoolArray:
         """Chosen ticks whose stored number of touching pairs is not the referee's, shape (len(chosen),)."""
-        least, greatest = self.pair_counts(self.pairs, self.touch)
+        least, greatest = self.pair_counts(self.pairs, self.touch, len(self.chosen))
         counted = np.asarray(self.result["contacts/touching"])[self.chosen]
         return np.asarray((counted < least) | (counted > greatest))
 
-    def pair_counts(self, pairs: Pairs, limit: float) -> tuple[IntArray, IntArray]:
-        """Least and greatest number of pairs that a chosen tick can have within a limit [m], shapes (len(chosen),).
+    def pair_counts(self, pairs: Pairs, limit: float, size: int) -> tuple[IntArray, IntArray]:
+        """Least and greatest number of pairs that each of `size` ticks can have within a limit [m], shapes (size,).
 
         A leaf is one piece. Of a triangle the solver counts face, edges and corners, and those of its neighbours once:
         at least one of each body that is near, and no more than all seven of each.
         """
-        size = len(self.chosen)
         sure, possible = (pairs.within(limit + slack) for slack in (-LENGTH, LENGTH))
         greatest = np.bincount(possible.tick, minlength=size)
         if self.on_mesh:
@@ -179,7 +236,7 @@ class JudgedTicks:
         """Deepest in the leaf spheres [m]; NaN where they were not what the hand touched."""
         if self.on_mesh:
             return float("nan")
-        return max(0.0, -float(self.pairs.distance.min(initial=0.0)))
+        return max(0.0, -float(self.near.nearest.min(initial=0.0)))
 
     def stored_forces(self, ticks: IntArray) -> FloatArray:
         """Force of each body [N], the palm's last, shape (n, 16, 3)."""

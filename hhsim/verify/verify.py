@@ -23,7 +23,7 @@ from hhsim.verify.depth_checks import contact_error_claim, depth_claims
 from hhsim.verify.file_checks import file_claims
 from hhsim.verify.force_checks import force_claims
 from hhsim.verify.free_object_checks import free_claims, free_complementarity_claim, free_hand_claim
-from hhsim.verify.input_hand_check import input_hand_claims
+from hhsim.verify.input_hand_check import input_hand_claims, motion_claim
 from hhsim.verify.metric_checks import metric_claims
 from hhsim.verify.object_frame import object_motion_claims, seen_by_referee
 from hhsim.verify.origin_checks import origin_claims
@@ -34,10 +34,18 @@ from hhsim.verify.tick_data import JudgedTicks
 IntArray = NDArray[np.int64]
 Progress = Callable[[str, int, int], None]
 
-MESH_LIMIT = 1e-3
+MESH_LIMIT = 1e-6
 """Distances to the mesh from here on are not looked for [m]."""
+MESH_TICKS = 200
+"""Ticks between two words of how far the mesh's distances are."""
 MESH_EXACT = 1e-8
 """How near the referee's two bounds of a distance to the mesh are to each other [m], see `mesh_distance`."""
+
+
+LONG, SAMPLED_EVERY = 10_000, 50
+"""From so many ticks on, a library is asked at one tick in so many."""
+SAMPLED = ("candidates", "distance by coal", "mesh", "contacts off the mesh")
+"""Claims that are judged at some ticks of a long run: pairs far from touching are many, and a library is slow."""
 
 
 @dataclass(frozen=True)
@@ -46,10 +54,10 @@ class Verification:
 
     Attributes:
         claims: Every claim with its verdict.
-        ticks: Of the file.
-        looked_at: Ticks whose geometry and forces were judged; what is cheap was judged at all of them.
-        every: One in so many, as asked for.
-        sphere_penetration: Deepest in the leaf spheres, of the ticks looked at [m]; NaN where it touched the mesh.
+        ticks: Of the file; what is cheap was judged at all of them, depths and forces among it.
+        looked_at: Ticks of what is sampled: of the claims `SAMPLED`.
+        every: One in so many.
+        sphere_penetration: Deepest in the leaf spheres [m]; NaN where it touched the mesh.
         mesh_penetration: Deepest in the true mesh [m]; NaN where that could not be judged.
         stationarity: Imbalance of the coupling against what touches [N], at the tick nearest to what is let pass there;
             NaN where no optimum is claimed.
@@ -62,6 +70,14 @@ class Verification:
     sphere_penetration: float
     mesh_penetration: float
     stationarity: float
+
+    @property
+    def looked(self) -> str:
+        """In words, how many ticks were looked at, and what was sampled."""
+        if self.looked_at == self.ticks:
+            return f"{self.ticks:,} ticks looked at"
+        names = [claim.name for claim in self.claims if claim.name in SAMPLED]
+        return f"{self.ticks:,} ticks looked at; {', '.join(names)}: 1 in {self.every} ticks"
 
     @property
     def passed(self) -> bool:
@@ -82,12 +98,15 @@ class Verification:
         }
 
 
-def verify(result: Result, *, every: int = 10, again: bool = False, progress: Progress | None = None) -> Verification:
+def verify(
+    result: Result, *, every: int | None = None, again: bool = False, progress: Progress | None = None
+) -> Verification:
     """Judge a result.
 
     Args:
         result: Of a replay or a session, complete or not.
-        every: Geometry and forces are judged at one tick in so many, and where the file says it is worst.
+        every: A library is asked at one tick in so many, and where the file says that it is worst; None: at every tick
+            below `LONG` ticks, else at one in `SAMPLED_EVERY`. All else is judged at every tick.
         again: Whether the motion is made and the ticks are run once more, with what the file holds and names.
         progress: Called with what is being done, how much is done and how much there is.
 
@@ -101,10 +120,11 @@ def verify(result: Result, *, every: int = 10, again: bool = False, progress: Pr
     report("file", 0, 4)
     claims = [*file_claims(result), *object_motion_claims(result)]
     report("kinematics", 1, 4)
-    chosen = chosen_ticks(result, every)
+    every = every or (1 if result.ticks < LONG else SAMPLED_EVERY)
+    numbers, asked = np.arange(result.ticks), chosen_ticks(result, every)
     # Beside an object that moves, hands and forces are judged as it sees them.
     seen = result.seen_by(seen_by_referee)
-    judge = JudgedTicks(seen, chosen)
+    judge = JudgedTicks(seen, numbers, asked)
     claims += posture_claims(judge)
     report("spheres", 2, 4)
     claims += depth_claims(judge)
@@ -114,6 +134,7 @@ def verify(result: Result, *, every: int = 10, again: bool = False, progress: Pr
     claims += [
         mesh,
         contact_error_claim(judge),
+        motion_claim(result),
         *input_hand_claims(judge),
         *metric_claims(seen),
         *session_claims(result),
@@ -121,11 +142,11 @@ def verify(result: Result, *, every: int = 10, again: bool = False, progress: Pr
     ]
     claims += free_claims(result)
     if result.free:
-        claims += [free_hand_claim(JudgedTicks(result, chosen)), free_complementarity_claim(judge)]
+        claims += [free_hand_claim(JudgedTicks(result, numbers)), free_complementarity_claim(judge)]
     if again:
         claims += again_claims(result, report)
     stationarity = next((claim.worst for claim in claims if claim.name == "stationarity"), float("nan"))
-    return Verification(tuple(claims), result.ticks, len(chosen), every, judge.sphere_penetration, depth, stationarity)
+    return Verification(tuple(claims), result.ticks, len(asked), every, judge.sphere_penetration, depth, stationarity)
 
 
 def require_coal() -> None:
@@ -143,7 +164,11 @@ def require_coal() -> None:
 
 
 def chosen_ticks(result: Result, every: int) -> IntArray:
-    """The ticks to look at: one in `every`, the last, and where the file itself says that something is worst."""
+    """The ticks to look at: one in `every`, the last, and where the file itself says that something is worst.
+
+    And those in which the hand leaps: what moves by less than it is thick cannot get inside without touching the
+    surface in some tick, which is judged at all of them.
+    """
     worst = [
         int(np.nan_to_num(np.asarray(result[name], np.float64)).argmax())
         for name in ("penetration_depth", "lag", "force_variation_rate", "contacts/touching")
@@ -151,8 +176,10 @@ def chosen_ticks(result: Result, every: int) -> IntArray:
     odd = np.flatnonzero(result["status"])
     size = np.linalg.norm(result["force/total"], axis=1)
     regular = np.arange(0, result.ticks, every)
+    way = np.linalg.norm(np.diff(result["graphic/joints"], axis=0), axis=3).max(axis=(1, 2), initial=0.0)
+    leaps = 1 + np.flatnonzero(way > result.static["hand/phalanx_radius"].min())
     last = [result.ticks - 1, int(np.nan_to_num(size).argmax())]
-    return np.unique(np.concatenate([regular, odd[:: max(1, len(odd) // 50)], worst, last]).astype(np.int64))
+    return np.unique(np.concatenate([regular, odd[:: max(1, len(odd) // 50)], leaps, worst, last]).astype(np.int64))
 
 
 def _mesh_claim(judge: JudgedTicks, claims: list[Claim], report: Progress) -> tuple[Claim, float]:
@@ -167,20 +194,20 @@ def _mesh_claim(judge: JudgedTicks, claims: list[Claim], report: Progress) -> tu
         referee = HandReferee(stored_mesh(judge.result), open_too=judge.on_mesh)
     except MeshError as error:
         return Claim(name, says, NOT_JUDGED, unit="m", why=why, note=str(error)), float("nan")
-    hand, posed, at = judge.hand, judge.chosen_posed, judge.chosen_shown
+    hand, posed, at, asked = judge.hand, judge.chosen_posed, judge.chosen_shown, judge.asked
     shape = HandShape(hand.radius, hand.palm_center, hand.palm_radius)
     # A hand at rest is the same hand over and over.
-    rounded = np.round(posed.joints.reshape(len(judge.chosen), -1), 10)
-    different = np.unique(rounded, axis=0, return_index=True)[1]
+    rounded = np.round(posed.joints[asked].reshape(len(asked), -1), 10)
+    different = np.sort(np.unique(rounded, axis=0, return_index=True)[1])
     # A hand that is nowhere has no distance; that it is nowhere is another claim's matter.
-    different = different[np.isfinite(rounded[different]).all(axis=1)]
+    different = asked[different[np.isfinite(rounded[different]).all(axis=1)]]
     least = np.full(len(judge.chosen), np.inf)
     used = np.append(np.repeat(judge.fingers, 3), True)
-    for done, i in enumerate(np.sort(different)):
-        report("mesh", done, len(different))
-        one = slice(i, i + 1)
-        placed = PlacedHand(posed.joints[one], at.position[one], at.orientation[one])
-        least[i] = referee.clearances(shape, placed, MESH_LIMIT)[0][used].min()
+    for first in range(0, len(different), MESH_TICKS):
+        report("mesh", first, len(different))
+        part = different[first : first + MESH_TICKS]
+        placed = PlacedHand(posed.joints[part], at.position[part], at.orientation[part])
+        least[part] = referee.clearances(shape, placed, MESH_LIMIT)[:, used].min(axis=1)
     worst = int(least.argmin())
     depth = max(0.0, -float(least[worst]))
     covers = judge.on_mesh or any(claim.name == "cover" and claim.verdict in (HOLDS, FAILS) for claim in claims)

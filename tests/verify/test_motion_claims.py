@@ -1,0 +1,181 @@
+"""The claims of how hand and object move: by the samples that a motion has, and by the script that the scene names."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from driven_scenes import carried, swing
+from planted_faults import forge_scene, planted
+from recording_samples import smooth_recording
+from sampled import first_of_each, sampled
+
+from hhsim.motion.trajectory import Trajectory
+from hhsim.replay.replay import replay
+from hhsim.result.reader import Result, load_result
+from hhsim.scene.open_scene import open_scene
+from hhsim.scene.scene import make_scene
+from hhsim.solver.options import SolverOptions
+from hhsim.verify.again import again_claims
+from hhsim.verify.claim import FAILS, HOLDS, NOT_JUDGED, Claim
+from hhsim.verify.file_checks import file_claims
+from hhsim.verify.input_hand_check import motion_claim
+from hhsim.verify.object_frame import object_motion_claims
+
+AIR = 155
+"""A tick in which nothing touches, in the middle of a sample of the recording."""
+
+
+def claims(result: Result) -> dict[str, Claim]:
+    found = (*file_claims(result), *object_motion_claims(result), motion_claim(result))
+    return {claim.name: claim for claim in found}
+
+
+def failing(result: Result) -> set[str]:
+    return {name for name, claim in claims(result).items() if claim.verdict == FAILS}
+
+
+@pytest.fixture(scope="module")
+def script(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    """The first two seconds of an object that a script of the catalogue carries."""
+    path = tmp_path_factory.mktemp("script") / "carry.h5"
+    scene = open_scene("cylinder", "carry", level=2)
+    assert scene.driven is not None
+    scene = replace(scene, ticks=scene.ticks.first(2000), driven=scene.driven.first(2000))
+    replay(scene, SolverOptions(), path, description={**scene.description, "hand_file": None, "ticks": 2000})
+    return load_result(path)
+
+
+@pytest.fixture(scope="module", params=sampled(["interpolate", "hold"], lambda _, mode: mode == "interpolate"))
+def recorded(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Result:
+    """A recording at 100 Hz, hand and object swung about, far from each other."""
+    path, sample = tmp_path_factory.mktemp("recorded") / "swung.h5", smooth_recording(40)
+    parts = {name: getattr(sample, name) for name in ("time", "position", "orientation", "flexion", "abduction")}
+    motion = Trajectory(**{**parts, "position": parts["position"] + [0.0, 0.0, 1.0]})
+    base = open_scene("cylinder", "touch", level=2)
+    moving = carried(motion, swing(motion.time, 0.5, 2.0))
+    scene = make_scene(base.mesh, base.tree, base.hand, moving, mode=request.param)
+    replay(scene, SolverOptions(), path, description={**scene.description, "samples": request.param})
+    return load_result(path)
+
+
+def test_honest_motions_hold(script: Result, recorded: Result) -> None:
+    assert script.driven and recorded.driven
+    assert failing(script) == failing(recorded) == set()
+    assert claims(recorded)["motion"].verdict == HOLDS
+    assert claims(recorded)["motion"].checked > 100
+    # A script has a sample for every tick: what its hand does is found by a second run alone.
+    assert claims(script)["motion"].verdict == NOT_JUDGED
+
+
+def fixed_object(file: h5py.File) -> None:
+    forge_scene(file, lambda scene: scene.update(object_pose="fixed"))
+
+
+def nudged_object(file: h5py.File) -> None:
+    file["tick/object/position"][1800, 1] += 1e-6
+
+
+def turned_object(file: h5py.File) -> None:
+    file["tick/object/orientation"][1800] *= -1.0
+
+
+def moved_phases(file: h5py.File) -> None:
+    """The grasp begins 40 ticks early, in which nothing is measured by phase."""
+    file["phase/first_tick"][1] -= 40
+    file["phase/last_tick"][0] -= 40
+
+
+def renamed_phase(file: h5py.File) -> None:
+    file["phase/name"][1] = "pinch"
+
+
+def shorter_phase(file: h5py.File) -> None:
+    file["phase/last_tick"][0] -= 1
+
+
+def shifted_samples(file: h5py.File) -> None:
+    file["tick/input_seq"][100:] += 1
+
+
+def repeated_sample(file: h5py.File) -> None:
+    file["tick/input_seq"][AIR] -= 1
+
+
+OF_A_SCRIPT: dict[Callable[[h5py.File], None], str] = {
+    fixed_object: "object poses",
+    nudged_object: "object poses",
+    turned_object: "object poses",
+    moved_phases: "phases",
+    renamed_phase: "phases",
+    shorter_phase: "phases",
+    shifted_samples: "input",
+    repeated_sample: "input",
+}
+
+
+@pytest.mark.parametrize("fault", first_of_each(OF_A_SCRIPT), ids=lambda fault: fault.__name__)
+def test_what_is_planted_in_a_script_is_found(
+    script: Result, tmp_path: Path, fault: Callable[[h5py.File], None]
+) -> None:
+    assert OF_A_SCRIPT[fault] in failing(planted(script.path, tmp_path, fault))
+
+
+def nudged_together(file: h5py.File) -> None:
+    """Both hands by a micrometre, where nothing touches."""
+    for name in ("graphic/position", "graphic/joints", "haptic/position"):
+        file[f"tick/{name}"][AIR] += 1e-6
+
+
+def nudged_with_nothing(file: h5py.File) -> None:
+    file["tick/object/position"][AIR, 2] += 1e-6
+
+
+def bent_user_finger(file: h5py.File) -> None:
+    file["tick/haptic/flexion"][AIR, 3, 1] += 1e-6
+
+
+def turned_user(file: h5py.File) -> None:
+    w, x, y, z = file["tick/haptic/orientation"][AIR]
+    file["tick/haptic/orientation"][AIR] = np.array([w - 5e-7 * x, x + 5e-7 * w, y + 5e-7 * z, z - 5e-7 * y])
+
+
+def stale_user(file: h5py.File) -> None:
+    """A tick has the hand of the tick before."""
+    for name in ("position", "orientation", "flexion", "abduction"):
+        file[f"tick/haptic/{name}"][AIR] = file[f"tick/haptic/{name}"][AIR - 12]
+
+
+def another_number(file: h5py.File) -> None:
+    """Samples begin three ticks late."""
+    numbers = file["tick/input_seq"][...]
+    file["tick/input_seq"][3:] = numbers[:-3]
+
+
+OF_A_RECORDING = (nudged_together, nudged_with_nothing, bent_user_finger, turned_user, stale_user, another_number)
+
+
+@pytest.mark.parametrize("fault", sampled(OF_A_RECORDING, lambda place, _: place < 2), ids=lambda fault: fault.__name__)
+def test_what_is_planted_in_a_recording_is_off_its_curve(
+    recorded: Result, tmp_path: Path, fault: Callable[[h5py.File], None]
+) -> None:
+    assert "motion" in failing(planted(recorded.path, tmp_path, fault))
+
+
+def test_phases_of_a_motion_of_ones_own_are_not_judged_and_said_so(script: Result, tmp_path: Path) -> None:
+    def own(file: h5py.File) -> None:
+        moved_phases(file)
+        forge_scene(file, lambda scene: scene.update(trajectory="mine.toml"))
+
+    found = claims(planted(script.path, tmp_path, own))
+    assert found["begin of phases"].verdict == NOT_JUDGED and "--again" in found["begin of phases"].note
+
+
+def test_a_second_run_finds_phases_that_were_moved(script: Result, tmp_path: Path) -> None:
+    def motion(result: Result) -> Claim:
+        return next(claim for claim in again_claims(result, lambda what, done, total: None) if "motion" in claim.name)
+
+    assert motion(script).verdict == HOLDS
+    assert motion(planted(script.path, tmp_path, moved_phases)).failed
