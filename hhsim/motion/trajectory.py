@@ -30,6 +30,7 @@ from hhsim.motion.validation import (
 
 Flags = NDArray[np.uint32]
 HandSide = Literal["", "right", "left"]
+Checksums = Literal["", "held", "missing"]
 ResampleMode = Literal["interpolate", "hold"]
 
 MAX_ANGLE = 2.0 * np.pi
@@ -167,6 +168,8 @@ class Trajectory:
             looked.
         object_motion: The object's pose at each sample, where it moves; one that stands still becomes
             `object_position` and `object_orientation`, and None here.
+        checksums: Whether the recording that it was made of proves its numbers: "held", each agreed with a checksum;
+            "missing", some have none, so that damage which leaves a plausible motion is not told; "" for others.
 
     Raises:
         TrajectoryError: Wrong shape, no samples, NaN or infinity, stamps that do not increase, a quaternion of length
@@ -189,6 +192,7 @@ class Trajectory:
     hand: HandSide = ""
     flags: Flags | None = None
     object_motion: ObjectMotion | None = None
+    checksums: Checksums = ""
 
     def __post_init__(self) -> None:
         """Check and normalise every field."""
