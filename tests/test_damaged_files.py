@@ -119,7 +119,7 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[CommandServer]:
 def check(answer: Served, told: str) -> None:
     assert answer.code is not None, f"{told}: {answer.err}"
     assert answer.code in (0, 1, 2), f"{told}: exit code {answer.code}\n{answer.err}"
-    assert "Traceback" not in answer.err, f"{told}\n{answer.err}"
+    assert "Traceback" not in answer.err and "Warning: " not in answer.err, f"{told}\n{answer.err}"
     errors = [line for line in answer.err.splitlines() if line.startswith("hhsim: error: ")]
     assert len(errors) == (answer.code == 2), f"{told}: exit code {answer.code}\n{answer.err}"
 

@@ -63,7 +63,8 @@ def _recording(columns: dict[str, Any], content: Content, options: ReadOptions) 
         findings.append(note(f"joints from {named}; there is also {', '.join(names[1:3])}"))
     hands = values.reshape(len(values), -1, JOINTS, 3)
     sides: tuple[HandSide, ...] = SIDES if hands.shape[1] == 2 else ("",)
-    seen = {side: int((np.ptp(hands[:, k], axis=1) > 0.0).any(axis=1).sum()) for k, side in enumerate(sides)}
+    with np.errstate(invalid="ignore", over="ignore"):
+        seen = {side: int((np.ptp(hands[:, k], axis=1) > 0.0).any(axis=1).sum()) for k, side in enumerate(sides)}
     side, remarks = chosen_side(seen, options.hand)
     if len(sides) == 2:
         findings.append(note("two hands of 25 joints in WebXR's order, taken as left, then right"))

@@ -92,9 +92,10 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     joints = np.array([sample.joints for sample in shown])
     places = [OPENXR_JOINTS.index(joint) for joint in KEYPOINTS]
     valid = joints["valid"][:, places] != 0
-    position = joints["position"][:, places].astype(np.float64)
+    with np.errstate(invalid="ignore"):
+        position = joints["position"][:, places].astype(np.float64)
+        radius = joints["radius"][:, places].astype(np.float64)
     position[~valid & (position == 0.0).all(axis=2)] = np.nan
-    radius = joints["radius"][:, places].astype(np.float64)
     known = bool((np.nan_to_num(radius) > 0.0).any(axis=0).all())
     return recording_of_joints(
         JointPositions(
