@@ -123,14 +123,16 @@ def _held(data: bytes, chunk: Any) -> bool:
 
 
 def _thrift_struct(data: bytes, place: int) -> tuple[dict[int, int], int]:
-    """The whole numbers of a struct in Thrift's compact protocol, by their fields, and where it ends."""
+    """The 32-bit numbers of a struct in Thrift's compact protocol, by their fields, and where it ends."""
     fields: dict[int, int] = {}
     field = 0
     while head := data[place]:
         step, kind = head >> 4, head & 15
         field, place = (field + step, place + 1) if step else _zigzag(data, place + 1)
         if kind in (4, 5, 6):
-            fields[field], place = _zigzag(data, place)
+            value, place = _zigzag(data, place)
+            # Of another width, a reader passes over it.
+            fields |= {field: value} if kind == 5 else {}
         elif kind == 8:
             size, place = _varint(data, place)
             place += size

@@ -53,6 +53,9 @@ def test_pages_with_checksums_are_held_against_them() -> None:
         data = lerobot_bytes(checksums=checksums)
         recording = read_as("lerobot", data)
         assert recording.checksums == word
+    # The first page's header: its kind and two sizes, then the checksum, which is none if it is of another type.
+    assert data[14] == 0x15
+    assert read_as("lerobot", data[:14] + b"\x14" + data[15:]).checksums == "missing"
     place = len(data) // 2
     with pytest.raises(TrajectoryError, match=r"a damaged one: .*CRC checksum verification failed"):
         read_as("lerobot", data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :])
