@@ -265,6 +265,7 @@ def command(
     """
     from hhsim.errors import InputError, OutputError
     from hhsim.motion.file import check_trajectory_path, save_trajectory
+    from hhsim.motion.trajectory import UNCHECKED
     from hhsim.recordings.dexmo_regression import format_calibration
     from hhsim.recordings.fitted_hand import (
         check_hand_path,
@@ -341,6 +342,8 @@ def command(
             f"{report.samples_out:,} of {report.samples_in:,} samples, {report.duration:.3f} s at "
             f"{report.mean_rate:.1f} Hz, longest step {1e3 * report.longest_step:.1f} ms, {report.mended:,} mended"
         )
+        if report.checksums == "missing":
+            print(UNCHECKED)
         print(f"written to {', '.join(written)}" + (f", drawn in {plot}" if plot else ""))
         if output_path.suffix.lower() == ".csv" and repaired.trajectory.raw:
             print_notes(["raw channels are not part of a CSV file; --out FILE.h5 keeps them"])

@@ -282,11 +282,12 @@ def command(
     from hhsim.replay.replay import replay as run
     from hhsim.result.reader import check_result_path
     from hhsim.scene.described_scene import described_scene
+    from hhsim.scene.motion_catalogue import import_remarks
 
     solver_options = solver.options()
     motion = moving.motion(trajectory)
     free.require(solver_options, motion, way_out=": --object-pose fixed keeps it where it is at first")
-    remarks = mended_remark(motion, trajectory)
+    remarks = import_remarks(motion, trajectory)
     announce_compilation(quiet=output.quiet)
     solid = solver.surface != "mesh"
     mesh, usual_level = mesh_file.read(object_, solid=solid)
@@ -384,19 +385,3 @@ def _print_times(runs: "Sequence[ReplaySummary]") -> None:
     print()
     cells = [(time.row.label, time.shown, time.row.unit) for time in repeated_times(runs)]
     print_table(("", "mean ± σ", "unit"), cells, title=f"times of {len(runs)} runs", numbers=("mean ± σ",))
-
-
-def mended_remark(motion: "Script | Demonstration | Trajectory", trajectory: str) -> list[str]:
-    """A remark on a recording that was imported on the way in, where unit, side and axes may be guesses."""
-    import numpy as np
-
-    from hhsim.motion.sample_flags import MENDED, marked
-    from hhsim.motion.trajectory import Trajectory
-    from hhsim.scene.motion_catalogue import is_imported
-
-    if not isinstance(motion, Trajectory) or motion.flags is None or not is_imported(Path(trajectory)):
-        return []
-    mended = int(np.sum(marked(motion.flags, MENDED)))
-    if not mended:
-        return ["the recording was imported on the way in: hhsim import tells what it was taken for"]
-    return [f"{mended:,} of {motion.sample_count:,} samples were mended on the way in: hhsim import tells what"]

@@ -7,7 +7,7 @@ import click
 from .arguments import options
 from .arguments.object_argument import MeshSize, complete_object
 from .arguments.options import Side
-from .console import print_json, print_line
+from .console import print_json, print_line, print_notes
 from .replay import complete_trajectory
 
 
@@ -51,6 +51,7 @@ def command(
       hhsim scene mug.stl grasp --unit mm --out mug-grasp
       hhsim scene cup handle --rate 500 --hand left --out cup-handle
     """
+    from hhsim.scene.motion_catalogue import import_remarks
     from hhsim.scene.open_scene import open_scene
     from hhsim.submissions.scene_folder import EXAMPLE, check_scene_folder, write_scene_folder
     from hhsim.system.output_path import dated_output_path
@@ -68,6 +69,7 @@ def command(
         mode=sampling.samples,
         seed=seed,
     )
+    print_notes(import_remarks(scene.trajectory, trajectory))
     digest = write_scene_folder(scene, folder)
     if as_json:
         names = sorted(path.name for path in folder.iterdir())

@@ -78,7 +78,7 @@ def command(
         read = load_plan(plan)
         folder = SweepFolder(out or RESULTS / read.name)
         if not quiet and not as_json:
-            print_notes(read.left_out)
+            print_notes(read.notes)
         announce_compilation(quiet=quiet)
         if dry_run:
             found = estimate(read, folder, report)
@@ -88,7 +88,7 @@ def command(
         _print_estimate(found, chosen.workers, as_json=as_json)
         return 0
     if as_json:
-        print_json(_document(ended, folder.path, read.left_out))
+        print_json(_document(ended, folder.path, read.notes))
     elif not quiet:
         _print(ended, folder.path)
     if quiet and ended.failed:
@@ -125,7 +125,7 @@ def _print(ended: "SweepSummary", folder: Path) -> None:
     print_line(f"hhsim board {folder} shows them as one table")
 
 
-def _document(ended: "SweepSummary", folder: Path, left_out: tuple[str, ...]) -> dict[str, object]:
+def _document(ended: "SweepSummary", folder: Path, notes: tuple[str, ...]) -> dict[str, object]:
     return {
         "folder": str(folder),
         "cells": ended.cells,
@@ -136,7 +136,7 @@ def _document(ended: "SweepSummary", folder: Path, left_out: tuple[str, ...]) ->
         ],
         "ticks": ended.ticks,
         "seconds": ended.seconds,
-        "notes": list(left_out),
+        "notes": list(notes),
     }
 
 

@@ -144,8 +144,14 @@ def iwer_json(sample: JointSample, side: Side = "right") -> str:
     return json.dumps({"schema": [[0, schema]], "frames": frames})
 
 
-def mcap_bytes(sample: JointSample, side: Side = "right", *, compression: str = "") -> bytes:
-    """An MCAP file with one channel of core.HandPoseRecord, in one chunk."""
+def mcap_bytes(
+    sample: JointSample, side: Side = "right", *, compression: str = "", chunks: int = 1, checksums: bool = True
+) -> bytes:
+    """An MCAP file with one channel of core.HandPoseRecord, in chunks or, of 0 chunks, without.
+
+    As the usual writers do, it has checksums of the chunks and of the summary, whose statistics count the messages;
+    without chunks, of the data and of the summary.
+    """
     points = sample.named(OPENXR_JOINTS).astype("<f4")
 
     def text(value: str) -> bytes:
@@ -156,22 +162,31 @@ def mcap_bytes(sample: JointSample, side: Side = "right", *, compression: str = 
 
     schema = struct.pack("<H", 1) + text("core.HandPoseRecord") + text("flatbuffer") + struct.pack("<I", 0)
     channel = struct.pack("<HH", 1, 1) + text(f"hands/{side}_hand") + text("flatbuffer") + struct.pack("<I", 0)
-    inner = record(0x03, schema) + record(0x04, channel)
+    begin = record(0x03, schema) + record(0x04, channel)
+    messages = []
     for k, stamp in enumerate(sample.motion.time):
         taken = 1_000_000_000 + round(1e9 * float(stamp))
         head = struct.pack("<HIQQ", 1, k, taken, taken)
-        inner += record(0x05, head + hand_record(points[k], sample.radius, (taken + 8_000_000, taken, taken + 77)))
-    packed = inner
-    if compression:
-        from pyarrow import Codec
+        data = hand_record(points[k], sample.radius, (taken + 8_000_000, taken, taken + 77))
+        messages.append(record(0x05, head + data))
 
-        packed = Codec(compression).compress(inner, asbytes=True)
-    chunk = struct.pack("<QQQI", 0, 0, len(inner), zlib.crc32(inner)) + text(compression)
-    chunk += struct.pack("<Q", len(packed)) + packed
+    def chunk(inner: bytes) -> bytes:
+        packed = inner
+        if compression:
+            from pyarrow import Codec
+
+            packed = Codec(compression).compress(inner, asbytes=True)
+        head = struct.pack("<QQQI", 0, 0, len(inner), checksums * zlib.crc32(inner)) + text(compression)
+        return record(0x06, head + struct.pack("<Q", len(packed)) + packed)
+
     magic = b"\x89MCAP0\r\n"
-    return (
-        magic + record(0x01, text("") + text("test")) + record(0x06, chunk) + record(0x0F, struct.pack("<I", 0)) + magic
-    )
+    parts = np.array_split(np.arange(len(messages)), max(chunks, 1))
+    content = [begin * (k == 0) + b"".join(messages[each] for each in part) for k, part in enumerate(parts)]
+    file = magic + record(0x01, text("") + text("test")) + b"".join(map(chunk, content) if chunks else content)
+    file += record(0x0F, struct.pack("<I", checksums * (chunks == 0) * zlib.crc32(file)))
+    counts = struct.pack("<QHIIIIQQI", len(messages), 1, 1, 0, 0, chunks, 0, 0, 0)
+    summary = record(0x0B, counts) + struct.pack("<BQQQ", 0x02, 20, len(file), 0)
+    return file + summary + struct.pack("<I", checksums * zlib.crc32(summary)) + magic
 
 
 def hand_record(points: NDArray[np.float32], radius: Array, stamps: tuple[int, int, int]) -> bytes:

@@ -136,8 +136,10 @@ def lerobot_set(folder: Path, *, episodes: int = 1) -> Path:
     return path
 
 
-def lerobot_bytes(sample: JointSample | None = None, *, side: Side = "right", episodes: int = 1) -> bytes:
-    """The Parquet file: the joints of one hand, the other's all at the origin."""
+def lerobot_bytes(
+    sample: JointSample | None = None, *, side: Side = "right", episodes: int = 1, checksums: bool = False
+) -> bytes:
+    """The Parquet file: the joints of one hand, the other's all at the origin; pages usually have no checksums."""
     import pyarrow
     from pyarrow import parquet
 
@@ -154,5 +156,5 @@ def lerobot_bytes(sample: JointSample | None = None, *, side: Side = "right", ep
         }
     )
     stream = io.BytesIO()
-    parquet.write_table(table, stream)
+    parquet.write_table(table, stream, write_page_checksum=checksums)
     return stream.getvalue()

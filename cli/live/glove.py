@@ -254,6 +254,7 @@ def command(
     from hhsim.live.doctor import quick_warning
     from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
     from hhsim.live.session.scene import make_live_scene
+    from hhsim.scene.motion_catalogue import import_remarks
     from hhsim.solver.compile import warm_up
     from hhsim.solver.method import METHODS
     from hhsim.solver.options import SolverOptions
@@ -264,6 +265,7 @@ def command(
         raise click.UsageError(f"--no-record and --record {session.record} exclude each other")
     usual = USUAL_FREE_MOTION if free.free else USUAL_MOTION
     device, palm, motion = hand.inputs(glove, session.seed, usual)
+    print_notes(import_remarks(motion, hand.trajectory or ""))
     options = SolverOptions(period=1.0 / session.rate, **solver.given())
     free.require(options, motion)
     model = hand.model(device.hand)

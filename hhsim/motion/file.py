@@ -1,11 +1,12 @@
 """Trajectory files: HDF5 (format `hhsim-trajectory`), in and out; `.csv` goes to `hhsim.motion.csv_file`.
 
-schema_version 1. Attributes of the file: format, schema_version, name, source, licence, device, hand. Datasets, each
-with `units` and `long_name`: time (T,), position (T, 3), orientation (T, 4), flexion (T, 5, 3), abduction (T, 5),
-object/position (3,), object/orientation (4,) or, of an object that moves, (T, 3) and (T, 4), phase/{name, start_time,
-end_time} (P,), raw/<channel> (T, …), and, where somebody looked the samples over, flags (T,): bits whose meaning its
-attributes `flag_masks` and `flag_meanings` hold, as in the CF metadata conventions. Behind the HDF5 file stands its
-seal (`hhsim.system.checksummed_file`); a file without one is read too.
+schema_version 1. Attributes of the file: format, schema_version, name, source, licence, device, hand, and, of an
+import, checksums (`Trajectory.checksums`). Datasets, each with `units` and `long_name`: time (T,), position (T, 3),
+orientation (T, 4), flexion (T, 5, 3), abduction (T, 5), object/position (3,), object/orientation (4,) or, of an object
+that moves, (T, 3) and (T, 4), phase/{name, start_time, end_time} (P,), raw/<channel> (T, …), and, where somebody looked
+the samples over, flags (T,): bits whose meaning its attributes `flag_masks` and `flag_meanings` hold, as in the CF
+metadata conventions. Behind the HDF5 file stands its seal (`hhsim.system.checksummed_file`); a file without one is read
+too.
 """
 
 from pathlib import Path
@@ -114,6 +115,8 @@ def _write(trajectory: Trajectory, file: h5py.File) -> None:
     file.attrs["schema_version"] = SCHEMA_VERSION
     for key in TEXTS:
         file.attrs[key] = getattr(trajectory, key)
+    if trajectory.checksums:
+        file.attrs["checksums"] = trajectory.checksums
     for key, (units, long_name) in SAMPLES.items():
         put_dataset(file, key, getattr(trajectory, key), units, long_name)
     moving = trajectory.object_motion
@@ -172,7 +175,7 @@ def _read(path: Path) -> dict[str, Any]:
             raise TrajectoryError("phase/name, start_time and end_time have different lengths")
         fields = {key: _get(file, key) for key in SAMPLES}
         fields |= object_fields({key.replace("/", "_"): _get(file, key) for key in OBJECT if key in file})
-        fields |= {key: str(file.attrs.get(key, "")) for key in TEXTS}
+        fields |= {key: str(file.attrs.get(key, "")) for key in (*TEXTS, "checksums")}
         if "flags" in file:
             fields["flags"] = _get(file, "flags")
         fields["phases"] = tuple(

@@ -42,6 +42,11 @@ def read_npz(data: bytes) -> dict[str, Any]:
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             entries = archive.infolist()
+            # The library reads as many entries as it finds, whatever number the archive's end states.
+            end = data.rfind(b"PK\x05\x06")
+            stated = int.from_bytes(data[end + 10 : end + 12], "little")
+            if stated not in (len(entries), 0xFFFF) or len(set(archive.namelist())) < len(entries):
+                raise TrajectoryError(f"a damaged .npz archive: {len(entries)} names, where it states {stated} arrays")
             if any(entry.file_size > MOST_BYTES for entry in entries):
                 raise TrajectoryError("an array of more than 2 GB; expected a hand recording")
             arrays = {}

@@ -30,8 +30,11 @@ from hhsim.motion.validation import (
 
 Flags = NDArray[np.uint32]
 HandSide = Literal["", "right", "left"]
+Checksums = Literal["", "held", "missing"]
 ResampleMode = Literal["interpolate", "hold"]
 
+UNCHECKED = "not every number of the recording has a checksum: damage may pass as motion"
+"""What is said of a recording whose `checksums` are missing."""
 MAX_ANGLE = 2.0 * np.pi
 """A joint angle beyond a full turn [rad] is a recording in degrees."""
 MAX_POSITION = 100.0
@@ -167,6 +170,8 @@ class Trajectory:
             looked.
         object_motion: The object's pose at each sample, where it moves; one that stands still becomes
             `object_position` and `object_orientation`, and None here.
+        checksums: Of the recording that it was made of: "held" where every number agreed with one, "missing" where some
+            have none, so that damage may pass as motion; "" where it is of no recording.
 
     Raises:
         TrajectoryError: Wrong shape, no samples, NaN or infinity, stamps that do not increase, a quaternion of length
@@ -189,6 +194,7 @@ class Trajectory:
     hand: HandSide = ""
     flags: Flags | None = None
     object_motion: ObjectMotion | None = None
+    checksums: Checksums = ""
 
     def __post_init__(self) -> None:
         """Check and normalise every field."""

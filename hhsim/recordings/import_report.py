@@ -28,6 +28,7 @@ class ImportReport:
         mended: Samples of which a number was changed.
         findings: In the order of the repairs.
         flags: How many samples bear each flag.
+        checksums: As in `hhsim.motion.trajectory.Trajectory`.
     """
 
     form: str
@@ -42,6 +43,7 @@ class ImportReport:
     mended: int
     findings: tuple[Finding, ...]
     flags: dict[str, int]
+    checksums: str
 
     def to_json(self) -> dict[str, Any]:
         """The report as a document, SI units."""
@@ -98,4 +100,5 @@ def make_report(recording: Recording, repaired: Repaired) -> ImportReport:
         mended=repaired.mended,
         findings=repaired.findings,
         flags={word: count for word, count in counts.items() if count},
+        checksums=motion.checksums,
     )

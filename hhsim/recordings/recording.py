@@ -14,7 +14,7 @@ from hhsim.arrays import AnyArray, BoolArray, FloatArray
 from hhsim.errors import TrajectoryError
 from hhsim.motion.object_motion import ObjectMotion
 from hhsim.motion.sample_flags import SampleFlag, mark
-from hhsim.motion.trajectory import HandSide, Phase, RawChannel
+from hhsim.motion.trajectory import Checksums, HandSide, Phase, RawChannel
 from hhsim.motion.validation import as_numbers
 from hhsim.recordings.recorded_bones import RecordedBones
 
@@ -64,7 +64,8 @@ class Recording:
         stated: The units that the file or the user stated: "time", "length", "angle". Those are not guessed.
         scaled: Whether the reader has made metres of its lengths, by the user's unit where there is one.
         form: Format that it was read from, in a word.
-        name, source, licence, device, hand, phases, object_position, object_orientation, raw: As in `Trajectory`.
+        name, source, licence, device, hand, phases, object_position, object_orientation, raw, checksums: As in
+            `Trajectory`.
         hand_length: Of the recorded hand, wrist crease to middle fingertip [m]; None where it is not known.
         bones: Of the recorded hand, with the error of the fit; None where joint centres were not recorded.
         findings: Of the reader.
@@ -94,6 +95,7 @@ class Recording:
     raw: tuple[RawChannel, ...] = ()
     findings: tuple[Finding, ...] = ()
     object_motion: ObjectMotion | None = None
+    checksums: Checksums = ""
 
     def __post_init__(self) -> None:
         """Make every array float64 of its own and check the shapes."""

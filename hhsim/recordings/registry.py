@@ -54,7 +54,7 @@ def read_content(content: Content, options: ReadOptions) -> Recording:
     if options.columns is not None and not form.takes_columns:
         raise InputError(f"--columns explains a table, and this is {form.description}")
     recording = form.read(content, options)
-    return recording.changed(hand=options.hand) if options.hand else recording
+    return recording.changed(hand=options.hand or recording.hand, checksums=recording.checksums or "missing")
 
 
 def format_of(content: Content, options: ReadOptions) -> RecordingFormat:

@@ -356,5 +356,6 @@ def _trajectory(recording: Recording) -> Trajectory:
         hand=recording.hand,
         flags=recording.flags,
         object_motion=recording.object_motion,
+        checksums=recording.checksums,
         **{key: value for key, value in given.items() if value is not None},
     )

@@ -13,9 +13,12 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from hhsim.errors import InputError, TrajectoryError, UnknownNameError
 from hhsim.motion.csv_file import CSV_SUFFIX
-from hhsim.motion.trajectory import Trajectory
+from hhsim.motion.sample_flags import MENDED, marked
+from hhsim.motion.trajectory import UNCHECKED, Trajectory
 from hhsim.scene.demonstration import Demonstration, is_demonstration, parse_demonstration
 from hhsim.scene.script import Script, parse_script
 from hhsim.system.media_kind import media_kind_of
@@ -196,6 +199,22 @@ def load_recorded(path: Path) -> Trajectory:
         if path.suffix.lower() == ".csv" and path.is_file():
             raise TrajectoryError(f"{error} (hhsim import reads other tables, and mends)") from None
         raise
+
+
+def import_remarks(motion: Any, word: str) -> list[str]:
+    """What is to be said of a motion that was imported on the way in, where unit, side and axes may be guesses.
+
+    Args:
+        motion: Of any kind, or None; only a trajectory can have been imported.
+        word: That it was named by.
+    """
+    if not isinstance(motion, Trajectory) or motion.flags is None or not is_imported(Path(word)):
+        return []
+    mended = int(np.sum(marked(motion.flags, MENDED)))
+    remark = f"{mended:,} of {motion.sample_count:,} samples were mended on the way in: hhsim import tells what"
+    if not mended:
+        remark = "the recording was imported on the way in: hhsim import tells what it was taken for"
+    return [remark, UNCHECKED] if motion.checksums == "missing" else [remark]
 
 
 def _imported(path: Path) -> Trajectory:

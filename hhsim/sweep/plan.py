@@ -29,7 +29,7 @@ from hhsim.errors import InputError, check_known
 from hhsim.mesh.catalogue import names_a_file, object_names
 from hhsim.motion.trajectory import ResampleMode
 from hhsim.scene.demonstration import Demonstration
-from hhsim.scene.motion_catalogue import resolve_trajectory, trajectory_names
+from hhsim.scene.motion_catalogue import import_remarks, resolve_trajectory, trajectory_names
 from hhsim.scene.open_scene import SIDES
 from hhsim.scene.placed_scene import Place
 from hhsim.scene.script import Script
@@ -68,14 +68,14 @@ class SweepPlan:
 
     Attributes:
         folder: The plan's; files in it are relative to it.
-        left_out: What cannot be together, and how many cells that are, a sentence each.
+        notes: What cannot be together, and how many cells that are, and what is said of recordings, a sentence each.
     """
 
     name: str
     folder: Path
     text: str
     cells: tuple[PlannedCell, ...]
-    left_out: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
     @property
     def ticks(self) -> int:
@@ -148,26 +148,29 @@ def parse_plan(text: str, name: str, folder: Path, where: str) -> SweepPlan:
             raise InputError(f"{where}: two cells are the same: {same.cell.label}; {cell.label}")
     if not cells:
         raise InputError(f"{where}: no cell is left: {'; '.join(left_out)}")
-    notes = tuple(f"{count:,} cell{'s' * (count > 1)} left out: {why}" for why, count in left_out.items())
-    return SweepPlan(name, folder, text, tuple(cells.values()), notes)
+    notes = [f"{count:,} cell{'s' * (count > 1)} left out: {why}" for why, count in left_out.items()]
+    notes += [f"{motion.name}: {remark}" for motion in motions for remark in durations[motion.word].remarks]
+    return SweepPlan(name, folder, text, tuple(cells.values()), tuple(notes))
 
 
 @dataclass(frozen=True)
 class _Motion:
-    """What of a motion decides how many ticks it has, and which objects it is for."""
+    """What of a motion decides how many ticks it has, which objects it is for, and what is said of it."""
 
     duration: float
     closed: bool
     objects: tuple[str, ...]
+    remarks: tuple[str, ...] = ()
 
     @classmethod
     def read(cls, folder: Path, motion: SweptMotion) -> "_Motion":
         shipped = motion.word in trajectory_names()
-        found = resolve_trajectory(motion.word if shipped else folder / motion.word)
+        word = motion.word if shipped else str(folder / motion.word)
+        found = resolve_trajectory(word)
         if isinstance(found, Script):
             return cls(found.sample_count / found.rate, False, found.objects)
         recorded = found.motion if isinstance(found, Demonstration) else found
-        return cls(recorded.duration, True, ())
+        return cls(recorded.duration, True, (), tuple(import_remarks(found, word)))
 
     def ticks(self, rate: float, most: int | None) -> int:
         count = round(self.duration * rate) + self.closed

@@ -12,9 +12,11 @@ from recording_samples import smooth_recording
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
 from hhsim.motion.file import load_trajectory, save_trajectory
+from hhsim.motion.trajectory import UNCHECKED
 from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS
 from hhsim.recordings.repair import repair
 from hhsim.result.reader import load_result
+from hhsim.system.checksummed_file import SIZE
 
 MOTION = repair(smooth_recording()).trajectory
 
@@ -57,6 +59,23 @@ def test_machines_get_one_document(run: Run, damaged: Path) -> None:
     assert set(document["flag_meanings"]) == set(document["flags"])
     assert document["mended"] == 2 and document["path"].endswith("session.h5")
     assert {finding["kind"] for finding in document["findings"]} == {"note", "palm_outlier", "fingers_filled"}
+
+
+def test_a_recording_without_checksums_is_said_to_have_none(run: Run, damaged: Path, tmp_path: Path) -> None:
+    def checksums(name: str) -> str:
+        code, out, _ = run("import", name, "--out", f"of-{name}.h5", "--json")
+        assert code == 0
+        word = json.loads(out)["checksums"]
+        assert load_trajectory(tmp_path / f"of-{name}.h5").checksums == word
+        return str(word)
+
+    save_trajectory(MOTION, tmp_path / "own.h5")
+    (tmp_path / "bare.h5").write_bytes((tmp_path / "own.h5").read_bytes()[:-SIZE])
+    np.savez(tmp_path / "take.npz", a=joint_sample().named(), t=joint_sample().motion.time)
+    names = ("session.csv", "of-session.csv.h5", "own.h5", "bare.h5", "take.npz")
+    assert [checksums(name) for name in names] == ["missing", "missing", "held", "missing", "held"]
+    assert f"\n{UNCHECKED}\n" in run("import", "session.csv", "--out", "good.h5").out
+    assert UNCHECKED not in run("import", "take.npz", "--out", "good.h5").out
 
 
 def test_what_comes_out_goes_in_again_unchanged(run: Run, damaged: Path, tmp_path: Path) -> None:

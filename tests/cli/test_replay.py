@@ -8,26 +8,21 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 import pytest
-from recording_samples import smooth_recording
 from sampled import sampled
 from short_grasp import short_grasp_text
 
-from hhsim.motion.sample_flags import SampleFlag
-from hhsim.recordings.repair import repair
 from hhsim.result.reader import load_result
 from hhsim.result.schema import TICK_COLUMNS
 from hhsim.system.checksummed_file import seal_holds
 
 pytestmark = pytest.mark.slow
 
-mended_remark: Callable[..., list[str]] = importlib.import_module("hhsim.cli.replay").mended_remark
 Run = Callable[..., Any]
 MAIN = "from hhsim.cli.main import main; main()"
 
@@ -386,16 +381,3 @@ def test_a_recording_of_a_bare_hand_gets_its_object_placed(run: Run, tmp_path: P
     assert document["penetration_max"] <= 1e-6 and document["touching_max"] > 0
     answer = run("replay", "cup", "grasp", "--place-object", "auto")
     assert answer.code == 2 and "'grasp' finds its place at the object itself" in answer.err
-
-
-def test_a_recording_that_was_imported_on_the_way_in_is_said_to_be() -> None:
-    motion = replace(repair(smooth_recording()).trajectory, flags=np.zeros(300, dtype=np.uint32))
-    assert mended_remark(motion, "take.npz") == [
-        "the recording was imported on the way in: hhsim import tells what it was taken for"
-    ]
-    assert mended_remark(motion, "take.h5") == []
-    touched = replace(motion, flags=np.full(300, SampleFlag.LIMITED.value, dtype=np.uint32))
-    assert mended_remark(touched, "take.npz") == [
-        "300 of 300 samples were mended on the way in: hhsim import tells what"
-    ]
-    assert mended_remark(touched, "take.h5") == []

@@ -5,6 +5,9 @@ from pathlib import Path
 from xml.etree import ElementTree as Xml
 
 from conftest import Run
+from joint_samples import joint_sample, openxr_csv
+
+from hhsim.motion.trajectory import UNCHECKED
 
 SCENE = ("cube", "touch", "--rate", "200")
 
@@ -40,6 +43,13 @@ def test_a_newcomers_way(run: Run, tmp_path: Path) -> None:
     assert named.code == 2 and "computed elsewhere" in named.err and not (tmp_path / "x.h5").exists()
     compared = run("compare", "m.h5", "r.h5")
     assert "tick in contact" not in compared.out.split("B is")[1]
+
+
+def test_the_scene_of_a_recording_says_that_it_was_imported(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "take.csv").write_text(openxr_csv(joint_sample(count=8)))
+    made = run("scene", "cube", "take.csv", "--rate", "200", "--level", "2", "--out", "s", "--json")
+    assert made.code == 0 and json.loads(made.out)["ticks"] > 0
+    assert "on the way in: hhsim import tells what" in made.err and UNCHECKED in made.err
 
 
 def test_what_is_suspected_is_said_and_the_exit_code_is_1(run: Run, tmp_path: Path) -> None:

@@ -124,6 +124,14 @@ def test_the_seal_tells_damage_and_need_not_be_there(motion: Trajectory, tmp_pat
             load_trajectory(path)
 
 
+def test_an_import_says_whether_checksums_prove_its_numbers(motion: Trajectory, tmp_path: Path) -> None:
+    for word in ("", "held", "missing"):
+        save_trajectory(replace(motion, checksums=word), tmp_path / "m.h5")
+        assert load_trajectory(tmp_path / "m.h5").checksums == word
+        with h5py.File(tmp_path / "m.h5") as file:
+            assert ("checksums" in file.attrs) == bool(word)
+
+
 def test_the_file_says_what_its_flags_mean(motion: Trajectory, tmp_path: Path) -> None:
     save_trajectory(motion, tmp_path / "m.h5")
     with h5py.File(tmp_path / "m.h5") as file:

@@ -8,6 +8,7 @@ such as every stamp doubled or two axes swapped throughout, cannot be told by an
 
 import io
 import json
+import time
 from collections import Counter
 from collections.abc import Callable
 from functools import cache, partial
@@ -22,7 +23,7 @@ from leap_document import document, packed
 from lz_pack import pack
 from numpy.typing import NDArray
 from pose_samples import lerobot_bytes, mano_fields, mano_poses, umetrack_lines, umetrack_profile
-from recording_damage import DAMAGES, Damage, damaged_bytes
+from recording_damage import DAMAGES, Damage, damaged_bytes, damaged_container
 from recording_samples import read_as, smooth_recording
 from sampled import sampled
 
@@ -35,7 +36,7 @@ from hhsim.motion.trajectory import Trajectory
 from hhsim.recordings.formats.hhsim import recording_of
 from hhsim.recordings.hand_displacement import FINGER_ARM, PALM_ARM, turn
 from hhsim.recordings.outliers import STICKS_OUT, WINDOW, bend
-from hhsim.recordings.recording import Recording
+from hhsim.recordings.recording import MOTION, Recording
 from hhsim.recordings.recording_format import ManoOptions, ReadOptions
 from hhsim.recordings.registry import read_recording
 from hhsim.recordings.repair import Repaired, repair
@@ -203,3 +204,56 @@ def test_damaged_bytes_of_every_format(form: str, runs: int, tmp_path: Path) -> 
         assert verdict != "silent", f"run {run}"
         verdicts[verdict] += 1
     assert verdicts["refused"] > 0.2 * runs, verdicts
+
+
+def moving_npz() -> bytes:
+    """Arrays of a hand and of an object that moves with it, and which samples are valid."""
+    hand = smooth_recording(60, seed=6)
+    return arrays_npz(
+        t=hand.time,
+        wrist_pos=hand.position,
+        wrist_quat=hand.orientation,
+        flex=hand.flexion,
+        abd=hand.abduction,
+        valid=np.arange(60) % 7 > 0,
+        object_pos=hand.position[::-1],
+        object_quat=hand.orientation[::-1],
+    )
+
+
+CONTAINERS: dict[str, tuple[Callable[[], bytes], str]] = {
+    "npz": (moving_npz, "held"),
+    "mcap": (lambda: mcap_bytes(joint_sample(count=60), chunks=3, compression="zstd"), "held"),
+    "mcap without chunks": (lambda: mcap_bytes(joint_sample(count=60), chunks=0), "held"),
+    "mcap without checksums": (lambda: mcap_bytes(joint_sample(count=60), chunks=3, checksums=False), "missing"),
+    "lerobot": (lambda: lerobot_bytes(joint_sample(count=60), checksums=True), "held"),
+    "lerobot without checksums": (lambda: lerobot_bytes(joint_sample(count=60)), "missing"),
+}
+"""Files of several parts, and whether checksums prove their numbers."""
+
+
+def numbers_of(recording: Recording) -> tuple[object, ...]:
+    """All that a recording holds, bit for bit."""
+    arrays = (*(getattr(recording, key) for key in ("time", *MOTION)), *(recording.object_motion or ()))
+    return (*(values.tobytes() for values in arrays), recording.hand, recording.hand_length, recording.device)
+
+
+@pytest.mark.parametrize("form", CONTAINERS)
+@pytest.mark.parametrize("runs", sampled([6, 300], lambda _, runs: runs == 6))
+def test_no_bit_of_a_number_changes_in_silence(form: str, runs: int) -> None:
+    make, checksums = CONTAINERS[form]
+    data = make()
+    word = form.split()[0]
+    before = read_as(word, data)
+    assert before.checksums == repair(before).trajectory.checksums == checksums
+    expected, said = numbers_of(before), reported(repair(before))
+    for run in range(runs):
+        start = time.process_time()
+        try:
+            after = read_as(word, damaged_container(data, np.random.default_rng([run, 78])))
+            found = reported(repair(after))
+        except HhsimError as error:
+            assert "\n" not in str(error) and len(str(error)) < 400
+        else:
+            assert numbers_of(after) == expected or found != said or after.checksums == "missing", f"run {run}"
+        assert time.process_time() - start < 20.0, f"run {run}"

@@ -1,5 +1,6 @@
 """The catalogue, and every script of it on every object of the other one."""
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 from joint_samples import joint_sample, openxr_csv
 from numpy.typing import NDArray
+from recording_samples import smooth_recording
 from sampled import sampled
 
 from hhsim.errors import TrajectoryError, UnknownNameError
@@ -16,11 +18,20 @@ from hhsim.kernels.hand.kinematics import PALM_BODY
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.motion.file import save_trajectory
-from hhsim.motion.trajectory import Trajectory
+from hhsim.motion.sample_flags import SampleFlag
+from hhsim.motion.trajectory import UNCHECKED, Trajectory
+from hhsim.recordings.repair import repair
 from hhsim.scene import closure_search
 from hhsim.scene.closure_search import plan_finger_closure
 from hhsim.scene.finger_closure import body_distances, make_work
-from hhsim.scene.motion_catalogue import describe, is_imported, load_script, resolve_trajectory, script_names
+from hhsim.scene.motion_catalogue import (
+    describe,
+    import_remarks,
+    is_imported,
+    load_script,
+    resolve_trajectory,
+    script_names,
+)
 from hhsim.scene.script import Script
 from hhsim.scene.synthesis import synthesize
 from hhsim.trees.cache import cached_sphere_tree
@@ -99,6 +110,23 @@ def test_a_table_of_another_maker_is_imported_by_its_columns(tmp_path: Path) -> 
     assert not is_imported(path)
     with pytest.raises(TrajectoryError, match=r"the header lacks px, .*\(hhsim import reads other tables, and mends\)"):
         resolve_trajectory(path)
+
+
+def test_a_recording_that_was_imported_on_the_way_in_is_said_to_be(tmp_path: Path) -> None:
+    motion = replace(repair(smooth_recording()).trajectory, flags=np.zeros(300, dtype=np.uint32))
+    assert import_remarks(motion, "take.npz") == [
+        "the recording was imported on the way in: hhsim import tells what it was taken for"
+    ]
+    assert import_remarks(motion, "take.h5") == import_remarks(None, "") == []
+    touched = replace(motion, flags=np.full(300, SampleFlag.LIMITED.value, dtype=np.uint32))
+    assert import_remarks(touched, "take.npz") == [
+        "300 of 300 samples were mended on the way in: hhsim import tells what"
+    ]
+    assert import_remarks(touched, "take.h5") == []
+    # Text has no checksums.
+    path = tmp_path / "quest.csv"
+    path.write_text(openxr_csv(joint_sample()))
+    assert import_remarks(resolve_trajectory(path), str(path))[1:] == [UNCHECKED]
 
 
 def test_an_option_that_a_recording_lacks_is_one_of_the_import(tmp_path: Path) -> None:

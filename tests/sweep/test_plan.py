@@ -3,9 +3,11 @@
 from pathlib import Path
 
 import pytest
+from joint_samples import joint_sample, openxr_csv
 from sweep_plans import PLAN, write_plan
 
 from hhsim.errors import InputError
+from hhsim.motion.trajectory import UNCHECKED
 from hhsim.sweep.cell import file_digest
 from hhsim.sweep.plan import SweepPlan, load_plan
 
@@ -38,7 +40,7 @@ def test_every_object_meets_every_motion_but_what_cannot_be_together(tmp_path: P
         ("mug", "handle"),
         ("mug", "mine"),
     }
-    assert found.left_out == (
+    assert found.notes == (
         "16 cells left out: motion handle is made for cup",
         "12 cells left out: method penalty takes no surface mesh",
     )
@@ -52,6 +54,13 @@ def test_every_object_meets_every_motion_but_what_cannot_be_together(tmp_path: P
 
 def test_ticks_are_those_of_the_motion_where_the_plan_has_no_fewer(tmp_path: Path) -> None:
     assert [planned.ticks for planned in plan(tmp_path).cells] == [200, 200]
+
+
+def test_what_a_recording_was_imported_as_is_said(tmp_path: Path) -> None:
+    (tmp_path / "quest.csv").write_text(openxr_csv(joint_sample()))
+    remark, unchecked = plan(tmp_path, PLAN.replace("short.toml", "quest.csv")).notes
+    assert remark.startswith("quest: ") and "on the way in: hhsim import tells what" in remark
+    assert unchecked == f"quest: {UNCHECKED}"
 
 
 def test_a_digest_is_of_what_is_in_the_files_and_not_of_names(tmp_path: Path) -> None:

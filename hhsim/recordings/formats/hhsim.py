@@ -9,6 +9,7 @@ from hhsim.motion.trajectory import HandSide, Trajectory
 from hhsim.recordings.recording import Recording
 from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
 from hhsim.result.motion import holds_a_result, load_result_motion
+from hhsim.system.checksummed_file import seal_holds
 
 SIGNATURE = b"\x89HDF"
 
@@ -37,9 +38,11 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         raise InputError("an HDF5 file is read from its path")
     if holds_a_result(content.path):
         # Read in parts, however long the session is.
-        return recording_of(load_result_motion(content.path))
-    content.refuse_large()
-    return _recording(read_fields(content.path))
+        recording = recording_of(load_result_motion(content.path))
+    else:
+        content.refuse_large()
+        recording = _recording(read_fields(content.path))
+    return recording.changed(checksums=(recording.checksums or "held") if seal_holds(content.path) else "missing")
 
 
 FORMAT = RecordingFormat("hhsim", "a trajectory, a result or a session of hhsim, .h5", HDF5_SUFFIXES, _sniff, _read)

@@ -52,9 +52,10 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     """
     findings: list[Finding] = []
     side: HandSide = ""
+    zipped = content.head.startswith(b"PK")
     if content.head.startswith(NPY):
         points, time, unit = _points(read_npy(content.data), "the array"), None, None
-    elif content.head.startswith(b"PK"):
+    elif zipped:
         points, time, unit = _from_npz(content.data)
     elif content.beginning.lstrip()[:1] in ("{", "["):
         points, time, unit, side = _from_json(read_json(content.text), options.hand, findings)
@@ -78,7 +79,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         ),
         content.name,
         options,
-    )
+    ).changed(checksums="held" if zipped else "")
 
 
 def _points(array: Any, where: str) -> FloatArray:

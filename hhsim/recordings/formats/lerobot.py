@@ -3,6 +3,8 @@
 Joint centres are a feature whose name ends in `hand_joints`, two hands of 25 joints in WebXR's order, left before right
 where the names do not say otherwise; a world with y up. Anything else is explained by --columns, where a number of a
 feature is `feature.name` by the names of info.json, or `feature.0` and so on.
+
+A page of Parquet may have a CRC-32, which is then checked; most writers leave it out.
 """
 
 import json
@@ -36,7 +38,11 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         TrajectoryError: No Parquet, several episodes without a word which, no stamps, or no joints of hands.
         InputError: An episode that the file has not.
     """
-    columns = _columns(content.data)
+    columns, held = _columns(content.data)
+    return _recording(columns, content, options).changed(checksums="held" if held else "")
+
+
+def _recording(columns: dict[str, Any], content: Content, options: ReadOptions) -> Recording:
     info = _info(content)
     findings: list[Finding] = []
     rows = _episode(columns, options, findings)
@@ -57,7 +63,8 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         findings.append(note(f"joints from {named}; there is also {', '.join(names[1:3])}"))
     hands = values.reshape(len(values), -1, JOINTS, 3)
     sides: tuple[HandSide, ...] = SIDES if hands.shape[1] == 2 else ("",)
-    seen = {side: int((np.ptp(hands[:, k], axis=1) > 0.0).any(axis=1).sum()) for k, side in enumerate(sides)}
+    with np.errstate(invalid="ignore", over="ignore"):
+        seen = {side: int((np.ptp(hands[:, k], axis=1) > 0.0).any(axis=1).sum()) for k, side in enumerate(sides)}
     side, remarks = chosen_side(seen, options.hand)
     if len(sides) == 2:
         findings.append(note("two hands of 25 joints in WebXR's order, taken as left, then right"))
@@ -77,25 +84,80 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     )
 
 
-def _columns(data: bytes) -> dict[str, Any]:
-    """The columns of the file that hold numbers, as lists of pyarrow."""
+def _columns(data: bytes) -> tuple[dict[str, Any], bool]:
+    """The columns of the file, as lists of pyarrow, and whether each of their pages agreed with a checksum."""
     try:
         import pyarrow
         from pyarrow import parquet
     except ImportError:
         raise TrajectoryError("a Parquet file: pip install pyarrow") from None
     try:
-        file = parquet.ParquetFile(pyarrow.BufferReader(data))
+        file = parquet.ParquetFile(pyarrow.BufferReader(data), page_checksum_verification=True)
         if file.metadata.num_rows * max(file.metadata.num_columns, 1) > MOST_CELLS:
             raise TrajectoryError(f"{file.metadata.num_rows:,} rows; expected a recording of a hand")
         table = file.read()
         table.validate(full=True)
-        return {str(name): table.column(k) for k, name in enumerate(table.column_names)}
+        groups = [file.metadata.row_group(k) for k in range(file.metadata.num_row_groups)]
+        held = all(_held(data, group.column(k)) for group in groups for k in range(group.num_columns))
+        return {str(name): table.column(k) for k, name in enumerate(table.column_names)}, held
     except TrajectoryError:
         raise
     except (pyarrow.ArrowException, OSError, ValueError, KeyError, MemoryError, OverflowError) as error:
         reason = str(error).splitlines()[0][:120] if str(error) else type(error).__name__
         raise TrajectoryError(f"not a Parquet file, or a damaged one: {reason}") from None
+
+
+def _held(data: bytes, chunk: Any) -> bool:
+    """Whether every page of a column in a group of rows has a checksum: field 4 of its header, which field 3 sizes."""
+    place = min(filter(None, (chunk.dictionary_page_offset, chunk.data_page_offset)))
+    end = place + chunk.total_compressed_size
+    try:
+        while place != end:
+            header, place = _thrift_struct(data, place)
+            place += header[3]
+            if 4 not in header or header[3] < 0 or place > end:
+                return False
+    except (IndexError, KeyError, RecursionError):
+        return False
+    return True
+
+
+def _thrift_struct(data: bytes, place: int) -> tuple[dict[int, int], int]:
+    """The 32-bit numbers of a struct in Thrift's compact protocol, by their fields, and where it ends."""
+    fields: dict[int, int] = {}
+    field = 0
+    while head := data[place]:
+        step, kind = head >> 4, head & 15
+        field, place = (field + step, place + 1) if step else _zigzag(data, place + 1)
+        if kind in (4, 5, 6):
+            value, place = _zigzag(data, place)
+            # Of another width, a reader passes over it.
+            fields |= {field: value} if kind == 5 else {}
+        elif kind == 8:
+            size, place = _varint(data, place)
+            place += size
+        elif kind == 12:
+            _, place = _thrift_struct(data, place)
+        else:
+            # A flag is in its head; the other kinds are in no header of a page.
+            place += {1: 0, 2: 0, 3: 1, 7: 8}[kind]
+    return fields, place + 1
+
+
+def _zigzag(data: bytes, place: int) -> tuple[int, int]:
+    """A number with its sign in the lowest bit, and where it ends."""
+    value, place = _varint(data, place)
+    return (value >> 1) ^ -(value & 1), place
+
+
+def _varint(data: bytes, place: int) -> tuple[int, int]:
+    """A number of seven bits a byte, at most ten bytes, and where it ends."""
+    value = 0
+    for k in range(10):
+        value |= (data[place + k] & 127) << 7 * k
+        if data[place + k] < 128:
+            return value, place + k + 1
+    raise IndexError
 
 
 def _info(content: Content) -> dict[str, Any]:

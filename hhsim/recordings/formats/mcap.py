@@ -4,11 +4,13 @@ A record holds 26 joints of OpenXR (position, quaternion, validity, radius) and 
 when it was taken, both on the host's clock, and when it was taken on the device's. The second is used. y is up.
 
 The container's layout is published at mcap.dev, that of the tables at flatbuffers.dev; both are read here as far as a
-hand needs it. Compressed chunks are unpacked by pyarrow.
+hand needs it. Compressed chunks are unpacked by pyarrow. Chunks, the section of data and the summary may each have a
+CRC-32, and the statistics count messages and chunks: all that are there are checked.
 """
 
 import re
 import struct
+import zlib
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -24,7 +26,7 @@ from hhsim.recordings.recording import Finding, Recording, note
 from hhsim.recordings.recording_format import MOST_BYTES, Content, ReadOptions, RecordingFormat
 
 MAGIC = b"\x89MCAP0\r\n"
-SCHEMA, CHANNEL, MESSAGE, CHUNK = 0x03, 0x04, 0x05, 0x06
+FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, STATISTICS, DATA_END = 0x02, 0x03, 0x04, 0x05, 0x06, 0x0B, 0x0F
 HAND_SCHEMA = "core.HandPoseRecord"
 JOINT = np.dtype(
     {
@@ -58,7 +60,8 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     channels: dict[int, tuple[str, str]] = {}
     messages: dict[HandSide, list[_Message]] = {}
     schemas: dict[int, str] = {}
-    for code, body in _records(content.data):
+    container = _Container(content.data)
+    for code, body in container.records():
         if code == SCHEMA:
             (number,) = _unpack("<H", body, 0)
             schemas[number] = _text(body, 2)[0]
@@ -89,9 +92,10 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     joints = np.array([sample.joints for sample in shown])
     places = [OPENXR_JOINTS.index(joint) for joint in KEYPOINTS]
     valid = joints["valid"][:, places] != 0
-    position = joints["position"][:, places].astype(np.float64)
+    with np.errstate(invalid="ignore"):
+        position = joints["position"][:, places].astype(np.float64)
+        radius = joints["radius"][:, places].astype(np.float64)
     position[~valid & (position == 0.0).all(axis=2)] = np.nan
-    radius = joints["radius"][:, places].astype(np.float64)
     known = bool((np.nan_to_num(radius) > 0.0).any(axis=0).all())
     return recording_of_joints(
         JointPositions(
@@ -109,7 +113,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         ),
         content.name,
         options,
-    )
+    ).changed(checksums="held" if container.held else "")
 
 
 def _side(topic: str) -> HandSide:
@@ -133,32 +137,80 @@ def _stamps(stamps: list[tuple[int, ...]], findings: list[Finding]) -> FloatArra
     return np.asarray((logged - logged[0]) * NANOSECOND)
 
 
-def _records(data: bytes, depth: int = 0) -> Iterator[tuple[int, bytes]]:
-    """Every record with its code, those in chunks too."""
-    place = len(MAGIC) if depth == 0 else 0
-    if depth == 0 and not data.startswith(MAGIC):
-        raise TrajectoryError("no MCAP file: it does not begin as one")
-    while place + 9 <= len(data):
-        code = data[place]
-        (length,) = _unpack("<Q", data, place + 1)
-        body = data[place + 9 : place + 9 + length]
-        if len(body) < length:
+class _Container:
+    """A file's records, whose checksums are checked on the way.
+
+    Attributes:
+        held: Whether every message agreed with a checksum, and none is lost; known when all records were taken.
+    """
+
+    def __init__(self, data: bytes) -> None:
+        self.held = False
+        self._data = data
+
+    def records(self) -> Iterator[tuple[int, bytes]]:
+        """Every record with its code, those in chunks too.
+
+        Raises:
+            TrajectoryError: A damaged file.
+        """
+        data, code = self._data, 0
+        if not data.startswith(MAGIC):
+            raise TrajectoryError("no MCAP file: it does not begin as one")
+        if not data.endswith(MAGIC):
+            raise TrajectoryError("a damaged MCAP file: it does not end as one; was it cut short?")
+        messages = chunks = 0
+        each_held, whole_held, counted = True, False, False
+        for place, code, body in _walk(data, len(MAGIC), len(data) - len(MAGIC)):
+            if code == CHUNK:
+                inner, checked = _chunk(body)
+                each_held, chunks = each_held and checked, chunks + 1
+                for _, code_inside, body_inside in _walk(inner, 0, len(inner)):
+                    messages += code_inside == MESSAGE
+                    yield code_inside, body_inside
+                continue
+            if code == MESSAGE:
+                each_held, messages = False, messages + 1
+            elif code == DATA_END:
+                whole_held = _agrees(memoryview(data)[:place], _unpack("<I", body, 0)[0], "the data")
+            elif code == STATISTICS:
+                stated, _, _, _, _, stated_chunks = _unpack("<QHIIII", body, 0)
+                counted = True
+                if (stated, stated_chunks) != (messages, chunks):
+                    raise TrajectoryError(
+                        f"a damaged MCAP file: {messages} message(s) in {chunks} chunk(s), where its statistics count "
+                        f"{stated} in {stated_chunks}"
+                    )
+            elif code == FOOTER:
+                start, _, checksum = _unpack("<QQI", body, 0)
+                _agrees(memoryview(data)[start or place : place + 25], checksum, "the summary")
+            yield code, body
+        if code != FOOTER:
+            raise TrajectoryError("a damaged MCAP file: no footer at its end; was it cut short?")
+        self.held = whole_held or (each_held and counted)
+
+
+def _walk(data: bytes, place: int, end: int) -> Iterator[tuple[int, int, bytes]]:
+    """Where each record begins, its code and its content."""
+    while place < end:
+        (code, length) = _unpack("<BQ", data, place)
+        if place + 9 + length > end:
             raise TrajectoryError(
                 f"a damaged MCAP file: a record at byte {place} ends beyond the file; was it cut short?"
             )
-        if code == CHUNK and depth == 0:
-            yield from _records(_chunk(body), depth + 1)
-        else:
-            yield code, body
+        yield place, code, data[place + 9 : place + 9 + length]
         place += 9 + length
-    if depth == 0 and data[place:] != MAGIC:
-        raise TrajectoryError("a damaged MCAP file: it does not end as one; was it cut short?")
 
 
-def _chunk(body: bytes) -> bytes:
-    """The records of a chunk, unpacked, held against its checksum."""
-    import zlib
+def _agrees(data: bytes | memoryview, checksum: int, what: str) -> bool:
+    """Whether a part of the file has a checksum, which it then agrees with."""
+    if checksum and zlib.crc32(data) != checksum:
+        raise TrajectoryError(f"a damaged MCAP file: {what} differs from its checksum")
+    return checksum != 0
 
+
+def _chunk(body: bytes) -> tuple[bytes, bool]:
+    """The records of a chunk, unpacked, and whether they agreed with a checksum."""
     size, checksum = _unpack("<QI", body, 16)
     compression, place = _text(body, 28)
     (length,) = _unpack("<Q", body, place)
@@ -175,9 +227,9 @@ def _chunk(body: bytes) -> bytes:
         except (ValueError, OSError, MemoryError, OverflowError) as error:
             reason = str(error).splitlines()[0][:80] if str(error) else type(error).__name__
             raise TrajectoryError(f"a damaged MCAP file: a chunk of {compression[:20]!r}: {reason}") from None
-    if len(packed) != size or (checksum and zlib.crc32(packed) != checksum):
-        raise TrajectoryError("a damaged MCAP file: a chunk differs from its checksum")
-    return packed
+    if len(packed) != size:
+        raise TrajectoryError(f"a damaged MCAP file: a chunk of {len(packed)} bytes, where {size} are stated")
+    return packed, _agrees(packed, checksum, "a chunk")
 
 
 def _sample(message: _Message) -> _Sample:

@@ -72,6 +72,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         flexion=_array(arrays, "flex", (5, 3), count),
         abduction=_array(arrays, "abd", (5,), count),
         form="npz",
+        checksums="held",
         name=content.name,
         source=meta.get("source", ""),
         licence=meta.get("licence", ""),

@@ -2,6 +2,7 @@
 
 import io
 import json
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -116,6 +117,16 @@ def test_a_flipped_bit_is_noticed() -> None:
     data = bytearray(archive())
     data[data.index(b"flex.npy") + 400] ^= 1
     with pytest.raises(TrajectoryError, match="damaged"):
+        read_as("npz", bytes(data))
+
+
+def test_an_array_that_is_lost_from_the_archives_directory_is_noticed() -> None:
+    data = bytearray(archive(valid=np.zeros(50, dtype=bool)))
+    entries = [place for place in range(len(data)) if data[place : place + 4] == b"PK\x01\x02"]
+    end = data.index(b"PK\x05\x06")
+    # The last entry becomes a comment of the one before.
+    struct.pack_into("<H", data, entries[-2] + 32, end - entries[-1])
+    with pytest.raises(TrajectoryError, match=r"damaged .npz archive: 5 names, where it states 6 arrays"):
         read_as("npz", bytes(data))
 
 
