@@ -115,20 +115,6 @@ def shared_data() -> Path:
     return folder
 
 
-@pytest.fixture
-def probed_here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Files without a seal are read through in this process: the child that does so is tested where it lies."""
-    from hhsim.system import hdf5_input, hdf5_probe
-
-    def run(command: list[str], **options: Any) -> "subprocess.CompletedProcess[str]":
-        with contextlib.redirect_stdout(io.StringIO()) as said:
-            code = hdf5_probe.judge(Path(command[3]))
-        return subprocess.CompletedProcess(command, code, said.getvalue(), "")
-
-    in_place = SimpleNamespace(run=run, TimeoutExpired=subprocess.TimeoutExpired)
-    monkeypatch.setattr(hdf5_input, "subprocess", in_place)
-
-
 class Answer(NamedTuple):
     """What a command line gave back."""
 
