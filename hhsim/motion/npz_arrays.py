@@ -10,9 +10,8 @@ import numpy as np
 
 from hhsim.errors import TrajectoryError
 
-MOST_BYTES = 1 << 31
-"""An array that says it is larger than this is damaged."""
-
+ALWAYS, PER_BYTE = 1 << 28, 100
+"""Arrays together state at most so many bytes, and so many more for each byte of their archive."""
 
 DAMAGE = (MemoryError, SyntaxError, TypeError, KeyError, OverflowError, RecursionError, tokenize.TokenError)
 """What numpy raises, besides ValueError and its like, for the header of an array that is none."""
@@ -42,8 +41,9 @@ def read_npz(data: bytes) -> dict[str, Any]:
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             entries = archive.infolist()
-            if any(entry.file_size > MOST_BYTES for entry in entries):
-                raise TrajectoryError("an array of more than 2 GB; expected a hand recording")
+            stated = sum(entry.file_size for entry in entries)
+            if stated > ALWAYS + PER_BYTE * len(data):
+                raise TrajectoryError(f"{stated:,} bytes in an archive of {len(data):,}; expected a hand recording")
             arrays = {}
             for entry in entries:
                 name, dot, suffix = entry.filename.rpartition(".")

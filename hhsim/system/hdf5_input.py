@@ -1,10 +1,11 @@
 """The one door by which HDF5 files come in: none is parsed before a child process has read it to its end.
 
-The HDF5 library can spin for ever, crash, or ask for all memory on a file with a few wrong bytes. A child with limits of
-time and memory (`hhsim.system.hdf5_probe`) therefore reads each file first. The seal of a file
+The HDF5 library can spin for ever, crash, or ask for all memory on a file with a few wrong bytes. A child with limits
+of time and memory (`hhsim.system.hdf5_probe`) therefore reads each file first. The seal of a file
 (`hhsim.system.checksummed_file`) is looked at before: it tells of accidents, and not of who sealed the file.
 """
 
+import sys
 import time
 from pathlib import Path
 from typing import NamedTuple
@@ -14,6 +15,7 @@ import h5py
 from hhsim.errors import DamagedFileError
 from hhsim.system import hdf5_probe
 from hhsim.system.checksummed_file import SIZE, seal_holds
+from hhsim.system.input_file import check_ordinary
 
 DAMAGE = (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, MemoryError, OverflowError)
 """What h5py raises on a file with wrong bytes in it."""
@@ -45,10 +47,16 @@ def open_hdf5(path: Path) -> h5py.File:
     """Open a file for reading, once it is known that the library gets through it.
 
     Raises:
-        DamagedFileError: Its bytes are not those that were sealed, or it cannot be read to its end.
+        DamagedFileError: No ordinary file; its bytes are not those that were sealed, or it cannot be read to its end.
         BlockingIOError: Another process is writing it.
         OSError: No HDF5 file, or one that cannot be opened.
     """
+    try:
+        check_ordinary(path, most=sys.maxsize)
+    except FileNotFoundError:
+        raise
+    except OSError as error:
+        raise DamagedFileError(f"cannot be read: {error.strerror}") from None
     state = _state(path)
     fault = _KNOWN.get(state)
     if fault is None:

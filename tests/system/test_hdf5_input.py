@@ -116,9 +116,7 @@ def test_a_reader_that_breaks_down_takes_nothing_with_it(
     assert capfd.readouterr() == ("", "")
 
 
-def test_what_takes_too_much_memory_is_refused(
-    image: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_takes_too_much_memory_is_refused(image: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "bare.h5"
     path.write_bytes(image)
     monkeypatch.setattr(hdf5_probe, "read_to_end", lambda *_: bytearray(2 * hdf5_probe.MEMORY))
