@@ -5,14 +5,11 @@ import contextlib
 import gc
 import importlib
 import importlib.metadata
-import io
 import os
 import signal
-import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import pytest

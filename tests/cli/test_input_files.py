@@ -46,7 +46,8 @@ COMMANDS = (
 GLTF = (
     '{"asset": {"version": "2.0"}, "buffers": [{"uri": "FIFO.bin", "byteLength": 36}], "bufferViews": [{"buffer": 0,'
     ' "byteLength": 36}], "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],'
-    ' "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}], "nodes": [{"mesh": 0}], "scenes": [{"nodes": [0]}]}'
+    ' "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}], "nodes": [{"mesh": 0}],'
+    ' "scenes": [{"nodes": [0]}]}'
 )
 
 

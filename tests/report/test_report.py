@@ -643,7 +643,7 @@ def test_a_full_disk_leaves_nothing_of_a_report(coupled: Path, tmp_path: Path) -
     resource.setrlimit(resource.RLIMIT_FSIZE, (len(report.html) // 2, unlimited[1]))
     try:
         for place in (tmp_path / "folder", tmp_path / "page.html"):
-            with pytest.raises(OutputError, match="cannot write .*html"):
+            with pytest.raises(OutputError, match=r"cannot write .*html"):
                 write_report(report, place)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, unlimited)

@@ -76,7 +76,7 @@ except OutputError as error:
 def test_files_appear_together_or_not_at_all(tmp_path: Path) -> None:
     first, last = tmp_path / "first", tmp_path / "last"
     write_together({first: b"1", last: b"2"})
-    with pytest.raises(OutputError, match="cannot write .*none/last"):
+    with pytest.raises(OutputError, match=r"cannot write .*none/last"):
         write_together({first: b"3", tmp_path / "none" / "last": b"4"})
     assert (first.read_bytes(), last.read_bytes()) == (b"1", b"2")
     assert sorted(tmp_path.iterdir()) == [first, last]
