@@ -4,13 +4,15 @@ import json
 import os
 import signal
 import sys
+import warnings
+from typing import TextIO
 
 import click
 
 from hhsim import __version__
-from hhsim.errors import HhsimError
+from hhsim.errors import HhsimError, HhsimWarning
 
-from .console import prepare_streams
+from .console import prepare_streams, print_notes
 from .lazy_group import LazyGroup
 
 COMMANDS = {
@@ -90,6 +92,7 @@ def hhsim(context: click.Context) -> None:
 def main() -> None:
     """Run the command line and exit: the entry point."""
     prepare_streams()
+    warnings.showwarning = _show_warning
     wanted = os.environ.get(COMPLETION_VARIABLE)
     if wanted:
         from click.shell_completion import shell_complete
@@ -106,6 +109,21 @@ def main() -> None:
         if code != BROKEN_PIPE and error.__context__ is None:
             print(f"hhsim: error: cannot print the answer: {error.strerror or error}", file=sys.stderr)
     sys.exit(code)
+
+
+def _show_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,
+    line: str | None = None,
+) -> None:
+    """Print a warning of hhsim's in one line, any other as Python does."""
+    if issubclass(category, HhsimWarning):
+        print_notes([str(message)])
+    else:
+        print(warnings.formatwarning(message, category, filename, lineno, line), end="", file=file or sys.stderr)
 
 
 def _run_and_report() -> int:
@@ -144,7 +162,7 @@ def _place(error: OSError) -> str:
     """What an error of the system is about, which it does not say where stdout or the compiler's cache is full."""
     if error.filename:
         return str(error.filename)
-    from hhsim.kernels.kernel_cache import cache_root
+    from hhsim.kernels.cache_folder import cache_root
 
     return f"stdout, or the cache in {cache_root()}, for which HHSIM_CACHE_DIR names another folder"
 

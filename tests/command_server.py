@@ -4,6 +4,7 @@ import contextlib
 import io
 import json
 import os
+import resource
 import select
 import subprocess
 import sys
@@ -22,6 +23,8 @@ class Served(NamedTuple):
     code: int | None
     out: str
     err: str
+    seconds: float = 0.0
+    """Of the processor's time, with that of its children."""
 
 
 class CommandServer:
@@ -33,7 +36,7 @@ class CommandServer:
     """
 
     def __init__(self, folder: Path, seconds: float) -> None:
-        self._folder, self._seconds = folder, seconds
+        self.folder, self._seconds = folder, seconds
         self._process: subprocess.Popen[bytes] | None = None
 
     def __enter__(self) -> Self:
@@ -48,7 +51,7 @@ class CommandServer:
         """Run `hhsim` with these arguments."""
         if self._process is None:
             self._process = subprocess.Popen(
-                [sys.executable, __file__], stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=self._folder
+                [sys.executable, __file__], stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=self.folder
             )
         server = self._process
         assert server.stdin is not None and server.stdout is not None
@@ -82,6 +85,7 @@ def _serve() -> None:
     for line in sys.stdin:
         out, err = _Text(), _Text()
         sys.argv = ["hhsim", *json.loads(line)]
+        before = _seconds()
         with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
             try:
                 main()
@@ -91,8 +95,14 @@ def _serve() -> None:
             except BaseException:
                 code = CRASHED
                 err.write(traceback.format_exc())
-        answers.write(json.dumps({"code": code, "out": out.getvalue(), "err": err.getvalue()}) + "\n")
+        answer = {"code": code, "out": out.getvalue(), "err": err.getvalue(), "seconds": _seconds() - before}
+        answers.write(json.dumps(answer) + "\n")
         answers.flush()
+
+
+def _seconds() -> float:
+    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(one.ru_utime + one.ru_stime for one in used)
 
 
 class _Text(io.StringIO):

@@ -5,14 +5,11 @@ import contextlib
 import gc
 import importlib
 import importlib.metadata
-import io
 import os
 import signal
-import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import pytest
@@ -113,20 +110,6 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no real data at {folder}: set HHSIM_SHARED_DATA to the folder that holds meshes/ and recordings/")
     return folder
-
-
-@pytest.fixture
-def probed_here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Files without a seal are read through in this process: the child that does so is tested where it lies."""
-    from hhsim.system import hdf5_input, hdf5_probe
-
-    def run(command: list[str], **options: Any) -> "subprocess.CompletedProcess[str]":
-        with contextlib.redirect_stdout(io.StringIO()) as said:
-            code = hdf5_probe.judge(Path(command[3]))
-        return subprocess.CompletedProcess(command, code, said.getvalue(), "")
-
-    in_place = SimpleNamespace(run=run, TimeoutExpired=subprocess.TimeoutExpired)
-    monkeypatch.setattr(hdf5_input, "subprocess", in_place)
 
 
 class Answer(NamedTuple):

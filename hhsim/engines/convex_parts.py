@@ -15,7 +15,7 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import OutputError
-from hhsim.kernels.kernel_cache import cache_root
+from hhsim.kernels.cache_folder import cache_root
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.topology import is_closed
 from hhsim.system.atomic_write import write_atomically

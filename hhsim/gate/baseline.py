@@ -14,6 +14,7 @@ from hhsim.gate.metrics import COUNTERS, RunFigures
 from hhsim.metrics.run.registry import judged_metrics
 from hhsim.system import environment as info
 from hhsim.system.atomic_write import write_atomically
+from hhsim.system.input_file import read_input_text
 
 FORMAT = "hhsim-gate-baseline"
 BASELINE_VERSION = 1
@@ -83,7 +84,7 @@ def load_baseline(path: Path) -> Baseline:
         InputError: No such file, no baseline, another version, or fields that are missing.
     """
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
+        document = json.loads(read_input_text(path))
     except FileNotFoundError:
         raise InputError(f"{path}: no such file; expected a baseline (hhsim gate --write-baseline)") from None
     except (OSError, UnicodeDecodeError) as error:

@@ -9,11 +9,8 @@ counts: another checkout of the same sources, or the same one installed anew, ru
 import ast
 import functools
 import hashlib
-import os
 import re
-import stat
 import sys
-import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -22,37 +19,12 @@ import numba
 from numba import types
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
 
+from hhsim.kernels.cache_folder import cache_root
+
 PACKAGE = __name__.rpartition(".")[0]
 """Whose modules a digest covers."""
 
 SOURCES = Path(__file__).parent
-
-
-def cache_root() -> Path:
-    """Folder for everything hhsim may delete and make again.
-
-    `HHSIM_CACHE_DIR` wins, then `XDG_CACHE_HOME`/hhsim, then ~/.cache/hhsim; where none can be written, a folder of the
-    user's in the system's temporary directory.
-    """
-    named = os.environ.get("HHSIM_CACHE_DIR")
-    if named:
-        root = Path(named)
-    else:
-        base = os.environ.get("XDG_CACHE_HOME")
-        root = (Path(base) if base else Path("~/.cache").expanduser()) / "hhsim"
-    try:
-        root.mkdir(parents=True, exist_ok=True)
-        if os.access(root, os.W_OK):
-            return root
-    except OSError:
-        pass
-    fallback = Path(tempfile.gettempdir()) / f"hhsim-{os.getuid()}"
-    fallback.mkdir(mode=0o700, parents=True, exist_ok=True)
-    state = fallback.lstat()
-    if not stat.S_ISDIR(state.st_mode) or state.st_uid != os.getuid() or state.st_mode & 0o077:
-        # Compiled kernels are run as they are found: never take them from a folder that another user can write.
-        return Path(tempfile.mkdtemp(prefix="hhsim-"))
-    return fallback
 
 
 def source_of(module: str) -> Path | None:

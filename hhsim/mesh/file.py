@@ -2,11 +2,13 @@
 
 import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError, MeshError
+from hhsim.system.input_file import check_ordinary
 from hhsim.system.media_kind import media_kind_of
 
 ENCODING_GUESSER = "charset_normalizer"
@@ -30,6 +32,10 @@ def read_triangles(path: Path) -> tuple[FloatArray, IntArray]:
         raise InputError(f"{path}: no such file; expected a mesh")
     if path.is_dir():
         raise InputError(f"{path}: a folder; expected a mesh file")
+    try:
+        check_ordinary(path)
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror}; expected a mesh") from None
     kind = path.suffix.lower().removeprefix(".")
     known = sorted(trimesh.available_formats())
     if kind not in known:
@@ -42,7 +48,7 @@ def read_triangles(path: Path) -> tuple[FloatArray, IntArray]:
         # What numpy warns of inside the readers (NaN in a normal, say) is found and told by the checks that follow.
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            scene = trimesh.load_scene(path, process=False)
+            scene = trimesh.load_scene(path, process=False, resolver=_ordinary_files_beside(path))
             parts = [part for part in scene.dump() if isinstance(part, trimesh.Trimesh) and len(part.faces)]
     except MemoryError:
         raise
@@ -63,6 +69,21 @@ def read_triangles(path: Path) -> tuple[FloatArray, IntArray]:
     vertices = np.concatenate([np.asarray(part.vertices, dtype=np.float64) for part in parts])
     faces = np.concatenate([np.asarray(part.faces, dtype=np.int64) + start for part, start in zip(parts, starts)])
     return vertices, faces
+
+
+def _ordinary_files_beside(path: Path) -> Any:
+    """What finds the buffers and materials that a mesh file names, and refuses those that are no ordinary files."""
+    from trimesh.resolvers import FilePathResolver
+
+    class Resolver(FilePathResolver):
+        def get(self, name: str) -> Any:
+            for word in (name.strip(), name.strip().lstrip("/"), Path(name).name):
+                beside = Path(self.parent) / word
+                if beside.exists():
+                    check_ordinary(beside)
+            return super().get(name)
+
+    return Resolver(str(path))
 
 
 PLY_VERTEX = np.dtype([("x", "<f8"), ("y", "<f8"), ("z", "<f8")])

@@ -22,6 +22,7 @@ from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import Phase, RawChannel, Trajectory
 from hhsim.system.atomic_write import put_dataset, sealed_hdf5, write_atomically
 from hhsim.system.hdf5_input import DAMAGE, open_hdf5
+from hhsim.system.input_file import read_input_text
 from hhsim.system.output_path import check_output_path
 
 FORMAT = "hhsim-trajectory"
@@ -100,12 +101,12 @@ def load_trajectory(path: str | Path) -> Trajectory:
     try:
         if suffix == CSV_SUFFIX:
             # A byte order mark is what spreadsheets put first.
-            return parse_csv(source.read_text(encoding="utf-8-sig"), name=source.stem)
+            return parse_csv(read_input_text(source, "utf-8-sig"), name=source.stem)
         return Trajectory(**read_fields(source))
     except UnicodeDecodeError:
         raise TrajectoryError(f"{source}: not UTF-8 text; expected a CSV file") from None
-    except PermissionError as error:
-        raise TrajectoryError(f"{source}: cannot be read: {error.strerror}") from error
+    except OSError as error:
+        raise TrajectoryError(f"{source}: cannot be read: {error.strerror or error}") from error
     except TrajectoryError as error:
         raise TrajectoryError(f"{source}: {error}") from None
 

@@ -10,9 +10,8 @@ import numpy as np
 
 from hhsim.errors import TrajectoryError
 
-MOST_BYTES = 1 << 31
-"""An array that says it is larger than this is damaged."""
-
+ALWAYS, PER_BYTE = 1 << 28, 100
+"""Arrays together state at most so many bytes, and so many more for each byte of their archive."""
 
 DAMAGE = (MemoryError, SyntaxError, TypeError, KeyError, OverflowError, RecursionError, tokenize.TokenError)
 """What numpy raises, besides ValueError and its like, for the header of an array that is none."""
@@ -47,8 +46,9 @@ def read_npz(data: bytes) -> dict[str, Any]:
             stated = int.from_bytes(data[end + 10 : end + 12], "little")
             if stated not in (len(entries), 0xFFFF) or len(set(archive.namelist())) < len(entries):
                 raise TrajectoryError(f"a damaged .npz archive: {len(entries)} names, where it states {stated} arrays")
-            if any(entry.file_size > MOST_BYTES for entry in entries):
-                raise TrajectoryError("an array of more than 2 GB; expected a hand recording")
+            size = sum(entry.file_size for entry in entries)
+            if size > ALWAYS + PER_BYTE * len(data):
+                raise TrajectoryError(f"{size:,} bytes in an archive of {len(data):,}; expected a hand recording")
             arrays = {}
             for entry in entries:
                 name, dot, suffix = entry.filename.rpartition(".")

@@ -20,6 +20,7 @@ from hhsim.hand.model import (
 )
 from hhsim.recordings.frames import turned
 from hhsim.recordings.recording import Recording, note
+from hhsim.system.input_file import read_input
 from hhsim.system.output_path import check_output_path
 
 BREADTHS = (0.26, 0.74)
@@ -124,7 +125,7 @@ def check_hand_path(path: Path) -> None:
     if path.suffix.lower() != ".toml":
         raise OutputError(f"{path} is no name for a hand file: it has to end in .toml")
     check_output_path(path)
-    if path.exists() and "hand_length" not in path.read_bytes().decode(errors="replace"):
+    if path.exists() and "hand_length" not in read_input(path).decode(errors="replace"):
         raise OutputError(f"{path} exists and is no hand file, so it is not replaced: name another file")
 
 

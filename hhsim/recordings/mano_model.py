@@ -21,6 +21,7 @@ from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import TrajectoryError
 from hhsim.hand.quaternion import quaternion, rotation_matrix
 from hhsim.motion.npz_arrays import read_npz
+from hhsim.system.input_file import read_input
 
 VERTICES, JOINTS, SHAPES = 778, 16, 10
 TIPS = (744, 320, 443, 554, 671)
@@ -97,9 +98,7 @@ def read_mano_model(path: Path) -> ManoModel:
         TrajectoryError: No such file, something in it that is not data, or arrays missing or of another shape.
     """
     try:
-        if path.stat().st_size > MOST_BYTES:
-            raise TrajectoryError(f"{path}: more than 256 MB; expected a MANO model")
-        data = path.read_bytes()
+        data = read_input(path, MOST_BYTES)
     except OSError as error:
         raise TrajectoryError(f"{path}: cannot be read: {error.strerror or error}") from None
     try:

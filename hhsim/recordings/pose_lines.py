@@ -21,6 +21,7 @@ from hhsim.recordings.csv_table import read_table
 from hhsim.recordings.joint_positions import chosen_side
 from hhsim.recordings.json_document import keys_of, number, objects, read_json
 from hhsim.recordings.recording import Finding, note
+from hhsim.system.input_file import read_input_text
 
 HANDS: dict[str, HandSide] = {"0": "left", "1": "right"}
 MOST_NUMBERS = 256
@@ -140,7 +141,7 @@ def object_beside(
         if wanted is not None:
             raise InputError(f"--object-track {wanted}: there is no {OBJECTS} beside the recording")
         return None, None
-    table = read_table(path.read_text(encoding="utf-8", errors="replace"))
+    table = read_table(read_input_text(path, errors="replace"))
     missing = [column for column in (OBJECT_UID, *OBJECT_COLUMNS) if column not in table.header]
     if missing:
         raise TrajectoryError(f"{path.name} beside the recording lacks the column {missing[0]}")

@@ -13,6 +13,7 @@ from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.column_map import ColumnMap
 from hhsim.recordings.dexmo_regression import DexmoRegression, Poses
 from hhsim.recordings.recording import Recording
+from hhsim.system.input_file import open_input, read_input
 
 MOST_BYTES = 1 << 30
 """A file larger than this [byte] is no hand recording."""
@@ -101,7 +102,7 @@ class Content:
         self.refuse_large()
         assert self.path is not None
         try:
-            return self.path.read_bytes()
+            return read_input(self.path)
         except OSError as error:
             raise _unreadable(error) from None
 
@@ -111,7 +112,7 @@ class Content:
         if self.path is None or "data" in vars(self):
             return self.data[:HEAD_BYTES]
         try:
-            with self.path.open("rb") as file:
+            with open_input(self.path) as file:
                 return file.read(HEAD_BYTES)
         except OSError as error:
             raise _unreadable(error) from None

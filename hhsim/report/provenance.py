@@ -10,6 +10,7 @@ from hhsim.errors import InputError
 from hhsim.hand.fingers import FINGERS
 from hhsim.replay.stored_scene import PARTS
 from hhsim.result.reader import Result
+from hhsim.system.input_file import open_input
 
 NONE = "—"
 """Where a result does not say."""
@@ -118,7 +119,7 @@ def file_digest(path: Path) -> str:
         InputError: It cannot be read.
     """
     try:
-        with path.open("rb") as file:
+        with open_input(path) as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}") from error

@@ -37,8 +37,9 @@ from hhsim.report.speed_error import speed_error_figure
 from hhsim.report.time_series import series_figure
 from hhsim.report.worst_ticks_section import worst_section
 from hhsim.result.reader import load_result
-from hhsim.system.atomic_write import write_atomically
+from hhsim.system.atomic_write import write_together
 from hhsim.system.hdf5_input import hdf5_format
+from hhsim.system.input_file import open_input
 from hhsim.system.output_path import check_output_path
 from hhsim.system.progress import Progress, silent
 
@@ -183,7 +184,7 @@ def check_report_path(output_path: Path) -> Path:
 
 
 def write_report(report: Report, output_path: Path) -> ReportFiles:
-    """Write the page and its pictures, each in one step, the page last.
+    """Write the page and its pictures, all of them or nothing, the page last.
 
     Args:
         output_path: As for `check_report_path`. Of NAME.html the pictures are NAME-….png beside it.
@@ -198,10 +199,13 @@ def write_report(report: Report, output_path: Path) -> ReportFiles:
     taken = [path for path in files if path.exists()]
     if taken and not page.exists():
         raise OutputError(f"{taken[0]} exists, and no report that it belongs to: name another place with --out")
-    _make_folder(page.parent)
-    for path, png in files.items():
-        write_atomically(path, png)
-    write_atomically(page, report.html.encode())
+    made = _make_folder(page.parent)
+    try:
+        write_together({**files, page: report.html.encode()})
+    except OutputError:
+        if made:
+            page.parent.rmdir()
+        raise
     return ReportFiles(page, tuple(files))
 
 
@@ -281,19 +285,22 @@ def _is_table(path: Path) -> bool:
 
 def _head(page: Path) -> str:
     try:
-        with page.open("rb") as file:
+        with open_input(page) as file:
             return file.read(HEAD_BYTES).decode("utf-8", "replace")
     except OSError as error:
         raise OutputError(f"cannot replace {page}: {error.strerror or error}; name another with --out") from error
 
 
-def _make_folder(folder: Path) -> None:
+def _make_folder(folder: Path) -> bool:
+    """Make the folder where it is missing, and say whether it was."""
     try:
+        missing = not folder.exists()
         folder.mkdir(exist_ok=True)
     except OSError as error:
         raise OutputError(
             f"cannot make the folder {folder}: {error.strerror or error}; name another with --out"
         ) from error
+    return missing
 
 
 class _Steps:

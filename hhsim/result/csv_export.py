@@ -12,6 +12,7 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import OutputError, UnknownNameError
 from hhsim.result.reader import CHUNK_TICKS, Result
 from hhsim.result.schema import LIVE_TICK, LIVE_TICK_COLUMNS, OBJECT_COLUMNS, TICK_COLUMNS, Column
+from hhsim.system.input_file import open_input
 from hhsim.system.output_path import check_output_path
 from hhsim.system.progress import Progress, silent
 
@@ -103,5 +104,5 @@ def column_headings(column: Column) -> Iterator[str]:
 
 def _is_ours(path: Path) -> bool:
     """Whether a file is a table of ticks, which a newer one may replace."""
-    with path.open("rb") as file:
+    with open_input(path) as file:
         return file.readline(64).startswith(b"tick,")

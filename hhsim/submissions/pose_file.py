@@ -37,6 +37,7 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.motion.csv_file import ABDUCTION_COLUMNS, FLEXION_COLUMNS, numbers_of, read_remarks
 from hhsim.system.atomic_write import sealed_hdf5, write_atomically
 from hhsim.system.hdf5_input import DAMAGE, open_hdf5
+from hhsim.system.input_file import read_input_text
 
 FORMAT = "hhsim-poses"
 KEYS = ("scene", "made_by", "method", "hand")
@@ -129,7 +130,7 @@ def read_submission(path: Path) -> Submission:
         InputError: No such file, another format, a column that is missing or of another unit, a wrong shape, what is no
             finite number, or no unit quaternion; one line that begins with the path.
     """
-    if not path.is_file():
+    if not path.exists():
         raise InputError(f"{path}: no such file; expected a submission, .csv or .h5")
     suffix = path.suffix.lower()
     if suffix not in (".csv", *HDF5_SUFFIXES):
@@ -137,12 +138,14 @@ def read_submission(path: Path) -> Submission:
     try:
         if suffix == ".csv":
             # A byte order mark is what spreadsheets put first.
-            said, arrays = parse_poses(path.read_text(encoding="utf-8-sig"))
+            said, arrays = parse_poses(read_input_text(path, "utf-8-sig"))
         else:
             said, arrays = _read_hdf5(path)
         return _submission(said, arrays, path)
     except UnicodeDecodeError:
         raise InputError(f"{path}: not UTF-8 text; expected a CSV file") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
     except (DamagedFileError, InputError) as error:
         raise InputError(f"{path}: {error}") from None
 

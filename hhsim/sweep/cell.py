@@ -22,6 +22,7 @@ from hhsim.solver.isolated_method import isolated_facts
 from hhsim.solver.known_methods import ISOLATED, find_method
 from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions, Stiffness
+from hhsim.system.input_file import read_input
 
 DIGITS = 20
 """Letters of a digest: 80 bits, so that no two cells of any sweep share one."""
@@ -183,7 +184,7 @@ def file_digest(path: Path) -> str:
 # A plan asks for the same file once a cell.
 @cache
 def _read_digest(path: Path, changed: int, size: int) -> tuple[str, str | None]:
-    content = path.read_bytes()
+    content = read_input(path)
     recording = None
     if path.suffix.lower() == ".toml":
         with suppress(tomllib.TOMLDecodeError, UnicodeDecodeError):

@@ -13,6 +13,7 @@ from hhsim.solver.options import SolverOptions
 from hhsim.sweep.cell import Cell
 from hhsim.system import environment as info
 from hhsim.system.atomic_write import write_atomically
+from hhsim.system.input_file import read_input_text
 
 FORMAT = "hhsim-cell"
 VERSION = 1
@@ -109,7 +110,7 @@ def read_row(path: Path) -> dict[str, Any]:
         InputError: No such file, or one that is no row.
     """
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        found = json.loads(read_input_text(path))
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: no row of a sweep: {error}") from None
     if not isinstance(found, dict) or found.get("format") != FORMAT:

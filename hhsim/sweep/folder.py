@@ -17,6 +17,7 @@ from hhsim.sweep.cell_row import FAILED, failure_of, named, read_row, write_row
 from hhsim.sweep.cell_run import PARTIAL
 from hhsim.sweep.plan import PlannedCell, SweepPlan
 from hhsim.system.atomic_write import write_atomically
+from hhsim.system.input_file import read_input_text
 
 MARK = "sweep.json"
 CELLS = "cells"
@@ -123,7 +124,7 @@ class SweepFolder:
 def is_sweep(path: Path) -> bool:
     """Whether a folder is one of a sweep."""
     try:
-        found = json.loads((path / MARK).read_text(encoding="utf-8"))
+        found = json.loads(read_input_text(path / MARK))
     except (OSError, ValueError):
         return False
     return isinstance(found, dict) and found.get("format") == FORMAT

@@ -4,7 +4,7 @@ An HDF5 file is made in memory first: HDF5 cannot go on after a write that faile
 """
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -34,12 +34,28 @@ def write_atomically(path: Path, content: bytes) -> None:
     Raises:
         OutputError: The file cannot be written; what was there before still is.
     """
-    target = Path(os.path.realpath(path))
-    partial = target.with_name(f".{target.name}.{os.getpid()}.tmp")
+    write_together({path: content})
+
+
+def write_together(contents: Mapping[Path, bytes]) -> None:
+    """Write files, or replace them: none gets its name before all of them are on the disk.
+
+    Args:
+        contents: By path; the last one gets its name last.
+
+    Raises:
+        OutputError: One cannot be written; what was there before still is.
+    """
+    targets = {path: Path(os.path.realpath(path)) for path in contents}
+    partials = {path: target.with_name(f".{target.name}.{os.getpid()}.tmp") for path, target in targets.items()}
+    path = Path()
     try:
-        partial.write_bytes(content)
-        partial.replace(target)
+        for path, content in contents.items():
+            partials[path].write_bytes(content)
+        for path, partial in partials.items():
+            partial.replace(targets[path])
     except OSError as error:
         raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
     finally:
-        partial.unlink(missing_ok=True)
+        for partial in partials.values():
+            partial.unlink(missing_ok=True)

@@ -1,12 +1,10 @@
-"""The one door by which HDF5 files come in: none is parsed before its seal, or a child process, has vouched for it.
+"""The one door by which HDF5 files come in: none is parsed before a child process has read it to its end.
 
-The HDF5 library can spin for ever, crash, or ask for all memory on a file with a few wrong bytes. A sealed file
-(`hhsim.system.checksummed_file`) is hashed first. One without a seal, of a run that was killed, of an older hhsim or of
-another program, is read once from end to end by a child with limits of time and memory (`hhsim.system.hdf5_probe`).
+The HDF5 library can spin for ever, crash, or ask for all memory on a file with a few wrong bytes. A child with limits
+of time and memory (`hhsim.system.hdf5_probe`) therefore reads each file first. The seal of a file
+(`hhsim.system.checksummed_file`) is looked at before: it tells of accidents, and not of who sealed the file.
 """
 
-import signal
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -16,12 +14,13 @@ import h5py
 
 from hhsim.errors import DamagedFileError
 from hhsim.system import hdf5_probe
-from hhsim.system.checksummed_file import seal_holds
+from hhsim.system.checksummed_file import SIZE, seal_holds
+from hhsim.system.input_file import check_ordinary
 
 DAMAGE = (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, MemoryError, OverflowError)
 """What h5py raises on a file with wrong bytes in it."""
-SECONDS = 8.0
-"""What reading a small file may take its child of the processor's time."""
+SECONDS = 3.0
+"""What reading a small file may take of the processor's time; it takes milliseconds."""
 PATIENCE = 10.0
 """By the wall clock it may take so many times more: where others have the processor, a sound file takes longer too."""
 BYTES_PER_SECOND = 20e6
@@ -48,10 +47,16 @@ def open_hdf5(path: Path) -> h5py.File:
     """Open a file for reading, once it is known that the library gets through it.
 
     Raises:
-        DamagedFileError: Its bytes are not those that were sealed; or it has no seal, and cannot be read to its end.
+        DamagedFileError: No ordinary file; its bytes are not those that were sealed, or it cannot be read to its end.
         BlockingIOError: Another process is writing it.
         OSError: No HDF5 file, or one that cannot be opened.
     """
+    try:
+        check_ordinary(path, most=sys.maxsize)
+    except FileNotFoundError:
+        raise
+    except OSError as error:
+        raise DamagedFileError(f"cannot be read: {error.strerror}") from None
     state = _state(path)
     fault = _KNOWN.get(state)
     if fault is None:
@@ -86,35 +91,27 @@ def _state(path: Path) -> _State:
 
 def _fault(path: Path) -> str:
     """What is wrong with a file; "" for nothing."""
+    size = path.stat().st_size
     holds = seal_holds(path)
-    if holds is None:
-        return _read_by_child(path)
-    return "" if holds else "a damaged file: its bytes are not those that its checksum is of"
-
-
-def _read_by_child(path: Path) -> str:
+    if holds is False:
+        return "a damaged file: its bytes are not those that its checksum is of"
+    if holds:
+        size -= SIZE
     if not _is_signed(path):
         raise OSError("no HDF5 file: its signature is not there")
-    size, end = path.stat().st_size, hdf5_probe.stated_end(path)
+    end = hdf5_probe.stated_end(path)
     if end is not None and size < end:
         return f"a damaged HDF5 file: cut short, {size:,} of {end:,} bytes are there"
-    seconds = SECONDS + size / BYTES_PER_SECOND
-    # -P: the folder of the probe is no place to import from.
-    command = [sys.executable, "-P", hdf5_probe.__file__, str(path), str(int(seconds) + 1)]
+    seconds = int(SECONDS + size / BYTES_PER_SECOND) + 1
     try:
-        done = subprocess.run(
-            command, capture_output=True, text=True, errors="replace", timeout=PATIENCE * seconds, check=False
-        )
-        ended = done.returncode != -signal.SIGXCPU
-    except subprocess.TimeoutExpired:
-        ended = False
-    if not ended:
-        return f"a damaged file: reading it does not end within {seconds:.0f} s"
-    if done.returncode == hdf5_probe.BUSY:
-        raise BlockingIOError("another process is writing it")
-    if done.returncode == hdf5_probe.UNSOUND:
-        return f"a damaged HDF5 file: {done.stdout.strip()}"
-    return "a damaged file: the HDF5 library breaks down over it" if done.returncode else ""
+        hdf5_probe.probe(path, size, seconds, PATIENCE * seconds)
+    except hdf5_probe.UnsoundError as error:
+        return f"a damaged HDF5 file: {error}"
+    except hdf5_probe.EndlessError:
+        return f"a damaged file: reading it does not end within {seconds} s"
+    except hdf5_probe.BreakdownError:
+        return "a damaged file: the HDF5 library breaks down over it"
+    return ""
 
 
 def _is_signed(path: Path) -> bool:

@@ -1,77 +1,149 @@
-"""Reads an HDF5 file from end to end, to see whether that ends: run as a script, in a process of its own.
+"""Reads an HDF5 file from end to end in a child process, to see whether that ends.
 
-`python hdf5_probe.py FILE SECONDS` visits every object, attribute and value once, within limits of processor time and
-memory. It imports nothing of hhsim, so that it starts in a fraction of a second.
+Every object, attribute and value is visited once, within limits of processor time and memory. The child is a fork of
+this process: it has h5py already, so that a small file costs milliseconds.
 """
 
-import sys
+import faulthandler
+import gc
+import os
+import resource
+import signal
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import h5py
+
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
-SOUND, BUSY, UNSOUND = 0, 3, 4
-"""Exit codes; with `UNSOUND`, stdout says why. Any other is the library's breakdown."""
 MEMORY = 4 << 30
-"""Address space of the process [bytes]."""
+"""Address space that reading a file may add to the process [bytes]."""
 PIECE = 1 << 24
 """Most bytes that are read at a time."""
 ALWAYS, PER_BYTE = 1 << 28, 100
-"""A dataset states at most so many bytes, and so many more for each byte of the file."""
+"""The datasets together state at most so many bytes, and so many more for each byte of the file."""
+
+_SOUND, _BUSY, _UNSOUND = 0, 3, 4
+_ENDLESS = (signal.SIGXCPU, signal.SIGALRM)
 
 
 class UnsoundError(Exception):
     """A file that HDF5 reads and that nevertheless cannot be right."""
 
 
-def main(path: Path, seconds: int) -> int:
-    """Read a file and say what is wrong with it.
+class EndlessError(Exception):
+    """A file whose reading did not end in its time."""
+
+
+class BreakdownError(Exception):
+    """A file over which the HDF5 library crashed."""
+
+
+def probe(path: Path, size: int, seconds: int, patience: float) -> None:
+    """Read a file to its end, in a child process.
 
     Args:
+        size: Bytes of the file that are HDF5: all but a seal.
         seconds: Of processor time that this may take.
+        patience: Seconds that it may take by the wall clock.
 
-    Returns:
-        The exit code.
+    Raises:
+        UnsoundError: The file is damaged; the message says how.
+        EndlessError: It was not read in its time.
+        BreakdownError: The library crashed.
+        BlockingIOError: Another process is writing it.
     """
-    import resource
-
-    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
-    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    return judge(path)
-
-
-def judge(path: Path) -> int:
-    """Read a file and print what is wrong with it, without limits; returns the exit code."""
+    with warnings.catch_warnings():
+        # Python warns of threads, whose locks a child may find held: this one takes that of h5py, which is made for it.
+        warnings.simplefilter("ignore", DeprecationWarning)
+        told, tell = os.pipe()
+        child = os.fork()
+    if child == 0:
+        _be_the_child(path, size, seconds, patience, tell)
+    os.close(tell)
     try:
-        _read(path)
+        code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+        os.set_blocking(told, False)
+        reason = os.read(told, 1000).decode(errors="replace") if code == _UNSOUND else ""
+    except BaseException:
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+        raise
+    finally:
+        os.close(told)
+    if -code in _ENDLESS:
+        raise EndlessError
+    if code == _BUSY:
+        raise BlockingIOError("another process is writing it")
+    if code == _UNSOUND:
+        raise UnsoundError(reason)
+    if code != _SOUND:
+        raise BreakdownError
+
+
+def _be_the_child(path: Path, size: int, seconds: int, patience: float, tell: int) -> None:
+    """Read the file, tell what is wrong with it, and end; the library's own words go nowhere."""
+    code = 1
+    try:
+        # What the parent has left to be collected is the parent's: folders to be removed, files to be closed.
+        gc.disable()
+        faulthandler.disable()
+        for number in (signal.SIGINT, signal.SIGTERM, *_ENDLESS):
+            signal.signal(number, signal.SIG_DFL)
+        signal.pthread_sigmask(signal.SIG_SETMASK, ())
+        signal.setitimer(signal.ITIMER_REAL, patience)
+        _limit(resource.RLIMIT_CORE, 0)
+        _limit(resource.RLIMIT_CPU, seconds)
+        _limit(resource.RLIMIT_AS, _address_space() + MEMORY)
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, 1)
+        os.dup2(nowhere, 2)
+        read_to_end(path, size)
+        code = _SOUND
     except BlockingIOError:
-        return BUSY
+        code = _BUSY
     except Exception as error:
         # Whatever h5py raises over wrong bytes: it has no list of them.
-        print((str(error).splitlines() or [type(error).__name__])[0][:120])
-        return UNSOUND
-    return SOUND
+        code = _UNSOUND
+        os.write(tell, (str(error).splitlines() or [type(error).__name__])[0][:120].encode(errors="replace"))
+    finally:
+        os._exit(code)
 
 
-def _read(path: Path) -> None:
-    import h5py
+def _limit(what: int, value: int) -> None:
+    most = resource.getrlimit(what)[1]
+    resource.setrlimit(what, (value if most == resource.RLIM_INFINITY else min(value, most), most))
 
-    most = ALWAYS + PER_BYTE * path.stat().st_size
+
+def _address_space() -> int:
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
+    return pages * resource.getpagesize()
+
+
+def read_to_end(path: Path, size: int) -> None:
+    """Visit every object, attribute and value of a file of so many bytes, without limits.
+
+    Raises:
+        UnsoundError: It states more than such a file holds, or there are bytes behind its end; what h5py raises over
+            wrong bytes is not changed.
+    """
+    left = ALWAYS + PER_BYTE * size
     with h5py.File(path, "r") as file:
         objects: list[Any] = [file]
         file.visititems(lambda _, item: objects.append(item))
         for item in objects:
             dict(item.attrs)
             if isinstance(item, h5py.Dataset):
-                if item.nbytes > most:
+                left -= item.nbytes
+                if left < 0:
                     raise UnsoundError(f"{item.name} states {item.nbytes:,} bytes, more than such a file holds")
                 for part in _pieces(item):
                     item[part]
         stopped = not file.attrs.get("complete", 1)
     # A run that was killed may have begun to write what it had no time to count in.
     end = stated_end(path)
-    if not stopped and end is not None and path.stat().st_size > end:
+    if not stopped and end is not None and size > end:
         raise UnsoundError("bytes behind its end, which are no seal")
 
 
@@ -94,7 +166,3 @@ def stated_end(path: Path) -> int | None:
     if place is None or not head.startswith(SIGNATURE):
         return None
     return int.from_bytes(head[place : place + 8], "little")
-
-
-if __name__ == "__main__":
-    sys.exit(main(Path(sys.argv[1]), int(sys.argv[2])))

@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+from hhsim.system.input_file import open_input
+
 _STARTS: tuple[tuple[bytes, str], ...] = (
     (b"\x89PNG\r\n\x1a\n", "a picture (PNG)"),
     (b"\xff\xd8\xff", "a picture (JPEG)"),
@@ -33,7 +35,7 @@ def media_kind(head: bytes) -> str:
 def media_kind_of(path: Path) -> str:
     """The same of a file; "" where it cannot be read."""
     try:
-        with path.open("rb") as file:
+        with open_input(path) as file:
             return media_kind(file.read(_HEAD_BYTES))
     except OSError:
         return ""

@@ -9,7 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from hhsim.errors import InputError, UnknownNameError
+from hhsim.system.input_file import read_input_text
 from hhsim.system.media_kind import media_kind_of
+
+MOST_BYTES = 1 << 24
+"""Of a document that somebody has written."""
 
 
 def read_toml_text(path: Path, what: str, error: type[InputError] = InputError) -> str:
@@ -22,7 +26,7 @@ def read_toml_text(path: Path, what: str, error: type[InputError] = InputError) 
         InputError: No such file, no permission, or no text.
     """
     try:
-        return path.read_text(encoding="utf-8")
+        return read_input_text(path, most=MOST_BYTES)
     except FileNotFoundError:
         raise error(f"{path}: no such file; expected a TOML {what}") from None
     except OSError as reason:

@@ -10,7 +10,7 @@ from importlib.resources import as_file, files
 from pathlib import Path
 
 from hhsim.errors import InputError, OutputError
-from hhsim.kernels.kernel_cache import cache_root
+from hhsim.kernels.cache_folder import cache_root
 from hhsim.mesh.mesh import Mesh
 from hhsim.system.progress import Progress, silent
 from hhsim.trees.file import load_tree, save_tree

@@ -92,7 +92,7 @@ def load_tree(path: str | Path) -> SphereTree:
         InputError: No such file, not an hhsim-tree file of a known version, or a tree that is not sound.
     """
     source = Path(path)
-    if not source.is_file():
+    if not source.exists():
         raise InputError(f"{source}: no such file; expected a sphere tree (.h5)")
     try:
         with open_hdf5(source) as file:

@@ -15,6 +15,7 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.system.atomic_write import write_atomically
+from hhsim.system.input_file import read_input_text
 from hhsim.trees.sphere_tree import SphereTree, enclosing_radius
 
 _MOST_SLOTS = 20_000_000
@@ -52,7 +53,7 @@ def load_sph(path: str | Path) -> SphereTree:
     """
     source = Path(path)
     try:
-        lines = source.read_text(encoding="ascii", errors="replace").splitlines()
+        lines = read_input_text(source, "ascii", "replace").splitlines()
     except OSError as error:
         raise InputError(f"{source}: {error.strerror or error}; expected a sphere tree (.sph)") from error
     levels, branching = _header(source, lines)

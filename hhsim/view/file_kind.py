@@ -5,6 +5,7 @@ from typing import Literal, TypeAlias
 
 from hhsim.errors import InputError
 from hhsim.system.hdf5_input import hdf5_format
+from hhsim.system.input_file import open_input
 from hhsim.system.media_kind import media_kind_of
 
 Kind: TypeAlias = Literal["result", "motion", "tree", "mesh"]
@@ -29,10 +30,10 @@ def file_kind(path: Path) -> Kind:
     """
     if path.is_dir():
         raise InputError(f"{path} is a folder: expected {EXPECTED}")
-    if not path.is_file():
+    if not path.exists():
         raise InputError(f"{path}: no such file; expected {EXPECTED}")
     try:
-        with path.open("rb") as file:
+        with open_input(path) as file:
             start = file.read(len(HDF5_START))
         if start != HDF5_START:
             return _by_name(path)

@@ -21,7 +21,7 @@ import pytest
 from numpy.typing import NDArray
 from sphere_scenes import Motion, bumpy_ball, still, straight_line
 
-from hhsim.kernels.kernel_cache import cache_root
+from hhsim.kernels.cache_folder import cache_root
 from hhsim.kernels.tick.state import STATUS_START_INSIDE
 from hhsim.solver.method import METHODS
 from hhsim.trees.file import save_tree

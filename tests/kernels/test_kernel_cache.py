@@ -5,7 +5,6 @@ import os
 import shutil
 import subprocess
 import sys
-import tempfile
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -14,7 +13,7 @@ import pytest
 from sampled import sampled
 
 import hhsim
-from hhsim.kernels.kernel_cache import cache_root, imported_kernels
+from hhsim.kernels.kernel_cache import imported_kernels
 
 PACKAGE = Path(hhsim.__file__).parent
 
@@ -184,45 +183,6 @@ def test_checked_and_unchecked_kernels_are_kept_apart(copy: Path) -> None:
         for how in ({}, {"NUMBA_BOUNDSCHECK": "1"}, {"NUMBA_CPU_NAME": "generic"})
     )
     assert checked != usual != generic
-
-
-def test_the_named_cache_folder_wins(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setenv("HHSIM_CACHE_DIR", str(tmp_path / "named" / "deep"))
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
-    assert cache_root() == tmp_path / "named" / "deep"
-    assert cache_root().is_dir()
-    monkeypatch.delenv("HHSIM_CACHE_DIR")
-    assert cache_root() == tmp_path / "xdg" / "hhsim"
-    monkeypatch.delenv("XDG_CACHE_HOME")
-    monkeypatch.setenv("HOME", str(tmp_path / "home"))
-    assert cache_root() == tmp_path / "home" / ".cache" / "hhsim"
-
-
-def test_where_the_cache_folder_cannot_be_made_a_temporary_one_serves(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    in_the_way = tmp_path / "file"
-    in_the_way.touch()
-    monkeypatch.setenv("HHSIM_CACHE_DIR", str(in_the_way / "below"))
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    assert cache_root() == tmp_path / f"hhsim-{os.getuid()}"
-    assert cache_root().is_dir()
-    assert cache_root().stat().st_mode & 0o077 == 0, "others may read or write it"
-
-
-def test_a_temporary_cache_that_others_can_write_is_not_used(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    in_the_way = tmp_path / "file"
-    in_the_way.touch()
-    monkeypatch.setenv("HHSIM_CACHE_DIR", str(in_the_way / "below"))
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    usual = tmp_path / f"hhsim-{os.getuid()}"
-    usual.mkdir()
-    usual.chmod(0o777)
-    found = cache_root()
-    assert found != usual
-    assert found.stat().st_mode & 0o077 == 0
-    usual.chmod(0o700)
-    assert cache_root() == usual
 
 
 def test_other_packages_keep_their_own_numba_cache_folder() -> None:

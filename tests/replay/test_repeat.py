@@ -75,7 +75,7 @@ def runs(hand: HandModel, tmp_path_factory: pytest.TempPathFactory) -> dict[str,
 
 
 @pytest.fixture
-def copy(runs: dict[str, Path], tmp_path: Path, probed_here: None) -> Path:
+def copy(runs: dict[str, Path], tmp_path: Path) -> Path:
     path = tmp_path / "copy.h5"
     path.write_bytes(runs["coupled"].read_bytes())
     return path

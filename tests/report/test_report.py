@@ -4,6 +4,7 @@ import base64
 import itertools
 import json
 import re
+import resource
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -632,3 +633,18 @@ def test_what_is_no_result_is_told(tmp_path: Path) -> None:
         make_report((tmp_path / "text.h5",))
     with pytest.raises(InputError, match="at least one"):
         make_report(())
+
+
+@pytest.mark.usefixtures("dots")
+def test_a_full_disk_leaves_nothing_of_a_report(coupled: Path, tmp_path: Path) -> None:
+    """The pictures fit, the page does not."""
+    report = make_report((coupled,))
+    unlimited = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (len(report.html) // 2, unlimited[1]))
+    try:
+        for place in (tmp_path / "folder", tmp_path / "page.html"):
+            with pytest.raises(OutputError, match=r"cannot write .*html"):
+                write_report(report, place)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, unlimited)
+    assert list(tmp_path.iterdir()) == []

@@ -117,7 +117,6 @@ def test_every_dataset_states_its_units_and_meaning(tmp_path: Path) -> None:
     }
 
 
-@pytest.mark.usefixtures("probed_here")
 @pytest.mark.parametrize("version", [1, 2, "three", None])
 def test_another_schema_is_refused_in_one_line(tmp_path: Path, version: object) -> None:
     path = write(tmp_path / "run.h5", [block(50)])
@@ -498,7 +497,6 @@ def spoil_folder(path: Path) -> None:
     path.mkdir()
 
 
-@pytest.mark.usefixtures("probed_here")
 @pytest.mark.parametrize(
     ("spoil", "says"),
     [

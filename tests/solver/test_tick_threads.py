@@ -20,7 +20,7 @@ from sphere_scenes import Motion, bumpy_ball, random_targets, still
 import hhsim.solver.tick_threads
 from hhsim.errors import HhsimError, InputError
 from hhsim.hand.model import HandModel
-from hhsim.kernels.kernel_cache import cache_root
+from hhsim.kernels.cache_folder import cache_root
 from hhsim.kernels.parallel.thread_team import NUMBER_SHIFT, PARTS, TICKET
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import WORK_CANDIDATES

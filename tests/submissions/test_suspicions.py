@@ -317,7 +317,6 @@ HDF5: dict[str, tuple[Callable[[h5py.File], None], str]] = {
 }
 
 
-@pytest.mark.usefixtures("probed_here")
 @pytest.mark.parametrize("case", HDF5)
 def test_damaged_hdf5_is_named(case: str, tmp_path: Path) -> None:
     damage, word = HDF5[case]

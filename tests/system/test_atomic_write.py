@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hhsim.errors import OutputError
-from hhsim.system.atomic_write import sealed_hdf5, write_atomically
+from hhsim.system.atomic_write import sealed_hdf5, write_atomically, write_together
 
 
 def test_a_file_is_written_and_replaced(tmp_path: Path) -> None:
@@ -59,7 +59,7 @@ def test_a_full_disk_leaves_the_old_file(tmp_path: Path) -> None:
 import resource, sys
 from pathlib import Path
 from hhsim.errors import OutputError
-from hhsim.system.atomic_write import sealed_hdf5, write_atomically
+from hhsim.system.atomic_write import sealed_hdf5, write_atomically, write_together
 resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, 10_000))
 try:
     write_atomically(Path(sys.argv[1]), sealed_hdf5(lambda file: file.create_dataset("a", data=[0.0] * 9_000)))
@@ -71,3 +71,12 @@ except OutputError as error:
     assert run.stdout.startswith(f"cannot write {path}: ")
     assert path.read_bytes() == b"old"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_files_appear_together_or_not_at_all(tmp_path: Path) -> None:
+    first, last = tmp_path / "first", tmp_path / "last"
+    write_together({first: b"1", last: b"2"})
+    with pytest.raises(OutputError, match=r"cannot write .*none/last"):
+        write_together({first: b"3", tmp_path / "none" / "last": b"4"})
+    assert (first.read_bytes(), last.read_bytes()) == (b"1", b"2")
+    assert sorted(tmp_path.iterdir()) == [first, last]

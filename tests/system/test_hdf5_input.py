@@ -1,9 +1,12 @@
-"""No HDF5 file is parsed before its seal or a child process has vouched for it, and nothing goes past that door."""
+"""No HDF5 file is parsed before a child process has read it to its end, and nothing goes past that door."""
 
 import ast
-import signal
+import itertools
+import os
 import subprocess
 import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import h5py
@@ -43,20 +46,21 @@ def test_only_the_door_opens_files_for_reading(repository: Path) -> None:
     assert opening == WRITERS | DOOR
 
 
-def test_a_sealed_file_needs_no_child(image: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / "sealed.h5"
-    path.write_bytes(sealed(image))
-    monkeypatch.setattr(hdf5_input, "_read_by_child", lambda path: pytest.fail("a child was started"))
-    with open_hdf5(path) as file:
-        assert file["number"][-1] == 999.0
-    assert hdf5_format(path) == "sample"
+def test_a_sound_file_is_read_with_its_seal_and_without(image: bytes, tmp_path: Path) -> None:
+    for name, content in (("sealed.h5", sealed(image)), ("bare.h5", image)):
+        path = tmp_path / name
+        path.write_bytes(content)
+        with open_hdf5(path) as file:
+            assert file["number"][-1] == 999.0
+            assert file["word"].asstr()[1] == "two"
+        assert hdf5_format(path) == "sample"
 
 
-def test_a_file_without_a_seal_is_read_once_by_a_child(image: bytes, tmp_path: Path) -> None:
-    path = tmp_path / "bare.h5"
-    path.write_bytes(image)
-    with open_hdf5(path) as file:
-        assert file["word"].asstr()[1] == "two"
+def test_a_right_seal_vouches_for_no_content(shared_data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of the file that is sealed over damaged bytes, the library's reading does not end."""
+    monkeypatch.setattr(hdf5_input, "SECONDS", 0)
+    with pytest.raises(DamagedFileError, match="reading it does not end within"):
+        open_hdf5(shared_data / "hostile" / "sealed-trajectory.h5")
 
 
 def test_sealing_a_file_is_sealing_its_bytes(image: bytes, tmp_path: Path) -> None:
@@ -84,38 +88,39 @@ def test_no_byte_of_a_sealed_file_changes_unnoticed(image: bytes, tmp_path: Path
             open_hdf5(path)
 
 
-@pytest.mark.parametrize(
-    "never_ends", ["import time\ntime.sleep(1000)\n", "import os, signal\nos.kill(os.getpid(), signal.SIGXCPU)\n"]
-)
+def spin(*_: object) -> None:
+    all(itertools.repeat(True))
+
+
+@pytest.mark.parametrize("reader", [spin, lambda *_: time.sleep(1000)], ids=["processor", "wall clock"])
 def test_a_reader_that_never_ends_is_ended(
-    never_ends: str, image: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    reader: Callable[..., None], image: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """By the wall clock; or by the system, once it has used its time of the processor."""
-    path, script = tmp_path / "bare.h5", tmp_path / "reader.py"
+    path = tmp_path / "bare.h5"
     path.write_bytes(image)
-    script.write_text(never_ends)
-    monkeypatch.setattr(hdf5_probe, "__file__", str(script))
-    monkeypatch.setattr(hdf5_input, "PATIENCE", 0.1 if "sleep" in never_ends else 10.0)
-    with pytest.raises(DamagedFileError, match="reading it does not end within"):
+    monkeypatch.setattr(hdf5_probe, "read_to_end", reader)
+    monkeypatch.setattr(hdf5_input, "SECONDS", 0)
+    monkeypatch.setattr(hdf5_input, "PATIENCE", 10.0 if reader is spin else 0.1)
+    with pytest.raises(DamagedFileError, match="reading it does not end within 1 s"):
         open_hdf5(path)
 
 
-def test_the_probe_is_ended_where_its_time_of_the_processor_is_used() -> None:
-    spins = "import itertools, pathlib, sys, runpy\nprobe = runpy.run_path(sys.argv[1])\n"
-    spins += "probe['main'].__globals__['_read'] = lambda path: all(itertools.repeat(True))\n"
-    spins += "probe['main'](pathlib.Path('any'), 1)"
-    done = subprocess.run([sys.executable, "-c", spins, hdf5_probe.__file__], check=False)
-    assert done.returncode == -signal.SIGXCPU
-
-
 def test_a_reader_that_breaks_down_takes_nothing_with_it(
-    image: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    image: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    path, script = tmp_path / "bare.h5", tmp_path / "crash.py"
+    path = tmp_path / "bare.h5"
     path.write_bytes(image)
-    script.write_text("import os\nos.abort()\n")
-    monkeypatch.setattr(hdf5_probe, "__file__", str(script))
+    monkeypatch.setattr(hdf5_probe, "read_to_end", lambda *_: os.abort())
     with pytest.raises(DamagedFileError, match="breaks down"):
+        open_hdf5(path)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_what_takes_too_much_memory_is_refused(image: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "bare.h5"
+    path.write_bytes(image)
+    monkeypatch.setattr(hdf5_probe, "read_to_end", lambda *_: bytearray(2 * hdf5_probe.MEMORY))
+    with pytest.raises(DamagedFileError, match="MemoryError"):
         open_hdf5(path)
 
 
@@ -127,10 +132,19 @@ def test_a_dataset_larger_than_its_file_is_not_read(tmp_path: Path) -> None:
         open_hdf5(path)
 
 
+def test_datasets_that_are_together_larger_than_their_file_are_not_read(tmp_path: Path) -> None:
+    path = tmp_path / "many.h5"
+    with h5py.File(path, "w") as file:
+        for number in range(40):
+            file.create_dataset(f"{number:02}", shape=(1 << 25,), dtype="f8", chunks=(1 << 20,))
+    with pytest.raises(DamagedFileError, match="/01 states 268,435,456 bytes, more than such a file holds"):
+        open_hdf5(path)
+
+
 def test_what_is_no_hdf5_file_starts_no_child(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "text.h5"
     path.write_text("no HDF5" * 1000)
-    monkeypatch.setattr(sys, "executable", str(tmp_path / "none"))
+    monkeypatch.setattr(hdf5_probe, "probe", lambda *_: pytest.fail("a child was started"))
     with pytest.raises(OSError, match="its signature is not there"):
         open_hdf5(path)
     assert hdf5_format(path) == ""
@@ -138,8 +152,10 @@ def test_what_is_no_hdf5_file_starts_no_child(tmp_path: Path, monkeypatch: pytes
 
 def test_a_file_that_is_being_written_says_so(tmp_path: Path) -> None:
     path = tmp_path / "file.h5"
-    with h5py.File(path, "w") as file:
-        file.attrs["format"] = "sample"
-        file.flush()
+    writes = "import h5py, sys; file = h5py.File(sys.argv[1], 'w'); file.flush(); print(flush=True); input()"
+    command = [sys.executable, "-c", writes, str(path)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as writer:
+        assert writer.stdout is not None
+        writer.stdout.readline()
         with pytest.raises(BlockingIOError):
             open_hdf5(path)

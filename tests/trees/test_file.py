@@ -66,7 +66,6 @@ def test_covers_come_back(tmp_path: Path) -> None:
         assert all(data.attrs["units"] and data.attrs["long_name"] for data in file["covers/1"].values())
 
 
-@pytest.mark.usefixtures("probed_here")
 @pytest.mark.parametrize(
     ("change", "message"),
     [

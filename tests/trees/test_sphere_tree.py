@@ -101,7 +101,6 @@ BROKEN = {
 }
 
 
-@pytest.mark.usefixtures("probed_here")
 @pytest.mark.parametrize("name", BROKEN)
 def test_broken_arrays_are_refused(name: str, tmp_path: Path) -> None:
     sound: dict[str, Any] = {

@@ -18,6 +18,7 @@ import numpy as np
 
 from hhsim.bench.qp.program import Program
 from hhsim.errors import OutputError
+from hhsim.system.input_file import read_input
 from hhsim.system.output_path import check_output_path
 
 BATCH = 1000
@@ -34,7 +35,7 @@ def check_problem_file(path: Path) -> None:
     if path.suffix != ".parquet":
         raise OutputError(f"{path} must end in .parquet: the programs go there")
     check_output_path(path)
-    if path.exists() and path.read_bytes()[:4] != b"PAR1":
+    if path.exists() and read_input(path)[:4] != b"PAR1":
         raise OutputError(f"{path} exists and is no Parquet file, so it is not replaced: name another")
 
 

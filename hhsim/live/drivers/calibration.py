@@ -23,6 +23,7 @@ from hhsim.errors import InputError, UnknownNameError
 from hhsim.live.devices.registry import ServedOptions
 from hhsim.live.link.dexmo_codec import CHANNELS
 from hhsim.recordings.dexmo_regression import BEND, LEAST_SPAN, DexmoRegression, read_calibration
+from hhsim.system.input_file import read_input_text
 
 MOST_NORMALISED = 1.5
 """Channels beyond this are raw counts."""
@@ -165,11 +166,7 @@ def load_calibration(path: Path | None, hand: str = "right", profile: str = "") 
 
 def _text(path: Path) -> str:
     try:
-        with path.open("rb") as stream:
-            data = stream.read(MOST_FILE + 1)
-        if len(data) > MOST_FILE:
-            raise InputError(f"{path}: more than {MOST_FILE >> 20} MB: expected a small calibration file")
-        return data.decode("utf-8-sig")
+        return read_input_text(path, "utf-8-sig", most=MOST_FILE)
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
     except UnicodeDecodeError:
