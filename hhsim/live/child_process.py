@@ -1,14 +1,18 @@
 """One process of a session as its supervisor sees it."""
 
+import contextlib
 import os
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from pathlib import Path
 
 LONGEST_COMPLAINT = 4_000
 """Bytes of what a process wrote last that are looked at."""
+LOOK = 0.05
+"""Between two looks at the accounts of a process that is waited for [s]."""
 
 
 class ChildProcess:
@@ -86,6 +90,33 @@ class ChildProcess:
             return False
         return True
 
+    def wait_its_time(self, seconds: float, progress: Callable[[], object] = lambda: None) -> bool:
+        """Wait until it has ended, or has had so much time of its own for it.
+
+        Its own time is what it and the processes that it started have computed, and the time in which none of them
+        wanted a processor. While they wait for one that others have, none of it passes, however long that takes.
+
+        Args:
+            seconds: Of its own time [s]; what does not let itself be measured is the time of the clock.
+            progress: Called at every look: while what it returns changes, the time begins anew.
+
+        Returns:
+            Whether it has ended.
+        """
+        had, done = 0.0, progress()
+        then, (ran, waited) = time.monotonic(), _processor_time(self.pid)
+        while not self.wait(LOOK):
+            was, before, waited_before = then, ran, waited
+            then, (ran, waited) = time.monotonic(), _processor_time(self.pid)
+            # Whoever looks may have had to wait for a processor, too.
+            idle = min(then - was, 2.0 * LOOK) - max(0.0, waited - waited_before)
+            had += max(ran - before, idle, 0.0)
+            if (now := progress()) != done:
+                had, done = 0.0, now
+            if had >= seconds:
+                return False
+        return True
+
     def send(self, number: signal.Signals) -> None:
         """Send a signal; nothing where it has ended."""
         if self.running:
@@ -96,3 +127,18 @@ class ChildProcess:
         if self._output >= 0:
             os.close(self._output)
             self._output = -1
+
+
+def _processor_time(process: int) -> tuple[float, float]:
+    """What the threads of a process, and of those that it started, have computed, and waited for a processor [s]."""
+    ran = waited = 0.0
+    # Any of them may end while it is looked at.
+    with contextlib.suppress(OSError):
+        for task in Path(f"/proc/{process}/task").iterdir():
+            with contextlib.suppress(OSError):
+                numbers = (task / "schedstat").read_text().split()
+                ran, waited = ran + 1e-9 * int(numbers[0]), waited + 1e-9 * int(numbers[1])
+                for child in map(int, (task / "children").read_text().split()):
+                    its, delay = _processor_time(child)
+                    ran, waited = ran + its, waited + delay
+    return ran, waited

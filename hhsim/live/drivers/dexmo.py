@@ -337,8 +337,10 @@ class DexmoGlove(GloveDevice):
             self._ours_ns = -1
             if not self._other_hand:
                 self._other_hand = True
-                other = "left" if self._hand == "right" else "right"
-                self._let_go(f"glove {self._device_id} says that it is a {other} hand's now, and not a {self._hand} one's")
+                now = "left" if self._hand == "right" else "right"
+                self._let_go(
+                    f"glove {self._device_id} says that it is a {now} hand's now, and not a {self._hand} one's"
+                )
         elif self._other_hand and self._ours_ns < 0:
             self._ours_ns = self._received_ns
         return not self._other_hand
