@@ -42,7 +42,7 @@ class MachineShare:
         """What the machine took, all threads together, and the host [ns]."""
         self.look()
         waited = sum(max(0, delay - self._first.get(thread, 0)) for thread, delay in self._last.items())
-        return waited + risen(self._steal, self._accounts.steal_ns())
+        return int(waited + risen(self._steal, self._accounts.steal_ns()))
 
     def _read(self, process: int) -> None:
         delays: dict[int, tuple[bool, int]] = {}

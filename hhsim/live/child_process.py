@@ -91,29 +91,20 @@ class ChildProcess:
         return True
 
     def wait_its_time(self, seconds: float, progress: Callable[[], object] = lambda: None) -> bool:
-        """Wait until it has ended, or has had so much time of its own for it.
-
-        Its own time is what it and the processes that it started have computed, and the time in which none of them
-        wanted a processor. While they wait for one that others have, none of it passes, however long that takes.
+        """Wait until it has ended, or has had so much time of its own for it (`OwnTime`).
 
         Args:
-            seconds: Of its own time [s]; what does not let itself be measured is the time of the clock.
+            seconds: Of its own time [s].
             progress: Called at every look: while what it returns changes, the time begins anew.
 
         Returns:
             Whether it has ended.
         """
-        had, done = 0.0, progress()
-        then, (ran, waited) = time.monotonic(), _processor_time(self.pid)
+        own, done = OwnTime(self.pid), progress()
         while not self.wait(LOOK):
-            was, before, waited_before = then, ran, waited
-            then, (ran, waited) = time.monotonic(), _processor_time(self.pid)
-            # Whoever looks may have had to wait for a processor, too.
-            idle = min(then - was, 2.0 * LOOK) - max(0.0, waited - waited_before)
-            had += max(ran - before, idle, 0.0)
             if (now := progress()) != done:
-                had, done = 0.0, now
-            if had >= seconds:
+                own, done = OwnTime(self.pid), now
+            if own.passed() >= seconds:
                 return False
         return True
 
@@ -127,6 +118,32 @@ class ChildProcess:
         if self._output >= 0:
             os.close(self._output)
             self._output = -1
+
+
+class OwnTime:
+    """The time of a process that passes for it: what it and the processes that it started compute or sleep.
+
+    While they wait for a processor that others have, none passes, however long that takes. Where the system keeps no
+    account of it, it is the time of the clock.
+
+    Args:
+        process: Its number.
+    """
+
+    def __init__(self, process: int) -> None:
+        """None has passed."""
+        self._process = process
+        self._had, self._then = 0.0, time.monotonic()
+        self._ran, self._waited = _processor_time(process)
+
+    def passed(self) -> float:
+        """How much since the beginning [s]; to be looked at every `LOOK` seconds."""
+        then, ran, waited = self._then, self._ran, self._waited
+        self._then, (self._ran, self._waited) = time.monotonic(), _processor_time(self._process)
+        # Whoever looks may have had to wait for a processor, too.
+        idle = min(self._then - then, 2.0 * LOOK) - max(0.0, self._waited - waited)
+        self._had += max(self._ran - ran, idle, 0.0)
+        return self._had
 
 
 def _processor_time(process: int) -> tuple[float, float]:

@@ -42,7 +42,7 @@ StartDriver = Callable[[LiveSetup, SessionMemory], ChildProcess]
 TELL_SECONDS = 0.02
 """Between two looks at what the loop noted."""
 DRIVER_PATIENCE = 2.0
-"""How much time of its own (`ChildProcess.wait_its_time`) the driver has to release the glove and end [s]."""
+"""How much time of its own (`OwnTime`) the driver has to release the glove and end [s]."""
 BELOW_DRIVER = -2
 DEVICE_FACTS = ("name", "hand", "channels", "unit", "capabilities", "doubtful")
 SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)

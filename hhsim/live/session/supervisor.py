@@ -43,7 +43,7 @@ MODULES = {
 }
 
 LOOP_PATIENCE = 3.0
-"""How much time of its own (`ChildProcess.wait_its_time`) the loop has to end after it was asked; it then gets SIGTERM,
+"""How much time of its own (`OwnTime`) the loop has to end after it was asked; it then gets SIGTERM,
 and SIGKILL after as much again [s]."""
 PREPARATION = 60.0
 """How much it has where it has not begun, and gets SIGTERM at once: a kernel that is compiled is first ended [s]."""

@@ -236,8 +236,8 @@ def test_which_of_several_gloves_must_be_clear(tmp_path: Path) -> None:
             glove_of(server).open(HANG)
         with pytest.raises(DeviceError, match="glove 7 is not a right hand's"):
             glove_of(server, device_id=7).open(HANG)
-        with pytest.raises(DeviceError, match=r"no glove 6 within 1 s; gloves there: 7 \(left\), 8"):
-            glove_of(server, device_id=6).open(1.0)
+        with pytest.raises(DeviceError, match=r"no glove 6 within 3 s; gloves there: 7 \(left\), 8"):
+            glove_of(server, device_id=6).open(3.0)
         reader = Reader(opened(server, device_id=9))
         reader.more(5)
         reader.glove.release()
