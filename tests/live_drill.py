@@ -1,7 +1,7 @@
 """A live session whose glove's server is a process of ours that writes down what it is told."""
 
-import contextlib
 import os
+import signal
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from machine_share import MachineShare
 from numpy.typing import NDArray
 
 from hhsim.hand.model import HandModel
@@ -16,9 +17,8 @@ from hhsim.live.devices.registry import configure
 from hhsim.live.ipc.config import LiveSetup, OutputLimits
 from hhsim.live.ipc.status import Stage
 from hhsim.live.pose.registry import PoseConfig
-from hhsim.live.real_time import become_ordinary
 from hhsim.live.session.scene import make_live_scene
-from hhsim.live.session.supervisor import LOOP, Supervisor
+from hhsim.live.session.supervisor import LOOP, WATCHDOG, Supervisor
 from hhsim.live.shared_memory import RingReader
 from hhsim.mesh.catalogue import load_object
 from hhsim.result.safety import Safety
@@ -29,10 +29,9 @@ from hhsim.trees.options import TreeOptions
 from tools.fake_gloves import FakeDexmo
 
 IN_TIME = 50_000_000
-"""Fingers are free so long after a fault where the loop runs in real time [ns]."""
-WITHOUT_REAL_TIME = 500_000_000
-"""And where the system grants no SCHED_FIFO, on a machine that is busy with other things [ns]."""
-PATIENCE = 30.0
+"""Fingers are free so long after a fault [ns], the machine's share taken out (`MachineShare`)."""
+PATIENCE = 180.0
+"""Longest wait for something that comes soon on a quiet machine [s]."""
 STIFF = 0.2
 
 
@@ -56,6 +55,43 @@ def grasping_setup(port: int, record: Path | None) -> LiveSetup:
         record=record,
         duration=600.0,
     )
+
+
+class Fault:
+    """Something that is broken on purpose, and by when fingers are to be free.
+
+    Args:
+        breaks: Does it.
+        processes: That carry word of it, or what is told then.
+
+    Attributes:
+        before, since: Right before and after that, CLOCK_MONOTONIC [ns]: whoever breaks it may have to wait between.
+    """
+
+    def __init__(self, breaks: Callable[[], object], *processes: int) -> None:
+        self._share = MachineShare(*processes)
+        self.before = time.monotonic_ns()
+        breaks()
+        self.since = time.monotonic_ns()
+        self._over = False
+        self._allowed = IN_TIME
+
+    def look(self) -> None:
+        """Read what the machine took so far: what a process waited that ends before is not known."""
+        if not self._over:
+            self._allowed = IN_TIME + self._share.taken_ns
+
+    def is_over(self, now: int) -> bool:
+        """Whether fingers may be held no more at this time [ns]; from then on `allowed` stays as it is."""
+        self.look()
+        self._over = self._over or now > self.since + self._allowed
+        return self._over
+
+    @property
+    def allowed(self) -> int:
+        """How long after it fingers may still be held [ns]."""
+        self.look()
+        return self._allowed
 
 
 class Drill:
@@ -129,22 +165,33 @@ class Drill:
         assert stiff(self.ticks[before:]).any()
 
     @property
-    def allowed(self) -> int:
-        """How long after a fault the fingers may still be held [ns]."""
-        real_time = self.session.memory.read_facts().get("real_time", {})
-        return IN_TIME if real_time.get("fifo") else WITHOUT_REAL_TIME
+    def sound(self) -> bool:
+        """Whether another drill can be held with it."""
+        return self.session.pid(LOOP) is not None and self.session.stage == Stage.RUNNING
 
-    def kill(self, name: str) -> int:
-        """Kill a process as a crash would (SIGKILL); when that was, CLOCK_MONOTONIC [ns]."""
+    def fault(self, breaks: Callable[[], object]) -> Fault:
+        """Break something, while a finger is held."""
+        running = (self.session.pid(name) for name in (LOOP, WATCHDOG))
+        return Fault(breaks, self.glove.pid, *(pid for pid in running if pid is not None))
+
+    def order(self, text: str) -> Fault:
+        """Have the glove do something that is a fault."""
+        return self.fault(lambda: self.glove.order(text))
+
+    def kill(self, name: str, number: int = signal.SIGKILL) -> Fault:
+        """Kill a process as a crash would, or send it another signal."""
         pid = self.session.pid(name)
         assert pid is not None
-        # Where the session is in real time: a busy machine would put its own time between the two lines.
-        with contextlib.suppress(OSError):
-            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
-        before = time.monotonic_ns()
-        os.kill(pid, 9)
-        become_ordinary()
-        return before
+        return self.fault(lambda: os.kill(pid, number))
+
+    def until_over(self, fault: Fault, seen: Callable[[], NDArray[Any]]) -> None:
+        """Look after the session until `seen`, commands or ticks, go beyond the time in which fingers may be held."""
+
+        def over() -> bool:
+            rows = seen()
+            return bool(rows.size) and fault.is_over(int(rows["time_ns"][-1]))
+
+        self.until(over, "command after the time in which fingers may be held")
 
     def commands(self, client: int | None = None) -> NDArray[Any]:
         """What the glove was told so far."""
@@ -162,4 +209,4 @@ def stiff(commands: NDArray[Any]) -> NDArray[np.bool_]:
     return np.asarray((commands["stiffness" if "stiffness" in names else "command_stiffness"] > 0.0).any(axis=1))
 
 
-__all__ = ["LOOP", "Drill", "FakeDexmo", "Safety", "Stage", "stiff"]
+__all__ = ["LOOP", "Drill", "FakeDexmo", "Fault", "Safety", "Stage", "stiff"]

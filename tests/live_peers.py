@@ -1,29 +1,45 @@
 """What the tests of the drivers share."""
 
+import itertools
+import os
 import socket
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.live.device import GLOVE_SAMPLE, DeviceError, GloveDevice
 
-PATIENCE = 20.0
+PATIENCE = 120.0
 """Longest wait of a test for something that comes at once on a quiet machine [s]."""
 
 
+FIRST_PORT, PORT_PAIRS = 12_000, 6_000
+"""Below the ports that the system gives to clients, and those of hhsim's own that are usual."""
+_given = itertools.count(127 * os.getpid())
+
+
 def free_ports(kind: socket.SocketKind) -> int:
-    """A port of 127.0.0.1 that is free, and so is the next one."""
+    """A port of 127.0.0.1 that is free, and so is the next one; no other test of this process has had it."""
     while True:
+        port = FIRST_PORT + 2 * (next(_given) % PORT_PAIRS)
         with socket.socket(socket.AF_INET, kind) as first, socket.socket(socket.AF_INET, kind) as second:
-            first.bind(("127.0.0.1", 0))
-            port = int(first.getsockname()[1])
             try:
+                first.bind(("127.0.0.1", port))
                 second.bind(("127.0.0.1", port + 1))
             except OSError:
                 continue
             return port
+
+
+def until_listened_to(*ports: int) -> None:
+    """Wait until somebody has these UDP ports: a datagram before that is lost."""
+    end = time.monotonic() + PATIENCE
+    while not all(f":{port:04X} " in Path("/proc/net/udp").read_text() for port in ports):
+        assert time.monotonic() < end, f"nobody listens at {ports}"
+        time.sleep(0.01)
 
 
 class Reader:

@@ -12,12 +12,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from live_peers import free_ports
 
+from hhsim.live.child_process import LOOK, OwnTime
 from hhsim.view.sink import viewer_program
 
 Array = np.ndarray[Any, Any]
 SETTINGS = {**os.environ, "RERUN_APP_ONLY": "true"}
-PATIENCE = 30.0
+PATIENCE = 120.0
 
 
 class Recording:
@@ -55,12 +57,14 @@ class Recording:
         return 1e-9 * np.sort(np.concatenate(found))
 
 
-def _wait_until_written(path: Path) -> None:
-    # What was sent and not yet written is lost where the viewer is ended: not before the file has stopped growing.
+def _wait_until_written(path: Path, viewer: int) -> None:
+    # What was sent and not yet written is lost where the viewer is ended: not before the file has stopped growing while
+    # the viewer could have written. On a busy machine it has to wait for a processor.
     until, size = time.monotonic() + PATIENCE, -1
     while path.exists() and path.stat().st_size != size and time.monotonic() < until:
-        size = path.stat().st_size
-        time.sleep(0.3)
+        size, own = path.stat().st_size, OwnTime(viewer)
+        while own.passed() < 0.3 and time.monotonic() < until:
+            time.sleep(LOOK)
 
 
 @contextlib.contextmanager
@@ -70,9 +74,7 @@ def listening(path: Path) -> Iterator[tuple[int, subprocess.Popen[bytes]]]:
     Yields:
         The port, and the process.
     """
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+    port = free_ports(socket.SOCK_STREAM)
     command = [viewer_program(), "--save", str(path), "--port", str(port), "--bind", "127.0.0.1"]
     viewer = subprocess.Popen(command, env=SETTINGS, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
@@ -87,7 +89,7 @@ def listening(path: Path) -> Iterator[tuple[int, subprocess.Popen[bytes]]]:
         yield port, viewer
     finally:
         viewer.send_signal(signal.SIGCONT)
-        _wait_until_written(path)
+        _wait_until_written(path, viewer.pid)
         viewer.send_signal(signal.SIGINT)
         try:
             viewer.wait(PATIENCE)

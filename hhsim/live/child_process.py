@@ -1,14 +1,18 @@
 """One process of a session as its supervisor sees it."""
 
+import contextlib
 import os
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from pathlib import Path
 
 LONGEST_COMPLAINT = 4_000
 """Bytes of what a process wrote last that are looked at."""
+LOOK = 0.05
+"""Between two looks at the accounts of a process that is waited for [s]."""
 
 
 class ChildProcess:
@@ -86,6 +90,24 @@ class ChildProcess:
             return False
         return True
 
+    def wait_its_time(self, seconds: float, progress: Callable[[], object] = lambda: None) -> bool:
+        """Wait until it has ended, or has had so much time of its own for it (`OwnTime`).
+
+        Args:
+            seconds: Of its own time [s].
+            progress: Called at every look: while what it returns changes, the time begins anew.
+
+        Returns:
+            Whether it has ended.
+        """
+        own, done = OwnTime(self.pid), progress()
+        while not self.wait(LOOK):
+            if (now := progress()) != done:
+                own, done = OwnTime(self.pid), now
+            if own.passed() >= seconds:
+                return False
+        return True
+
     def send(self, number: signal.Signals) -> None:
         """Send a signal; nothing where it has ended."""
         if self.running:
@@ -96,3 +118,44 @@ class ChildProcess:
         if self._output >= 0:
             os.close(self._output)
             self._output = -1
+
+
+class OwnTime:
+    """The time of a process that passes for it: what it and the processes that it started compute or sleep.
+
+    While they wait for a processor that others have, none passes, however long that takes. Where the system keeps no
+    account of it, it is the time of the clock.
+
+    Args:
+        process: Its number.
+    """
+
+    def __init__(self, process: int) -> None:
+        """None has passed."""
+        self._process = process
+        self._had, self._then = 0.0, time.monotonic()
+        self._ran, self._waited = _processor_time(process)
+
+    def passed(self) -> float:
+        """How much since the beginning [s]; to be looked at every `LOOK` seconds."""
+        then, ran, waited = self._then, self._ran, self._waited
+        self._then, (self._ran, self._waited) = time.monotonic(), _processor_time(self._process)
+        # Whoever looks may have had to wait for a processor, too.
+        idle = min(self._then - then, 2.0 * LOOK) - max(0.0, self._waited - waited)
+        self._had += max(self._ran - ran, idle, 0.0)
+        return self._had
+
+
+def _processor_time(process: int) -> tuple[float, float]:
+    """What the threads of a process, and of those that it started, have computed, and waited for a processor [s]."""
+    ran = waited = 0.0
+    # Any of them may end while it is looked at.
+    with contextlib.suppress(OSError):
+        for task in Path(f"/proc/{process}/task").iterdir():
+            with contextlib.suppress(OSError):
+                numbers = (task / "schedstat").read_text().split()
+                ran, waited = ran + 1e-9 * int(numbers[0]), waited + 1e-9 * int(numbers[1])
+                for child in map(int, (task / "children").read_text().split()):
+                    its, delay = _processor_time(child)
+                    ran, waited = ran + its, waited + delay
+    return ran, waited

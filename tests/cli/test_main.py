@@ -397,7 +397,11 @@ def test_a_bar_has_a_label_from_the_start_and_says_that_kernels_are_compiled(mon
         console.announce_compilation(quiet=False)
         with console.progress(quiet=False) as report:
             numba.njit(lambda: 1)()
-            time.sleep(0.2)
+            limit = time.monotonic() + 60.0
+            # The bar is drawn by a thread of its own, now and then.
+            while "compiling" not in terminal.getvalue():
+                assert time.monotonic() < limit
+                time.sleep(0.01)
             report("ticks", 1, 3)
 
     terminal = Terminal()

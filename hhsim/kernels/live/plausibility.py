@@ -4,7 +4,8 @@ A joint moves at `JOINT_SPEED` at most. A rapid pinch takes a finger about 90 ms
 J. Neurophysiol. 55, 1986); 90° in that time along a minimum-jerk course, whose peak is 15/8 of its mean, is 33 rad/s.
 What is faster is not believed until it has stayed for `CONFIRM`; the joint rests meanwhile, and then follows at that
 speed. A finger whose three joints keep every bit for `STUCK_TIME` while two others move has a sensor that is stuck. All
-such fingers are kept free, since a set point made from a wrong angle pushes where nobody is.
+such fingers are kept free, since a set point made from a wrong angle pushes where nobody is, and stay free until their
+samples have been plausible for `TRUST`: the next sample alone lifts no doubt.
 """
 
 import math
@@ -33,6 +34,10 @@ STUCK_TIME = 2.0
 """Without the change of one bit [s]."""
 STUCK_TRAVEL = 1.0
 """What each of two other fingers moves in that time, all its joints together [rad]."""
+TRUST = 1.0
+"""A finger that was doubted is kept free until its samples have been plausible for so long, without a break [s]."""
+PAUSE = 0.1
+"""The time between two samples counts for so much of that at most [s]."""
 QUIET = 1.0
 """A finger's jumps are told once in this time [s]."""
 MOST_ANGLE = 2.0 * math.pi
@@ -41,6 +46,8 @@ FLEXIONS = 3 * FINGER_COUNT
 JOINTS = FLEXIONS + FINGER_COUNT
 """Fifteen flexions, five abductions."""
 _SLACK = JOINT_SPEED * BURST
+_TRUST_NS = round(1e9 * TRUST)
+_PAUSE_NS = round(1e9 * PAUSE)
 
 WATCH = np.dtype(
     [
@@ -65,6 +72,7 @@ WATCH = np.dtype(
         ("travel", np.float64, (FINGER_COUNT,)),
         ("travel_then", np.float64, (FINGER_COUNT, FINGER_COUNT)),
         ("stuck", np.int64, (FINGER_COUNT,)),
+        ("distrust_ns", np.int64, (FINGER_COUNT,)),
     ],
     align=True,
 )
@@ -83,6 +91,7 @@ WATCH = np.dtype(
 | logged_ns, not_logged | when a finger's jump was told last, and how many were not told since |
 | last, changed_ns, stuck | flexions of the sample before, when a finger changed, and whether its sensor is stuck |
 | travel, travel_then | way of each finger [rad], now, and of all (columns) when a finger (row) changed last |
+| distrust_ns | for how long a finger's samples have yet to be plausible until something may push on it [ns] |
 """
 
 
@@ -95,6 +104,7 @@ def begin_watch(watch: Record) -> None:
     watch.following[:] = 0
     watch.doubted[:] = 0
     watch.stuck[:] = 0
+    watch.distrust_ns[:] = 0
     watch.count[:] = 0
     watch.reach[:] = 0.0
     watch.most_reach = _SLACK
@@ -260,7 +270,11 @@ def use_sample(watch: Record, notes: Record, sample: Record, flexion_out: Array,
         usable = usable and abs(angle) <= MOST_ANGLE
         watch.angles[joint] = angle
     if not usable:
+        for finger in range(FINGER_COUNT):
+            if watch.distrust_ns[finger] > 0:
+                watch.distrust_ns[finger] = _TRUST_NS
         return False
+    step = min(max(sample.time_ns - watch.time_ns, 0), _PAUSE_NS)
     _believe(watch, notes, sample.time_ns)
     if watch.noiseless == 0:
         _look_for_stuck(watch, notes, sample.time_ns)
@@ -268,5 +282,9 @@ def use_sample(watch: Record, notes: Record, sample: Record, flexion_out: Array,
         for k in range(3):
             flexion_out[finger, k] = watch.believed[3 * finger + k]
         abduction_out[finger] = watch.believed[FLEXIONS + finger]
-        watch.free[finger] = watch.always_free[finger] | watch.doubted[finger] | watch.stuck[finger]
+        if watch.doubted[finger] == 1 or watch.stuck[finger] == 1:
+            watch.distrust_ns[finger] = _TRUST_NS
+        else:
+            watch.distrust_ns[finger] = max(0, watch.distrust_ns[finger] - step)
+        watch.free[finger] = 1 if watch.always_free[finger] == 1 or watch.distrust_ns[finger] > 0 else 0
     return True

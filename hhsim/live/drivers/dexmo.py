@@ -5,6 +5,7 @@ its hand, and stays the same until the driver is opened again. Newtons cannot be
 finger the bend at which it is stopped and a stiffness without unit.
 """
 
+import contextlib
 import math
 import time
 from collections import deque
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from hhsim.errors import InputError
 from hhsim.live.device import (
     FINGER_COUNT,
+    GLOVE_SAMPLE,
     UNKNOWN,
     Capability,
     DeviceCounters,
@@ -55,6 +57,8 @@ MOST_KEPT = 1 << 20
 """Bytes that may come before the glove is found."""
 MOST_FRAMES = 256
 """Frames looked at in one call."""
+HAND_TRUST_NS = 1_000_000_000
+"""A glove that said it was the other hand's is used again when all of its frames for so long have said otherwise."""
 
 
 class DexmoGlove(GloveDevice):
@@ -82,6 +86,8 @@ class DexmoGlove(GloveDevice):
         self._lost: DeviceError | None = None
         self._stiffness = list(UNKNOWN_STIFFNESS)
         self._battery = UNKNOWN
+        self._other_hand = False
+        self._ours_ns = -1
         self.counters = DeviceCounters()
 
     def open(self, timeout: float = 5.0) -> None:
@@ -169,12 +175,16 @@ class DexmoGlove(GloveDevice):
 
     def reconnect(self) -> bool:
         """See `GloveDevice.reconnect`; the glove may say nothing yet."""
-        if self._lost is None and self._link.connected:
+        if self._lost is None and self._link.connected and not self._other_hand:
             return True
         if not self._link.reconnect():
             return False
-        self._begin_stream()
-        return True
+        if self._lost is not None or not self._other_hand:
+            self._begin_stream()
+            if self._other_hand:
+                # The connection before may have taken nothing any more.
+                self._free_fingers()
+        return not self._other_hand or self._our_hand_again()
 
     def close(self) -> None:
         """See `GloveDevice.close`."""
@@ -209,6 +219,7 @@ class DexmoGlove(GloveDevice):
         self._stream, self._lost, self._malformed_run = MessageStream(), None, 0
         self._waiting.clear()
         self._device_id = None
+        self._other_hand = False
         self._stiffness = list(UNKNOWN_STIFFNESS)
         looked = MessageStream()
         seen: dict[int, GloveMessage] = {}
@@ -296,19 +307,48 @@ class DexmoGlove(GloveDevice):
         return True
 
     def _let_go(self, reason: str) -> None:
-        """Free the fingers and end a connection that can no longer be read."""
-        try:
-            if self._device_id is not None:
-                self._link.send(framed(encode_impedance(self._device_id, FREE, FREE, kept=True)), urgent=True)
-        except DeviceError:
-            pass
+        """Free the fingers and end a connection that can no longer be used."""
+        self._free_fingers()
         self._link.retire()
         self._stream = MessageStream()
+        self._waiting.clear()
         self._lost = DeviceError(f"{self._link.name}: {reason}")
+
+    def _free_fingers(self) -> None:
+        """Tell the glove without waiting, where there is somebody to tell."""
+        with contextlib.suppress(DeviceError):
+            if self._device_id is not None:
+                self._link.send(framed(encode_impedance(self._device_id, FREE, FREE, kept=True)), urgent=True)
+
+    def _our_hand_again(self) -> bool:
+        """Take what came, and nothing of it as a sample; whether the glove has been our hand's for long enough."""
+        try:
+            self.read(np.zeros(1, GLOVE_SAMPLE))
+        except DeviceError:
+            self._ours_ns = -1
+        if self._ours_ns < 0 or self._received_ns - self._ours_ns < HAND_TRUST_NS:
+            return False
+        self._other_hand = False
+        return True
+
+    def _is_of_our_hand(self, message: GloveMessage) -> bool:
+        """Whether our glove's samples can be used; a glove that changes hands is another one, and lost."""
+        if message.right not in (None, self._hand == "right"):
+            self._ours_ns = -1
+            if not self._other_hand:
+                self._other_hand = True
+                now = "left" if self._hand == "right" else "right"
+                self._let_go(
+                    f"glove {self._device_id} says that it is a {now} hand's now, and not a {self._hand} one's"
+                )
+        elif self._other_hand and self._ours_ns < 0:
+            self._ours_ns = self._received_ns
+        return not self._other_hand
 
     def _store(self, message: GloveMessage, row: np.void) -> int:
         """Write a sample; 1 where there is one."""
-        if message.device_id != self._device_id or message.channels is None:
+        ours = message.device_id == self._device_id and self._is_of_our_hand(message)
+        if not ours or message.channels is None:
             self.counters.other += 1
             return 0
         if message.battery is not None:

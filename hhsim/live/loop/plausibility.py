@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.live.notes import JUMP_FOLLOWED, JUMPED, JUMPED_BACK, MOVES_AGAIN, STUCK
-from hhsim.kernels.live.plausibility import MOST_ANGLE, WATCH, begin_watch
+from hhsim.kernels.live.plausibility import MOST_ANGLE, TRUST, WATCH, begin_watch
 from hhsim.live.device import GloveInfo
 from hhsim.live.ipc.session_memory import INFORMATION, WARNING
 from hhsim.solver.workspace import zeroed
@@ -58,10 +58,10 @@ def found_in_sample(code: int, place: int, count: int, value: float) -> tuple[in
         return WARNING, f"{still}: is its sensor stuck? It is kept free"
     texts = {
         JUMPED_BACK: "came back from its jump",
-        JUMP_FOLLOWED: "stays where it jumped to: followed",
+        JUMP_FOLLOWED: "stays where it jumped to, and is followed",
         MOVES_AGAIN: "moves again",
     }
-    return INFORMATION, f"{finger} {texts[code]}"
+    return INFORMATION, f"{finger} {texts[code]}: kept free until it was plausible for {TRUST:g} s"
 
 
 def reading_of_no_hand(sample: Any, info: GloveInfo, known: NDArray[np.bool_]) -> str:

@@ -42,7 +42,7 @@ StartDriver = Callable[[LiveSetup, SessionMemory], ChildProcess]
 TELL_SECONDS = 0.02
 """Between two looks at what the loop noted."""
 DRIVER_PATIENCE = 2.0
-"""How long the driver has to release the glove and end [s]."""
+"""How much time of its own (`OwnTime`) the driver has to release the glove and end [s]."""
 BELOW_DRIVER = -2
 DEVICE_FACTS = ("name", "hand", "channels", "unit", "capabilities", "doubtful")
 SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
@@ -103,10 +103,10 @@ def run_session(setup: LiveSetup, memory: SessionMemory, ending: Ending, driver:
     loop.story.tell()
     if thread.failure is not None:
         raise thread.failure
-    if not driver.wait(DRIVER_PATIENCE):
+    if not driver.wait_its_time(DRIVER_PATIENCE):
         memory.log(FAULT, "the glove's driver does not end: it is killed")
         driver.send(signal.SIGKILL)
-        driver.wait(DRIVER_PATIENCE)
+        driver.wait_its_time(DRIVER_PATIENCE)
     loop.story.tell()
     counters = dict(zip(COUNTERS, map(int, memory.status["counters"]), strict=True))
     memory.write_facts(thread.facts | {"summary": loop.summary() | {"counters": counters}})
@@ -222,7 +222,7 @@ def main(arguments: Sequence[str] | None = None, start: StartDriver = start_driv
         return 1
     finally:
         memory.status["stage"] = Stage.ENDING
-        if driver is not None and not driver.wait(DRIVER_PATIENCE):
+        if driver is not None and not driver.wait_its_time(DRIVER_PATIENCE):
             driver.send(signal.SIGKILL)
         memory.status["stage"] = Stage.ENDED
     return 0

@@ -11,7 +11,6 @@ The supervisor itself is needed by none of them: when it is killed, the loop fre
 """
 
 import contextlib
-import math
 import os
 import signal
 import time
@@ -44,11 +43,14 @@ MODULES = {
 }
 
 LOOP_PATIENCE = 3.0
-"""How long the loop has to end after it was asked; it then gets SIGTERM, and SIGKILL after as long again [s]."""
-AT_LEAST = 0.2
-"""However long ago it was asked [s]."""
+"""How much time of its own (`OwnTime`) the loop has to end after it was asked; it then gets SIGTERM,
+and SIGKILL after as much again [s]."""
+PREPARATION = 60.0
+"""How much it has where it has not begun, and gets SIGTERM at once: a kernel that is compiled is first ended [s]."""
 RECORDER_PATIENCE = 60.0
-"""How long the recorder has to write the rest [s]."""
+"""How much the recorder has without writing a tick [s]."""
+TOLD = 1.0
+"""What is waited for longer than this is told of [s]."""
 RELEASE_PATIENCE = 0.25
 """How long the watchdog has to free the fingers after a loop that did not [s]: a dozen times what it needs."""
 VIEWER_PATIENCE = 5.0
@@ -134,7 +136,6 @@ class Supervisor:
         self._watchdog_due = 0.0
         self._began = time.monotonic()
         self._never_ran = False
-        self._stop_time = math.inf
         self._hangs = False
         self._processors = os.sched_getaffinity(0)
         self._outcome: SessionOutcome | None = None
@@ -193,7 +194,8 @@ class Supervisor:
         if self.stage == Stage.RUNNING:
             self.tally.note(int(self.memory.status["ticks"]), time.monotonic_ns())
         self._report_events()
-        if not self._children[LOOP].running or self._waited_enough():
+        # A loop that was asked to end is waited for by `end`.
+        if not self._children[LOOP].running or self.memory.status["stop_requested"]:
             return False
         self._watch_loop()
         self._watch_watchdog()
@@ -211,7 +213,6 @@ class Supervisor:
     def request_stop(self, reason: str) -> None:
         """Ask the loop to free the fingers and end; the first reason is kept."""
         self._reason = self._reason or reason
-        self._stop_time = min(self._stop_time, time.monotonic())
         self.memory.status["stop_requested"] = 1
 
     def end(self, reason: str = "") -> SessionOutcome:
@@ -229,8 +230,8 @@ class Supervisor:
             self._reason = self._reason or reason
         self._end_loop()
         self._end_recorder()
-        self._end_child(VIEWER, VIEWER_PATIENCE)
-        self._end_child(WATCHDOG, WATCHDOG_PATIENCE)
+        self._end_child(VIEWER, VIEWER_PATIENCE, lambda: "shows the rest")
+        self._end_child(WATCHDOG, WATCHDOG_PATIENCE, lambda: "frees the fingers once more")
         self.tally.read()
         self._report_events()
         self._outcome = self._outcome_now()
@@ -268,10 +269,6 @@ class Supervisor:
         self._children[name] = child
         return child
 
-    def _waited_enough(self) -> bool:
-        """Whether a loop that was asked to end has had its time for it."""
-        return time.monotonic() - self._stop_time > LOOP_PATIENCE
-
     def _watch_loop(self) -> None:
         heartbeat = int(self.memory.status["heartbeat_ns"])
         silent = 1e-9 * (time.monotonic_ns() - heartbeat)
@@ -304,16 +301,14 @@ class Supervisor:
         if loop is None:
             self.memory.status["stage"] = Stage.ENDED
             return
-        self._stop_time = min(self._stop_time, time.monotonic())
         self.memory.status["stop_requested"] = 1
-        for number, signal_ in enumerate((None, signal.SIGTERM, signal.SIGKILL), 1):
-            if signal_ is not None:
-                self._notice(f"the loop does not end: it gets {signal_.name}", FAULT)
-                loop.send(signal_)
-            left = self._stop_time + number * LOOP_PATIENCE - time.monotonic()
-            if loop.wait(max(left, AT_LEAST)):
-                break
-        if loop.code != 0 or self.stage != Stage.ENDED:
+        starting = self.stage == Stage.STARTING
+        if starting:
+            # Nothing is held yet, and nobody looks for what is asked while a kernel is compiled.
+            loop.send(signal.SIGTERM)
+        self._end_child(LOOP, PREPARATION if starting else LOOP_PATIENCE, self._loop_does)
+        asked = starting and loop.code == -signal.SIGTERM
+        if not asked and (loop.code != 0 or self.stage != Stage.ENDED):
             died = loop.code is None or loop.code <= 0
             self._loop_failed = f"the loop {loop.how_it_ended()}" if died else loop.complaint() or loop.how_it_ended()
             self._reason = self._reason or self._loop_failed
@@ -334,28 +329,48 @@ class Supervisor:
         recorder = self._children.get(RECORDER)
         if recorder is None:
             return
-        until = time.monotonic() + RECORDER_PATIENCE
-        while not recorder.wait(0.1) and time.monotonic() < until:
-            self.tally.read()
-        if recorder.running:
-            recorder.send(signal.SIGTERM)
-            if not recorder.wait(WATCHDOG_PATIENCE):
-                recorder.send(signal.SIGKILL)
-                recorder.wait(WATCHDOG_PATIENCE)
+        if not self._end_child(RECORDER, RECORDER_PATIENCE, lambda: "writes the rest"):
             self._record_failed = self._record_failed or "the recorder did not end"
         if recorder.code != 0 and not self._record_failed:
             self._record_failed = recorder.complaint() or recorder.how_it_ended()
 
-    def _end_child(self, name: str, patience: float) -> None:
-        """Wait for a process to end, so long [s] before each signal."""
+    def _end_child(self, name: str, patience: float, does: Callable[[], str]) -> bool:
+        """Wait for a process to end, so much of its own time [s] before each signal.
+
+        Args:
+            does: What is waited for.
+
+        Returns:
+            Whether it ended by itself.
+        """
         child = self._children.get(name)
         if child is None:
-            return
+            return True
+        told, due = "", time.monotonic() + TOLD
+
+        def progress() -> object:
+            nonlocal told
+            self.tally.read()
+            self._report_events()
+            if time.monotonic() > due and (doing := does()) != told and child.running:
+                told = doing
+                self._notice(f"waiting for the {name}, which {doing}", INFORMATION)
+            status = self.memory.status
+            return int(status["recorder_ticks"] if name == RECORDER else status["stage"])
+
         for signal_ in (None, signal.SIGTERM, signal.SIGKILL):
             if signal_ is not None:
+                level = WARNING if name == VIEWER else FAULT
+                self._notice(f"the {name} does not end: it gets {signal_.name}", level)
                 child.send(signal_)
-            if child.wait(patience):
-                return
+            if child.wait_its_time(patience, progress):
+                return signal_ is None
+        return False
+
+    def _loop_does(self) -> str:
+        if self.stage == Stage.STARTING:
+            return "connects to the glove" if self.memory.status["loop_ready"] else "compiles a kernel"
+        return "ends its tick" if self.stage == Stage.RUNNING else "has the glove released"
 
     def _report_events(self) -> None:
         _, events = self._events.read(256)

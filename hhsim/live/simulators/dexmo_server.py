@@ -8,6 +8,7 @@ of stiffness and five set points.
 | order | what happens |
 |---|---|
 | unplug, plug | frames without gloves; with them again |
+| swap | every glove says that it is the other hand's |
 | bytes, frames | every byte is sent on its own; frame by frame again |
 | garbage N | N messages that are no frames, in one go |
 | length N | a length of N, then nothing that belongs to it |
@@ -50,6 +51,7 @@ class FakeDexmoServer(FakePeer):
             {
                 "unplug": lambda number: self._plug(False),
                 "plug": lambda number: self._plug(True),
+                "swap": lambda number: self._swap(),
                 "bytes": lambda number: self._send_at_once(1),
                 "frames": lambda number: self._send_at_once(sys.maxsize),
                 "garbage": lambda number: self._server.send(framed(b"\xff" * 24) * number),
@@ -92,6 +94,9 @@ class FakeDexmoServer(FakePeer):
 
     def _plug(self, plugged: bool) -> None:
         self._plugged = plugged
+
+    def _swap(self) -> None:
+        self._gloves = [(number, not right) for number, right in self._gloves]
 
     def _send_at_once(self, size: int) -> None:
         self._server.at_once = size

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from live_peers import PATIENCE
 
 from hhsim.errors import TrajectoryError
 from hhsim.hand.model import HandModel
@@ -139,7 +140,7 @@ def test_keys_move_the_palm_and_end_the_session(tmp_path: Path) -> None:
 
     def until(text: str) -> None:
         nonlocal shown
-        limit = time.monotonic() + 60.0
+        limit = time.monotonic() + PATIENCE
         while text not in shown:
             assert time.monotonic() < limit, shown
             if select.select([end], [], [], 0.1)[0]:
@@ -154,7 +155,7 @@ def test_keys_move_the_palm_and_end_the_session(tmp_path: Path) -> None:
     until(f"{x:.1f}, {y:.1f}, {z:.1f} mm")
     os.write(end, b"q")
     until("runs it again")
-    assert process.wait(20.0) == 0
+    assert process.wait(PATIENCE) == 0
     assert termios.tcgetattr(line) == before
     assert "force [N]" in shown
     assert "a key" in shown

@@ -10,6 +10,7 @@ import termios
 from collections.abc import Callable, Iterator
 
 import pytest
+from live_peers import PATIENCE
 
 PROGRAM = """
 import os, signal, sys, time
@@ -60,7 +61,7 @@ class Terminal:
 
     def until(self, text: str) -> str:
         while text not in self.shown:
-            assert select.select([self.end], [], [], 20.0)[0], f"no '{text}' in {self.shown!r}"
+            assert select.select([self.end], [], [], PATIENCE)[0], f"no '{text}' in {self.shown!r}"
             self.shown += os.read(self.end, 4096).decode()
         return self.shown
 
@@ -98,7 +99,7 @@ WAYS_OUT: dict[str, tuple[Callable[[Terminal], None], int]] = {
 def test_the_terminal_is_as_it_was_on_every_way_out(terminal: Terminal, way: str) -> None:
     leave, code = WAYS_OUT[way]
     leave(terminal)
-    assert terminal.process.wait(20.0) == code
+    assert terminal.process.wait(PATIENCE) == code
     assert termios.tcgetattr(terminal.line) == terminal.before
     if code == 0:
         terminal.until("stopped by ")
@@ -117,7 +118,7 @@ def test_a_terminal_that_is_gone_is_noticed(terminal: Terminal) -> None:
     os.close(terminal.line)
     os.close(terminal.end)
     # The program is told by SIGHUP, or finds nothing more to read; what it prints then goes nowhere.
-    assert terminal.process.wait(20.0) is not None
+    assert terminal.process.wait(PATIENCE) is not None
 
 
 def test_without_a_terminal_there_are_no_keys() -> None:

@@ -236,8 +236,8 @@ def test_which_of_several_gloves_must_be_clear(tmp_path: Path) -> None:
             glove_of(server).open(HANG)
         with pytest.raises(DeviceError, match="glove 7 is not a right hand's"):
             glove_of(server, device_id=7).open(HANG)
-        with pytest.raises(DeviceError, match=r"no glove 6 within 1 s; gloves there: 7 \(left\), 8"):
-            glove_of(server, device_id=6).open(1.0)
+        with pytest.raises(DeviceError, match=r"no glove 6 within 3 s; gloves there: 7 \(left\), 8"):
+            glove_of(server, device_id=6).open(3.0)
         reader = Reader(opened(server, device_id=9))
         reader.more(5)
         reader.glove.release()
@@ -372,6 +372,57 @@ def test_a_glove_that_is_switched_off_and_on_again(server: FakeDexmo) -> None:
     settled(server, reader)
     counters = reader.glove.counters
     assert counters.samples + counters.other == counters.frames and counters.resyncs == 0
+
+
+def test_a_glove_that_changes_hands_is_freed_and_used_again_when_it_was_ours_for_long_enough(
+    server: FakeDexmo, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reader = Reader(opened(server))
+    glove = reader.glove
+    reader.more(5)
+    assert glove.send(command(0.75))
+    server.order("swap")
+    assert f"glove {RIGHT} says that it is a left hand's now, and not a right one's" in str(reader.lost())
+    until(has_commands(server, 2))
+    last = server.commands[-1]
+    assert not last["stiffness"].any() and last["kept"]
+    used, seen = len(reader.rows), len(server.frames)
+    until(lambda: (glove.reconnect(), len(server.frames) > seen + 20)[1])
+    assert not glove.reconnect(), "it is still the other hand's"
+    until(lambda: not server.commands["stiffness"][-1].any() and len(server.commands) >= 3)
+    assert len(reader.rows) == used
+    monkeypatch.setattr("hhsim.live.drivers.dexmo.HAND_TRUST_NS", 50_000_000)
+    server.order("swap")
+    until(glove.reconnect)
+    reader.more(5)
+    assert glove.reconnect() and np.array_equal(reader.column("seq"), np.arange(len(reader.rows)))
+    counters = glove.counters
+    assert counters.samples + counters.other == counters.frames and counters.malformed == 0
+
+
+def test_a_hand_counts_from_its_own_frames_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [10**9]
+    monkeypatch.setattr("hhsim.live.drivers.dexmo.time.monotonic_ns", lambda: now[0])
+    links: list[bytes] = []
+    glove = glove_on(links)
+    out = np.zeros(8, GLOVE_SAMPLE)
+
+    def frames(*hands: bool | None) -> bytes:
+        return b"".join(frame_of(GloveMessage(RIGHT, HALF, hand)) for hand in hands)
+
+    links.append(frames(True, None, True, False, True))
+    assert glove.read(out) == 3, "what came before the change is used, and nothing after it"
+    with pytest.raises(DeviceError, match="left hand's now"):
+        glove.read(out)
+    for step, hand in [(0, False), (1, True), (999, True), (1, False), (1, True), (500, None), (499, True)]:
+        now[0] += step * 1_000_000
+        links.append(frames(hand))
+        assert not glove.reconnect()
+    now[0] += 1_000_000
+    links.append(frames(True))
+    assert glove.reconnect() and glove.reconnect()
+    links.append(frames(True))
+    assert glove.read(out) == 1 and glove.counters.samples == 4
 
 
 def test_the_server_dies_and_comes_back(server: FakeDexmo) -> None:
@@ -551,6 +602,9 @@ class Chunks:
 
     def retire(self) -> None:
         self.chunks.clear()
+
+    def reconnect(self) -> bool:
+        return True
 
     def send_within(self, data: bytes, timeout: float) -> bool:
         self.connection += 1

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from doglove_peer import datagram, published_angles, uart_frame
-from live_peers import Reader, free_ports
+from live_peers import PATIENCE, Reader, free_ports, until_listened_to
 
 from hhsim.errors import InputError
 from hhsim.live.device import GLOVE_SAMPLE, Capability, DeviceError, FingerCommand, GloveDevice, NothingHeld
@@ -68,10 +68,18 @@ def test_each_channel_moves_the_joint_that_it_is_of() -> None:
         assert moved[f"{name}_split"] == ([], [finger])
 
 
+@pytest.fixture
+def unhurried(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A peer, or who reads it, may have to wait for a processor between two datagrams."""
+    monkeypatch.setattr(doglove, "SERVO_STALE_NS", int(1e9 * PATIENCE))
+    monkeypatch.setattr(doglove, "SILENCE_NS", int(1e9 * PATIENCE))
+
+
+@pytest.mark.usefixtures("unhurried")
 def test_the_glove_of_another_process_is_read_by_its_datagrams() -> None:
     port = free_ports(socket.SOCK_DGRAM)
     with peer(port), closing(open_device(configure("doglove", port=port))) as glove:
-        glove.open(20.0)
+        glove.open(PATIENCE)
         assert glove.info.capabilities == Capability.JOINTS | Capability.SPLAY
         reader = Reader(glove)
         reader.until(lambda: reader.count() >= 40)
@@ -87,7 +95,8 @@ def test_the_glove_of_another_process_is_read_by_its_datagrams() -> None:
         assert glove.counters.commands == 0, "nothing is sent, and nothing is counted"
 
 
-def test_the_glove_of_another_process_is_read_by_its_line() -> None:
+@pytest.mark.usefixtures("unhurried")
+def test_the_glove_of_another_process_is_read_by_its_line(monkeypatch: pytest.MonkeyPatch) -> None:
     port = free_ports(socket.SOCK_DGRAM)
     end, line = pty.openpty()
     tty.setraw(line)
@@ -95,7 +104,7 @@ def test_the_glove_of_another_process_is_read_by_its_line() -> None:
         peer(port, end) as process,
         closing(open_device(configure("doglove", port=port, path=os.ttyname(line)))) as glove,
     ):
-        glove.open(20.0)
+        glove.open(PATIENCE)
         assert glove.info.capabilities == Capability.JOINTS | Capability.SPLAY | Capability.STAMPS
         reader = Reader(glove)
         reader.until(lambda: reader.count() >= 40)
@@ -105,6 +114,7 @@ def test_the_glove_of_another_process_is_read_by_its_line() -> None:
         assert set(np.diff(samples["device_time_ns"])) == {8_000_000}
         assert glove.counters.malformed == 0
         process.kill()
+        monkeypatch.setattr(doglove, "SILENCE_NS", 500_000_000)
         assert "no reading of the encoders came for 0.5 s" in reader.until_lost()
         assert not glove.reconnect()
         os.write(end, b"torn" + uart_frame(3_300_000, [0] * 16, 5))
@@ -125,12 +135,13 @@ def opened() -> Iterator[tuple[GloveDevice, int, socket.socket]]:
     ):
 
         def speak() -> None:
+            until_listened_to(port, port + 1)
             scripts.sendto(datagram(servos), ("127.0.0.1", port + 1))
             scripts.sendto(datagram(encoders), ("127.0.0.1", port))
 
-        helper = threading.Timer(0.1, speak)
+        helper = threading.Thread(target=speak)
         helper.start()
-        glove.open(20.0)
+        glove.open(PATIENCE)
         helper.join()
         yield glove, port, scripts
 
@@ -157,12 +168,13 @@ def test_old_angles_of_the_servos_make_no_good_sample(monkeypatch: pytest.Monkey
     with closing(open_device(configure("doglove", port=port))) as glove:
 
         def speak() -> None:
+            until_listened_to(port, port + 1)
             send(port + 1, datagram(servos))
             send(port, datagram(encoders))
 
-        helper = threading.Timer(0.2, speak)
+        helper = threading.Thread(target=speak)
         helper.start()
-        glove.open(20.0)
+        glove.open(PATIENCE)
         helper.join()
         reader = Reader(glove)
         monkeypatch.setattr(doglove, "SERVO_STALE_NS", 0)

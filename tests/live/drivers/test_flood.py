@@ -158,6 +158,7 @@ class Run(NamedTuple):
 
 
 def run_flooded(seconds: float, rate: float, monkeypatch: pytest.MonkeyPatch, *, real_time: bool = False) -> Run:
+    monkeypatch.setattr(udp, "SESSION_SILENCE_NS", int(1e9 * PATIENCE))
     port, pose_port, looks = free_ports(socket.SOCK_DGRAM), free_ports(socket.SOCK_DGRAM), LooksAt(monkeypatch)
     setup = make_setup(
         device=configure("udp", port=port),

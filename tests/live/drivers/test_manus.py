@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from live_peers import PATIENCE
 from openxr_peer import Haptic, read_haptic
 
 from hhsim.errors import InputError
@@ -41,7 +42,7 @@ def test_a_reader_of_the_format_reads_them(endpoint: str, powers: list[float]) -
 def test_a_finger_is_shaken_as_hard_as_it_is_pressed() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as plugin:
         plugin.bind(("127.0.0.1", 0))
-        plugin.settimeout(20.0)
+        plugin.settimeout(PATIENCE)
         config = configure("manus", hand="left", port=plugin.getsockname()[1] - 1, full_force=4.0)
         with closing(open_device(config)) as glove:
             assert isinstance(glove, ManusGlove)

@@ -205,7 +205,7 @@ def test_what_is_no_glove_is_said_so(tmp_path: Path) -> None:
             OpenGlovesGlove(line.config()).open(0.05)
         os.write(line.main, b"\x80\x91\n\x92\n")
         with pytest.raises(DeviceError, match="is the baud rate right"):
-            OpenGlovesGlove(line.config()).open(0.05)
+            OpenGlovesGlove(line.config()).open(1.0)
 
 
 @pytest.mark.parametrize("tcp", [False, True], ids=["pty", "tcp"])

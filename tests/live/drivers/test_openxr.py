@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 from joint_samples import JointSample, Side, joint_sample
-from live_peers import PATIENCE, Reader, free_ports
+from live_peers import PATIENCE, Reader, free_ports, until_listened_to
 from openxr_peer import Location, hand_datagram
 
 from hhsim.errors import InputError
@@ -51,8 +51,7 @@ class Headset:
 
     def send_when_heard(self, joints: list[Location]) -> None:
         """Send once somebody has the port: a datagram before that is lost."""
-        while f":{self.port:04X} " not in Path("/proc/net/udp").read_text():
-            time.sleep(0.01)
+        until_listened_to(self.port)
         self.send(joints)
 
 

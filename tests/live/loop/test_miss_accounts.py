@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from live_peers import PATIENCE
 from live_scripted import FIST, FREE, FakeAccounts, FakeClock, InStep, Moment, ScriptedGlove, make_setup
 
 from hhsim.kernels.live.accounts import LONG_STALL_NS
@@ -289,7 +290,7 @@ def test_the_systems_own_accounts_tell_what_was_planted() -> None:
         time.sleep(0.3)
         os.kill(child.pid, signal.SIGCONT)
         stopped = json.loads(child.stdout.readline())
-        assert child.wait(10.0) == 0
+        assert child.wait(PATIENCE) == 0
     for found in (computed, stopped):
         assert found[5] == TimeTaken(*found[:5]).cause()
     # However busy the machine is: what was planted is at least as long as it was planted.

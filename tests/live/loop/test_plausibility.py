@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from hhsim.kernels.live.notes import CAPACITY, NOTES
-from hhsim.kernels.live.plausibility import BURST, CONFIRM, JOINT_SPEED, STUCK_TIME, use_sample
+from hhsim.kernels.live.plausibility import BURST, CONFIRM, JOINT_SPEED, PAUSE, STUCK_TIME, TRUST, use_sample
 from hhsim.live.device import GLOVE_SAMPLE, Capability, GloveInfo
 from hhsim.live.loop.plausibility import GloveWatch, doubts, found_in_sample
 from hhsim.solver.workspace import zeroed
@@ -54,6 +54,19 @@ def bent(finger: int, angle: float, rest: float = 0.1) -> Array:
     return flexion
 
 
+TRUSTED_STEPS = round(1e9 * TRUST / STEP)
+"""Plausible samples, one after the other, after which a finger is trusted."""
+
+
+def steps_until_trusted(run: Run, finger: int, flexion: Array | float = 0.1) -> int:
+    """Take plausible samples until something may push on a finger again; how many it were."""
+    for count in range(1, 2 * TRUSTED_STEPS):
+        run.step(flexion)
+        if not run.watch.free[finger]:
+            return count
+    raise AssertionError("it is never trusted again")
+
+
 def test_a_finger_that_jumps_and_comes_back_never_moved() -> None:
     run = Run()
     for _ in range(3):
@@ -64,9 +77,10 @@ def test_a_finger_that_jumps_and_comes_back_never_moved() -> None:
     assert run.watch.free.tolist() == [False, True, False, False, False]
     assert run.texts == ["index finger jumped by 90° in one sample: not believed until it stays, and kept free"]
     run.step(0.1)
-    assert not run.watch.free.any()
+    assert run.watch.free.tolist() == [False, True, False, False, False], "the next sample lifts no doubt"
     assert np.array_equal(run.flexion, np.full((5, 3), 0.1))
-    assert run.texts[1:] == ["index finger came back from its jump"]
+    assert run.texts[1:] == ["index finger came back from its jump: kept free until it was plausible for 1 s"]
+    assert steps_until_trusted(run, 1) == TRUSTED_STEPS - 1
 
 
 def test_a_jump_that_stays_is_followed_at_the_speed_of_a_joint() -> None:
@@ -81,9 +95,11 @@ def test_a_jump_that_stays_is_followed_at_the_speed_of_a_joint() -> None:
     assert np.diff(path).max() <= JOINT_SPEED * 1e-9 * STEP + 1e-12
     assert (path[:4] == 0.1).all(), "held until it was seen for long enough"
     assert path[-1] == 0.1 + np.pi / 2
-    # 1.57 rad at 0.175 rad a sample: nine steps behind the three that were held.
-    assert free == [True] * 11 + [False] * 19
-    assert run.texts[1:] == ["middle finger stays where it jumped to: followed"]
+    # 1.57 rad at 0.175 rad a sample: nine steps behind the three that were held; 18 of those since count as plausible.
+    assert all(free)
+    assert steps_until_trusted(run, 2, bent(2, np.pi / 2)) == TRUSTED_STEPS - 19
+    text = "middle finger stays where it jumped to, and is followed: kept free until it was plausible for 1 s"
+    assert run.texts[1:] == [text]
 
 
 def test_the_other_fingers_go_on_while_one_is_doubted() -> None:
@@ -104,6 +120,31 @@ def test_a_sensor_that_jumps_about_is_never_followed() -> None:
         assert run.flexion[3, 0] == 0.1
         assert run.watch.free[3]
     assert len(run.texts) < 10, "told, but not four hundred times"
+
+
+@pytest.mark.parametrize("hold", [1, 2, 4, 20, 60])
+def test_bends_that_alternate_leave_their_fingers_free_without_a_break(hold: int) -> None:
+    run = Run()
+    run.step(0.1)
+    run.step(bent(2, 1.5))
+    for k in range(300):
+        run.step(bent(2, 1.5 * (k // hold % 2)))
+        assert run.watch.free.tolist() == [False, False, True, False, False]
+
+
+def test_what_interrupts_plausible_samples_begins_the_time_anew() -> None:
+    run = Run()
+    run.step(0.1)
+    run.step(bent(1, 1.5))
+    for _ in range(TRUSTED_STEPS - 1):
+        run.step(0.1)
+    assert not run.step(np.nan)
+    # The first one comes two steps after the last plausible sample.
+    assert steps_until_trusted(run, 1) == TRUSTED_STEPS - 1
+    # A glove that says nothing for long has not been plausible meanwhile.
+    run.step(bent(1, 1.5))
+    run.step(0.1, step=10 * round(1e9 * TRUST))
+    assert steps_until_trusted(run, 1) == TRUSTED_STEPS - round(1e9 * PAUSE / STEP)
 
 
 def test_samples_that_come_together_are_no_jump() -> None:
@@ -168,8 +209,10 @@ def test_a_stuck_sensor_is_named_and_its_finger_free_until_it_moves() -> None:
     assert len(run.texts) == 1
     assert run.texts[0].startswith("index finger has not changed by one bit in 2.0 s in which thumb and middle finger")
     run.step(moving(steps, still=(1,)) + 1e-6)
-    assert not run.watch.free.any()
-    assert run.texts[1] == "index finger moves again"
+    assert run.texts[1] == "index finger moves again: kept free until it was plausible for 1 s"
+    for k in range(TRUSTED_STEPS):
+        assert run.watch.free.tolist() == [False, k < TRUSTED_STEPS - 1, False, False, False]
+        run.step(moving(steps + 1 + k))
 
 
 def test_a_hand_at_rest_and_a_finger_that_moves_alone_are_not_stuck() -> None:
