@@ -63,9 +63,6 @@ BODY = np.dtype(
         ("left", np.float64, (OBJECT_DOF,)),
         ("safe_left", np.float64, (OBJECT_DOF,)),
         ("clipped", np.float64, (OBJECT_DOF,)),
-        ("clip", np.float64),
-        ("undone", np.float64),
-        ("safe_undone", np.float64),
         ("pushed", np.float64, (3, 3)),
         ("safe_pushed", np.float64, (3, 3)),
         ("velocity", np.float64, (3,)),
@@ -92,10 +89,9 @@ BODY = np.dtype(
 | safe_…, start_… | the same where nothing penetrates, and at the start of the tick |
 | goal_… | where the body would be at the end of the tick by itself |
 | left | of the last step, what was not made, as `body_target` gives it |
-| clipped, clip | of the present program's step, what its target was shortened by, and the share that is left of it |
-| undone | share of the tick's way that is not made |
+| clipped | what the present program's step was shortened by, as `left` |
 | pushed | `rotation` at the start of the last step, in whose directions its forces are |
-| safe_left, safe_pushed, safe_undone | the same of the last step that ended without penetration |
+| safe_left, safe_pushed | the same of the last step that ended without penetration |
 | velocity | of the centre [m/s] |
 | spin | angular velocity about the principal axes [rad/s] |
 | quaternion, other, vector | scratch |
@@ -185,7 +181,6 @@ def predict(body: Record) -> None:
     period = body.period
     kept = 1.0 / (1.0 + body.damping * period)
     body.left[:] = 0.0
-    body.undone = 1.0
     for i in range(3):
         for j in range(3):
             body.pushed[i, j] = body.rotation[i, j]
@@ -205,7 +200,6 @@ def keep_body(body: Record) -> None:
     copy_values(body.position[:], body.safe_position[:])
     copy_values(body.orientation[:], body.safe_orientation[:])
     copy_values(body.left[:], body.safe_left[:])
-    body.safe_undone = body.undone
     for i in range(3):
         for j in range(3):
             body.safe_pushed[i, j] = body.pushed[i, j]
@@ -215,7 +209,6 @@ def keep_body(body: Record) -> None:
 def take_body_back(body: Record) -> None:
     """Return to the safe pose."""
     copy_values(body.safe_left[:], body.left[:])
-    body.undone = body.safe_undone
     for i in range(3):
         for j in range(3):
             body.pushed[i, j] = body.safe_pushed[i, j]
@@ -244,7 +237,6 @@ def move_body(body: Record, step: Array, fraction: float) -> None:
             body.pushed[i, j] = body.rotation[i, j]
     for j in range(OBJECT_DOF):
         body.left[j] = (1.0 - fraction) * step[j] + body.clipped[j]
-    body.undone *= 1.0 - fraction * body.clip
     x, y, z = turn_out(body, fraction * step[0], fraction * step[1], fraction * step[2])
     turn_x, turn_y, turn_z = from_axes(body, fraction * step[3], fraction * step[4], fraction * step[5])
     body.position[0] += x
@@ -258,24 +250,34 @@ def move_body(body: Record, step: Array, fraction: float) -> None:
 def take_velocity(body: Record) -> None:
     """The velocities of the tick that ends.
 
-    Of a whole step they are what was moved over the period. A tick that lags has made a share of its step, and is that
-    share of a tick: the velocities change by as much of what the step would have changed them by. With all of it the
-    springs would push the object for a whole tick, and again for what was left of it in the next one.
+    Of a whole step they are what was moved over the period. A tick that lags has made a share of its last program's
+    whole way, and is that share of a tick: the velocities change by as much of what the way would have changed them by.
+    With all of it the springs would push the object for a whole tick, and again for what is left in the next one.
     """
-    rate, left = 1.0 / body.period, body.left
-    made = 1.0 - body.undone
-    r = body.pushed
+    rate, left, root = 1.0 / body.period, body.left, body.inverse_root
+    r, start, vector = body.pushed, body.start_position, body.vector
+    made, whole = 0.0, 0.0
     x = r[0, 0] * left[0] + r[0, 1] * left[1] + r[0, 2] * left[2]
     y = r[1, 0] * left[0] + r[1, 1] * left[1] + r[1, 2] * left[2]
     z = r[2, 0] * left[0] + r[2, 1] * left[1] + r[2, 2] * left[2]
-    x = rate * (body.position[0] - body.start_position[0] + x)
-    y = rate * (body.position[1] - body.start_position[1] + y)
-    z = rate * (body.position[2] - body.start_position[2] + z)
-    _approach(body.velocity[:], made, x, y, z)
-    rotation_vector_between(body.start_orientation[:], body.orientation[:], body.vector[:])
-    x, y, z = turn_in(body, body.vector[0], body.vector[1], body.vector[2])
-    x, y, z = along_axes(body, x, y, z)
-    _approach(body.spin[:], made, rate * (x + left[3]), rate * (y + left[4]), rate * (z + left[5]))
+    vector[0], vector[1], vector[2] = x, y, z
+    for j in range(3):
+        moved = body.position[j] - start[j]
+        vector[j] = moved + vector[j]
+        made += moved * vector[j] / root[j] ** 2
+        whole += vector[j] * vector[j] / root[j] ** 2
+    x, y, z = vector[0], vector[1], vector[2]
+    rotation_vector_between(body.start_orientation[:], body.orientation[:], vector[:])
+    a, b, c = turn_in(body, vector[0], vector[1], vector[2])
+    vector[0], vector[1], vector[2] = along_axes(body, a, b, c)
+    for j in range(3):
+        turned = vector[j]
+        vector[j] = turned + left[3 + j]
+        made += turned * vector[j] / root[3 + j] ** 2
+        whole += vector[j] * vector[j] / root[3 + j] ** 2
+    share = min(max(made / whole, 0.0), 1.0) if whole > 0.0 else 1.0
+    _approach(body.velocity[:], share, rate * x, rate * y, rate * z)
+    _approach(body.spin[:], share, rate * vector[0], rate * vector[1], rate * vector[2])
 
 
 @jit

@@ -136,7 +136,6 @@ def _prepare(hand: HandArrays, method: Free, surface: Any, state: Record) -> int
     _aim(state)
     state.clipped = False
     state.body.clipped[:] = 0.0
-    state.body.clip = 1.0
     bodies, pairs = pairs_near(surface, hand, state.candidates, max(options.listed, state.reach))
     for f in range(FINGER_COUNT):
         if contacts.start[f + 2] == contacts.start[f + 1]:
@@ -258,7 +257,6 @@ def _clip_target(hand: HandArrays, method: Free, last_chance: bool, state: Recor
         problem.body_target[j] -= state.body.clipped[j]
     for j in range(6, DOF):
         problem.hand_target[j] -= off * problem.delta[6 + j]
-    state.body.clip = fraction
     for f in range(FINGER_COUNT):
         problem.abduction_step[f] *= fraction
     build_rows(hand, state.pose, state.contacts, options.offset, state.relaxed, problem)
@@ -393,7 +391,8 @@ def _end_tick(hand: HandArrays, method: Free, surface: Any, state: Record) -> in
         status |= STATUS_ABDUCTION_HELD
     if status & (STATUS_STUCK | STATUS_LAG):
         cap_lag(state)
-    take_velocity(state.body)
+    if state.accepted:
+        take_velocity(state.body)
     _, touching = pairs_near(surface, hand, state.candidates, options.touch)
     state.work[WORK_TOUCHING] = touching
     detected = monotonic_ns()
