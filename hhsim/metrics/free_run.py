@@ -41,12 +41,16 @@ class FreeRun:
         properties: `FreeObject.to_json` of `hhsim.scene.free_object`.
         corners: Of the box around the object before the first tick [m], shape (8, 3).
         first: Its pose then, shapes (3,) and (4,).
+        stiffness: Of the hand's springs, diagonal of G, shape (21,).
+        offset: Clearance that contacts keep [m].
     """
 
     datasets: Datasets
     properties: Mapping[str, Any]
     corners: Array
     first: ObjectMotion
+    stiffness: Array
+    offset: float
 
     def __getitem__(self, name: str) -> Array:
         return self.datasets[name]
@@ -154,4 +158,7 @@ def result_free_run(result: Result) -> FreeRun | None:
         return None
     mesh = Mesh(result.static["object/vertices"], result.static["object/faces"])
     first = ObjectMotion(result.static["object/position"], result.static["object/orientation"])
-    return FreeRun(result, result.scene["free"], mesh.box_corners, first)
+    solver = result.scene["solver"]
+    springs = [solver["stiffness"][name] for name in ("translation", "rotation", "flexion")]
+    stiffness = np.repeat(np.array(springs, np.float64), (3, 3, 15))
+    return FreeRun(result, result.scene["free"], mesh.box_corners, first, stiffness, solver["offset"])

@@ -37,7 +37,7 @@ class Figure:
     @property
     def stored_unit(self) -> str:
         """Of the value itself: SI, % where the figure is defined so, "1" for counts."""
-        return {"": "1", "units": "1", "µs": "s", "µm": "m", "mm": "m", "µm/s": "m/s", "% of hold": "%"}.get(
+        return {"": "1", "units": "1", "µs": "s", "µJ": "J", "µm": "m", "mm": "m", "µm/s": "m/s", "% of hold": "%"}.get(
             self.unit, self.unit
         )
 

@@ -148,7 +148,10 @@ def summarise(
     free_run = None
     if scene.free is not None and free is not None:
         first = ObjectMotion(motion.object_position, motion.object_orientation)
-        free_run = FreeRun(free, scene.free.to_json(), scene.mesh.box_corners, first)
+        free_run = FreeRun(
+            *(free, scene.free.to_json(), scene.mesh.box_corners, first),
+            *(options.stiffness.diagonal(), options.offset),
+        )
     run = RunTicks(
         columns=series,
         ticks=series.ticks,

@@ -17,7 +17,7 @@ from hhsim.verify.contacts import PALM
 from hhsim.verify.file_checks import follows
 from hhsim.verify.force_checks import WHY_SLACK, force_slack
 from hhsim.verify.forces import AT_LIMIT
-from hhsim.verify.kinematics import Posed, configurations, own_hand, pose, rotations
+from hhsim.verify.kinematics import Posed, configurations, own_hand, pose, rotations, turn_between
 from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, STUCK, JudgedTicks
 
 if TYPE_CHECKING:
@@ -36,6 +36,9 @@ FORCE = 1e-6
 """Forces that differ by this share, or by this [N], are the same."""
 LENGTH = 1e-9
 WHY_FORCE = "a millionth: a ten-thousandth of the least force that has a rate"
+WHOSE = ("graphic", "haptic")
+ENERGY = 1e-14
+"""What rounding of poses adds to an energy, per newton [m]."""
 STICKS = 1e-9
 """A contact that slips by no more in a tick [m] sticks, says the file."""
 RADIUS = 0.02
@@ -90,8 +93,8 @@ class FreeMotion:
 
     @cached_property
     def whole(self) -> IntArray:
-        """Ticks that do not lag: in the others the object stays behind its velocity, which is its program's."""
-        behind = (np.asarray(self.result["status"]) & LAG) != 0
+        """Ticks that are neither late nor stuck: in the others the object has made a share of its program's step."""
+        behind = (np.asarray(self.result["status"]) & (LAG | STUCK)) != 0
         return np.asarray(np.flatnonzero(~behind))
 
     @cached_property
@@ -109,6 +112,22 @@ class FreeMotion:
         found = np.zeros((len(self.ticks), 6))
         np.add.at(found, tick, np.concatenate([force, moment], axis=1))
         return found
+
+    def unbalanced(self, force: FloatArray) -> FloatArray:
+        """What Newton's equation leaves over of the contacts' forces [N], both of shape (T, ...)."""
+        velocity = np.vstack([self.free["velocity"], self.result["object/velocity"]])
+        heavier = 1.0 + self.damping * self.period
+        made = heavier * velocity[1:] - velocity[:-1]
+        wanted = self.period * (force / self.mass + self.gravity)
+        off = np.sqrt(((made - wanted) ** 2).sum(axis=1))
+        # A tick that lags is a share of a tick, and its velocity goes a share of its way to what it would have been.
+        late = np.ones(len(off), bool)
+        late[self.whole] = False
+        way = (velocity[:-1] + wanted) / heavier - velocity[:-1]
+        change, square = velocity[1:] - velocity[:-1], (way**2).sum(axis=1)
+        share = np.clip((change * way).sum(axis=1) / np.where(square > 0.0, square, 1.0), 0.0, 1.0)
+        apart = heavier * np.sqrt(((change - share[:, None] * way) ** 2).sum(axis=1))
+        return np.asarray(self.mass / self.period * np.where(late, apart, off))
 
     @property
     def coefficient(self) -> FloatArray:
@@ -204,13 +223,11 @@ def _balance(motion: FreeMotion) -> list[Claim]:
     """Newton's and Euler's equation, as the implicit Euler method has them: with the velocity at the tick's end."""
     rate, heavier = 1.0 / motion.period, 1.0 + motion.damping * motion.period
     result = motion.result
-    velocity = np.vstack([motion.free["velocity"], result["object/velocity"]])
     wrench = np.asarray(result["object/hand_wrench"]) + result["object/table_wrench"]
-    change = motion.mass * rate * (heavier * velocity[1:] - velocity[:-1]) - motion.mass * motion.gravity
     size = 1.0 + np.abs(wrench[:, :3]).sum(axis=1)
-    off = np.linalg.norm(change - wrench[:, :3], axis=1)
+    off = motion.unbalanced(wrench[:, :3])
     kept = np.flatnonzero(motion.follows)
-    says = "m Δv / Δt is the weight and the forces of hand and table"
+    says = "m Δv / Δt is the weight and the forces of hand and table; in a tick that lags, a share of them"
     newton = judged("Newton", says, off[kept], (FORCE * size)[kept], "N", WHY_FORCE, ticks=kept)
     # In the body's axes: without moments it would have turned by Δt ω, with I (ω - ω₀) / Δt + ω × I ω = 0.
     omega = np.vstack([motion.free["angular_velocity"], result["object/angular_velocity"]])
@@ -499,10 +516,7 @@ def free_figures(result: Result) -> dict[str, float]:
     if not result.free:
         return {}
     motion = FreeMotion(result)
-    velocity = np.vstack([motion.free["velocity"], result["object/velocity"]])
     wrench = np.asarray(result["object/hand_wrench"]) + result["object/table_wrench"]
-    change = result.rate * (velocity[1:] - velocity[:-1]) + motion.damping * velocity[1:]
-    unbalanced = motion.mass * (change - motion.gravity) - wrench[:, :3]
     size = np.sqrt((motion.friction**2).sum(axis=1))
     outside = (size > motion.coefficient * motion.load * (1.0 + 1e-9)) | (motion.load < 0.0)
     ways = [
@@ -519,10 +533,49 @@ def free_figures(result: Result) -> dict[str, float]:
         "object_raised": float(motion.center[1:, 2].max() - motion.center[1, 2]),
         "object_slip": float(max(ways, default=0.0)),
         "object_creep": _creep(motion),
-        "object_momentum": float(np.sqrt((unbalanced**2).sum(axis=1)).max()),
+        "object_momentum": float(motion.unbalanced(wrench[:, :3]).max()),
+        "energy_gained": float(np.fmax.reduce(_energy_gains(motion), initial=0.0)),
         "cone_outside": 100.0 * float(outside.sum()) / len(outside) if len(outside) else 0.0,
         "table_depth_max": max(0.0, -float(np.min(result["object/table_distance"]))),
     }
+
+
+def _energy_gains(motion: FreeMotion) -> FloatArray:
+    """Energy of object and springs gained in each tick beyond what the user, the clearance and rounding give [J].
+
+    NaN where the tick before is not known. See the documentation of `energy_gained` for its terms.
+    """
+    result, solver = motion.result, motion.result.scene["solver"]
+    velocity, shown, user = (np.asarray(result["object/velocity"]), *(configurations(result, name) for name in WHOSE))
+    omega = motion.turned[1:].inv().apply(np.array(result["object/angular_velocity"]))
+    kinetic = 0.5 * (motion.mass * (velocity * velocity).sum(axis=1) + (omega @ motion.inertia * omega).sum(axis=1))
+    springs = np.repeat([solver["stiffness"][name] for name in ("translation", "rotation", "flexion")], (3, 3, 15))
+    kept = [_stretch(springs, user.at(slice(1, None)), shown.at(part)) for part in (slice(0, -1), slice(1, None))]
+    fall = np.diff(motion.center[1:], axis=0) @ motion.gravity
+    gained = np.diff(kinetic) - motion.mass * fall + kept[1] - kept[0]
+    clearance = np.zeros(result.ticks)
+    np.add.at(clearance, motion.tick, float(solver["offset"]) * motion.load)
+    size = np.sqrt(2.0 * motion.mass * np.maximum(kinetic[1:], kinetic[:-1])) / motion.period
+    size += motion.mass * np.linalg.norm(motion.gravity) + np.sqrt(2.0 * springs.max() * np.maximum(*kept))
+    gained -= clearance[1:] + ENERGY * size
+    # The spread of a finger turns it about its first joint.
+    hand = own_hand(result)
+    posed, palm = pose(hand, shown), rotations(shown.orientation)[0]
+    turn = np.diff(shown.abduction, axis=0, prepend=shown.abduction[:1])
+    for row in np.flatnonzero(~motion.of_table & (motion.body != PALM)):
+        tick, f = int(motion.tick[row]), int(motion.body[row]) // 3
+        if tick and turn[tick, f]:
+            arm = motion.point[row] - posed.joints[tick, f, 0]
+            moment = np.cross(arm, motion.force[row]) + motion.torsion[row] * motion.normal[row]
+            gained[tick - 1] += hand.sign * turn[tick, f] * (palm[tick].apply(hand.dorsal[f]) @ moment)
+    return np.where(motion.follows, np.concatenate([[np.nan], gained]), np.nan)
+
+
+def _stretch(springs: FloatArray, user: HandConfiguration, shown: HandConfiguration) -> FloatArray:
+    """Energy of the springs between two hands [J], shape (T,)."""
+    turn = turn_between(shown.orientation, user.orientation)
+    bend = (user.flexion - shown.flexion).reshape(-1, 15)
+    return np.asarray(0.5 * np.concatenate([user.position - shown.position, turn, bend], axis=1) ** 2 @ springs)
 
 
 def _creep(motion: FreeMotion) -> float:

@@ -34,6 +34,7 @@ ROUNDING = {
     "force_variation_contact": 1e-9,
     "tracking_palm": 1e-12,
     "object_momentum": 1e-9,
+    "energy_gained": 1e-12,
 }
 """Figures that are differences of large numbers: what rounding may leave of them [N, %, m]."""
 

@@ -33,7 +33,7 @@ def run(share: float) -> FreeRun:
     }
     first = ObjectMotion(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
     corners = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
-    return FreeRun(datasets, properties, corners, first)
+    return FreeRun(datasets, properties, corners, first, np.ones(21), 0.0)
 
 
 def test_a_lift_that_leaves_the_object_behind_says_which_contact_slipped_first() -> None:

@@ -17,6 +17,7 @@ from hhsim.result.reader import Result, load_result
 from hhsim.solver.options import SolverOptions
 from hhsim.verify.claim import HOLDS, NOT_JUDGED, Claim
 from hhsim.verify.free_object_checks import free_claims, free_complementarity_claim, free_figures, free_hand_claim
+from hhsim.verify.metric_checks import metric_claims
 from hhsim.verify.object_frame import object_motion_claims, seen_by_referee
 from hhsim.verify.tick_data import JudgedTicks
 
@@ -58,6 +59,18 @@ def test_the_figures_are_those_of_the_referee(honest: Result) -> None:
         assert honest.summary[name] == run_figure(name, run) or np.isnan(own[name])
     assert honest.summary["table_depth_max"] == 0.0 and honest.summary["cone_outside"] == 0.0
     assert "tracking_excess" not in honest.summary
+
+
+def test_the_referee_finds_energy_that_nobody_gave(honest: Result, tmp_path: Path) -> None:
+    faster = planted(honest, tmp_path / "faster.h5", thrown_object)
+    own = free_figures(faster)["energy_gained"]
+    assert own == pytest.approx(0.5 * 50.0 * 0.1**2, rel=0.1)
+    assert run_figure("energy_gained", result_ticks(faster)) == pytest.approx(own, rel=1e-9)
+    assert next(claim for claim in metric_claims(faster) if claim.name == "summary").failed
+
+
+def thrown_object(file: h5py.File) -> None:
+    file["tick/object/velocity"][TICK] = (0.0, 0.1, 0.0)
 
 
 # Each fault changes one tick, or the object's description, and nothing else.

@@ -62,6 +62,7 @@ BODY = np.dtype(
         ("goal_orientation", np.float64, (4,)),
         ("left", np.float64, (OBJECT_DOF,)),
         ("safe_left", np.float64, (OBJECT_DOF,)),
+        ("clipped", np.float64, (OBJECT_DOF,)),
         ("pushed", np.float64, (3, 3)),
         ("safe_pushed", np.float64, (3, 3)),
         ("velocity", np.float64, (3,)),
@@ -87,7 +88,8 @@ BODY = np.dtype(
 | position, orientation, rotation | centre of mass [m], object's frame to world |
 | safe_…, start_… | the same where nothing penetrates, and at the start of the tick |
 | goal_… | where the body would be at the end of the tick by itself |
-| left | of the last step, what the hand's way past the object left no room for, as `body_target` gives it |
+| left | of the last step, what was not made, as `body_target` gives it |
+| clipped | what the present program's step was shortened by, as `left` |
 | pushed | `rotation` at the start of the last step, in whose directions its forces are |
 | safe_left, safe_pushed | the same of the last step that ended without penetration |
 | velocity | of the centre [m/s] |
@@ -229,12 +231,12 @@ def body_target(body: Record, target_out: Array) -> None:
 
 @jit_once
 def move_body(body: Record, step: Array, fraction: float) -> None:
-    """Move by `fraction` of a step, shape (6,), as `body_target` gives it; the rest of it is `left`."""
+    """Move by `fraction` of a step, shape (6,), as `body_target` gives it; `left` is the rest, and what was clipped."""
     for i in range(3):
         for j in range(3):
             body.pushed[i, j] = body.rotation[i, j]
     for j in range(OBJECT_DOF):
-        body.left[j] = (1.0 - fraction) * step[j]
+        body.left[j] = (1.0 - fraction) * step[j] + body.clipped[j]
     x, y, z = turn_out(body, fraction * step[0], fraction * step[1], fraction * step[2])
     turn_x, turn_y, turn_z = from_axes(body, fraction * step[3], fraction * step[4], fraction * step[5])
     body.position[0] += x
@@ -246,19 +248,46 @@ def move_body(body: Record, step: Array, fraction: float) -> None:
 
 @jit_once
 def take_velocity(body: Record) -> None:
-    """The velocities of the tick that ends: what was moved, and what was left of the last step, over its period."""
-    rate, left = 1.0 / body.period, body.left
-    r = body.pushed
+    """The velocities of the tick that ends.
+
+    Of a whole step they are what was moved over the period. A tick that lags has made a share of its last program's
+    whole way, and is that share of a tick: the velocities change by as much of what the way would have changed them by.
+    With all of it the springs would push the object for a whole tick, and again for what is left in the next one.
+    """
+    rate, left, root = 1.0 / body.period, body.left, body.inverse_root
+    r, start, vector = body.pushed, body.start_position, body.vector
+    made, whole = 0.0, 0.0
     x = r[0, 0] * left[0] + r[0, 1] * left[1] + r[0, 2] * left[2]
     y = r[1, 0] * left[0] + r[1, 1] * left[1] + r[1, 2] * left[2]
     z = r[2, 0] * left[0] + r[2, 1] * left[1] + r[2, 2] * left[2]
-    body.velocity[0] = rate * (body.position[0] - body.start_position[0] + x)
-    body.velocity[1] = rate * (body.position[1] - body.start_position[1] + y)
-    body.velocity[2] = rate * (body.position[2] - body.start_position[2] + z)
-    rotation_vector_between(body.start_orientation[:], body.orientation[:], body.vector[:])
-    x, y, z = turn_in(body, body.vector[0], body.vector[1], body.vector[2])
-    x, y, z = along_axes(body, x, y, z)
-    body.spin[0], body.spin[1], body.spin[2] = rate * (x + left[3]), rate * (y + left[4]), rate * (z + left[5])
+    vector[0], vector[1], vector[2] = x, y, z
+    for j in range(3):
+        moved = body.position[j] - start[j]
+        vector[j] = moved + vector[j]
+        made += moved * vector[j] / root[j] ** 2
+        whole += vector[j] * vector[j] / root[j] ** 2
+    x, y, z = vector[0], vector[1], vector[2]
+    rotation_vector_between(body.start_orientation[:], body.orientation[:], vector[:])
+    a, b, c = turn_in(body, vector[0], vector[1], vector[2])
+    vector[0], vector[1], vector[2] = along_axes(body, a, b, c)
+    for j in range(3):
+        turned = vector[j]
+        vector[j] = turned + left[3 + j]
+        made += turned * vector[j] / root[3 + j] ** 2
+        whole += vector[j] * vector[j] / root[3 + j] ** 2
+    share = min(max(made / whole, 0.0), 1.0) if whole > 0.0 else 1.0
+    _approach(body.velocity[:], share, rate * x, rate * y, rate * z)
+    _approach(body.spin[:], share, rate * vector[0], rate * vector[1], rate * vector[2])
+
+
+@jit
+def _approach(vector: Array, share: float, x: float, y: float, z: float) -> None:
+    if share == 1.0:
+        vector[0], vector[1], vector[2] = x, y, z
+    else:
+        vector[0] += share * (x - vector[0])
+        vector[1] += share * (y - vector[1])
+        vector[2] += share * (z - vector[2])
 
 
 @jit
@@ -270,17 +299,6 @@ def turn_back(body: Record, step: Array, fraction: float, vector: Array) -> None
     vector[0] = x - qx + 0.5 * (wy * qz - wz * qy)
     vector[1] = y - qy + 0.5 * (wz * qx - wx * qz)
     vector[2] = z - qz + 0.5 * (wx * qy - wy * qx)
-
-
-@jit
-def carry(body: Record, origin: Array, step: Array, moved_out: Array) -> None:
-    """How a point, shape (3,), would move with the body in a step as `body_target` gives it [m]; object's frame."""
-    center = body.center
-    wx, wy, wz = from_axes(body, step[3], step[4], step[5])
-    rx, ry, rz = origin[0] - center[0], origin[1] - center[1], origin[2] - center[2]
-    moved_out[0] = step[0] + wy * rz - wz * ry
-    moved_out[1] = step[1] + wz * rx - wx * rz
-    moved_out[2] = step[2] + wx * ry - wy * rx
 
 
 @jit

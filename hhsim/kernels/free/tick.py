@@ -20,8 +20,6 @@ from hhsim.kernels.free.body import (
     Support,
     as_object_moves,
     body_target,
-    carry,
-    from_axes,
     keep_body,
     move_body,
     predict,
@@ -137,6 +135,7 @@ def _prepare(hand: HandArrays, method: Free, surface: Any, state: Record) -> int
     total = contacts.start[FINGER_COUNT + 1]
     _aim(state)
     state.clipped = False
+    state.body.clipped[:] = 0.0
     bodies, pairs = pairs_near(surface, hand, state.candidates, max(options.listed, state.reach))
     for f in range(FINGER_COUNT):
         if contacts.start[f + 2] == contacts.start[f + 1]:
@@ -237,8 +236,9 @@ def _recover(hand: HandArrays, surface: Any, options: TickOptions, state: Record
 
 @jit_once
 def _clip_target(hand: HandArrays, method: Free, last_chance: bool, state: Record) -> bool:
-    # See `kernels.tick.tick.clip_target`. What is shortened is the hand's way past the object, and nothing else: the
-    # target is moved by what is taken off, so that the springs pull as they did, and the object's own way is its own.
+    # See `kernels.tick.tick.clip_target`. The ways of hand and object are shortened alike: a hand that was short of its
+    # way past the object alone would be carried along by it, for no force, and its springs drawn out by nobody. The
+    # targets are moved by what is taken off, so that springs and inertia pull as they did.
     if state.clipped:
         return False
     options, problem = method.options, state.free_problem
@@ -251,13 +251,10 @@ def _clip_target(hand: HandArrays, method: Free, last_chance: bool, state: Recor
     state.clipped = True
     state.unclipped_motion = longest
     off = 1.0 - fraction
-    carry(state.body, state.pose.position[:], problem.delta[6:12], state.scratch[:])
-    for j in range(3):
-        problem.hand_target[j] -= off * (problem.delta[j] - state.scratch[j])
-    x, y, z = from_axes(state.body, problem.delta[9], problem.delta[10], problem.delta[11])
-    problem.hand_target[3] -= off * (problem.delta[3] - x)
-    problem.hand_target[4] -= off * (problem.delta[4] - y)
-    problem.hand_target[5] -= off * (problem.delta[5] - z)
+    for j in range(6):
+        problem.hand_target[j] -= off * problem.delta[j]
+        state.body.clipped[j] = off * problem.delta[6 + j]
+        problem.body_target[j] -= state.body.clipped[j]
     for j in range(6, DOF):
         problem.hand_target[j] -= off * problem.delta[6 + j]
     for f in range(FINGER_COUNT):
@@ -394,7 +391,8 @@ def _end_tick(hand: HandArrays, method: Free, surface: Any, state: Record) -> in
         status |= STATUS_ABDUCTION_HELD
     if status & (STATUS_STUCK | STATUS_LAG):
         cap_lag(state)
-    take_velocity(state.body)
+    if state.accepted:
+        take_velocity(state.body)
     _, touching = pairs_near(surface, hand, state.candidates, options.touch)
     state.work[WORK_TOUCHING] = touching
     detected = monotonic_ns()

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
 from hhsim.metrics.free_run import FreeRun
 from hhsim.metrics.run_metric import Judged, RunMetric
 from hhsim.metrics.run_ticks import RunTicks
@@ -51,14 +52,20 @@ def _creep(run: RunTicks) -> float:
 
 
 def _momentum(run: RunTicks) -> float:
-    """The largest m Δv / Δt less the forces on the object [N]."""
+    """The largest m Δv / Δt less the forces on the object, in a tick that lags less a share of them [N]."""
     free = _free(run)
     mass, gravity = free.properties["mass"], np.array(free.properties["gravity"])
     velocity = np.vstack([free.properties["velocity"], free["object/velocity"]])
-    # Damping is implicit: of the velocity at the end of the tick.
-    change = mass * (np.diff(velocity, axis=0) * run.rate + free.properties["damping"] * velocity[1:])
+    before = velocity[:-1]
     force = free["object/hand_wrench"][:, :3] + free["object/table_wrench"][:, :3] + mass * gravity
-    off = np.linalg.norm(change - force, axis=1)
+    # Damping is implicit: of the velocity at the end of the tick.
+    heavier = 1.0 + free.properties["damping"] / run.rate
+    whole = (before + force / (mass * run.rate)) / heavier - before
+    change, square = np.diff(velocity, axis=0), (whole**2).sum(axis=1)
+    part = np.divide((change * whole).sum(axis=1), square, out=np.ones(len(square)), where=square > 0.0)
+    late = (run["status"] & (STATUS_LAG | STATUS_STUCK)) != 0
+    made = np.where(late, np.clip(part, 0.0, 1.0), 1.0)[:, None]
+    off = mass * run.rate * heavier * np.linalg.norm(change - made * whole, axis=1)
     # Where a session's recorder lost ticks, the velocity before is not known.
     return float(off[~run.breaks].max(initial=0.0)) if run.breaks is not None else float(off.max(initial=0.0))
 
@@ -130,6 +137,7 @@ METRICS = (
         digits=6,
         unit="N",
         place=43,
+        needs=("status",),
         free_only=True,
         compute=_momentum,
     ),

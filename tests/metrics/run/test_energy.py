@@ -1,0 +1,140 @@
+"""The energy that a free object and the hand's springs gain: by hand, where it is planted, and none in replays."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import Run
+from free_results import free_scene
+from sampled import sampled
+
+from hhsim.hand.model import HandModel
+from hhsim.metrics.free_run import FreeRun
+from hhsim.metrics.run.energy import energy_gains
+from hhsim.metrics.run.registry import run_figure
+from hhsim.metrics.run_ticks import RunTicks
+from hhsim.motion.object_motion import ObjectMotion
+from hhsim.replay.replay import replay
+from hhsim.solver.options import SolverOptions, Stiffness
+
+MASS, OFFSET, PUSH = 2.0, 5e-7, 3.0
+WAY = np.array([0.0, 1e-3, 4e-3])
+SPEED = np.array([0.0, 0.3, 0.3])
+USER = np.array([0.02, 0.02, 0.05])
+SHOWN = np.array([0.0, 0.01, 0.01])
+
+
+def pushed(**changed: Any) -> RunTicks:
+    """Three ticks of a hand that pushes 2 kg along x by one contact of the index finger, on springs of 1,000 N/m."""
+    still = np.tile([1.0, 0.0, 0.0, 0.0], (3, 1))
+    along = np.array([1.0, 0.0, 0.0])
+    columns: dict[str, Any] = {
+        **{f"{whose}/orientation": still for whose in ("haptic", "graphic")},
+        **{f"{whose}/flexion": np.zeros((3, 5, 3)) for whose in ("haptic", "graphic")},
+        **{f"{whose}/abduction": np.zeros((3, 5)) for whose in ("haptic", "graphic")},
+        # As the object sees them.
+        "haptic/position": np.outer(USER - WAY, along),
+        "graphic/position": np.outer(SHOWN - WAY, along),
+        "object/position": np.outer(WAY, along),
+        "object/orientation": still,
+        "object/velocity": np.outer(SPEED, along),
+        "object/angular_velocity": np.zeros((3, 3)),
+        "contact/tick": np.array([1]),
+        "contact/body": np.array([5]),
+        "contact/point": np.zeros((1, 3)),
+        "contact/normal": -along[None],
+        "contact/normal_force": np.array([PUSH]),
+        "contact/friction_force": np.zeros((1, 3)),
+        "contact/torsional_moment": np.zeros(1),
+    }
+    columns.update(changed)
+    properties = {"mass": MASS, "gravity": (-9.81, 0.0, 0.0), "center": (0.0,) * 3, "inertia": np.eye(3)}
+    first = ObjectMotion(np.zeros(3), still[0])
+    free = FreeRun(columns, properties, np.zeros((8, 3)), first, Stiffness().diagonal(), OFFSET)
+    return RunTicks(columns, 3, (), 1000.0, 5, hand=HandModel.default("right"), free=free)
+
+
+def test_it_is_what_object_and_springs_have_more_than_the_user_and_the_clearance_gave() -> None:
+    gains = energy_gains(pushed())
+    assert np.isnan(gains[0])
+    springs = 500.0 * np.array([0.01**2 - 0.02**2, 0.0])
+    kinetic, potential = np.array([0.09, 0.0]), MASS * 9.81 * np.diff(WAY)
+    share = np.array([OFFSET * PUSH, 0.0])
+    # The user's hand goes on by 30 mm in the last tick: that is the user's work, and no gain.
+    assert gains[1:] == pytest.approx(kinetic + potential + springs - share, abs=1e-9)
+    assert run_figure("energy_gained", pushed()) == pytest.approx(MASS * 9.81 * 3e-3, abs=1e-9)
+
+
+def test_what_turns_is_counted_and_what_no_one_knows_is_not() -> None:
+    spin = np.zeros((3, 3))
+    spin[1:, 2] = 0.5
+    run = pushed(**{"object/angular_velocity": spin})
+    assert (energy_gains(run) - energy_gains(pushed()))[1:] == pytest.approx([0.125, 0.0], abs=1e-9)
+    lost = replace(run, breaks=np.array([False, True, False]))
+    assert np.isnan(energy_gains(lost)).tolist() == [True, True, False]
+    # Nothing is known of a user whose hand is no number.
+    unknown = pushed(**{"haptic/position": np.full((3, 3), np.nan)})
+    assert run_figure("energy_gained", unknown) == 0.0
+
+
+def test_the_users_work_by_spreading_a_finger_is_no_gain() -> None:
+    spread = np.zeros((3, 5))
+    spread[1:, 1] = 0.1
+    run = pushed(**{"graphic/abduction": spread, "haptic/abduction": spread})
+    hand = HandModel.default("right")
+    arm = -(np.array([SHOWN[1], 0.0, 0.0]) + hand.base[1])
+    moment = float(hand.dorsal[1] @ np.cross(arm, [-PUSH, 0.0, 0.0]))
+    assert abs(moment) > 1e-3
+    # The contacts do so much work on the finger, which the user takes.
+    assert (energy_gains(run) - energy_gains(pushed()))[1] == pytest.approx(0.1 * moment, rel=1e-6)
+
+
+def test_a_planted_gain_is_found_and_misses_the_limit() -> None:
+    honest = pushed(**{"object/position": np.zeros((3, 3)), "haptic/position": np.outer(USER, [1.0, 0.0, 0.0])})
+    speed = np.outer([0.0, 0.3, 0.3 + 1e-6], [1.0, 0.0, 0.0])
+    planted = replace(honest, free=pushed(**{"object/velocity": speed, "object/position": np.zeros((3, 3))}).free)
+    gained = run_figure("energy_gained", planted) - run_figure("energy_gained", honest)
+    assert gained == pytest.approx(0.5 * MASS * ((0.3 + 1e-6) ** 2 - 0.09), rel=1e-3)
+
+
+# A smooth object of a milligram that the fingers squeeze out took the hand with it, whose springs gained 30 mJ a tick.
+LIGHT = [(1e-6, 0.0, "spheres"), (1e-6, 1.0, "mesh"), (1e-6, 0.3, "spheres"), (0.1, 0.6, "mesh"), (100.0, 1.0, "mesh")]
+
+
+@pytest.mark.parametrize(("mass", "friction", "surface"), sampled(LIGHT, lambda place, _: place < 2))
+def test_a_grasp_gains_none_however_light_the_object_is(
+    mass: float, friction: float, surface: str, tmp_path: Path
+) -> None:
+    scene = free_scene(mass, friction)
+    assert scene.free is not None
+    scene = replace(scene, free=replace(scene.free, torsion=0.0))
+    found = replay(scene, SolverOptions(surface=surface), tmp_path / "light.h5").attributes()
+    assert found["energy_gained"] == 0.0
+
+
+LIFTS = [
+    (object_, motion, mass, friction, surface)
+    for object_, motion in (("cube", "lift"), ("cube", "slip"), ("cup", "lift"), ("teapot", "lift"))
+    for mass in (1e-6, 1e-2, 1.0, 100.0)
+    for friction in (0.5, 1.0)
+    for surface in ("spheres", "mesh")
+]
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize(("object_", "motion", "mass", "friction", "surface"), LIFTS)
+def test_no_lift_of_any_mass_gains_energy(
+    object_: str, motion: str, mass: float, friction: float, surface: str, run: Run
+) -> None:
+    said = ("--free", "--mass", str(mass), "--friction", str(friction), "--torsion", "5", "--surface", surface)
+    answer = run("replay", object_, motion, *said, "--json")
+    assert answer.code in (0, 1) and json.loads(answer.out)["energy_gained"] == 0.0
+
+
+@pytest.mark.soak
+def test_a_lift_of_a_milligram_gains_none_of_what_its_springs_give(run: Run) -> None:
+    answer = run("replay", "cube", "lift", "--free", "--mass", "1e-6", "--friction", "1")
+    assert "energy gained in a tick, max" in answer.out and "energy gained" not in answer.out.split("\n")[1]
