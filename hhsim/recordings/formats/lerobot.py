@@ -29,6 +29,9 @@ SIDES: tuple[HandSide, HandSide] = ("left", "right")
 LEVELS_UP = 4
 """meta/ is at most so many folders above the file."""
 MOST_CELLS = 1 << 28
+"""Of all columns of a file."""
+MOST_BYTES = 1 << 28
+"""Of a column of numbers, in the rows of an episode: half an hour of two hands at 100 Hz in doubles."""
 
 
 def _read(content: Content, options: ReadOptions) -> Recording:
@@ -93,12 +96,14 @@ def _columns(data: bytes) -> tuple[dict[str, Any], bool]:
         raise TrajectoryError("a Parquet file: pip install pyarrow") from None
     try:
         file = parquet.ParquetFile(pyarrow.BufferReader(data), page_checksum_verification=True)
-        if file.metadata.num_rows * max(file.metadata.num_columns, 1) > MOST_CELLS:
-            raise TrajectoryError(f"{file.metadata.num_rows:,} rows; expected a recording of a hand")
+        groups = [file.metadata.row_group(k) for k in range(file.metadata.num_row_groups)]
+        chunks = [group.column(k) for group in groups for k in range(group.num_columns)]
+        cells = sum(chunk.num_values for chunk in chunks)
+        if cells > MOST_CELLS:
+            raise TrajectoryError(f"{cells:,} values; expected a recording of a hand")
         table = file.read()
         table.validate(full=True)
-        groups = [file.metadata.row_group(k) for k in range(file.metadata.num_row_groups)]
-        held = all(_held(data, group.column(k)) for group in groups for k in range(group.num_columns))
+        held = all(_held(data, chunk) for chunk in chunks)
         return {str(name): table.column(k) for k, name in enumerate(table.column_names)}, held
     except TrajectoryError:
         raise
@@ -212,9 +217,10 @@ def _time(
 
 def _numbers(columns: dict[str, Any], name: str, rows: IntArray | None) -> FloatArray:
     """The numbers of a column, nested lists laid flat, shape (T, N); NaN where there is none."""
-    cells = columns[name].to_pylist()
-    chosen = cells if rows is None else [cells[row] for row in rows]
-    flat = [_flat(cell, 0) for cell in chosen]
+    chosen = columns[name] if rows is None else columns[name].take(rows)
+    if chosen.nbytes > MOST_BYTES and "binary" not in str(chosen.type):
+        raise TrajectoryError(f"{name} has {chosen.nbytes >> 20:,} MB; expected the recording of a hand")
+    flat = [_flat(cell, 0) for cell in chosen.to_pylist()]
     width = max((len(row) for row in flat), default=0)
     values = np.full((len(flat), max(width, 1)), np.nan)
     for place, row in zip(values, flat):

@@ -22,7 +22,7 @@ from hhsim.errors import TrajectoryError
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS
 from hhsim.recordings.joint_positions import JointPositions, chosen_side, recording_of_joints
-from hhsim.recordings.recording import Finding, Recording, note
+from hhsim.recordings.recording import MOST_SAMPLES, Finding, Recording, note
 from hhsim.recordings.recording_format import MOST_BYTES, Content, ReadOptions, RecordingFormat
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -159,14 +159,17 @@ class _Container:
             raise TrajectoryError("no MCAP file: it does not begin as one")
         if not data.endswith(MAGIC):
             raise TrajectoryError("a damaged MCAP file: it does not end as one; was it cut short?")
-        messages = chunks = 0
+        messages = chunks = records = unpacked = 0
         each_held, whole_held, counted = True, False, False
         for place, code, body in _walk(data, len(MAGIC), len(data) - len(MAGIC)):
             if code == CHUNK:
-                inner, checked = _chunk(body)
+                inner, checked = _chunk(body, MOST_BYTES - unpacked)
+                unpacked += len(inner)
                 each_held, chunks = each_held and checked, chunks + 1
                 for _, code_inside, body_inside in _walk(inner, 0, len(inner)):
-                    messages += code_inside == MESSAGE
+                    messages, records = messages + (code_inside == MESSAGE), records + 1
+                    if records > MOST_SAMPLES:
+                        raise TrajectoryError(f"more than {MOST_SAMPLES:,} records; expected a recording of a hand")
                     yield code_inside, body_inside
                 continue
             if code == MESSAGE:
@@ -209,14 +212,14 @@ def _agrees(data: bytes | memoryview, checksum: int, what: str) -> bool:
     return checksum != 0
 
 
-def _chunk(body: bytes) -> tuple[bytes, bool]:
-    """The records of a chunk, unpacked, and whether they agreed with a checksum."""
+def _chunk(body: bytes, most: int) -> tuple[bytes, bool]:
+    """The records of a chunk, unpacked to at most so many bytes, and whether they agreed with a checksum."""
     size, checksum = _unpack("<QI", body, 16)
     compression, place = _text(body, 28)
     (length,) = _unpack("<Q", body, place)
     packed = body[place + 8 : place + 8 + length]
-    if size > MOST_BYTES:
-        raise TrajectoryError("a damaged MCAP file: a chunk of more than 1 GB")
+    if size > most:
+        raise TrajectoryError("chunks of more than 1 GB; expected a recording of a hand")
     if compression:
         try:
             from pyarrow import Codec

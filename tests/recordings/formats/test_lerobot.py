@@ -10,6 +10,7 @@ from recording_samples import read_as
 
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.recordings.column_map import parse_column_map
+from hhsim.recordings.formats import lerobot
 from hhsim.recordings.recording_format import Content, ReadOptions
 from hhsim.recordings.registry import read_content, read_recording
 
@@ -59,6 +60,13 @@ def test_pages_with_checksums_are_held_against_them() -> None:
     place = len(data) // 2
     with pytest.raises(TrajectoryError, match=r"a damaged one: .*CRC checksum verification failed"):
         read_as("lerobot", data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :])
+
+
+def test_more_than_a_recording_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    for limit, said in (("MOST_BYTES", "observation.hand_joints has 0 MB"), ("MOST_CELLS", "6,160 values")):
+        monkeypatch.setattr(lerobot, limit, 5000)
+        with pytest.raises(TrajectoryError, match=f"{said}; expected"):
+            read_as("lerobot", lerobot_bytes())
 
 
 def test_an_episode_is_chosen_never_guessed() -> None:

@@ -9,6 +9,7 @@ from joint_samples import Side, joint_sample, mcap_bytes
 from recording_samples import read_as
 
 from hhsim.errors import TrajectoryError
+from hhsim.recordings.formats import mcap
 from hhsim.recordings.recording_format import Content, ReadOptions
 from hhsim.recordings.registry import read_content
 
@@ -74,6 +75,17 @@ def test_numbers_are_proven_where_each_has_a_checksum_and_none_is_lost(chunks: i
     part = "a chunk" if chunks else "the data"
     with pytest.raises(TrajectoryError, match=f"{part} differs from its checksum"):
         read_as("mcap", data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :])
+
+
+def test_what_unpacks_to_more_than_a_recording_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    data = mcap_bytes(joint_sample(), chunks=3, compression="zstd")
+    monkeypatch.setattr(mcap, "MOST_SAMPLES", 30)
+    with pytest.raises(TrajectoryError, match="more than 30 records"):
+        read_as("mcap", data)
+    # No chunk alone is as large.
+    monkeypatch.setattr(mcap, "MOST_BYTES", 20_000)
+    with pytest.raises(TrajectoryError, match="chunks of more than 1 GB"):
+        read_as("mcap", data)
 
 
 def test_a_lost_chunk_is_told_by_the_statistics() -> None:
