@@ -222,7 +222,7 @@ def _to_segment2(x: float, y: float, z: float, a: Array, b: Array) -> float:
     dx, dy, dz = x - a[0], y - a[1], z - a[2]
     square = ux * ux + uy * uy + uz * uz
     share = min(1.0, max(0.0, (dx * ux + dy * uy + dz * uz) / square)) if square > 0.0 else 0.0
-    return (dx - share * ux) ** 2 + (dy - share * uy) ** 2 + (dz - share * uz) ** 2
+    return float((dx - share * ux) ** 2 + (dy - share * uy) ** 2 + (dz - share * uz) ** 2)
 
 
 @numba.njit(error_model="numpy")  # type: ignore[untyped-decorator]
@@ -244,7 +244,7 @@ def _beyond(s: float, ends: Array, radius: Array, triangle: Array, normal: Array
     x = (1.0 - s) * ends[0, 0] + s * ends[1, 0]
     y = (1.0 - s) * ends[0, 1] + s * ends[1, 1]
     z = (1.0 - s) * ends[0, 2] + s * ends[1, 2]
-    return _to_triangle(x, y, z, triangle, normal) - radius[0] - s * (radius[1] - radius[0])
+    return float(_to_triangle(x, y, z, triangle, normal) - radius[0] - s * (radius[1] - radius[0]))
 
 
 @numba.njit(error_model="numpy")  # type: ignore[untyped-decorator]

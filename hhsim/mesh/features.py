@@ -162,7 +162,7 @@ def _net_windings(corners: IntArray, kept: IntArray, kind: IntArray) -> IntArray
     turn = np.sign(b - a) * np.sign(c - b) * np.sign(a - c)
     net = np.zeros(len(kept), dtype=np.int64)
     np.add.at(net, kind, turn)
-    return net * turn[kept]
+    return np.asarray(net * turn[kept])
 
 
 def _strips(triangle: FloatArray) -> FloatArray:

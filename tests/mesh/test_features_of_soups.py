@@ -17,7 +17,7 @@ from hhsim.kernels.contact.detection import evaluate
 from hhsim.kernels.hand.kinematics import DOF, PALM_BODY
 from hhsim.kernels.mesh.feature_distance import edge_distance, face_distance, vertex_distance
 from hhsim.kernels.mesh.features import MeshFeatures
-from hhsim.kernels.round_cone_distance import RoundCone, cone_slope
+from hhsim.kernels.round_cone_distance import RoundCone, cone_slope, sphere_cone
 from hhsim.mesh.features import mesh_features
 from hhsim.mesh.mesh import Mesh
 from hhsim.solver.surface import SURFACES
@@ -52,9 +52,11 @@ def kernel_cone(ends: Array, radius: Array) -> RoundCone:
     length = float(np.linalg.norm(axis))
     large, small = radius.tolist()
     tan_slope, inverse = cone_slope(length, large, small)
+    x, y, z = ends[0].tolist()
     if inverse == 0.0:
-        return RoundCone(*ends[0].tolist(), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, large, 0.0)
-    return RoundCone(*ends[0].tolist(), *(axis / length).tolist(), length, tan_slope, inverse, large, large - small)
+        return sphere_cone(x, y, z, large)
+    ux, uy, uz = (axis / length).tolist()
+    return RoundCone(x, y, z, ux, uy, uz, length, tan_slope, inverse, large, large - small)
 
 
 def features_of(triangles: Array) -> tuple[MeshFeatures, bool]:
