@@ -58,7 +58,7 @@ def test_the_figures_are_those_of_the_referee(honest: Result) -> None:
 
 
 def test_the_referee_finds_energy_that_nobody_gave(honest: Result, tmp_path: Path) -> None:
-    faster = planted(honest, tmp_path / "faster.h5", thrown_object)
+    faster = planted(honest.path, tmp_path, thrown_object)
     own = free_figures(faster)["energy_gained"]
     assert own == pytest.approx(0.5 * 50.0 * 0.1**2, rel=0.1)
     assert run_figure("energy_gained", result_ticks(faster)) == pytest.approx(own, rel=1e-9)
