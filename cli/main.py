@@ -10,7 +10,7 @@ from typing import TextIO
 import click
 
 from hhsim import __version__
-from hhsim.errors import HhsimError, HhsimWarning
+from hhsim.errors import HhsimError
 
 from .console import prepare_streams, print_notes
 from .lazy_group import LazyGroup
@@ -119,8 +119,10 @@ def _show_warning(
     file: TextIO | None = None,
     line: str | None = None,
 ) -> None:
-    """Print a warning of hhsim's in one line, any other as Python does."""
-    if issubclass(category, HhsimWarning):
+    """Print a warning about the cache in one line, any other as Python does."""
+    from hhsim.kernels.cache_folder import CacheFolderWarning
+
+    if issubclass(category, CacheFolderWarning):
         print_notes([str(message)])
     else:
         print(warnings.formatwarning(message, category, filename, lineno, line), end="", file=file or sys.stderr)

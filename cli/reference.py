@@ -44,7 +44,7 @@ then run `python -m hhsim.cli.reference > docs/cli.md`.
 
 | variable | what it does |
 |---|---|
-| `HHSIM_CACHE_DIR` | compiled kernels and built sphere trees; nobody else may write there. Default: `~/.cache/hhsim` |
+| `HHSIM_CACHE_DIR` | folder of compiled kernels and sphere trees; nobody else may write it. Default: `~/.cache/hhsim` |
 | `NO_COLOR` | tables without colours |
 | `COLUMNS` | the width that a table is folded to in a terminal |
 | `NUMBA_DISABLE_JIT` | `1` runs the kernels as plain Python: to debug them, and much slower |

@@ -14,10 +14,6 @@ class HhsimError(Exception):
     exit_code = 2
 
 
-class HhsimWarning(UserWarning):
-    """What does not stop the work and should be known; the command line prints it as a note."""
-
-
 class InputError(HhsimError):
     """A file, an option or a value that cannot be used."""
 

@@ -36,7 +36,7 @@ IMPLEMENTS = re.compile(r"\w+\.of\(\w+\)")
 
 LIBRARY = library()
 COMMAND_LINE = {name: path for name, path in modules().items() if name not in LIBRARY}
-COMPILATION = ("hhsim.kernels.jit", "hhsim.kernels.callee", "hhsim.kernels.kernel_cache")
+COMPILATION = tuple(f"hhsim.kernels.{name}" for name in ("jit", "callee", "kernel_cache", "cache_folder"))
 """What makes kernels of functions, and is none."""
 KERNELS = {name: path for name, path in LIBRARY.items() if name.startswith("hhsim.kernels") and name not in COMPILATION}
 FRONT = LIBRARY["hhsim"]

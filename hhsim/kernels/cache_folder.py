@@ -12,11 +12,13 @@ import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
-from hhsim.errors import HhsimWarning
-
 NAMED = "HHSIM_CACHE_DIR"
 TRUSTED = (0,)
 """Users that may own the folder besides the one who runs hhsim: root can change the programs too."""
+
+
+class CacheFolderWarning(UserWarning):
+    """Another folder than the one that was named is used."""
 
 
 def cache_root() -> Path:
@@ -35,7 +37,7 @@ def cache_root() -> Path:
     else:
         root = Path(tempfile.mkdtemp(prefix="hhsim-"))
     if refused:
-        warnings.warn(f"{refused}; {NAMED} names another; used instead: {root}", HhsimWarning, stacklevel=2)
+        warnings.warn(f"{refused}; {NAMED} names another; used instead: {root}", CacheFolderWarning, stacklevel=2)
         os.environ[NAMED] = str(root)
     return root
 

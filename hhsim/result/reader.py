@@ -55,6 +55,13 @@ _HINTS = {
 }
 """What a file of another format is for."""
 
+_TOGETHER = (
+    ("object/tree/center", "object/tree/radius", "object/tree/level", "object/tree/parent"),
+    ("hand/palm_tree/center", "hand/palm_tree/radius", "hand/palm_tree/level", "hand/palm_tree/parent"),
+    ("hand/palm_center", "hand/palm_radius"),
+)
+"""Arrays that have a row for each sphere."""
+
 CHUNK_TICKS = 512
 """Ticks in a chunk of the file; blocks of this size fill it best."""
 
@@ -283,6 +290,9 @@ def load_result(path: str | Path) -> Result:
             _check_dataset(tick, column, (-1, *column.shape), path)
         for column in STATIC_COLUMNS:
             _check_dataset(file, column, column.shape, path)
+        for names in _TOGETHER:
+            if len({len(file[name]) for name in names}) > 1:
+                raise InputError(f"{path} is damaged: {' and '.join(names)} are not of the same length")
         for column in CONTACT_COLUMNS if CONTACT in file else ():
             _check_dataset(file[CONTACT], column, (-1, *column.shape), path)
         ticks = min(len(tick[column.name]) for column in columns)
@@ -388,12 +398,18 @@ def _check_format(file: h5py.File, path: Path) -> None:
         raise InputError(f"{path} {wrong_schema(version)}")
 
 
+_STORED = {"f": "fiu", "i": "iu", "u": "iu", "S": "SO"}
+"""Kinds of values that a file may hold, by the kind of the column."""
+
+
 def _check_dataset(group: Mapping[str, Any], column: Column, shape: tuple[int, ...], path: Path) -> None:
     dataset = group.get(column.name)
     if dataset is None:
         raise InputError(f"{path} is damaged or no result file: it lacks the dataset {column.name}")
     if not fits(dataset.shape, shape):
         raise InputError(f"{path}: {column.name} has shape {dataset.shape}, expected {spelled(shape)}")
+    if dataset.dtype.kind not in _STORED[np.dtype(column.dtype).kind]:
+        raise InputError(f"{path}: {column.name} holds {dataset.dtype}, expected {column.dtype}")
 
 
 def fits(shape: tuple[int, ...], expected: tuple[int, ...]) -> bool:

@@ -11,6 +11,7 @@ file is still sound; HDF5 itself cannot go on after a write that failed, not eve
 
 import contextlib
 import json
+import math
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -119,6 +120,9 @@ class ResultWriter:
         size = self._close()
         if self.ticks == 0:
             self.path.unlink(missing_ok=True)
+            if isinstance(error, OutputError):
+                room = CHUNK_TICKS * sum(table.row_bytes for table in self._tables.values()) + _OVERHEAD
+                error.add_note(f"not one tick is recorded: the first {CHUNK_TICKS} need {1e-6 * room:.1f} MB")
             return
         if size:
             # What cannot be sealed any more is still read, by way of a child process.
@@ -321,8 +325,12 @@ class _Table:
         if count == 0:
             return 0
         new_chunks = -(-(self.rows + count) // CHUNK_TICKS) - -(-self.rows // CHUNK_TICKS)
-        row = sum(array.dtype.itemsize * int(array[0].size) for array in arrays.values())
-        return new_chunks * CHUNK_TICKS * row
+        return new_chunks * CHUNK_TICKS * self.row_bytes
+
+    @property
+    def row_bytes(self) -> int:
+        """Size of a row."""
+        return sum(np.dtype(column.dtype).itemsize * math.prod(column.shape) for column in self.columns)
 
 
 def _rows(arrays: Mapping[str, Array], columns: Sequence[Column]) -> dict[str, Array]:

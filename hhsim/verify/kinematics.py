@@ -103,6 +103,8 @@ def rotations(quaternion: FloatArray) -> "tuple[Rotation, BoolArray]":
     """Rotations of quaternions w x y z (T, 4), and which are none, shape (T,), for which no turn stands."""
     from scipy.spatial.transform import Rotation
 
-    # scipy refuses all of them for one that has no length.
-    none = ~(np.linalg.norm(quaternion, axis=1) > 0.0)
+    # scipy refuses all of them for one that has no length, or whose length is no number.
+    with np.errstate(over="ignore"):
+        length = np.linalg.norm(quaternion, axis=1)
+    none = ~((length > 0.0) & (length < np.inf))
     return Rotation.from_quat(np.where(none[:, None], [1.0, 0.0, 0.0, 0.0], quaternion)[:, [1, 2, 3, 0]]), none

@@ -10,9 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from hhsim.errors import HhsimWarning
 from hhsim.kernels import cache_folder
-from hhsim.kernels.cache_folder import cache_root
+from hhsim.kernels.cache_folder import CacheFolderWarning, cache_root
 
 
 @pytest.fixture
@@ -44,7 +43,7 @@ def test_one_that_cannot_be_made_is_told_once_and_the_usual_one_serves(
     (tmp_path / "file").touch()
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("HHSIM_CACHE_DIR", named)
-    with pytest.warns(HhsimWarning, match=f"^the cache folder {named} is not used: .*; used instead: {usual}$"):
+    with pytest.warns(CacheFolderWarning, match=f"^the cache folder {named} is not used: .*; used instead: {usual}$"):
         assert cache_root() == usual
     # Neither here nor in a child is it told again.
     code = "from hhsim.kernels.cache_folder import cache_root; print(cache_root())"
@@ -59,7 +58,7 @@ def test_one_that_others_can_write_is_not_used(monkeypatch: pytest.MonkeyPatch, 
         monkeypatch.setenv("HHSIM_CACHE_DIR", str(named))
         before = folder.stat().st_mode
         folder.chmod(mode)
-        with pytest.warns(HhsimWarning, match=f"others can write {folder} .*machine code"):
+        with pytest.warns(CacheFolderWarning, match=f"others can write {folder} .*machine code"):
             assert cache_root() == usual
         folder.chmod(before)
     monkeypatch.setenv("HHSIM_CACHE_DIR", str(named))
@@ -73,7 +72,7 @@ def test_a_group_of_the_owner_alone_may_write(monkeypatch: pytest.MonkeyPatch, u
     owner, members = pwd.getpwuid(os.getuid()).pw_name, ["somebody"]
     group = grp.struct_group((owner, "x", os.getgid(), members))
     monkeypatch.setattr(grp, "getgrgid", lambda _: group)
-    with pytest.warns(HhsimWarning, match="others can write"):
+    with pytest.warns(CacheFolderWarning, match="others can write"):
         assert cache_root() != usual
     monkeypatch.setenv("HHSIM_CACHE_DIR", "")
     members.clear()
@@ -85,13 +84,13 @@ def test_one_of_another_user_is_not_used(monkeypatch: pytest.MonkeyPatch, usual:
     told = usual.stat().st_uid
     monkeypatch.setattr(os, "getuid", lambda: told + 1)
     monkeypatch.setattr(cache_folder, "TRUSTED", ())
-    with pytest.warns(HhsimWarning, match=f"{usual} belongs to another user"):
+    with pytest.warns(CacheFolderWarning, match=f"{usual} belongs to another user"):
         assert cache_root() != usual
 
 
 def test_one_that_cannot_be_written_is_not_used(monkeypatch: pytest.MonkeyPatch, usual: Path) -> None:
     monkeypatch.setattr(os, "access", lambda path, _: Path(path) != usual)
-    with pytest.warns(HhsimWarning, match=f"{usual} is not used: it cannot be written"):
+    with pytest.warns(CacheFolderWarning, match=f"{usual} is not used: it cannot be written"):
         assert cache_root() != usual
 
 
@@ -102,13 +101,13 @@ def test_a_temporary_one_that_others_can_write_is_not_used(
     temporary = tmp_path / f"hhsim-{os.getuid()}"
     temporary.mkdir()
     temporary.chmod(0o777)
-    with pytest.warns(HhsimWarning, match="not a directory"):
+    with pytest.warns(CacheFolderWarning, match="not a directory"):
         found = cache_root()
     assert found not in (usual, temporary)
     assert found.stat().st_mode & 0o077 == 0
     monkeypatch.setenv("HHSIM_CACHE_DIR", "")
     temporary.chmod(0o700)
-    with pytest.warns(HhsimWarning, match="not a directory"):
+    with pytest.warns(CacheFolderWarning, match="not a directory"):
         assert cache_root() == temporary
 
 
@@ -118,7 +117,7 @@ def test_one_in_a_folder_of_everybody_is_not_used(monkeypatch: pytest.MonkeyPatc
     common.mkdir()
     common.chmod(0o777)
     monkeypatch.setenv("HHSIM_CACHE_DIR", str(common / "cache"))
-    with pytest.warns(HhsimWarning, match=f"others can replace it in {common}"):
+    with pytest.warns(CacheFolderWarning, match=f"others can replace it in {common}"):
         assert cache_root() == usual
     common.chmod(0o1777)
     monkeypatch.setenv("HHSIM_CACHE_DIR", str(common / "cache"))

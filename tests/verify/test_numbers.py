@@ -11,7 +11,7 @@ from sealed_change import changed
 from short_grasp import short_result
 
 from hhsim.result.reader import Result, load_result
-from hhsim.verify.kinematics import configurations, own_hand, pose, turn_between
+from hhsim.verify.kinematics import configurations, own_hand, pose, rotations, turn_between
 from hhsim.verify.verify import verify
 
 pytest.importorskip("coal", reason="the referee measures with coal: pip install 'hhsim[verify]'")
@@ -62,3 +62,10 @@ def test_one_hand_that_is_nowhere_changes_no_other(honest: Result) -> None:
     turn = turn_between(at.orientation, damaged.orientation)
     assert np.isnan(turn[3]).all()
     np.testing.assert_allclose(turn[others], 0.0, atol=1e-15)
+
+
+def test_a_quaternion_whose_length_is_no_number_is_no_rotation() -> None:
+    quaternions = np.array([[0.0] * 4, [1e200, 0, 0, 0], [np.inf, 0, 0, 0], [np.nan] * 4, [1e-300] * 4, [2.0, 0, 0, 0]])
+    found, none = rotations(quaternions)
+    assert none.tolist() == [True] * 5 + [False]
+    assert np.array_equal((found * found.inv()).as_quat(), np.tile([0.0, 0.0, 0.0, 1.0], (6, 1)))
