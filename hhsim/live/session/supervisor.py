@@ -335,7 +335,7 @@ class Supervisor:
             self._record_failed = recorder.complaint() or recorder.how_it_ended()
 
     def _end_child(self, name: str, patience: float, does: Callable[[], str]) -> bool:
-        """Wait for a process to end, so much of its own time [s] before each signal.
+        """Wait for a process to end, so much of its own time [s] before it gets a signal, and `LOOP_PATIENCE` after.
 
         Args:
             does: What is waited for.
@@ -363,7 +363,7 @@ class Supervisor:
                 level = WARNING if name == VIEWER else FAULT
                 self._notice(f"the {name} does not end: it gets {signal_.name}", level)
                 child.send(signal_)
-            if child.wait_its_time(patience, progress):
+            if child.wait_its_time(patience if signal_ is None else min(patience, LOOP_PATIENCE), progress):
                 return signal_ is None
         return False
 
