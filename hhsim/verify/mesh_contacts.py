@@ -99,13 +99,8 @@ def _phalanges(
 ) -> Pairs:
     of = phalanges(hand, posed, fingers)
     row, face = near_rows(of.a, of.b, of.thick, groups, near)
-    axis, drop = (of.b - of.a)[row], (of.radius_b - of.radius_a)[row]
-    # Nor is a triangle that is on one side of a plane at some distance from the axis nearer than that.
-    start, normal = triangles.start[0].T[face], triangles.normal.T[face]
-    heights = [((at - start) * normal).sum(axis=1) for at in (of.a[row], of.b[row])]
-    over = np.where(np.sign(heights[0]) == np.sign(heights[1]), np.abs(heights).min(axis=0), 0.0)
-    close = np.flatnonzero(over - of.thick[row] <= near)
-    row, face, axis, drop, ready = row[close], face[close], axis[close], drop[close], triangles.at(face[close])
+    row, face = _not_apart(of.a, of.b, of.thick + near, triangles, row, face)
+    axis, drop, ready = (of.b - of.a)[row], (of.radius_b - of.radius_a)[row], triangles.at(face)
     share = nearest_share(of.a[row], axis, drop, ready)
     parts = [_pairs(row, face, of.a[row] + share[:, None] * axis, of.radius_a[row] + share * drop, ready, near)]
     for end in (0.0, 1.0):
@@ -117,9 +112,26 @@ def _phalanges(
     return together._replace(tick=together.tick // 15, body=together.tick % 15)
 
 
+def _not_apart(
+    a: FloatArray, b: FloatArray, thick: FloatArray, triangles: ReadyTriangles, row: IntArray, face: IntArray
+) -> tuple[IntArray, IntArray]:
+    """Those rows of capsules and triangles that no plane of the triangle holds apart: its own, or one at a side."""
+    for across, start in ((triangles.normal, triangles.start[0]), *zip(-triangles.inward, triangles.start)):
+        length = np.sqrt((across * across).sum(axis=0))
+        unit = (across / np.where(length > 0.0, length, 1.0)).T[face]
+        first, last = (((at[row] - start.T[face]) * unit).sum(axis=1) for at in (a, b))
+        apart = np.minimum(first, last)
+        if across is triangles.normal:
+            apart = np.maximum(apart, -np.maximum(first, last))
+        kept = apart <= thick[row]
+        row, face = row[kept], face[kept]
+    return row, face
+
+
 def _palm(hand: OwnHand, posed: Posed, triangles: ReadyTriangles, groups: Groups, near: float) -> Pairs:
     row, face = near_palm_rows(hand, posed, groups, near)
     count, center = len(hand.palm_radius), posed.palm.reshape(-1, 3)
+    row, face = _not_apart(center, center, np.tile(hand.palm_radius, len(posed.palm)) + near, triangles, row, face)
     pairs = _pairs(row, face, center[row], hand.palm_radius[row % count], triangles.at(face), near)
     return pairs._replace(tick=pairs.tick // count, body=np.full(len(pairs.tick), PALM))
 

@@ -17,6 +17,7 @@ from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.trees.triangle_tree import OPTIONS, triangle_tree
 from hhsim.verify.claim import NOT_JUDGED, Claim, all_true, judged
+from hhsim.verify.contacts import PALM
 from hhsim.verify.file_checks import COVER, leaves, outside_spheres
 from hhsim.verify.kinematics import rotations
 
@@ -165,7 +166,7 @@ def _described(result: Result) -> Claim:
         "modelled.phalanges": (modelled.get("phalanges", phalanges), phalanges),
         "modelled.palm_spheres": (modelled.get("palm_spheres", palm), palm),
         "modelled.object_spheres": (modelled.get("object_spheres", leaf), leaf),
-        "modelled.all_pairs": (modelled.get("all_pairs"), (phalanges + palm) * leaf),
+        "modelled.all_pairs": (modelled.get("all_pairs"), (PALM + palm) * leaf),
         "modelled.not_modelled": ("friction" in modelled.get("not_modelled", ["friction"]), not result.free),
         "tree_options.level": ((scene.get("tree_options") or {}).get("level", depth), depth),
         "ticks": (not result.complete or result.ticks <= int(scene.get("ticks") or result.ticks), True),
