@@ -29,6 +29,9 @@ WHY_FORCE = "a millionth: a ten-thousandth of the least force that has a rate"
 TURN = 4.0
 """Normals at the end of a tick differ from those of its last program by at most its last step over the radii that
 roll on each other; times this for moments, whose levers move as well, and for both hands of a contact."""
+LEAN = 0.03
+"""Sine of the angle by which a contact's normal on a mesh may lie beside the line to the nearest point (docs/methods.md,
+1.7 degrees). The forces of a tick on its way are those of such a normal; at rest both are one."""
 WHY_SLACK = "a millionth, and how far normals turn in the tick's last step, after which the program is not solved again"
 
 
@@ -143,7 +146,10 @@ def _balance(judge: JudgedTicks) -> Claim:
         if yields and judge.on_mesh:
             # Which faces, edges and corners near by are rows of the program, and which follow from others, is the
             # solver's choice; what it is free to choose is where the pushes act, not that they are pushes.
-            off[n] = min(off[n], pushes_alone(at, force))
+            alone = pushes_alone(at, force)
+            if late and alone < off[n]:
+                slack[i] += LEAN * size[i]
+            off[n] = min(off[n], alone)
         elif yields:
             pull = on_its_way(at, judge.diagonal, offset)
             off[n] = min(off[n], explained(at, judge.scale, force, pull, False))
