@@ -131,7 +131,7 @@ def test_a_replay_takes_threads(run: Run) -> None:
     assert note not in alone["notes"]
     answer = run(*short, "--threads", "9")
     assert answer.code == 2
-    assert "threads is 9: 1 to 6" in answer.err
+    assert "9 is not in the range 1<=x<=6" in answer.err
     answer = run(*short, "--threads", "2", "--qp", "daqp")
     assert answer.code == 2
     assert len(answer.err.strip().splitlines()) == 1

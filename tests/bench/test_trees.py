@@ -154,8 +154,8 @@ def test_the_command_as_json_and_a_missed_bar(
     ("arguments", "message"),
     [
         (("--object", "buny"), "unknown object 'buny': did you mean bunny"),
-        (("--spheres", "0"), "expected whole numbers from 1 on"),
-        (("--spheres", "99999"), "99,999 spheres, expected 1 to 32,768"),
+        (("--spheres", "0"), "'0', expected whole numbers from 1 to 32768"),
+        (("--spheres", "99999"), "'99999', expected whole numbers from 1 to 32768"),
         (("--out", "a.txt"), "must end in .h5"),
         (("--plot", "a.h5"), "no picture by its ending"),
     ],

@@ -155,7 +155,7 @@ def test_profiles_that_are_none_are_refused_in_one_line(tmp_path: Path, whole: A
         (b"\xff\xfe\x00", "not a text file"),
         (b"{", "not JSON"),
         (b"[" * 100_000, "not JSON"),
-        (b" " * (MOST_FILE + 1), "more than 4 MB"),
+        (b" " * (MOST_FILE + 1), "4,194,305 bytes, more than such a file has"),
     ],
 )
 def test_files_that_are_no_profiles_are_refused_in_one_line(tmp_path: Path, data: bytes, message: str) -> None:
