@@ -30,8 +30,8 @@ TURN = 4.0
 """Normals at the end of a tick differ from those of its last program by at most its last step over the radii that
 roll on each other; times this for moments, whose levers move as well, and for both hands of a contact."""
 LEAN = 0.03
-"""Sine of the angle by which a contact's normal on a mesh may lie beside the line to the nearest point (docs/methods.md,
-1.7 degrees). The forces of a tick on its way are those of such a normal; at rest both are one."""
+"""Sine of the angle by which a contact's normal on a mesh may lie beside the line to the nearest point (1.7 degrees,
+docs/methods.md). The forces of a tick on its way are those of such a normal; at rest both are one."""
 WHY_SLACK = "a millionth, and how far normals turn in the tick's last step, after which the program is not solved again"
 
 
