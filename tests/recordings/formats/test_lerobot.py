@@ -62,9 +62,18 @@ def test_pages_with_checksums_are_held_against_them() -> None:
         read_as("lerobot", data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :])
 
 
+def test_a_column_that_contradicts_its_statistics_is_refused_and_ends_no_process() -> None:
+    data = lerobot_bytes()
+    place = data.index(b"\x18\ttimestamp") - 1
+    # In the footer: no stamp may be missing, where the histogram of its levels has two.
+    assert data[place] == 2
+    with pytest.raises(TrajectoryError, match="histogram size mismatch"):
+        read_as("lerobot", data[:place] + b"\0" + data[place + 1 :])
+
+
 def test_more_than_a_recording_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    for limit, said in (("MOST_BYTES", "observation.hand_joints has 0 MB"), ("MOST_CELLS", "6,160 values")):
-        monkeypatch.setattr(lerobot, limit, 5000)
+    for limit, size, said in (("MOST_BYTES", 5000, "observation.hand_joints has 0 MB"), ("MOST_CELLS", 100, "40 rows")):
+        monkeypatch.setattr(lerobot, limit, size)
         with pytest.raises(TrajectoryError, match=f"{said}; expected"):
             read_as("lerobot", lerobot_bytes())
 
