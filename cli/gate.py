@@ -36,6 +36,18 @@ class Comparison(OptionGroup):
         metavar="PYTHON",
         help="A python that has the base's hhsim, run in turn with this one: the only fair comparison of times.",
     )
+    base_folder: Path | None = option(
+        type=FILE,
+        metavar="DIR",
+        help="Folder of the base that stands for the suite's: its scenes find their methods, recordings, submissions "
+        "and sessions there. Without --base-python, this python runs it too.",
+    )
+    suite: Path | None = option(
+        type=FILE,
+        metavar="SUITE",
+        help="Whose [limits] a RESULT is held to. Default: the limits that hhsim replay shows; no file of the current "
+        "folder is read.",
+    )
     write_baseline: Path | None = option(type=FILE, metavar="FILE", help="Record the suite's run in this file.")
     time: bool = option("--time/--no-time", default=True, help="Judge and record times, or leave them out.")
     processes: int | None = option(
@@ -65,10 +77,11 @@ def command(
     """Judge a change for CI: errors, work and time, yes or no.
 
     SUITE is a TOML file of scenes and limits; without it, hhsim-gate.toml of the current folder, else the one that
-    ships. Errors have absolute limits. Work counters are compared with the base exactly, but for a stated slack. Times
-    are medians over processes of the CPU p50: of base and head run in turn with --base-python, or divided by a fixed
-    reference workload where the baseline was recorded elsewhere. A RESULT is judged as it is; of its times, only those
-    that the suite limits.
+    ships. A scene is a replay, of a method from outside too, a submission or a recorded session. Errors have absolute
+    limits. Work counters are compared with the base exactly, but for a stated slack. Times are medians over processes
+    of the CPU p50: of base and head run in turn with --base-python, or divided by a fixed reference workload where the
+    baseline was recorded elsewhere. A RESULT is judged as it is, by its file alone; of its times, only those that
+    --suite limits.
 
     Exit codes: 0 ok, 1 a limit was missed, 2 bad input, 3 the two sides were fed with different inputs.
 
@@ -78,7 +91,9 @@ def command(
       hhsim gate --base-python ../base/.venv/bin/python --step-summary
       hhsim gate my-gate.toml --write-baseline gate-baseline.json
       hhsim gate my-gate.toml --baseline gate-baseline.json --junit gate.xml
+      hhsim gate --base-folder ../base
       hhsim gate results/after.h5 --baseline results/before.h5
+      hhsim gate session.h5 --suite hhsim-gate.toml
     """
     from hhsim.gate.report import markdown as as_markdown
     from hhsim.system.atomic_write import write_atomically
@@ -90,10 +105,14 @@ def command(
             check_output_path(path)
     announce_compilation(quiet=quiet)
     if target is not None and names_a_result(target):
-        if comparison.base_python is not None or comparison.write_baseline is not None:
-            raise click.UsageError("--base-python and --write-baseline run a suite: a RESULT is judged as it is")
-        report = _judge_result(target, comparison.baseline, timed=comparison.time)
+        if any((comparison.base_python, comparison.base_folder, comparison.write_baseline)):
+            raise click.UsageError(
+                "--base-python, --base-folder and --write-baseline run a suite: a RESULT is judged as it is"
+            )
+        report = _judge_result(target, comparison, timed=comparison.time)
     else:
+        if comparison.suite is not None:
+            raise click.UsageError("--suite is for a RESULT: a suite is run by its name, hhsim gate SUITE")
         report = _judge_suite(target, comparison, quiet=quiet)
     # The name of a file need be no UTF-8.
     text = as_markdown(report).encode(errors="replace")
@@ -112,13 +131,14 @@ def command(
     return report.exit_code
 
 
-def _judge_result(path: Path, baseline: Path | None, *, timed: bool) -> "GateReport":
+def _judge_result(path: Path, comparison: Comparison, *, timed: bool) -> "GateReport":
     from hhsim.gate.baseline import load_baseline
-    from hhsim.gate.gate import find_suite, gate_result
-    from hhsim.gate.suite import SUITE_FILE
+    from hhsim.gate.gate import gate_result
+    from hhsim.gate.suite import load_suite
     from hhsim.result.reader import load_result
 
-    suite = find_suite(None, Path(SUITE_FILE))
+    suite = None if comparison.suite is None else load_suite(comparison.suite)
+    baseline = comparison.baseline
     base: Result | Baseline | None = None
     if baseline is not None:
         base = load_result(baseline) if names_a_result(baseline) else load_baseline(baseline)
@@ -141,7 +161,12 @@ def _judge_suite(target: Path | None, comparison: Comparison, *, quiet: bool) ->
     named = comparison.baseline or (suite.baseline if written is None else None)
     baseline = None if named is None else load_baseline(named)
     head = find_side("head", this_python())
-    base = None if comparison.base_python is None else find_side("base", comparison.base_python.absolute())
+    base = None
+    if comparison.base_folder is not None and not comparison.base_folder.is_dir():
+        raise InputError(f"--base-folder {comparison.base_folder}: no such folder; expected a checkout of the base")
+    if comparison.base_python is not None or comparison.base_folder is not None:
+        python = this_python() if comparison.base_python is None else comparison.base_python.absolute()
+        base = find_side("base", python, comparison.base_folder)
     with progress(quiet=quiet) as report_progress:
         report = gate_suite(
             suite,

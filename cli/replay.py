@@ -359,7 +359,8 @@ def _print(summary: "ReplaySummary", *, whole: bool) -> None:
     of_paper = any(row.paper for row in rows)
     columns = ("", "hhsim", "unit", "limit", *(["paper"] if of_paper else []))
     cells = [
-        (row.label, row.shown, row.unit, row.limit(summary.method), *([row.paper] if of_paper else [])) for row in rows
+        (row.label, row.shown, row.unit, row.limit(summary.promises), *([row.paper] if of_paper else []))
+        for row in rows
     ]
     print_table(columns, cells, numbers=("hhsim", "limit", "paper"), optional=("paper",))
     if not whole:

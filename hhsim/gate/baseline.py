@@ -117,7 +117,7 @@ def _scene_json(scene: RecordedScene) -> dict[str, Any]:
 
 def _scene(document: Mapping[str, Any], where: str) -> RecordedScene:
     errors = {name: _number(document["errors"].get(name)) for name in judged_metrics()}
-    counters = {name: int(document["counters"][name]) for name in COUNTERS}
+    counters = {name: int(document["counters"][name]) for name in COUNTERS if name in document["counters"]}
     inputs = inputs_from_json(document["inputs"], where)
     times = tuple(float(value) for value in document.get("times", ()))
     references = tuple(float(value) for value in document.get("references", ()))

@@ -8,10 +8,10 @@ from typing import Any
 from hhsim.errors import InputError
 from hhsim.gate.baseline import Baseline, RecordedScene
 from hhsim.gate.input_hash import differences
-from hhsim.gate.limits import OF_SESSIONS, without_times
+from hhsim.gate.limits import SESSION_DEFAULTS, without_times
 from hhsim.gate.metrics import RunFigures, run_figures
 from hhsim.gate.run import RunFailed, Side, interleaved_times, times_beside_reference
-from hhsim.gate.suite import GateScene, GateSuite, default_suite, load_suite
+from hhsim.gate.suite import REPLAY, SESSION, SUBMISSION, GateScene, GateSuite, default_suite, load_suite
 from hhsim.gate.verdict import (
     GateRow,
     failed_run,
@@ -19,11 +19,13 @@ from hhsim.gate.verdict import (
     judge_errors,
     judge_inputs,
     judge_others,
+    judge_suspicions,
     judge_time,
     overall,
     unjudged,
 )
 from hhsim.kernels.machine_calibration import REFERENCE_VERSION
+from hhsim.replay.limits import default_limits, stored_promises
 from hhsim.result.reader import Result
 from hhsim.system.progress import Progress, silent
 
@@ -118,12 +120,16 @@ def gate_suite(
     return GateReport(suite.source, " and ".join(against), tuple(rows), tuple(notes), recorded)
 
 
-def gate_result(result: Result, suite: GateSuite, base: Result | Baseline | None, *, timed: bool = True) -> GateReport:
-    """Judge a result by the suite's limits of its method, and its counters by another result or a baseline.
+def gate_result(
+    result: Result, suite: GateSuite | None = None, base: Result | Baseline | None = None, *, timed: bool = True
+) -> GateReport:
+    """Judge a result by limits, and its counters by another result or a baseline.
 
     Times are not compared: those of two runs that were not run in turn say nothing.
 
     Args:
+        suite: Whose `[limits]` and `[counters]` hold; None: the default ones, of which a method that does not promise
+            to hold one is exempt.
         base: What it is compared with.
         timed: Whether times that the suite limits are judged.
 
@@ -143,10 +149,13 @@ def gate_result(result: Result, suite: GateSuite, base: Result | Baseline | None
             before = alike[0]
         else:
             unlike = f"no scene of {source} has the inputs of {result.path}"
-    limits = suite.limits_of(result.method)
-    if result.live is None:
-        limits = {figure: limit for figure, limit in limits.items() if figure not in OF_SESSIONS}
-    rows = _judged(name, head, before, limits if timed else without_times(limits), suite.slack)
+    if suite is not None:
+        kind = SESSION if result.live is not None else SUBMISSION if result.score else REPLAY
+        limits, slack = suite.limits_of(kind), suite.slack
+    else:
+        limits, slack = default_limits(stored_promises(result.scene)), default_suite().slack
+        limits |= SESSION_DEFAULTS if result.live is not None else {}
+    rows = _judged(name, head, before, limits if timed else without_times(limits), slack)
     if unlike:
         rows.insert(0, unjudged(name, "inputs", unlike))
     stopped = f"the run of {result.path} was stopped: only its first {result.ticks:,} ticks are judged"
@@ -154,13 +163,18 @@ def gate_result(result: Result, suite: GateSuite, base: Result | Baseline | None
 
 
 def _judged(
-    name: str, head: RunFigures, base: RunFigures | None, limits: Mapping[str, float], slack: Mapping[str, float]
+    name: str,
+    head: RunFigures,
+    base: RunFigures | None,
+    limits: Mapping[str, float],
+    slack: Mapping[str, float],
+    motion_may_change: bool = False,
 ) -> list[GateRow]:
     """All rows of a run but its time; of a base that was fed with something else, no figure is told."""
-    others = judge_others(name, head, limits)
+    others = [*judge_others(name, head, limits), *judge_suspicions(name, head)]
     if base is None:
         return [*judge_errors(name, head, None, limits), *others]
-    inputs = judge_inputs(name, head, base)
+    inputs = judge_inputs(name, head, base, motion_may_change)
     if differences(base.inputs, head.inputs):
         return [inputs, *judge_errors(name, head, None, limits), *others]
     return [inputs, *judge_errors(name, head, base, limits), *others, *judge_counters(name, head, base, slack)]
@@ -207,12 +221,13 @@ class _SceneRun:
                 times_with, why = None, why or str(failed)
             else:
                 before = before or (None if why else of_base)
-                apart = differences(of_base.inputs, figures.inputs)
-                if apart:
+                apart = differences(of_base.inputs, figures.inputs, but_the_motion=scene.motion_may_change)
+                if differences(of_base.inputs, figures.inputs):
                     times_with = None
+                if apart:
                     why = why or ("" if baseline is None else f"base has different inputs: {'; '.join(apart)}")
         limits = scene.limits if timed else without_times(scene.limits)
-        self.rows = _judged(scene.name, figures, before, limits, scene.slack)
+        self.rows = _judged(scene.name, figures, before, limits, scene.slack, scene.motion_may_change)
         comparable = before is None or not differences(before.inputs, figures.inputs)
         if why:
             self.rows.insert(0, unjudged(scene.name, "inputs", why))
@@ -258,7 +273,7 @@ class _SceneRun:
 
 
 def _notes(head: Side, base: Side | None) -> list[str]:
-    if base is not None and base.package == head.package:
+    if base is not None and base.package == head.package and base.folder is None:
         return [f"base and head are the same hhsim, that in {head.package}: this compares it with itself"]
     return []
 

@@ -22,9 +22,11 @@ OPTION_DIGITS = 12
 GOLDEN = 0.6180339887498949
 HAND = ("hand/phalanx_radius", "hand/phalanx_length", "hand/palm_center", "hand/palm_radius")
 MOTION = ("haptic/position", "haptic/orientation", "haptic/flexion", "haptic/abduction")
+OF_THE_MOTION = ("motion", "samples", "rate", "seed", "tremor_mm_deg", "place_object")
+"""Options of a replay that say what moves."""
 INPUT_OPTIONS = (
     *("level", "max_error", "unit", "size_mm", "thickness_mm"),
-    *("motion", "samples", "rate", "seed", "tremor_mm_deg", "place_object"),
+    *OF_THE_MOTION,
 )
 """Options of a replay that say what is fed in; names of files do not."""
 OF_THE_MESH = ("center", "inertia")
@@ -99,21 +101,26 @@ def inputs_from_json(document: Mapping[str, Any], where: str) -> RunInputs:
         raise InputError(f"{where}: what was fed in cannot be read: {error!r}") from error
 
 
-def differences(base: RunInputs, head: RunInputs) -> list[str]:
-    """What differs in what two runs were fed with, a few words each; empty where they can be compared."""
+def differences(base: RunInputs, head: RunInputs, *, but_the_motion: bool = False) -> list[str]:
+    """What differs in what two runs were fed with, a few words each; empty where they can be compared.
+
+    Args:
+        but_the_motion: Whether another motion is no difference.
+    """
     found = []
     for name, what in (("schema", "result schema"), ("ticks", "number of ticks"), ("spheres", "spheres of the tree")):
-        if getattr(base, name) != getattr(head, name):
+        if getattr(base, name) != getattr(head, name) and not (but_the_motion and name == "ticks"):
             found.append(f"{what}: {getattr(base, name)} and {getattr(head, name)}")
     if base.mesh != head.mesh:
         found.append(f"object mesh: {base.mesh[:12]}… and {head.mesh[:12]}…")
     for kind in ("options", "solver"):
         one, other = getattr(base, kind), getattr(head, kind)
         # An option that only one of them has is one that came or went between two versions.
-        both = sorted(one.keys() & other.keys())
+        both = sorted((one.keys() & other.keys()).difference(OF_THE_MOTION if but_the_motion else ()))
         unlike = [name for name in both if _plain(one[name]) != _plain(other[name])]
         found += [f"{name}: {one[name]} and {other[name]}" for name in unlike]
-    for name, what in (("tree", "sphere tree"), ("hand", "hand"), ("motion", "trajectory")):
+    sums = (("tree", "sphere tree"), ("hand", "hand"), *(() if but_the_motion else (("motion", "trajectory"),)))
+    for name, what in sums:
         if not _alike(getattr(base, name), getattr(head, name)):
             found.append(what)
     return found

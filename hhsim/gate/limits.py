@@ -1,21 +1,28 @@
-"""The figures that a suite can limit: all of a run, and the times of a live session."""
+"""The figures that a suite can limit: all of a run, those of a live session, and those of a submission."""
 
 from collections.abc import Mapping
 
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.metrics.run_metric import Figure
+from hhsim.metrics.session_faults import SESSION_FAULTS
 from hhsim.metrics.session_times import SESSION_TIMES
+from hhsim.submissions.pose_errors import MESH_DEPTH, OFF_BEST, OFF_BEST_MAX
 
-OF_SESSIONS = frozenset(figure.name for figure in SESSION_TIMES)
-"""Only a recorded session has them: no scene of a suite does."""
+OF_SESSIONS = frozenset(figure.name for figure in (*SESSION_TIMES, *SESSION_FAULTS))
+"""Only a recorded session has them."""
+OF_SUBMISSIONS = frozenset(figure.name for figure in (MESH_DEPTH, OFF_BEST, OFF_BEST_MAX))
+"""Only a submission has them."""
+SESSION_DEFAULTS = {fault.name: fault.limit for fault in SESSION_FAULTS}
+"""Limits of a session where a suite sets no other."""
 
 
 def limitable() -> dict[str, Figure]:
     """Every figure that can have a limit, by name."""
-    return {**run_metrics(), **{figure.name: figure for figure in SESSION_TIMES}}
+    more = (*SESSION_TIMES, *SESSION_FAULTS, MESH_DEPTH, OFF_BEST, OFF_BEST_MAX)
+    return {**run_metrics(), **{figure.name: figure for figure in more}}
 
 
 def without_times(limits: Mapping[str, float]) -> dict[str, float]:
     """The limits of what is the same on every machine."""
-    exact = {name for name, metric in run_metrics().items() if metric.noise == 0.0}
-    return {name: limit for name, limit in limits.items() if name in exact}
+    times = {name for name, metric in run_metrics().items() if metric.noise} | {time.name for time in SESSION_TIMES}
+    return {name: limit for name, limit in limits.items() if name not in times}

@@ -4,6 +4,7 @@ Errors are computed anew from the stored poses and forces where that needs no so
 is stale or wrong does not pass.
 """
 
+from collections.abc import Collection
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -11,15 +12,19 @@ import numpy as np
 
 from hhsim.arrays import AnyArray
 from hhsim.gate.input_hash import RunInputs, run_inputs
-from hhsim.gate.limits import limitable
+from hhsim.gate.limits import OF_SESSIONS, OF_SUBMISSIONS, limitable
 from hhsim.hand.fingers import FINGERS
 from hhsim.metrics import metrics
-from hhsim.metrics.run.registry import judged_metrics, run_metrics
+from hhsim.metrics.run.registry import judged_metrics, known_figures, run_metrics
 from hhsim.metrics.run.stuck_and_lag import is_mostly_stuck
 from hhsim.metrics.run_metric import Figure, RunMetric
 from hhsim.metrics.run_ticks import RunTicks, result_ticks
+from hhsim.metrics.session_faults import SESSION_FAULTS
+from hhsim.replay.limits import stored_promises
 from hhsim.replay.stored_scene import stored_surface
 from hhsim.result.reader import Result
+from hhsim.result.schema import TICK_COLUMNS
+from hhsim.solver.method import EVERYTHING
 
 COUNTERS: dict[str, tuple[str, Figure]] = {
     "node_tests": ("work/node_tests", Figure("node_tests", "tree nodes tested")),
@@ -41,12 +46,15 @@ class RunFigures:
 
     Attributes:
         inputs: What was fed in.
-        errors: By the names of `hhsim.metrics.run.registry.judged_metrics`; NaN where undefined.
-        counters: By the names of `COUNTERS`.
+        errors: By the names of `hhsim.metrics.run.registry.judged_metrics`, those that its method tells; NaN where
+            undefined.
+        counters: By the names of `COUNTERS`, those that its method has.
         cpu_p50: Median CPU time of its ticks in contact, of all ticks where it has no contact [s].
         others: Figures of `hhsim.gate.limits.limitable` that are judged only where a suite limits them, by name, SI or
-            %; NaN where undefined. None of a baseline.
+            %; NaN where undefined. Of a session's and a submission's, only of those. None of a baseline.
         mostly_stuck: True if more than half of its ticks are stuck, which no suite allows.
+        promises: What its method promises, of `hhsim.solver.method.PROMISES`.
+        suspicions: What a submission probably does not mean, a line each.
     """
 
     inputs: RunInputs
@@ -55,6 +63,8 @@ class RunFigures:
     cpu_p50: float
     others: dict[str, float] = field(default_factory=dict)
     mostly_stuck: bool = False
+    promises: frozenset[str] = frozenset()
+    suspicions: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """As plain values; what is undefined is None."""
@@ -69,10 +79,14 @@ def run_figures(result: Result) -> RunFigures:
         InputError: A dataset that the result's schema does not have, or a tree that is none.
     """
     inputs, result = run_inputs(result), result.seen_from_object
-    counters = {name: int(np.sum(result[dataset])) for name, (dataset, _) in COUNTERS.items()}
-    errors = _errors(result)
-    stuck = is_mostly_stuck(errors["stuck_ticks"], result.ticks)
-    return RunFigures(inputs, errors, counters, cpu_p50(result), _others(result), stuck)
+    gives = {what for what in EVERYTHING if result.gives(what)}
+    known = {column.name for column in TICK_COLUMNS if column.known_by in ("", *gives)}
+    counters = {name: int(np.sum(result[dataset])) for name, (dataset, _) in COUNTERS.items() if dataset in known}
+    errors = {name: value for name, value in _errors(result, known).items() if name in known_figures(gives)}
+    stuck = is_mostly_stuck(errors.get("stuck_ticks", 0.0), result.ticks)
+    suspicions = tuple(map(str, result.scene.get("submission", {}).get("suspicions", ())))
+    promises = stored_promises(result.scene)
+    return RunFigures(inputs, errors, counters, cpu_p50(result), _others(result), stuck, promises, suspicions)
 
 
 def cpu_p50(result: Result) -> float:
@@ -82,11 +96,11 @@ def cpu_p50(result: Result) -> float:
     return float(np.median(cpu[contact] if contact.any() else cpu)) * 1e-9
 
 
-def _errors(result: Result) -> dict[str, float]:
+def _errors(result: Result, known: Collection[str]) -> dict[str, float]:
     run = result_ticks(result, _ComputedAnew(result))
     # What is of runs of its own, only the run itself has.
     found = {name: _figure(metric, result, run) for name, metric in judged_metrics().items()}
-    lost = {name for name in NEVER_UNDEFINED if not np.isfinite(result[name]).all()}
+    lost = {name for name in NEVER_UNDEFINED if name in known and not np.isfinite(result[name]).all()}
     # A force or a pose that is no number is not one that is not there.
     return {
         name: np.inf if np.isnan(value) and lost.intersection(judged_metrics()[name].needs) else value
@@ -95,12 +109,13 @@ def _errors(result: Result) -> dict[str, float]:
 
 
 def _others(result: Result) -> dict[str, float]:
-    run, judged = result_ticks(result, _ComputedAnew(result)), judged_metrics()
-    found = {}
-    for name in limitable():
-        if name not in judged:
-            found[name] = _figure(run_metrics().get(name), result, run, name)
-    return found
+    run, left_out = result_ticks(result, _ComputedAnew(result)), {*judged_metrics(), *OF_SUBMISSIONS}
+    if result.live is None:
+        left_out |= OF_SESSIONS
+    found = {name: _figure(run_metrics().get(name), result, run, name) for name in limitable() if name not in left_out}
+    if result.live is not None:
+        found |= {fault.name: fault.compute(result) for fault in SESSION_FAULTS}
+    return {**found, **{name: float(value) for name, value in result.score.items() if name in OF_SUBMISSIONS}}
 
 
 def _figure(metric: RunMetric | None, result: Result, run: RunTicks, name: str = "") -> float:

@@ -47,29 +47,35 @@ class Side:
         name: Base or head.
         version: Of its hhsim.
         package: The folder that its hhsim is imported from.
+        folder: Where it has the files of the suite; None: in the suite's own folder.
     """
 
     name: str
     python: Path
     version: str
     package: str
+    folder: Path | None = None
 
     def replay(self, scene: GateScene, folder: Path, read: Callable[[Result], T]) -> T:
         """Run a scene and read what is wanted from its result, which is then deleted.
 
         Args:
-            folder: The current folder of the run, which paths are relative to.
+            folder: Of the suite, which paths are relative to where the side has no folder of its own.
             read: Takes the result.
 
         Raises:
             RunFailed: The run did not end well.
             InputError: Its result cannot be read.
         """
+        folder = self.folder or folder
+        command = scene.command()
+        if not command:
+            return read(self._recorded(scene, folder / scene.object))
         with tempfile.TemporaryDirectory(prefix="hhsim-gate-") as place:
             out = Path(place) / "run.h5"
-            arguments = ["replay", *scene.replay_arguments(), "--quiet", "--out", str(out)]
-            answer = run_python(self.python, MAIN, arguments, folder)
-            if answer.returncode != 0:
+            answer = run_python(self.python, MAIN, [*command, "--quiet", "--out", str(out)], folder)
+            # Code 1 says that a run came to its end and missed something: what, its ticks tell.
+            if answer.returncode not in (0, 1) or not (out.exists() and load_result(out).complete):
                 lines = [line for line in answer.stderr.strip().splitlines() if line.strip()]
                 reason = lines[-1].removeprefix("hhsim: error: ") if lines else f"exit code {answer.returncode}"
                 raise RunFailed(
@@ -79,13 +85,24 @@ class Side:
                 )
             return read(load_result(out))
 
+    def _recorded(self, scene: GateScene, path: Path) -> Result:
+        try:
+            result = load_result(path)
+        except InputError as error:
+            why = f"{self.name} has no session for scene {scene.name}: {error}"
+            raise RunFailed(why, side=self.name, refused=True) from error
+        if result.ticks == 0:
+            why = f"the session of {self.name} for scene {scene.name}, {path}, holds no ticks"
+            raise RunFailed(why, side=self.name, refused=False)
+        return result
+
     def figures(self, scene: GateScene, folder: Path) -> RunFigures:
         """Run a scene and judge its ticks; raises as `replay`."""
         return self.replay(scene, folder, run_figures)
 
 
-def find_side(name: str, python: Path) -> Side:
-    """Look at a python and its hhsim.
+def find_side(name: str, python: Path, folder: Path | None = None) -> Side:
+    """Look at a python and its hhsim; see `Side`.
 
     Raises:
         InputError: No interpreter, or one without hhsim.
@@ -99,7 +116,7 @@ def find_side(name: str, python: Path) -> Side:
     except (ValueError, IndexError):
         lines = answer.stderr.strip().splitlines() or ["it said nothing"]
         raise InputError(f"--{name}-python {python} has no hhsim that can be imported: {lines[-1]}") from None
-    return Side(name, python, str(version), str(package))
+    return Side(name, python, str(version), str(package), folder)
 
 
 def run_python(

@@ -9,12 +9,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from hhsim.errors import InputError
-from hhsim.gate.limits import OF_SESSIONS, limitable
+from hhsim.errors import InputError, UnknownNameError
+from hhsim.gate.limits import OF_SESSIONS, OF_SUBMISSIONS, SESSION_DEFAULTS, limitable
 from hhsim.gate.metrics import COUNTERS
 from hhsim.metrics.run.registry import judged_metrics
-from hhsim.replay.limits import promised
-from hhsim.solver.method import METHODS
+from hhsim.solver.known_methods import ISOLATED, method_names
 from hhsim.system.toml_document import check_keys, checked_table, parse_toml, read_toml_text
 
 SUITE_FILE = "hhsim-gate.toml"
@@ -22,6 +21,15 @@ SUITE_FILE = "hhsim-gate.toml"
 SUITE_VERSION = 1
 OWN_ARGUMENTS = ("--out", "--json", "--quiet", "-q", "--rerun", "--method", "--level")
 """Arguments of `hhsim replay` that the gate gives itself, or has a key for."""
+REPLAY, SUBMISSION, SESSION = "object", "submission", "session"
+"""What a scene is of, by the key that says it: a replay, the poses of other software, a recorded live session."""
+KEYS = {
+    REPLAY: ("object", "trajectory", "method", "level", "arguments", "timed"),
+    SUBMISSION: ("submission", "arguments"),
+    SESSION: ("session",),
+}
+"""Keys of a scene besides those that every scene has, by what it is of."""
+EVERY = ("name", "motion_may_change", "limits", "counters")
 
 _DEFAULT_SUITE = """
 version = 1
@@ -70,15 +78,20 @@ method = "coupled"
 
 @dataclass(frozen=True)
 class GateScene:
-    """One replay of the suite.
+    """One run of the suite: a replay, a submission that is scored, or a session that was recorded.
 
     Attributes:
         name: In tables and baselines; unique.
-        object: As `hhsim replay` takes it; a mesh file is relative to the suite's folder.
-        trajectory: The same.
+        kind: `REPLAY`, `SUBMISSION` or `SESSION`.
+        object: As `hhsim replay` takes it; a mesh file is relative to the suite's folder. Of the other kinds, the file
+            of the submission or of the session.
+        trajectory: As `hhsim replay` takes it, a recording too; "" of the other kinds.
+        method: As `hhsim replay` takes it, one from outside too.
         level: Of the sphere tree; None: the object's usual one.
-        arguments: More arguments of `hhsim replay`.
+        arguments: More arguments of `hhsim replay` or `hhsim score`.
         timed: Whether its time is judged.
+        motion_may_change: Whether a run with another motion than the base's is judged by its limits alone, and is no
+            run that cannot be compared.
         limits: Largest value of each figure that has a limit, by the names of
             `hhsim.metrics.run.registry.run_metrics`, SI or %.
         slack: Of each counter, as a share of the baseline's value.
@@ -86,18 +99,27 @@ class GateScene:
 
     name: str
     object: str
-    trajectory: str
+    trajectory: str = ""
+    kind: str = REPLAY
     method: str = "coupled"
     level: int | None = None
     arguments: tuple[str, ...] = ()
     timed: bool = False
+    motion_may_change: bool = False
     limits: Mapping[str, float] = field(default_factory=dict)
     slack: Mapping[str, float] = field(default_factory=dict)
 
-    def replay_arguments(self) -> list[str]:
-        """Arguments of `hhsim replay`, without those that say where the result goes."""
+    def command(self) -> list[str]:
+        """Return the command of hhsim that makes its result, without the options that say where that goes.
+
+        Empty of a session, which is judged as it was recorded.
+        """
+        if self.kind == SESSION:
+            return []
+        if self.kind == SUBMISSION:
+            return ["score", self.object, *self.arguments]
         level = [] if self.level is None else ["--level", str(self.level)]
-        return [self.object, self.trajectory, "--method", self.method, *level, *self.arguments]
+        return ["replay", self.object, self.trajectory, "--method", self.method, *level, *self.arguments]
 
 
 @dataclass(frozen=True)
@@ -112,8 +134,7 @@ class GateSuite:
         limit: Share by which head may be slower than base, both run in one job.
         recorded_limit: The same against a recorded baseline.
         processes: Timed processes of each side and scene.
-        limits, slack: For every scene that has none of its own, and for results; limits of a session's times are for
-            results alone.
+        limits, slack: For every scene that has none of its own, and for results.
     """
 
     scenes: tuple[GateScene, ...]
@@ -126,16 +147,15 @@ class GateSuite:
     limits: Mapping[str, float] = field(default_factory=dict)
     slack: Mapping[str, float] = field(default_factory=dict)
 
-    def limits_of(self, method: str) -> Mapping[str, float]:
-        """Limits of a result, which is no scene of the suite.
+    def limits_of(self, kind: str) -> Mapping[str, float]:
+        """Return the limits of a result of a kind that is no scene of the suite: every one that it can have."""
+        return usual_limits(kind, self.limits)
 
-        They are those that all scenes of its method share, where there are such, else those of every scene that the
-        method promises to hold; and those of a session's times.
-        """
-        own = [scene.limits for scene in self.scenes if scene.method == method]
-        if own and all(limits == own[0] for limits in own):
-            return {**own[0], **{name: limit for name, limit in self.limits.items() if name in OF_SESSIONS}}
-        return {name: limit for name, limit in self.limits.items() if promised(name, method)}
+
+def usual_limits(kind: str, limits: Mapping[str, float]) -> dict[str, float]:
+    """Return those of the limits of all scenes that one of a kind can have."""
+    others = (OF_SESSIONS if kind != SESSION else frozenset()) | (OF_SUBMISSIONS if kind != SUBMISSION else frozenset())
+    return {name: limit for name, limit in limits.items() if name not in others}
 
 
 def load_suite(path: Path) -> GateSuite:
@@ -182,7 +202,9 @@ def parse_suite(text: str, folder: Path, source: str) -> GateSuite:
         raise InputError(f"{source}, [time]: processes is {processes!r}, expected 3 to 100")
     rows = table.get("scene", [])
     if not isinstance(rows, list) or not rows or not all(isinstance(row, dict) for row in rows):
-        raise InputError(f"{source} has no scene: it needs [[scene]] with name, object and trajectory")
+        raise InputError(
+            f"{source} has no scene: it needs [[scene]] with a name, and object and trajectory, submission, or session"
+        )
     scenes = tuple(_scene(row, limits, slack, f"{source}, scene {i + 1}") for i, row in enumerate(rows))
     names = [scene.name for scene in scenes]
     twice = sorted({name for name in names if names.count(name) > 1})
@@ -205,46 +227,67 @@ def parse_suite(text: str, folder: Path, source: str) -> GateSuite:
 
 
 def _scene(row: dict[str, Any], limits: Mapping[str, float], slack: Mapping[str, float], where: str) -> GateScene:
-    keys = ("name", "object", "trajectory", "method", "level", "arguments", "timed", "limits", "counters")
-    check_keys(where, row, keys)
-    for key in ("name", "object", "trajectory"):
-        if not isinstance(row.get(key), str) or not row[key]:
-            raise InputError(f"{where}: {key} is {row.get(key)!r}, expected a text")
-        if key != "name" and row[key].startswith("-"):
-            raise InputError(f"{where}: {key} is {row[key]!r}, which is an option; options go to arguments")
-    method, level, timed = row.get("method", "coupled"), row.get("level"), row.get("timed", False)
-    if method not in METHODS:
-        raise InputError(f"{where}: method is {method!r}, expected {', '.join(METHODS)}")
+    kinds = [kind for kind in KEYS if kind in row]
+    if len(kinds) != 1:
+        raise InputError(f"{where}: expected one of {', '.join(KEYS)}, which says what it is of; found {len(kinds)}")
+    kind = kinds[0]
+    check_keys(where, row, (*EVERY, *KEYS[kind]))
+    texts = {key: row.get(key) for key in ("name", kind, *(("trajectory",) if kind == REPLAY else ()))}
+    for key, text in texts.items():
+        if not isinstance(text, str) or not text:
+            raise InputError(f"{where}: {key} is {text!r}, expected a text")
+        if key != "name" and text.startswith("-"):
+            raise InputError(f"{where}: {key} is {text!r}, which is an option; options go to arguments")
+    flags = {"timed": False, "motion_may_change": kind == SESSION}
+    for key in flags:
+        flags[key] = row.get(key, flags[key])
+        if not isinstance(flags[key], bool):
+            raise InputError(f"{where}: {key} is {flags[key]!r}, expected true or false")
+    level = row.get("level")
     if level is not None and (type(level) is not int or not 1 <= level <= 5):
         raise InputError(f"{where}: level is {level!r}, expected 1 to 5")
-    if not isinstance(timed, bool):
-        raise InputError(f"{where}: timed is {timed!r}, expected true or false")
-    arguments = row.get("arguments", [])
+    return GateScene(
+        name=row["name"],
+        object=row[kind],
+        trajectory=row.get("trajectory", ""),
+        kind=kind,
+        method=_method(row.get("method", "coupled"), where),
+        level=level,
+        arguments=_arguments(row.get("arguments", []), where),
+        limits=_limits(row, where, kind, limits),
+        slack=_slack(row, where, slack),
+        **flags,
+    )
+
+
+def _method(name: Any, where: str) -> str:
+    """Check the name of a method; one from outside is imported by its own run, where its module lies."""
+    if not isinstance(name, str):
+        raise InputError(f"{where}: method is {name!r}, expected a text")
+    if ":" not in name.removeprefix(ISOLATED) and name.removeprefix(ISOLATED) not in method_names():
+        raise InputError(f"{where}: {UnknownNameError('method', name, method_names())}, or package.module:Class")
+    return name
+
+
+def _arguments(arguments: Any, where: str) -> tuple[str, ...]:
     if not isinstance(arguments, list) or not all(isinstance(item, str) for item in arguments):
         raise InputError(f"{where}: arguments is {arguments!r}, expected a list of texts")
     taken = [item for item in arguments if item.split("=")[0] in OWN_ARGUMENTS]
     if taken:
         raise InputError(f"{where}: {taken[0]} is no argument to give: the gate gives it, or has a key for it")
-    return GateScene(
-        name=row["name"],
-        object=row["object"],
-        trajectory=row["trajectory"],
-        method=method,
-        level=level,
-        arguments=tuple(arguments),
-        timed=timed,
-        limits=_limits(row, where, limits),
-        slack=_slack(row, where, slack),
-    )
+    return tuple(arguments)
 
 
-def _limits(table: dict[str, Any], where: str, usual: Mapping[str, float] | None = None) -> dict[str, float]:
+def _limits(
+    table: dict[str, Any], where: str, kind: str = "", usual: Mapping[str, float] | None = None
+) -> dict[str, float]:
     """Limits by figure: those of a scene on top of the usual ones; false takes one away."""
-    found = {name: limit for name, limit in (usual or {}).items() if name not in OF_SESSIONS}
+    found = dict(SESSION_DEFAULTS) if usual is None else usual_limits(kind, usual)
     limits = table.get("limits", {})
-    if usual is not None and isinstance(limits, dict) and not OF_SESSIONS.isdisjoint(limits):
-        name = min(OF_SESSIONS.intersection(limits))
-        raise InputError(f"{where}: limits: only a live session has {name}: set it in [limits], for hhsim gate SESSION")
+    for names, of, what in ((OF_SESSIONS, SESSION, "a live session"), (OF_SUBMISSIONS, SUBMISSION, "a submission")):
+        if kind not in ("", of) and isinstance(limits, dict) and not names.isdisjoint(limits):
+            name = min(names.intersection(limits))
+            raise InputError(f"{where}: limits: only {what} has {name}, and this is no scene with the key {of}")
     for name, value in checked_table(where, "limits", limits, tuple(limitable())).items():
         if value is False:
             found.pop(name, None)

@@ -66,10 +66,11 @@ def judge_errors(scene: str, head: RunFigures, base: RunFigures | None, limits: 
     method = str(head.inputs.solver.get("method", ""))
     trembling = math.isfinite(head.errors.get(TREMBLING, math.nan))
     for name, metric in judged_metrics().items():
-        value, before = head.errors[name], math.nan if base is None else base.errors[name]
+        value = head.errors.get(name, math.nan)
+        before = math.nan if base is None else base.errors.get(name, math.nan)
         limit = limits.get(name, math.nan)
         limited = name in limits
-        absent = metric.free_only and math.isnan(before)
+        absent = math.isnan(before) and (metric.free_only or name not in head.errors)
         if math.isnan(value) and (absent or not limited):
             continue
         passed, reason = True, ""
@@ -82,7 +83,7 @@ def judge_errors(scene: str, head: RunFigures, base: RunFigures | None, limits: 
             reason = "over the limit" if math.isfinite(value) else "not finite"
         elif name == "stuck_ticks" and head.mostly_stuck:
             passed, reason = False, "more than half of the ticks"
-        elif not limited and not promised(name, method):
+        elif not limited and not promised(name, head.promises):
             reason = f"not promised by {method}"
         rounding = max(metric.judged.rounding if metric.judged else 0.0, ROUNDING * abs(before))
         sizes = (abs(value), abs(before)) if metric.signed else (value, before)
@@ -97,9 +98,9 @@ def judge_others(scene: str, head: RunFigures, limits: Mapping[str, float]) -> l
     """Figures that only the suite's own limits judge; what is undefined is not judged."""
     rows = []
     for name, figure in limitable().items():
-        if name not in limits or name in judged_metrics():
+        if name not in limits or name not in head.others:
             continue
-        value = head.others.get(name, math.nan)
+        value = head.others[name]
         passed = math.isnan(value) or value <= limits[name]
         reason = "undefined here, so not judged" if math.isnan(value) else "" if passed else "over the limit"
         shown = figure.label, figure.unit, figure.scale
@@ -111,6 +112,8 @@ def judge_counters(scene: str, head: RunFigures, base: RunFigures, slack: Mappin
     """Work counters against those of the base: integers, so that any growth beyond the slack is a real one."""
     rows = []
     for name, (_, figure) in COUNTERS.items():
+        if name not in head.counters or name not in base.counters:
+            continue
         value, before = float(head.counters[name]), float(base.counters[name])
         limit = math.floor(before * (1.0 + slack[name]))
         verdict = _word(value, before, limit - before)
@@ -121,9 +124,24 @@ def judge_counters(scene: str, head: RunFigures, base: RunFigures, slack: Mappin
     return rows
 
 
-def judge_inputs(scene: str, head: RunFigures, base: RunFigures) -> GateRow:
-    """Whether two runs can be compared at all."""
-    found = differences(base.inputs, head.inputs)
+def judge_suspicions(scene: str, head: RunFigures) -> list[GateRow]:
+    """Return a missed row of a submission that probably is not what it says; none of any other run."""
+    if not head.suspicions:
+        return []
+    count, reason = float(len(head.suspicions)), "; ".join(head.suspicions)
+    return [GateRow(scene, "run", "suspicions", "suspected", head=count, limit=0.0, passed=False, reason=reason)]
+
+
+def judge_inputs(scene: str, head: RunFigures, base: RunFigures, motion_may_change: bool = False) -> GateRow:
+    """Whether two runs can be compared at all.
+
+    Args:
+        motion_may_change: Whether another motion is no fault: the run is then judged by its limits alone.
+    """
+    found = differences(base.inputs, head.inputs, but_the_motion=motion_may_change)
+    if not found and differences(base.inputs, head.inputs):
+        reason = "another motion than the base's, which may change: judged by limits, not compared"
+        return GateRow(scene, "inputs", "inputs", "inputs", reason=reason)
     if found:
         reason = f"different inputs: {'; '.join(found)}"
         return GateRow(scene, "inputs", "inputs", "inputs", verdict=NOT_COMPARABLE, reason=reason)

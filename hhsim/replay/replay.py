@@ -26,7 +26,7 @@ from hhsim.scene.scene import Scene
 from hhsim.solver.compile import warm_up
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.known_methods import find_method
-from hhsim.solver.method import EVERYTHING
+from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions
 from hhsim.system.deferred_sigint import interruptible_between
 from hhsim.trees.contact_surface import contact_surface
@@ -78,7 +78,7 @@ def replay(
         "rate": ticks.rate,
         "motion": motion.name,
         "motion_source": motion.source,
-        **_gives(options),
+        **_of_outside_method(options),
         **({} if free is None else {"free": free.to_json(), "friction_law": LAW}),
         **describe_scene(scene.mesh, scene.tree, scene.hand, options, static, free=free is not None),
     }
@@ -126,7 +126,9 @@ def replay(
     return summary.at(path)
 
 
-def _gives(options: SolverOptions) -> dict[str, list[str]]:
-    """What can be known of the method's ticks, for the file to say where that is not everything."""
-    gives = find_method(options.method).gives
-    return {} if gives == EVERYTHING else {"gives": sorted(gives)}
+def _of_outside_method(options: SolverOptions) -> dict[str, list[str]]:
+    """Return what a method from outside gives and promises, so that its file alone tells how it is judged."""
+    if options.method in METHODS:
+        return {}
+    method = find_method(options.method)
+    return {"gives": sorted(method.gives), "promises": sorted(method.promises)}

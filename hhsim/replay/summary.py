@@ -27,7 +27,7 @@ from hhsim.replay.verdict import Verdict, run_verdict
 from hhsim.scene.scene import Scene
 from hhsim.solver.compile import WarmUp
 from hhsim.solver.known_methods import find_method
-from hhsim.solver.method import FORCES, RUNS
+from hhsim.solver.method import FORCES, PROMISES, RUNS
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.reference_optimum import reference_excess
 from hhsim.trees.contact_surface import ContactSurface
@@ -80,6 +80,7 @@ class ReplaySummary:
         object_name: What people call the object.
         motion_name: What people call the motion.
         surface: Of the object that the hand touched.
+        promises: What the method promises, of `hhsim.solver.method.PROMISES`.
         path: The result file.
     """
 
@@ -91,12 +92,13 @@ class ReplaySummary:
     object_name: str
     motion_name: str
     surface: str = "spheres"
+    promises: frozenset[str] = frozenset(PROMISES)
     path: Path | None = None
 
     @property
     def verdict(self) -> Verdict:
         """By the default limits."""
-        return run_verdict(self.rows, self.method, self.ticks, surface=self.surface)
+        return run_verdict(self.rows, self.promises, self.ticks, surface=self.surface)
 
     def attributes(self) -> dict[str, float | int]:
         """The table as attributes of the result file: deterministic figures and timings by name."""
@@ -170,7 +172,8 @@ def summarise(
         free=free_run,
     )
     haptic = HandConfiguration.of(ticks)
-    known = known_figures(find_method(options.method).gives)
+    method = find_method(options.method)
+    known = known_figures(method.gives)
     # What a further run of the solver would tell is of an object that stands still.
     own = {} if scene.free is not None else figures_of_own_runs(scene.hand, surface, options, haptic, run)
     figures = {name: value for name, value in {**tick_figures(run), **own}.items() if name in known}
@@ -188,6 +191,7 @@ def summarise(
         object_name=scene.mesh.name,
         motion_name=scene.trajectory.name,
         surface=options.surface,
+        promises=method.promises,
     )
 
 

@@ -1,14 +1,14 @@
 """The rows of the table that `hhsim replay` prints, of a run that has just ended or as its file holds them."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.metrics.run_metric import PAPER_RATE, Figure
-from hhsim.replay.limits import default_limits, promised
+from hhsim.replay.limits import promised
 
 
 @dataclass(frozen=True)
@@ -45,14 +45,18 @@ class SummaryRow:
         """Of `shown`."""
         return self.figure.unit
 
-    def limit(self, method: str) -> str:
-        """The default limit that a method is held to, in `unit`; "not promised", or "" where the figure has none."""
+    def limit(self, promises: Collection[str]) -> str:
+        """Return the default limit in `unit`; "not promised" where a method is not held to it; "" where there is none.
+
+        Args:
+            promises: What the method promises, of `hhsim.solver.method.PROMISES`.
+        """
         metric = run_metrics().get(self.name)
         if metric is None or metric.judged is None or metric.judged.limit is None:
             return ""
-        if not promised(self.name, method):
+        if not promised(self.name, promises):
             return "not promised"
-        return f"{default_limits(method)[self.name] / self.figure.scale:g}"
+        return f"{metric.judged.limit / self.figure.scale:g}"
 
 
 def summary_rows(figures: Mapping[str, float], rate: float, *, of_paper: bool = False) -> tuple[SummaryRow, ...]:

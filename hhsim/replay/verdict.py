@@ -1,17 +1,19 @@
 """The verdict on a run: a word and a few sentences, above its table and at the top of its report."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 from hhsim.mesh.solidify import ASSUMED_SOLID
 from hhsim.metrics.run.stuck_and_lag import is_mostly_stuck
-from hhsim.replay.limits import default_limits
+from hhsim.replay.limits import default_limits, stored_promises
 from hhsim.replay.summary_table import SummaryRow
 from hhsim.result.reader import Result
+from hhsim.solver.method import PROMISES
 
 OK, MISSED, UNTOUCHED = "within limits", "limits missed", "nothing touched"
 SHORT, LATE, EMPTY = "cut short", "ticks missed", "no ticks"
+NOT_JUDGED = "depth not judged"
 """The words. A run that misses limits is one that misses limits, cut short or not, whatever it touches."""
 ELSEWHERE = "Put the object elsewhere (a recording: --place-object auto), or look at its size (--unit, --size)."
 """What to try where nothing touches."""
@@ -41,13 +43,13 @@ def verdict(result: Result, rows: Sequence[SummaryRow]) -> Verdict:
     # A tick that never was is in no figure of the ticks.
     late = int(result.summary.get("missed", 0))
     repairs = [str(text) for text in result.scene.get("object_repairs") or []]
-    run = rows, result.method, result.ticks
+    run = rows, stored_promises(result.scene), result.ticks
     return run_verdict(*run, complete=result.complete, late=late, repairs=repairs, surface=result.surface)
 
 
 def run_verdict(
     rows: Sequence[SummaryRow],
-    method: str,
+    promises: Collection[str],
     ticks: int,
     *,
     complete: bool = True,
@@ -57,9 +59,11 @@ def run_verdict(
 ) -> Verdict:
     """Judge a run by the limits that `hhsim gate` has where a project sets none.
 
-    A figure that is undefined, that is missing, or that the method does not promise is not judged.
+    A figure that is undefined, that is missing, or that the method does not promise is not judged. A depth that is not
+    judged and over the limit is the verdict itself: such a run is never "within limits".
 
     Args:
+        promises: What the method promises, of `hhsim.solver.method.PROMISES`.
         complete: False where it was stopped.
         late: Periods of a session that had no tick.
         repairs: Of the object's mesh; where its solid is an assumed one, they say what the guarantee is not of.
@@ -70,7 +74,7 @@ def run_verdict(
     figures = {row.name: row for row in rows}
     limits = {
         name: limit
-        for name, limit in default_limits(method).items()
+        for name, limit in default_limits(promises).items()
         if name in figures and math.isfinite(figures[name].value)
     }
     missed = tuple(name for name, limit in limits.items() if not figures[name].value <= limit)
@@ -90,8 +94,15 @@ def run_verdict(
         parts.append(
             f"All {len(limits)} figures that hhsim gate has a default limit for, and that are defined here, hold it."
         )
-    word = MISSED if missed else SHORT if not complete else UNTOUCHED if not touched else LATE if late else OK
-    line = f"{word}: {over}. {contact}" if missed else f"{word}. {contact}"
+    word = SHORT if not complete else UNTOUCHED if not touched else LATE if late else OK
+    line = f"{word}. {contact}"
+    depth = figures.get("penetration_max")
+    if depth is not None and depth.value > default_limits(PROMISES)[depth.name] and depth.name not in limits:
+        word = NOT_JUDGED
+        line = f"{word}, since the method does not promise it. {contact}"
+    if missed:
+        word = MISSED
+        line = f"{word}: {over}. {contact}"
     return Verdict(word, tuple(part for part in parts if part), missed, stuck, line.strip())
 
 

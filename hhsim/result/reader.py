@@ -101,6 +101,8 @@ class Result:
     """Whether its files had changed since."""
     repeated: Mapping[str, Any] = field(default_factory=dict, repr=False)
     """Of a replay that was run several times, how many `runs` and of its `times` mean and std by name; else empty."""
+    score: Mapping[str, float] = field(default_factory=dict, repr=False)
+    """Of a submission, how far its poses are in the mesh and off the best ones [m], by name; else empty."""
     driven: bool = False
     """Whether the object moves, and every tick has its pose: `tick/object/position` and `tick/object/orientation`."""
     view: View | None = field(default=None, repr=False, compare=False)
@@ -319,6 +321,7 @@ def load_result(path: str | Path) -> Result:
             git_revision=str(attributes.get("git_revision", UNKNOWN)),
             git_dirty=_git_dirty(attributes.get("git_dirty", UNKNOWN)),
             repeated=json.loads(attributes.get("repeated", "{}")),
+            score=json.loads(attributes.get("score", "{}")),
             driven=driven,
         )
 

@@ -152,7 +152,14 @@ class Column:
         return values[:, _PARTS[field].index(part)] if part else values
 
 
-_KNOWN_BY = {"force": "forces", "work/": "work", "duration/": "times", "status": "status", "lag": "status"}
+_KNOWN_BY = {
+    "force": "forces",
+    "work/units": "units",
+    "work/": "work",
+    "duration/": "times",
+    "status": "status",
+    "lag": "status",
+}
 """How the names of datasets begin that only some methods can tell."""
 
 

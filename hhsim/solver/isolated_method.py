@@ -47,8 +47,8 @@ if TYPE_CHECKING:
 
 SCENE, BEGIN, TICK, DONE, ERROR = b"s", b"b", b"t", b"d", b"e"
 """First byte of a message: what is asked for, and how it was answered."""
-TIMES = struct.Struct("<qqq")
-"""Of a tick: wall time, CPU time, and what the method says that its own engine took [ns]."""
+TIMES = struct.Struct("<qqqq")
+"""Of a tick: wall time, CPU time, and what the method says that its own engine took [ns]; the work that it counted."""
 HAND, FORCES = 27, 48
 """Numbers of a hand, and of a tick's forces: of 15 phalanges and the palm."""
 LONGEST_MESSAGE = 100_000
@@ -71,8 +71,8 @@ class IsolatedMethod:
         name: Of the method, as `hhsim.solver.known_methods.outside_class` takes it.
 
     Attributes:
-        facts: What the class says of itself: `summary`, `forces`, `never_penetrates` and `missing`; and `source`, the
-            digest of its file.
+        facts: What the class says of itself: `summary`, `forces`, `work`, `never_penetrates` and `missing`; and
+            `source`, the digest of its file.
 
     Raises:
         InputError: It cannot be imported; and so each call where the method fails, its process ends, or it answers
@@ -94,7 +94,7 @@ class IsolatedMethod:
         theirs.close()
         self._end = finalize(self, _end, self._process, self._link)
         facts = json.loads(self._answer("while it was imported"))
-        kinds = {"summary": str, "missing": str, "source": str, "forces": bool, "never_penetrates": bool}
+        kinds = {"summary": str, "missing": str, "source": str, "forces": bool, "work": bool, "never_penetrates": bool}
         self.facts = {key: kind(facts.get(key, "")) for key, kind in kinds.items()}
 
     def make(self, scene: MethodScene) -> "IsolatedMethod":
@@ -114,7 +114,7 @@ class IsolatedMethod:
         forces = self.facts["forces"]
         if len(answer) != TIMES.size + 8 * (HAND + FORCES * forces):
             raise InputError(f"method '{self.name}' answers with {len(answer):,} bytes (tick {self.ticks:,})")
-        own_wall, own_cpu, native = TIMES.unpack_from(answer)
+        own_wall, own_cpu, native, work = TIMES.unpack_from(answer)
         self._counted = max(0, self._counted + cpu - 2 * own_cpu - EACH_TICK)
         if not (0 <= own_wall <= wall and 0 <= own_cpu <= cpu and self._counted <= AT_FIRST):
             raise InputError(
@@ -123,7 +123,7 @@ class IsolatedMethod:
             )
         numbers = np.frombuffer(answer, np.float64, offset=TIMES.size)
         pose, push = _unpacked(numbers), numbers[HAND:]
-        found = TickAnswer(pose, native_ns=native)
+        found = TickAnswer(pose, native_ns=native, work=work)
         if forces:
             found = found._replace(phalanx_force=push[:-3].reshape(5, 3, 3), palm_force=push[-3:])
         taken = Timed(found, own_wall, own_cpu)
@@ -241,7 +241,9 @@ def serve(descriptor: int, name: str) -> None:
                 continue
             answer, wall, cpu = runner.tick(pose)
             push = [answer.phalanx_force.tobytes(), answer.palm_force.tobytes()] if forces else []
-            link.send_bytes(b"".join([DONE, TIMES.pack(wall, cpu, answer.native_ns), _packed(answer.pose), *push]))
+            link.send_bytes(
+                b"".join([DONE, TIMES.pack(wall, cpu, answer.native_ns, answer.work), _packed(answer.pose), *push])
+            )
     except EOFError:
         return
     except InputError as error:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from hhsim.errors import InputError, UnknownNameError
-from hhsim.solver.method import FORCES, METHODS, RUNS, TIMES, Engine, Method
+from hhsim.solver.method import FORCES, METHODS, RUNS, TIMES, UNITS, Engine, Method
 from hhsim.system.foreign_call import ForeignError, foreign_call
 
 GROUP = "hhsim.methods"
@@ -135,11 +135,12 @@ def isolated_name(name: str) -> str:
 
 
 def facts_of(made: Any) -> dict[str, Any]:
-    """What the class of a method says of itself: `summary`, `forces`, `never_penetrates` and `missing`."""
+    """What the class of a method says of itself: `summary`, `forces`, `work`, `never_penetrates` and `missing`."""
     lines = (getattr(made, "__doc__", None) or "").strip().splitlines()
     return {
         "summary": str(getattr(made, "summary", lines[0] if lines else "a method from outside")).rstrip("."),
         "forces": bool(getattr(made, "gives_forces", False)),
+        "work": bool(getattr(made, "gives_work", False)),
         "never_penetrates": bool(getattr(made, "never_penetrates", False)),
         "missing": str(getattr(made, "missing", "")),
     }
@@ -163,7 +164,7 @@ def _method(name: str, facts: Mapping[str, Any], engine: Callable[[Any], Engine]
         engine=engine,
         never_penetrates=facts["never_penetrates"],
         refuses_backends=f"method {name} comes from outside and takes no QP solver of hhsim's, not {{qp}}",
-        gives=frozenset((TIMES, RUNS, *([FORCES] if facts["forces"] else []))),
+        gives=frozenset((TIMES, RUNS, *([FORCES] if facts["forces"] else []), *([UNITS] if facts["work"] else []))),
         compiled=False,
         missing=facts["missing"],
     )

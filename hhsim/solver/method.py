@@ -12,10 +12,14 @@ from hhsim.registry import Registry
 if TYPE_CHECKING:
     from hhsim.kernels.tick.block import HapticBlock, TickRecord
 
-FORCES, WORK, TIMES, STATUS, RUNS = "forces", "work", "times", "status", "runs"
-EVERYTHING = frozenset((FORCES, WORK, TIMES, STATUS, RUNS))
-"""What can be known of a method's ticks besides the shown hand: the forces, the counters of work, the times, whether a
-tick is stuck or lags, and what runs of its own show (a hold that is repeated by a trembling hand)."""
+FORCES, WORK, UNITS, TIMES, STATUS, RUNS = "forces", "work", "units", "times", "status", "runs"
+EVERYTHING = frozenset((FORCES, WORK, UNITS, TIMES, STATUS, RUNS))
+"""What can be known of a method's ticks besides the shown hand: the forces, the counters of work, the work as one
+number, the times, whether a tick is stuck or lags, and what runs of its own show (a hold that a trembling hand
+repeats)."""
+
+PROMISES = ("never_penetrates", "nearest_to_user")
+"""What a method may promise; a limit of a figure that it does not promise is not held against it."""
 
 USUAL: Mapping[str, Any] = {"force": "kkt", "linearisations": 12, "margin": 1e-3}
 """Defaults of the options that a method may set otherwise: force model, linearisations, margin [m]."""
@@ -69,6 +73,11 @@ class Method:
     gives: frozenset[str] = EVERYTHING
     compiled: bool = True
     missing: str = ""
+
+    @property
+    def promises(self) -> frozenset[str]:
+        """Those of `PROMISES` that it makes."""
+        return frozenset(promise for promise in PROMISES if getattr(self, promise))
 
 
 METHODS: Registry[Method] = Registry(

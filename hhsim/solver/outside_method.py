@@ -6,7 +6,7 @@ hhsim times it, and measures its hands as it does its own. See docs/outside-meth
 import copy
 from collections.abc import Callable
 from dataclasses import dataclass
-from numbers import Real
+from numbers import Integral, Real
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
@@ -28,6 +28,8 @@ SHAPES = {"position": (3,), "orientation": (4,), "flexion": (5, 3), "abduction":
 """Of a hand's configuration."""
 NATIVE = 1
 """Place of the method's own time among the parts of a tick: the optimisation of the whole hand."""
+MOST_WORK = 10**12
+"""Of a tick, so that the sum over a run's ticks is an exact integer of 64 bits."""
 UNIT = 1e-6
 """A quaternion whose length is farther than this from 1 is none."""
 
@@ -62,20 +64,22 @@ class TickAnswer(NamedTuple):
         phalanx_force: Contact force on each phalanx [N], world, shape (5, 3, 3); None where the method has no forces.
         palm_force: Contact force on the palm [N], world, shape (3,); None is none.
         native_ns: Of the tick, what the method's own engine took [ns], by its own measure; 0 where it has none.
+        work: Of the tick, in units of the method's own: a count that is the same on every machine.
     """
 
     pose: HandConfiguration
     phalanx_force: FloatArray | None = None
     palm_force: FloatArray | None = None
     native_ns: int = 0
+    work: int = 0
 
 
 class OutsideMethod(Protocol):
     """A method from outside; made anew for every run.
 
     A class may say `summary` (else the first line of its docstring is taken), `gives_forces = True` where its ticks
-    have forces, `never_penetrates = True` where it promises that, and `missing`, what has to be installed before it can
-    be made, or "".
+    have forces, `gives_work = True` where they count their work, `never_penetrates = True` where it promises that, and
+    `missing`, what has to be installed before it can be made, or "".
     """
 
     def __init__(self, scene: MethodScene) -> None:
@@ -180,13 +184,15 @@ def checked_answer(name: str, tick: int, found: Timed, forces: bool) -> TickAnsw
     native, most = answer.native_ns, max(found.wall, found.cpu)
     if not isinstance(native, Real) or not 0 <= native <= most:
         raise wrong(f"answers with a native_ns of {native!r:.40}: expected 0 to the {most:,} ns that the tick took")
+    if not isinstance(answer.work, Integral) or not 0 <= answer.work <= MOST_WORK:
+        raise wrong(f"answers with a work of {answer.work!r:.40}: expected a whole number from 0 to {MOST_WORK:,}")
     phalanx = palm = None
     if forces:
         if answer.phalanx_force is None:
             raise wrong("promises forces (gives_forces) and gives none")
         phalanx = array("phalanx_force", answer.phalanx_force, (5, 3, 3))
         palm = np.zeros(3) if answer.palm_force is None else array("palm_force", answer.palm_force, (3,))
-    return TickAnswer(HandConfiguration(**arrays), phalanx, palm, int(native))
+    return TickAnswer(HandConfiguration(**arrays), phalanx, palm, int(native), int(answer.work))
 
 
 class OutsideEngine:
@@ -223,7 +229,7 @@ class OutsideEngine:
 
     def _tick(self, sample: HandConfiguration, i: int, record: "TickRecord") -> None:
         from hhsim.kernels.hand.pose import is_finite_configuration
-        from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_INPUT_INVALID
+        from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_INPUT_INVALID, WORK_UNITS
 
         good = is_finite_configuration(*sample)
         if good:
@@ -239,6 +245,7 @@ class OutsideEngine:
             getattr(record, field)[i] = values
         record.palm_wrench[i] = self.palm_wrench
         record.work[i] = self.work
+        record.work[i, WORK_UNITS] = answer.work
         if full & STATUS_CAPACITY_EXCEEDED:
             # It touches, however many pairs there are.
             record.work[i] = np.maximum(record.work[i], 1)

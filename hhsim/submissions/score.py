@@ -142,6 +142,8 @@ def _as_method(name: str, submission: Submission) -> Method:
     return Method(
         summary="poses that were computed elsewhere",
         engine=partial(_engine, name, submission),
+        # What they were computed for is to stay out: a depth above the limit is no success, whoever computed them.
+        never_penetrates=True,
         gives=frozenset(what for what, there in given.items() if there),
         compiled=False,
     )
