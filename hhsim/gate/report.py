@@ -45,7 +45,13 @@ def headline(report: GateReport) -> str:
 
 def reasons(rows: Sequence[GateRow]) -> list[str]:
     """A line for each row that a reader has to know more of."""
-    return [f"{row.scene}, {row.label}: {row.reason}" for row in rows if row.reason]
+    return [f"{row.scene}, {row.label}: {row.reason}{_how_far(row)}" for row in rows if row.reason]
+
+
+def _how_far(row: GateRow) -> str:
+    if row.passed or math.isnan(row.head) or math.isnan(row.limit):
+        return ""
+    return f" ({number(row.head / row.scale)}, limit {number(row.limit / row.scale)}{row.unit and ' '}{row.unit})"
 
 
 def worth_showing(report: GateReport) -> list[GateRow]:

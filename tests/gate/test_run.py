@@ -66,7 +66,7 @@ def one_result(suite: Path, this_side: Side) -> tuple[RunFigures, float]:
     return this_side.replay(scene, suite.parent, lambda result: (run_figures(result), cpu_p50(result)))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Known(Side):
     """A side whose figures are known."""
 

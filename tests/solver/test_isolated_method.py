@@ -112,7 +112,7 @@ def silent(monkeypatch: pytest.MonkeyPatch, times: tuple[int, int, int], cpu: li
     method.name, method.ticks, method._counted, method.facts = "a:B", 0, 0, {"forces": False}
     counts = iter(cpu)
     monkeypatch.setattr(IsolatedMethod, "_cpu", lambda self: next(counts))
-    answer = isolated_method.TIMES.pack(*times) + isolated_method._packed(HAPTIC.at(0))
+    answer = isolated_method.TIMES.pack(*times, 0) + isolated_method._packed(HAPTIC.at(0))
     monkeypatch.setattr(IsolatedMethod, "_ask", lambda self, message, where: answer)
     monkeypatch.setattr(isolated_method, "perf_counter_ns", iter(range(0, 10**12, 10**9)).__next__)
     return method

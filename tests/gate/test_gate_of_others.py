@@ -1,0 +1,310 @@
+"""A gate for other people's work: a method, a recording, a submission and a session, and what goes wrong in each."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import Answer, Run
+from gate_scene import SHORT
+from live_rings import ended
+from live_scripted import FIST, FREE, FakeAccounts, FakeClock, InStep, Moment, ScriptedGlove, make_setup
+from sampled import sampled
+from sealed_change import changed
+from short_grasp import short_grasp, short_scene
+
+from hhsim.gate.gate import gate_result
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
+from hhsim.live.ipc.config import OutputLimits, SafetyLimits
+from hhsim.live.ipc.session_memory import SessionMemory
+from hhsim.live.session.recorder import Recorder
+from hhsim.result.reader import load_result
+from hhsim.result.safety import Safety
+from hhsim.submissions.pose_file import Submission, read_submission, write_submission
+from hhsim.submissions.scene_file import load_scene
+from hhsim.submissions.scene_folder import write_scene_folder
+
+pytestmark = pytest.mark.slow
+
+Gate = Callable[..., Answer]
+
+METHOD = '''
+"""A method of a company's own, which counts its work."""
+
+import hhsim
+
+EXTRA_WORK = 0
+INSIDE = False
+
+
+class Own:
+    """hhsim's solver as a company wraps it."""
+
+    gives_forces = True
+    gives_work = True
+    never_penetrates = True
+
+    def __init__(self, scene):
+        options = hhsim.SolverOptions(period=scene.period)
+        self.solver = hhsim.HandSolver(scene.hand, scene.tree.arrays(), options)
+
+    def begin(self, pose):
+        self.solver.place(*pose)
+
+    def tick(self, haptic):
+        tick = self.solver.run(*(values[None] for values in haptic))
+        shown = haptic if INSIDE else hhsim.HandConfiguration.of(tick).at(0)
+        palm = tick.total[0] - tick.phalanx[0].sum(axis=(0, 1))
+        return hhsim.TickAnswer(shown, tick.phalanx[0], palm, work=int(tick.work[0].sum()) + EXTRA_WORK)
+'''
+
+SUITE = """
+version = 1
+baseline = "baseline.json"
+[limits]
+penetration_max = 1e-6
+stuck_ticks = 0
+lag_ticks = 0
+force_contact_max = 20.0
+mesh_depth_max = 1e-6
+[[scene]]
+name = "method"
+object = "cube"
+trajectory = "short.toml"
+method = "own_method:Own"
+[[scene]]
+name = "recording"
+object = "cylinder"
+trajectory = "recording.csv"
+level = 2
+motion_may_change = true
+[[scene]]
+name = "submission"
+submission = "poses.h5"
+arguments = ["--scene", "scene", "--surface", "mesh"]
+[[scene]]
+name = "session"
+session = "session.h5"
+"""
+
+
+def write_recording(path: Path, depth: float) -> None:
+    """A grasp that goes so much farther in than it has to, at 100 Hz."""
+    ticks = short_scene(short_grasp(release=0.05)).ticks
+    flexion = ticks.flexion * (1.0 + depth)
+    fingers = ("thumb", "index", "middle", "ring", "little")
+    names = ["time", "px", "py", "pz", "qw", "qx", "qy", "qz"]
+    names += [f"{finger}_flex{joint}" for finger in fingers for joint in (1, 2, 3)] + [f"{one}_abd" for one in fingers]
+    columns = (ticks.time, ticks.position, ticks.orientation, flexion, ticks.abduction)
+    rows = np.concatenate([values.reshape(len(ticks.time), -1) for values in columns], axis=1)[::10]
+    np.savetxt(path, rows, delimiter=",", header=f"# hand: right\n{','.join(names)}", comments="", fmt="%.9g")
+
+
+def write_session(path: Path) -> None:
+    """A glove that closes on a ball and holds it; nothing goes wrong."""
+    script = [*(Moment(FREE + (FIST - FREE) * i / 80) for i in range(80)), *[Moment(FIST)] * 120]
+    setup = make_setup(
+        record=path,
+        output=OutputLimits(ramp=0.02),
+        safety=SafetyLimits(watchdog=False),
+        duration=1e-3 * (len(script) + 1),
+    )
+    memory, clock = SessionMemory.create(), FakeClock()
+    InStep(setup, memory, ScriptedGlove(clock, script, {}), clock, accounts=FakeAccounts()).run()
+    ended(memory, os.getpid())
+    Recorder(setup, memory).run()
+
+
+def write_poses(project: Path) -> None:
+    """The poses of the engine that the company ships: here, of hhsim on the mesh."""
+    from hhsim.replay.replay import replay as run
+    from hhsim.solver.options import SolverOptions
+
+    scene = load_scene(project / "scene" / "scene.h5")
+    run(scene, SolverOptions(surface="mesh"), project / "mesh.h5")
+    result = load_result(project / "mesh.h5")
+    example = read_submission(project / "scene" / "example-submission.csv")
+    poses = HandConfiguration(*(np.array(result[f"graphic/{name}"]) for name in HandConfiguration._fields))
+    write_submission(Submission("engine", example.scene, scene.ticks.time, poses), project / "poses.h5")
+    (project / "mesh.h5").unlink()
+
+
+def hhsim(*arguments: str, folder: Path) -> "subprocess.CompletedProcess[bytes]":
+    """The command in a process of its own, as a user types it in a folder."""
+    command = [sys.executable, "-P", "-c", "from hhsim.cli.main import main; main()", *arguments]
+    return subprocess.run(command, cwd=folder, capture_output=True)
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A repository of nothing but a method, a recording, a submission, a session, and a suite with its baseline."""
+    folder = tmp_path_factory.mktemp("company")
+    (folder / "own_method.py").write_text(METHOD)
+    (folder / "short.toml").write_text(SHORT)
+    write_recording(folder / "recording.csv", 0.0)
+    write_scene_folder(short_scene(short_grasp()), folder / "scene")
+    write_poses(folder)
+    write_session(folder / "session.h5")
+    (folder / "hhsim-gate.toml").write_text(SUITE)
+    hhsim("gate", "--no-time", "--write-baseline", "baseline.json", folder=folder)
+    return folder
+
+
+@pytest.fixture
+def gate(run: Run, monkeypatch: pytest.MonkeyPatch) -> Gate:
+    """The command in a project's folder."""
+
+    def called(folder: Path, *arguments: str) -> Answer:
+        monkeypatch.chdir(folder)
+        return run("gate", "--no-time", *arguments)
+
+    return called
+
+
+@pytest.fixture
+def head(project: Path, tmp_path: Path) -> Path:
+    """A checkout of it to change."""
+    return Path(shutil.copytree(project, tmp_path / "head"))
+
+
+def only(head: Path, scene: str) -> None:
+    """Leave one scene in the suite."""
+    parts = (head / "hhsim-gate.toml").read_text().split("[[scene]]\n")
+    kept = [part for part in parts[1:] if part.startswith(f'name = "{scene}"')]
+    (head / "hhsim-gate.toml").write_text("[[scene]]\n".join([parts[0], *kept]))
+
+
+def method(old: str, new: str) -> Callable[[Path], None]:
+    def plant(head: Path) -> None:
+        text = (head / "own_method.py").read_text()
+        assert old in text
+        (head / "own_method.py").write_text(text.replace(old, new))
+
+    return plant
+
+
+def status(bit: int) -> Callable[[Path], None]:
+    def plant(head: Path) -> None:
+        with changed(head / "session.h5") as file:
+            file["tick/status"][50:60] |= bit
+
+    return plant
+
+
+def killed(head: Path) -> None:
+    with changed(head / "session.h5") as file:
+        file["live"].attrs["ended"] = "the loop failed or was killed"
+
+
+def malformed(head: Path) -> None:
+    with changed(head / "session.h5") as file:
+        counters = json.loads(file["live"].attrs["counters"])
+        file["live"].attrs["counters"] = json.dumps({**counters, "frames": 60_000, "malformed": 1280})
+
+
+def freed(head: Path) -> None:
+    with changed(head / "session.h5") as file:
+        file["live/tick/safety"][50:60] = int(Safety.STALE_INPUT)
+
+
+def deeper_poses(head: Path) -> None:
+    given = read_submission(head / "poses.h5")
+    flexion = given.poses.flexion + 0.01
+    write_submission(replace(given, poses=given.poses._replace(flexion=flexion)), head / "poses.h5")
+
+
+REGRESSIONS: dict[str, tuple[str, Callable[[Path], object], str]] = {
+    "deeper": ("method", method("INSIDE = False", "INSIDE = True"), "method, penetration, max: over the limit"),
+    "slower in work": (
+        "method",
+        method("EXTRA_WORK = 0", "EXTRA_WORK = 900"),
+        "method, work units: more than 0 % above the base",
+    ),
+    "a limit missed": (
+        "recording",
+        lambda head: write_recording(head / "recording.csv", 3.0),
+        "recording, force in contact, largest: over the limit",
+    ),
+    "stuck": ("session", status(STATUS_STUCK), "session, stuck ticks: over the limit"),
+    "more lag": ("session", status(STATUS_LAG), "session, ticks with lag: over the limit"),
+    "killed": ("session", killed, "session, ended early or was killed (1: yes): over the limit"),
+    "malformed": ("session", malformed, "session, malformed packets, of all of the glove's: over the limit"),
+    "freed": ("session", freed, "session, ticks with fingers freed by a fault: over the limit"),
+    "deeper poses": ("submission", deeper_poses, "submission, in the mesh, max: over the limit"),
+}
+
+
+def test_what_is_not_hhsims_own_is_gated_and_green(project: Path, gate: Gate) -> None:
+    answer = gate(project, "--json")
+    assert answer.code == 0, answer.out + answer.err
+    rows = json.loads(answer.out)["rows"]
+    judged = {(row["scene"], row["name"]) for row in rows if row["limit"] is not None and row["head"] is not None}
+    assert {
+        *(("method", "penetration_max"), ("method", "work_units"), ("recording", "stuck_ticks")),
+        *(("submission", "mesh_depth_max"), ("session", "lag_ticks"), ("session", "ended_early")),
+    } <= judged
+    # What a method does not tell has no row, however the suite limits it.
+    assert not {("method", "stuck_ticks"), ("method", "linearisations"), ("submission", "lag_ticks")} & judged
+
+
+@pytest.mark.parametrize("regression", sampled(REGRESSIONS, lambda i, _: i < 3))
+def test_a_regression_of_others_is_red_and_named_in_one_line(head: Path, gate: Gate, regression: str) -> None:
+    scene, plant, line = REGRESSIONS[regression]
+    only(head, scene)
+    plant(head)
+    answer = gate(head, "--quiet")
+    assert answer.code == 1, answer.out + answer.err
+    assert line in answer.err
+    (told,) = (said for said in answer.err.splitlines() if line in said)
+    assert told.startswith("hhsim: gate: ")
+
+
+def test_another_motion_is_judged_by_its_figures_where_the_suite_says_so(head: Path, gate: Gate) -> None:
+    only(head, "recording")
+    write_recording(head / "recording.csv", 0.05)
+    answer = gate(head)
+    assert answer.code == 0, answer.out
+    assert "another motion than the base's, which may change" in answer.out
+    text = (head / "hhsim-gate.toml").read_text()
+    (head / "hhsim-gate.toml").write_text(text.replace("motion_may_change = true", ""))
+    answer = gate(head, "--quiet")
+    assert (answer.code, "different inputs: " in answer.err) == (3, True)
+
+
+def test_a_base_folder_has_the_files_of_the_base(project: Path, head: Path, gate: Gate) -> None:
+    only(head, "method")
+    method("EXTRA_WORK = 0", "EXTRA_WORK = 900")(head)
+    text = (head / "hhsim-gate.toml").read_text()
+    (head / "hhsim-gate.toml").write_text(text.replace('baseline = "baseline.json"', ""))
+    answer = gate(head, "--base-folder", str(project), "--quiet")
+    assert answer.code == 1 and "method, work units" in answer.err
+    assert gate(head, "--base-folder", str(head), "--quiet").code == 0
+    assert "no such folder" in gate(head, "--base-folder", "nowhere").err
+
+
+def test_a_result_is_judged_the_same_in_every_folder(project: Path, tmp_path: Path) -> None:
+    """The module of its method, a suite and a baseline of the folder change nothing."""
+    path = tmp_path / "own.h5"
+    made = ("replay", "cube", "short.toml", "--method", "own_method:Own", "--out", str(path), "--quiet")
+    assert hhsim(*made, folder=project).returncode == 0
+    folders = {name: tmp_path / name for name in ("empty", "another method", "broken method", "broken suite")}
+    for folder in folders.values():
+        folder.mkdir()
+    (folders["another method"] / "own_method.py").write_text(METHOD.replace("never_penetrates = True", ""))
+    (folders["broken method"] / "own_method.py").write_text("raise SystemExit(3)")
+    (folders["broken suite"] / "hhsim-gate.toml").write_text("version = ")
+    answers = set()
+    for folder in (project, *folders.values()):
+        run = hhsim("gate", str(path), folder=folder)
+        answers.add((run.returncode, run.stdout, run.stderr))
+    ((exit_code, out, _),) = answers
+    assert exit_code == 0 and b"penetration, max" in out
+    (row,) = (row for row in gate_result(load_result(path)).rows if row.name == "penetration_max")
+    assert row.limit == 1e-6, "its file says that the method promises it"
