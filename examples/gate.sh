@@ -4,6 +4,7 @@
 #
 #   examples/gate.sh                                 the suite hhsim-gate.toml of the current folder
 #   BASE_PYTHON=../base/.venv/bin/python examples/gate.sh
+#   BASE_FOLDER=../base examples/gate.sh             the base's own methods, recordings, submissions and sessions
 #
 # Exit codes are those of hhsim gate: 0 ok, 1 a limit was missed, 2 bad input, 3 the inputs are not the same.
 set -eu
@@ -15,5 +16,8 @@ if [ -n "${BASE_PYTHON:-}" ]; then
   set -- "$@" --base-python "$BASE_PYTHON"
 else
   set -- "$@" --no-time
+fi
+if [ -n "${BASE_FOLDER:-}" ]; then
+  set -- "$@" --base-folder "$BASE_FOLDER"
 fi
 exec $hhsim gate "$@"

@@ -3,7 +3,6 @@
 import importlib.metadata
 import importlib.resources
 import os
-import shutil
 import subprocess
 import sys
 import tomllib
@@ -11,6 +10,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from built_wheel import build_wheel
 
 import hhsim
 
@@ -20,16 +20,7 @@ DATA_FOLDERS = {"objects": "hhsim/objects", "trajectories": "hhsim/trajectories"
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory, repository: Path) -> zipfile.ZipFile:
     """The wheel of these sources, built where it leaves nothing behind in the checkout."""
-    if int(importlib.metadata.version("setuptools").split(".")[0]) < 77:
-        pytest.skip("building the wheel needs setuptools 77 or newer: pip install 'hhsim[test]'")
-    folder = tmp_path_factory.mktemp("wheel")
-    source = folder / "source"
-    ignored = shutil.ignore_patterns(".git", ".venv", "build", "*.egg-info", "__pycache__", "results", ".*_cache")
-    shutil.copytree(repository, source, ignore=ignored)
-    build = "import sys; from setuptools.build_meta import build_wheel; build_wheel(sys.argv[1])"
-    subprocess.run([sys.executable, "-c", build, str(folder)], cwd=source, check=True, capture_output=True)
-    (path,) = folder.glob("*.whl")
-    return zipfile.ZipFile(path)
+    return zipfile.ZipFile(build_wheel(repository, tmp_path_factory.mktemp("wheel")))
 
 
 def test_the_version_is_the_same_everywhere(repository: Path) -> None:

@@ -2,10 +2,11 @@
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from hhsim.mesh.solidify import ASSUMED_SOLID
 from hhsim.metrics.run.stuck_and_lag import is_mostly_stuck
+from hhsim.metrics.session_faults import SESSION_FAULTS
 from hhsim.replay.limits import default_limits, stored_promises
 from hhsim.replay.summary_table import SummaryRow
 from hhsim.result.reader import Result
@@ -44,7 +45,25 @@ def verdict(result: Result, rows: Sequence[SummaryRow]) -> Verdict:
     late = int(result.summary.get("missed", 0))
     repairs = [str(text) for text in result.scene.get("object_repairs") or []]
     run = rows, stored_promises(result.scene), result.ticks
-    return run_verdict(*run, complete=result.complete, late=late, repairs=repairs, surface=result.surface)
+    found = run_verdict(*run, complete=result.complete, late=late, repairs=repairs, surface=result.surface)
+    return found if result.live is None else _with_faults(found, result)
+
+
+def _with_faults(found: Verdict, session: Result) -> Verdict:
+    """Return the verdict on a session, which misses its limits by what went wrong in it too."""
+    values = [(fault, fault.compute(session)) for fault in SESSION_FAULTS]
+    over = [_over(SummaryRow(fault, value), fault.limit) for fault, value in values if value > fault.limit]
+    if not over:
+        return found
+    told = "; ".join(over)
+    ended = str((session.live or {}).get("ended") or "the recording was cut short")
+    return replace(
+        found,
+        word=MISSED,
+        sentences=(f"Over the limits of a session: {told}. It ended so: {ended}.", *found.sentences),
+        missed=(*found.missed, *(fault.name for fault, value in values if value > fault.limit)),
+        line=f"{MISSED}: {told}. {found.line[:1].upper()}{found.line[1:]}",
+    )
 
 
 def run_verdict(
