@@ -14,6 +14,7 @@ What a program needs first is here by name, and is imported when it is first ask
 Everything else is in the modules, whose docstrings say what it takes and gives.
 """
 
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -86,6 +87,8 @@ def __getattr__(name: str) -> Any:
     module, _, attribute = _PLACES[name].rpartition(".")
     value = getattr(import_module(module), attribute)
     globals()[name] = value
+    if "numba" in sys.modules:
+        import_module("hhsim.system.compile_notice").log_compilation()
     return value
 
 
