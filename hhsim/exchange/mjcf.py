@@ -1,4 +1,4 @@
-"""The hand, and a scene of it and an object, as MJCF, the format of MuJoCo (its XML reference: mujoco.readthedocs.io)."""
+"""Hands and scenes as MJCF, the format of MuJoCo (its XML reference: mujoco.readthedocs.io)."""
 
 from collections.abc import Iterable
 from xml.etree import ElementTree as Xml
@@ -35,8 +35,8 @@ def hand_mjcf(hand: HandModel) -> str:
 def scene_mjcf(hand: HandModel, tree: SphereTree, pose: HandConfiguration, hand_file: str, mesh_file: str) -> str:
     """MJCF text of a hand and an object that stands still; keyframe `start` puts the hand where it begins.
 
-    The object collides as the leaf spheres of its tree, since MuJoCo would take the convex hull of its mesh; the mesh is
-    what is seen.
+    The object collides as the leaf spheres of its tree, since MuJoCo would take the convex hull of its mesh; the mesh
+    is what is seen.
 
     Args:
         tree: Of the object [m], world.

@@ -164,10 +164,6 @@ def new_figure(width: float, height: float) -> "Iterator[Figure]":
         "grid.linewidth": 0.6,
         "legend.frameon": False,
         "agg.path.chunksize": 20_000,
-        # Journals ask for outlines that a reader of PDF can tell apart as letters.
-        "pdf.fonttype": 42,
-        # Else the names of clipping paths are random.
-        "svg.hashsalt": "hhsim report",
     }
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
