@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from hhsim.motion.file import load_trajectory, save_trajectory
     from hhsim.motion.trajectory import Trajectory
     from hhsim.replay.replay import replay as replay_scene
+    from hhsim.report.pictures import draw
     from hhsim.result.reader import Result, load_result
     from hhsim.scene.open_scene import open_scene
     from hhsim.scene.scene import Scene
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from hhsim.solver.options import SolverOptions, Stiffness
     from hhsim.solver.outside_method import MethodScene, TickAnswer
     from hhsim.verify.verify import verify as verify_result
+    from hhsim.view.viewer import view_result
 
 __version__ = "0.1.0"
 __all__ = [
@@ -48,6 +50,7 @@ __all__ = [
     "Stiffness",
     "TickAnswer",
     "Trajectory",
+    "draw",
     "load_mesh",
     "load_result",
     "load_trajectory",
@@ -55,6 +58,7 @@ __all__ = [
     "replay_scene",
     "save_trajectory",
     "verify_result",
+    "view_result",
 ]
 _PLACES = {
     "HandConfiguration": "hhsim.hand.configuration.HandConfiguration",
@@ -69,6 +73,7 @@ _PLACES = {
     "Stiffness": "hhsim.solver.options.Stiffness",
     "TickAnswer": "hhsim.solver.outside_method.TickAnswer",
     "Trajectory": "hhsim.motion.trajectory.Trajectory",
+    "draw": "hhsim.report.pictures.draw",
     "load_mesh": "hhsim.mesh.mesh.load_mesh",
     "load_result": "hhsim.result.reader.load_result",
     "load_trajectory": "hhsim.motion.file.load_trajectory",
@@ -76,6 +81,7 @@ _PLACES = {
     "replay_scene": "hhsim.replay.replay.replay",
     "save_trajectory": "hhsim.motion.file.save_trajectory",
     "verify_result": "hhsim.verify.verify.verify",
+    "view_result": "hhsim.view.viewer.view_result",
 }
 """Where each of these names is at home."""
 

@@ -1,6 +1,7 @@
 """The examples, each run as a user would: here, or where `RUN_ELSEWHERE` says."""
 
 import importlib.util
+import json
 import os
 import re
 import subprocess
@@ -17,7 +18,7 @@ from hhsim import SolverOptions, load_result, replay_scene
 from hhsim.replay.stored_scene import stored_mesh
 from hhsim.trees.file import load_tree
 
-RUN_HERE = {"library.py", "custom_object.sh", "custom_object.py", "custom_motion.toml"}
+RUN_HERE = {"library.py", "notebook.ipynb", "custom_object.sh", "custom_object.py", "custom_motion.toml"}
 RUN_ELSEWHERE = {
     "gate.sh": "gate/test_run.py",
     "gate-github-actions.yml": "gate/test_run.py",
@@ -67,6 +68,37 @@ def test_the_library_in_twenty_lines(examples: Path, tmp_path: Path) -> None:
             f"the hold takes {result.summary['force_hold_mean']:.2f} N; all of it is in {result.path.name}"
             in answer.stdout
         )
+
+
+RUN_CELLS = """\
+import ast, json, sys
+
+names = {}
+for cell in json.load(open(sys.argv[1], encoding="utf-8"))["cells"]:
+    if cell["cell_type"] == "code":
+        *statements, last = ast.parse("".join(cell["source"])).body
+        exec(compile(ast.Module(statements, []), "cell", "exec"), names)
+        if not isinstance(last, ast.Expr):
+            exec(compile(ast.Module([last], []), "cell", "exec"), names)
+        elif (value := eval(compile(ast.Expression(last.value), "cell", "eval"), names)) is not None:
+            print(repr(value), "PNG" if getattr(value, "_repr_png_", bytes)()[1:4] == b"PNG" else "")
+"""
+
+
+def test_the_notebook_runs_cell_by_cell(examples: Path, tmp_path: Path) -> None:
+    document = json.loads((examples / "notebook.ipynb").read_text(encoding="utf-8"))
+    assert (document["nbformat"], document["nbformat_minor"]) == (4, 5)
+    cells = [cell for cell in document["cells"] if cell["cell_type"] == "code"]
+    assert len(cells) >= 4 and not any(cell["outputs"] or cell["execution_count"] for cell in cells)
+    answer = subprocess.run(
+        *([sys.executable, "-c", RUN_CELLS, str(examples / "notebook.ipynb")],),
+        cwd=tmp_path, env={**os.environ, "MPLBACKEND": "agg"}, capture_output=True, text=True,
+    )  # fmt: skip
+    assert answer.returncode == 0, answer.stderr
+    scene, summary, result, picture = (line.rstrip() for line in answer.stdout.splitlines())
+    assert scene.startswith("Scene(cube with ") and summary.startswith("ReplaySummary(cube, pinch, coupled")
+    assert result.startswith("Result(pinch.h5: cube, pinch, coupled on spheres, 3,000 ticks")
+    assert picture.startswith("ReportFigure(tick-") and picture.endswith("PNG")
 
 
 def test_a_loop_of_ones_own_is_what_a_replay_runs(examples: Path, tmp_path: Path) -> None:

@@ -64,7 +64,7 @@ class Drawing:
     height: Callable[[float, bool], float]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ReportFigure:
     """One picture of a report.
 
@@ -87,7 +87,14 @@ class ReportFigure:
     width_px: int
     height_px: int
     phone_png: bytes | None = None
-    drawing: Drawing | None = field(default=None, compare=False, repr=False)
+    drawing: Drawing | None = field(default=None, compare=False)
+
+    def __repr__(self) -> str:
+        return f"ReportFigure({self.name}, {self.width_px} x {self.height_px} pixels: {self.alt})"
+
+    def _repr_png_(self) -> bytes:
+        """What a notebook shows."""
+        return self.png
 
 
 class Album:
