@@ -50,10 +50,10 @@ def scene_mjcf(hand: HandModel, tree: SphereTree, pose: HandConfiguration, hand_
     Xml.SubElement(Xml.SubElement(model, "asset"), "mesh", name="object", file=mesh_file, inertia="shell")
     body = Xml.SubElement(Xml.SubElement(model, "worldbody"), "body", name="object")
     seen = {"contype": "0", "conaffinity": "0", "group": "2"}
-    Xml.SubElement(body, "geom", name="object", type="mesh", mesh="object", **seen)
+    touched = {"contype": "0", "conaffinity": "1", "group": "3"}
+    Xml.SubElement(body, "geom", seen, name="object", type="mesh", mesh="object")
     for center, radius in zip(tree.leaf_center, tree.leaf_radius):
-        touched = {"contype": "0", "conaffinity": "1", "group": "3"}
-        Xml.SubElement(body, "geom", type="sphere", pos=numbers(center), size=numbers([radius]), **touched)
+        Xml.SubElement(body, "geom", touched, type="sphere", pos=numbers(center), size=numbers([radius]))
     angles = hand_bodies(hand).angles(pose.flexion, pose.abduction).values()
     start = numbers([*pose.position, *pose.orientation, *angles])
     Xml.SubElement(Xml.SubElement(model, "keyframe"), "key", name="start", qpos=start)

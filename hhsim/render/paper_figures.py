@@ -71,9 +71,9 @@ def draw_all(folder: Path, runs: PaperRuns, progress: Progress = silent) -> list
     written = []
     for number, (name, job) in enumerate(jobs):
         progress("pictures", number, len(jobs))
-        figure = job()
+        drawn = job()
         for kind in KINDS:
-            save_figure(figure, folder / f"{name}{kind}")
+            save_figure(drawn, folder / f"{name}{kind}")
             written.append(folder / f"{name}{kind}")
     return written
 
