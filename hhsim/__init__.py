@@ -10,6 +10,7 @@ What a program needs first is here by name, and is imported when it is first ask
     hhsim.replay_scene(scene, hhsim.SolverOptions(method="coupled"), "pinch.h5")
     result = hhsim.load_result("pinch.h5")
     force = result["force/total"][result.phase("hold")]
+    hhsim.draw(result, 1500)  # a picture, which a notebook shows
 
 Everything else is in the modules, whose docstrings say what it takes and gives.
 """
