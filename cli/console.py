@@ -144,24 +144,18 @@ def announce_compilation(*, quiet: bool) -> None:
     if quiet:
         return
     import click
-    from numba.core import event
 
-    announced = False
-    meta = click.get_current_context().meta
+    from hhsim.system.compile_notice import COMPILING, tell_of_compilation
 
-    def announce(listener: object, details: object) -> None:
-        nonlocal announced
-        if announced:
-            return
-        announced = True
-        if BAR in meta:
-            meta[BAR]("compiling the kernels: once, and after an upgrade")
+    context = click.get_current_context()
+
+    def tell() -> None:
+        if BAR in context.meta:
+            context.meta[BAR]("compiling the kernels: once, and after an upgrade")
         else:
-            print("hhsim: compiling the kernels that this needs: once, and again after an upgrade", file=sys.stderr)
+            print(COMPILING, file=sys.stderr)
 
-    listener = type("FirstCompilation", (event.Listener,), {"on_start": announce, "on_end": lambda *_: None})()
-    event.register("numba:compile", listener)
-    click.get_current_context().call_on_close(lambda: event.unregister("numba:compile", listener))
+    context.call_on_close(tell_of_compilation(tell))
 
 
 def print_notes(notes: Sequence[str], *, prefix: str = "note") -> None:

@@ -42,8 +42,9 @@ def command(
     """Write a scene as files for other software to solve.
 
     OBJECT and TRAJECTORY are as for hhsim replay. The folder gets the mesh (.obj), the spheres that cover it, the
-    user's hand at every tick (.csv and HDF5), the hand as numbers, URDF and MJCF, a README with frames and units, and
-    example-submission.csv, which shows what hhsim score takes back (docs/submissions.md).
+    user's hand at every tick (.csv and HDF5), the hand as numbers, URDF and MJCF, hand and object as one MJCF model
+    (scene.xml), a README with frames and units, and example-submission.csv, which shows what hhsim score takes back
+    (docs/submissions.md).
 
     \b
     Examples:

@@ -6,6 +6,7 @@ described in docs/live.md; nothing but Python is needed.
 
 import math
 import os
+import select
 import signal
 import socket
 import struct
@@ -21,23 +22,28 @@ def tell_fingers(bend, stiffness):  # stop each finger at this bend, this hard: 
     print(*(f"{b:.2f}/{s:.2f}" for b, s in zip(bend, stiffness)))
 
 
+PERIOD = 1_000_000  # from sample to sample [ns]
 samples_to = ("127.0.0.1", int(sys.argv[1]) if len(sys.argv) > 1 else 24170)
 bridge = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 bridge.bind(("127.0.0.1", samples_to[1] + 1))  # commands arrive here
 for stop in (signal.SIGINT, signal.SIGTERM):  # by kill too, which would else let nobody go
     signal.signal(stop, lambda *_: sys.exit())
 session, seq, commanded_at, free = int.from_bytes(os.urandom(4), "little"), 0, 0.0, True
+due = time.monotonic_ns()
 try:
     while True:
         header = struct.pack("<4sBBHIIQIi", b"HHGL", 1, 1, 5, session, seq, time.monotonic_ns(), 2**32 - 1, -1)
         bridge.sendto(header + struct.pack("<5f", *read_bends()), samples_to)
-        seq, due = (seq + 1) % 2**32, time.monotonic() + 0.005  # 200 samples a second
-        while (left := due - time.monotonic()) > 0:
-            bridge.settimeout(left)
+        seq = (seq + 1) % 2**32
+        # From the last deadline, not from now: what a sample took moves no later one. Deadlines gone by are left out.
+        due += max(1, (time.monotonic_ns() - due) // PERIOD) * PERIOD
+        while (left := due - time.monotonic_ns()) > 0:
+            if not select.select([bridge], [], [], 1e-9 * left)[0]:  # a socket's own timeout counts milliseconds
+                continue
             try:
                 data = bridge.recv(2048)
             except OSError:
-                break
+                continue
             if len(data) == 72 and data[:6] == b"HHGL\x01\x10":
                 numbers = struct.unpack_from("<10f", data, 32)
                 if all(map(math.isfinite, numbers)):

@@ -10,10 +10,12 @@ What a program needs first is here by name, and is imported when it is first ask
     hhsim.replay_scene(scene, hhsim.SolverOptions(method="coupled"), "pinch.h5")
     result = hhsim.load_result("pinch.h5")
     force = result["force/total"][result.phase("hold")]
+    hhsim.draw(result, 1500)  # a picture, which a notebook shows
 
 Everything else is in the modules, whose docstrings say what it takes and gives.
 """
 
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
     from hhsim.motion.file import load_trajectory, save_trajectory
     from hhsim.motion.trajectory import Trajectory
     from hhsim.replay.replay import replay as replay_scene
+    from hhsim.report.pictures import draw
     from hhsim.result.reader import Result, load_result
     from hhsim.scene.open_scene import open_scene
     from hhsim.scene.scene import Scene
@@ -32,6 +35,7 @@ if TYPE_CHECKING:
     from hhsim.solver.options import SolverOptions, Stiffness
     from hhsim.solver.outside_method import MethodScene, TickAnswer
     from hhsim.verify.verify import verify as verify_result
+    from hhsim.view.viewer import view_result
 
 __version__ = "0.1.0"
 __all__ = [
@@ -47,6 +51,7 @@ __all__ = [
     "Stiffness",
     "TickAnswer",
     "Trajectory",
+    "draw",
     "load_mesh",
     "load_result",
     "load_trajectory",
@@ -54,6 +59,7 @@ __all__ = [
     "replay_scene",
     "save_trajectory",
     "verify_result",
+    "view_result",
 ]
 _PLACES = {
     "HandConfiguration": "hhsim.hand.configuration.HandConfiguration",
@@ -68,6 +74,7 @@ _PLACES = {
     "Stiffness": "hhsim.solver.options.Stiffness",
     "TickAnswer": "hhsim.solver.outside_method.TickAnswer",
     "Trajectory": "hhsim.motion.trajectory.Trajectory",
+    "draw": "hhsim.report.pictures.draw",
     "load_mesh": "hhsim.mesh.mesh.load_mesh",
     "load_result": "hhsim.result.reader.load_result",
     "load_trajectory": "hhsim.motion.file.load_trajectory",
@@ -75,6 +82,7 @@ _PLACES = {
     "replay_scene": "hhsim.replay.replay.replay",
     "save_trajectory": "hhsim.motion.file.save_trajectory",
     "verify_result": "hhsim.verify.verify.verify",
+    "view_result": "hhsim.view.viewer.view_result",
 }
 """Where each of these names is at home."""
 
@@ -86,6 +94,8 @@ def __getattr__(name: str) -> Any:
     module, _, attribute = _PLACES[name].rpartition(".")
     value = getattr(import_module(module), attribute)
     globals()[name] = value
+    if "numba" in sys.modules:
+        import_module("hhsim.system.compile_notice").log_compilation()
     return value
 
 

@@ -1,8 +1,10 @@
 """The examples, each run as a user would: here, or where `RUN_ELSEWHERE` says."""
 
 import importlib.util
+import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -12,12 +14,15 @@ import numpy as np
 import pytest
 from command_lines import parse
 from own_command import hhsim_command
+from short_grasp import short_grasp, short_scene
 
-from hhsim import SolverOptions, load_result, replay_scene
+from hhsim import HandConfiguration, MethodScene, SolverOptions, load_result, replay_scene
+from hhsim.hand.model import Side
+from hhsim.replay.conformance import NOTE, OK, check_method
 from hhsim.replay.stored_scene import stored_mesh
 from hhsim.trees.file import load_tree
 
-RUN_HERE = {"library.py", "custom_object.sh", "custom_object.py", "custom_motion.toml"}
+RUN_HERE = {"cpp_method", "library.py", "notebook.ipynb", "custom_object.sh", "custom_object.py", "custom_motion.toml"}
 RUN_ELSEWHERE = {
     "gate.sh": "gate/test_run.py",
     "gate-github-actions.yml": "gate/test_run.py",
@@ -67,6 +72,70 @@ def test_the_library_in_twenty_lines(examples: Path, tmp_path: Path) -> None:
             f"the hold takes {result.summary['force_hold_mean']:.2f} N; all of it is in {result.path.name}"
             in answer.stdout
         )
+
+
+RUN_CELLS = """\
+import ast, json, sys
+
+names = {}
+for cell in json.load(open(sys.argv[1], encoding="utf-8"))["cells"]:
+    if cell["cell_type"] == "code":
+        *statements, last = ast.parse("".join(cell["source"])).body
+        exec(compile(ast.Module(statements, []), "cell", "exec"), names)
+        if not isinstance(last, ast.Expr):
+            exec(compile(ast.Module([last], []), "cell", "exec"), names)
+        elif (value := eval(compile(ast.Expression(last.value), "cell", "eval"), names)) is not None:
+            print(repr(value), "PNG" if getattr(value, "_repr_png_", bytes)()[1:4] == b"PNG" else "")
+"""
+
+
+def test_the_notebook_runs_cell_by_cell(examples: Path, tmp_path: Path) -> None:
+    document = json.loads((examples / "notebook.ipynb").read_text(encoding="utf-8"))
+    assert (document["nbformat"], document["nbformat_minor"]) == (4, 5)
+    cells = [cell for cell in document["cells"] if cell["cell_type"] == "code"]
+    assert len(cells) >= 4 and not any(cell["outputs"] or cell["execution_count"] for cell in cells)
+    answer = subprocess.run(
+        *([sys.executable, "-c", RUN_CELLS, str(examples / "notebook.ipynb")],),
+        cwd=tmp_path, env={**os.environ, "MPLBACKEND": "agg"}, capture_output=True, text=True,
+    )  # fmt: skip
+    assert answer.returncode == 0, answer.stderr
+    scene, summary, result, picture = (line.rstrip() for line in answer.stdout.splitlines())
+    assert scene.startswith("Scene(cube with ") and summary.startswith("ReplaySummary(cube, pinch, coupled")
+    assert result.startswith("Result(pinch.h5: cube, pinch, coupled on spheres, 3,000 ticks")
+    assert picture.startswith("ReportFigure(tick-") and picture.endswith("PNG")
+
+
+@pytest.fixture
+def cpp_method(examples: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """The example's module beside its library, built by the line that it says."""
+    if shutil.which("c++") is None:
+        pytest.skip("there is no C++ compiler (c++) to build the example with")
+    folder = tmp_path / "cpp_method"
+    shutil.copytree(examples / "cpp_method", folder)
+    (build,) = re.findall(r"(?m)^c\+\+ .*$", (folder / "cpp_method.py").read_text(encoding="utf-8"))
+    subprocess.run([*build.split(), "-Wall", "-Wextra", "-Werror"], cwd=folder, check=True)
+    monkeypatch.syspath_prepend(str(folder))
+    monkeypatch.delitem(sys.modules, "cpp_method", raising=False)
+    return importlib.import_module("cpp_method")
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_the_kinematics_of_the_header_are_those_of_the_hand(cpp_method: Any, side: Side) -> None:
+    scene = short_scene(short_grasp(), "cylinder", 2, side)
+    method = cpp_method.CppMethod(MethodScene(scene.hand, scene.mesh, scene.tree, SolverOptions()))
+    random, hand = np.random.default_rng(3), scene.hand
+    for _ in range(50):
+        turn = random.normal(size=4)
+        flexion = random.uniform(hand.flexion_min, hand.flexion_max)
+        abduction = random.uniform(hand.abduction_min, hand.abduction_max)
+        pose = HandConfiguration(random.normal(size=3), turn / np.linalg.norm(turn), flexion, abduction)
+        np.testing.assert_allclose(method.joints(pose), hand.joints(*pose), rtol=0.0, atol=1e-12)
+
+
+def test_a_method_in_cpp_can_be_measured(cpp_method: Any) -> None:
+    found = {finding.name: finding.verdict for finding in check_method("cpp_method:CppMethod")}
+    assert found == {**dict.fromkeys(found, OK), "depth": NOTE}, "phalanges between its balls are not looked at"
+    assert "time" in found
 
 
 def test_a_loop_of_ones_own_is_what_a_replay_runs(examples: Path, tmp_path: Path) -> None:

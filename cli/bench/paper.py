@@ -48,7 +48,7 @@ class PaperSettings(OptionGroup):
     "--plot",
     type=options.FILE,
     metavar="FOLDER",
-    help="Draw the scenes and curves in the manner of the paper's Figs. 11 to 15 into a folder.",
+    help="Draw the scenes and curves in the manner of the paper's Figs. 11 to 15 into a folder, as PNG, PDF and SVG.",
 )
 @options.Output.argument("output")
 def command(settings: PaperSettings, plot: Path | None, output: options.Output) -> int:

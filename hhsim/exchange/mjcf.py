@@ -1,4 +1,4 @@
-"""The hand as MJCF, the format of MuJoCo (its XML reference: mujoco.readthedocs.io)."""
+"""Hands and scenes as MJCF, the format of MuJoCo (its XML reference: mujoco.readthedocs.io)."""
 
 from collections.abc import Iterable
 from xml.etree import ElementTree as Xml
@@ -7,8 +7,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hhsim.exchange.hand_bodies import PALM, HandBodies, HandBody, hand_bodies
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS, PHALANGES
 from hhsim.hand.model import HandModel
+from hhsim.trees.sphere_tree import SphereTree
 
 
 def hand_mjcf(hand: HandModel) -> str:
@@ -26,6 +28,35 @@ def hand_mjcf(hand: HandModel) -> str:
     Xml.SubElement(usual, "geom", contype="1", conaffinity="0")
     world = Xml.SubElement(model, "worldbody")
     add_hand(world, hand_bodies(hand))
+    Xml.indent(model)
+    return Xml.tostring(model, encoding="unicode") + "\n"
+
+
+def scene_mjcf(hand: HandModel, tree: SphereTree, pose: HandConfiguration, hand_file: str, mesh_file: str) -> str:
+    """MJCF text of a hand and an object that stands still; keyframe `start` puts the hand where it begins.
+
+    The object collides as the leaf spheres of its tree, since MuJoCo would take the convex hull of its mesh; the mesh
+    is what is seen.
+
+    Args:
+        tree: Of the object [m], world.
+        pose: Of the hand at first.
+        hand_file: With the text of `hand_mjcf`, beside this one.
+        mesh_file: Of the object [m], world, beside this one.
+    """
+    model = Xml.Element("mujoco", model="scene")
+    Xml.SubElement(model, "include", file=hand_file)
+    # Of a shell there is inertia whether the mesh encloses something or not.
+    Xml.SubElement(Xml.SubElement(model, "asset"), "mesh", name="object", file=mesh_file, inertia="shell")
+    body = Xml.SubElement(Xml.SubElement(model, "worldbody"), "body", name="object")
+    seen = {"contype": "0", "conaffinity": "0", "group": "2"}
+    touched = {"contype": "0", "conaffinity": "1", "group": "3"}
+    Xml.SubElement(body, "geom", seen, name="object", type="mesh", mesh="object")
+    for center, radius in zip(tree.leaf_center, tree.leaf_radius):
+        Xml.SubElement(body, "geom", touched, type="sphere", pos=numbers(center), size=numbers([radius]))
+    angles = hand_bodies(hand).angles(pose.flexion, pose.abduction).values()
+    start = numbers([*pose.position, *pose.orientation, *angles])
+    Xml.SubElement(Xml.SubElement(model, "keyframe"), "key", name="start", qpos=start)
     Xml.indent(model)
     return Xml.tostring(model, encoding="unicode") + "\n"
 

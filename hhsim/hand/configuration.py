@@ -39,6 +39,12 @@ class HandConfiguration(NamedTuple):
     flexion: FloatArray
     abduction: FloatArray
 
+    def __repr__(self) -> str:
+        if np.ndim(self.position) != 1:
+            return f"HandConfiguration({np.shape(self.position)[0]:,} poses)"
+        values = (np.array2string(np.ravel(value), precision=4, max_line_width=120) for value in self)
+        return f"HandConfiguration({', '.join(f'{name}={value}' for name, value in zip(self._fields, values))})"
+
     @classmethod
     def of(cls, posed: _Posed) -> "HandConfiguration":
         """Those in a record that has more than them, as its own arrays."""

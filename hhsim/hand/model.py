@@ -130,7 +130,7 @@ FINGER_SHAPES: dict[str, tuple[int, ...]] = {
 """The sizes of one finger that a TOML file may replace, and their shapes."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class HandModel:
     """Sizes and limits of one hand, palm frame; fingers in the order of `FINGERS`.
 
@@ -162,6 +162,10 @@ class HandModel:
     abduction_max: FloatArray
     palm_mesh: Mesh
     palm_tree: SphereTree
+
+    def __repr__(self) -> str:
+        size = f"{1e3 * self.hand_length:.1f} mm long, {1e3 * self.hand_breadth:.1f} mm broad"
+        return f"HandModel({self.side}, {size}, {self.palm_tree.leaf_count} palm spheres)"
 
     @classmethod
     def default(

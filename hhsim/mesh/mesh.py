@@ -29,7 +29,7 @@ LARGEST_NUMBER = 1e6
 """Outside of this a file's own extent is refused: squares and cubes of it lose their digits."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Mesh:
     """A surface of triangles: closed and counter-clockwise seen from outside, but where it was taken as it is.
 
@@ -60,6 +60,10 @@ class Mesh:
         require_usable_arrays(vertices, faces, self.name)
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", faces)
+
+    def __repr__(self) -> str:
+        size = " x ".join(f"{1e3 * length:.1f}" for length in self.extent)
+        return f"Mesh({self.name}: {len(self.vertices):,} vertices, {len(self.faces):,} triangles, {size} mm)"
 
     @cached_property
     def triangles(self) -> FloatArray:

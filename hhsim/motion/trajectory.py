@@ -4,6 +4,7 @@ World right-handed, z up; quaternions (w, x, y, z); fingers thumb, index, middle
 distal. Positive flexion curls towards the palm, positive abduction turns a finger towards the thumb side.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, NamedTuple, Self, get_args
 
@@ -64,6 +65,12 @@ class TickPhase(NamedTuple):
     last_tick: int
 
 
+def phase_names(phases: Iterable[Phase | TickPhase]) -> str:
+    """The names of phases as the end of a repr; "" where there are none."""
+    names = ", ".join(phase.name for phase in phases)
+    return f"; {names}" if names else ""
+
+
 @dataclass(frozen=True, eq=False)
 class RawChannel:
     """What the device measured before calibration; carried along, never replayed.
@@ -81,7 +88,7 @@ class RawChannel:
     meaning: str = ""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class TickInput:
     """The haptic hand at each tick of the replay; C-contiguous and writable, as the kernels take it.
 
@@ -106,6 +113,9 @@ class TickInput:
     phases: tuple[TickPhase, ...]
     rate: float
     object_motion: ObjectMotion | None = None
+
+    def __repr__(self) -> str:
+        return f"TickInput({self.tick_count:,} ticks at {self.rate:g} Hz{phase_names(self.phases)})"
 
     @property
     def tick_count(self) -> int:
@@ -144,7 +154,7 @@ class TickInput:
         )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Trajectory:
     """A checked motion: making one validates it.
 
@@ -260,6 +270,10 @@ class Trajectory:
         for values in motion:
             values.setflags(write=False)
         return None if motion.stands_still else motion
+
+    def __repr__(self) -> str:
+        samples = f"{self.sample_count:,} samples in {self.duration:.3f} s"
+        return f"Trajectory({self.name or 'motion'}: {samples}{phase_names(self.phases)})"
 
     @property
     def sample_count(self) -> int:

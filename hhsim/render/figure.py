@@ -1,10 +1,12 @@
 """A matplotlib figure that is drawn without a screen, the look that its axes share, and its file."""
 
+import io
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from hhsim.errors import InputError, OutputError
+from hhsim.system.atomic_write import write_atomically
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -60,6 +62,26 @@ def logarithmic(
     tidy(axes)
 
 
+VECTOR = {
+    # Journals ask for outlines that a reader of PDF can tell apart as letters.
+    "pdf.fonttype": 42,
+    # Else the names of clipping paths are random.
+    "svg.hashsalt": "hhsim report",
+}
+"""Settings of matplotlib for a file in which lines stay lines."""
+
+
+def vector_bytes(figure: "Figure", kind: str, title: str) -> bytes:
+    """Return a figure as a `pdf` or `svg`, without the date: the same figure gives the same bytes."""
+    import matplotlib
+
+    dates: dict[str, Any] = {"CreationDate": None} if kind == "pdf" else {"Date": None}
+    buffer = io.BytesIO()
+    with matplotlib.rc_context(cast(Any, VECTOR)):
+        figure.savefig(buffer, format=kind, metadata={"Title": title, "Creator": "hhsim report", **dates})
+    return buffer.getvalue()
+
+
 def save_figure(figure: "Figure", path: Path) -> None:
     """Write a matplotlib figure.
 
@@ -67,6 +89,10 @@ def save_figure(figure: "Figure", path: Path) -> None:
         OutputError: The picture cannot be written.
         InputError: matplotlib has no such picture format.
     """
+    kind = path.suffix.lower()[1:]
+    if kind in ("pdf", "svg"):
+        write_atomically(path, vector_bytes(figure, kind, path.stem))
+        return
     try:
         figure.savefig(path)
     except OSError as error:

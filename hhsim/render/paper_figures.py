@@ -29,6 +29,7 @@ FINGER_COLORS = ("#b3261e", "#1b6ca8", "#2e7d32", "#c8641a", "#7a3b8f")
 PART_COLORS = {"total": "0.15", "x": "#b3261e", "y": "#2e7d32", "z": "#1b6ca8"}
 TIME_COLORS = {"detection": "#2e7d32", "response": "#c8641a", "total": "0.15"}
 BUDGET_COLOR = "#b00020"
+KINDS = (".png", ".pdf", ".svg")
 TILE = 230
 """Rows and columns of a small picture [pixels]."""
 
@@ -47,33 +48,37 @@ def check_folder(folder: Path) -> None:
 
 
 def draw_all(folder: Path, runs: PaperRuns, progress: Progress = silent) -> list[Path]:
-    """Draw every figure that the runs have scenes for; the files are fig11.png to fig15.png.
+    """Draw every figure that the runs have scenes for; the files are fig11 to fig15, each of `KINDS`.
 
     Raises:
         OutputError: A picture cannot be written.
     """
-    jobs: list[tuple[str, Callable[[Path], None]]] = []
+    jobs: list[tuple[str, Callable[[], Figure]]] = []
     # The hand that is shown is the default method's, or else the last one's.
     methods = list(dict.fromkeys(run.options.method for run in runs.scenes))
     shown = "coupled" if "coupled" in methods else methods[-1]
     for figure, columns in (("11", 3), ("13", 6)):
         scenes = runs.of(shown, figure)
         if scenes:
-            jobs.append((f"fig{figure}.png", partial(_gallery, scenes=scenes, columns=columns)))
+            jobs.append((f"fig{figure}", partial(_gallery, scenes=scenes, columns=columns)))
     for figure in ("12", "14"):
         for name in object_names():
             same = [run for method in methods for run in runs.of(method, figure, object_name=name)]
             if same:
-                jobs.append((f"fig{figure}-{name}.png", partial(_forces_over_time, number=figure, runs=same)))
+                jobs.append((f"fig{figure}-{name}", partial(_forces_over_time, number=figure, runs=same)))
     if any(run.scenario.figure == "15" for run in runs.scenes):
-        jobs.append(("fig15.png", partial(_cases, runs=runs, methods=methods)))
+        jobs.append(("fig15", partial(_cases, runs=runs, methods=methods)))
+    written = []
     for number, (name, job) in enumerate(jobs):
         progress("pictures", number, len(jobs))
-        job(folder / name)
-    return [folder / name for name, _ in jobs]
+        drawn = job()
+        for kind in KINDS:
+            save_figure(drawn, folder / f"{name}{kind}")
+            written.append(folder / f"{name}{kind}")
+    return written
 
 
-def _gallery(path: Path, scenes: Sequence[SceneRun], columns: int) -> None:
+def _gallery(scenes: Sequence[SceneRun], columns: int) -> "Figure":
     rows = -(-len(scenes) // columns)
     figure = new_figure(columns * TILE / 100, rows * (TILE + 22) / 100 + 0.3)
     axes = figure.subplots(rows, columns, squeeze=False)
@@ -87,10 +92,10 @@ def _gallery(path: Path, scenes: Sequence[SceneRun], columns: int) -> None:
     figure.text(
         0.99, 0.008, f"skin: graphic hand, {scenes[0].options.method}; blue: haptic hand", ha="right", color="0.4"
     )
-    save_figure(figure, path)
+    return figure
 
 
-def _forces_over_time(path: Path, number: str, runs: Sequence[SceneRun]) -> None:
+def _forces_over_time(number: str, runs: Sequence[SceneRun]) -> "Figure":
     """Forces and the time of a tick, with the hand in each hold.
 
     Fig. 12: normal forces of the five fingers; Fig. 14: the index finger's contact force with its components.
@@ -110,7 +115,7 @@ def _forces_over_time(path: Path, number: str, runs: Sequence[SceneRun]) -> None
     forces[0].set_ylabel(f"{force} [N]")
     _legend(figure, forces[0])
     _draw_times(times, runs)
-    save_figure(figure, path)
+    return figure
 
 
 def _curves_figure(runs: Sequence[SceneRun]) -> "tuple[Figure, Sequence[Axes], Sequence[Axes]]":
@@ -169,7 +174,7 @@ def _draw_times(panels: "Sequence[Axes]", runs: Sequence[SceneRun]) -> None:
     panels[0].set_ylabel("time of a tick, CPU [µs]")
 
 
-def _cases(path: Path, runs: PaperRuns, methods: Sequence[str]) -> None:
+def _cases(runs: PaperRuns, methods: Sequence[str]) -> "Figure":
     """Fig. 15: detection, response and total by case, with the number of contacts, object by object."""
     played = [name for name in object_names() if runs.of(methods[0], "15", object_name=name)]
     figure = new_figure(2.9 * len(played) + 0.6, 2.7 * len(methods) + 0.7)
@@ -210,4 +215,4 @@ def _cases(path: Path, runs: PaperRuns, methods: Sequence[str]) -> None:
         fontsize=9,
         color=BUDGET_COLOR,
     )
-    save_figure(figure, path)
+    return figure

@@ -21,7 +21,7 @@ from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import known_figures, needed_columns, tick_figures
 from hhsim.metrics.run_ticks import RunTicks
 from hhsim.motion.object_motion import ObjectMotion
-from hhsim.replay.summary_table import SummaryRow, summary_rows
+from hhsim.replay.summary_table import SummaryRow, short_table, summary_rows
 from hhsim.replay.tremor_hold import tremor_variation
 from hhsim.replay.verdict import Verdict, run_verdict
 from hhsim.scene.scene import Scene
@@ -67,7 +67,7 @@ class TickSeries:
         return self._columns[name]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ReplaySummary:
     """What a replay found.
 
@@ -94,6 +94,20 @@ class ReplaySummary:
     surface: str = "spheres"
     promises: frozenset[str] = frozenset(PROMISES)
     path: Path | None = None
+
+    def __repr__(self) -> str:
+        run = f"{self.object_name}, {self.motion_name}, {self.method} on {self.surface}, {self.ticks:,} ticks"
+        return f"ReplaySummary({run}: {self.verdict.word}{f'; {self.path}' if self.path else ''})"
+
+    def _repr_html_(self) -> str:
+        """The short table, for a notebook."""
+        from html import escape
+
+        rows = "".join(
+            f"<tr><td>{escape(row.label)}</td><td>{escape(row.shown)} {escape(row.unit)}</td></tr>"
+            for row in short_table(self.rows, self.verdict.missed)
+        )
+        return f"<p>{escape(self.verdict.line)}</p><table>{rows}</table>"
 
     @property
     def verdict(self) -> Verdict:

@@ -64,7 +64,7 @@ class Drawing:
     height: Callable[[float, bool], float]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ReportFigure:
     """One picture of a report.
 
@@ -87,7 +87,14 @@ class ReportFigure:
     width_px: int
     height_px: int
     phone_png: bytes | None = None
-    drawing: Drawing | None = field(default=None, compare=False, repr=False)
+    drawing: Drawing | None = field(default=None, compare=False)
+
+    def __repr__(self) -> str:
+        return f"ReportFigure({self.name}, {self.width_px} x {self.height_px} pixels: {self.alt})"
+
+    def _repr_png_(self) -> bytes:
+        """What a notebook shows."""
+        return self.png
 
 
 class Album:
@@ -164,10 +171,6 @@ def new_figure(width: float, height: float) -> "Iterator[Figure]":
         "grid.linewidth": 0.6,
         "legend.frameon": False,
         "agg.path.chunksize": 20_000,
-        # Journals ask for outlines that a reader of PDF can tell apart as letters.
-        "pdf.fonttype": 42,
-        # Else the names of clipping paths are random.
-        "svg.hashsalt": "hhsim report",
     }
     with matplotlib.rc_context():
         matplotlib.rcdefaults()

@@ -1,12 +1,11 @@
 """One figure of a report as a file of its own, as wide as a journal's column."""
 
-import io
 import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 from hhsim.errors import InputError
+from hhsim.render.figure import vector_bytes
 from hhsim.report.figure import ReportFigure, new_figure, png_bytes
 from hhsim.report.histogram import histogram_figure
 from hhsim.report.labels import result_labels
@@ -17,9 +16,6 @@ from hhsim.report.time_series import series_figure
 from hhsim.result.reader import Result, load_result
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.output_path import check_output_path
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 FIGURES: Mapping[str, Callable[[Mapping[str, Result]], ReportFigure]] = {
     "series": series_figure,
@@ -99,17 +95,8 @@ def write_figure(figure: ReportFigure, output_path: Path, width: float) -> None:
     narrow = width < NARROW
     with new_figure(width, figure.drawing.height(width, narrow)) as drawn:
         figure.drawing.draw(drawn, narrow)
-        write_atomically(output_path, _encoded(drawn, output_path.suffix.lower(), figure.title))
-
-
-def _encoded(figure: "Figure", suffix: str, title: str) -> bytes:
-    """The figure as a file, without the date."""
-    if suffix == ".png":
-        return png_bytes(figure)
-    dates: dict[str, Any] = {"CreationDate": None} if suffix == ".pdf" else {"Date": None}
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format=suffix[1:], metadata={"Title": title, "Creator": "hhsim report", **dates})
-    return buffer.getvalue()
+        kind = output_path.suffix.lower()[1:]
+        write_atomically(output_path, png_bytes(drawn) if kind == "png" else vector_bytes(drawn, kind, figure.title))
 
 
 def _hand(results: Mapping[str, Result]) -> ReportFigure:

@@ -144,6 +144,21 @@ def overview_view(result: Result) -> View:
     return _moment(result, overview_tick(result), None).view
 
 
+def draw(result: Result, tick: int | None = None, view: tuple[float, float] | None = None) -> ReportFigure:
+    """Draw the hand on the object at one tick, with contact points and forces; a notebook shows the picture by itself.
+
+    Args:
+        tick: Number of the tick, from 0; None for the end of the first hold (`overview_tick`).
+        view: As of `hand_picture`.
+
+    Raises:
+        InputError: As `hand_picture`.
+    """
+    # The camera moves along with an object that moves.
+    seen = result.seen_from_object
+    return hand_picture(seen, overview_tick(seen) if tick is None else tick, view)
+
+
 def hand_picture(
     result: Result, tick: int, view: tuple[float, float] | None = None, usual: View | None = None
 ) -> ReportFigure:

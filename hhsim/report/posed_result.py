@@ -22,7 +22,7 @@ ROUNDING = 1e-9
 """Depths that differ by no more are the same [m]."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class PosedResult(Result):
     """A result with depths of its poses in its object's surface.
 
@@ -31,7 +31,7 @@ class PosedResult(Result):
         stated_depth: Deepest by the file's own column [m]; NaN where that has no number.
     """
 
-    depths: dict[str, AnyArray] = field(default_factory=dict, repr=False, compare=False)
+    depths: dict[str, AnyArray] = field(default_factory=dict, compare=False)
     stated_depth: float = np.nan
 
     def __getitem__(self, name: str) -> AnyArray:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from hhsim.errors import DamagedFileError, InputError, OutputError, UnknownNameError
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.object_motion import ObjectMotion, RigidMotion
-from hhsim.motion.trajectory import TickPhase
+from hhsim.motion.trajectory import TickPhase, phase_names
 from hhsim.result.object_frame import TURNS, as_object_sees
 from hhsim.result.schema import (
     CONTACT,
@@ -66,7 +66,7 @@ CHUNK_TICKS = 512
 """Ticks in a chunk of the file; blocks of this size fill it best."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Result:
     """A result file that has been opened and checked; the ticks are read when they are asked for, and kept.
 
@@ -89,9 +89,9 @@ class Result:
     phases: tuple[TickPhase, ...]
     """Phases that begin within the ticks."""
     summary: dict[str, Any]
-    static: Mapping[str, Array] = field(repr=False)
+    static: Mapping[str, Array]
     """The arrays of `STATIC_COLUMNS` by name."""
-    live: Mapping[str, Any] | None = field(default=None, repr=False)
+    live: Mapping[str, Any] | None = None
     """What a live session says of itself, the attributes of /live; None for a replay."""
     command: tuple[str, ...] = ()
     """The command that made it, word by word as it was typed; empty where a program called the library."""
@@ -99,15 +99,21 @@ class Result:
     """Commit of the hhsim that wrote it."""
     git_dirty: bool | str = UNKNOWN
     """Whether its files had changed since."""
-    repeated: Mapping[str, Any] = field(default_factory=dict, repr=False)
+    repeated: Mapping[str, Any] = field(default_factory=dict)
     """Of a replay that was run several times, how many `runs` and of its `times` mean and std by name; else empty."""
     score: Mapping[str, float] = field(default_factory=dict, repr=False)
     """Of a submission, how far its poses are in the mesh and off the best ones [m], by name; else empty."""
     driven: bool = False
     """Whether the object moves, and every tick has its pose: `tick/object/position` and `tick/object/orientation`."""
-    view: View | None = field(default=None, repr=False, compare=False)
+    view: View | None = field(default=None, compare=False)
     """Who sees the hands and the forces; None: they are the world's, as in the file."""
-    _loaded: dict[str, Array] = field(default_factory=dict, repr=False, compare=False)
+    _loaded: dict[str, Array] = field(default_factory=dict, compare=False)
+
+    def __repr__(self) -> str:
+        run = f"{self.scene.get('object_name') or 'object'}, {self.scene.get('motion') or 'motion'}"
+        ticks = f"{self.ticks:,} ticks at {self.rate:g} Hz{'' if self.complete else ', cut short'}"
+        how = f"{self.method or 'no method'} on {self.surface}"
+        return f"Result({self.path.name}: {run}, {how}, {ticks}{phase_names(self.phases)})"
 
     @property
     def method(self) -> str:

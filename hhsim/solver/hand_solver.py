@@ -57,6 +57,9 @@ class HandSolver:
             self.engine = FreeEngine(self.workspace, free)
         self._started = False
 
+    def __repr__(self) -> str:
+        return f"HandSolver({self.options!r})"
+
     @property
     def object_ticks(self) -> ObjectRecord:
         """What became of the free object in the last ticks."""

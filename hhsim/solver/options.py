@@ -1,6 +1,6 @@
 """How the graphic hand is solved for: method, backend, stiffness, and the lengths that steer a tick."""
 
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -77,7 +77,7 @@ def usual_budget(period: float) -> int:
     return max(1, round(1e9 * BUDGET_SHARE * period))
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class SolverOptions:
     """Options of the solver; lengths in metres.
 
@@ -166,6 +166,13 @@ class SolverOptions:
         if self.offset * 10.0 > self.margin:
             least = 1e4 * self.offset
             raise InputError(f"a margin of {1e3 * self.margin:g} mm is too small: at least {least:g} mm, ten offsets")
+
+    def __repr__(self) -> str:
+        """Method, surface and what differs from the defaults of these."""
+        usual = SolverOptions(method=self.method, surface=self.surface)
+        names = (field.name for field in fields(self))
+        shown = [f"{name}={getattr(self, name)!r}" for name in names if getattr(self, name) != getattr(usual, name)]
+        return f"SolverOptions({', '.join([f'method={self.method!r}', f'surface={self.surface!r}', *shown])})"
 
     def at_rate(self, rate: float) -> "SolverOptions":
         """The same options for ticks at a rate [Hz]; a budget that is the default one follows the period."""

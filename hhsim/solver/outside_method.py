@@ -73,6 +73,10 @@ class TickAnswer(NamedTuple):
     native_ns: int = 0
     work: int = 0
 
+    def __repr__(self) -> str:
+        forces = "without forces" if self.phalanx_force is None and self.palm_force is None else "with forces"
+        return f"TickAnswer({self.pose!r}, {forces})"
+
 
 class OutsideMethod(Protocol):
     """A method from outside; made anew for every run.

@@ -13,7 +13,7 @@ import numpy as np
 
 from hhsim.errors import OutputError
 from hhsim.exchange.hand_bodies import STEP
-from hhsim.exchange.mjcf import hand_mjcf
+from hhsim.exchange.mjcf import hand_mjcf, scene_mjcf
 from hhsim.exchange.urdf import hand_urdf
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
@@ -66,6 +66,9 @@ def write_scene_folder(scene: Scene, folder: Path) -> str:
         "hand.json": _text(json.dumps(_numbers(scene.hand), indent=1) + "\n"),
         "hand.urdf": _text(hand_urdf(scene.hand)),
         "hand.xml": _text(hand_mjcf(scene.hand)),
+        "scene.xml": _text(
+            scene_mjcf(scene.hand, scene.tree, HandConfiguration.of(scene.ticks).at(0), "hand.xml", "object.obj")
+        ),
         EXAMPLE: _text(format_poses(example_submission(scene))),
         "README.md": _text(_readme(scene, digest)),
     }
@@ -189,6 +192,7 @@ not in the object. Write a line a tick as in `{EXAMPLE}`, and measure it:
 | `motion.csv` | the user's hand at every tick, with the phases of the motion |
 | `hand.json` | the hand as numbers [m, rad], palm frame |
 | `hand.urdf`, `hand.xml` | the same as URDF and MJCF; joints are called as the columns |
+| `scene.xml` | hand and object as MJCF: the mesh is seen, its spheres collide; keyframe `start` is the first tick |
 | `{EXAMPLE}` | the user's own hand as a submission, which goes through everything |
 | `{SCENE_FILE}` | all of it for hhsim; motion under `/motion`, object under `/object`, hand under `/hand` |
 | `scene.json` | digest, rate, phases |

@@ -52,7 +52,7 @@ LENGTHS = tuple(item.name for item in fields(LevelError) if item.name not in ("l
 """The fields of a LevelError that are lengths [m]."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SphereTree:
     """Spheres in breadth-first order: node 0 is the root, children are contiguous, the leaves are the last nodes.
 
@@ -101,6 +101,9 @@ class SphereTree:
             )
         if self.covers:
             self._require_covers()
+
+    def __repr__(self) -> str:
+        return f"SphereTree({len(self.radius):,} spheres, level {self.depth}: {self.leaf_count:,} leaves)"
 
     def _require_covers(self) -> None:
         if len(self.covers) != self.depth + 1:

@@ -6,6 +6,7 @@ clarabel (`hhsim.verify.forces`); figures are computed anew (`hhsim.verify.metri
 solver but what the file holds.
 """
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -48,7 +49,7 @@ SAMPLED = ("candidates", "distance by coal", "mesh", "contacts off the mesh")
 """Claims that are judged at some ticks of a long run: pairs far from touching are many, and a library is slow."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Verification:
     """What the referee found.
 
@@ -70,6 +71,12 @@ class Verification:
     sphere_penetration: float
     mesh_penetration: float
     stationarity: float
+
+    def __repr__(self) -> str:
+        found = Counter(claim.verdict for claim in self.claims)
+        failed = ", ".join(claim.name for claim in self.claims if claim.failed)
+        counts = ", ".join(f"{count} {word}" for word, count in found.items())
+        return f"Verification({self.ticks:,} ticks; claims: {counts}{f' ({failed})' if failed else ''})"
 
     @property
     def looked(self) -> str:

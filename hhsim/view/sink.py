@@ -1,4 +1,4 @@
-"""Where a rerun recording goes: a viewer on this screen, a file, or a viewer that is open already."""
+"""Where a rerun recording goes: a viewer on this screen, in a notebook or open already, or a file."""
 
 import contextlib
 import importlib.util
@@ -41,15 +41,19 @@ class RerunTarget:
     """Where a recording goes.
 
     Attributes:
-        kind: "spawn" opens a viewer, "file" writes one file, "connect" sends to a viewer that runs.
+        kind: "spawn" opens a viewer, "file" writes one file, "connect" sends to a viewer that runs, "notebook" shows a
+            viewer in the cell that is run.
     """
 
-    kind: Literal["spawn", "file", "connect"]
+    kind: Literal["spawn", "file", "connect", "notebook"]
     path: Path = Path()
     url: str = ""
 
     def __str__(self) -> str:
-        return {"spawn": "a viewer", "file": str(self.path), "connect": self.url}[self.kind]
+        return {"spawn": "a viewer", "notebook": "the notebook"}.get(self.kind) or self.url or str(self.path)
+
+
+NOTEBOOK = RerunTarget("notebook")
 
 
 def parse_target(text: str) -> RerunTarget:
@@ -74,7 +78,7 @@ def check_target(target: RerunTarget) -> None:
     """Look, before the work, for what would keep a recording from getting there.
 
     Raises:
-        InputError: No screen for a viewer, or no viewer that listens.
+        InputError: No screen for a viewer, none that listens, or rerun's package for notebooks is not installed.
         OutputError: A file that cannot be written, or one that is no recording of rerun's and would be replaced.
     """
     if target.kind == "file":
@@ -85,6 +89,11 @@ def check_target(target: RerunTarget) -> None:
                     raise OutputError(f"{target.path} exists and is no recording of rerun's, so it is not replaced")
     elif target.kind == "connect":
         _require_listener(target.url)
+    elif target.kind == "notebook":
+        if importlib.util.find_spec("rerun_notebook") is None:
+            raise InputError(
+                "a notebook shows rerun's viewer by a package of its own: pip install 'rerun-sdk[notebook]'"
+            )
     elif sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise InputError(
             "--rerun spawn: there is no screen here; write a file, such as --rerun run.rrd, and open it with "
@@ -120,6 +129,12 @@ def rerun_stream(target: RerunTarget, application: str, blueprint: "rrb.Blueprin
         finally:
             stream.disconnect()
             partial.unlink(missing_ok=True)
+        return
+    if target.kind == "notebook":
+        stream.send_blueprint(blueprint)
+        yield stream
+        # What was sent waits in memory until there is a viewer.
+        rr.notebook_show(recording=stream)
         return
     if target.kind == "spawn":
         open_viewer(PORT)

@@ -31,7 +31,7 @@ from hhsim.view.blueprint import blueprint
 from hhsim.view.decimation import ShownTicks, shown_ticks
 from hhsim.view.plots import GLOVE, LIVE_PLOTS, LOOP, RESULT_PLOTS, TIME, Plot, loop_values
 from hhsim.view.scene_log import APPLICATION, EVENT_LEVELS, OBJECT, RerunScene, ShownScene
-from hhsim.view.sink import RerunTarget, rerun_stream
+from hhsim.view.sink import NOTEBOOK, RerunTarget, rerun_stream
 from hhsim.view.status_text import status_words
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ class Viewed:
 
 def view_result(
     result: Result,
-    target: RerunTarget,
+    target: RerunTarget = NOTEBOOK,
     *,
     every: int = 1,
     spheres: bool = False,
@@ -79,6 +79,7 @@ def view_result(
 
     Args:
         result: Of a replay or a session, complete or not.
+        target: Where it is shown; the notebook whose cell calls this, unless told otherwise.
         every: Only every so-manieth tick is shown; the plots then show the worst of the ticks between, but for forces.
         spheres: Show the leaf spheres, in the place of the object's mesh.
 

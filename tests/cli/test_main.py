@@ -344,7 +344,7 @@ def test_a_text_tree_never_replaces_a_file_of_another_kind(run: Run, tmp_path: P
 
 
 def test_compilation_is_announced_where_and_when_it_happens(capsys: pytest.CaptureFixture[str]) -> None:
-    import numba
+    from hhsim.kernels.jit import jit
 
     announce_compilation = importlib.import_module("hhsim.cli.console").announce_compilation
 
@@ -354,12 +354,12 @@ def test_compilation_is_announced_where_and_when_it_happens(capsys: pytest.Captu
         announce_compilation(quiet=quiet)
         print("begun", file=sys.stderr)
         for number in (1, 2):
-            numba.njit(lambda number=number: number)()
+            jit(lambda number=number: number)()
 
     announcement = "hhsim: compiling the kernels that this needs: once, and again after an upgrade"
     for arguments, lines in (([], ["begun", announcement]), (["--quiet"], ["begun"])):
         command(arguments, standalone_mode=False)
-        numba.njit(lambda: 3)()
+        jit(lambda: 3)()
         assert capsys.readouterr().err.splitlines() == lines
 
 
@@ -384,7 +384,7 @@ def test_the_shell_is_offered_commands_names_and_options(
 
 
 def test_a_bar_has_a_label_from_the_start_and_says_that_kernels_are_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
-    import numba
+    from hhsim.kernels.jit import jit
 
     console = importlib.import_module("hhsim.cli.console")
 
@@ -396,7 +396,7 @@ def test_a_bar_has_a_label_from_the_start_and_says_that_kernels_are_compiled(mon
     def command() -> None:
         console.announce_compilation(quiet=False)
         with console.progress(quiet=False) as report:
-            numba.njit(lambda: 1)()
+            jit(lambda: 1)()
             limit = time.monotonic() + 60.0
             # The bar is drawn by a thread of its own, now and then.
             while "compiling" not in terminal.getvalue():

@@ -319,6 +319,18 @@ def test_the_picture_of_a_tick_has_hands_forces_and_words(result: Result) -> Non
 
 
 @pytest.mark.usefixtures("coarse")
+def test_a_notebook_shows_the_picture_of_a_tick(result: Result) -> None:
+    import hhsim
+
+    shown = hhsim.draw(result, HELD)
+    assert shown._repr_png_() == hand_picture(result, HELD).png
+    assert repr(shown) == f"ReportFigure(tick-{HELD}, {shown.width_px} x {shown.height_px} pixels: {shown.alt})"
+    assert hhsim.draw(result).png == hand_picture(result, overview_tick(result)).png
+    with pytest.raises(InputError, match="has no tick 999"):
+        hhsim.draw(result, 999)
+
+
+@pytest.mark.usefixtures("coarse")
 def test_the_overview_shows_forces_in_one_half_only(result: Result) -> None:
     figure = overview_picture(result)
     picture = pixels(figure.png).astype(np.float64) / 255.0

@@ -4,6 +4,7 @@ import ast
 import subprocess
 import sys
 from collections.abc import Callable
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,8 @@ import hhsim
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.gate.input_hash import differences, run_inputs
 from hhsim.result.schema import TICK_COLUMNS
+from hhsim.verify.claim import judged
+from hhsim.verify.verify import Verification
 from tools.shapes.generators import cube
 
 Run = Callable[..., Any]
@@ -121,6 +124,30 @@ def test_a_mistake_is_told_before_anything_is_built() -> None:
 def test_a_scene_says_what_it_is_in_one_line() -> None:
     scene = hhsim.open_scene("cube", "pinch", level=2)
     assert repr(scene) == str(scene) == "Scene(cube with 64 leaf spheres, right hand, pinch: 3,000 ticks at 1000 Hz)"
+
+
+def test_everything_that_a_program_is_given_has_a_repr_of_a_few_lines(tmp_path: Path) -> None:
+    (tmp_path / "short.toml").write_text(SHORT)
+    scene = hhsim.open_scene("cube", tmp_path / "short.toml", level=2)
+    summary = hhsim.replay_scene(scene, hhsim.SolverOptions(), tmp_path / "own.h5")
+    result = hhsim.load_result(tmp_path / "own.h5")
+    poses = hhsim.HandConfiguration.of(scene.ticks)
+    method_scene = hhsim.MethodScene(scene.hand, scene.mesh, scene.tree, hhsim.SolverOptions(margin=0.002))
+    verification = Verification((judged("depth", "", 2.0, 1.0, "m", ""),), 250, 250, 1, 0.0, 0.0, 0.0)
+    solver = hhsim.HandSolver(scene.hand, scene.tree.arrays(), hhsim.SolverOptions())
+    shown = [scene, scene.tree, scene.mesh, scene.hand, scene.trajectory, scene.ticks, summary, result, verification]
+    shown += [poses, poses.at(0), solver, method_scene, method_scene.options, method_scene.options.stiffness]
+    shown += [hhsim.TickAnswer(poses.at(0), np.ones((5, 3, 3))), hhsim.HhsimError("one line")]
+    classes = {value for value in map(vars(hhsim).get, hhsim.__all__) if isinstance(value, type)}
+    assert classes <= {type(value) for value in shown}
+    for value in shown:
+        text = repr(value)
+        assert text.startswith(type(value).__name__) and len(text) <= 400 and text.count("\n") < 5, text
+    assert eval(repr(method_scene.options), vars(hhsim)) == method_scene.options
+    assert repr(result).startswith("Result(own.h5: cube, short, coupled on spheres, 250 ticks at 1000 Hz; approach,")
+    assert repr(verification) == "Verification(250 ticks; claims: 1 FAILS (depth))"
+    assert repr(summary).endswith(f"coupled on spheres, 250 ticks: {summary.verdict.word}; {result.path})")
+    assert f"<p>{escape(summary.verdict.line)}</p><table><tr><td>" in summary._repr_html_()
 
 
 def test_the_hand_is_named_by_its_side() -> None:

@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from xml.etree import ElementTree as Xml
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from short_grasp import short_grasp, short_scene
 
 from hhsim.errors import HhsimError, InputError
 from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import Side
 from hhsim.hand.quaternion import quaternion, rotation_matrix
 from hhsim.replay.repeat import run_again
@@ -148,6 +150,53 @@ def test_a_scene_comes_back_from_its_folder_bit_for_bit(scene: Scene, tmp_path: 
     (tmp_path / "s" / SCENE_FILE).write_bytes((tmp_path / "s" / SCENE_FILE).read_bytes()[:-200])
     with pytest.raises(HhsimError, match=r"damaged|cut short"):
         scene_of(example)
+
+
+def _turned_and_moved(scene: Scene) -> Scene:
+    """The scene with its object away from the world's origin, 1.5 times as large."""
+    turn, place = rotation_matrix(np.array([0.8, 0.6, 0.0, 0.0])), np.array([0.3, -0.2, 0.1])
+    vertices, center = (1.5 * points @ turn.T + place for points in (scene.mesh.vertices, scene.tree.center))
+    tree = replace(scene.tree, center=center, radius=1.5 * scene.tree.radius, covers=(), errors=())
+    return replace(scene, mesh=replace(scene.mesh, vertices=vertices), tree=tree)
+
+
+def test_the_model_of_the_scene_has_the_object_where_it_is(scene: Scene, tmp_path: Path) -> None:
+    scene, folder = _turned_and_moved(scene), tmp_path / "s"
+    write_scene_folder(scene, folder)
+    model = Xml.parse(folder / "scene.xml").getroot()
+    names = [element.get("file", "") for element in model.iter() if element.get("file")]
+    assert names == ["hand.xml", "object.obj"]
+    corners = [line.split()[1:] for line in (folder / names[1]).read_text().splitlines() if line.startswith("v ")]
+    np.testing.assert_array_equal(np.array(corners, float), scene.mesh.vertices)
+    (body,) = model.findall("worldbody/body")
+    seen, *spheres = body.findall("geom")
+    (mesh,) = model.findall("asset/mesh")
+    # In the world's frame and in metres: nothing moves, turns or scales it.
+    assert (body.attrib, seen.get("mesh"), mesh.get("name")) == ({"name": "object"}, "object", "object")
+    assert {"pos", "quat", "euler", "scale", "refpos", "refquat"}.isdisjoint({*seen.attrib, *mesh.attrib})
+    numbers = [[*map(float, f"{sphere.get('pos')} {sphere.get('size')}".split())] for sphere in spheres]
+    np.testing.assert_array_equal(numbers, np.column_stack([scene.tree.leaf_center, scene.tree.leaf_radius]))
+    # Contact bits: of the object's spheres with the hand's geoms alone, of the mesh that is seen with nothing.
+    hand = Xml.parse(folder / "hand.xml").find("default/geom")
+    assert hand is not None and (hand.get("contype"), hand.get("conaffinity")) == ("1", "0")
+    assert {(sphere.get("contype"), sphere.get("conaffinity")) for sphere in spheres} == {("0", "1")}
+    assert (seen.get("contype"), seen.get("conaffinity")) == ("0", "0")
+
+
+def test_mujoco_has_hand_and_object_of_the_scene_where_they_are(scene: Scene, tmp_path: Path) -> None:
+    mujoco = pytest.importorskip("mujoco")
+    scene = _turned_and_moved(scene)
+    write_scene_folder(scene, tmp_path / "s")
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "s" / "scene.xml"))
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.key("start").id)
+    mujoco.mj_forward(model, data)
+    shown = data.geom("object")
+    place = model.mesh_vert @ shown.xmat.reshape(3, 3).T + shown.xpos
+    assert np.abs(np.sort(place, axis=0) - np.sort(scene.mesh.vertices, axis=0)).max() < 1e-6
+    start = HandConfiguration.of(scene.ticks).at(0)
+    tips = [data.site(f"{finger}_tip").xpos for finger in FINGERS]
+    np.testing.assert_allclose(tips, scene.hand.joints(*start)[:, -1], atol=1e-12)
 
 
 def test_the_digest_is_of_mesh_hand_motion_and_rate_and_not_of_the_tree(scene: Scene) -> None:

@@ -4,7 +4,9 @@ import json
 import shutil
 import subprocess
 import sys
+from importlib.machinery import ModuleSpec
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -277,6 +279,29 @@ def test_spawn_opens_a_viewer_once(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr("hhsim.view.sink.viewer_program", lambda: str(broken))
     with pytest.raises(InputError, match="does not start: no graphics adapter"):
         open_viewer(port)
+
+
+def test_a_notebook_shows_the_same_in_its_cell(
+    result: Result, written: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def show(recording: Any) -> None:
+        recording.save(tmp_path / "cell.rrd")
+        recording.disconnect()
+
+    monkeypatch.setitem(sys.modules, "rerun_notebook", None)
+    with pytest.raises(InputError, match=r"pip install 'rerun-sdk\[notebook\]'"):
+        view_result(result)
+    package = ModuleType("rerun_notebook")
+    package.__spec__ = ModuleSpec("rerun_notebook", None)
+    monkeypatch.setitem(sys.modules, "rerun_notebook", package)
+    monkeypatch.setattr("rerun.notebook_show", show)
+    assert view_result(result, spheres=True).to_json()["rerun"] == "the notebook"
+    shown, expected = Recording(tmp_path / "cell.rrd"), Recording(written)
+    assert (shown.blueprints, shown.fixed.keys()) == (expected.blueprints, expected.fixed.keys())
+    assert shown._batches.keys() == expected._batches.keys()
+    name = "/world/forces"
+    assert {name} < shown._batches.keys()
+    np.testing.assert_array_equal(shown.times(name), expected.times(name))
 
 
 def test_an_empty_result_is_refused(result: Result, tmp_path: Path) -> None:

@@ -243,9 +243,16 @@ def test_the_command_writes_tables_and_pictures_and_says_what_it_missed(
     table, scenes = load_table(tmp_path / "paper.h5"), load_table(tmp_path / "paper-scenes.h5")
     assert [one["row"] for one in table.rows] == [one["row"] for one in document["rows"]]
     assert len(scenes.rows) == len(document["scenes"]) == 3 + 1 + 1
-    assert {Path(path).name for path in document["pictures"]} == {"fig11.png", "fig12-hexagonal-prism.png"}
-    for path in document["pictures"]:
-        assert (tmp_path / path).read_bytes().startswith(b"\x89PNG")
+    begins = {".png": b"\x89PNG", ".pdf": b"%PDF", ".svg": b"<?xml"}
+    assert {Path(path).name for path in document["pictures"]} == {
+        f"{name}{kind}" for name in ("fig11", "fig12-hexagonal-prism") for kind in begins
+    }
+    for path in map(Path, document["pictures"]):
+        assert path.read_bytes().startswith(begins[path.suffix])
+    # Text of a PDF is TrueType letters, a curve of an SVG is a path, and neither has a date.
+    pdf, svg = (tmp_path / "figures" / f"fig12-hexagonal-prism{kind}" for kind in (".pdf", ".svg"))
+    assert b"/CIDFontType2" in pdf.read_bytes() and b"CreationDate" not in pdf.read_bytes()
+    assert "<dc:date>" not in svg.read_text() and svg.read_text().count('<path d="M') > 10
     again = run("bench", "paper", *arguments, "--out", "paper.h5")
     assert "mean tick, hexagonal-prism" in again.out and "0.48 ms" in again.out
     assert ("missed: " in again.out) == (again.code == 1)
