@@ -103,7 +103,7 @@ def test_other_options_of_a_base_cannot_be_compared(
 ) -> None:
     edit = replaced('"skin": 3e-3', '"skin": 4e-3')
     base = find_side("base", changed_python(tmp_path / "other", "hhsim.solver.options", edit))
-    head = Known(this_side.name, this_side.python, this_side.version, this_side.package, one_result[0])
+    head = Known(this_side.name, this_side.python, this_side.version, this_side.package, known=one_result[0])
     report = judged(suite, head, base)
     assert (report.verdict, report.exit_code) == ("not comparable", 3)
     assert report.rows[0].reason == "different inputs: skin: 0.004 and 0.003"
