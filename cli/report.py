@@ -45,14 +45,15 @@ def command(
     pictures lie beside it as PNG files.
 
     With --figure one of its figures becomes a file for a paper: curves over time (series), how long a tick takes
-    (ticks), speed against error (speed-error), or the hand on the object (hand).
+    (ticks), speed against error (speed-error), or the hand on the object (hand). Of a table of hhsim bench speed-error
+    or peers it is speed-error.
 
     \b
     Examples:
       hhsim report results/grasp.h5
       hhsim report coupled.h5 progressive.h5 --out methods.html
       hhsim report grasp.h5 --figure series --width 88mm --out fig.pdf
-      hhsim report results/speed-error.h5 --json
+      hhsim report results/speed-error.h5 --figure speed-error --out fig.svg
     """
     if figure is not None:
         _write_figure(results, figure, width or WIDTH, out, as_json=as_json, quiet=quiet)

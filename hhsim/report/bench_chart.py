@@ -199,9 +199,13 @@ def _draw_lines(
 
 
 def _make_logarithmic(axes: "Axes", axis: str) -> None:
+    from matplotlib.ticker import LogFormatter
+
     (axes.set_xscale if axis == "x" else axes.set_yscale)("log")
+    scale = axes.xaxis if axis == "x" else axes.yaxis
     # Plain numbers: nobody reads 10 to the minus 3 mm at a glance.
-    (axes.xaxis if axis == "x" else axes.yaxis).set_major_formatter(lambda value, _: f"{value:,.10g}")
+    scale.set_major_formatter(lambda value, _: f"{value:,.10g}")
+    scale.set_minor_formatter(LogFormatter(labelOnlyBase=False))
 
 
 def _along(chart: Chart, row: Row) -> float:
