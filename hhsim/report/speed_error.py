@@ -199,7 +199,7 @@ def _draw_panel(axes: "Axes", axis: Axis, points: Sequence[SpeedError], room: fl
 
 
 def _draw_times(axes: "Axes", points: Sequence[SpeedError], room: float) -> None:
-    """Draw the axis of the CPU time, with the line of 1 ms; of its decades as many have a label as a panel has room for.
+    """Draw the axis of the CPU time, with the line of 1 ms; as many of its decades have a label as there is room for.
 
     Args:
         room: Width of the panel [inches].
