@@ -18,7 +18,7 @@ from hhsim.scene.scene import Scene
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions
-from hhsim.submissions.pose_file import PARTS, Submission, read_submission, write_submission
+from hhsim.submissions.pose_file import PARTS, Submission, format_poses, read_submission, write_submission
 from hhsim.submissions.scene_folder import example_submission
 from hhsim.submissions.suspicions import _free, require_scene, suspicions
 from hhsim.trees.contact_surface import contact_surface
@@ -266,6 +266,10 @@ TEXTS: dict[str, tuple[Callable[[Path], None], str]] = {
         "the header lacks little_abd",
     ),
     "a short line": (one_line(40, lambda line: line.rpartition(",")[0]), "line 41 has"),
+    "decimal commas": (
+        text(lambda all_: "".join(line.replace(",", ";").replace(".", ",") for line in all_.splitlines(keepends=True))),
+        "expected a number with a decimal point",
+    ),
     "a word": (one_line(40, lambda line: "x" + line), "line 41: time is 'x"),
     "half a file": (text(lambda all_: all_[: len(all_) // 2]), "values; expected"),
     "empty": (text(lambda all_: ""), "no header line"),
@@ -273,6 +277,17 @@ TEXTS: dict[str, tuple[Callable[[Path], None], str]] = {
     "another format": (text(lambda all_: all_.replace("hhsim-poses", "hhsim-trajectory")), "expected hhsim-poses"),
     "no text": (no_text, "not UTF-8"),
 }
+
+
+@pytest.mark.parametrize("separator", [";", "\t"])
+def test_semicolons_or_tabs_between_columns_are_the_same_submission(separator: str, tmp_path: Path) -> None:
+    path = tmp_path / "poses.csv"
+    write_submission(as_submission(sound()), path)
+    lines = path.read_text().splitlines()
+    (tmp_path / "others.csv").write_text(
+        "\n".join(line if line.startswith("#") else line.replace(",", separator) for line in lines) + "\n"
+    )
+    assert format_poses(read_submission(tmp_path / "others.csv")) == format_poses(read_submission(path))
 
 
 @pytest.mark.parametrize("case", TEXTS)
