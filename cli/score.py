@@ -24,7 +24,8 @@ from .console import announce_compilation, print_json, print_line, print_notes, 
     "--surface",
     type=click.Choice(SURFACES.names()),
     default="spheres",
-    help="What of the object contacts are looked for on. Depth in the mesh and the best pose are of the mesh always.",
+    help="What of the object contacts are looked for on. Depth in the mesh and the least-energy pose are of the mesh "
+    "always.",
 )
 @options.Output.argument("output")
 def command(submission: Path, folder: Path | None, surface: str, output: options.Output) -> int:
