@@ -78,7 +78,8 @@ class Report:
 
     def verdict_lines(self) -> list[str]:
         """The verdicts, a line each."""
-        lines = [f"{run.label}: {run.verdict.word}. {' '.join(run.verdict.sentences)}" for run in self.runs]
+        lines = [f"{run.label}: {run.ended}" for run in self.runs if run.ended]
+        lines += [f"{run.label}: {run.verdict.word}. {' '.join(run.verdict.sentences)}" for run in self.runs]
         for run in self.runs:
             lines += [f"{run.label}: {text}" for text in (run.result.contradiction(), run.misstated) if text]
         compared = zip(self.runs[1:], self.comparisons)
