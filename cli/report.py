@@ -6,6 +6,8 @@ from pathlib import Path
 
 import click
 
+from hhsim.system.counted import counted
+
 from .arguments import options
 from .console import announce_compilation, print_json, progress
 
@@ -75,7 +77,7 @@ def command(
     elif not quiet:
         for line in report.verdict_lines():
             print(line)
-        print(f"the report is in {files.page}, with {len(files.pictures)} pictures beside it")
+        print(f"the report is in {files.page}, with {counted(len(files.pictures), 'picture')} beside it")
 
 
 def _write_figure(

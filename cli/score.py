@@ -6,6 +6,7 @@ from pathlib import Path
 import click
 
 from hhsim.solver.surface import SURFACES
+from hhsim.system.counted import counted
 
 from .arguments import options
 from .console import announce_compilation, print_json, print_line, print_notes, print_table, progress
@@ -58,7 +59,7 @@ def command(submission: Path, folder: Path | None, surface: str, output: options
         print_json(found.to_json())
     elif not output.quiet:
         summary = found.summary
-        print_line(f"{summary.object_name}, {summary.motion_name}, {read.method}: {summary.ticks:,} ticks")
+        print_line(f"{summary.object_name}, {summary.motion_name}, {read.method}: {counted(summary.ticks, 'tick')}")
         print_line(summary.verdict.line)
         print()
         cells = [(row.label, row.shown, row.unit) for row in found.rows]

@@ -7,6 +7,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+from hhsim.system.counted import counted
+
 if TYPE_CHECKING:
     from hhsim.live.pose.keyboard import PalmKeys
     from hhsim.live.session.statistics import LiveTally
@@ -135,7 +137,7 @@ def status_rows(status: Any, tally: "LiveTally", recording: str, now_ns: int) ->
     if recording:
         lost = int(status["recorder_lost"])
         state = ", FAILED" if status["recorder_failed"] else f", {lost:,} lost" if lost else ""
-        rows.append(("recording", f"{recording}, {int(status['recorder_ticks']):,} ticks{state}"))
+        rows.append(("recording", f"{recording}, {counted(int(status['recorder_ticks']), 'tick')}{state}"))
     return rows
 
 

@@ -35,6 +35,7 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.motion.object_motion import ObjectMotion
 from hhsim.motion.trajectory import Phase, Trajectory
 from hhsim.motion.validation import as_numbers
+from hhsim.system.counted import counted
 
 CSV_SUFFIX = ".csv"
 POSE_COLUMNS = ("time", "px", "py", "pz", "qw", "qx", "qy", "qz")
@@ -123,8 +124,8 @@ def parse_csv(text: str, *, name: str = "") -> Trajectory:
             flags.append(cells[flags_column])
     if remarks.get(SAMPLES, str(len(rows))) != str(len(rows)):
         raise TrajectoryError(
-            f"it holds {len(rows)} sample(s) but says # {SAMPLES}: {remarks[SAMPLES]}; was it cut short? Expected as "
-            "many as it says, or no such line"
+            f"it holds {counted(len(rows), 'sample')} but says # {SAMPLES}: {remarks[SAMPLES]}; was it cut short? "
+            "Expected as many as it says, or no such line"
         )
     table = np.array(rows, dtype=np.float64).reshape(len(rows), len(columns))
     stated: dict[str, Any] = (

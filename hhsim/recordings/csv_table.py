@@ -14,6 +14,7 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError, UnknownNameError
 from hhsim.motion.csv_file import DECIMAL_POINT, SEPARATORS, read_remarks, separator_of
 from hhsim.recordings.recording import MOST_SAMPLES, Finding, note
+from hhsim.system.counted import counted
 
 DELIMITERS = (*SEPARATORS, " ")
 MISSING = {"", "nan", "na", "n/a", "null", "none", "-", "inf", "-inf", "+inf", "infinity", "-infinity"}
@@ -121,9 +122,8 @@ def read_table(
     if not rows:
         raise TrajectoryError("no line below the header; expected one a sample")
     if broken:
-        findings.append(
-            note(f"{len(broken)} line(s) with another number of cells than the header left out, first line {broken[0]}")
-        )
+        left = counted(len(broken), "line")
+        findings.append(note(f"{left} with another number of cells than the header left out, first line {broken[0]}"))
     return Table(header, tuple(rows), remarks, decimal, tuple(findings))
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from hhsim.bench.table import Cell, Table
 from hhsim.report.bench_units import shown_unit
 from hhsim.report.figure import GRID, LIMIT, SOFT, Drawing, ReportFigure, drawn_figure, panel_title, run_style
+from hhsim.system.counted import counted
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -142,10 +143,10 @@ def bench_figure(found: Table) -> ReportFigure | None:
         panel_title(axes, title, 4, left - 0.05)
         _draw_legend(figure, series, width)
 
-    caption = f"{len(rows):,} rows of the table." + (
+    caption = f"{counted(len(rows), 'row')} of the table." + (
         f" The first {MOST_LABELS} of {len(labels)} lines." if more > 0 else ""
     )
-    alt = f"{chart.title}: {len(rows):,} points, by {told} ({'; '.join(series)})."
+    alt = f"{chart.title}: {counted(len(rows), 'point')}, by {told} ({'; '.join(series)})."
     return drawn_figure(f"bench-{found.suite}", chart.title, caption, alt, Drawing(draw, height))
 
 

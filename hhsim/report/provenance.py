@@ -11,6 +11,7 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.live.session.session_log import how_it_ended
 from hhsim.replay.stored_scene import PARTS
 from hhsim.result.reader import Result
+from hhsim.system.counted import counted
 from hhsim.system.input_file import open_input
 
 NONE = "—"
@@ -31,9 +32,9 @@ def run_facts(result: Result) -> dict[str, str]:
     fingers = result.fingers
     facts = {
         "object": object_name(result),
-        "object, extent": f"{extent} mm, {len(static['object/faces']):,} triangles",
+        "object, extent": f"{extent} mm, {counted(len(static['object/faces']), 'triangle')}",
         "repairs of its mesh": "; ".join(scene.get("object_repairs") or []) or "none",
-        "sphere tree": f"level {depth}, {int((level == depth).sum()):,} leaf spheres",
+        "sphere tree": f"level {depth}, {counted(int((level == depth).sum()), 'leaf sphere')}",
         "what the hand touches": f"the {result.surface}",
         "motion": motion_name(result),
         "its source": str(scene.get("motion_source") or NONE),

@@ -36,6 +36,7 @@ from hhsim.report.tick_series import FORCES, ReportColumns, report_columns
 from hhsim.report.worst_ticks import WorstTick, worst_ticks
 from hhsim.result.reader import Result
 from hhsim.scene.motion_catalogue import of_the_paper
+from hhsim.system.counted import counted
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -475,7 +476,7 @@ def _alt(runs: Sequence[Run], panels: int) -> str:
         fast, slow = (time_text(float(extreme(columns.cpu))) for extreme in (np.min, np.max))
         sentences.append(
             f"{who}The total force reaches {force:.2f} N. Ticks take {fast} to {slow} of CPU time, with up to "
-            f"{int(columns.candidates.max()):,} pairs within the margin. "
+            f"{counted(int(columns.candidates.max()), 'pair')} within the margin. "
             + (f"The deepest penetration is {1e6 * depth:.3g} µm." if depth > 0.0 else "Nothing penetrates.")
             + (f" A finger is told a stiffness of up to {columns.told.max():.2f}." if columns.told is not None else "")
             + "".join(f" At {at:.3f} s: {word}." for at, word in run.marks[:MOST_TOLD])

@@ -181,8 +181,8 @@ POSES: dict[str, tuple[Callable[[Arrays], None], str]] = {
     "little finger first": (put("flexion", lambda bent: bent[:, ::-1]), "little finger first?"),
     "fingertip first": (put("flexion", lambda bent: bent[:, :, ::-1]), "fingertip first?"),
     "angles from the palm": (put("flexion", lambda bent: np.cumsum(bent, axis=2)), "each angle from the palm"),
-    "late": (lag(5), "shifted time: 5 tick(s) (20 ms) behind"),
-    "early": (lag(-12), "shifted time: 12 tick(s) (48 ms) ahead"),
+    "late": (lag(5), "shifted time: 5 ticks (20 ms) behind"),
+    "early": (lag(-12), "shifted time: 12 ticks (48 ms) ahead"),
     "a quarter of the rate": (repeated, "repeated ticks: in 75 %"),
     "another origin": (put("position", lambda p: p + [0.1, 0.0, -0.02]), "another origin (100 0 -20 mm), or"),
     "the wrist": (wrist, "the wrist (0 -70 0 mm in the palm's frame)?"),
@@ -372,7 +372,7 @@ def test_single_precision_is_sound(tmp_path: Path) -> None:
 
 def test_a_hand_may_be_a_tick_behind_and_not_ahead() -> None:
     """A method with inertia is behind, as `penalty` is; what the user will do none can know."""
-    for ticks, word in ((1, ""), (-1, "shifted time: 1 tick(s) (4 ms) ahead of the user's hand?")):
+    for ticks, word in ((1, ""), (-1, "shifted time: 1 tick (4 ms) ahead of the user's hand?")):
         arrays = sound()
         lag(ticks)(arrays)
         assert "; ".join(suspicions(as_submission(arrays), scene())) == word

@@ -181,8 +181,8 @@ class _Container:
                 counted = True
                 if (stated, stated_chunks) != (messages, chunks):
                     raise TrajectoryError(
-                        f"a damaged MCAP file: {messages} message(s) in {chunks} chunk(s), where its statistics count "
-                        f"{stated} in {stated_chunks}"
+                        f"a damaged MCAP file: messages {messages}, chunks {chunks}; expected {stated} and "
+                        f"{stated_chunks}, as its statistics say"
                     )
             elif code == FOOTER:
                 start, _, checksum = _unpack("<QQI", body, 0)

@@ -93,7 +93,7 @@ def test_what_cannot_be_read_is_missing_and_counted() -> None:
     table = read_table("a,b\n" + "1,2\n" * 8 + "x,2\n1,2,3\n1,nan\n1,\n1_0,2\n1,2")
     values, broken = table.numbers(["a", "b"])
     assert len(values) == 12 and broken == 2 and np.isnan(values).sum() == 4
-    assert [finding.text[:20] for finding in table.findings] == ["line 15, the last on", "1 line(s) with anoth"]
+    assert [finding.text[:20] for finding in table.findings] == ["line 15, the last on", "1 line with another "]
 
 
 @pytest.mark.parametrize(
