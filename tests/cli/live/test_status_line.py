@@ -1,9 +1,10 @@
 """The lines that a session shows of itself while it runs."""
 
+import importlib
+
 import numpy as np
 import pytest
 
-from hhsim.cli.live.status_line import status_rows
 from hhsim.live.ipc.status import LIVE_STATUS
 from hhsim.live.session.statistics import LiveTally
 
@@ -23,4 +24,5 @@ NOW = 20_000_000_000
 def test_the_age_of_the_last_sample_is_never_negative(sample: int, text: str) -> None:
     status = np.zeros((), LIVE_STATUS)
     status["ticks"], status["battery"], status["sample_ns"] = 1000, -1, sample
+    status_rows = importlib.import_module("hhsim.cli.live.status_line").status_rows
     assert dict(status_rows(status, LiveTally(), "", NOW))["glove"] == f"battery —, {text}"
