@@ -79,9 +79,7 @@ def merged(entries: Iterable[Entry], notes: Sequence[str] = ()) -> Board:
     kept = sorted(last.values(), key=lambda entry: (*entry.key, entry.machine))
     found = list(notes)
     if repeated:
-        found.append(
-            f"done again later on the same machine, where the last one of each counts: {counted(repeated, 'run')}"
-        )
+        found.append(f"{counted(repeated, 'run')} done again later on the same machine: the last one of each counts")
     found += _differences(kept)
     still = [entry for place, entry in sorted(failed.items()) if place not in last]
     if still:

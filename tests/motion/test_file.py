@@ -159,7 +159,7 @@ def test_a_csv_that_was_cut_short_is_noticed(motion: Trajectory, tmp_path: Path)
     save_trajectory(motion, path)
     lines = path.read_text().splitlines(keepends=True)
     path.write_text("".join(lines[:-10]))
-    with pytest.raises(TrajectoryError, match=r"it holds 40 sample\(s\) but says # samples: 50"):
+    with pytest.raises(TrajectoryError, match=r"it holds 40 samples but says # samples: 50"):
         load_trajectory(path)
     path.write_text("".join(line for line in lines[:-10] if not line.startswith("# samples")))
     assert load_trajectory(path).sample_count == 40

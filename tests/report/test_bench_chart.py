@@ -91,7 +91,7 @@ def test_speed_against_error_tells_surfaces_apart_and_older_tables_have_none(tmp
     assert new.alt.endswith("2 points, by method and surface (coupled, spheres; coupled, mesh).")
     old = bench_figure(table(tmp_path, "speed-error", columns[:-1], [row]))
     assert old is not None
-    assert old.alt.endswith("1 points, by method (coupled).")
+    assert old.alt.endswith("1 point, by method (coupled).")
 
 
 @pytest.mark.usefixtures("undrawn")
