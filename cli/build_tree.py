@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Literal
 import click
 from click.core import ParameterSource
 
+from hhsim.system.counted import counted
+
 from .arguments.object_argument import MeshFile, complete_object
 from .arguments.option_group import GroupedCommand, OptionGroup, option
 from .arguments.options import FILE, UNITS, Output, seed
@@ -220,7 +222,7 @@ def command(
         how = "read from the cache" if cached else f"built in {seconds:.1f} s"
         if source.path is not None:
             how = f"read from {source.path}"
-        print(f"{tree.leaf_count:,} leaves, {how}, written to {path}")
+        print(f"{counted(tree.leaf_count, 'leaf')}, {how}, written to {path}")
         if plot is not None:
             print(f"the picture is in {plot}")
 

@@ -4,6 +4,8 @@ from pathlib import Path
 
 import click
 
+from hhsim.system.counted import counted
+
 from .arguments import options
 from .arguments.comma_list import names
 from .console import print_json, progress
@@ -45,4 +47,4 @@ def command(result: Path, out: Path, columns: tuple[str, ...] | None, as_json: b
     if as_json:
         print_json({"result": str(result), "csv": str(out), "ticks": loaded.ticks, "columns": list(written)})
     elif not quiet:
-        print(f"{loaded.ticks:,} ticks, {len(written)} columns: {out}")
+        print(f"{counted(loaded.ticks, 'tick')}, {counted(len(written), 'column')}: {out}")

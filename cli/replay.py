@@ -10,6 +10,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from hhsim.ranges import RANGES
+from hhsim.system.counted import counted
 
 from .arguments import options, rerun_option
 from .arguments.comma_list import number_list
@@ -352,7 +353,9 @@ def _print(summary: "ReplaySummary", *, whole: bool) -> None:
 
     found = summary.verdict
     touched = "" if summary.surface == "spheres" else f", {summary.surface}"
-    print_line(f"{summary.object_name}, {summary.motion_name}, {summary.method}{touched}: {summary.ticks:,} ticks")
+    print_line(
+        f"{summary.object_name}, {summary.motion_name}, {summary.method}{touched}: {counted(summary.ticks, 'tick')}"
+    )
     print_line(found.line)
     print()
     rows = whole_table(summary.rows) if whole else short_table(summary.rows, found.missed)

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import click
 
+from hhsim.system.counted import counted
+
 from .arguments import options
 from .console import announce_compilation, print_json, progress
 
@@ -45,14 +47,15 @@ def command(
     pictures lie beside it as PNG files.
 
     With --figure one of its figures becomes a file for a paper: curves over time (series), how long a tick takes
-    (ticks), speed against error (speed-error), or the hand on the object (hand).
+    (ticks), speed against error (speed-error), or the hand on the object (hand). Of a table of hhsim bench speed-error
+    or peers it is speed-error.
 
     \b
     Examples:
       hhsim report results/grasp.h5
       hhsim report coupled.h5 progressive.h5 --out methods.html
       hhsim report grasp.h5 --figure series --width 88mm --out fig.pdf
-      hhsim report results/speed-error.h5 --json
+      hhsim report results/speed-error.h5 --figure speed-error --out fig.svg
     """
     if figure is not None:
         _write_figure(results, figure, width or WIDTH, out, as_json=as_json, quiet=quiet)
@@ -74,7 +77,7 @@ def command(
     elif not quiet:
         for line in report.verdict_lines():
             print(line)
-        print(f"the report is in {files.page}, with {len(files.pictures)} pictures beside it")
+        print(f"the report is in {files.page}, with {counted(len(files.pictures), 'picture')} beside it")
 
 
 def _write_figure(

@@ -4,6 +4,8 @@ from pathlib import Path
 
 import click
 
+from hhsim.system.counted import counted
+
 from .arguments import options
 from .arguments.object_argument import MeshSize, complete_object
 from .arguments.options import Side
@@ -76,5 +78,6 @@ def command(
         names = sorted(path.name for path in folder.iterdir())
         print_json({"folder": str(folder), "scene": digest, "ticks": scene.ticks.tick_count, "files": names})
     elif not quiet:
-        print_line(f"{scene.mesh.name}, {scene.trajectory.name}: {scene.ticks.tick_count:,} ticks, scene {digest[:12]}")
+        ticks = counted(scene.ticks.tick_count, "tick")
+        print_line(f"{scene.mesh.name}, {scene.trajectory.name}: {ticks}, scene {digest[:12]}")
         print_line(f"send poses back as in {folder / EXAMPLE}: hhsim score {folder / EXAMPLE} measures them")

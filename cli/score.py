@@ -6,6 +6,7 @@ from pathlib import Path
 import click
 
 from hhsim.solver.surface import SURFACES
+from hhsim.system.counted import counted
 
 from .arguments import options
 from .console import announce_compilation, print_json, print_line, print_notes, print_table, progress
@@ -24,7 +25,8 @@ from .console import announce_compilation, print_json, print_line, print_notes, 
     "--surface",
     type=click.Choice(SURFACES.names()),
     default="spheres",
-    help="What of the object contacts are looked for on. Depth in the mesh and the best pose are of the mesh always.",
+    help="What of the object contacts are looked for on. Depth in the mesh and the least-energy pose are of the mesh "
+    "always.",
 )
 @options.Output.argument("output")
 def command(submission: Path, folder: Path | None, surface: str, output: options.Output) -> int:
@@ -57,7 +59,7 @@ def command(submission: Path, folder: Path | None, surface: str, output: options
         print_json(found.to_json())
     elif not output.quiet:
         summary = found.summary
-        print_line(f"{summary.object_name}, {summary.motion_name}, {read.method}: {summary.ticks:,} ticks")
+        print_line(f"{summary.object_name}, {summary.motion_name}, {read.method}: {counted(summary.ticks, 'tick')}")
         print_line(summary.verdict.line)
         print()
         cells = [(row.label, row.shown, row.unit) for row in found.rows]

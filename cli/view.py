@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from hhsim.system.counted import counted
+
 from .arguments import options
 from .arguments.rerun_option import METAVAR, read_target
 from .console import announce_compilation, print_json, print_notes, progress
@@ -116,7 +118,7 @@ def _make_video(path: Path, video: Path, slow: float, pixels: int, *, quiet: boo
     with progress(quiet=quiet) as report:
         frames = write_video(result, video, chosen, report)
     if not quiet:
-        print(f"{frames:,} frames of {result.ticks:,} ticks, {frames / chosen.fps:.1f} s, are in {video}")
+        print(f"{counted(frames, 'frame')} of {counted(result.ticks, 'tick')}, {frames / chosen.fps:.1f} s, in {video}")
     return {"result": str(path), "video": str(video), "frames": frames}
 
 

@@ -18,6 +18,8 @@ COUNT = click.IntRange(1, MOST_COUNT)
 JOBS = click.IntRange(1, 4096)
 SIDES = click.Choice(["right", "left"])
 UNITS = click.Choice(["m", "cm", "mm", "inch"])
+OWN_METHODS = "; ".join(f"{name}: {known.summary}" for name, known in METHODS.items())
+"""What hhsim's own methods are, for help texts."""
 
 Side = Literal["right", "left"]
 
@@ -147,8 +149,7 @@ class SolverChoice(OptionGroup, heading="Solver"):
     method: str = option(
         type=MethodName(),
         default="coupled",
-        help="; ".join(f"{name}: {known.summary}" for name, known in METHODS.items())
-        + "; or a method from outside, such as package.module:Class (hhsim methods).",
+        help=f"{OWN_METHODS}; or a method from outside, such as package.module:Class (hhsim methods).",
     )
     surface: str = option(
         type=click.Choice(SURFACES.names()),

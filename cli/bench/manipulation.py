@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from hhsim.system.counted import counted
+
 from ..arguments.comma_list import names
 from ..arguments.option_group import OptionGroup, option, shared
 from ..arguments.options import Number, Output
@@ -75,7 +77,7 @@ def command(settings: ManipulationSettings, output: Output) -> int:
     elif not output.quiet:
         print_rows(CELLS, rows, words=("case", "method", "figure", "holds"))
         print()
-        print(f"{len(wrong)} figures are off by more than they may be" if wrong else "every figure of ours holds")
+        print(f"off by more than allowed: {counted(len(wrong), 'figure')}" if wrong else "every figure of ours holds")
         print_notes(notes)
         print(f"the table is in {output_path} and {csv_path(output_path)}")
     return 1 if wrong else 0

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from hhsim.system.counted import counted
+
 from ..arguments import options
 from ..arguments.comma_list import names
 from ..arguments.option_group import OptionGroup, option, shared
@@ -110,7 +112,7 @@ def command(settings: PaperSettings, plot: Path | None, output: options.Output) 
             print("every bar is kept by the methods that promise to")
         print(f"the tables are in {output_path}, {scenes} and .csv files beside them")
         if pictures:
-            print(f"{len(pictures)} pictures are in {plot}")
+            print(f"{counted(len(pictures), 'picture')} written to {plot}")
     return 1 if failed else 0
 
 

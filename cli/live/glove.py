@@ -9,6 +9,7 @@ import click
 from hhsim.live.devices.registry import find_glove, glove_names
 from hhsim.live.pose.registry import POSES, USUAL_POSE_PORT, PoseConfig
 from hhsim.result.safety import AFTER_STALL
+from hhsim.solver.method import METHODS
 
 from ..arguments import options
 from ..arguments.comma_list import number_list, one_or_five
@@ -152,6 +153,12 @@ class Feedback(OptionGroup, heading="Forces"):
     dry_run: bool = option(is_flag=True, help="Read the glove, and send nothing to it.")
 
 
+class SessionSolver(options.SolverChoice):
+    """How the hand is solved for in a session, whose loop is compiled with hhsim's own methods alone."""
+
+    method: str = option(type=click.Choice(METHODS.names()), default="coupled", help=f"{options.OWN_METHODS}.")
+
+
 class SessionSettings(OptionGroup, heading="Session"):
     """How fast and how long it runs, where it is shown, recorded and told; `rate` in [Hz], `duration` in [s]."""
 
@@ -215,7 +222,7 @@ class SessionSettings(OptionGroup, heading="Session"):
 @glove_choice().argument("glove")
 @HandChoice.argument("hand")
 @Feedback.argument("feedback")
-@options.SolverChoice.argument("solver")
+@SessionSolver.argument("solver")
 @TreeChoice.argument("tree")
 @FreeChoice.argument("free")
 @SessionSettings.argument("session")
@@ -225,7 +232,7 @@ def command(
     glove: GloveChoice,
     hand: HandChoice,
     feedback: Feedback,
-    solver: options.SolverChoice,
+    solver: SessionSolver,
     tree: TreeChoice,
     free: FreeChoice,
     session: SessionSettings,
@@ -256,11 +263,8 @@ def command(
     from hhsim.live.session.scene import make_live_scene
     from hhsim.scene.motion_catalogue import import_remarks
     from hhsim.solver.compile import warm_up
-    from hhsim.solver.method import METHODS
     from hhsim.solver.options import SolverOptions
 
-    if solver.method not in METHODS:
-        raise click.UsageError(f"a glove takes a method of hhsim's own, {', '.join(METHODS)}: not {solver.method}")
     if session.no_record and session.record is not None:
         raise click.UsageError(f"--no-record and --record {session.record} exclude each other")
     usual = USUAL_FREE_MOTION if free.free else USUAL_MOTION

@@ -7,6 +7,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+from hhsim.system.counted import counted
+
 if TYPE_CHECKING:
     from hhsim.live.pose.keyboard import PalmKeys
     from hhsim.live.session.statistics import LiveTally
@@ -130,12 +132,12 @@ def status_rows(status: Any, tally: "LiveTally", recording: str, now_ns: int) ->
         ("contacts", f"{int(status['contacts']):,}"),
         ("force [N]", forces),
         ("fingers", f"free: {free}" if free else f"resisting: {', '.join(stiff)}" if stiff else "nothing to resist"),
-        ("glove", f"battery {f'{battery} %' if battery >= 0 else NONE}, last sample {_age(sample, now_ns)}"),
+        ("glove", f"battery {f'{battery} %' if battery >= 0 else NONE}, {_last_sample(sample, now_ns)}"),
     ]
     if recording:
         lost = int(status["recorder_lost"])
         state = ", FAILED" if status["recorder_failed"] else f", {lost:,} lost" if lost else ""
-        rows.append(("recording", f"{recording}, {int(status['recorder_ticks']):,} ticks{state}"))
+        rows.append(("recording", f"{recording}, {counted(int(status['recorder_ticks']), 'tick')}{state}"))
     return rows
 
 
@@ -145,8 +147,9 @@ def _two(values: Any) -> str:
     return f"p50 {1e-3 * values.percentile(50):,.0f} µs, p99 {1e-3 * values.percentile(99):,.0f} µs"
 
 
-def _age(sample_ns: int, now_ns: int) -> str:
+def _last_sample(sample_ns: int, now_ns: int) -> str:
     if sample_ns <= 0:
-        return NONE
-    age = 1e-6 * (now_ns - sample_ns)
-    return f"{age:,.0f} ms ago" if age < 1e4 else f"{1e-3 * age:,.0f} s ago"
+        return "no sample yet"
+    # The loop goes on meanwhile: what came after the clock was read is new, not of the future.
+    age = 1e-6 * max(0, now_ns - sample_ns)
+    return f"last sample {f'{age:,.0f} ms' if age < 1e4 else f'{1e-3 * age:,.0f} s'} ago"

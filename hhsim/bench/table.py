@@ -141,6 +141,15 @@ def write_table(
     write_atomically(output_path, image)
 
 
+def is_table(path: Path) -> bool:
+    """Whether a file says that it is a table of `hhsim bench`; False where it cannot be read."""
+    try:
+        return hdf5_format(path) == FORMAT
+    except OSError:
+        # Whatever is wrong with it, the reader of results has the words for it.
+        return False
+
+
 def load_table(path: Path) -> Table:
     """Read a table back from its HDF5 file.
 

@@ -11,6 +11,7 @@ from hhsim.result.schema import FORMAT, SUFFIXES
 from hhsim.sweep.cell_row import FAILED as FAILED_ENDING
 from hhsim.sweep.cell_row import read_row
 from hhsim.sweep.folder import CELLS, is_sweep
+from hhsim.system.counted import counted
 from hhsim.system.hdf5_input import hdf5_format
 from hhsim.system.progress import Progress, silent
 
@@ -78,7 +79,7 @@ def merged(entries: Iterable[Entry], notes: Sequence[str] = ()) -> Board:
     kept = sorted(last.values(), key=lambda entry: (*entry.key, entry.machine))
     found = list(notes)
     if repeated:
-        found.append(f"{repeated:,} runs were done again later on the same machine: the last one of each counts")
+        found.append(f"{counted(repeated, 'run')} done again later on the same machine: the last one of each counts")
     found += _differences(kept)
     still = [entry for place, entry in sorted(failed.items()) if place not in last]
     if still:

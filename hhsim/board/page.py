@@ -10,6 +10,7 @@ from hhsim.board.shown import LEGEND, WORDS, entry_cells, machine_line, standing
 from hhsim.board.standings import Standing
 from hhsim.report.html import Html, element, joined, listed, page, paragraph, section
 from hhsim.report.style import STYLE
+from hhsim.system.counted import counted
 
 BOARD_STYLE = """
 th button { font: inherit; color: inherit; background: none; border: 0; padding: 0; cursor: pointer;
@@ -62,7 +63,7 @@ for (const input of document.querySelectorAll("input[data-table]")) {
 def board_page(board: Board, standings: Sequence[Standing]) -> str:
     """The document: the standings, then each run."""
     runs = [*board.entries, *board.failed]
-    title = f"Board of {len(board.entries):,} runs"
+    title = f"Board of {counted(len(board.entries), 'run')}"
     machines = [f"{label}: {machine_line(json.loads(machine))}" for machine, label in board.machines.items()]
     body = (
         element("header", element("h1", title), paragraph(LEGEND, class_="soft")),

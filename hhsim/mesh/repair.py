@@ -5,7 +5,7 @@ import numpy as np
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import MeshError
 from hhsim.mesh.holes import hole_caps
-from hhsim.mesh.repair_log import MeshInRepair, counted
+from hhsim.mesh.repair_log import MeshInRepair
 from hhsim.mesh.self_intersection import resolve_overlaps, turn_outward
 from hhsim.mesh.topology import (
     alike_wound,
@@ -17,6 +17,7 @@ from hhsim.mesh.topology import (
     undirected_edges,
     used_vertices,
 )
+from hhsim.system.counted import counted
 
 NEAR_VERTEX = 1e-5
 """Vertices closer than this share of the longest extent are merged where that closes open edges."""

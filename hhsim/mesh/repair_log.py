@@ -43,9 +43,3 @@ class MeshInRepair:
 def percent(share: float) -> str:
     """A share as people read it: two digits, or a whole number from 10 % on."""
     return f"{100.0 * share:.0f} %" if share >= 0.0995 else f"{100.0 * share:.2g} %"
-
-
-def counted(count: int, noun: str) -> str:
-    """A number with its noun, in the plural where it is not 1."""
-    plural = "vertices" if noun == "vertex" else noun + "s"
-    return f"{count} {noun if count == 1 else plural}"

@@ -16,10 +16,11 @@ from hhsim.kernels.mesh.inside_field import SolidField
 from hhsim.mesh.isosurface import border_distances, is_inside, simplified, solid_mesh
 from hhsim.mesh.orientation import turned_outward
 from hhsim.mesh.repair import CAP_AREA, closed_surface, merge_and_clean
-from hhsim.mesh.repair_log import MeshInRepair, counted, percent
+from hhsim.mesh.repair_log import MeshInRepair, percent
 from hhsim.mesh.surface_sampling import face_samples
 from hhsim.mesh.thin_sheets import slab_union
 from hhsim.mesh.topology import face_areas, in_fixed_order, is_closed, part_labels, undirected_edges, used_vertices
+from hhsim.system.counted import counted
 
 TOLERANCE = 5e-4
 """Wanted distance of the new mesh from the triangles of the file, as a share of the longest extent."""

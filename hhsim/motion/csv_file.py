@@ -1,7 +1,7 @@
 """Trajectories as CSV text.
 
-UTF-8, comma separated, one header line, one line a sample; numbers in full precision, so that a file read back is the
-same motion bit for bit. Columns, in any order:
+UTF-8, comma separated, one header line, one line a sample; numbers with a decimal point, in full precision, so that a
+file read back is the same motion bit for bit. Semicolons or tabs for the commas are read too. Columns, in any order:
 
 | columns | unit | meaning |
 |---|---|---|
@@ -35,6 +35,7 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.motion.object_motion import ObjectMotion
 from hhsim.motion.trajectory import Phase, Trajectory
 from hhsim.motion.validation import as_numbers
+from hhsim.system.counted import counted
 
 CSV_SUFFIX = ".csv"
 POSE_COLUMNS = ("time", "px", "py", "pz", "qw", "qx", "qy", "qz")
@@ -46,6 +47,9 @@ PHASE = "phase"
 FLAGS = "flags"
 TEXTS = ("name", "source", "licence", "device", "hand")
 SAMPLES = "samples"
+SEPARATORS = (",", ";", "\t")
+DECIMAL_POINT = " with a decimal point"
+"""What is expected where a number has a comma."""
 POSE_SIZES = {"object_position": 3, "object_orientation": 4}
 
 
@@ -99,7 +103,8 @@ def parse_csv(text: str, *, name: str = "") -> Trajectory:
     remarks, first = read_remarks(lines)
     if first == len(lines):
         raise TrajectoryError("no header line; expected time,px,py,pz,qw,qx,qy,qz,thumb_flex1,…")
-    header = [word.strip() for word in next(csv.reader([lines[first]]))]
+    separator = separator_of(lines[first])
+    header = [word.strip() for word in next(csv.reader([lines[first]], delimiter=separator))]
     _check_header(header)
     rows: list[list[float]] = []
     names: list[str] = []
@@ -108,7 +113,7 @@ def parse_csv(text: str, *, name: str = "") -> Trajectory:
     order = [header.index(column) for column in columns]
     phase_column = header.index(PHASE) if PHASE in header else None
     flags_column = header.index(FLAGS) if FLAGS in header else None
-    for number, cells in enumerate(csv.reader(lines[first + 1 :]), start=first + 2):
+    for number, cells in enumerate(csv.reader(lines[first + 1 :], delimiter=separator), start=first + 2):
         if not any(cell.strip() for cell in cells):
             continue
         if len(cells) != len(header):
@@ -119,8 +124,8 @@ def parse_csv(text: str, *, name: str = "") -> Trajectory:
             flags.append(cells[flags_column])
     if remarks.get(SAMPLES, str(len(rows))) != str(len(rows)):
         raise TrajectoryError(
-            f"it holds {len(rows)} sample(s) but says # {SAMPLES}: {remarks[SAMPLES]}; was it cut short? Expected as "
-            "many as it says, or no such line"
+            f"it holds {counted(len(rows), 'sample')} but says # {SAMPLES}: {remarks[SAMPLES]}; was it cut short? "
+            "Expected as many as it says, or no such line"
         )
     table = np.array(rows, dtype=np.float64).reshape(len(rows), len(columns))
     stated: dict[str, Any] = (
@@ -154,9 +159,12 @@ def read_remarks(lines: Sequence[str]) -> tuple[dict[str, str], int]:
     return remarks, len(lines)
 
 
+def separator_of(header: str, separators: Sequence[str] = SEPARATORS) -> str:
+    """The separator that a header line has most of, the first of equals."""
+    return max(separators, key=header.count)
+
+
 def _check_header(header: Sequence[str]) -> None:
-    if len(header) == 1 and (";" in header[0] or "\t" in header[0]):
-        raise TrajectoryError("the header is not comma separated; expected time,px,py,pz,…")
     wanted = (*COLUMNS, *(OBJECT_COLUMNS if any(column in header for column in OBJECT_COLUMNS) else ()))
     missing = [column for column in wanted if column not in header]
     if missing:
@@ -181,7 +189,9 @@ def numbers_of(cells: Sequence[str], columns: Sequence[str], order: Iterable[int
         try:
             values.append(float(cells[index]))
         except ValueError:
-            raise TrajectoryError(f"line {line}: {column} is '{cells[index].strip()}'; expected a number") from None
+            cell = cells[index].strip()
+            point = DECIMAL_POINT if "," in cell else ""
+            raise TrajectoryError(f"line {line}: {column} is '{cell}'; expected a number{point}") from None
     return values
 
 

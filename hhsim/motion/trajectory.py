@@ -28,6 +28,7 @@ from hhsim.motion.validation import (
     check_magnitude,
     continuous_orientation,
 )
+from hhsim.system.counted import counted
 
 Flags = NDArray[np.uint32]
 HandSide = Literal["", "right", "left"]
@@ -221,7 +222,9 @@ class Trajectory:
             values = as_numbers(label, getattr(self, label))
             expected = (count, *tail)
             if values.shape != expected:
-                raise TrajectoryError(f"{label} has shape {values.shape}; expected {expected} for {count} stamp(s)")
+                raise TrajectoryError(
+                    f"{label} has shape {values.shape}; expected {expected} for {counted(count, 'stamp')}"
+                )
             check_finite(label, values, time)
             checked[label] = values
         checked["orientation"] = continuous_orientation(checked["orientation"], time)

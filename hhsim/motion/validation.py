@@ -5,6 +5,7 @@ from numpy.typing import ArrayLike
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import TrajectoryError
+from hhsim.system.counted import counted
 
 MIN_QUATERNION_NORM = 1e-6
 """A quaternion shorter than this has no direction left."""
@@ -31,7 +32,7 @@ def check_finite(label: str, values: FloatArray, time: FloatArray | None = None)
         place = _place(np.argwhere(bad)[0], time)
         count = int(bad.sum())
         raise TrajectoryError(
-            f"{label} has {count} NaN or infinite value(s), first at {place}; expected finite numbers"
+            f"{label} has {counted(count, 'NaN or infinite value')}, first at {place}; expected finite numbers"
         )
 
 
@@ -42,8 +43,8 @@ def check_increasing(time: FloatArray) -> None:
         i = int(bad[0])
         kind = "repeats" if time[i] == time[i - 1] else "goes backwards"
         raise TrajectoryError(
-            f"time {kind} at sample {i} ({time[i - 1]:.9g} s, then {time[i]:.9g} s), {bad.size} such place(s); "
-            "expected increasing stamps"
+            f"time {kind} at sample {i} ({time[i - 1]:.9g} s, then {time[i]:.9g} s), "
+            f"{counted(bad.size, 'such place')}; expected increasing stamps"
         )
 
 
@@ -69,7 +70,7 @@ def continuous_orientation(quaternions: FloatArray, time: FloatArray) -> FloatAr
     if zero.size:
         place = _place(zero[:1], time)
         raise TrajectoryError(
-            f"orientation has {zero.size} zero quaternion(s), first at {place}; expected unit (w, x, y, z)"
+            f"orientation has {counted(zero.size, 'zero quaternion')}, first at {place}; expected unit (w, x, y, z)"
         )
     off = np.abs(norm - 1.0) > UNIT_TOLERANCE
     unit = np.where(off[:, None], quaternions / norm[:, None], quaternions)

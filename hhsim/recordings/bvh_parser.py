@@ -11,6 +11,7 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
 from hhsim.recordings.recording import MOST_SAMPLES, Finding, note
+from hhsim.system.counted import counted
 
 MOST_JOINTS = 2_000
 """More joints than this are no skeleton."""
@@ -221,7 +222,9 @@ def _motion(lines: list[str], first: int, joints: tuple[Joint, ...], *, complete
             "for each channel"
         )
     if broken:
-        findings.append(note(f"{len(broken)} frame(s) without {width} numbers: missing, first line {broken[0]}"))
+        findings.append(
+            note(f"{counted(len(broken), 'frame')} without {width} numbers: missing, first line {broken[0]}")
+        )
     return Bvh(joints, float(step), values, tuple(findings))
 
 
@@ -231,5 +234,5 @@ def _numbers(words: list[str], count: int, where: str, key: str) -> list[float]:
     except ValueError:
         numbers = []
     if len(numbers) != count or not all(abs(number) <= MOST for number in numbers):
-        raise TrajectoryError(f"{where}: {key} {' '.join(words)[:40]}; expected {count} number(s)")
+        raise TrajectoryError(f"{where}: {key} {' '.join(words)[:40]}; expected {counted(count, 'number')}")
     return numbers

@@ -12,10 +12,11 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError, UnknownNameError
-from hhsim.motion.csv_file import read_remarks
+from hhsim.motion.csv_file import DECIMAL_POINT, SEPARATORS, read_remarks, separator_of
 from hhsim.recordings.recording import MOST_SAMPLES, Finding, note
+from hhsim.system.counted import counted
 
-DELIMITERS = (",", ";", "\t", " ")
+DELIMITERS = (*SEPARATORS, " ")
 MISSING = {"", "nan", "na", "n/a", "null", "none", "-", "inf", "-inf", "+inf", "infinity", "-infinity"}
 MOST_BROKEN = 0.25
 """Where more lines or cells than this cannot be read, the file is refused."""
@@ -60,7 +61,8 @@ class Table:
                     values[row, place] = number
             if bad > MOST_BROKEN * max(len(self.rows), 1):
                 example = next(c[index] for c in self.rows if _number(c[index], self.decimal) is None)
-                raise TrajectoryError(f"column '{column}' holds '{example[:40]}'; expected numbers")
+                point = DECIMAL_POINT if "," in example else ""
+                raise TrajectoryError(f"column '{column}' holds '{example[:40]}'; expected numbers{point}")
             broken += bad
         return values, broken
 
@@ -120,9 +122,8 @@ def read_table(
     if not rows:
         raise TrajectoryError("no line below the header; expected one a sample")
     if broken:
-        findings.append(
-            note(f"{len(broken)} line(s) with another number of cells than the header left out, first line {broken[0]}")
-        )
+        left = counted(len(broken), "line")
+        findings.append(note(f"{left} with another number of cells than the header left out, first line {broken[0]}"))
     return Table(header, tuple(rows), remarks, decimal, tuple(findings))
 
 
@@ -145,12 +146,8 @@ def _header(lines: Sequence[str], delimiter: str | None) -> tuple[dict[str, str]
     remarks, first = read_remarks(lines)
     if first == len(lines):
         raise TrajectoryError("no header line; expected the names of the columns")
-    sign = delimiter or _delimiter(lines[first])
+    sign = delimiter or separator_of(lines[first].strip(), DELIMITERS)
     return remarks, first, sign, tuple(cell.strip() for cell in _cells(lines[first], sign))
-
-
-def _delimiter(line: str) -> str:
-    return max(DELIMITERS, key=lambda sign: (line.strip().count(sign), -DELIMITERS.index(sign)))
 
 
 def _cells(line: str, delimiter: str) -> list[str]:

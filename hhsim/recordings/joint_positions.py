@@ -24,6 +24,7 @@ from hhsim.recordings.recorded_bones import FingerChains, Posture, recorded_bone
 from hhsim.recordings.recording import MOST, Finding, Recording, note
 from hhsim.recordings.recording_format import ReadOptions
 from hhsim.recordings.unit_detection import LENGTH_UNITS
+from hhsim.system.counted import counted
 
 HAND_LENGTHS = (0.12, 0.26)
 """Hands are this long from the wrist to the middle fingertip [m], children's too: the units' ranges do not meet."""
@@ -81,7 +82,7 @@ class JointPositions:
                 continue
             values = np.array(given, dtype=np.float64)
             if values.shape != shape:
-                raise TrajectoryError(f"{key} has shape {values.shape}; expected {shape} for {count} stamp(s)")
+                raise TrajectoryError(f"{key} has shape {values.shape}; expected {shape} for {counted(count, 'stamp')}")
             with np.errstate(invalid="ignore"):
                 values[~(np.abs(values) <= MOST[key == "time"])] = np.nan
                 if key == "radius":
@@ -116,7 +117,7 @@ def recording_of_joints(joints: JointPositions, name: str, options: ReadOptions)
     if not seen.all():
         points[~seen] = np.nan
         findings.append(
-            note(f"{int((~seen).sum())} sample(s) with all joints at one point: no hand was seen, so missing")
+            note(f"{counted(int((~seen).sum()), 'sample')} with all joints at one point: no hand was seen, so missing")
         )
     radius = None if joints.radius is None else metre * joints.radius
     side, side_findings = _side(points, options.hand or joints.hand)

@@ -11,6 +11,7 @@ from hhsim.recordings.csv_table import Table
 from hhsim.recordings.frames import OURS, to_our_palm, to_our_world, turned
 from hhsim.recordings.recording import Finding, Recording, note
 from hhsim.recordings.unit_detection import ANGLE_UNITS, LENGTH_UNITS, TIME_UNITS
+from hhsim.system.counted import counted
 
 NO_PLACE = (
     "no columns of the palm's place: it stays at the origin; "
@@ -65,7 +66,7 @@ def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
     for joint, source in followed.items():
         angles[:, JOINT_NAMES.index(joint)] = source.scale * angles[:, JOINT_NAMES.index(str(source.joint))]
     if broken:
-        findings.append(note(f"{broken} cell(s) that are no numbers: taken as missing"))
+        findings.append(note(f"{counted(broken, 'cell')} without a number: taken as missing"))
     raw = tuple(
         RawChannel(key, np.nan_to_num(numbers((channel.column,), 1.0)[:, 0], nan=0.0), channel.unit, channel.meaning)
         for key, channel in columns.raw.items()
@@ -92,7 +93,7 @@ def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
     )
     if followed:
         mark(recording.flags, np.ones(count, dtype=bool), SampleFlag.ESTIMATED)
-        text = f"{len(followed)} joint(s) not measured but made from others: {', '.join(followed)}"
+        text = f"{counted(len(followed), 'joint')} not measured but made from others: {', '.join(followed)}"
         recording = recording.found(Finding(SampleFlag.ESTIMATED.word, text, count, None))
     return recording
 

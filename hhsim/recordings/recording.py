@@ -17,6 +17,7 @@ from hhsim.motion.sample_flags import SampleFlag, mark
 from hhsim.motion.trajectory import Checksums, HandSide, Phase, RawChannel
 from hhsim.motion.validation import as_numbers
 from hhsim.recordings.recorded_bones import RecordedBones
+from hhsim.system.counted import counted
 
 Flags = NDArray[np.uint32]
 
@@ -112,7 +113,7 @@ class Recording:
         for key, shape in shapes.items():
             values = as_numbers(key, getattr(self, key))
             if values.shape != shape:
-                raise TrajectoryError(f"{key} has shape {values.shape}; expected {shape} for {count} stamp(s)")
+                raise TrajectoryError(f"{key} has shape {values.shape}; expected {shape} for {counted(count, 'stamp')}")
             # Infinity is as little a reading as NaN is, and what overflows when it is squared.
             with np.errstate(invalid="ignore"):
                 values[~(np.abs(values) <= MOST[key == "time"])] = np.nan
@@ -124,12 +125,14 @@ class Recording:
             if moved.position.shape != (count, 3) or moved.orientation.shape != (count, 4):
                 raise TrajectoryError(
                     f"the object's motion has shapes {moved.position.shape} and {moved.orientation.shape}; expected "
-                    f"({count}, 3) and ({count}, 4) for {count} stamp(s)"
+                    f"({count}, 3) and ({count}, 4) for {counted(count, 'stamp')}"
                 )
             object.__setattr__(self, "object_motion", moved)
         for channel in self.raw:
             if np.ndim(channel.values) == 0 or len(channel.values) != count:
-                raise TrajectoryError(f"raw channel '{channel.name}' has not one row for each of {count} stamp(s)")
+                raise TrajectoryError(
+                    f"raw channel '{channel.name}' has not one row for each of {counted(count, 'stamp')}"
+                )
         flags = np.array(self.flags, dtype=np.uint32) if len(self.flags) else np.zeros(count, dtype=np.uint32)
         if flags.shape != (count,):
             raise TrajectoryError(f"flags has shape {flags.shape}; expected ({count},)")

@@ -14,6 +14,7 @@ from hhsim.errors import TrajectoryError
 from hhsim.motion.sample_flags import SampleFlag, mark
 from hhsim.recordings.hand_displacement import change, deviation
 from hhsim.recordings.recording import MOTION, Finding, Recording
+from hhsim.system.counted import counted
 
 SAME_STAMP = 1e-6
 """Stamps closer than this [s] are one stamp: no glove samples at 1 MHz."""
@@ -158,7 +159,7 @@ def _without_repeats(recording: Recording) -> Recording:
 def _one_piece(recording: Recording, max_gap: float) -> Recording:
     time = recording.time
     if time.shape[0] < 2:
-        raise TrajectoryError(f"{time.shape[0]} usable sample(s); expected at least 2 with stamps that differ")
+        raise TrajectoryError(f"{counted(time.shape[0], 'usable sample')}; expected at least 2 with stamps that differ")
     broken = np.flatnonzero(np.diff(time) > max_gap) + 1
     if not broken.size:
         return recording
@@ -171,8 +172,9 @@ def _one_piece(recording: Recording, max_gap: float) -> Recording:
         return _dropped(recording, keep, f"more than {max_gap:g} s away from the others: left out")
     i = int(broken[0])
     raise TrajectoryError(
-        f"no sample for {time[i] - time[i - 1]:.3g} s after {time[i - 1]:.6g} s, {broken.size} such hole(s) of more "
-        f"than {max_gap:g} s: too long to bridge; cut a part out with --from and --to, or allow it with --max-gap"
+        f"no sample for {time[i] - time[i - 1]:.3g} s after {time[i - 1]:.6g} s, "
+        f"{counted(broken.size, 'such hole')} of more than {max_gap:g} s: too long to bridge; cut a part out with "
+        "--from and --to, or allow it with --max-gap"
     )
 
 

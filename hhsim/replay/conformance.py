@@ -18,6 +18,7 @@ from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.method import FORCES
 from hhsim.solver.options import SolverOptions
+from hhsim.system.counted import counted
 from hhsim.trees.contact_surface import contact_surface
 
 OBJECT, MOTION = "sphere", "grasp"
@@ -75,7 +76,9 @@ def check_method(name: str) -> Iterator[Finding]:
     except HhsimError as error:
         yield Finding("run", WRONG, str(error))
         return
-    yield Finding("run", OK, f"{ticks:,} ticks, each with a hand of the right shapes, finite, its quaternion unit")
+    yield Finding(
+        "run", OK, f"{counted(ticks, 'tick')}, each with a hand of the right shapes, finite, its quaternion unit"
+    )
     shown = HandConfiguration.of(record)
     yield _same(record, again)
     yield _free(record, haptic)
@@ -175,7 +178,9 @@ def _depth(scene: Scene, options: SolverOptions, record: TickRecord, *, promised
 
 def _touches(record: TickRecord) -> Finding:
     if np.any(record.work[:, 5] > 0):
-        return Finding("contact", OK, f"{int((record.work[:, 6] > 0).sum()):,} ticks touch the object")
+        return Finding(
+            "contact", OK, f"the hand touches the object in {counted(int((record.work[:, 6] > 0).sum()), 'tick')}"
+        )
     return Finding("contact", WRONG, "the shown hand never comes near the object that the user grasps")
 
 

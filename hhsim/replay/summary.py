@@ -30,6 +30,7 @@ from hhsim.solver.known_methods import find_method
 from hhsim.solver.method import FORCES, PROMISES, RUNS
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.reference_optimum import reference_excess
+from hhsim.system.counted import counted
 from hhsim.trees.contact_surface import ContactSurface
 from hhsim.trees.options import MOST_LEVEL
 
@@ -260,7 +261,7 @@ def _notes(scene: Scene, options: SolverOptions, status: Array) -> tuple[str, ..
         notes.append("the haptic hand begins inside the object: the graphic hand began at the nearest free place")
     held = int(np.sum(status & STATUS_INPUT_INVALID > 0))
     if held:
-        notes.append(f"{held:,} ticks had input that was not finite and used the last good one")
+        notes.append(f"{counted(held, 'tick')} had input that was not finite and used the last good one")
     if options.threads > 1:
         notes.append(f"CPU times are those of all {options.threads} threads together, waiting for each other included")
     return tuple(notes)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from hhsim.bench.table import Cell, Table
 from hhsim.report.bench_units import shown_unit
 from hhsim.report.figure import GRID, LIMIT, SOFT, Drawing, ReportFigure, drawn_figure, panel_title, run_style
+from hhsim.system.counted import counted
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -142,10 +143,10 @@ def bench_figure(found: Table) -> ReportFigure | None:
         panel_title(axes, title, 4, left - 0.05)
         _draw_legend(figure, series, width)
 
-    caption = f"{len(rows):,} rows of the table." + (
+    caption = f"{counted(len(rows), 'row')} of the table." + (
         f" The first {MOST_LABELS} of {len(labels)} lines." if more > 0 else ""
     )
-    alt = f"{chart.title}: {len(rows):,} points, by {told} ({'; '.join(series)})."
+    alt = f"{chart.title}: {counted(len(rows), 'point')}, by {told} ({'; '.join(series)})."
     return drawn_figure(f"bench-{found.suite}", chart.title, caption, alt, Drawing(draw, height))
 
 
@@ -199,9 +200,13 @@ def _draw_lines(
 
 
 def _make_logarithmic(axes: "Axes", axis: str) -> None:
+    from matplotlib.ticker import LogFormatter
+
     (axes.set_xscale if axis == "x" else axes.set_yscale)("log")
+    scale = axes.xaxis if axis == "x" else axes.yaxis
     # Plain numbers: nobody reads 10 to the minus 3 mm at a glance.
-    (axes.xaxis if axis == "x" else axes.yaxis).set_major_formatter(lambda value, _: f"{value:,.10g}")
+    scale.set_major_formatter(lambda value, _: f"{value:,.10g}")
+    scale.set_minor_formatter(LogFormatter(labelOnlyBase=False))
 
 
 def _along(chart: Chart, row: Row) -> float:

@@ -9,6 +9,7 @@ from hhsim.report.bench_chart import bench_figure
 from hhsim.report.bench_units import Unit, shown_unit
 from hhsim.report.figure import Album
 from hhsim.report.html import Html, details, joined, paragraph, table
+from hhsim.system.counted import counted
 
 
 def bench_section(found: Table, name: str, album: Album, prefix: str = "") -> Html:
@@ -28,7 +29,7 @@ def bench_section(found: Table, name: str, album: Album, prefix: str = "") -> Ht
     told = [column for column in found.columns if column not in same]
     rows = [[shown_cell(_scaled(row[column.name], units[column.name])) for column in told] for row in found.rows]
     numbers = [i for i, column in enumerate(told) if _is_number(column, found.rows)]
-    caption = f"{len(found.rows):,} rows of hhsim bench {found.suite}"
+    caption = f"{counted(len(found.rows), 'row')} of hhsim bench {found.suite}"
     parts = [paragraph(f"{about}{where}.")]
     if chart is not None:
         parts.append(album.shown(chart, prefix))

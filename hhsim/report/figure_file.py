@@ -4,8 +4,10 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
+from hhsim.bench.table import is_table, load_table
 from hhsim.errors import InputError
 from hhsim.render.figure import vector_bytes
+from hhsim.report.bench_chart import bench_figure
 from hhsim.report.figure import ReportFigure, new_figure, png_bytes
 from hhsim.report.histogram import histogram_figure
 from hhsim.report.labels import result_labels
@@ -24,6 +26,8 @@ FIGURES: Mapping[str, Callable[[Mapping[str, Result]], ReportFigure]] = {
     "hand": lambda results: _hand(results),
 }
 """Makers of the figures by their names on the command line."""
+TABLE_FIGURE, TIMED_ERRORS = "speed-error", ("speed-error", "peers")
+"""The figure that tables of `hhsim bench` have, and the suites that have it."""
 FORMATS = (".pdf", ".svg", ".png")
 UNITS = {"mm": 25.4, "cm": 2.54, "in": 1.0}
 """How many of it an inch has."""
@@ -64,14 +68,18 @@ def make_figure(paths: Sequence[Path], name: str) -> ReportFigure:
     """Draw one figure of results.
 
     Args:
-        paths: Files, in the order of the legend.
+        paths: Results, in the order of the legend; or, for `speed-error`, one table of `hhsim bench`.
         name: One of `FIGURES`.
 
     Raises:
-        InputError: No such figure, a file that is no result, or more results than the figure can show.
+        InputError: No such figure, a file that is no result, a table that has not this figure, or more files than the
+            figure can show.
     """
     if name not in FIGURES:
         raise InputError(f"there is no figure {name!r}: expected {', '.join(FIGURES)}")
+    tables = [path for path in paths if is_table(path)]
+    if tables:
+        return _table_figure(tables[0], name, alone=len(paths) == 1)
     results = [posed_result(load_result(path)) for path in paths]
     if not results:
         raise InputError("a figure needs at least one result")
@@ -97,6 +105,23 @@ def write_figure(figure: ReportFigure, output_path: Path, width: float) -> None:
         figure.drawing.draw(drawn, narrow)
         kind = output_path.suffix.lower()[1:]
         write_atomically(output_path, png_bytes(drawn) if kind == "png" else vector_bytes(drawn, kind, figure.title))
+
+
+def _table_figure(path: Path, name: str, *, alone: bool) -> ReportFigure:
+    """The figure of a table of `hhsim bench`: of its suites, two set speed against error."""
+    found = load_table(path)
+    if found.suite not in TIMED_ERRORS or name != TABLE_FIGURE:
+        suites = " and ".join(TIMED_ERRORS)
+        raise InputError(
+            f"{path} is a table of hhsim bench {found.suite}, which has no figure {name}: of tables, those of {suites} "
+            f"have the figure {TABLE_FIGURE}"
+        )
+    if not alone:
+        raise InputError(f"{path} is a table of hhsim bench, which has a figure of its own: name it alone")
+    figure = bench_figure(found)
+    if figure is None:
+        raise InputError(f"{path}: no row of the table has both a time and a distance from the mesh to draw")
+    return figure
 
 
 def _hand(results: Mapping[str, Result]) -> ReportFigure:

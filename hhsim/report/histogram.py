@@ -24,6 +24,7 @@ from hhsim.report.figure import (
     time_text,
 )
 from hhsim.result.reader import Result
+from hhsim.system.counted import counted
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -179,7 +180,7 @@ def _alt(runs: Sequence[TickTimes]) -> str:
             continue
         p50, p99, most = (time_text(1e-6 * value) for value in (cpu.p50, cpu.p99, cpu.max))
         sentences.append(
-            f"{who}CPU time of {cpu.count:,} ticks{' in contact' if run.contact else ''}: median {p50}, p99 {p99}, "
-            f"longest {most}; {100.0 * wall.over_budget:.2f} % took more than 1 ms of wall time."
+            f"{who}CPU time of {counted(cpu.count, 'tick')}{' in contact' if run.contact else ''}: median {p50}, "
+            f"p99 {p99}, longest {most}; {100.0 * wall.over_budget:.2f} % took more than 1 ms of wall time."
         )
     return " ".join(sentences)

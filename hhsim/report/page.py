@@ -3,11 +3,13 @@
 from collections.abc import Sequence
 
 from hhsim import __version__
+from hhsim.live.session.session_log import how_it_ended
 from hhsim.report.html import Html, element, joined, listed, page, paragraph
 from hhsim.report.key_table import MOODS
 from hhsim.report.provenance import motion_name, object_name
 from hhsim.report.run import ReportRun
 from hhsim.report.style import STYLE
+from hhsim.system.counted import counted
 
 MOST_NAMED = 4
 """Results, or scenes, that the title names."""
@@ -50,6 +52,7 @@ def report_page(
         "header",
         element("h1", title),
         paragraph(_subtitle(runs), class_="soft") if runs else Html(""),
+        *(_contradiction(run, run.ended, "", alone=alone) for run in runs if run.ended),
         *((_verdict(runs[0]),) if alone else ()),
         *(_contradiction(run, *said, alone=alone) for run in runs for said in _contradictions(run)),
         element("nav", links, aria_label="Contents"),
@@ -73,7 +76,9 @@ def _subtitle(runs: Sequence[ReportRun]) -> str:
         return f"{len(runs)} results, each beside {runs[0].letter}"
     result = runs[0].result
     kind = "a recorded session" if result.live is not None else "a replay"
-    return f"{result.path.name}, {kind} of {result.ticks:,} ticks, written {result.created_utc}"
+    ended = how_it_ended(result)
+    text = f"{result.path.name}, {kind} of {counted(result.ticks, 'tick')}, written {result.created_utc}"
+    return f"{text}, ended: {ended}" if ended else text
 
 
 def _verdict(run: ReportRun) -> Html:

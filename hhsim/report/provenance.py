@@ -8,8 +8,10 @@ from typing import Any
 
 from hhsim.errors import InputError
 from hhsim.hand.fingers import FINGERS
+from hhsim.live.session.session_log import how_it_ended
 from hhsim.replay.stored_scene import PARTS
 from hhsim.result.reader import Result
+from hhsim.system.counted import counted
 from hhsim.system.input_file import open_input
 
 NONE = "—"
@@ -30,9 +32,9 @@ def run_facts(result: Result) -> dict[str, str]:
     fingers = result.fingers
     facts = {
         "object": object_name(result),
-        "object, extent": f"{extent} mm, {len(static['object/faces']):,} triangles",
+        "object, extent": f"{extent} mm, {counted(len(static['object/faces']), 'triangle')}",
         "repairs of its mesh": "; ".join(scene.get("object_repairs") or []) or "none",
-        "sphere tree": f"level {depth}, {int((level == depth).sum()):,} leaf spheres",
+        "sphere tree": f"level {depth}, {counted(int((level == depth).sum()), 'leaf sphere')}",
         "what the hand touches": f"the {result.surface}",
         "motion": motion_name(result),
         "its source": str(scene.get("motion_source") or NONE),
@@ -54,7 +56,7 @@ def run_facts(result: Result) -> dict[str, str]:
         "not modelled": ", ".join(scene.get("modelled", {}).get("not_modelled", [])) or NONE,
     }
     if result.live is not None:
-        facts |= _session(result.live)
+        facts |= _session(result, result.live)
     return facts
 
 
@@ -138,7 +140,7 @@ def _coupling(stiffness: Mapping[str, Any]) -> str:
     return ", ".join(parts) or NONE
 
 
-def _session(live: Mapping[str, Any]) -> dict[str, str]:
+def _session(result: Result, live: Mapping[str, Any]) -> dict[str, str]:
     from hhsim.live.real_time import described
 
     device = _json(live.get("device"))
@@ -149,7 +151,7 @@ def _session(live: Mapping[str, Any]) -> dict[str, str]:
         "glove was told": "nothing (dry run)" if live.get("dry_run") else "where to stop and how hard",
         "real time": described(mode) if mode else NONE,
         "refused by the system": "; ".join(mode.get("refused", [])) or "nothing",
-        "ended": str(live.get("ended") or "the recording was cut short"),
+        "ended": how_it_ended(result),
     }
 
 

@@ -38,7 +38,6 @@ from hhsim.report.time_series import series_figure
 from hhsim.report.worst_ticks_section import worst_section
 from hhsim.result.reader import load_result
 from hhsim.system.atomic_write import write_together
-from hhsim.system.hdf5_input import hdf5_format
 from hhsim.system.input_file import open_input
 from hhsim.system.output_path import check_output_path
 from hhsim.system.progress import Progress, silent
@@ -79,7 +78,8 @@ class Report:
 
     def verdict_lines(self) -> list[str]:
         """The verdicts, a line each."""
-        lines = [f"{run.label}: {run.verdict.word}. {' '.join(run.verdict.sentences)}" for run in self.runs]
+        lines = [f"{run.label}: {run.ended}" for run in self.runs if run.ended]
+        lines += [f"{run.label}: {run.verdict.word}. {' '.join(run.verdict.sentences)}" for run in self.runs]
         for run in self.runs:
             lines += [f"{run.label}: {text}" for text in (run.result.contradiction(), run.misstated) if text]
         compared = zip(self.runs[1:], self.comparisons)
@@ -135,7 +135,7 @@ def make_report(paths: Sequence[Path], *, progress: Progress = silent) -> Report
     """
     if not paths:
         raise InputError("a report needs at least one result")
-    tables = {path: bench_file.load_table(path) for path in paths if _is_table(path)}
+    tables = {path: bench_file.load_table(path) for path in paths if bench_file.is_table(path)}
     results = [load_result(path) for path in paths if path not in tables]
     steps = _Steps(progress, 3 + len(FIGURES))
     steps("reading")
@@ -273,14 +273,6 @@ def _part(name: str, heading: str, markup: Html) -> tuple[str, str, Html]:
 
 def _folded(name: str, heading: str, markup: Html) -> tuple[str, str, Html]:
     return name, heading, folded(name, heading, markup)
-
-
-def _is_table(path: Path) -> bool:
-    try:
-        return hdf5_format(path) == bench_file.FORMAT
-    except OSError:
-        # Whatever is wrong with it, the reader of results has the words for it.
-        return False
 
 
 def _head(page: Path) -> str:

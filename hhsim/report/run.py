@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from hhsim.live.session.session_log import broken_off
 from hhsim.live.session.summary_table import session_rows
 from hhsim.replay.summary_table import SummaryRow
 from hhsim.replay.verdict import Verdict, verdict
@@ -45,6 +46,12 @@ class ReportRun:
     phases: tuple[PhaseFigures, ...]
     fingers: tuple[FingerFigures, ...]
     verdict: Verdict
+
+    @property
+    def ended(self) -> str:
+        """How a session ended that was not brought to its end in order, in a few words; else ""."""
+        why = broken_off(self.result)
+        return f"ended: {why}" if why else ""
 
     @property
     def letter(self) -> str:

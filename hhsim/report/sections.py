@@ -3,12 +3,11 @@
 import math
 import shlex
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
-from hhsim.errors import InputError
 from hhsim.gate.timing_test import BETTER, SAME, WORSE
+from hhsim.live.session.session_log import session_log
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.replay.summary_table import SummaryRow
 from hhsim.report.compare import Comparison, compared
@@ -254,23 +253,13 @@ def _against(base: SummaryRow | None, head: SummaryRow | None, comparison: Compa
 
 
 def _log(result: Result) -> Html:
-    try:
-        levels = np.asarray(result["live/event/level"])
-        times, texts = result["live/event/time"], result["live/event/text"]
-    except InputError:
+    log = session_log(result)
+    if not log.text:
         return Html("")
-    chosen = np.flatnonzero(levels > 0)[:MOST_EVENTS]
+    chosen = np.flatnonzero(log.level > 0)[:MOST_EVENTS]
     if not len(chosen):
         return paragraph("Its log holds no warning and no fault.")
-    begin = int(result["live/tick/deadline"][0]) if result.ticks else int(times[0])
-    rows = [
-        (f"{1e-9 * (int(times[i]) - begin):,.3f}", EVENT_LEVELS[min(int(levels[i]), 2)], _text(texts[i]))
-        for i in chosen
-    ]
-    more = int((levels > 0).sum()) - len(chosen)
+    rows = [(f"{log.time[i]:,.3f}", EVENT_LEVELS[min(int(log.level[i]), 2)], log.text[i]) for i in chosen]
+    more = int((log.level > 0).sum()) - len(chosen)
     caption = "Warnings and faults of its log" + (f"; {more:,} more are in the file" if more else "")
     return table(caption, ("time [s]", "level", "what happened"), rows, numbers=(0,))
-
-
-def _text(value: Any) -> str:
-    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)

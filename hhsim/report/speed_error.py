@@ -46,8 +46,10 @@ MARKS = ("o", "s", "D", "^", "v", "P", "X")
 """One more than there are colours: no two results of a page have both alike."""
 ROUNDING = 1e-6
 """What is less, in the unit of its axis, is nothing: it would stretch the axis and say no more."""
-PANEL, TITLE, LINE, BOTTOM = 2.0, 0.27, 0.19, 0.45
+PANEL, TITLE, LINE, BOTTOM = 2.0, 0.27, 0.16, 0.45
 """Room [inches] for a panel, its title, a line of the legend, and below."""
+RIGHT, TIME_LABEL = 0.08, 0.44
+"""Room [inches] to the right of a panel, and for a time below it with the gap to the next one."""
 
 
 @dataclass(frozen=True)
@@ -104,14 +106,14 @@ def speed_error_figure(results: Mapping[str, Result]) -> ReportFigure:
         width, height = (float(size) for size in figure.get_size_inches())
         names = LINE * _legend(points, width)[2]
         columns = 1 if narrow else 3
-        share = (width - 0.08) / columns
+        share = (width - RIGHT) / columns
         for number, axis in enumerate(AXES):
             across, down = (0, number) if narrow else (number, 0)
             bottom = height - names - (down + 1) * (TITLE + PANEL) - down * BOTTOM
             left = across * share + LEFT
-            room = share - LEFT - 0.08
+            room = share - LEFT - RIGHT
             axes = figure.add_axes((left / width, bottom / height, room / width, PANEL / height))
-            _draw_panel(axes, axis, points)
+            _draw_panel(axes, axis, points, room)
         _draw_names(figure, points)
 
     def height(width: float, narrow: bool) -> float:
@@ -157,7 +159,7 @@ def _significant(value: float) -> float:
     return 0.0 if abs(value) < ROUNDING else value
 
 
-def _draw_panel(axes: "Axes", axis: Axis, points: Sequence[SpeedError]) -> None:
+def _draw_panel(axes: "Axes", axis: Axis, points: Sequence[SpeedError], room: float) -> None:
     gridded(axes)
     panel_title(axes, axis.title, 6, LEFT - 0.16)
     values = [_significant(axis.scale * float(getattr(point, axis.field))) for point in points]
@@ -173,7 +175,7 @@ def _draw_panel(axes: "Axes", axis: Axis, points: Sequence[SpeedError]) -> None:
     axes.set_yscale("log")
     axes.set_ylim(zero * 10.0 ** (-0.1 * decades), high)
     axes.axhline(low, color=SOFT, linewidth=0.5, linestyle=":")
-    _draw_times(axes, points)
+    _draw_times(axes, points, room)
     if paper:
         times = np.array(PAPER_RANGE) * 1e-6
         axes.plot(times, [axis.scale * PAPER_DEPTH] * 2, color=SOFT, linewidth=3.0, solid_capstyle="round")
@@ -196,14 +198,23 @@ def _draw_panel(axes: "Axes", axis: Axis, points: Sequence[SpeedError]) -> None:
     axes.minorticks_off()
 
 
-def _draw_times(axes: "Axes", points: Sequence[SpeedError]) -> None:
-    """The axis of the CPU time, with the line of 1 ms."""
+def _draw_times(axes: "Axes", points: Sequence[SpeedError], room: float) -> None:
+    """Draw the axis of the CPU time, with the line of 1 ms; as many of its decades have a label as there is room for.
+
+    Args:
+        room: Width of the panel [inches].
+    """
     times = [time for point in points for time in (point.p50, point.p99) if np.isfinite(time) and time > 0.0]
     low, high = 0.5 * min([*times, 1e-5]), 2.0 * max([*times, BUDGET])
     axes.set_xlim(low, high)
     axes.axvline(BUDGET, color=LIMIT, linewidth=1.2)
-    named = [10.0**k for k in range(-7, 2) if low <= 10.0**k <= high]
-    axes.set_xticks(named, [time_text(time).replace(".0 ", " ") for time in named])
+    decade = room / float(np.log10(high / low))
+    step = int(np.ceil(TIME_LABEL / decade))
+    powers = [k for k in range(-8, 3) if low <= 10.0**k <= high]
+    # Counted from 1 ms, which always has its label; half a label beyond the last panel would be cut.
+    fits = [(k + 3) % step == 0 and decade * np.log10(high / 10.0**k) > 0.5 * TIME_LABEL - 2.0 * RIGHT for k in powers]
+    labels = [time_text(10.0**k).replace(".0 ", " ") if fit else "" for k, fit in zip(powers, fits)]
+    axes.set_xticks([10.0**k for k in powers], labels)
     axes.set_xlabel("CPU time of a tick in contact")
 
 

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from hhsim.arrays import FloatArray
 from hhsim.hand.fingers import FINGERS
 from hhsim.result.reader import Result
+from hhsim.result.schema import LIVE_TICK
 from hhsim.view.plots import force_values
 
 SingleArray = NDArray[np.float32]
@@ -16,6 +17,7 @@ BLOCK = 16_384
 """Ticks that are read at a time."""
 FORCES = ("all", *FINGERS, "palm")
 """The columns of `ReportColumns.force`."""
+TOLD = f"{LIVE_TICK}/command_stiffness"
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +33,7 @@ class ReportColumns:
         depth: Deepest in the object [m].
         variation: One-tick change of the total force's size [%]; NaN where it is undefined.
         force: Sizes of forces by the names of `FORCES` [N], shape (T, 7).
+        told: Stiffness that each finger was told, 0 free to 1, shape (T, 5); None of a replay.
     """
 
     time: FloatArray
@@ -40,6 +43,7 @@ class ReportColumns:
     depth: SingleArray
     variation: SingleArray
     force: SingleArray
+    told: SingleArray | None = None
 
     @property
     def ticks(self) -> int:
@@ -66,13 +70,17 @@ def report_columns(result: Result) -> ReportColumns:
     time = np.empty(result.ticks)
     single = {name: np.empty(result.ticks, np.float32) for name in SCALES}
     force = np.empty((result.ticks, len(FORCES)), np.float32)
+    told = np.empty((result.ticks, len(FINGERS)), np.float32) if result.live is not None else None
     first = 0
     names = ["time", "force/phalanx", "force/total", *(dataset for dataset, _ in SCALES.values())]
+    names += [TOLD] if told is not None else []
     for block in result.blocks(names, BLOCK):
         part = slice(first, first + len(block["time"]))
         time[part] = block["time"]
         for name, (dataset, scale) in SCALES.items():
             single[name][part] = scale * block[dataset]
         force[part] = force_values(block["force/phalanx"], block["force/total"])
+        if told is not None:
+            told[part] = block[TOLD]
         first = part.stop
-    return ReportColumns(time=time, force=force, **single)
+    return ReportColumns(time=time, force=force, told=told, **single)

@@ -1,13 +1,15 @@
 """The report's curves over time, in the manner of the paper's Figs. 12 and 14."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
+from hhsim.hand.fingers import FINGERS
+from hhsim.live.session.session_log import broken_off, session_log
 from hhsim.metrics.free_run import FreeRun, result_free_run
 from hhsim.metrics.run_metric import PAPER_RATE
 from hhsim.metrics.run_ticks import HOLD
@@ -34,6 +36,7 @@ from hhsim.report.tick_series import FORCES, ReportColumns, report_columns
 from hhsim.report.worst_ticks import WorstTick, worst_ticks
 from hhsim.result.reader import Result
 from hhsim.scene.motion_catalogue import of_the_paper
+from hhsim.system.counted import counted
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -51,6 +54,12 @@ PHASE_COLORS = {HOLD: "#e6eef6", "slide": "#fbefdd", "carry": "#fbefdd"}
 """Of the phases that the paper's figures shade; the others stay white."""
 PAPER_VARIATION = 0.18
 """One-tick change of the force in a hold that the paper states, at 1 kHz [%]."""
+MARK_LETTERS = 6
+"""Of a mark's word, with the gap to its line."""
+MOST_TOLD = 10
+"""Marks that the text tells of for those who do not see the picture."""
+COUNTS = {5: "Five", 6: "Six", 7: "Seven", 8: "Eight"}
+"""Words for how many panels there are."""
 GREY_LINE = "#8c959f"
 VARIATION_TICKS = (0.0, 0.1, 1.0, 10.0, 100.0)
 
@@ -71,6 +80,14 @@ class Run:
     worst: Sequence[WorstTick]
 
     @cached_property
+    def marks(self) -> list[tuple[float, str]]:
+        """When a session had faults [s], and where it ended if that was not in order, each with its word."""
+        if not _timed(self):
+            return []
+        found = [(float(at), "fault") for at in session_log(self.result).faults]
+        return sorted(found + [(float(at), "ended") for at in self.columns.time[-1:] if broken_off(self.result)])
+
+    @cached_property
     def free(self) -> FreeRun | None:
         """Its free object, if it has one."""
         return result_free_run(self.result) if self.columns.ticks else None
@@ -83,11 +100,13 @@ class Panel:
     Attributes:
         title: With the unit.
         height: [inches] on the page.
+        draw: Draws its curves.
         names: Of its curves, in the legend.
     """
 
     title: str
     height: float
+    draw: "Callable[[Axes, Sequence[Run]], None]"
     names: tuple[str, ...] = ()
 
 
@@ -109,36 +128,35 @@ def series_figure(results: Mapping[str, Result]) -> ReportFigure:
     ]
     depth_unit, depth_scale = _length_unit(runs)
     surface = " or ".join(dict.fromkeys(run.result.surface for run in runs))
+    alone = len(runs) == 1
     panels: tuple[Panel, ...] = (
-        Panel("force on the hand [N]", 1.75, FORCES if len(runs) == 1 else tuple(results)),
-        Panel("CPU time of the tick", 1.3),
-        Panel("pairs of hand and object", 0.95, PAIRS),
-        Panel(f"penetration of the {surface} [{depth_unit}]", 0.75),
-        Panel("change of the force in one tick [%]", 1.0),
+        Panel("force on the hand [N]", 1.75, _draw_forces, FORCES if alone else tuple(results)),
+        Panel("CPU time of the tick", 1.3, _draw_times),
+        Panel("pairs of hand and object", 0.95, _draw_pairs, PAIRS),
+        Panel(f"penetration of the {surface} [{depth_unit}]", 0.75, partial(_draw_depth, scale=depth_scale)),
+        Panel("change of the force in one tick [%]", 1.0, _draw_variation),
     )
+    if any(run.columns.told is not None for run in runs):
+        panels += (Panel("stiffness told to the fingers, 0 to 1", 0.95, _draw_told, FINGERS if alone else ()),)
     if any(run.free for run in runs):
         panels += (
-            Panel("rise of the object [mm]", 0.75),
-            Panel("friction of the hand, of what its contacts bear [%]", 0.75),
+            Panel("rise of the object [mm]", 0.75, _draw_rise),
+            Panel("friction of the hand, of what its contacts bear [%]", 0.75, _draw_friction),
         )
 
     def draw(figure: "Figure", narrow: bool) -> None:
         axes = _placed(figure, panels, narrow)
-        _draw_forces(axes[0], runs)
-        _draw_times(axes[1], runs)
-        _draw_pairs(axes[2], runs)
-        _draw_depth(axes[3], runs, depth_scale)
-        _draw_variation(axes[4], runs)
-        if len(axes) > 5:
-            _draw_rise(axes[5], runs)
-            _draw_friction(axes[6], runs)
+        for panel, place in zip(panels, axes):
+            panel.draw(place, runs)
         _draw_phases(axes, runs[0])
         _draw_axis(axes, runs)
+        _draw_marks(axes, runs)
         for panel, place in zip(panels, axes):
             _draw_legend(place, panel, narrow)
 
     drawing = Drawing(draw, lambda width, narrow: _height(panels, width, narrow))
-    return drawn_figure("series", "Force, time and contacts over the run", _caption(runs), _alt(runs), drawing)
+    alt = _alt(runs, len(panels))
+    return drawn_figure("series", "Force, time and contacts over the run", _caption(runs), alt, drawing)
 
 
 TITLE, LEGEND_LINE, TOP, BOTTOM = 0.27, 0.17, 0.02, 0.42
@@ -314,6 +332,20 @@ def _draw_variation(axes: "Axes", runs: Sequence[Run]) -> None:
         )  # fmt: skip
 
 
+def _draw_told(axes: "Axes", runs: Sequence[Run]) -> None:
+    gridded(axes)
+    for number, run in enumerate(runs):
+        told = run.columns.told
+        if told is None:
+            continue
+        if len(runs) > 1:
+            _curve(axes, run, told.max(axis=1, initial=0.0), *run_style(number))
+            continue
+        for finger, (name, color) in enumerate(zip(FINGERS, FINGER_COLORS)):
+            _curve(axes, run, told[:, finger], color, label=name)
+    axes.set_ylim(0.0, max(1.15 * axes.get_ylim()[1], 0.1))
+
+
 def _draw_rise(axes: "Axes", runs: Sequence[Run]) -> None:
     gridded(axes)
     for number, run in enumerate(runs):
@@ -368,8 +400,33 @@ def _draw_phases(axes: "Sequence[Axes]", run: Run) -> None:
             )  # fmt: skip
 
 
+def _draw_marks(axes: "Sequence[Axes]", runs: Sequence[Run]) -> None:
+    """Draw a line through all panels at each mark, and at the top its word where there is room for it."""
+    low, high = axes[0].get_xlim()
+    inches = axes[0].get_position().width * axes[0].figure.get_figwidth()  # type: ignore[union-attr]
+    room = LETTER * MARK_LETTERS * (high - low) / inches
+    for number, run in enumerate(runs):
+        color, named = LIMIT if len(runs) == 1 else run_style(number)[0], np.inf
+        for place in axes:
+            place.vlines(
+                [at for at, _ in run.marks], 0.0, 1.0, color, "--", transform=place.get_xaxis_transform(),
+                linewidth=0.9, clip_on=False,
+            )  # fmt: skip
+        # From the end on, whose word says most.
+        for at, word in reversed(run.marks):
+            if named - at < 2.0 * room:
+                continue
+            named, last = at, high - at < room
+            axes[0].annotate(
+                word, (at, 1.0), (-3.0 if last else 3.0, -12.0), xycoords=("data", "axes fraction"),
+                textcoords="offset points", ha="right" if last else "left", va="top", color=color,
+            )  # fmt: skip
+
+
 def _draw_axis(axes: "Sequence[Axes]", runs: Sequence[Run]) -> None:
     ends = [(float(at[0]), float(at[-1])) for at in map(_at, runs) if len(at)]
+    # A fault can be before the first tick, and after the last one.
+    ends += [(at, at) for run in runs for at, _ in run.marks]
     low, high = (min(a for a, _ in ends), max(b for _, b in ends)) if ends else (0.0, 1.0)
     axes[0].set_xlim(low, high if high > low else low + 1.0)
     for place in axes[:-1]:
@@ -389,6 +446,12 @@ def _caption(runs: Sequence[Run]) -> str:
             parts.append(f"Phases are those of {runs[0].label}.")
     parts.append("Shaded: holds, and slides in another shade. Penetration is measured after each tick.")
     parts.append("The change of the force is not defined below 0.01 N.")
+    if any(run.columns.told is not None for run in runs):
+        parts.append("Stiffness is what a session told its glove: 0 is a free finger, 1 as hard as the glove can.")
+        if len(runs) > 1:
+            parts.append("Of several results it is the largest of the five fingers.")
+    if any(run.marks for run in runs):
+        parts.append("Dashed lines through all panels: faults of a session, and its end where that was not in order.")
     if any(run.free for run in runs):
         parts.append("Friction is that of the contact nearest to sliding: at 100 % it slides.")
     if any(run.columns.ticks > AS_THEY_ARE for run in runs):
@@ -401,10 +464,9 @@ def _caption(runs: Sequence[Run]) -> str:
     return " ".join(parts)
 
 
-def _alt(runs: Sequence[Run]) -> str:
+def _alt(runs: Sequence[Run], panels: int) -> str:
     several = len(runs) > 1
-    panels = "Seven" if any(run.free for run in runs) else "Five"
-    sentences = [f"{panels} panels over time{f', {len(runs)} results' if several else ''}."]
+    sentences = [f"{COUNTS[panels]} panels over time{f', {len(runs)} results' if several else ''}."]
     for run in runs:
         columns, who = run.columns, f"{run.label}: " if several else ""
         if columns.ticks == 0:
@@ -414,8 +476,10 @@ def _alt(runs: Sequence[Run]) -> str:
         fast, slow = (time_text(float(extreme(columns.cpu))) for extreme in (np.min, np.max))
         sentences.append(
             f"{who}The total force reaches {force:.2f} N. Ticks take {fast} to {slow} of CPU time, with up to "
-            f"{int(columns.candidates.max()):,} pairs within the margin. "
+            f"{counted(int(columns.candidates.max()), 'pair')} within the margin. "
             + (f"The deepest penetration is {1e6 * depth:.3g} µm." if depth > 0.0 else "Nothing penetrates.")
+            + (f" A finger is told a stiffness of up to {columns.told.max():.2f}." if columns.told is not None else "")
+            + "".join(f" At {at:.3f} s: {word}." for at, word in run.marks[:MOST_TOLD])
             + (f" The object rises by {1e3 * run.free.raised:.1f} mm." if run.free else "")
         )
     return " ".join(sentences)

@@ -40,6 +40,7 @@ from hhsim.result.schema import (
 )
 from hhsim.system import environment as info
 from hhsim.system.checksummed_file import seal_file
+from hhsim.system.counted import counted
 from hhsim.system.output_path import free_name
 
 Array: TypeAlias = NDArray[Any]
@@ -129,7 +130,8 @@ class ResultWriter:
             with contextlib.suppress(OSError):
                 seal_file(self.path, size)
         if error is not None:
-            error.add_note(f"the {self.ticks:,} ticks so far are in {self.path} (complete = 0)")
+            verb = "is" if self.ticks == 1 else "are"
+            error.add_note(f"the {counted(self.ticks, 'tick')} so far {verb} in {self.path} (complete = 0)")
 
     @property
     def ticks(self) -> int:

@@ -21,7 +21,7 @@ REFERENCE_STEP_TOLERANCE = 1e-8
 
 
 def best_hands(hand: HandModel, mesh_surface: Any, options: SolverOptions, haptic: HandConfiguration) -> TickRecord:
-    """The best pose of every tick: `coupled` on the triangles, converged, from the user's first hand on.
+    """The least-energy pose of every tick: `coupled` on the triangles, converged, from the user's first hand on.
 
     Args:
         mesh_surface: The object in the kernels' form, world: the surface `mesh`.

@@ -1,4 +1,4 @@
-"""How far off the poses of a submission are: in the true mesh, and from the best pose."""
+"""How far off the poses of a submission are: in the true mesh, and from the least-energy pose."""
 
 from typing import NamedTuple
 
@@ -21,11 +21,11 @@ from hhsim.trees.contact_surface import contact_surface, encloses
 Array = NDArray[np.float64]
 
 NEAR = 1e-3
-"""A tick counts for the best pose if the user's hand is nearer than this to the mesh, or in it [m]."""
+"""A tick counts for the least-energy pose if the user's hand is nearer than this to the mesh, or in it [m]."""
 
 MESH_DEPTH = Figure("mesh_depth_max", "in the mesh, max", 3, "mm", 1e-3)
-OFF_BEST = Figure("off_best_mean", "pose off the best one, mean", 3, "mm", 1e-3)
-OFF_BEST_MAX = Figure("off_best_max", "pose off the best one, max", 3, "mm", 1e-3)
+OFF_BEST = Figure("off_best_mean", "off the least-energy pose, mean", 3, "mm", 1e-3)
+OFF_BEST_MAX = Figure("off_best_max", "off the least-energy pose, max", 3, "mm", 1e-3)
 
 
 class PoseErrors(NamedTuple):
@@ -33,8 +33,8 @@ class PoseErrors(NamedTuple):
 
     Attributes:
         mesh_depth_max: Deepest that the hand is in the mesh [m]; undefined where the mesh encloses nothing.
-        off_best_mean, off_best_max: Farthest of the five fingertips and the palm from the best pose [m], over the ticks
-            in contact: that of `hhsim.solver.reference_optimum.best_hands`.
+        off_best_mean, off_best_max: Farthest of the five fingertips and the palm from the pose of least coupling energy
+            outside the mesh [m], over the ticks in contact: that of `hhsim.solver.reference_optimum.best_hands`.
     """
 
     mesh_depth_max: float
@@ -46,7 +46,7 @@ def pose_errors(scene: Scene, options: SolverOptions, poses: HandConfiguration) 
     """Measure poses, one a tick of the scene.
 
     Args:
-        options: Stiffness of the coupling, which says what the best pose is.
+        options: Stiffness of the coupling, which says what energy a pose has.
     """
     placed = forward_kinematics(scene.hand, *poses)
     mean, most = _off_best(scene, options, placed)

@@ -1,7 +1,7 @@
 """Submissions, format `hhsim-poses`: the hand that some other software shows at every tick of a scene, CSV or HDF5.
 
-CSV is UTF-8 and comma separated: lines `# key: value`, one header line, a line a tick. A heading is the name of a
-column and its unit in brackets; columns stand in any order.
+CSV is UTF-8 and comma separated (semicolons or tabs are read too), with decimal points: lines `# key: value`, one
+header line, a line a tick. A heading is the name of a column and its unit in brackets; columns stand in any order.
 
 | columns | unit | HDF5 dataset | meaning |
 |---|---|---|---|
@@ -34,7 +34,7 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import DamagedFileError, InputError, OutputError, UnknownNameError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
-from hhsim.motion.csv_file import ABDUCTION_COLUMNS, FLEXION_COLUMNS, numbers_of, read_remarks
+from hhsim.motion.csv_file import ABDUCTION_COLUMNS, FLEXION_COLUMNS, numbers_of, read_remarks, separator_of
 from hhsim.system.atomic_write import sealed_hdf5, write_atomically
 from hhsim.system.hdf5_input import DAMAGE, open_hdf5
 from hhsim.system.input_file import read_input_text
@@ -192,9 +192,10 @@ def parse_poses(text: str) -> tuple[dict[str, str], dict[str, FloatArray]]:
         raise InputError("no header line; expected time [s],px [m],py [m],…")
     if said.get("format", FORMAT) != FORMAT:
         raise InputError(f"format {said['format']}; expected {FORMAT}")
-    header = _columns(next(csv.reader([lines[first]])))
+    separator = separator_of(lines[first])
+    header = _columns(next(csv.reader([lines[first]], delimiter=separator)))
     rows = []
-    for number, cells in enumerate(csv.reader(lines[first + 1 :]), start=first + 2):
+    for number, cells in enumerate(csv.reader(lines[first + 1 :], delimiter=separator), start=first + 2):
         if not any(cell.strip() for cell in cells):
             continue
         if len(cells) != len(header):

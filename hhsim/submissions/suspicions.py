@@ -18,6 +18,7 @@ from hhsim.replay.conformance import FOLLOWS, same_but_for
 from hhsim.scene.scene import Scene
 from hhsim.submissions.pose_file import Submission
 from hhsim.submissions.scene_file import scene_digest, scene_names, scene_title
+from hhsim.system.counted import counted
 
 Mended = Iterator[tuple[str, FloatArray]]
 
@@ -75,7 +76,7 @@ def _name(submission: Submission) -> str:
 def _wrong_ticks(time: FloatArray, wanted: FloatArray, rate: float) -> str:
     """What is wrong with the times [s]; "" for nothing."""
     ticks, total = len(time), len(wanted)
-    expected = f"expected {total:,} ticks, {rate:g} a second, from 0 s on"
+    expected = f"expected {counted(total, 'tick')}, {rate:g} a second, from 0 s on"
     step = np.diff(time)
     back = np.flatnonzero(step <= 0.0)
     if back.size:
@@ -96,7 +97,7 @@ def _wrong_ticks(time: FloatArray, wanted: FloatArray, rate: float) -> str:
         more = f" and {missing.size - 1:,} more are" if missing.size > 1 else " is"
         return f"tick {missing[0]:,}{more} missing{cut}; {expected}"
     if ticks > total:
-        return f"{ticks - total:,} ticks too many; {expected}"
+        return f"{counted(ticks - total, 'tick')} too many; {expected}"
     off = np.abs(time - wanted) * rate
     if off.max() > 0.25:
         return f"the stamp of tick {int(off.argmax()):,} is {time[off.argmax()]:.6g} s; {expected}"
@@ -116,7 +117,7 @@ def suspicions(submission: Submission, scene: Scene) -> tuple[str, ...]:
     seconds = lag / scene.ticks.rate
     if not 0.0 <= seconds <= INERTIA:
         which = "behind" if lag > 0 else "ahead of"
-        found.append(f"shifted time: {abs(lag):,} tick(s) ({1e3 * abs(seconds):g} ms) {which} the user's hand?")
+        found.append(f"shifted time: {counted(abs(lag), 'tick')} ({1e3 * abs(seconds):g} ms) {which} the user's hand?")
     else:
         then = user.at(np.maximum(np.arange(user.ticks) - lag, 0)).at(np.flatnonzero(free))
         now = shown.at(np.flatnonzero(free))

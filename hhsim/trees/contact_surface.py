@@ -5,8 +5,8 @@ from typing import Any, NamedTuple
 from hhsim.errors import InputError
 from hhsim.mesh.features import mesh_features
 from hhsim.mesh.mesh import Mesh
-from hhsim.mesh.repair_log import counted
 from hhsim.mesh.topology import is_closed, merged_vertices
+from hhsim.system.counted import counted
 from hhsim.trees.sphere_tree import SphereTree
 
 

@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from hhsim.metrics.contact_error import ticks_looked_at
 from hhsim.replay.stored_scene import stored_mesh
+from hhsim.system.counted import counted
 from hhsim.verify.claim import NOT_CLAIMED, NOT_JUDGED, Claim, all_true, judged
 from hhsim.verify.coal_distance import EXACT, coal_distance, sphere_shapes, triangle_shapes
 from hhsim.verify.contacts import PALM
@@ -67,7 +68,7 @@ def _inside(judge: JudgedTicks, most: FloatArray) -> Claim:
 def _touching(judge: JudgedTicks) -> Claim:
     says, wrong = "as many pairs touch as stored", judge.miscounted
     if judge.options["method"] == "paper":
-        note = f"method paper counts what its own detection finds; {int(wrong.sum())} ticks differ"
+        note = f"method paper counts what its own detection finds; it differs in {counted(int(wrong.sum()), 'tick')}"
         return Claim("touching pairs", says, NOT_CLAIMED, checked=len(judge.chosen), note=note)
     why = "exact, but for pairs within 1 nm of the limit"
     return all_true("touching pairs", says, wrong, ticks=judge.chosen, why=why)

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.system.counted import counted
 from hhsim.verify.claim import NOT_JUDGED, Claim, judged
 from hhsim.verify.contacts import PALM
 from hhsim.verify.file_checks import leaves
@@ -198,5 +199,7 @@ def _eq_14(judge: JudgedTicks) -> Claim:
         "N",
         WHY_FORCE,
         ticks=judge.chosen[chosen],
-        note=f"{int(unclear.sum())} ticks left out: what touches, or where, is unclear" if unclear.any() else "",
+        note=f"{counted(int(unclear.sum()), 'tick')} left out: what touches, or where, is unclear"
+        if unclear.any()
+        else "",
     )

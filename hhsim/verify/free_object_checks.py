@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.result.reader import Result
+from hhsim.system.counted import counted
 from hhsim.verify.claim import NOT_JUDGED, Claim, all_true, judged
 from hhsim.verify.contacts import PALM
 from hhsim.verify.file_checks import follows
@@ -365,7 +366,7 @@ def _slips(motion: FreeMotion) -> list[Claim]:
             *("sliding", "a contact that slides bears its friction against its way, to 45 degrees", short),
             *(FORCE * (1.0 + motion.load[slides]), "N", WHY_FORCE),
             ticks=motion.tick[slides],
-            note=f"{int(slides.sum()):,} contacts that slip by more than the tick's friction is off",
+            note=f"{counted(int(slides.sum()), 'contact')} with a slip of more than the tick's friction is off",
         ),
         _balanced(motion, slip + motion.coefficient * room),
     ]

@@ -5,6 +5,7 @@ import numpy as np
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.result.reader import Result
+from hhsim.system.counted import counted
 from hhsim.verify.claim import NOT_JUDGED, Claim, judged
 from hhsim.verify.contacts import near_pairs
 from hhsim.verify.kinematics import Posed, rotations
@@ -53,7 +54,7 @@ def motion_claim(result: Result) -> Claim:
         note = "no sample has ticks enough to tell; --again makes the motion once more"
         return Claim(name, says, NOT_JUDGED, note=note)
     rest = result.ticks - len(known)
-    note = f"of {rest:,} ticks it is not known: their sample has too few" if rest else ""
+    note = f"not known of {counted(rest, 'tick')}, whose sample has too few" if rest else ""
     return judged(name, says, off[known], BETWEEN, "m, rad", "rounding of stamps", ticks=known, note=note)
 
 

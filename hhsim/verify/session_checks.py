@@ -8,6 +8,7 @@ import numpy as np
 from hhsim.kernels.live.deadlines import EARLIEST
 from hhsim.kernels.live.phase import LARGEST_SHIFT
 from hhsim.result.reader import Result
+from hhsim.system.counted import counted
 from hhsim.verify.claim import NOT_JUDGED, Claim, all_true, judged
 from hhsim.verify.finger_command_checks import DEVICE_LOST, STOPPING, command_claims
 from hhsim.verify.session_rows import LOOP_DIED, MOST_READ, SessionRows
@@ -222,7 +223,7 @@ def _haptic(rows: SessionRows) -> Claim:
         named[:] = True
     wrong = (differs & ((rows.stiffness[known] > 0.0) | ~named)).any(axis=1)
     count = int(differs.any(axis=1).sum())
-    note = f"in {count:,} ticks a finger jumped and was not believed" if count and not wrong.any() else ""
+    note = f"in {counted(count, 'tick')} a finger jumped and was not believed" if count and not wrong.any() else ""
     says = "the user's fingers are those of the sample; where one is not, the log names it and it is free"
     return all_true("fingers of the sample", says, wrong, ticks=known, note=note)
 

@@ -18,6 +18,7 @@ from hhsim.errors import InputError, MeshError
 from hhsim.mesh.solidify import ASSUMED_SOLID
 from hhsim.replay.stored_scene import stored_mesh
 from hhsim.result.reader import Result
+from hhsim.system.counted import counted
 from hhsim.verify.again import again_claims
 from hhsim.verify.claim import FAILS, HOLDS, NOT_CLAIMED, NOT_JUDGED, Claim
 from hhsim.verify.depth_checks import contact_error_claim, depth_claims
@@ -82,9 +83,9 @@ class Verification:
     def looked(self) -> str:
         """In words, how many ticks were looked at, and what was sampled."""
         if self.looked_at == self.ticks:
-            return f"{self.ticks:,} ticks looked at"
+            return f"{counted(self.ticks, 'tick')} looked at"
         names = [claim.name for claim in self.claims if claim.name in SAMPLED]
-        return f"{self.ticks:,} ticks looked at; {', '.join(names)}: 1 in {self.every} ticks"
+        return f"{counted(self.ticks, 'tick')} looked at; {', '.join(names)}: 1 in {self.every} ticks"
 
     @property
     def passed(self) -> bool:

@@ -61,7 +61,7 @@ def test_of_a_run_that_is_done_again_the_last_one_counts() -> None:
     board = merged([late, early, entry(machine=B, stuck_ticks=3.0)])
     assert [one.figures["stuck_ticks"] for one in board.entries] == [2.0, 3.0]
     assert board.machines == {A: "A", B: "B"}
-    assert board.notes[0].startswith("1 runs were done again later")
+    assert board.notes[0].startswith("1 run done again later")
 
 
 def test_a_failure_counts_until_it_worked() -> None:

@@ -28,7 +28,7 @@ def test_a_newcomers_way(run: Run, tmp_path: Path) -> None:
 
     scored = run("score", "s/example-submission.csv", "--out", "r.h5")
     assert scored.code == 0, scored.err
-    assert "in the mesh, max" in scored.out and "pose off the best one, mean" in scored.out
+    assert "in the mesh, max" in scored.out and "off the least-energy pose, mean" in scored.out
     # By its own words the scene is made again, and everything is the same.
     alone = tmp_path / "alone.csv"
     alone.write_bytes((tmp_path / "s" / "example-submission.csv").read_bytes())

@@ -56,7 +56,7 @@ def test_what_cannot_be_shown_is_told_before_the_replay(run: Run, tmp_path: Path
 def test_a_film_is_made_without_a_viewer(run: Run, tmp_path: Path, short: str) -> None:
     assert run("replay", "cube", short, "--level", "2", "--out", "short.h5", "--quiet").code == 0
     answer = run("view", "short.h5", "--video", "short.gif", "--pixels", "160")
-    assert (answer.code, answer.out) == (0, "5 frames of 150 ticks, 0.2 s, are in short.gif\n"), answer.err
+    assert (answer.code, answer.out) == (0, "5 frames of 150 ticks, 0.2 s, in short.gif\n"), answer.err
     assert (tmp_path / "short.gif").read_bytes().startswith(b"GIF89a")
     for arguments, message in (
         (("short.h5", "--slow", "2"), "are of a film"),

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from sealed_change import changed
 
 from hhsim.errors import OutputError, TrajectoryError
+from hhsim.motion.csv_file import format_csv
 from hhsim.motion.file import FORMAT, load_trajectory, save_trajectory
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import Phase, RawChannel, Trajectory
@@ -158,7 +159,7 @@ def test_a_csv_that_was_cut_short_is_noticed(motion: Trajectory, tmp_path: Path)
     save_trajectory(motion, path)
     lines = path.read_text().splitlines(keepends=True)
     path.write_text("".join(lines[:-10]))
-    with pytest.raises(TrajectoryError, match=r"it holds 40 sample\(s\) but says # samples: 50"):
+    with pytest.raises(TrajectoryError, match=r"it holds 40 samples but says # samples: 50"):
         load_trajectory(path)
     path.write_text("".join(line for line in lines[:-10] if not line.startswith("# samples")))
     assert load_trajectory(path).sample_count == 40
@@ -293,11 +294,22 @@ def test_csv_of_others_is_read_with_its_habits(tmp_path: Path) -> None:
     assert (read.flexion == 0.2).all()
 
 
+@pytest.mark.parametrize("separator", [";", "\t"])
+def test_csv_with_semicolons_or_tabs_is_the_same_motion(tmp_path: Path, separator: str) -> None:
+    text = f"# name: a, b\n{HEADER}\n{ROW}\n" + ROW.replace("0.0,", "0.5,", 1)
+    (tmp_path / "commas.csv").write_text(text, encoding="utf-8")
+    remark, table = text.split("\n", 1)
+    (tmp_path / "others.csv").write_text(remark + "\n" + table.replace(",", separator), encoding="utf-8")
+    commas, others = (load_trajectory(tmp_path / f"{name}.csv") for name in ("commas", "others"))
+    assert format_csv(commas) == format_csv(others)
+
+
 BAD_CSV = [
     ("", "no header line; expected time,px"),
     ("# name: x\n\n", "no header line"),
     (HEADER, "no samples; expected at least one"),
-    (HEADER.replace(",", ";") + "\n", "the header is not comma separated"),
+    (HEADER.replace(",", " ") + "\n", "the header lacks time, px"),
+    (f"{HEADER}\n{ROW}".replace(",", ";").replace(".", ","), "line 2: time is '0,0'; expected a number with a decimal"),
     (HEADER.replace("time,", ""), r"the header lacks time; expected 28 columns"),
     ("time,px,py", r"the header lacks pz, qw, qx, qy, qz, thumb_flex1 and 19 more"),
     (f"{HEADER},phaze\n{ROW},x", "the header has an unknown column 'phaze': did you mean phase"),

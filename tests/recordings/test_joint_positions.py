@@ -119,7 +119,7 @@ def test_missing_joints_are_holes_and_doubtful_samples_are_marked() -> None:
     recording = read(sample, position=points, doubtful=np.arange(40) == 20)
     assert np.argwhere(np.isnan(recording.abduction)).tolist() == [[7, 1], *([9, f] for f in range(5)), [11, 0]]
     assert np.flatnonzero(marked(recording.flags, SampleFlag.INVALID)).tolist() == [20]
-    assert "1 sample(s) with all joints at one point" in words(recording)
+    assert "1 sample with all joints at one point" in words(recording)
     assert repair(recording).trajectory.sample_count == 40
 
 

@@ -91,7 +91,21 @@ def test_speed_against_error_tells_surfaces_apart_and_older_tables_have_none(tmp
     assert new.alt.endswith("2 points, by method and surface (coupled, spheres; coupled, mesh).")
     old = bench_figure(table(tmp_path, "speed-error", columns[:-1], [row]))
     assert old is not None
-    assert old.alt.endswith("1 points, by method (coupled).")
+    assert old.alt.endswith("1 point, by method (coupled).")
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_numbers_beside_an_axis_of_one_decade_are_plain(tmp_path: Path) -> None:
+    rows: list[dict[str, Any]] = [{"threads": n, "total": 4e-6 * n, "case": "S"} for n in (1, 3, 10)]
+    found = bench_figure(table(tmp_path, "threads", THREADS, rows))
+    assert found is not None and found.drawing is not None
+    with new_figure(3.6, found.drawing.height(3.6, True)) as figure:
+        found.drawing.draw(figure, True)
+        figure.draw_without_rendering()
+        (axes,) = figure.axes
+        shown = {text.get_text() for text in axes.get_yticklabels(which="both")} - {""}
+    assert "20" in shown
+    assert all(float(text) > 0.0 for text in shown)
 
 
 def test_a_table_without_numbers_or_of_another_suite_has_none(tmp_path: Path) -> None:

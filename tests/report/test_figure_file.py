@@ -1,6 +1,7 @@
 """Figures as files: as wide as they are asked for, the same bytes again, letters that stay letters."""
 
 import importlib
+import itertools
 import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
@@ -9,13 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from drawings_alone import leave_charts_undrawn
+from matplotlib.text import Text
 from PIL import Image
 from sampled import sampled
 from short_grasp import short_result
 
+from hhsim.bench.table import Column, write_table
 from hhsim.errors import InputError, OutputError
 from hhsim.report import speed_error
-from hhsim.report.figure import DPI, PAGE_INCHES, ReportFigure
+from hhsim.report.figure import DPI, PAGE_INCHES, ReportFigure, new_figure
 from hhsim.report.figure_file import FIGURES, make_figure, parse_width, write_figure
 
 
@@ -121,6 +124,59 @@ def test_what_cannot_be_drawn_is_told(path: Path, series: ReportFigure, tmp_path
     with pytest.raises(OutputError, match="no folder"):
         write_figure(series, tmp_path / "nowhere" / "figure.pdf", 3.46)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("inches", [3.46, PAGE_INCHES])
+@pytest.mark.parametrize("count", [2, 20])
+def test_labels_of_many_results_keep_apart_and_within_the_figure(
+    path: Path, monkeypatch: pytest.MonkeyPatch, count: int, inches: float
+) -> None:
+    """Ticks of 1 µs to 50 ms: the most decades that have to have their labels in a panel."""
+    times = np.geomspace(1e-6, 5e-2, count)
+
+    def measured(label: str, result: object) -> speed_error.SpeedError:
+        time = times[ord(label[0]) - ord("A")]
+        return speed_error.SpeedError(label, time, time, 1e-2 * time, time, 1e3 * time, of_paper=True)
+
+    monkeypatch.setattr(speed_error, "_measured", measured)
+    drawing = make_figure([path] * count, "speed-error").drawing
+    assert drawing is not None
+    narrow = inches < 6.4
+    with new_figure(inches, drawing.height(inches, narrow)) as figure:
+        drawing.draw(figure, narrow)
+        figure.draw_without_rendering()
+        texts = [text for text in figure.findobj(Text) if isinstance(text, Text) and text.get_visible()]
+        boxes = [(text.get_text(), text.get_window_extent()) for text in texts if text.get_text()]
+        assert sum(name == "1 ms" for name, _ in boxes) == 3
+        for name, box in boxes:
+            assert box.x0 >= 0.0 and box.x1 <= figure.bbox.width, name
+        for (one, box), (other, beside) in itertools.combinations(boxes, 2):
+            assert not box.overlaps(beside), (one, other)
+
+
+@pytest.mark.parametrize("suite", ["speed-error", "peers"])
+def test_a_table_of_a_bench_has_speed_against_error(path: Path, tmp_path: Path, suite: str) -> None:
+    row = {"object": "cube", "motion": "all", "stretch": False, "method": "coupled", "surface": "mesh"}
+    rows = [{**row, "tick_cpu_p50": 1e-5 * k, "mesh_error": 1e-4 / k} for k in (1, 2, 3)]
+    table = tmp_path / "table.h5"
+    write_table(table, suite, [Column(name, name) for name in rows[0]], rows, {})
+    figure = make_figure([table], "speed-error")
+    assert figure.alt == (
+        "Time of a tick against distance from the true mesh: 3 points, by method and surface (coupled, mesh)."
+    )
+    for suffix in (".pdf", ".svg", ".png"):
+        write_figure(figure, tmp_path / f"figure{suffix}", 3.46)
+        assert (tmp_path / f"figure{suffix}").stat().st_size > 1000
+    with pytest.raises(InputError, match=f"table of hhsim bench {suite}, which has no figure series"):
+        make_figure([table], "series")
+    with pytest.raises(InputError, match="name it alone"):
+        make_figure([path, table], "speed-error")
+    write_table(table, suite, [Column("object", "object")], [{"object": "cube"}], {})
+    with pytest.raises(InputError, match="no row of the table"):
+        make_figure([table], "speed-error")
+    write_table(table, "trees", [Column("object", "object")], [{"object": "cube"}], {})
+    with pytest.raises(InputError, match="table of hhsim bench trees, which has no figure speed-error"):
+        make_figure([table], "speed-error")
 
 
 def test_the_command_line_names_the_same_figures() -> None:

@@ -161,7 +161,7 @@ def test_a_result_that_was_cut_short_is_a_motion_as_far_as_it_goes(session: Path
         ("bad", "a session without a good sample of the glove: it holds no motion"),
         ("empty", "a session without a tick: where the palm was is not known"),
         ("lacking", "a damaged result"),
-        ("nan", "position has 3 NaN or infinite value(s)"),
+        ("nan", "position has 3 NaN or infinite values"),
     ],
 )
 def test_what_holds_no_motion_is_told_in_one_line(session: Path, tmp_path: Path, spoil: str, says: str) -> None:

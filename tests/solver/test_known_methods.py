@@ -90,4 +90,4 @@ def test_a_method_from_outside_takes_no_solver_of_ours_and_no_threads() -> None:
 
 def test_a_glove_waits_for_nobody_elses_method(run: Run) -> None:
     refused = run("live", "glove", "--method", "outside_methods:Follow")
-    assert refused.code == 2 and "a method of hhsim's own" in refused.err
+    assert refused.code == 2 and "'outside_methods:Follow' is not one of 'coupled', " in refused.err

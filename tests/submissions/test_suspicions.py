@@ -18,7 +18,7 @@ from hhsim.scene.scene import Scene
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions
-from hhsim.submissions.pose_file import PARTS, Submission, read_submission, write_submission
+from hhsim.submissions.pose_file import PARTS, Submission, format_poses, read_submission, write_submission
 from hhsim.submissions.scene_folder import example_submission
 from hhsim.submissions.suspicions import _free, require_scene, suspicions
 from hhsim.trees.contact_surface import contact_surface
@@ -181,8 +181,8 @@ POSES: dict[str, tuple[Callable[[Arrays], None], str]] = {
     "little finger first": (put("flexion", lambda bent: bent[:, ::-1]), "little finger first?"),
     "fingertip first": (put("flexion", lambda bent: bent[:, :, ::-1]), "fingertip first?"),
     "angles from the palm": (put("flexion", lambda bent: np.cumsum(bent, axis=2)), "each angle from the palm"),
-    "late": (lag(5), "shifted time: 5 tick(s) (20 ms) behind"),
-    "early": (lag(-12), "shifted time: 12 tick(s) (48 ms) ahead"),
+    "late": (lag(5), "shifted time: 5 ticks (20 ms) behind"),
+    "early": (lag(-12), "shifted time: 12 ticks (48 ms) ahead"),
     "a quarter of the rate": (repeated, "repeated ticks: in 75 %"),
     "another origin": (put("position", lambda p: p + [0.1, 0.0, -0.02]), "another origin (100 0 -20 mm), or"),
     "the wrist": (wrist, "the wrist (0 -70 0 mm in the palm's frame)?"),
@@ -266,6 +266,10 @@ TEXTS: dict[str, tuple[Callable[[Path], None], str]] = {
         "the header lacks little_abd",
     ),
     "a short line": (one_line(40, lambda line: line.rpartition(",")[0]), "line 41 has"),
+    "decimal commas": (
+        text(lambda all_: "".join(line.replace(",", ";").replace(".", ",") for line in all_.splitlines(keepends=True))),
+        "expected a number with a decimal point",
+    ),
     "a word": (one_line(40, lambda line: "x" + line), "line 41: time is 'x"),
     "half a file": (text(lambda all_: all_[: len(all_) // 2]), "values; expected"),
     "empty": (text(lambda all_: ""), "no header line"),
@@ -273,6 +277,17 @@ TEXTS: dict[str, tuple[Callable[[Path], None], str]] = {
     "another format": (text(lambda all_: all_.replace("hhsim-poses", "hhsim-trajectory")), "expected hhsim-poses"),
     "no text": (no_text, "not UTF-8"),
 }
+
+
+@pytest.mark.parametrize("separator", [";", "\t"])
+def test_semicolons_or_tabs_between_columns_are_the_same_submission(separator: str, tmp_path: Path) -> None:
+    path = tmp_path / "poses.csv"
+    write_submission(as_submission(sound()), path)
+    lines = path.read_text().splitlines()
+    (tmp_path / "others.csv").write_text(
+        "\n".join(line if line.startswith("#") else line.replace(",", separator) for line in lines) + "\n"
+    )
+    assert format_poses(read_submission(tmp_path / "others.csv")) == format_poses(read_submission(path))
 
 
 @pytest.mark.parametrize("case", TEXTS)
@@ -357,7 +372,7 @@ def test_single_precision_is_sound(tmp_path: Path) -> None:
 
 def test_a_hand_may_be_a_tick_behind_and_not_ahead() -> None:
     """A method with inertia is behind, as `penalty` is; what the user will do none can know."""
-    for ticks, word in ((1, ""), (-1, "shifted time: 1 tick(s) (4 ms) ahead of the user's hand?")):
+    for ticks, word in ((1, ""), (-1, "shifted time: 1 tick (4 ms) ahead of the user's hand?")):
         arrays = sound()
         lag(ticks)(arrays)
         assert "; ".join(suspicions(as_submission(arrays), scene())) == word

@@ -7,6 +7,7 @@ from hhsim.live.ipc.config import SafetyLimits
 from hhsim.live.ipc.session_memory import FAULT, INFORMATION, WARNING
 from hhsim.result.safety import Safety
 from hhsim.solver.workspace import zeroed
+from hhsim.system.counted import counted
 
 NEVER = 1 << 60
 """More periods than a session can miss."""
@@ -83,7 +84,7 @@ class SafetyLog:
                     self._not_logged[bit] = self._not_logged.get(bit, 0) + 1
                     continue
                 left_out = self._not_logged.pop(bit, 0)
-                more = f" ({left_out:,} times more since this was last said)" if left_out else ""
+                more = f" ({counted(left_out, 'time')} more since this was last said)" if left_out else ""
                 detail = self.detail.get(bit)
                 lines.append((level, f"{wrong}: the fingers are free{more}{f': {detail}' if detail else ''}"))
                 self._last_logged[bit] = now_ns

@@ -11,6 +11,7 @@ from hhsim.kernels.live.plausibility import MOST_ANGLE, TRUST, WATCH, begin_watc
 from hhsim.live.device import GloveInfo
 from hhsim.live.ipc.session_memory import INFORMATION, WARNING
 from hhsim.solver.workspace import zeroed
+from hhsim.system.counted import counted
 
 MOST_READING = 1.5
 """Of a channel that is 0 to 1."""
@@ -49,7 +50,7 @@ def found_in_sample(code: int, place: int, count: int, value: float) -> tuple[in
     """Level and text of a note of `use_sample`."""
     finger = NAMES[place]
     if code == JUMPED:
-        more = f"; {count} more jumps since the last one told" if count else ""
+        more = f"; {counted(count, 'more jump')} since the last one told" if count else ""
         jumped = f"{finger} jumped by {math.degrees(value):.0f}° in one sample"
         return WARNING, f"{jumped}: not believed until it stays, and kept free{more}"
     if code == STUCK:

@@ -15,6 +15,7 @@ from hhsim.live.loop.sample_interval import interval_hint
 from hhsim.live.shared_memory import RingReader
 from hhsim.result.miss_cause import WORDS, MissCause
 from hhsim.result.safety import Safety
+from hhsim.system.counted import counted
 
 BEGINS_INSIDE = (
     "the hand begins inside the object: the shown hand begins at the nearest free place, and may be caught there; "
@@ -62,7 +63,7 @@ class Story:
         self._read_words()
         if written - self._next > CAPACITY:
             lost = written - CAPACITY - self._next
-            self._memory.log(WARNING, f"{lost:,} things to tell came too fast, and are lost")
+            self._memory.log(WARNING, f"{counted(lost, 'thing')} to tell lost: they came too fast")
             self._next += lost
         while self._next < written:
             i = self._next % CAPACITY

@@ -21,6 +21,7 @@ from hhsim.recordings.dexmo_regression import CHANNELS, DexmoRegression, calibra
 from hhsim.recordings.mapped_table import mapped
 from hhsim.recordings.recording import Finding, Recording, note
 from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
+from hhsim.system.counted import counted
 
 ALIAS = {"pinky_split": "little_split", "pinky_bend": "little_bend"}
 MOST_NORMALISED = 1.5
@@ -66,7 +67,7 @@ def _calibrated(content: Content, options: ReadOptions) -> tuple[Recording, Dexm
     flexion, abduction = chosen.angles(readings)
     findings = [Finding(SampleFlag.ESTIMATED.word, "joints beyond the first by linear regression", len(readings), None)]
     if broken:
-        findings.append(note(f"{broken} cell(s) of channels that are no numbers: taken as missing"))
+        findings.append(note(f"{counted(broken, 'cell')} of channels without a number: taken as missing"))
     findings += [note(hint) for hint in chosen.hints]
     recording = recording.changed(
         flexion=flexion,

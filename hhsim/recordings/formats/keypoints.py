@@ -30,6 +30,7 @@ from hhsim.recordings.recording import Finding, Recording, note
 from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
 from hhsim.recordings.time_column import time_column
 from hhsim.recordings.unit_detection import TIME_UNITS
+from hhsim.system.counted import counted
 
 COUNT = len(KEYPOINTS)
 COORDINATES = tuple(f"{axis}{k}" for k in range(COUNT) for axis in "xyz")
@@ -224,7 +225,7 @@ def _from_table(
         findings.append(note(f"{3 * COUNT} columns without numbered names: taken as x, y, z of each point in turn"))
     values, broken = table.numbers(names)
     if broken:
-        findings.append(note(f"{broken} cell(s) that are no numbers: taken as missing"))
+        findings.append(note(f"{counted(broken, 'cell')} without a number: taken as missing"))
     time = None if stamps is None else table.numbers([stamps.name])[0][:, 0]
     return values.reshape(-1, COUNT, 3), time, stamps.unit if stamps is not None else None, side
 

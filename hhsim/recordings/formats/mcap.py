@@ -24,6 +24,7 @@ from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS
 from hhsim.recordings.joint_positions import JointPositions, chosen_side, recording_of_joints
 from hhsim.recordings.recording import MOST_SAMPLES, Finding, Recording, note
 from hhsim.recordings.recording_format import MOST_BYTES, Content, ReadOptions, RecordingFormat
+from hhsim.system.counted import counted
 
 MAGIC = b"\x89MCAP0\r\n"
 FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, STATISTICS, DATA_END = 0x02, 0x03, 0x04, 0x05, 0x06, 0x0B, 0x0F
@@ -160,7 +161,7 @@ class _Container:
         if not data.endswith(MAGIC):
             raise TrajectoryError("a damaged MCAP file: it does not end as one; was it cut short?")
         messages = chunks = records = unpacked = 0
-        each_held, whole_held, counted = True, False, False
+        each_held, whole_held, statistics_hold = True, False, False
         for place, code, body in _walk(data, len(MAGIC), len(data) - len(MAGIC)):
             if code == CHUNK:
                 inner, checked = _chunk(body, MOST_BYTES - unpacked)
@@ -178,11 +179,11 @@ class _Container:
                 whole_held = _agrees(memoryview(data)[:place], _unpack("<I", body, 0)[0], "the data")
             elif code == STATISTICS:
                 stated, _, _, _, _, stated_chunks = _unpack("<QHIIII", body, 0)
-                counted = True
+                statistics_hold = True
                 if (stated, stated_chunks) != (messages, chunks):
                     raise TrajectoryError(
-                        f"a damaged MCAP file: {messages} message(s) in {chunks} chunk(s), where its statistics count "
-                        f"{stated} in {stated_chunks}"
+                        f"a damaged MCAP file: {counted(messages, 'message')} in {counted(chunks, 'chunk')}, where its "
+                        f"statistics count {stated} in {stated_chunks}"
                     )
             elif code == FOOTER:
                 start, _, checksum = _unpack("<QQI", body, 0)
@@ -190,7 +191,7 @@ class _Container:
             yield code, body
         if code != FOOTER:
             raise TrajectoryError("a damaged MCAP file: no footer at its end; was it cut short?")
-        self.held = whole_held or (each_held and counted)
+        self.held = whole_held or (each_held and statistics_hold)
 
 
 def _walk(data: bytes, place: int, end: int) -> Iterator[tuple[int, int, bytes]]:

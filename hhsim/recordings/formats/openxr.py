@@ -25,6 +25,7 @@ from hhsim.recordings.recording import Finding, Recording, note
 from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
 from hhsim.recordings.time_column import time_column
 from hhsim.recordings.unit_detection import TIME_UNITS
+from hhsim.system.counted import counted
 
 FEWEST = 4
 """So many joints with coordinates are no coincidence of names."""
@@ -122,7 +123,9 @@ def _from_first(time: FloatArray, unit: str) -> FloatArray:
 def _numbers(table: Table, columns: list[str], findings: list[Finding]) -> FloatArray:
     values, broken = table.numbers(columns)
     if broken:
-        findings.append(note(f"{broken} cell(s) of {columns[0]} and its like that are no numbers: taken as missing"))
+        findings.append(
+            note(f"{counted(broken, 'cell')} of {columns[0]} and its like without a number: taken as missing")
+        )
     return values
 
 

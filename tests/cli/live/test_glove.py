@@ -25,6 +25,7 @@ from hhsim.live.pose.initial_pose import palm_place
 from hhsim.mesh.catalogue import load_object
 from hhsim.replay.stored_scene import stored_hand
 from hhsim.result.reader import load_result
+from hhsim.solver.method import METHODS
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 from tools.shapes.generators import cube
@@ -74,6 +75,13 @@ def test_options_that_contradict_are_told_in_one_line(
     assert answer.err.endswith("(see hhsim live glove --help)\n")
     assert answer.err.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_help_offers_the_methods_that_a_session_takes(run: Run) -> None:
+    text = " ".join(run("live", "glove", "--help").out.split())
+    assert f"--method [{'|'.join(METHODS.names())}]" in text
+    assert "outside" not in text and "module:Class" not in text
+    assert "or a method from outside" in " ".join(run("replay", "--help").out.split())
 
 
 def test_a_calibration_that_is_not_there_is_told_before_anything_starts(run: Run) -> None:

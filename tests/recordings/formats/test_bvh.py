@@ -120,7 +120,7 @@ def test_frames_that_are_broken_or_lost() -> None:
     lines[first + 7] = lines[first + 7][:50]
     lines[first + 9] = lines[first + 9].replace(".", "x", 1)
     recording = read_as("bvh", "\n".join(lines) + "\n")
-    assert "2 frame(s) without" in recording.findings[0].text
+    assert "2 frames without" in recording.findings[0].text
     repaired = repair(recording)
     assert repaired.trajectory.flags is not None
     assert np.flatnonzero(marked(repaired.trajectory.flags, SampleFlag.PALM_FILLED)).tolist() == [7, 9]

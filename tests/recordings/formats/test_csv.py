@@ -93,7 +93,7 @@ def test_what_cannot_be_read_is_missing_and_counted() -> None:
     table = read_table("a,b\n" + "1,2\n" * 8 + "x,2\n1,2,3\n1,nan\n1,\n1_0,2\n1,2")
     values, broken = table.numbers(["a", "b"])
     assert len(values) == 12 and broken == 2 and np.isnan(values).sum() == 4
-    assert [finding.text[:20] for finding in table.findings] == ["line 15, the last on", "1 line(s) with anoth"]
+    assert [finding.text[:20] for finding in table.findings] == ["line 15, the last on", "1 line with another "]
 
 
 @pytest.mark.parametrize(
@@ -105,6 +105,7 @@ def test_what_cannot_be_read_is_missing_and_counted() -> None:
         ("a,a\n1,2\n", "has column 'a' twice"),
         ("a,b\n1\n2\n3,4\n", "2 of 3 lines have another number of cells than the header's 2, first line 2"),
         ("a,b\nx,1\ny,2\n", "column 'a' holds 'x'; expected numbers"),
+        ("a;b\n0,5;1\n0,6;2\n", "column 'a' holds '0,5'; expected numbers with a decimal point"),
         ("c,b\n1,1\n1,2\n", "unknown column 'a'"),
     ],
 )

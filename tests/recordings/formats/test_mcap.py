@@ -95,5 +95,5 @@ def test_a_lost_chunk_is_told_by_the_statistics() -> None:
     assert data[second] == 6
     # A kind of record that nobody knows is passed over, as the format asks.
     for damaged in (data[:second] + b"\x86" + data[second + 1 :], data[:second] + data[first:second] + data[second:]):
-        with pytest.raises(TrajectoryError, match=r"in [24] chunk\(s\), where its statistics count 40 in 3"):
+        with pytest.raises(TrajectoryError, match=r"in [24] chunks, where its statistics count 40 in 3"):
             read_as("mcap", damaged)

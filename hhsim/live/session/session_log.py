@@ -1,0 +1,54 @@
+"""What a live session logged, and how it ended, as far as its report shows them."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from hhsim.arrays import FloatArray, IntArray
+from hhsim.errors import InputError
+from hhsim.live.ipc.session_memory import FAULT
+from hhsim.result.reader import Result
+from hhsim.verify.session_checks import IN_ORDER
+
+
+class SessionLog(NamedTuple):
+    """The events of a session.
+
+    Attributes:
+        time: Since its first tick was due [s], shape (E,).
+        level: 0 information, 1 warning, 2 fault, shape (E,).
+        text: What happened.
+    """
+
+    time: FloatArray
+    level: IntArray
+    text: list[str]
+
+    @property
+    def faults(self) -> FloatArray:
+        """When the faults were [s]."""
+        return self.time[self.level >= FAULT]
+
+
+def session_log(result: Result) -> SessionLog:
+    """Read the log of a session; it is empty where the result is of a replay, or where its log cannot be read."""
+    try:
+        times, levels = result["live/event/time"], np.asarray(result["live/event/level"])
+        texts = result["live/event/text"]
+        begin = int(result["live/tick/deadline"][0]) if result.ticks else int(times[0]) if len(times) else 0
+    except InputError:
+        return SessionLog(np.empty(0), np.empty(0, np.int64), [])
+    said = [text.decode("utf-8", "replace") if isinstance(text, bytes) else str(text) for text in texts]
+    # Differences of whole nanoseconds: in seconds since the machine began, the last digits would be lost.
+    return SessionLog(1e-9 * (times - begin), levels, said)
+
+
+def how_it_ended(result: Result) -> str:
+    """Why a session ended; "" of a replay."""
+    return "" if result.live is None else str(result.live.get("ended") or "the recording was cut short")
+
+
+def broken_off(result: Result) -> str:
+    """Why a session ended that was not brought to its end in order; "" where it was, and of a replay."""
+    ended = how_it_ended(result)
+    return "" if ended in IN_ORDER else ended

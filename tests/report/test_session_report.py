@@ -1,0 +1,124 @@
+"""What a report says of a live session alone: what the fingers were told, its faults, and how it ended."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from drawings_alone import leave_charts_undrawn
+from live_rings import BEGAN, FACTS, PERIOD, make_setup, numbered_samples, solved_ticks
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from report_reader import read_page
+from short_grasp import short_result
+
+from hhsim.hand.fingers import FINGERS
+from hhsim.live.device import COUNTERS
+from hhsim.live.ipc.session_memory import EVENT, FAULT, WARNING
+from hhsim.live.loop.loop import loop_options
+from hhsim.live.session.recorder import LOOP_DIED
+from hhsim.live.session.writer import SessionWriter
+from hhsim.report.figure import ReportFigure, new_figure
+from hhsim.report.report import make_report
+from hhsim.report.time_series import series_figure
+from hhsim.result.reader import Result, load_result
+
+pytestmark = pytest.mark.slow
+
+STIFF = slice(200, 500)
+"""Ticks in which the fingers are told to resist."""
+TOLD = np.linspace(0.1, 0.5, 5)
+FAULT_TICK, LAST = 300, 699
+PICTURE = ReportFigure("hand", "the hand", "A hand.", "A hand.", b"", 1, 1)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def undrawn() -> object:
+    """Charts are drawn by the tests that look at them."""
+    with pytest.MonkeyPatch.context() as patch:
+        leave_charts_undrawn(patch)
+        for maker in ("overview_picture", "held_picture"):
+            patch.setattr(f"hhsim.report.report.{maker}", lambda *_: PICTURE)
+        patch.setattr("hhsim.report.worst_ticks_section.hand_picture", lambda *_, **__: PICTURE)
+        yield
+
+
+def recorded(path: Path, reason: str) -> Result:
+    """A session with a warning and a fault that ended for a reason."""
+    setup = make_setup(path)
+    ticks = solved_ticks(setup)
+    ticks["command_stiffness"][STIFF] = TOLD
+    events = np.zeros(2, EVENT)
+    events["level"] = WARNING, FAULT
+    events["time_ns"] = BEGAN + PERIOD * 100, BEGAN + PERIOD * FAULT_TICK
+    events["text"] = b"late", b"the glove is gone"
+    with SessionWriter(path, setup, loop_options(setup.options, setup.rate), {**FACTS, "real_time": {}}) as writer:
+        for ring, records in (("ticks", ticks), ("samples", numbered_samples(ticks)), ("events", events)):
+            writer.take(ring, 0, records)
+        writer.finish(reason, np.zeros(len(COUNTERS), np.int64), 0, {})
+    return load_result(path)
+
+
+@pytest.fixture(scope="module")
+def killed(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    return recorded(tmp_path_factory.mktemp("killed") / "killed.h5", LOOP_DIED)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    return recorded(tmp_path_factory.mktemp("whole") / "whole.h5", "duration")
+
+
+def marks(place: Axes) -> list[float]:
+    """Where vertical lines stand in a panel."""
+    lines = [each for each in place.collections if isinstance(each, LineCollection)]
+    return [float(segment[0][0]) for line in lines for segment in line.get_segments()]
+
+
+def test_how_a_killed_session_ended_stands_in_red_before_everything_else(killed: Result, whole: Result) -> None:
+    report = make_report((killed.path,))
+    assert report.verdict_lines()[0] == "coupled: ended: the loop failed or was killed"
+    page = read_page(report.html)
+    first = next(each for each in page.all("p") if "verdict" in str(each.attributes.get("class")))
+    assert (first.text, first.attributes["class"]) == ("ended: the loop failed or was killed", "verdict bad")
+    assert page.elements.index(first) < page.elements.index(page.all("table")[0])
+
+    report = make_report((whole.path,))
+    assert "ended: duration" in read_page(report.html).all("p")[0].text
+    assert not any("ended:" in line for line in report.verdict_lines())
+    both = make_report((whole.path, killed.path))
+    assert [line for line in both.verdict_lines() if "ended:" in line] == [both.verdict_lines()[0]]
+    assert both.verdict_lines()[0].startswith("B: ")
+
+
+def test_what_each_finger_was_told_is_drawn_with_marks_at_faults(killed: Result, whole: Result) -> None:
+    for result, expected in ((killed, [(FAULT_TICK, "fault"), (LAST, "ended")]), (whole, [(FAULT_TICK, "fault")])):
+        figure = series_figure({"session": result})
+        assert "Six panels" in figure.alt
+        assert "a stiffness of up to 0.50. At 0.300 s: fault." in figure.alt
+        assert figure.drawing is not None
+        with new_figure(7.0, figure.drawing.height(7.0, False)) as drawn:
+            figure.drawing.draw(drawn, False)
+            told = drawn.axes[-1]
+            curves = {str(line.get_label()): np.asarray(line.get_ydata()) for line in told.lines}
+            for finger, name in enumerate(FINGERS):
+                np.testing.assert_allclose(curves[name], result["live/tick/command_stiffness"][:, finger], rtol=1e-6)
+            assert curves[FINGERS[4]].max() == pytest.approx(0.5)
+            for place in drawn.axes:
+                np.testing.assert_allclose(marks(place), [1e-3 * tick for tick, _ in expected], atol=1e-9)
+            words = [text.get_text() for text in drawn.axes[0].texts]
+            assert [word for word in words if word in ("fault", "ended")] == [word for _, word in reversed(expected)]
+
+
+def test_beside_a_replay_a_session_has_one_curve_of_the_stiffest_finger(killed: Result, tmp_path: Path) -> None:
+    replayed = short_result(tmp_path / "short.h5")
+    alone = series_figure({"A": replayed})
+    assert "Five panels" in alone.alt and "stiffness" not in alone.alt + alone.caption
+    figure = series_figure({"A": replayed, "B": killed})
+    assert figure.drawing is not None
+    with new_figure(3.6, figure.drawing.height(3.6, True)) as drawn:
+        figure.drawing.draw(drawn, True)
+        # The others are where phases of the replay begin.
+        (curve,) = (line for line in drawn.axes[-1].lines if len(np.asarray(line.get_ydata())) == killed.ticks)
+        np.testing.assert_allclose(
+            np.asarray(curve.get_ydata()), killed["live/tick/command_stiffness"].max(axis=1), rtol=1e-6
+        )
