@@ -112,10 +112,9 @@ def _print_estimate(found: "Estimate", workers: int, *, as_json: bool) -> None:
     print_line(f"{_cells(found.cells)}: {found.done:,} done, {found.failed:,} failed, {left:,} to run")
     if left:
         processes = f"{workers} process{'es' * (workers > 1)}"
-        print_line(
-            f"{found.ticks:,} ticks: about {lasting(seconds)} in {processes}, {lasting(found.seconds)} one cell after "
-            f"the other, by cells that ran on this machine: {found.by}"
-        )
+        alone = f", {lasting(found.seconds)} one cell after the other" if workers > 1 else ""
+        by = f"by cells that ran on this machine: {found.by}"
+        print_line(f"{found.ticks:,} ticks: about {lasting(seconds)} in {processes}{alone}, {by}")
 
 
 def _print(ended: "SweepSummary", folder: Path) -> None:

@@ -18,12 +18,12 @@ TRIALS = 12
 """Cells that are tried, about; at least one of each method, surface and options of which none is done."""
 PATIENCE = 60.0
 """So long are more cells of a kind tried of which one was [s]."""
-WHOLE = 5.0
+WHOLE = 15.0
 """A cell that seems to take less is tried as it is [s], any other one by some ticks from all of its motion."""
-FEW, SOME = 20, 150
+FEW, SOME = 5, 50
 """Ticks of a run for what a cell takes without its ticks, and of one that goes through its motion in large steps."""
-LEAST_RATE = 20.0
-"""Of that [Hz]: of a motion of more than 7.5 s it is the beginning."""
+LEAST_RATE = 10.0
+"""Of that [Hz]: of a motion of more than 5 s it is the beginning."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ def estimate(plan: SweepPlan, folder: SweepFolder, progress: Progress = silent) 
         progress("trial cells", number, len(trials))
         if perf_counter() - began > PATIENCE and pace.knows(planned.cell):
             continue
-        end, is_whole = _tried(planned, plan.folder, is_first=not pace.knows(planned.cell))
+        end, is_whole = _tried(planned, plan.folder)
         if not end.reason:
             pace.add(planned.cell, end.ticks, end.seconds)
             in_parts += not is_whole
@@ -95,7 +95,7 @@ def _trials(cells: Sequence[PlannedCell]) -> list[PlannedCell]:
     return found
 
 
-def _tried(planned: PlannedCell, plan_folder: Path, *, is_first: bool) -> tuple[CellEnd, bool]:
+def _tried(planned: PlannedCell, plan_folder: Path) -> tuple[CellEnd, bool]:
     """What a run of a cell takes, measured or, where it is long, estimated; and whether it was measured.
 
     The beginning of a motion says nothing of the rest: there the hand touches nothing yet, and ticks are cheap.
@@ -112,8 +112,8 @@ def _tried(planned: PlannedCell, plan_folder: Path, *, is_first: bool) -> tuple[
                 CellTask(cell, planned.digest, *where, keeps_result=False, wants_core=False, sources=source_digest())
             )
 
-        # The first run of a kind loads what is loaded but once.
-        bare = [run(FEW) for _ in range(1 + is_first)][-1]
+        # The first run loads what is loaded but once.
+        bare = [run(FEW), run(FEW)][-1]
         some = run(SOME, every)
         each = max(0.0, some.seconds - bare.seconds) / max(1, some.ticks - bare.ticks)
         seconds = bare.seconds + each * planned.ticks
