@@ -19,7 +19,7 @@ from .console import print_json, print_line, print_rows, progress
     multiple=True,
     metavar="FILE",
     help="Write the board too, by the name's ending: .html, a page that sorts and filters; .csv or .parquet, each run "
-    "a row with every figure; .md. May be given several times.",
+    "a row with every figure; .md; .tex, a tabular to \\input. May be given several times.",
 )
 @click.option("--all", "whole", is_flag=True, help="Print each run as well.")
 @options.json

@@ -177,16 +177,23 @@ def progress(*, quiet: bool, lines: bool = False) -> Iterator[Progress]:
         return
     import click
     from rich.console import Console
-    from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, Task, TextColumn, TimeRemainingColumn
     from rich.progress import Progress as Bar
+    from rich.text import Text
 
     # What is being done, the seconds that it has taken, and the share of it that is done.
+    class Remaining(TimeRemainingColumn):
+        """Nothing where the work tells itself what is left."""
+
+        def render(self, task: Task) -> Text:
+            return Text() if " (" in task.description else super().render(task)
+
     columns = (
         TextColumn("{task.description}"),
         TextColumn("{task.elapsed:,.0f} s"),
         BarColumn(),
         TextColumn("{task.fields[amount]}"),
-        TimeRemainingColumn(),
+        Remaining(),
     )
     with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("getting ready", total=None, amount="")
@@ -199,8 +206,9 @@ def progress(*, quiet: bool, lines: bool = False) -> Iterator[Progress]:
                 bar.reset(task, total=None, description=what, amount="")
 
         def report(what: str, done: int, total: int) -> None:
-            label(what)
-            bar.update(task, completed=done, total=total, amount=f"{done:,} of {total:,}")
+            # What stands in brackets may change as the work goes on.
+            label(what.partition(" (")[0])
+            bar.update(task, description=what, completed=done, total=total, amount=f"{done:,} of {total:,}")
 
         context = click.get_current_context(silent=True)
         if context is not None:

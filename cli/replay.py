@@ -262,8 +262,8 @@ def command(
     hhsim gate fails on it. Ctrl-C stops the replay and keeps the ticks so far.
 
     OBJECT may also be a result or a recorded live session: its ticks are run again with the options that it holds, and
-    every array is compared bit for bit; the exit code is 1 where one differs. As TRAJECTORY, such a file is the motion
-    in it.
+    every array is identical bit for bit, within rounding (another processor's last bits, by bounds that are printed) or
+    different; the exit code is 1 where one is different. As TRAJECTORY, such a file is the motion in it.
 
     \b
     Examples:

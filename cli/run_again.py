@@ -1,4 +1,4 @@
-"""`hhsim replay RESULT`: the ticks of a result or a live session once more, compared bit for bit."""
+"""`hhsim replay RESULT`: the ticks of a result or a session once more, and whether its arrays are the same."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,7 +23,7 @@ def names_a_result(name: str | Path) -> bool:
 
 
 def run_again(context: click.Context, path: Path, *, as_json: bool, quiet: bool) -> int:
-    """Run the ticks of a result again and print what is identical; returns 1 where something differs.
+    """Run the ticks of a result again and print what is the same; returns 1 where something differs beyond rounding.
 
     Raises:
         UsageError: An option that would make it another run.
@@ -41,21 +41,22 @@ def run_again(context: click.Context, path: Path, *, as_json: bool, quiet: bool)
     elif not quiet:
         same = sum(array.identical for array in again.arrays)
         title = f"{path}: {again.ticks:,} ticks run again, {same} of {len(again.arrays)} arrays identical"
-        columns = ("array", "bit for bit", "ticks that differ", "first", "largest difference", "unit")
-        numbers = ("ticks that differ", "first", "largest difference")
+        columns = ("array", "is", "ticks that differ", "first", "largest difference", "bound", "unit")
+        numbers = ("ticks that differ", "first", "largest difference", "bound")
         print_table(columns, [_row(array) for array in again.arrays], title=title, numbers=numbers)
         for note in again.notes:
             print(f"note: {note}")
-        print("identical in every tick" if again.identical else "not identical")
+        print(again.sentence)
     if quiet and not again.identical:
-        print_notes([f"{path} is not identical when it is run again"], prefix="missed")
-    return 0 if again.identical else 1
+        print_notes([f"{path} is run again: {again.sentence}"], prefix="note" if again.same else "missed")
+    return 0 if again.same else 1
 
 
 def _row(array: "ArrayComparison") -> tuple[str, ...]:
     if array.identical:
-        return array.name, "identical", "", "", "", ""
-    return array.name, "differs", f"{array.ticks:,}", f"{array.first_tick:,}", f"{array.largest:.3g}", array.units
+        return array.name, array.word, "", "", "", f"{array.bound:g}", array.units
+    found = (f"{array.ticks:,}", f"{array.first_tick:,}", f"{array.largest:.3g}", f"{array.bound:g}")
+    return array.name, array.word, *found, array.units
 
 
 def _refuse_changes(context: click.Context, path: Path) -> None:

@@ -36,7 +36,9 @@ MOST_FAILURES = 20
     default="",
     help="Run the cells on a Dask cluster instead: tcp://host:8786, or local for one of --jobs processes.",
 )
-@click.option("--dry-run", is_flag=True, help="Count the cells, try a few, and tell how long it takes; write nothing.")
+@click.option(
+    "--dry-run", is_flag=True, help="Count the cells, try some, and say how long all take and by what; write nothing."
+)
 @click.option("--retry-failed", is_flag=True, help="Run cells again that failed; without it their reasons are shown.")
 @click.option("--summary-only", is_flag=True, help="Keep a row of figures for each cell, and not its ticks.")
 @options.json
@@ -98,24 +100,31 @@ def command(
 
 
 def _print_estimate(found: "Estimate", workers: int, *, as_json: bool) -> None:
-    seconds = found.seconds / workers
+    from hhsim.sweep.pace import lasting
+
+    left = found.cells - found.done - found.failed
+    seconds = found.seconds / max(1, min(workers, left))
     if as_json:
         counts = {"cells": found.cells, "done": found.done, "failed": found.failed, "ticks": found.ticks}
-        print_json({**counts, "processes": workers, "seconds": seconds, "estimated_from": found.by})
+        times = {"seconds": seconds, "seconds_one_after_the_other": found.seconds}
+        print_json({**counts, "processes": workers, **times, "estimated_from": found.by})
         return
-    left = found.cells - found.done - found.failed
     print_line(f"{_cells(found.cells)}: {found.done:,} done, {found.failed:,} failed, {left:,} to run")
     if left:
         processes = f"{workers} process{'es' * (workers > 1)}"
-        print_line(f"{found.ticks:,} ticks: about {_lasting(seconds)} in {processes}, by {found.by}")
+        alone = f", {lasting(found.seconds)} one cell after the other" if workers > 1 else ""
+        by = f"by cells that ran on this machine: {found.by}"
+        print_line(f"{found.ticks:,} ticks: about {lasting(seconds)} in {processes}{alone}, {by}")
 
 
 def _print(ended: "SweepSummary", folder: Path) -> None:
+    from hhsim.sweep.pace import lasting
+
     before = f", {ended.done_before:,} before" if ended.done_before else ""
     print_line(f"{_cells(ended.cells)}: {ended.run:,} done now{before}, {len(ended.failed):,} failed")
     if ended.run:
         speed = f", {ended.ticks / ended.seconds:,.0f} a second" if ended.seconds else ""
-        print_line(f"{ended.ticks:,} ticks in {_lasting(ended.seconds)}{speed}")
+        print_line(f"{ended.ticks:,} ticks in {lasting(ended.seconds)}{speed}")
     if ended.failed:
         print()
         shown = [(cell.label, cell.stated, why) for cell, why in ended.failed[:MOST_FAILURES]]
@@ -142,12 +151,3 @@ def _document(ended: "SweepSummary", folder: Path, notes: tuple[str, ...]) -> di
 
 def _cells(count: int) -> str:
     return f"{count:,} cell{'s' * (count != 1)}"
-
-
-def _lasting(seconds: float) -> str:
-    """A time as people say it."""
-    if seconds != seconds:
-        return "an unknown time"
-    if seconds < 120.0:
-        return f"{seconds:,.0f} s"
-    return f"{seconds / 60.0:,.0f} min" if seconds < 7200.0 else f"{seconds / 3600.0:,.1f} h"

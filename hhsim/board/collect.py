@@ -81,6 +81,10 @@ def merged(entries: Iterable[Entry], notes: Sequence[str] = ()) -> Board:
     if repeated:
         found.append(f"{counted(repeated, 'run')} done again later on the same machine: the last one of each counts")
     found += _differences(kept)
+    runs = [entry.runs for entry in kept if entry.runs > 1]
+    if runs:
+        many = f"{min(runs):,}" if min(runs) == max(runs) else f"{min(runs):,} to {max(runs):,}"
+        found.append(f"times with ± are mean and standard deviation of {many} runs, of the scenes that they are of")
     still = [entry for place, entry in sorted(failed.items()) if place not in last]
     if still:
         first = ", ".join(part for part in still[0].key if part)

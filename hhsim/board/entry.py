@@ -33,6 +33,9 @@ class Entry:
         own_core: Whether its ticks had a core of their own: else its times say little.
         verdict: Word of it; "failed" where there is no result.
         figures: SI or %, by the names of `hhsim.metrics.run.registry.run_metrics`; what cannot be known is missing.
+            Times of several runs are their mean.
+        deviations: Standard deviation of times over several runs, by the same names; empty of one run.
+        runs: Of the same cell, or by `hhsim replay --repeat`.
         reason: Why it failed, or "".
     """
 
@@ -47,6 +50,8 @@ class Entry:
     own_core: bool = False
     verdict: str = ""
     figures: Mapping[str, float] = field(default_factory=dict)
+    deviations: Mapping[str, float] = field(default_factory=dict)
+    runs: int = 1
     source: str = ""
     reason: str = ""
 
@@ -86,7 +91,7 @@ def entry_of_row(row: Mapping[str, Any], source: Path) -> Entry:
         created=str(row.get("created_utc", "")),
         own_core=bool(row.get("own_core")),
         verdict=str(row.get("verdict", "")),
-        figures=_figures(row["summary"]),
+        **_figures(row["summary"], row.get("repeated", {})),
         source=str(source),
     )
 
@@ -104,7 +109,7 @@ def entry_of_result(result: Result) -> Entry:
         hhsim=_hhsim(result.hhsim_version, result.git_revision, result.git_dirty),
         created=result.created_utc,
         verdict=verdict(result, of_paper).word,
-        figures=_figures(result.summary),
+        **_figures(result.summary, result.repeated),
         source=str(result.path),
     )
 
@@ -159,11 +164,18 @@ def _submitter(result: Result) -> str:
     return str(stated) if stated else ""
 
 
-def _figures(summary: Mapping[str, Any]) -> dict[str, float]:
+def _figures(summary: Mapping[str, Any], repeated: Mapping[str, Any]) -> dict[str, Any]:
+    """What an entry has of figures: those of the last run, but the mean of times over several."""
+    times = repeated.get("times", {})
+    found = {**summary, **{name: time["mean"] for name, time in times.items()}}
     return {
-        name: float(summary[name])
-        for name in run_metrics()
-        if name in summary and summary[name] is not None and summary[name] == summary[name]
+        "figures": {
+            name: float(found[name])
+            for name in run_metrics()
+            if name in found and found[name] is not None and found[name] == found[name]
+        },
+        "deviations": {name: float(time["std"]) for name, time in times.items()},
+        "runs": int(repeated.get("runs", 1)),
     }
 
 

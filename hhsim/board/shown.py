@@ -6,6 +6,7 @@ from typing import Any
 from hhsim.board.collect import Board
 from hhsim.board.entry import Entry
 from hhsim.board.standings import Standing
+from hhsim.replay.repeated_times import digits_with
 
 MARK = "●"
 """Of what is on the frontier."""
@@ -38,8 +39,8 @@ def standing_cells(board: Board) -> dict[str, Callable[[Standing], str]]:
         "off the mesh [mm]": lambda row: number(row.off_mesh, 3, 1e3),
         "over optimum [%]": lambda row: number(row.tracking, 2),
         "stuck": lambda row: f"{row.stuck:,}",
-        "p50 [µs]": lambda row: _time(row.p50, row.comparable),
-        "p99 [µs]": lambda row: _time(row.p99, row.comparable),
+        "p50 [µs]": lambda row: _time(row.p50, row.p50_std, row.comparable),
+        "p99 [µs]": lambda row: _time(row.p99, row.p99_std, row.comparable),
     }
     return cells
 
@@ -51,7 +52,9 @@ def entry_cells(board: Board) -> dict[str, Callable[[Entry], str]]:
         return lambda row: number(row.figures.get(name, float("nan")), digits, scale)
 
     def time(name: str) -> Callable[[Entry], str]:
-        return lambda row: _time(row.figures.get(name, float("nan")), row.own_core)
+        return lambda row: _time(
+            row.figures.get(name, float("nan")), row.deviations.get(name, float("nan")), row.own_core
+        )
 
     return {
         "object": lambda row: row.object,
@@ -88,6 +91,9 @@ def machine_line(machine: Mapping[str, Any]) -> str:
     return ", ".join([*(str(part) for part in parts if part), f"Python {machine.get('python', '?')}"])
 
 
-def _time(seconds: float, comparable: bool) -> str:
-    shown = number(seconds, 1, 1e6)
-    return shown if comparable or shown == "—" else f"~{shown}"
+def _time(seconds: float, deviation: float, comparable: bool) -> str:
+    """In µs, with ± standard deviation where there is one."""
+    digits = digits_with(1e6 * deviation, 1)
+    shown = number(seconds, digits, 1e6)
+    shown += f" ± {number(deviation, digits, 1e6)}" if deviation == deviation else ""
+    return shown if comparable or seconds != seconds else f"~{shown}"

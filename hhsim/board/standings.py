@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from statistics import median
+from math import hypot
 
 from hhsim.bench.robustness.case import DEEPEST
 from hhsim.bench.speed_error_table import GAIN
@@ -28,6 +28,7 @@ class Standing:
         tracking: Coupling energy over the local optimum, mean over scenes [%].
         stuck: Stuck ticks of all scenes.
         p50, p99: Of a tick in contact, CPU: the median over scenes, and the worst [s].
+        p50_std, p99_std: Standard deviation of these over the runs of the scenes that they are of [s]; NaN of one run.
         comparable: Whether each of its scenes had a core of its own.
         first: Whether none of the same scenes on the same machine is faster and as good in every one of `errors`.
     """
@@ -47,6 +48,8 @@ class Standing:
     p50: float
     p99: float
     comparable: bool
+    p50_std: float = NAN
+    p99_std: float = NAN
     first: bool = False
 
     @property
@@ -84,6 +87,8 @@ def standings(board: Board) -> list[Standing]:
 
 def _standing(key: tuple[str, str, str, str], entries: Sequence[Entry], failed: Iterable[Entry]) -> Standing:
     method, surface, options, machine = key
+    p50, p50_std = _mean_of(_timed(entries, "tick_cpu_p50"), middle=True)
+    p99, p99_std = _mean_of(_timed(entries, "tick_cpu_p99"), middle=False)
     return Standing(
         method=method,
         surface=surface,
@@ -97,10 +102,26 @@ def _standing(key: tuple[str, str, str, str], entries: Sequence[Entry], failed: 
         off_mesh=max(_known(entries, "contact_error_max"), default=NAN),
         tracking=_mean(_known(entries, "tracking_excess")),
         stuck=int(sum(_known(entries, "stuck_ticks"))),
-        p50=median(_known(entries, "tick_cpu_p50") or [NAN]),
-        p99=max(_known(entries, "tick_cpu_p99"), default=NAN),
+        p50=p50,
+        p99=p99,
         comparable=all(entry.own_core for entry in entries),
+        p50_std=p50_std,
+        p99_std=p99_std,
     )
+
+
+def _timed(entries: Iterable[Entry], name: str) -> list[tuple[float, float]]:
+    """A time of each run that has it, and its deviation, in order."""
+    return sorted((one.figures[name], one.deviations.get(name, NAN)) for one in entries if name in one.figures)
+
+
+def _mean_of(times: Sequence[tuple[float, float]], *, middle: bool) -> tuple[float, float]:
+    """The median of times in order, or the last of them, and its deviation."""
+    if not times:
+        return NAN, NAN
+    # Of an even number the median is the mean of two, whose deviations are independent.
+    chosen = times[(len(times) - 1) // 2 : len(times) // 2 + 1] if middle else times[-1:]
+    return _mean([time for time, _ in chosen]), hypot(*(std for _, std in chosen)) / len(chosen)
 
 
 def _known(entries: Iterable[Entry], name: str) -> list[float]:

@@ -1,4 +1,4 @@
-"""The board as a file: each run a row (CSV, Parquet), or as people read it (Markdown)."""
+"""The board as a file: each run a row (CSV, Parquet), or as people read it (Markdown, LaTeX)."""
 
 import csv
 import io
@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from hhsim.board.collect import Board
+from hhsim.board.latex import latex_text
 from hhsim.board.page import board_page
 from hhsim.board.shown import machine_line, shown_standings
 from hhsim.board.standings import Standing
@@ -15,9 +16,11 @@ from hhsim.errors import InputError, OutputError
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.system.output_path import check_output_path
 
-KINDS = (".html", ".csv", ".parquet", ".md")
+KINDS = (".html", ".csv", ".parquet", ".md", ".tex")
 WORDS = ("object", "motion", "method", "surface", "options", "machine", "processor", "hhsim", "created", "verdict")
 FLAG = "times_comparable"
+DEVIATION = "_std"
+"""Ending of the column of a time's standard deviation over several runs."""
 
 
 def rows_of(board: Board) -> list[dict[str, Any]]:
@@ -31,7 +34,13 @@ def rows_of(board: Board) -> list[dict[str, Any]]:
                 "machine": board.machines.get(entry.machine, ""),
                 "processor": machine_line(machine),
                 FLAG: entry.own_core,
+                "runs": entry.runs,
                 **{name: entry.figures.get(name) for name in run_metrics()},
+                **{
+                    name + DEVIATION: entry.deviations.get(name)
+                    for name, metric in run_metrics().items()
+                    if metric.noise
+                },
                 "reason": entry.reason,
                 "source": entry.source,
             }
@@ -42,7 +51,8 @@ def rows_of(board: Board) -> list[dict[str, Any]]:
 def columns() -> dict[str, str]:
     """Unit of each column by its name: SI, % where a figure is defined so, "" for words, counts and truths."""
     figures = {name: "" if metric.stored_unit == "1" else metric.stored_unit for name, metric in run_metrics().items()}
-    return {**dict.fromkeys(WORDS, ""), FLAG: "", **figures, "reason": "", "source": ""}
+    deviations = {name + DEVIATION: figures[name] for name, metric in run_metrics().items() if metric.noise}
+    return {**dict.fromkeys(WORDS, ""), FLAG: "", "runs": "", **figures, **deviations, "reason": "", "source": ""}
 
 
 def csv_text(board: Board) -> str:
@@ -123,4 +133,6 @@ def content_of(path: Path, board: Board, standings: Sequence[Standing]) -> bytes
         return parquet_bytes(board)
     if kind == ".md":
         return markdown_text(board, standings).encode()
+    if kind == ".tex":
+        return latex_text(board, standings).encode()
     return board_page(board, standings).encode()

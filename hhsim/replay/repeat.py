@@ -1,4 +1,4 @@
-"""Run the ticks of a result again, from nothing but the file, and compare every array bit for bit."""
+"""Run the ticks of a result again, from nothing but the file, and compare every array: bits, and what is rounding."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -36,6 +36,18 @@ GIVEN = ("time", "input_seq", "haptic/")
 COMPARED_IF_FREE: tuple[Column, ...] = (*OBJECT_COLUMNS, *FREE_COLUMNS)
 COMPARED: tuple[Column, ...] = tuple(column for column in TICK_COLUMNS if not column.name.startswith((TIMINGS, *GIVEN)))
 """Columns that a second run computes anew; all but the input and the timings."""
+ROUNDING = {
+    **dict.fromkeys(("m", "rad", "1"), 1e-12),
+    **dict.fromkeys(("N", "N·m", "N,N·m", "m/s", "rad/s"), 1e-9),
+    "%": 2e-5,
+}
+"""Largest difference that counts as rounding, by unit; integers, of whatever unit, must be equal.
+
+Processors that fuse or order operations differently were seen to differ by 2e-16 m and 2e-13 N. A speed is a difference
+of poses over a millisecond; the change of a force in % is that of N over the least force that has one, 0.01 N.
+"""
+IDENTICAL, WITHIN, DIFFERENT, PARTLY = "identical", "within rounding", "different", "not all ticks run"
+"""What a second run can come to."""
 
 
 @dataclass(frozen=True)
@@ -47,8 +59,10 @@ class ArrayComparison:
         identical: Bit for bit, in every tick.
         ticks: How many differ.
         first_tick: The first that differs; -1 where none does.
-        largest: Largest difference, in `units`; NaN where the values are not finite on one side only.
+        largest: Largest difference, in `units`; NaN or infinite where one side alone is so.
         units: Of the dataset.
+        bound: Largest difference that counts as rounding, in `units`; 0 for integers.
+        first_beyond: First tick that differs by more; -1 where none does.
     """
 
     name: str
@@ -57,6 +71,13 @@ class ArrayComparison:
     first_tick: int
     largest: float
     units: str
+    bound: float
+    first_beyond: int
+
+    @property
+    def word(self) -> str:
+        """Identical, within rounding, or different."""
+        return IDENTICAL if self.identical else WITHIN if self.first_beyond < 0 else DIFFERENT
 
 
 @dataclass(frozen=True)
@@ -86,22 +107,57 @@ class RunAgain:
     @property
     def identical(self) -> bool:
         """Whether every tick of the file was run, and every array is the same bit for bit."""
-        return self.ticks == self.ticks_stored and all(array.identical for array in self.arrays)
+        return self.word == IDENTICAL
+
+    @property
+    def word(self) -> str:
+        """The worst of the arrays' words; "not all ticks run" where those that were run do not differ."""
+        words = {array.word for array in self.arrays}
+        if DIFFERENT in words:
+            return DIFFERENT
+        if self.ticks < self.ticks_stored:
+            return PARTLY
+        return WITHIN if WITHIN in words else IDENTICAL
+
+    @property
+    def same(self) -> bool:
+        """Whether it is identical or within rounding."""
+        return self.word in (IDENTICAL, WITHIN)
+
+    @property
+    def sentence(self) -> str:
+        """What it came to, and where a difference began."""
+        if self.word == IDENTICAL:
+            return "identical in every tick"
+        if self.word == WITHIN:
+            return "within rounding: integers are equal, and no array differs by more than its bound"
+        if self.word == PARTLY:
+            return f"not all ticks run: {self.ticks:,} of {self.ticks_stored:,}"
+        first = min((array for array in self.arrays if array.word == DIFFERENT), key=lambda array: array.first_beyond)
+        begun = min(array.first_tick for array in self.arrays if not array.identical)
+        return (
+            f"different: beyond rounding from tick {first.first_beyond:,} on, first {first.name}; the first bits "
+            f"differ in tick {begun:,}"
+        )
 
     def to_json(self) -> dict[str, Any]:
         """All of it as plain values."""
         return {
             "result": str(self.path),
+            "word": self.word,
             "identical": self.identical,
             "complete": self.complete,
             "ticks": self.ticks,
             "ticks_stored": self.ticks_stored,
             "arrays": {
                 array.name: {
+                    "word": array.word,
                     "identical": array.identical,
                     "ticks_that_differ": array.ticks,
                     "first_tick": array.first_tick if array.ticks else None,
+                    "first_tick_beyond_rounding": array.first_beyond if array.first_beyond >= 0 else None,
                     "largest_difference": array.largest,
+                    "bound": array.bound,
                     "units": array.units,
                 }
                 for array in self.arrays
@@ -162,10 +218,11 @@ def run_again(result: Result, *, progress: Progress | None = None) -> RunAgain:
     if progress is not None:
         progress("ticks", total, total)
     arrays = tuple(tally.comparison() for tally in (*tallies, *contacts))
-    makers = [] if all(array.identical for array in arrays) else _other_makers(result)
-    return RunAgain(
-        result.path, result.complete, total, result.ticks, arrays, (*notes, *makers), made_elsewhere=bool(makers)
-    )
+    makers: list[str] = []
+    if not all(array.identical for array in arrays):
+        makers = _other_makers(result)
+        notes += makers or ["hhsim, packages, processor and system are those of the file: the bits should be the same"]
+    return RunAgain(result.path, result.complete, total, result.ticks, arrays, tuple(notes), bool(makers))
 
 
 def _seen(stored: dict[str, Array], moved: RigidMotion | None) -> HandConfiguration:
@@ -194,8 +251,9 @@ class _Tally:
 
     def __init__(self, column: Column) -> None:
         self.column = column
+        self.bound = ROUNDING[column.units] if np.dtype(column.dtype).kind == "f" else 0.0
         self._seen = self._differ = 0
-        self._first = -1
+        self._first = self._beyond = -1
         self._largest = 0.0
 
     def add(self, stored: Array, computed: Array) -> None:
@@ -208,17 +266,22 @@ class _Tally:
             if self._first < 0:
                 self._first = self._seen + int(differ[0])
             self._differ += len(differ)
-            a, b = stored[differ].astype(np.float64), again[differ].astype(np.float64)
-            if (np.isfinite(a) != np.isfinite(b)).any():
-                self._largest = np.nan
-            else:
-                both = np.isfinite(a)
-                self._largest = float(np.maximum(self._largest, np.abs(a - b)[both].max(initial=0.0)))
+            a, b = (values[differ].astype(np.float64).reshape(len(differ), -1) for values in (stored, again))
+            with np.errstate(invalid="ignore"):
+                apart = np.where((a == b) | (np.isnan(a) & np.isnan(b)), 0.0, np.abs(a - b)).max(axis=1)
+            self._largest = float(np.maximum(self._largest, apart.max()))
+            # Written so that NaN is beyond; integers of more than 53 bits may differ though their floats do not.
+            beyond = differ[~(apart <= self.bound) | (self.bound == 0.0)]
+            if self._beyond < 0 and beyond.size:
+                self._beyond = self._seen + int(beyond[0])
         self._seen += len(stored)
 
     def comparison(self) -> ArrayComparison:
         column = self.column
-        return ArrayComparison(column.name, self._differ == 0, self._differ, self._first, self._largest, column.units)
+        return ArrayComparison(
+            *(column.name, self._differ == 0, self._differ, self._first, self._largest, column.units),
+            *(self.bound, self._beyond),
+        )
 
 
 def _runnable(result: Result) -> tuple[int, list[str]]:

@@ -32,10 +32,15 @@ class RepeatedTime:
     def shown(self) -> str:
         """Mean ± standard deviation in the table's unit, with digits enough for two of the deviation."""
         figure = self.row.figure
-        if self.deviation > 0.0:
-            wanted = 1 - math.floor(math.log10(self.deviation / figure.scale))
-            figure = replace(figure, digits=min(max(figure.digits, wanted), figure.digits + MORE_DIGITS))
+        figure = replace(figure, digits=digits_with(self.deviation / figure.scale, figure.digits))
         return f"{figure.shown(self.mean)} ± {figure.shown(self.deviation)}"
+
+
+def digits_with(deviation: float, digits: int) -> int:
+    """Digits behind the point that show two of a deviation, at least `digits` and not many more."""
+    if not deviation > 0.0:
+        return digits
+    return min(max(digits, 1 - math.floor(math.log10(deviation))), digits + MORE_DIGITS)
 
 
 def repeated_times(runs: Sequence[ReplaySummary]) -> list[RepeatedTime]:

@@ -67,6 +67,8 @@ class Cell:
         options_name: What the plan calls its options.
         options: Those of `OF_THE_SOLVER` and `OF_THE_SCENE` that the plan states, SI.
         ticks: Only the first so many; None for all.
+        repeat: Runs, of which the last one is kept with the mean and the deviation of all their times. No part of the
+            digest, since nothing but times depends on it.
     """
 
     object: SweptObject
@@ -77,6 +79,7 @@ class Cell:
     options: Mapping[str, Any] = field(default_factory=dict)
     seed: int = 0
     ticks: int | None = None
+    repeat: int = 1
 
     @property
     def label(self) -> str:

@@ -47,6 +47,7 @@ def row_of(
     result: str | None,
     own_core: bool,
     seconds: float,
+    repeated: Mapping[str, Any],
 ) -> dict[str, Any]:
     """The row of a cell that has just ended.
 
@@ -56,6 +57,7 @@ def row_of(
         result: Name of the result's file; None where it is not kept.
         own_core: Whether its ticks had a core of their own, so that its times can be compared.
         seconds: That all of it took.
+        repeated: Mean and deviation of its times, `hhsim.replay.repeated_times.repeated_document`; empty of one run.
     """
     attributes = info.file_attributes()
     return {
@@ -66,6 +68,7 @@ def row_of(
         "result": result,
         "own_core": own_core,
         "seconds": seconds,
+        **({"repeated": repeated} if repeated else {}),
         "scene": {
             **{name: scene.get(name) for name in OF_THE_SCENE},
             "rate": 1.0 / options.period,

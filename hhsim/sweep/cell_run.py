@@ -12,8 +12,10 @@ from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import names_a_file, resolve_object
 from hhsim.mesh.mesh import Mesh
 from hhsim.motion.trajectory import Trajectory
+from hhsim.replay.repeated_times import repeated_document
 from hhsim.replay.replay import replay
 from hhsim.replay.summary import ReplaySummary
+from hhsim.result.writer import state_repeats
 from hhsim.scene.demonstration import Demonstration
 from hhsim.scene.described_scene import described_scene
 from hhsim.scene.motion_catalogue import resolve_trajectory, trajectory_names
@@ -61,12 +63,14 @@ class CellEnd:
 
     Attributes:
         reason: Why it failed; "" where it is done, and its row is written.
-        ticks: That were run.
+        ticks: That were run, in all its runs.
+        seconds: That all of it took.
     """
 
     digest: str
     reason: str = ""
     ticks: int = 0
+    seconds: float = 0.0
 
 
 def run_cell(task: CellTask) -> CellEnd:
@@ -79,7 +83,8 @@ def run_cell(task: CellTask) -> CellEnd:
         )
     try:
         with ONE_AT_A_TIME:
-            return CellEnd(task.digest, ticks=_run(task))
+            ticks, seconds = _run(task)
+            return CellEnd(task.digest, ticks=ticks, seconds=seconds)
     except (HhsimError, OSError, MemoryError) as error:
         return CellEnd(task.digest, " ".join(str(error).split()) or type(error).__name__)
     except Exception as error:
@@ -87,36 +92,41 @@ def run_cell(task: CellTask) -> CellEnd:
         return CellEnd(task.digest, f"{type(error).__name__}: {' '.join(str(error).split())}")
 
 
-def _run(task: CellTask) -> int:
+def _run(task: CellTask) -> tuple[int, float]:
     began = time.perf_counter()
     cell, folder = task.cell, Path(task.folder)
     partial = folder / f".{task.digest}-{uuid.uuid4().hex[:8]}{PARTIAL}"
     scene = open_cell(cell, Path(task.plan_folder))
 
-    def run() -> ReplaySummary:
-        return replay(scene, cell.solver_options(), partial)
+    def run() -> list[ReplaySummary]:
+        return [replay(scene, cell.solver_options(), partial) for _ in range(cell.repeat)]
 
     try:
         # The threads of a tick want a core each.
         pinned = task.wants_core and cell.solver_options().threads == 1
-        summary, own_core = on_own_core(run) if pinned else (run(), False)
+        runs, own_core = on_own_core(run) if pinned else (run(), False)
+        repeated = repeated_document(runs) if cell.repeat > 1 else {}
         result = f"{task.digest}.h5" if task.keeps_result else None
         if result is not None:
+            if repeated:
+                state_repeats(partial, repeated)
             partial.replace(folder / result)
     finally:
         partial.unlink(missing_ok=True)
+    seconds = time.perf_counter() - began
     row = row_of(
         cell,
         task.digest,
-        summary,
+        runs[-1],
         scene.description,
         cell.solver_options().at_rate(scene.ticks.rate),
         result=result,
         own_core=own_core,
-        seconds=time.perf_counter() - began,
+        seconds=seconds,
+        repeated=repeated,
     )
     write_row(folder / f"{task.digest}.json", row)
-    return summary.ticks
+    return sum(summary.ticks for summary in runs), seconds
 
 
 def open_cell(cell: Cell, plan_folder: Path) -> Scene:

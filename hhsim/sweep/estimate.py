@@ -1,4 +1,4 @@
-"""How long a sweep is going to take, from cells that were run: those in its folder, or a few that are tried."""
+"""How long a sweep is going to take, from cells that were run on this machine: those in its folder, or some tried."""
 
 import tempfile
 from collections.abc import Sequence
@@ -6,17 +6,24 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
 
-from hhsim.errors import HhsimError
-from hhsim.replay.replay import replay
-from hhsim.sweep.cell_run import open_cell
+from hhsim.sweep.cell import source_digest
+from hhsim.sweep.cell_run import CellEnd, CellTask, run_cell
 from hhsim.sweep.folder import SweepFolder
+from hhsim.sweep.pace import kind, pace_of
 from hhsim.sweep.plan import PlannedCell, SweepPlan
+from hhsim.sweep.sweep import prepare
 from hhsim.system.progress import Progress, silent
 
-TRIAL_TICKS = 1000
-"""Of a cell that is tried, at most."""
-TRIALS = 3
-"""Cells of each method and surface that are tried."""
+TRIALS = 12
+"""Cells that are tried, about; at least one of each method, surface and options of which none is done."""
+PATIENCE = 60.0
+"""So long are more cells of a kind tried of which one was [s]."""
+WHOLE = 15.0
+"""A cell that seems to take less is tried as it is [s], any other one by some ticks from all of its motion."""
+FEW, SOME = 5, 50
+"""Ticks of a run for what a cell takes without its ticks, and of one that goes through its motion in large steps."""
+LEAST_RATE = 10.0
+"""Of that [Hz]: of a motion of more than 5 s it is the beginning."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +34,7 @@ class Estimate:
         cells: All of the plan.
         done: Finished before.
         failed: Failed before.
-        ticks: Of the cells that are still to run.
+        ticks: Of the cells that are still to run, in all their runs.
         seconds: That these take one after the other; NaN where nothing could be tried.
         by: What that is estimated from.
     """
@@ -41,7 +48,7 @@ class Estimate:
 
 
 def estimate(plan: SweepPlan, folder: SweepFolder, progress: Progress = silent) -> Estimate:
-    """Count the cells, and estimate what those that are left take: by method and surface, in proportion to the ticks.
+    """Count the cells, and estimate what those that are left take: each as the cells most like it that were run.
 
     Args:
         plan: What is to be run.
@@ -52,42 +59,64 @@ def estimate(plan: SweepPlan, folder: SweepFolder, progress: Progress = silent) 
     failed = [planned for planned in plan.cells if planned.digest not in finished and folder.failure(planned)]
     failing = {planned.digest for planned in failed}
     left = [planned for planned in plan.cells if planned.digest not in finished | failing]
-    kinds = {_kind(planned) for planned in left}
-    known = {kind: [planned for planned in done if _kind(planned) == kind] for kind in kinds}
-    seconds, tried = 0.0, 0
-    for number, kind in enumerate(sorted(kinds)):
-        progress("trial cells", number, len(kinds))
-        mine = [planned for planned in left if _kind(planned) == kind]
-        if known[kind]:
-            spent = sum(float(folder.row(planned)["seconds"]) for planned in known[kind])
-            ticks = sum(planned.ticks for planned in known[kind])
-        else:
-            spent, ticks = _trial(plan, mine)
-            tried += min(TRIALS, len(mine))
-        seconds += sum(planned.ticks for planned in mine) * spent / ticks if ticks else float("nan")
-    by = f"{tried} trial cells" if tried else "the cells that are done"
-    return Estimate(len(plan.cells), len(done), len(failed), sum(planned.ticks for planned in left), seconds, by)
+    pace = pace_of(done, folder)
+    before, began = pace.cells, perf_counter()
+    trials = _trials([planned for planned in left if not pace.knows(planned.cell)])
+    prepare(plan, trials, progress)
+    in_parts = 0
+    for number, planned in enumerate(trials):
+        progress("trial cells", number, len(trials))
+        if perf_counter() - began > PATIENCE and pace.knows(planned.cell):
+            continue
+        end, is_whole = _tried(planned, plan.folder)
+        if not end.reason:
+            pace.add(planned.cell, end.ticks, end.seconds)
+            in_parts += not is_whole
+    whole = pace.cells - before - in_parts
+    counts = {"done": before, "tried whole": whole, f"tried by {SOME} ticks from all of the motion": in_parts}
+    by = ", ".join(f"{count:,} {how}" for how, count in counts.items() if count) or "none could be tried"
+    ticks = sum(planned.run_ticks for planned in left)
+    return Estimate(len(plan.cells), len(done), len(failed), ticks, pace.left(left), by)
 
 
-def _kind(planned: PlannedCell) -> tuple[str, str]:
-    return planned.cell.method, planned.cell.surface
+def _trials(cells: Sequence[PlannedCell]) -> list[PlannedCell]:
+    """Some cells of each kind, spread over its list: objects and motions differ in what a tick takes."""
+    kinds: dict[tuple[str, ...], list[PlannedCell]] = {}
+    for planned in cells:
+        kinds.setdefault(kind(planned.cell), []).append(planned)
+    each = max(1, TRIALS // max(1, len(kinds)))
+    found = []
+    for i in range(each):
+        for number, mine in enumerate(kinds.values()):
+            count = min(len(mine), each)
+            if i < count:
+                # Each kind begins elsewhere, so that between them they have more objects and motions.
+                found.append(mine[int((i + (number + 0.5) / len(kinds)) * len(mine) / count)])
+    return found
 
 
-def _trial(plan: SweepPlan, cells: Sequence[PlannedCell]) -> tuple[float, int]:
-    """What a few of some cells take [s], or their beginnings, and how many ticks that is."""
-    # Spread over the list: objects and motions differ in what it takes to put them together.
-    chosen = [cells[(2 * i + 1) * len(cells) // (2 * TRIALS)] for i in range(min(TRIALS, len(cells)))]
-    seconds, ticks = 0.0, 0
-    with tempfile.TemporaryDirectory() as folder:
-        # The first is for what is compiled, loaded and built but once.
-        for number, planned in enumerate([cells[0], *chosen]):
-            cell = replace(planned.cell, ticks=min(planned.ticks, TRIAL_TICKS))
-            began = perf_counter()
-            try:
-                summary = replay(open_cell(cell, plan.folder), cell.solver_options(), Path(folder) / "trial.h5")
-            except HhsimError:
-                continue
-            if number > 0:
-                seconds += perf_counter() - began
-                ticks += summary.ticks
-    return seconds, ticks
+def _tried(planned: PlannedCell, plan_folder: Path) -> tuple[CellEnd, bool]:
+    """What a run of a cell takes, measured or, where it is long, estimated; and whether it was measured.
+
+    The beginning of a motion says nothing of the rest: there the hand touches nothing yet, and ticks are cheap.
+    """
+    rate = float(planned.cell.options.get("rate", 1000.0))
+    every = max(1.0, min(planned.ticks / SOME, rate / LEAST_RATE))
+    with tempfile.TemporaryDirectory() as scratch:
+
+        def run(ticks: int, every: float = 1.0) -> CellEnd:
+            options = {**planned.cell.options, **({"rate": rate / every} if every > 1.0 else {})}
+            cell = replace(planned.cell, ticks=min(planned.ticks, ticks), options=options, repeat=1)
+            where = (str(plan_folder.resolve()), scratch)
+            return run_cell(
+                CellTask(cell, planned.digest, *where, keeps_result=False, wants_core=False, sources=source_digest())
+            )
+
+        # The first run loads what is loaded but once.
+        bare = [run(FEW), run(FEW)][-1]
+        some = run(SOME, every)
+        each = max(0.0, some.seconds - bare.seconds) / max(1, some.ticks - bare.ticks)
+        seconds = bare.seconds + each * planned.ticks
+        if every == 1.0 or seconds < WHOLE or bare.reason or some.reason:
+            return run(planned.ticks), True
+    return CellEnd(planned.digest, ticks=planned.ticks, seconds=seconds), False

@@ -72,7 +72,10 @@ class SweepFolder:
             os.close(lock)
 
     def done(self, planned: PlannedCell, with_result: bool = False) -> bool:
-        """Whether a cell is done, with its result where that is wanted; the row of an older plan gets new names."""
+        """Whether a cell is done as often as planned, with its result where that is wanted.
+
+        The row of an older plan gets new names.
+        """
         path = self.row_path(planned)
         try:
             row = read_row(path)
@@ -80,6 +83,8 @@ class SweepFolder:
             return False
         result = row.get("result")
         if (result and not (self.cells / result).is_file()) or (with_result and not result):
+            return False
+        if row.get("repeated", {}).get("runs", 1) < planned.cell.repeat:
             return False
         if row["cell"] != named(planned.cell):
             write_row(path, {**row, "cell": named(planned.cell)})

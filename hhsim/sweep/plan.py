@@ -10,6 +10,7 @@ Keys, with their defaults where they have one::
     surfaces = ["spheres"]
     seeds = [0]
     ticks = 500                             # only the first so many of each motion; default: all
+    repeat = 5                              # runs of each cell, for the mean and the deviation of its times; default: 1
 
     [options.usual]                         # sets of options, each under its name; default: one that changes nothing
     [options.coarse]
@@ -48,7 +49,8 @@ from hhsim.trees.options import MOST_LEVEL
 
 PLAN_VERSION = 1
 MOST_TICKS = 1_000_000_000
-KEYS = ("version", "name", "objects", "motions", "methods", "surfaces", "seeds", "ticks", "options")
+MOST_RUNS = 1_000
+KEYS = ("version", "name", "objects", "motions", "methods", "surfaces", "seeds", "ticks", "repeat", "options")
 UNITS = ("m", "cm", "mm", "inch")
 WILD = frozenset("*?[")
 
@@ -60,6 +62,11 @@ class PlannedCell:
     cell: Cell
     digest: str
     ticks: int
+
+    @property
+    def run_ticks(self) -> int:
+        """Of all its runs."""
+        return self.ticks * self.cell.repeat
 
 
 @dataclass(frozen=True)
@@ -123,6 +130,7 @@ def parse_plan(text: str, name: str, folder: Path, where: str) -> SweepPlan:
     check_known("surface", surfaces, SURFACES.names())
     seeds = [_count(where, "seeds", entry, 0, 2**63 - 1) for entry in _listed(where, table, "seeds", [0])]
     ticks = None if "ticks" not in table else _count(where, "ticks", table["ticks"], 1, MOST_TICKS)
+    repeat = _count(where, "repeat", table.get("repeat", 1), 1, MOST_RUNS)
     options = checked_table(where, "options", table.get("options", {"usual": {}}))
     sets = {key: _options(f"{where}, [options.{key}]", folder, value) for key, value in options.items()}
     if not sets:
@@ -138,7 +146,7 @@ def parse_plan(text: str, name: str, folder: Path, where: str) -> SweepPlan:
         if why:
             left_out[why] = left_out.get(why, 0) + 1
             continue
-        cell = Cell(shape, motion, method, surface, called, given, seed, ticks)
+        cell = Cell(shape, motion, method, surface, called, given, seed, ticks, repeat)
         if (method, surface, called) not in checked:
             _check_options(cell, where)
             checked.add((method, surface, called))

@@ -9,8 +9,9 @@ from hhsim.errors import HhsimError
 from hhsim.solver.compile import warm_up
 from hhsim.sweep.cell import Cell, source_digest
 from hhsim.sweep.cell_run import CellEnd, CellTask, cell_hand, cell_object, motion_of
-from hhsim.sweep.dask_engine import require_dask, run_on_dask
+from hhsim.sweep.dask_engine import LOCAL, require_dask, run_on_dask
 from hhsim.sweep.folder import SweepFolder
+from hhsim.sweep.pace import lasting, pace_of
 from hhsim.sweep.plan import PlannedCell, SweepPlan
 from hhsim.sweep.process_engine import run_in_processes
 from hhsim.system.own_core import physical_cores
@@ -48,7 +49,7 @@ class SweepSummary:
         run: Done now.
         done_before: Done by an earlier sweep.
         failed: Each cell that failed, now or before, and why.
-        ticks: Run now.
+        ticks: Run now, in all runs of the cells.
         seconds: That took.
     """
 
@@ -78,20 +79,28 @@ def run_sweep(plan: SweepPlan, folder: SweepFolder, options: SweepOptions, progr
         done, ticks = 0, 0
         if left:
             prepare(plan, left, progress)
-            by_digest = {planned.digest: planned for planned in left}
+            waiting = {planned.digest: planned for planned in left}
+            pace = pace_of((planned for planned in plan.cells if planned.digest in before), folder)
+            spent = 0.0
             progress("cells", 0, len(left))
             began = perf_counter()
             try:
                 with closing(_engine(_tasks(plan, folder, left, options), options)) as ends:
                     for number, end in enumerate(ends):
-                        planned = by_digest[end.digest]
+                        planned = waiting.pop(end.digest)
                         if end.reason:
                             folder.keep_failure(planned, end.reason)
                         else:
                             folder.forget_failure(planned)
                             done += 1
                             ticks += end.ticks
-                        progress("cells", number + 1, len(left))
+                            spent += end.seconds
+                            pace.add(planned.cell, end.ticks, end.seconds)
+                        # How many work on a cluster shows in what they have done.
+                        at_once = options.workers
+                        if options.scheduler not in ("", LOCAL):
+                            at_once = max(1, round(spent / (perf_counter() - began)))
+                        progress(_cells_and(pace.left(waiting.values()), len(waiting), at_once), number + 1, len(left))
             except KeyboardInterrupt as interrupt:
                 interrupt.add_note(
                     f"{len(before) + done:,} of {len(plan.cells):,} cells are done, and the same command goes on"
@@ -104,6 +113,11 @@ def run_sweep(plan: SweepPlan, folder: SweepFolder, options: SweepOptions, progr
             if planned.digest not in before and (reason := folder.failure(planned))
         ]
     return SweepSummary(len(plan.cells), done, len(before), tuple(failed), ticks, seconds)
+
+
+def _cells_and(seconds: float, cells: int, at_once: int) -> str:
+    """What is being done, and how long that takes yet; nothing of that where it is not known."""
+    return f"cells (about {lasting(seconds / min(at_once, cells))} left)" if seconds > 0.0 else "cells"
 
 
 def prepare(plan: SweepPlan, cells: Sequence[PlannedCell], progress: Progress = silent) -> None:

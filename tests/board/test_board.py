@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +13,8 @@ from short_grasp import short_result
 
 from hhsim.board.collect import collect, merged
 from hhsim.board.entry import FAILED, Entry, entry_of_result, option_words
-from hhsim.board.shown import standing_cells
+from hhsim.board.latex import latex_text
+from hhsim.board.shown import entry_cells, standing_cells
 from hhsim.board.standings import standings
 from hhsim.board.table_file import content_of, csv_text, markdown_text, parquet_bytes
 from hhsim.errors import InputError, OutputError
@@ -166,8 +168,55 @@ def test_every_file_has_the_same_runs(tmp_path: Path) -> None:
     assert "paper|er" in page and "script-src &#x27;sha256-" in page
 
 
+def timed(p50: float, std: float, **changes: object) -> Entry:
+    times = {"tick_cpu_p50": std, "tick_cpu_p99": 2e-6}
+    return replace(entry(tick_cpu_p50=p50), deviations=times, runs=5, **changes)  # type: ignore[arg-type]
+
+
+def test_every_table_has_mean_and_deviation_of_cells_that_ran_repeatedly() -> None:
+    board = merged([timed(1e-5, 3e-7), timed(3e-5, 4e-7, motion="pinch"), timed(8e-5, 9e-6, motion="slide")])
+    (one,) = standings(board)
+    assert (one.p50, one.p50_std, one.p99, one.p99_std) == (3e-5, 4e-7, 3e-5, 2e-6)
+    (even,) = standings(merged(board.entries[:2]))
+    assert even.p50 == pytest.approx(2e-5) and even.p50_std == pytest.approx(2.5e-7)
+    assert standing_cells(board)["p50 [µs]"](one) == "30.00 ± 0.40"
+    assert entry_cells(board)["p50 [µs]"](board.entries[0]) == "10.00 ± 0.30"
+    assert board.notes[-1].startswith("times with ± are mean and standard deviation of 5 runs")
+    rows = list(csv.DictReader(io.StringIO(csv_text(board))))
+    assert (float(rows[0]["tick_cpu_p50_std [s]"]), rows[0]["runs"]) == (3e-7, "5")
+    for kind, shown in ((".md", "30.00 ± 0.40"), (".html", "30.00 ± 0.40"), (".tex", r"30.00 $\pm$ 0.40")):
+        assert shown in content_of(Path(f"board{kind}"), board, standings(board)).decode()
+    mixed = merged([timed(1e-5, 3e-7), entry(motion="pinch", tick_cpu_p50=3e-5)])
+    assert "±" not in standing_cells(mixed)["p50 [µs]"](standings(mixed)[0])
+
+
+def test_a_latex_table_is_balanced_and_everything_in_it_escaped() -> None:
+    nasty = 'a_b & 50% of $x$ #1 {y} ~^<|>\\end{tabular} "q" --dash [z] *'
+    board = merged([entry(nasty, machine=json.dumps({"cpu": "a\n\\b"})), entry(tracking_excess=-0.5)], ["50 %\nof it"])
+    text = latex_text(board, standings(board))
+    lines = [line for line in text.splitlines() if not line.startswith("%")]
+    assert "% 50 % of it" in text and r"% A: a \b" in text
+    assert lines[0].startswith(r"\begin{tabular}{") and lines[-1] == r"\end{tabular}" and "toprule" not in text
+    rows = [line for line in lines if line.endswith(r"\\")]
+    columns = lines[0].removeprefix(r"\begin{tabular}{").removesuffix("}")
+    assert len(rows) == 3 and set(columns) == {"l", "r"} and len(columns) == len(standing_cells(board))
+    for row in rows:
+        cells = re.split(r"(?<!\\) & ", row.removesuffix(r" \\"))
+        assert len(cells) == len(columns)
+        for cell in cells:
+            # What is left without commands, escapes and mathematics is letters that mean themselves.
+            bare = re.sub(r"\$(\\(mu|pm|bullet)|-)\$|\\text[a-z]+\{\}|\\[{}$&#_%]|\{[\[*]?\}", "", cell)
+            assert not set(bare) & set('\\{}$&#_%~^<>|*["'), cell
+            assert "--" not in cell
+    assert "$-$0.50" in text
+    assert (
+        r"a\_b \& 50\% of \$x\$ \#1 \{y\} \textasciitilde{}\textasciicircum{}\textless{}\textbar{}\textgreater{}"
+        r"\textbackslash{}end\{tabular\} ''q'' -{}-dash {[}z] {*}"
+    ) in text
+
+
 def test_a_name_that_ends_otherwise_is_refused() -> None:
     from hhsim.board.table_file import check_board_path
 
-    with pytest.raises(OutputError, match=r"a board ends in \.html, \.csv, \.parquet, \.md"):
+    with pytest.raises(OutputError, match=r"a board ends in \.html, \.csv, \.parquet, \.md, \.tex"):
         check_board_path(Path("board.xlsx"))

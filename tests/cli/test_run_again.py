@@ -40,7 +40,7 @@ def test_a_result_is_run_again_and_every_array_named(run: Run, result: Path) -> 
     assert sum("identical" in line for line in lines[1:-1]) == 25
     assert run("replay", "run.h5", "--quiet") == (0, "", "")
     document = json.loads(run("replay", "run.h5", "--json").out)
-    assert document["identical"]
+    assert document["identical"] and document["word"] == "identical"
     assert document["arrays"]["force/total"]["identical"]
     assert result.read_bytes() == before
 
@@ -50,14 +50,36 @@ def test_what_differs_is_told_and_exits_1(run: Run, result: Path) -> None:
         file["tick/force/total"][41, 0] += 1.0
     answer = run("replay", "run.h5")
     assert answer.code == 1
-    (line,) = [line for line in answer.out.splitlines() if "differs" in line]
-    assert line.split() == ["force/total", "differs", "1", "41", "1", "N"]
-    assert answer.out.splitlines()[-1] == "not identical"
+    (line,) = [line for line in answer.out.splitlines()[:-1] if "different" in line]
+    assert line.split() == ["force/total", "different", "1", "41", "1", "1e-09", "N"]
+    says = "different: beyond rounding from tick 41 on, first force/total; the first bits differ in tick 41"
+    assert answer.out.splitlines()[-1] == says
     quiet = run("replay", "run.h5", "--quiet")
-    assert quiet == (1, "", "hhsim: missed: run.h5 is not identical when it is run again\n")
+    assert quiet == (1, "", f"hhsim: missed: run.h5 is run again: {says}\n")
     document = run("replay", "run.h5", "--json")
     assert document.code == 1
-    assert not json.loads(document.out)["identical"]
+    assert (json.loads(document.out)["word"], json.loads(document.out)["identical"]) == ("different", False)
+
+
+def test_what_another_machine_rounds_otherwise_is_within_rounding_and_exits_0(run: Run, result: Path) -> None:
+    with changed(result) as file:
+        file["tick/graphic/position"][41, 0] *= 1.0 + 1e-15
+    answer = run("replay", "run.h5")
+    assert (answer.code, answer.err) == (0, "")
+    (line,) = [line for line in answer.out.splitlines()[:-1] if "within rounding" in line]
+    assert line.split()[:5] == ["graphic/position", "within", "rounding", "1", "41"]
+    assert line.split()[-2:] == ["1e-12", "m"]
+    says = "within rounding: integers are equal, and no array differs by more than its bound"
+    assert answer.out.splitlines()[-1] == says
+    assert run("replay", "run.h5", "--quiet") == (0, "", f"hhsim: note: run.h5 is run again: {says}\n")
+    answer = run("replay", "run.h5", "--json")
+    document = json.loads(answer.out)
+    array = document["arrays"]["graphic/position"]
+    assert (answer.code, document["word"], document["identical"]) == (0, "within rounding", False)
+    assert (array["word"], array["first_tick"], array["first_tick_beyond_rounding"], array["bound"]) == (
+        *("within rounding", 41),
+        *(None, 1e-12),
+    )
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from sphere_scenes import bumpy_ball
 
 from hhsim.errors import InputError
 from hhsim.hand.model import HandModel
-from hhsim.replay.repeat import COMPARED, run_again
+from hhsim.replay.repeat import COMPARED, DIFFERENT, WITHIN, run_again
 from hhsim.replay.replay import replay
 from hhsim.replay.stored_scene import stored_hand, stored_mesh, stored_options, stored_tree
 from hhsim.result.reader import load_result
@@ -134,7 +134,38 @@ def test_one_bit_of_one_tick_is_found(copy: Path, name: str) -> None:
     assert (differing.name, differing.ticks, differing.first_tick) == (name, 1, 530)
     units = next(column.units for column in COMPARED if column.name == name)
     assert differing.units == units
-    assert again.notes == ()
+    assert again.notes == ("hhsim, packages, processor and system are those of the file: the bits should be the same",)
+
+
+@pytest.mark.parametrize(
+    ("name", "add", "word"),
+    [
+        ("graphic/position", 9e-13, WITHIN),
+        ("graphic/position", 2e-12, DIFFERENT),
+        ("force/phalanx", 9e-10, WITHIN),
+        ("force/phalanx", 2e-9, DIFFERENT),
+        ("lag", np.inf, DIFFERENT),
+        ("penetration_depth", np.nan, DIFFERENT),
+        ("work/units", 1, DIFFERENT),
+        ("status", 1, DIFFERENT),
+    ],
+)
+def test_what_counts_as_rounding_is_bounded_and_integers_are_equal(
+    copy: Path, name: str, add: float, word: str
+) -> None:
+    with h5py.File(copy, "r+") as file:
+        dataset = file["tick"][name]
+        file["tick/graphic/flexion"][20] += 1e-15
+        dataset[530] = dataset[530] + np.asarray(add, dataset.dtype)
+    again = run_again(load_result(copy))
+    found = {array.name: array for array in again.arrays if not array.identical}
+    assert found.keys() == {name, "graphic/flexion"}
+    assert (again.word, found[name].word, found["graphic/flexion"].word) == (word, word, WITHIN)
+    assert (again.same, found[name].first_tick) == (word == WITHIN, 530)
+    assert found[name].first_beyond == (-1 if word == WITHIN else 530)
+    assert again.sentence.startswith(word)
+    if word == DIFFERENT:
+        assert f"from tick 530 on, first {name}; the first bits differ in tick 20" in again.sentence
 
 
 def test_other_bits_on_another_machine_are_explained(copy: Path) -> None:

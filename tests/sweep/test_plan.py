@@ -127,6 +127,7 @@ def test_a_pattern_takes_every_file_in_order(tmp_path: Path) -> None:
         ("level = 2", 'samples = "none"', "expected interpolate or hold"),
         ("level = 2", "tremor_mm_deg = 1.0", "expected two numbers"),
         ("level = 2", "level = 2\nmax_error = 1e-3", "leave level out"),
+        ("[options.usual]", "repeat = 0\n[options.usual]", "repeat: 0; expected a whole number from 1 to 1000"),
         ('name = "small"', 'name = "../small"', "expected a name for a folder"),
     ],
 )

@@ -13,9 +13,12 @@ from typing import Any
 import pytest
 from sweep_plans import PLAN, without_times, write_plan
 
+from hhsim.board.collect import collect
 from hhsim.errors import OutputError
+from hhsim.result.reader import load_result
+from hhsim.sweep import estimate as estimate_module
 from hhsim.sweep import sweep as module
-from hhsim.sweep.cell_run import CellTask, run_cell
+from hhsim.sweep.cell_run import CellEnd, CellTask, run_cell
 from hhsim.sweep.estimate import estimate
 from hhsim.sweep.folder import SweepFolder
 from hhsim.sweep.plan import load_plan
@@ -146,14 +149,84 @@ def test_one_sweep_at_a_time_works_in_a_folder_and_no_other_files_are_there(tmp_
 def test_an_estimate_counts_what_is_left_and_writes_nothing(tmp_path: Path, in_this_process: list[str]) -> None:
     path, out = write_plan(tmp_path), tmp_path / "out"
     before = estimate(load_plan(path), SweepFolder(out))
-    assert (before.cells, before.done, before.ticks, before.by) == (2, 0, 400, "2 trial cells")
+    assert (before.cells, before.done, before.ticks, before.by) == (2, 0, 400, "2 tried whole")
     assert before.seconds > 0.0 and not out.exists()
     swept(path, out)
     wider = write_plan(tmp_path, PLAN.replace("level = 2", "level = 2\n[options.finer]\nlevel = 3"))
     after = estimate(load_plan(wider), SweepFolder(out))
-    assert (after.cells, after.done, after.ticks, after.by) == (4, 2, 400, "the cells that are done")
-    spent = sum(row["seconds"] for row in rows(out))
-    assert after.seconds == pytest.approx(spent)
+    assert (after.cells, after.done, after.ticks, after.by) == (4, 2, 400, "2 done, 2 tried whole")
+    # Cells of the very options are taken for those that are left, and none is tried for them.
+    longer = write_plan(tmp_path, PLAN.replace("[options.usual]", "seeds = [0, 1]\n[options.usual]"))
+    known = estimate(load_plan(longer), SweepFolder(out))
+    assert (known.cells, known.done, known.ticks, known.by) == (4, 2, 400, "2 done")
+    assert known.seconds == pytest.approx(sum(row["seconds"] for row in rows(out)))
+
+
+def test_an_estimate_rests_on_all_of_a_motion_where_its_beginning_is_cheap(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A tick takes 20 ms in the second half of the motion and nothing before, a cell half a second besides."""
+    ran: list[float] = []
+
+    def pretended(task: CellTask) -> CellEnd:
+        assert task.cell.ticks is not None
+        rate = task.cell.options.get("rate", 1000.0)
+        touching = max(0.0, task.cell.ticks - 0.5 * whole * rate / 1000.0)
+        ran.append(0.5 + 0.02 * touching)
+        return CellEnd(task.digest, ticks=task.cell.ticks, seconds=ran[-1])
+
+    monkeypatch.setattr(estimate_module, "run_cell", pretended)
+    monkeypatch.setattr(estimate_module, "prepare", lambda *_: None)
+    text = PLAN.replace('"short.toml"', '"grasp"').replace('"cylinder"', '"cylinder", "cube"')
+    plan = load_plan(write_plan(tmp_path, text.replace("[options.usual]", "repeat = 3\n[options.usual]")))
+    whole = plan.cells[0].ticks
+    found = estimate(plan, SweepFolder(tmp_path / "out"))
+    assert found.ticks == 4 * 3 * whole and found.by == "4 tried by 50 ticks from all of the motion"
+    # Half a second of each run, and 20 ms of half of its ticks.
+    assert found.seconds == pytest.approx(4 * 3 * (0.5 + 0.02 * 0.5 * whole), rel=0.2)
+    assert sum(ran) < 0.2 * found.seconds
+
+
+def test_what_is_left_is_told_anew_as_cells_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    took = {"coupled": 100.0, "penalty": 900.0, "progressive": 500.0}
+
+    def pretended(tasks: Sequence[CellTask], options: SweepOptions) -> Any:
+        for task in tasks:
+            yield CellEnd(task.digest, ticks=200, seconds=took[task.cell.method])
+
+    monkeypatch.setattr(module, "_engine", pretended)
+    told: list[str] = []
+    path = write_plan(tmp_path, PLAN.replace('"penalty"', '"penalty", "progressive"') + "\n[options.finer]\nlevel = 3")
+    plan = load_plan(path)
+    run_sweep(plan, SweepFolder(tmp_path / "out"), SweepOptions(jobs=1), lambda what, *_: told.append(what))
+    order = [planned.cell.method for planned in plan.cells]
+    cells = [what for what in told if what.startswith("cells")]
+    assert order[:2] == ["coupled", "coupled"] and cells[0] == cells[-1] == "cells"
+    # Five left, all as the first one; then three, of which nothing like them was run, as the mean of those that were.
+    assert cells[1] == f"cells (about {5 * 100 / 60:.0f} min left)"
+    assert cells[3] == f"cells (about {(100 + 100 + 900) / 60:.0f} min left)"
+
+
+def test_times_of_cells_that_are_run_repeatedly_are_kept_and_more_runs_are_run(
+    tmp_path: Path, in_this_process: list[str]
+) -> None:
+    out = tmp_path / "out"
+    plan_of = {n: PLAN.replace("[options.usual]", f"repeat = {n}\n[options.usual]") for n in (1, 2, 3)}
+    assert swept(write_plan(tmp_path, plan_of[2]), out).ticks == 2 * 2 * 200
+    for row in rows(out):
+        assert row["repeated"]["runs"] == 2
+        assert load_result(out / "cells" / row["result"]).repeated == row["repeated"]
+        assert row["repeated"]["times"]["tick_cpu_p50"]["std"] >= 0.0
+    names = {path.name for path in (out / "cells").iterdir()}
+    # Fewer are there already; more are run anew, in the same files.
+    assert swept(write_plan(tmp_path, plan_of[1]), out).run == 0
+    assert swept(write_plan(tmp_path, plan_of[3]), out).run == 2
+    assert {row["repeated"]["runs"] for row in rows(out)} == {3}
+    assert {path.name for path in (out / "cells").iterdir()} == names
+    times = rows(out)[0]["repeated"]["times"]["tick_cpu_p50"]
+    board = collect([out])
+    entry = next(entry for entry in board.entries if entry.figures["tick_cpu_p50"] == times["mean"])
+    assert entry.deviations["tick_cpu_p50"] == times["std"]
 
 
 @pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="processes are watched on Linux")

@@ -184,6 +184,7 @@ def test_a_second_run_tells_where_the_file_is_not_what_was_solved(result: Result
         file["tick/object/velocity"][50] += 1e-12
     again = run_again(load_result(path))
     differ = {array.name: array.first_tick for array in again.arrays if not array.identical}
+    assert (again.word, again.sentence.split(";")[0].split()[-1]) == ("different", "contact/slip")
     assert differ.keys() == {"contact/slip", "object/velocity"} and differ["object/velocity"] == 50
 
 

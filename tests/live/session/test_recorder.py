@@ -204,7 +204,7 @@ def test_what_was_overwritten_is_counted_and_told(ticks: Records, tmp_path: Path
     assert np.isnan(result["force_variation_rate"][300])
     again = run_again(result)
     assert (again.ticks, again.ticks_stored) == (300, result.ticks)
-    assert not again.identical
+    assert not again.same and again.sentence == f"not all ticks run: 300 of {result.ticks:,}"
     assert all(array.identical for array in again.arrays)
     assert again.notes == (
         "the recorder lost 11 ticks after tick 299: what followed on them cannot be run again, and was not compared",

@@ -1,0 +1,73 @@
+"""Seconds per tick of cells that were run, by which those that are left are estimated."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import asdict
+from typing import Any
+
+from hhsim.sweep.cell import Cell
+from hhsim.sweep.folder import SweepFolder
+from hhsim.sweep.plan import PlannedCell
+from hhsim.system import environment as info
+
+
+class Pace:
+    """What cells took that were run.
+
+    Attributes:
+        cells: How many they are.
+    """
+
+    def __init__(self) -> None:
+        self.cells = 0
+        self._spent: dict[tuple[Any, ...], tuple[int, float]] = {}
+
+    def add(self, cell: Cell, ticks: int, seconds: float) -> None:
+        """Count a cell that was run."""
+        self.cells += 1
+        for likeness in _likenesses(cell):
+            before = self._spent.get(likeness, (0, 0.0))
+            self._spent[likeness] = before[0] + ticks, before[1] + seconds
+
+    def knows(self, cell: Cell) -> bool:
+        """Whether one of its method, surface and options was run."""
+        return kind(cell) in self._spent
+
+    def left(self, cells: Iterable[PlannedCell]) -> float:
+        """Estimate what cells take one after the other [s], each as those most like it; NaN where nothing was run."""
+        total = 0.0
+        for planned in cells:
+            known = (self._spent[likeness] for likeness in _likenesses(planned.cell) if likeness in self._spent)
+            ticks, seconds = next(known, (0, math.nan))
+            total += planned.run_ticks * seconds / max(1, ticks)
+        return total
+
+
+def pace_of(cells: Iterable[PlannedCell], folder: SweepFolder) -> Pace:
+    """The pace of cells that are done, of those that were run on this machine."""
+    pace, here = Pace(), asdict(info.machine())
+    for planned in cells:
+        row = folder.row(planned)
+        if row["machine"] == here:
+            pace.add(planned.cell, planned.ticks * row.get("repeated", {}).get("runs", 1), float(row["seconds"]))
+    return pace
+
+
+def kind(cell: Cell) -> tuple[str, ...]:
+    """What decides most of a tick's time: method, surface and options."""
+    return cell.method, cell.surface, cell.options_name
+
+
+def _likenesses(cell: Cell) -> tuple[tuple[Any, ...], ...]:
+    """What a cell has in common with others, the most first."""
+    same, shape, motion = kind(cell), cell.object.name, cell.motion.name
+    return (*same, shape, motion), (*same, shape), (*same, None, motion), same, ()
+
+
+def lasting(seconds: float) -> str:
+    """A time as people say it."""
+    if seconds != seconds:
+        return "an unknown time"
+    if seconds < 120.0:
+        return f"{seconds:,.0f} s"
+    return f"{seconds / 60.0:,.0f} min" if seconds < 7200.0 else f"{seconds / 3600.0:,.1f} h"
