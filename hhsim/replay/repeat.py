@@ -237,13 +237,20 @@ def _seen(stored: dict[str, Array], moved: RigidMotion | None) -> HandConfigurat
 def _compare_contacts(result: Result, ticks: slice, computed: dict[str, Array], tallies: Sequence["_Tally"]) -> None:
     """Count the contacts of some ticks that differ; where there are more or fewer of them, all of them do."""
     first, last = np.searchsorted(result[f"{CONTACT}/tick"], (ticks.start, ticks.stop))
+    at, other = result[f"{CONTACT}/tick"][first:last], computed["tick"]
+    if len(at) != len(other):
+        # From the first tick on that has another number of them.
+        many = ticks.stop - ticks.start
+        counts = [np.bincount(np.clip(of - ticks.start, 0, many - 1), minlength=many) for of in (at, other)]
+        begun = ticks.start + int(np.argmax(counts[0] != counts[1]))
+        at = np.full(max(len(at), len(other)), begun)
     for tally, again in zip(tallies, computed.values(), strict=True):
         stored = result[tally.column.name][first:last]
         if len(stored) != len(again):
             shape = (max(len(stored), len(again)), *tally.column.shape)
             stored, again = np.zeros(shape, tally.column.dtype), np.ones(shape)
         if len(stored):
-            tally.add(stored, again)
+            tally.add(stored, again, at)
 
 
 class _Tally:
@@ -256,15 +263,17 @@ class _Tally:
         self._first = self._beyond = -1
         self._largest = 0.0
 
-    def add(self, stored: Array, computed: Array) -> None:
+    def add(self, stored: Array, computed: Array, at: Array | None = None) -> None:
+        """Compare some rows; `at` is the tick of each where a row is not a tick."""
         again = np.ascontiguousarray(computed, dtype=self.column.dtype)
         stored = np.ascontiguousarray(stored)
         if stored.tobytes() != again.tobytes():
             rows = len(stored)
             bits = stored.reshape(rows, -1).view(np.uint8) != again.reshape(rows, -1).view(np.uint8)
             differ = np.flatnonzero(bits.any(axis=1))
+            at = np.arange(self._seen, self._seen + rows) if at is None else at
             if self._first < 0:
-                self._first = self._seen + int(differ[0])
+                self._first = int(at[differ[0]])
             self._differ += len(differ)
             a, b = (values[differ].astype(np.float64).reshape(len(differ), -1) for values in (stored, again))
             with np.errstate(invalid="ignore"):
@@ -273,7 +282,7 @@ class _Tally:
             # Written so that NaN is beyond; integers of more than 53 bits may differ though their floats do not.
             beyond = differ[~(apart <= self.bound) | (self.bound == 0.0)]
             if self._beyond < 0 and beyond.size:
-                self._beyond = self._seen + int(beyond[0])
+                self._beyond = int(at[beyond[0]])
         self._seen += len(stored)
 
     def comparison(self) -> ArrayComparison:

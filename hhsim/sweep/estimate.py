@@ -73,7 +73,7 @@ def estimate(plan: SweepPlan, folder: SweepFolder, progress: Progress = silent) 
             pace.add(planned.cell, end.ticks, end.seconds)
             in_parts += not is_whole
     whole = pace.cells - before - in_parts
-    counts = {"done": before, "tried whole": whole, f"tried by {SOME} ticks from all of the motion": in_parts}
+    counts = {"done": before, "tried whole": whole, f"tried by {SOME} ticks in large steps": in_parts}
     by = ", ".join(f"{count:,} {how}" for how, count in counts.items() if count) or "none could be tried"
     ticks = sum(planned.run_ticks for planned in left)
     return Estimate(len(plan.cells), len(done), len(failed), ticks, pace.left(left), by)

@@ -181,7 +181,7 @@ def test_an_estimate_rests_on_all_of_a_motion_where_its_beginning_is_cheap(
     plan = load_plan(write_plan(tmp_path, text.replace("[options.usual]", "repeat = 3\n[options.usual]")))
     whole = plan.cells[0].ticks
     found = estimate(plan, SweepFolder(tmp_path / "out"))
-    assert found.ticks == 4 * 3 * whole and found.by == "4 tried by 50 ticks from all of the motion"
+    assert found.ticks == 4 * 3 * whole and found.by == "4 tried by 50 ticks in large steps"
     # Half a second of each run, and 20 ms of half of its ticks.
     assert found.seconds == pytest.approx(4 * 3 * (0.5 + 0.02 * 0.5 * whole), rel=0.2)
     assert sum(ran) < 0.2 * found.seconds
