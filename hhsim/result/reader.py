@@ -62,6 +62,8 @@ _TOGETHER = (
 )
 """Arrays that have a row for each sphere."""
 
+BEYOND = 1e30
+"""No number of a run is as large, in any unit: what is larger was left by damage."""
 CHUNK_TICKS = 512
 """Ticks in a chunk of the file; blocks of this size fill it best."""
 
@@ -171,11 +173,11 @@ class Result:
 
     def _object_motion(self, file: h5py.File, rows: slice | int) -> ObjectMotion:
         part = slice(*rows.indices(self.ticks)) if isinstance(rows, slice) else slice(rows, rows + 1)
-        return ObjectMotion(*(file["tick"][column.name][part] for column in OBJECT_COLUMNS))
+        return ObjectMotion(*(read_numbers(file["tick"][column.name], part) for column in OBJECT_COLUMNS))
 
     def _rows(self, file: h5py.File, name: str, rows: slice | int) -> Array:
         """Rows of a dataset of /tick, as whoever looks sees them."""
-        values: Array = file["tick"][name][rows]
+        values = read_numbers(file["tick"][name], rows)
         if self.view is None or name not in TURNS:
             return values
         now = self._object_motion(file, rows)
@@ -231,10 +233,8 @@ class Result:
         with _opened(self.path) as file:
             for first in range(0, self.ticks, size):
                 part = slice(first, min(first + size, self.ticks))
-                yield {
-                    name: file[name][part] if name.startswith(f"{LIVE}/") else self._rows(file, name, part)
-                    for name in names
-                }
+                live = {name: read_numbers(file[name], part) for name in names if name.startswith(f"{LIVE}/")}
+                yield {name: live[name] if name in live else self._rows(file, name, part) for name in names}
 
     def at(self, tick: int, names: Sequence[str]) -> dict[str, Array]:
         """One tick of datasets of /tick, without reading the others.
@@ -252,7 +252,7 @@ class Result:
             raise InputError(f"{self.path} has no dataset {name}: contacts are stored where the object is free")
         # A run that was killed may have written more contacts than ticks.
         rows = int(np.searchsorted(file[CONTACT]["tick"][...], self.ticks))
-        return _frozen(file[name][:rows])
+        return _frozen(read_numbers(file[name], slice(rows)))
 
     def _live_column(self, file: h5py.File, name: str) -> Array:
         if self.live is None:
@@ -263,7 +263,7 @@ class Result:
         rows: list[int] = []
         # A run that was killed may have written a block to some of the datasets and not to the others.
         table.visititems(lambda _, item: rows.append(len(item)) if isinstance(item, h5py.Dataset) else None)
-        return _frozen(file[name][: self.ticks if table.name == f"/{LIVE_TICK}" else min(rows)])
+        return _frozen(read_numbers(file[name], slice(self.ticks if table.name == f"/{LIVE_TICK}" else min(rows))))
 
     def phase_at(self, tick: int) -> str:
         """Name of the phase that a tick is in; "" where it is in none."""
@@ -321,7 +321,7 @@ def load_result(path: str | Path) -> Result:
             packages=json.loads(attributes["packages"]),
             phases=tuple(phase for phase in _read_phases(file) if phase.first_tick < ticks),
             summary=_attributes(file["summary"]),
-            static={column.name: _frozen(file[column.name][...]) for column in STATIC_COLUMNS},
+            static={column.name: _frozen(read_numbers(file[column.name])) for column in STATIC_COLUMNS},
             live=_attributes(file[LIVE]) if LIVE in file else None,
             command=tuple(json.loads(attributes.get("command", "[]"))),
             git_revision=str(attributes.get("git_revision", UNKNOWN)),
@@ -433,6 +433,20 @@ def spelled(shape: tuple[int, ...]) -> str:
 
 def _git_dirty(value: Any) -> bool | str:
     return value if isinstance(value, str) else bool(value)
+
+
+def read_numbers(dataset: h5py.Dataset, rows: Any = ...) -> Array:
+    """Read rows of a dataset.
+
+    Raises:
+        DamagedFileError: A number beyond `BEYOND`, of which squares and sums would be none.
+    """
+    values = np.asarray(dataset[rows])
+    if values.dtype.kind == "f":
+        wild = (np.abs(values) > BEYOND) & np.isfinite(values)
+        if wild.any():
+            raise DamagedFileError(f"damaged: {dataset.name} holds {values[wild].flat[0]:.3g}, which no run can")
+    return values
 
 
 def _frozen(array: Array) -> Array:

@@ -11,7 +11,7 @@ import h5py
 import numpy as np
 
 from hhsim.arrays import AnyArray
-from hhsim.errors import InputError
+from hhsim.errors import DamagedFileError, InputError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.hand.model import HandModel
@@ -20,7 +20,7 @@ from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.contact_points import find_contact_points
 from hhsim.motion.object_motion import RigidMotion
 from hhsim.replay.stored_scene import stored_hand
-from hhsim.result.reader import Result
+from hhsim.result.reader import Result, read_numbers
 from hhsim.result.safety import why_free_or_held
 from hhsim.result.schema import LIVE_EVENT, LIVE_TICK
 from hhsim.solver.options import TOUCH
@@ -168,7 +168,7 @@ def arranged(result: Result, scene: ShownScene, group: h5py.Group, plots: Sequen
     """The views of a result, the scene seen from where object and hand fill it while they touch."""
     touching = np.flatnonzero(group["contacts/touching"][: result.ticks])
     some = touching[:: max(1, len(touching) // MOST_FRAMED)] if len(touching) else np.arange(1)
-    hand = np.concatenate([group["graphic/joints"][tick].reshape(-1, 3) for tick in some])
+    hand = np.concatenate([read_numbers(group["graphic/joints"], int(tick)).reshape(-1, 3) for tick in some])
     bounds = scene.mesh.bounds
     if result.driven:
         moved, corners = [result.moved_since_first(int(tick)) for tick in some], scene.mesh.box_corners
@@ -212,10 +212,10 @@ def read_ticks(file: h5py.File, first: int, end: int, every: int, moved: RigidMo
     """Ticks `first` to `end` (not included) of a result, every so-manieth of them; `moved` as of `shown_ticks`."""
 
     def column(name: str) -> AnyArray:
-        return np.asarray(file[f"tick/{name}"][first:end])
+        return read_numbers(file[f"tick/{name}"], slice(first, end))
 
     def live(name: str) -> AnyArray:
-        return np.asarray(file[f"{LIVE_TICK}/{name}"][first:end])
+        return read_numbers(file[f"{LIVE_TICK}/{name}"], slice(first, end))
 
     more = {}
     if LIVE_TICK in file:
@@ -262,4 +262,7 @@ def opened(path: Path) -> Iterator[h5py.File]:
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error}") from error
     with file:
-        yield file
+        try:
+            yield file
+        except DamagedFileError as error:
+            raise InputError(f"{path}: {error}") from error

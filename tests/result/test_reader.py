@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import textwrap
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from sealed_change import changed
 
 from hhsim.errors import InputError, OutputError
 from hhsim.motion.trajectory import TickPhase
-from hhsim.result.reader import CHUNK_TICKS, load_result
+from hhsim.result.reader import CHUNK_TICKS, Result, load_result
 from hhsim.result.schema import (
     DRIVEN_SCHEMA_VERSION,
     EVENT_COLUMNS,
@@ -541,6 +542,20 @@ def test_a_file_that_cannot_be_used_is_told_in_one_line(tmp_path: Path, spoil: A
         load_result(path)
     assert "\n" not in str(caught.value)
     assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize("read", [lambda found: found["graphic/joints"], lambda found: found.at(1, ["graphic/joints"])])
+def test_a_number_that_no_run_can_hold_is_damage(tmp_path: Path, read: Callable[[Result], Any]) -> None:
+    path = tmp_path / "run.h5"
+    with ResultWriter(path, scene=SCENE, static=static()) as writer:
+        writer.append(block(3))
+        writer.finish({})
+    with changed(path) as file:
+        file["tick/graphic/joints"][1, 2, 3, 0] = -1e100
+    found = load_result(path)
+    with pytest.raises(InputError, match=r"run.h5: damaged: /tick/graphic/joints holds -1e\+100, which no run can"):
+        read(found)
+    assert found["graphic/position"].shape == (3, 3), "what is sound is read"
 
 
 def test_a_dataset_that_is_not_there_is_told_with_the_near_names(tmp_path: Path) -> None:

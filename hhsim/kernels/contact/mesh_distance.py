@@ -20,7 +20,9 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 DEEPEST_INTERVAL = 60
-"""Halvings of an axis that its stack has room for; a float has 52 binary digits."""
+"""Halvings of an axis that its stack has room for."""
+FINEST = 2.0**-52
+"""Share of an axis that is not halved: the middles of its halves are the same number."""
 
 
 @jit
@@ -85,7 +87,7 @@ def round_cone_mesh_distance(
         best = min(best, value)
         # So said that an axis too long for its square has no piece worth a look: nothing of it is a number.
         below = value - 0.5 * width * slope < best
-        if not below or width * length <= resolution or top + 2 > DEEPEST_INTERVAL:
+        if not below or width * length <= resolution or width <= FINEST:
             continue
         for side in (-0.25, 0.25):
             interval[0, top], interval[1, top] = middle + side * width, 0.5 * width

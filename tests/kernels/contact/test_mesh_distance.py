@@ -160,6 +160,12 @@ def test_a_pose_that_is_not_finite_has_no_distance() -> None:
     assert np.isfinite(found[1])
 
 
+def test_an_axis_longer_than_its_digits_ends() -> None:
+    """Halves whose middles are one number are not halved for ever: near the cube this axis has no other."""
+    ends = np.array([-5e-267, -4e22, -1.5e116]), np.array([2.5e-279, 5e-173, 6.2e104])
+    assert distance(CUBE_BVH, *ends, 0.01, 0.01) > 1.0
+
+
 @pytest.mark.parametrize("far", [1e160, 1e300, np.inf])
 def test_an_axis_of_any_length_ends(far: float) -> None:
     """As a damaged file states it: from a point above the cube to where no square of a distance is a number."""
