@@ -162,8 +162,8 @@ def test_a_pose_that_is_not_finite_has_no_distance() -> None:
 
 def test_an_axis_longer_than_its_digits_ends() -> None:
     """Halves whose middles are one number are not halved for ever: near the cube this axis has no other."""
-    ends = np.array([-5e-267, -4e22, -1.5e116]), np.array([2.5e-279, 5e-173, 6.2e104])
-    assert distance(CUBE_BVH, *ends, 0.01, 0.01) > 1.0
+    start, end = [-2.4369528207414678e-245, -4.1023278619213385e22, -1.4820648106550881e116], [0.0, 0.0, 6.24638296e104]
+    assert distance(CUBE_BVH, np.array(start), np.array(end), 0.01, 0.01, 0.02) == 0.02
 
 
 @pytest.mark.parametrize("far", [1e160, 1e300, np.inf])
