@@ -7,8 +7,8 @@ import numpy as np
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError
 from hhsim.live.ipc.session_memory import FAULT
+from hhsim.metrics.session_faults import IN_ORDER
 from hhsim.result.reader import Result
-from hhsim.verify.session_checks import IN_ORDER
 
 
 class SessionLog(NamedTuple):
