@@ -38,7 +38,7 @@ from hhsim.result.schema import (
     wrong_schema,
 )
 from hhsim.system.environment import UNKNOWN
-from hhsim.system.hdf5_input import DAMAGE, hdf5_format, open_hdf5
+from hhsim.system.hdf5_input import DAMAGE, hdf5_format, open_hdf5, read_numbers
 from hhsim.system.media_kind import media_kind_of
 from hhsim.system.output_path import check_output_path
 
@@ -62,8 +62,6 @@ _TOGETHER = (
 )
 """Arrays that have a row for each sphere."""
 
-BEYOND = 1e30
-"""No number of a run is as large, in any unit: what is larger was left by damage."""
 CHUNK_TICKS = 512
 """Ticks in a chunk of the file; blocks of this size fill it best."""
 
@@ -433,20 +431,6 @@ def spelled(shape: tuple[int, ...]) -> str:
 
 def _git_dirty(value: Any) -> bool | str:
     return value if isinstance(value, str) else bool(value)
-
-
-def read_numbers(dataset: h5py.Dataset, rows: Any = ...) -> Array:
-    """Read rows of a dataset.
-
-    Raises:
-        DamagedFileError: A number beyond `BEYOND`, of which squares and sums would be none.
-    """
-    values = np.asarray(dataset[rows])
-    if values.dtype.kind == "f":
-        wild = (np.abs(values) > BEYOND) & np.isfinite(values)
-        if wild.any():
-            raise DamagedFileError(f"damaged: {dataset.name} holds {values[wild].flat[0]:.3g}, which no run can")
-    return values
 
 
 def _frozen(array: Array) -> Array:

@@ -8,9 +8,11 @@ of time and memory (`hhsim.system.hdf5_probe`) therefore reads each file first. 
 import sys
 import time
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import h5py
+import numpy as np
+from numpy.typing import NDArray
 
 from hhsim.errors import DamagedFileError
 from hhsim.system import hdf5_probe
@@ -25,6 +27,9 @@ PATIENCE = 10.0
 """By the wall clock it may take so many times more: where others have the processor, a sound file takes longer too."""
 BYTES_PER_SECOND = 20e6
 """A larger file gets as much more time as it takes at this rate."""
+
+BEYOND = 1e30
+"""No number of a file of ours is as large, in any unit: what is larger was left by damage."""
 
 _SETTLED_NS = 100_000_000
 """A file that was changed this recently may be changed again within one tick of its time stamp."""
@@ -41,6 +46,20 @@ class _State(NamedTuple):
 
 _KNOWN: dict[_State, str] = {}
 """What is wrong with files that were looked at; "" for nothing."""
+
+
+def read_numbers(dataset: h5py.Dataset, rows: Any = ...) -> NDArray[Any]:
+    """Read rows of a dataset.
+
+    Raises:
+        DamagedFileError: A number beyond `BEYOND`, of which squares and sums would be none.
+    """
+    values = np.asarray(dataset[rows])
+    if values.dtype.kind == "f":
+        wild = (np.abs(values) > BEYOND) & np.isfinite(values)
+        if wild.any():
+            raise DamagedFileError(f"damaged: {dataset.name} holds {values[wild].flat[0]:.3g}, beyond {BEYOND:g}")
+    return values
 
 
 def open_hdf5(path: Path) -> h5py.File:

@@ -10,7 +10,7 @@ import numpy as np
 from hhsim.arrays import AnyArray
 from hhsim.errors import InputError
 from hhsim.system.atomic_write import put_dataset, sealed_hdf5, write_atomically
-from hhsim.system.hdf5_input import DAMAGE, open_hdf5
+from hhsim.system.hdf5_input import DAMAGE, open_hdf5, read_numbers
 from hhsim.trees.level_cover import LevelCover
 from hhsim.trees.sphere_tree import LENGTHS, LevelError, SphereTree
 
@@ -119,8 +119,8 @@ def _read(file: h5py.File) -> SphereTree:
     if not all(np.isfinite(list(asdict(error).values())).all() for error in errors):
         raise InputError("an error of a level is not finite")
     return SphereTree(
-        center=file["center"][()],
-        radius=file["radius"][()],
+        center=read_numbers(file["center"]),
+        radius=read_numbers(file["radius"]),
         level=file["level"][()],
         parent=file["parent"][()],
         errors=errors,
@@ -136,5 +136,7 @@ def _read_covers(group: h5py.Group) -> tuple[LevelCover, ...]:
     covers = []
     for level in range(len(group)):
         data = group[str(level)]
-        covers.append(LevelCover(**{name: data[name][()] for name in _COVER_DATASETS}, gap=float(data.attrs["gap"])))
+        covers.append(
+            LevelCover(**{name: read_numbers(data[name]) for name in _COVER_DATASETS}, gap=float(data.attrs["gap"]))
+        )
     return tuple(covers)

@@ -73,7 +73,8 @@ def judged(
     limit = np.broadcast_to(np.asarray(tolerance, np.float64), found.shape)
     if found.size == 0:
         return Claim(name, says, NOT_JUDGED, unit=unit, why=why, note=note or "there is nothing in the file to judge")
-    share = np.where(np.isnan(found), np.inf, found / np.maximum(limit, np.finfo(float).tiny))
+    with np.errstate(over="ignore"):
+        share = np.where(np.isnan(found), np.inf, found / np.maximum(limit, np.finfo(float).tiny))
     worst = int(share.argmax())
     return Claim(
         name,

@@ -20,11 +20,11 @@ from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.contact_points import find_contact_points
 from hhsim.motion.object_motion import RigidMotion
 from hhsim.replay.stored_scene import stored_hand
-from hhsim.result.reader import Result, read_numbers
+from hhsim.result.reader import Result
 from hhsim.result.safety import why_free_or_held
 from hhsim.result.schema import LIVE_EVENT, LIVE_TICK
 from hhsim.solver.options import TOUCH
-from hhsim.system.hdf5_input import open_hdf5
+from hhsim.system.hdf5_input import open_hdf5, read_numbers
 from hhsim.system.progress import Progress, silent
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.view.blueprint import blueprint
