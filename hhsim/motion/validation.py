@@ -63,15 +63,20 @@ def continuous_orientation(quaternions: FloatArray, time: FloatArray) -> FloatAr
     """Unit quaternions without sign flips between neighbours, shape (T, 4).
 
     Raises:
-        TrajectoryError: A quaternion of length zero.
+        TrajectoryError: A quaternion of length zero, or of one that is no number.
     """
-    norm = np.linalg.norm(quaternions, axis=1)
-    zero = np.flatnonzero(norm < MIN_QUATERNION_NORM)
-    if zero.size:
-        place = _place(zero[:1], time)
-        raise TrajectoryError(
-            f"orientation has {counted(zero.size, 'zero quaternion')}, first at {place}; expected unit (w, x, y, z)"
-        )
+    with np.errstate(over="ignore"):
+        norm = np.linalg.norm(quaternions, axis=1)
+    for wrong, what in (
+        (norm < MIN_QUATERNION_NORM, "zero quaternion"),
+        (norm == np.inf, "infinitely long quaternion"),
+    ):
+        none = np.flatnonzero(wrong)
+        if none.size:
+            place = _place(none[:1], time)
+            raise TrajectoryError(
+                f"orientation has {counted(none.size, what)}, first at {place}; expected unit (w, x, y, z)"
+            )
     off = np.abs(norm - 1.0) > UNIT_TOLERANCE
     unit = np.where(off[:, None], quaternions / norm[:, None], quaternions)
     flips = np.where(np.sum(unit[1:] * unit[:-1], axis=1) < 0.0, -1.0, 1.0)

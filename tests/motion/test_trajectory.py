@@ -82,6 +82,7 @@ BAD: list[tuple[dict[str, Any], str]] = [
     (spoiled("time", (5,), 0.01), r"time goes backwards at sample 5 \(0.04 s, then 0.01 s\)"),
     (spoiled("time", (5,), 0.04), r"time repeats at sample 5 \(0.04 s, then 0.04 s\)"),
     ({"orientation": np.zeros((20, 4))}, "20 zero quaternion.*first at sample 0"),
+    ({"orientation": np.full((20, 4), 1e200)}, "20 infinitely long quaternion.*first at sample 0"),
     ({"object_orientation": np.zeros(4)}, "object_orientation is a zero quaternion"),
     ({"object_position": np.zeros((2, 3))}, r"object_position has shape \(2, 3\)"),
     ({"object_position": np.array([0.0, np.nan, 0.0])}, "object_position has 1 NaN"),
