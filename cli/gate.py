@@ -158,7 +158,9 @@ def _judge_suite(target: Path | None, comparison: Comparison, *, quiet: bool) ->
     if comparison.processes is not None:
         suite = replace(suite, processes=comparison.processes)
     written = comparison.write_baseline
-    named = comparison.baseline or (suite.baseline if written is None else None)
+    # Who names a base's folder compares with it: the suite's own baseline is the head's.
+    usual = suite.baseline if written is None and comparison.base_folder is None else None
+    named = comparison.baseline or usual
     baseline = None if named is None else load_baseline(named)
     head = find_side("head", this_python())
     base = None

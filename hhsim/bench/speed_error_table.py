@@ -116,7 +116,8 @@ def remarks(runs: Sequence[Run]) -> list[str]:
         "times are of the ticks with the haptic hand within 1 mm of the object, the median of the repetitions; compare "
         "them within this run, not between machines",
     ]
-    different = sorted({run.configuration.method for run in runs if not run.repeatable})
+    changing = [run.configuration for run in runs if not run.repeatable]
+    different = sorted({one.method if one.qp == ACTIVE_SET else f"{one.method} with {one.qp}" for one in changing})
     if different:
         found.append(f"the poses of {', '.join(different)} differ between repetitions: they are not deterministic")
     failed = [run for run in runs if run.failure]

@@ -54,9 +54,9 @@ class Standing:
 
     @property
     def errors(self) -> tuple[float, float, float]:
-        """What counts besides speed; a depth that every method is allowed is none."""
+        """What counts besides speed: no depth that every method is allowed, an energy on either side of the best."""
         depth = max(self.depth, DEEPEST) if self.depth == self.depth else NAN
-        return depth, self.off_mesh, self.tracking
+        return depth, self.off_mesh, abs(self.tracking)
 
     def gains_on(self, faster: "Standing") -> bool:
         """Whether it is better by more than a hair in one of the errors."""

@@ -21,6 +21,7 @@ from hhsim.gate.verdict import (
     judge_others,
     judge_suspicions,
     judge_time,
+    new_scene,
     overall,
     unjudged,
 )
@@ -218,7 +219,12 @@ class _SceneRun:
             try:
                 of_base = base.figures(scene, suite.folder)
             except RunFailed as failed:
-                times_with, why = None, why or str(failed)
+                times_with = None
+                if failed.refused and base.folder is not None:
+                    # What a change brings with it, the base does not have.
+                    self.rows.append(new_scene(scene.name, str(failed)))
+                else:
+                    why = why or str(failed)
             else:
                 before = before or (None if why else of_base)
                 apart = differences(of_base.inputs, figures.inputs, but_the_motion=scene.motion_may_change)
@@ -227,7 +233,7 @@ class _SceneRun:
                 if apart:
                     why = why or ("" if baseline is None else f"base has different inputs: {'; '.join(apart)}")
         limits = scene.limits if timed else without_times(scene.limits)
-        self.rows = _judged(scene.name, figures, before, limits, scene.slack, scene.motion_may_change)
+        self.rows += _judged(scene.name, figures, before, limits, scene.slack, scene.motion_may_change)
         comparable = before is None or not differences(before.inputs, figures.inputs)
         if why:
             self.rows.insert(0, unjudged(scene.name, "inputs", why))

@@ -12,6 +12,8 @@ OF_SESSIONS = frozenset(figure.name for figure in (*SESSION_TIMES, *SESSION_FAUL
 """Only a recorded session has them."""
 OF_SUBMISSIONS = frozenset(figure.name for figure in (MESH_DEPTH, OFF_BEST, OFF_BEST_MAX))
 """Only a submission has them."""
+OF_MISHAPS = ("ended_early", "faults")
+"""Figures of a session whose cause its file states in words."""
 SESSION_DEFAULTS = {fault.name: fault.limit for fault in SESSION_FAULTS}
 """Limits of a session where a suite sets no other."""
 

@@ -19,12 +19,12 @@ from hhsim.metrics.run.registry import judged_metrics, known_figures, run_metric
 from hhsim.metrics.run.stuck_and_lag import is_mostly_stuck
 from hhsim.metrics.run_metric import Figure, RunMetric
 from hhsim.metrics.run_ticks import RunTicks, result_ticks
-from hhsim.metrics.session_faults import SESSION_FAULTS
+from hhsim.metrics.session_faults import SESSION_FAULTS, first_mishap
 from hhsim.replay.limits import stored_promises
 from hhsim.replay.stored_scene import stored_surface
 from hhsim.result.reader import Result
 from hhsim.result.schema import TICK_COLUMNS
-from hhsim.solver.method import EVERYTHING
+from hhsim.solver.method import EVERYTHING, WORK
 
 COUNTERS: dict[str, tuple[str, Figure]] = {
     "node_tests": ("work/node_tests", Figure("node_tests", "tree nodes tested")),
@@ -35,6 +35,9 @@ COUNTERS: dict[str, tuple[str, Figure]] = {
     "work_units": ("work/units", Figure("work_units", "work units")),
 }
 """Dataset of each counter, of which the sum over all ticks is taken: exact integers."""
+
+UNITS_OF_WORK = "work/units"
+"""Dataset of the only counter that a method from outside can tell."""
 
 NEVER_UNDEFINED = ("force/total", "graphic/position")
 """Datasets that a sound run has in every tick."""
@@ -55,6 +58,7 @@ class RunFigures:
         mostly_stuck: True if more than half of its ticks are stuck, which no suite allows.
         promises: What its method promises, of `hhsim.solver.method.PROMISES`.
         suspicions: What a submission probably does not mean, a line each.
+        mishap: Of a session that did not end in order, how it ended, else its first fault; "" of any other run.
     """
 
     inputs: RunInputs
@@ -65,6 +69,7 @@ class RunFigures:
     mostly_stuck: bool = False
     promises: frozenset[str] = frozenset()
     suspicions: tuple[str, ...] = ()
+    mishap: str = ""
 
     def to_json(self) -> dict[str, Any]:
         """As plain values; what is undefined is None."""
@@ -81,12 +86,15 @@ def run_figures(result: Result) -> RunFigures:
     inputs, result = run_inputs(result), result.seen_from_object
     gives = {what for what in EVERYTHING if result.gives(what)}
     known = {column.name for column in TICK_COLUMNS if column.known_by in ("", *gives)}
-    counters = {name: int(np.sum(result[dataset])) for name, (dataset, _) in COUNTERS.items() if dataset in known}
+    # How many pairs are near is a figure of the pose, and of work only where hhsim looks at them.
+    own = known if WORK in gives else known.intersection((UNITS_OF_WORK,))
+    counters = {name: int(np.sum(result[dataset])) for name, (dataset, _) in COUNTERS.items() if dataset in own}
     errors = {name: value for name, value in _errors(result, known).items() if name in known_figures(gives)}
     stuck = is_mostly_stuck(errors.get("stuck_ticks", 0.0), result.ticks)
     suspicions = tuple(map(str, result.scene.get("submission", {}).get("suspicions", ())))
     promises = stored_promises(result.scene)
-    return RunFigures(inputs, errors, counters, cpu_p50(result), _others(result), stuck, promises, suspicions)
+    others, mishap = _others(result), "" if result.live is None else first_mishap(result)
+    return RunFigures(inputs, errors, counters, cpu_p50(result), others, stuck, promises, suspicions, mishap)
 
 
 def cpu_p50(result: Result) -> float:

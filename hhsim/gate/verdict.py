@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from hhsim.gate.input_hash import differences, new_options
-from hhsim.gate.limits import limitable
+from hhsim.gate.limits import OF_MISHAPS, limitable
 from hhsim.gate.metrics import COUNTERS, RunFigures
 from hhsim.gate.timing_test import BETTER, NOT_COMPARABLE, SAME, WITHIN, WORSE, compare_times
 from hhsim.metrics.run.force import TREMBLING
@@ -15,6 +15,7 @@ from hhsim.replay.limits import promised
 
 ROUNDING = 1e-9
 """Errors that differ by no larger share are the same."""
+LOST = "no longer told by the method, and the base has it"
 SLIGHT = 1e-3
 """Errors that differ by no larger share differ by noise: last bits that grew."""
 EXIT_OK, EXIT_MISSED, EXIT_NOT_COMPARABLE = 0, 1, 3
@@ -71,10 +72,13 @@ def judge_errors(scene: str, head: RunFigures, base: RunFigures | None, limits: 
         limit = limits.get(name, math.nan)
         limited = name in limits
         absent = math.isnan(before) and (metric.free_only or name not in head.errors)
-        if math.isnan(value) and (absent or not limited):
+        lost = name not in head.errors and not math.isnan(before)
+        if math.isnan(value) and (absent or not limited) and not lost:
             continue
         passed, reason = True, ""
-        if limited and math.isnan(value):
+        if lost:
+            passed, reason = False, LOST
+        elif limited and math.isnan(value):
             # What the base had and the head has not is lost, and with it what the limit is for.
             passed = math.isnan(before)
             reason = "undefined here, so not judged" if passed else "undefined here, and the base has it"
@@ -103,6 +107,8 @@ def judge_others(scene: str, head: RunFigures, limits: Mapping[str, float]) -> l
         value = head.others[name]
         passed = math.isnan(value) or value <= limits[name]
         reason = "undefined here, so not judged" if math.isnan(value) else "" if passed else "over the limit"
+        if not passed and name in OF_MISHAPS and head.mishap:
+            reason = f"{reason}: {head.mishap}"
         shown = figure.label, figure.unit, figure.scale
         rows.append(GateRow(scene, "limit", name, *shown, value, limit=limits[name], passed=passed, reason=reason))
     return rows
@@ -112,14 +118,18 @@ def judge_counters(scene: str, head: RunFigures, base: RunFigures, slack: Mappin
     """Work counters against those of the base: integers, so that any growth beyond the slack is a real one."""
     rows = []
     for name, (_, figure) in COUNTERS.items():
-        if name not in head.counters or name not in base.counters:
+        if name not in base.counters:
+            continue
+        shown = figure.label, figure.unit, figure.scale
+        if name not in head.counters:
+            before = float(base.counters[name])
+            rows.append(GateRow(scene, "counter", name, *shown, base=before, passed=False, reason=LOST))
             continue
         value, before = float(head.counters[name]), float(base.counters[name])
         limit = math.floor(before * (1.0 + slack[name]))
         verdict = _word(value, before, limit - before)
         passed = value <= limit
         reason = "" if passed else f"more than {100.0 * slack[name]:g} % above the base"
-        shown = figure.label, figure.unit, figure.scale
         rows.append(GateRow(scene, "counter", name, *shown, value, before, limit, verdict, passed, reason))
     return rows
 
@@ -172,6 +182,11 @@ def failed_run(scene: str, reason: str) -> GateRow:
 def unjudged(scene: str, what: str, reason: str) -> GateRow:
     """Something that cannot be compared, and why."""
     return GateRow(scene, "inputs", what, what, verdict=NOT_COMPARABLE, reason=reason)
+
+
+def new_scene(scene: str, reason: str) -> GateRow:
+    """A scene that the base cannot run for lack of a file or a method: it is judged by limits alone."""
+    return GateRow(scene, "inputs", "inputs", "inputs", reason=f"new, so judged by limits alone: {reason}")
 
 
 def overall(rows: Sequence[GateRow]) -> tuple[str, int]:

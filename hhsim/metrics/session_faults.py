@@ -58,6 +58,14 @@ def _freed(session: Result) -> float:
     return 100.0 * float(np.count_nonzero(safety & int(FREED_BY_FAULT))) / len(safety) if len(safety) else np.nan
 
 
+def first_mishap(session: Result) -> str:
+    """Return how a session ended that did not end in order, else the first fault of its log, else ""."""
+    if _ended_early(session):
+        return str((session.live or {}).get("ended") or "the recording was cut short")
+    faults = np.flatnonzero(session["live/event/level"] == FAULT)
+    return bytes(session["live/event/text"][faults[0]]).decode("utf-8", "replace") if faults.size else ""
+
+
 SESSION_FAULTS = (
     SessionFault(name="ended_early", label="ended early or was killed (1: yes)", limit=0.0, compute=_ended_early),
     SessionFault(name="faults", label="faults in the session's log", limit=0.0, compute=_faults),

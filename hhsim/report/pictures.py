@@ -1,6 +1,7 @@
 """The report's pictures of the hand: skin for the graphic hand, blue glass for the haptic one, forces in red."""
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,7 +20,7 @@ from hhsim.render.replay_figure import GHOST, STONE, PhalanxForce, arrow, label,
 from hhsim.render.triangle_soup import Surface, hand_surface, joined, mesh_surface, painted
 from hhsim.render.viewpoint import View, viewpoint
 from hhsim.report.figure import DPI, INK, TEXT, Drawing, ReportFigure, drawn_figure, new_figure, png_bytes
-from hhsim.result.reader import Result
+from hhsim.result.reader import Result, load_result
 from hhsim.view.decimation import ShownTicks, shown_ticks
 from hhsim.view.plots import palm_force
 from hhsim.view.scene_log import force_places
@@ -144,10 +145,11 @@ def overview_view(result: Result) -> View:
     return _moment(result, overview_tick(result), None).view
 
 
-def draw(result: Result, tick: int | None = None, view: tuple[float, float] | None = None) -> ReportFigure:
+def draw(result: Result | str | Path, tick: int | None = None, view: tuple[float, float] | None = None) -> ReportFigure:
     """Draw the hand on the object at one tick, with contact points and forces; a notebook shows the picture by itself.
 
     Args:
+        result: Of a replay or a session, or its file.
         tick: Number of the tick, from 0; None for the end of the first hold (`overview_tick`).
         view: As of `hand_picture`.
 
@@ -155,7 +157,7 @@ def draw(result: Result, tick: int | None = None, view: tuple[float, float] | No
         InputError: As `hand_picture`.
     """
     # The camera moves along with an object that moves.
-    seen = result.seen_from_object
+    seen = (result if isinstance(result, Result) else load_result(result)).seen_from_object
     return hand_picture(seen, overview_tick(seen) if tick is None else tick, view)
 
 

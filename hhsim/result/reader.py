@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, SupportsIndex, TypeAlias
 
 import h5py
 import numpy as np
@@ -240,7 +240,7 @@ class Result:
         Raises:
             InputError: There is no such tick.
         """
-        if not 0 <= tick < self.ticks:
+        if not isinstance(tick, SupportsIndex) or not 0 <= int(tick) < self.ticks:
             raise InputError(f"{self.path} has no tick {tick}: it has {self.ticks:,}, counted from 0")
         with _opened(self.path) as file:
             return {name: np.asarray(self._rows(file, name, tick)) for name in names}

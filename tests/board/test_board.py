@@ -88,6 +88,8 @@ def test_the_frontier_is_of_one_machine_and_of_the_same_scenes() -> None:
     assert marked(entry(penetration_max=1e-7), slow) == {("coupled", "A")}
     nearer = entry("progressive", tick_cpu_p50=2e-5, tracking_excess=1.0)
     assert len(marked(entry(tracking_excess=2.0), nearer)) == 2
+    below = entry("progressive", tick_cpu_p50=2e-5, tracking_excess=-3.0)
+    assert marked(entry(tracking_excess=2.0), below) == {("coupled", "A")}, "below the best is as wrong as above it"
     # Beaten on the other machine, times say nothing of this one.
     assert marked(entry(tick_cpu_p50=1e-6), replace(slow, machine=B)) == {("coupled", "A"), ("progressive", "B")}
     # Worst cases of other scenes do not compare.

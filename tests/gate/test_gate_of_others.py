@@ -97,6 +97,10 @@ session = "session.h5"
 """
 
 
+KILLED = "the loop failed or was killed"
+"""How the recorder says that a session ended whose loop is gone."""
+
+
 def write_recording(path: Path, depth: float) -> None:
     """A grasp that goes so much farther in than it has to, at 100 Hz."""
     ticks = short_scene(short_grasp(release=0.05)).ticks
@@ -202,7 +206,7 @@ def status(bit: int) -> Callable[[Path], None]:
 
 def killed(head: Path) -> None:
     with changed(head / "session.h5") as file:
-        file["live"].attrs["ended"] = "the loop failed or was killed"
+        file["live"].attrs["ended"] = KILLED
 
 
 def malformed(head: Path) -> None:
@@ -236,7 +240,11 @@ REGRESSIONS: dict[str, tuple[str, Callable[[Path], object], str]] = {
     ),
     "stuck": ("session", status(STATUS_STUCK), "session, stuck ticks: over the limit"),
     "more lag": ("session", status(STATUS_LAG), "session, ticks with lag: over the limit"),
-    "killed": ("session", killed, "session, ended early or was killed (1: yes): over the limit"),
+    "killed": (
+        "session",
+        killed,
+        f"session, ended early or was killed (1: yes): over the limit: {KILLED}",
+    ),
     "malformed": ("session", malformed, "session, malformed packets, of all of the glove's: over the limit"),
     "freed": ("session", freed, "session, ticks with fingers freed by a fault: over the limit"),
     "deeper poses": ("submission", deeper_poses, "submission, in the mesh, max: over the limit"),
@@ -281,6 +289,7 @@ def test_the_workflow_gates_a_project_from_the_wheel(repository: Path, project: 
     (tmp_path / "bin" / "python").symlink_to(sys.executable)
     environment = {
         **os.environ,
+        **workflow["env"],
         "PATH": f"{tmp_path / 'bin'}:{os.environ['PATH']}",
         "PYTHONPATH": str(installed_but_hhsim(tmp_path / "libraries")),
         "GITHUB_STEP_SUMMARY": str(tmp_path / "summary.md"),
@@ -332,11 +341,36 @@ def test_another_motion_is_judged_by_its_figures_where_the_suite_says_so(head: P
     assert (answer.code, "different inputs: " in answer.err) == (3, True)
 
 
+@pytest.mark.parametrize(
+    ("old", "lost"),
+    [("gives_work = True", "method, work units"), ("gives_forces = True", "method, largest force step while moving")],
+)
+def test_what_a_method_no_longer_tells_is_lost(head: Path, gate: Gate, old: str, lost: str) -> None:
+    only(head, "method")
+    method(old, "")(head)
+    answer = gate(head, "--quiet")
+    assert answer.code == 1, answer.out + answer.err
+    assert f"{lost}: no longer told by the method, and the base has it" in answer.err
+
+
+def test_a_scene_that_the_base_lacks_is_judged_by_its_limits(
+    project: Path, head: Path, tmp_path: Path, gate: Gate
+) -> None:
+    base = Path(shutil.copytree(project, tmp_path / "base"))
+    (base / "session.h5").unlink()
+    (base / "own_method.py").unlink()
+    for scene in ("session", "method"):
+        shutil.copy(project / "hhsim-gate.toml", head / "hhsim-gate.toml")
+        only(head, scene)
+        answer = gate(head, "--base-folder", str(base))
+        assert answer.code == 0 and f"{scene}, inputs: new, so judged by limits alone" in answer.out, answer.out
+
+
 def test_a_base_folder_has_the_files_of_the_base(project: Path, head: Path, gate: Gate) -> None:
     only(head, "method")
     method("EXTRA_WORK = 0", "EXTRA_WORK = 900")(head)
-    text = (head / "hhsim-gate.toml").read_text()
-    (head / "hhsim-gate.toml").write_text(text.replace('baseline = "baseline.json"', ""))
+    # A baseline that the head brings with it is not what the base did.
+    assert gate(head, "--write-baseline", "baseline.json", "--quiet").code == 0
     answer = gate(head, "--base-folder", str(project), "--quiet")
     assert answer.code == 1 and "method, work units" in answer.err
     assert gate(head, "--base-folder", str(head), "--quiet").code == 0

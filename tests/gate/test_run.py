@@ -260,7 +260,7 @@ def test_the_github_example_is_yaml_whose_gate_line_the_command_takes(repository
     yaml = pytest.importorskip("yaml", reason="pip install 'hhsim[test]' brings pyyaml")
     command = importlib.import_module("hhsim.cli.gate").command
     workflow = yaml.safe_load((repository / "examples" / "gate-github-actions.yml").read_text())
-    assert set(workflow) == {"name", True, "permissions", "jobs"}, "on: is read as true"
+    assert set(workflow) == {"name", True, "permissions", "env", "jobs"}, "on: is read as true"
     (job,) = workflow["jobs"].values()
     steps = {step["name"]: step for step in job["steps"] if "name" in step}
     assert {step["with"]["path"] for step in job["steps"] if "checkout" in step.get("uses", "")} == {"base", "head"}

@@ -197,6 +197,17 @@ def test_tables_of_unequal_length_are_trimmed_to_what_is_whole(tmp_path: Path) -
     assert len(loaded["live/event/level"]) == 1
 
 
+@pytest.mark.parametrize("tick", [-1, 3, 1.5, "hold", None])
+def test_a_tick_that_is_none_is_told(tmp_path: Path, tick: Any) -> None:
+    path = tmp_path / "run.h5"
+    with ResultWriter(path, scene=SCENE, static=static()) as writer:
+        writer.append(block(3))
+        writer.finish({})
+    with pytest.raises(InputError, match=rf"has no tick {tick}: it has 3, counted from 0"):
+        load_result(path).at(tick, ["time"])
+    assert load_result(path).at(np.int64(2), ["time"])["time"] == block(3)["time"][2]
+
+
 def test_ticks_are_read_in_blocks(tmp_path: Path) -> None:
     loaded = load_result(write(tmp_path / "run.h5", [block(1100)]))
     blocks = list(loaded.blocks(["time", "force/total"], 500))
