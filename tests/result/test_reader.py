@@ -205,7 +205,8 @@ def test_a_tick_that_is_none_is_told(tmp_path: Path, tick: Any) -> None:
         writer.finish({})
     with pytest.raises(InputError, match=rf"has no tick {tick}: it has 3, counted from 0"):
         load_result(path).at(tick, ["time"])
-    assert load_result(path).at(np.int64(2), ["time"])["time"] == block(3)["time"][2]
+    last: Any = np.int64(2)
+    assert load_result(path).at(last, ["time"])["time"] == block(3)["time"][2]
 
 
 def test_ticks_are_read_in_blocks(tmp_path: Path) -> None:
