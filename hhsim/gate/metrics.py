@@ -122,7 +122,7 @@ def _others(result: Result) -> dict[str, float]:
         left_out |= OF_SESSIONS
     found = {name: _figure(run_metrics().get(name), result, run, name) for name in limitable() if name not in left_out}
     if result.live is not None:
-        found |= {fault.name: fault.compute(result) for fault in SESSION_FAULTS}
+        found |= {fault.name: fault.value(result) for fault in SESSION_FAULTS}
     return {**found, **{name: float(value) for name, value in result.score.items() if name in OF_SUBMISSIONS}}
 
 

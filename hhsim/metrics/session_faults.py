@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hhsim.errors import InputError
 from hhsim.metrics.run_metric import Figure
 from hhsim.result.reader import Result
 from hhsim.result.safety import Safety
@@ -37,6 +38,13 @@ class SessionFault(Figure):
 
     limit: float
     compute: Callable[[Result], float]
+
+    def value(self, session: Result) -> float:
+        """Return the figure of a session; NaN where its file lacks what it is computed from, or has it damaged."""
+        try:
+            return self.compute(session)
+        except (InputError, ValueError, TypeError, AttributeError):
+            return np.nan
 
 
 def _ended_early(session: Result) -> float:

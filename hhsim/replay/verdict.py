@@ -51,7 +51,7 @@ def verdict(result: Result, rows: Sequence[SummaryRow]) -> Verdict:
 
 def _with_faults(found: Verdict, session: Result) -> Verdict:
     """Return the verdict on a session, which misses its limits by what went wrong in it too."""
-    values = [(fault, fault.compute(session)) for fault in SESSION_FAULTS]
+    values = [(fault, fault.value(session)) for fault in SESSION_FAULTS]
     over = [_over(SummaryRow(fault, value), fault.limit) for fault, value in values if value > fault.limit]
     if not over:
         return found
