@@ -78,9 +78,8 @@ def implementing_kernels() -> dict[str, tuple[str, ...]]:
     return {module: tuple(others) for module, others in found.items()}
 
 
-@functools.cache
-def module_digest(module: str) -> str:
-    """Digest of all that the compiled kernels of a module depend on."""
+def kernel_closure(module: str) -> set[str]:
+    """Return the kernel modules that a module of them depends on, itself included."""
     closure: set[str] = set()
     waiting = [module]
     while waiting:
@@ -89,8 +88,14 @@ def module_digest(module: str) -> str:
             closure.add(name)
             waiting.extend(imported_kernels(name))
             waiting.extend(implementing_kernels().get(name, ()))
+    return closure
+
+
+@functools.cache
+def module_digest(module: str) -> str:
+    """Digest of all that the compiled kernels of a module depend on."""
     digest = _machine_digest()
-    for name in sorted(closure):
+    for name in sorted(kernel_closure(module)):
         source = source_of(name)
         assert source is not None, f"{name} is no module of {PACKAGE}"
         digest.update(name.encode())

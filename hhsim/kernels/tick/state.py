@@ -61,6 +61,8 @@ def tick_state_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
     |---|---|
     | pose | the graphic hand |
     | safe | the last configuration without penetration |
+    | before | the graphic hand where the last tick began |
+    | predicted | the hand stands where the last tick's motion would take it, and no step has been accepted from there |
     | haptic | the haptic hand: the last good input |
     | candidates, contacts | near pairs and contact records |
     | problem, step | the program and the step that solves it |
@@ -76,6 +78,10 @@ def tick_state_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
     | trust, lag | longest step near the object, distance still to go [m] |
     | reach | pairs up to this far enter the program, and no step near the object is longer [m]; at most the margin |
     | moved | how far the farthest point of the hand can have moved in this tick [m] |
+    | asked, asked_before | way of the farthest joint of the user's hand to this tick, and to the last one [m] |
+    | haptic_joints | of the user's hand in the last tick [m] |
+    | moved_before | `moved` of the last tick [m] |
+    | steady | the last tick arrived, and did not jump |
     | relaxed | this tick asks contacts nearer than the offset only not to come nearer |
     | in_one_program | whatever the method, this tick solves palm and fingers in one: apart they found no step |
     | decoupling_latched, latch_joints | palm and fingers apart led nowhere near the haptic joints there [m] |
@@ -104,6 +110,8 @@ def tick_state_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
             ("pose", HAND_POSE),
             ("safe", HAND_POSE),
             ("haptic", HAND_POSE),
+            ("before", HAND_POSE),
+            ("predicted", np.bool_),
             ("candidates", candidates),
             ("contacts", CONTACTS),
             ("problem", PROBLEM),
@@ -123,6 +131,11 @@ def tick_state_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
             ("trust", np.float64),
             ("reach", np.float64),
             ("moved", np.float64),
+            ("steady", np.bool_),
+            ("asked", np.float64),
+            ("asked_before", np.float64),
+            ("haptic_joints", np.float64, (FINGER_COUNT, PHALANX_COUNT + 1, 3)),
+            ("moved_before", np.float64),
             ("lag", np.float64),
             ("relaxed", np.bool_),
             ("hold_abduction", np.bool_),

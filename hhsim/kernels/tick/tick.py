@@ -93,9 +93,11 @@ def set_haptic(
     hand: HandArrays, position: Array, orientation: Array, flexion: Array, abduction: Array, state: Record
 ) -> int:
     """Take the new haptic configuration; returns 0, or STATUS_INPUT_INVALID and keeps the old one: it is not finite."""
+    haptic = state.haptic
+    state.asked_before = state.asked
+    state.asked = 0.0
     if not is_finite_configuration(position, orientation, flexion, abduction):
         return STATUS_INPUT_INVALID
-    haptic = state.haptic
     square = 0.0
     for i in range(4):
         square += orientation[i] * orientation[i]
@@ -108,7 +110,9 @@ def set_haptic(
         haptic.abduction[f] = abduction[f]
         for k in range(PHALANX_COUNT):
             haptic.flexion[f, k] = flexion[f, k]
+    copy_values(haptic.joints[:], state.haptic_joints[:])
     update_kinematics(hand, haptic)
+    state.asked = farthest_joint(state.haptic_joints, haptic.joints)
     return 0
 
 
@@ -225,6 +229,8 @@ def begin_tick(options: TickOptions, state: Record) -> None:
         state.turns = 0
         state.last_step[:] = 0.0
     _follow_way(options, state)
+    state.steady = state.lag == 0.0 and state.moved <= STEADY * state.moved_before
+    state.moved_before = state.moved
     state.moved = 0.0
     state.lag = 0.0
 
@@ -330,7 +336,6 @@ def _complete_lists(hand: HandArrays, surface: Any, options: TickOptions, state:
     if evaluate(hand, state.pose, surface, candidates.needed, options.margin, skin, candidates, work) != 0:
         state.full = True
         return False
-    work[WORK_LINEARISATIONS] -= 1
     return True
 
 
@@ -384,8 +389,10 @@ def recover(hand: HandArrays, surface: Any, options: TickOptions, state: Record)
     for body in range(BODY_COUNT):
         moved += state.since_safe[body]
     if moved > 0.0:
+        if not state.predicted:
+            state.trust *= TRUST_DECAY
+        state.predicted = False
         _take_back(state)
-        state.trust *= TRUST_DECAY
         state.full = evaluate_pose(hand, surface, options, state) != 0
         return not state.full
     if not state.hold_abduction:
@@ -483,6 +490,64 @@ def clip_target(hand: HandArrays, options: TickOptions, last_chance: bool, state
     return True
 
 
+STEADY = 2.0
+"""Ratio of a tick's motion to that of the tick before, above which the hand has jumped and nothing is predicted."""
+SLOWER = 0.5
+"""Ratio of the way of the user's hand to that of the last tick, below which nothing is predicted: the hand stops."""
+UNFORESEEN = 0.5
+"""Reach of the first program after a prediction, as a share of the predicted motion."""
+
+
+@jit
+def predict_pose(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> None:
+    """Move the hand on as the last tick moved it, so that the first program is made near where the step will end.
+
+    A step of second order then ends the tick, where a hand that slides would need two programs. Nothing is accepted by
+    it: a tick that finds no step from there goes back to where it began. No decision hangs on what the lists hold.
+    """
+    pose, before, delta = state.pose, state.before, state.step.delta
+    abduction, reach = state.problem.abduction_step, min(state.reach, state.trust)
+    share = min(1.0, state.asked / state.asked_before) if state.asked_before > 0.0 else 0.0
+    state.predicted = False
+    if share < SLOWER or not state.steady or state.active.count == 0:
+        copy_configuration(pose, before)
+        return
+    rotation_vector_between(before.orientation, pose.orientation, state.scratch)
+    for i in range(3):
+        delta[i] = share * (pose.position[i] - before.position[i])
+        delta[3 + i] = share * state.scratch[i]
+    for f in range(FINGER_COUNT):
+        abduction[f] = share * (pose.abduction[f] - before.abduction[f])
+        for k in range(PHALANX_COUNT):
+            delta[6 + 3 * f + k] = share * (pose.flexion[f, k] - before.flexion[f, k])
+        clamp_to_limits(hand, pose, f, delta[:])
+    copy_configuration(pose, before)
+    _, longest = shortening(hand, options, state)
+    if not options.step_tolerance < longest <= reach:
+        return
+    _complete_lists(hand, surface, options, state)
+    if state.full:
+        return
+    state.predicted = True
+    move(pose, delta, abduction, 1.0)
+    for body in range(BODY_COUNT):
+        state.since_safe[body] += state.motion[body]
+    state.moved += longest
+    state.reach = min(state.reach, max(REACH_FLOOR * options.step_tolerance, UNFORESEEN * longest))
+    state.full = evaluate_pose(hand, surface, options, state) != 0
+
+
+@jit
+def forget_prediction(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> bool:
+    """Go back to where the tick began if its hand is there by prediction alone; return whether it was."""
+    if not state.predicted:
+        return False
+    state.predicted = False
+    _take_back(state)
+    state.full = evaluate_pose(hand, surface, options, state) != 0
+    return True
+
+
 @jit_once
 def advance(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> bool:
     """Take the step as far as the pairs at hand vouch for and judge it by the true distances.
@@ -523,6 +588,7 @@ def advance(hand: HandArrays, surface: Any, options: TickOptions, state: Record)
             state.since_safe[body] = 0.0
         copy_active(state.warm, state.active)
         state.accepted = True
+        state.predicted = False
         state.bad_steps = 0
         state.lag = wanted - fraction * longest
         unhindered = state.contacts.start[FINGER_COUNT + 1] == 0
@@ -532,6 +598,8 @@ def advance(hand: HandArrays, surface: Any, options: TickOptions, state: Record)
             state.lag = longest
         elif done:
             state.lag = 0.0
+    elif forget_prediction(hand, surface, options, state):
+        done = state.full
     else:
         if state.bad_steps == 0:
             state.lag = wanted
@@ -567,7 +635,7 @@ def _settle_forces(hand: HandArrays, surface: Any, options: TickOptions, state: 
     # program, of the touching contacts only, that standing still satisfies, so that the forces stay within the
     # coupling's own. The same where the palm has yielded to a finger: it stands at the edge of what the finger's own
     # program allows, and there that program's multipliers grow without bound.
-    near = max(options.touch, ON_THE_WAY * options.offset)
+    near = max(options.touch, ON_THE_WAY * options.offset) if state.lag > 0.0 else options.touch
     contacts = find_contacts(surface, hand, state.pose, state.candidates, near, state.contacts)
     state.active.count = 0
     if contacts != 0 or state.contacts.start[FINGER_COUNT + 1] == 0:
@@ -663,9 +731,11 @@ def converge(method: Any, hand: HandArrays, surface: Any, state: Record, qp: QpW
     """Go from linearisation to linearisation until the hand stands still; returns status bits."""
     options = method.options
     begin_tick(options, state)
+    predict_pose(hand, surface, options, state)
     status = 0
     for i in range(options.linearisations):
-        if i > 0 and spent_units(state) >= options.budget:
+        # With lists that are not whole a program could miss a pair.
+        if state.full or (i > 0 and spent_units(state) >= options.budget):
             break
         if is_oscillating(method, state, i):
             switch_to_coupled(state)
@@ -682,6 +752,8 @@ def converge(method: Any, hand: HandArrays, surface: Any, state: Record, qp: QpW
             if contacts < 0 or solved != OPTIMAL:
                 break
             anew = not complete and _complete_lists(hand, surface, options, state)
+            if anew:
+                state.work[WORK_LINEARISATIONS] -= 1
             complete = True
             if not anew and (contacts == 0 or not clip_target(hand, options, last_chance, state)):
                 break
@@ -701,6 +773,7 @@ def converge(method: Any, hand: HandArrays, surface: Any, state: Record, qp: QpW
 def rebuild_candidates(hand: HandArrays, surface: Any, options: TickOptions, states: NDArray[np.void]) -> int:
     """Take the graphic hand's configuration as it now stands: kinematics, near pairs, distances; returns 0 or FULL."""
     state = states[0]
+    copy_configuration(state.pose, state.before)
     for body in range(BODY_COUNT):
         # A body that the scene does not use is never due for a walk and never near.
         state.candidates.fresh[body] = -np.inf if state.modelled[body] == 1 else np.inf
