@@ -1,12 +1,13 @@
 """`hhsim gate`."""
 
 import os
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from hhsim.errors import InputError
+from hhsim.errors import HhsimError, InputError
 
 from .arguments import options
 from .arguments.option_group import OptionGroup, option
@@ -63,6 +64,7 @@ class Comparison(OptionGroup):
 @click.option("--markdown", type=FILE, metavar="FILE", help="Write a summary in Markdown.")
 @click.option("--step-summary", is_flag=True, help=f"Append the summary to the file that ${STEP_SUMMARY} names.")
 @click.option("--junit", type=FILE, metavar="FILE", help="Write JUnit XML.")
+@click.option("--all", "whole", is_flag=True, help="Print every figure; without it what changed or was missed.")
 @options.json
 @options.quiet
 def command(
@@ -71,6 +73,7 @@ def command(
     markdown: Path | None,
     step_summary: bool,
     junit: Path | None,
+    whole: bool,
     as_json: bool,
     quiet: bool,
 ) -> int:
@@ -83,7 +86,8 @@ def command(
     baseline was recorded elsewhere. A RESULT is judged as it is, by its file alone; of its times, only those that
     --suite limits.
 
-    Exit codes: 0 ok, 1 a limit was missed, 2 bad input, 3 the two sides were fed with different inputs.
+    Exit codes: 0 ok, 1 a limit was missed, 2 bad input, 3 the two sides were fed with different inputs. The files are
+    written with each of them.
 
     \b
     Examples:
@@ -95,11 +99,10 @@ def command(
       hhsim gate results/after.h5 --baseline results/before.h5
       hhsim gate session.h5 --suite hhsim-gate.toml
     """
-    from hhsim.gate.report import markdown as as_markdown
-    from hhsim.system.atomic_write import write_atomically
+    from hhsim.gate.gate import refused_report
     from hhsim.system.output_path import check_output_path
 
-    summary = _step_summary() if step_summary else None
+    outputs = markdown, _step_summary() if step_summary else None, junit
     for path in (comparison.write_baseline, markdown, junit):
         if path is not None:
             check_output_path(path)
@@ -109,58 +112,59 @@ def command(
             raise click.UsageError(
                 "--base-python, --base-folder and --write-baseline run a suite: a RESULT is judged as it is"
             )
-        report = _judge_result(target, comparison, timed=comparison.time)
+        judge = partial(_judge_result, target, comparison)
     else:
         if comparison.suite is not None:
             raise click.UsageError("--suite is for a RESULT: a suite is run by its name, hhsim gate SUITE")
-        report = _judge_suite(target, comparison, quiet=quiet)
-    # The name of a file need be no UTF-8.
-    text = as_markdown(report).encode(errors="replace")
-    if markdown is not None:
-        write_atomically(markdown, text)
-    if summary is not None:
-        with summary.open("ab") as file:
-            file.write(text)
-    if junit is not None:
-        from hhsim.gate.report import junit as as_junit
+        judge = partial(_judge_suite, target, comparison, quiet=quiet)
+    try:
+        report = judge()
+    except HhsimError as error:
+        _write(refused_report("hhsim gate" if target is None else str(target), str(error)), *outputs)
+        raise
+    _write(report, *outputs)
+    written = comparison.write_baseline
+    if written is not None and report.recorded:
+        from hhsim.gate.baseline import write_baseline
 
-        write_atomically(junit, as_junit(report))
-    if comparison.write_baseline is not None and not report.recorded:
-        print_notes([f"not every scene ran, so {comparison.write_baseline} is not written"], prefix="gate")
-    _print(report, comparison.write_baseline if report.recorded else None, as_json=as_json, quiet=quiet)
+        write_baseline(written, report.recorded)
+    elif written is not None:
+        print_notes([f"not every scene ran, so {written} is not written"], prefix="gate")
+    _print(report, written if report.recorded else None, whole=whole, as_json=as_json, quiet=quiet)
     return report.exit_code
 
 
-def _judge_result(path: Path, comparison: Comparison, *, timed: bool) -> "GateReport":
+def _judge_result(path: Path, comparison: Comparison) -> "GateReport":
     from hhsim.gate.baseline import load_baseline
     from hhsim.gate.gate import gate_result
     from hhsim.gate.suite import load_suite
     from hhsim.result.reader import load_result
 
     suite = None if comparison.suite is None else load_suite(comparison.suite)
-    baseline = comparison.baseline
     base: Result | Baseline | None = None
-    if baseline is not None:
-        base = load_result(baseline) if names_a_result(baseline) else load_baseline(baseline)
-    return gate_result(load_result(path), suite, base, timed=timed)
+    if (named := comparison.baseline) is not None:
+        base = load_result(named) if names_a_result(named) else load_baseline(named)
+    return gate_result(load_result(path), suite, base, timed=comparison.time)
 
 
 def _judge_suite(target: Path | None, comparison: Comparison, *, quiet: bool) -> "GateReport":
     from dataclasses import replace
 
-    from hhsim.gate.baseline import load_baseline, write_baseline
-    from hhsim.gate.gate import find_suite, gate_suite
+    from hhsim.gate.baseline import load_baseline
+    from hhsim.gate.gate import gate_suite
     from hhsim.gate.run import find_side, this_python
-    from hhsim.gate.suite import SUITE_FILE
-    from hhsim.kernels.machine_calibration import REFERENCE_VERSION
+    from hhsim.gate.suite import SUITE_FILE, default_suite, load_suite
 
-    suite = find_suite(target, Path(SUITE_FILE))
+    usual = Path(SUITE_FILE)
+    suite = load_suite(target or usual) if target is not None or usual.is_file() else default_suite()
+    if target is None and not usual.is_file():
+        print_notes([f"no {SUITE_FILE} in {Path.cwd()}: hhsim's own default suite is run"])
     if comparison.processes is not None:
         suite = replace(suite, processes=comparison.processes)
-    written = comparison.write_baseline
+    named = comparison.baseline
     # Who names a base's folder compares with it: the suite's own baseline is the head's.
-    usual = suite.baseline if written is None and comparison.base_folder is None else None
-    named = comparison.baseline or usual
+    if named is None and comparison.write_baseline is None and comparison.base_folder is None:
+        named = suite.baseline
     baseline = None if named is None else load_baseline(named)
     head = find_side("head", this_python())
     base = None
@@ -170,18 +174,15 @@ def _judge_suite(target: Path | None, comparison: Comparison, *, quiet: bool) ->
         python = this_python() if comparison.base_python is None else comparison.base_python.absolute()
         base = find_side("base", python, comparison.base_folder)
     with progress(quiet=quiet) as report_progress:
-        report = gate_suite(
+        return gate_suite(
             suite,
             head,
             base=base,
             baseline=baseline,
             timed=comparison.time,
-            record_times=comparison.time and written is not None,
+            record_times=comparison.time and comparison.write_baseline is not None,
             progress=report_progress,
         )
-    if written is not None and report.recorded:
-        write_baseline(written, report.recorded, REFERENCE_VERSION)
-    return report
 
 
 def _step_summary() -> Path:
@@ -191,18 +192,43 @@ def _step_summary() -> Path:
     return Path(named)
 
 
-def _print(report: "GateReport", written: Path | None, *, as_json: bool, quiet: bool) -> None:
-    from hhsim.gate.report import HEADINGS, NUMBERS, cells, headline, reasons
+def _write(report: "GateReport", markdown: Path | None, summary: Path | None, junit: Path | None) -> None:
+    """Write what CI systems read."""
+    from hhsim.gate.report import junit as as_junit
+    from hhsim.gate.report import markdown as as_markdown
+    from hhsim.system.atomic_write import write_atomically
 
+    # The name of a file need be no UTF-8.
+    text = as_markdown(report).encode(errors="replace")
+    if markdown is not None:
+        write_atomically(markdown, text)
+    if summary is not None:
+        with summary.open("ab") as file:
+            file.write(text)
+    if junit is not None:
+        write_atomically(junit, as_junit(report))
+
+
+def _print(report: "GateReport", written: Path | None, *, whole: bool, as_json: bool, quiet: bool) -> None:
+    from hhsim.gate.report import HEADINGS, NUMBERS, cells, headline, left_out, not_judged, reasons, worth_showing
+    from hhsim.gate.timing_test import NOT_COMPARABLE
+    from hhsim.gate.verdict import REFUSED
+
+    print_notes(report.refused, prefix="error")
     if as_json:
         print_json({**report.to_json(), "baseline_written": str(written) if written else None})
     elif quiet:
-        failing = [row for row in report.rows if not row.passed or row.verdict == "not comparable"]
+        failing = [row for row in report.rows if not row.passed or row.verdict == NOT_COMPARABLE]
         print_notes(reasons(failing), prefix="gate")
     else:
-        print_table(HEADINGS, [cells(row) for row in report.rows], title=report.source, numbers=NUMBERS)
-        for line in (*reasons(report.rows), *report.notes):
+        shown = list(report.rows) if whole else worth_showing(report)
+        if shown:
+            print_table(HEADINGS, [cells(row) for row in shown], title=report.source, numbers=NUMBERS)
+        told = [row for row in shown if row.verdict != REFUSED]
+        for line in (*reasons(told), *not_judged(report), *report.notes):
             print(f"note: {line}")
+        if not whole and (rest := left_out(report)):
+            print(f"{report.source}: {rest} (--all shows them)")
         print(headline(report))
         if written is not None:
             print(f"the baseline is in {written}")

@@ -11,6 +11,7 @@ from hhsim import __version__
 from hhsim.errors import InputError
 from hhsim.gate.input_hash import inputs_from_json
 from hhsim.gate.metrics import COUNTERS, RunFigures
+from hhsim.kernels.machine_calibration import REFERENCE_VERSION
 from hhsim.metrics.run.registry import judged_metrics
 from hhsim.system import environment as info
 from hhsim.system.atomic_write import write_atomically
@@ -43,20 +44,16 @@ class Baseline:
 
     Attributes:
         source: For messages.
-        hhsim: Version that made it.
         reference_version: Of the reference workload that its times were taken beside.
-        machine: That it was recorded on.
         scenes: By name.
     """
 
     source: str
-    hhsim: str
     reference_version: int
-    machine: Mapping[str, Any] = field(default_factory=dict)
     scenes: Mapping[str, RecordedScene] = field(default_factory=dict)
 
 
-def write_baseline(path: Path, scenes: Mapping[str, RecordedScene], reference_version: int) -> None:
+def write_baseline(path: Path, scenes: Mapping[str, RecordedScene]) -> None:
     """Write a baseline.
 
     Raises:
@@ -68,7 +65,7 @@ def write_baseline(path: Path, scenes: Mapping[str, RecordedScene], reference_ve
         "version": BASELINE_VERSION,
         "hhsim": __version__,
         # A file without times is the same from any machine: what it was made on would only make noise in its history.
-        **({"machine": asdict(info.machine()), "reference_version": reference_version} if timed else {}),
+        **({"machine": asdict(info.machine()), "reference_version": REFERENCE_VERSION} if timed else {}),
         "scenes": {name: _scene_json(scene) for name, scene in scenes.items()},
     }
     text = json.dumps(_rounded(document), indent=1, ensure_ascii=False)
@@ -86,7 +83,7 @@ def load_baseline(path: Path) -> Baseline:
     try:
         document = json.loads(read_input_text(path))
     except FileNotFoundError:
-        raise InputError(f"{path}: no such file; expected a baseline (hhsim gate --write-baseline)") from None
+        raise InputError(f"{path}: no such file; record it with hhsim gate SUITE --write-baseline {path}") from None
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"cannot read the baseline {path}: {getattr(error, 'strerror', None) or error}") from error
     except json.JSONDecodeError as error:
@@ -101,9 +98,7 @@ def load_baseline(path: Path) -> Baseline:
     try:
         return Baseline(
             source=str(path),
-            hhsim=str(document["hhsim"]),
             reference_version=int(document.get("reference_version", 0)),
-            machine=dict(document.get("machine", {})),
             scenes={name: _scene(scene, f"{path}, scene {name}") for name, scene in document["scenes"].items()},
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:

@@ -1,8 +1,8 @@
 """The gate: run a suite, or take a result, judge it against limits and a base, and say yes or no."""
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 from hhsim.errors import InputError
@@ -10,20 +10,20 @@ from hhsim.gate.baseline import Baseline, RecordedScene
 from hhsim.gate.input_hash import differences
 from hhsim.gate.limits import SESSION_DEFAULTS, without_times
 from hhsim.gate.metrics import RunFigures, run_figures
-from hhsim.gate.run import RunFailed, Side, interleaved_times, times_beside_reference
-from hhsim.gate.suite import REPLAY, SESSION, SUBMISSION, GateScene, GateSuite, default_suite, load_suite
+from hhsim.gate.run import RunFailed, Side, Step, interleaved_times, times_beside_reference
+from hhsim.gate.suite import REPLAY, SESSION, SUBMISSION, GateScene, GateSuite, default_suite
+from hhsim.gate.timing_test import NOT_COMPARABLE
 from hhsim.gate.verdict import (
+    REFUSED,
     GateRow,
     failed_run,
+    inputs_row,
     judge_counters,
     judge_errors,
     judge_inputs,
     judge_others,
-    judge_suspicions,
     judge_time,
-    new_scene,
     overall,
-    unjudged,
 )
 from hhsim.kernels.machine_calibration import REFERENCE_VERSION
 from hhsim.replay.limits import default_limits, stored_promises
@@ -56,7 +56,7 @@ class GateReport:
 
     @property
     def exit_code(self) -> int:
-        """0 ok, 1 a limit was missed, 3 cannot compare."""
+        """0 ok, 1 a limit was missed, 2 a scene was refused for bad input, 3 cannot compare."""
         return overall(self.rows)[1]
 
     @property
@@ -64,9 +64,15 @@ class GateReport:
         """Rows whose limit was missed."""
         return [row for row in self.rows if not row.passed]
 
+    @property
+    def refused(self) -> list[str]:
+        """Why scenes, or all of it, could not be run."""
+        return [f"{row.scene}: {row.reason}" for row in self.rows if row.verdict == REFUSED]
+
     def to_json(self) -> dict[str, Any]:
-        """As plain values."""
+        """Return it as plain values."""
         return {
+            **({"error": "; ".join(self.refused)} if self.refused else {}),
             "source": self.source,
             "against": self.against or None,
             "verdict": self.verdict or None,
@@ -75,6 +81,11 @@ class GateReport:
             "rows": [row.to_json() for row in self.rows],
             "notes": list(self.notes),
         }
+
+
+def refused_report(source: str, reason: str) -> GateReport:
+    """Return the report of a suite or a result that cannot be gated at all."""
+    return GateReport(source, "", (failed_run(source, reason, refused=True),))
 
 
 def gate_suite(
@@ -87,34 +98,35 @@ def gate_suite(
     record_times: bool = False,
     progress: Progress = silent,
 ) -> GateReport:
-    """Run every scene of a suite and judge it.
+    """Run every scene of a suite and judge it; what hhsim refuses, such as an unknown object, is told in a row.
 
     Args:
         base: What it is compared with, run in the same job.
         baseline: A recorded one; where both are given, counters are compared with this one, times with `base`.
         timed: Whether times are judged, by the base and by limits.
         record_times: Whether times of head are taken for a baseline to come, even where nothing is compared.
-
-    Raises:
-        InputError: A scene that hhsim refuses: an unknown object, a bad option; or a suite that is wrong.
     """
+    gate = _SuiteGate(suite, head, base, baseline, timed, record_times)
     rows: list[GateRow] = []
     recorded: dict[str, RecordedScene] = {}
+    count = len(suite.scenes)
     for i, scene in enumerate(suite.scenes):
 
         def step(what: str, i: int = i) -> None:
-            progress(what, i, len(suite.scenes))
+            progress(what, i, count)
 
-        run = _SceneRun(suite, scene, head, base, baseline, timed, record_times, step)
-        rows += run.rows
-        if run.recorded is not None:
-            recorded[scene.name] = run.recorded
-    progress("done", len(suite.scenes), len(suite.scenes))
-    if len(recorded) < len(suite.scenes):
+        found, kept = gate.run(scene, step)
+        rows += found
+        recorded |= {} if kept is None else {scene.name: kept}
+    progress("done", count, count)
+    if len(recorded) < count:
         recorded = {}
     against = [f"the baseline {baseline.source}"] if baseline else []
     against += [f"hhsim {base.version} of {base.python}"] if base else []
-    notes = _notes(head, base)
+    gone = [] if baseline is None else sorted(baseline.scenes.keys() - {scene.name for scene in suite.scenes})
+    notes = [f"not in the suite any more: {', '.join(gone)}"] if gone else []
+    if base is not None and base.package == head.package and base.folder is None:
+        notes.append(f"base and head are the same hhsim, that in {head.package}: this compares it with itself")
     wanted = timed and not record_times and any(scene.timed for scene in suite.scenes)
     if wanted and not any(row.kind == "time" for row in rows):
         notes.append("no time was judged: that takes --base-python, or a baseline that was recorded with times")
@@ -154,11 +166,15 @@ def gate_result(
         kind = SESSION if result.live is not None else SUBMISSION if result.score else REPLAY
         limits, slack = suite.limits_of(kind), suite.slack
     else:
-        limits, slack = default_limits(stored_promises(result.scene)), default_suite().slack
+        usual, slack = default_limits(stored_promises(result.scene)), default_suite().slack
+        # Only a limit that somebody wrote is told where the run has no such figure.
+        runs = (head,) if before is None else (head, before)
+        had = {name for run in runs for name, value in run.errors.items() if not math.isnan(value)}
+        limits = {name: limit for name, limit in usual.items() if name in had}
         limits |= SESSION_DEFAULTS if result.live is not None else {}
     rows = _judged(name, head, before, limits if timed else without_times(limits), slack)
     if unlike:
-        rows.insert(0, unjudged(name, "inputs", unlike))
+        rows.insert(0, inputs_row(name, unlike, NOT_COMPARABLE))
     stopped = f"the run of {result.path} was stopped: only its first {result.ticks:,} ticks are judged"
     return GateReport(str(result.path), source, tuple(rows), () if result.complete else (stopped,))
 
@@ -172,124 +188,93 @@ def _judged(
     motion_may_change: bool = False,
 ) -> list[GateRow]:
     """All rows of a run but its time; of a base that was fed with something else, no figure is told."""
-    others = [*judge_others(name, head, limits), *judge_suspicions(name, head)]
-    if base is None:
-        return [*judge_errors(name, head, None, limits), *others]
-    inputs = judge_inputs(name, head, base, motion_may_change)
-    if differences(base.inputs, head.inputs):
-        return [inputs, *judge_errors(name, head, None, limits), *others]
-    return [inputs, *judge_errors(name, head, base, limits), *others, *judge_counters(name, head, base, slack)]
+    inputs = [] if base is None else [judge_inputs(name, head, base, motion_may_change)]
+    alike = None if base is None or differences(base.inputs, head.inputs) else base
+    counters = [] if alike is None else judge_counters(name, head, alike, slack)
+    return [*inputs, *judge_errors(name, head, alike, limits), *judge_others(name, head, limits), *counters]
 
 
-class _SceneRun:
-    """One scene: its rows, and what can be recorded of it."""
+@dataclass(frozen=True)
+class _SuiteGate:
+    """What every scene of a suite is run and judged with; as the arguments of `gate_suite`."""
 
-    def __init__(
-        self,
-        suite: GateSuite,
-        scene: GateScene,
-        head: Side,
-        base: Side | None,
-        baseline: Baseline | None,
-        timed: bool,
-        record_times: bool,
-        step: Callable[[str], None],
-    ) -> None:
-        self.suite, self.scene, self.step = suite, scene, step
-        self.recorded: RecordedScene | None = None
-        self.rows: list[GateRow] = []
+    suite: GateSuite
+    head: Side
+    base: Side | None
+    baseline: Baseline | None
+    timed: bool
+    record_times: bool
+
+    def run(self, scene: GateScene, step: Step) -> tuple[list[GateRow], RecordedScene | None]:
+        """Return the rows of a scene, and what can be recorded of it."""
         step(f"{scene.name}, head")
         try:
-            figures = head.figures(scene, suite.folder)
+            figures = self.head.figures(scene, self.suite.folder)
         except RunFailed as failed:
-            if failed.refused:
-                raise InputError(str(failed)) from failed
-            self.rows = [failed_run(scene.name, str(failed))]
-            return
-        self.recorded = RecordedScene(figures)
-        kept = None if baseline is None else baseline.scenes.get(scene.name)
-        before, why = None, ""
-        if baseline is not None and kept is None:
-            why = f"{baseline.source} has no scene {scene.name}: record it with --write-baseline"
-        elif kept is not None:
-            before = kept.figures
-        times_with = base
+            return [failed_run(scene.name, str(failed), refused=failed.refused)], None
+        rows: list[GateRow] = []
+        kept = None if self.baseline is None else self.baseline.scenes.get(scene.name)
+        before, why, base = None if kept is None else kept.figures, "", self.base
+        if self.baseline is not None and kept is None:
+            why = f"{self.baseline.source} has no scene {scene.name}: record it with --write-baseline"
         if base is not None:
             step(f"{scene.name}, base")
             try:
-                of_base = base.figures(scene, suite.folder)
+                of_base = base.figures(scene, self.suite.folder)
             except RunFailed as failed:
-                times_with = None
                 if failed.refused and base.folder is not None:
                     # What a change brings with it, the base does not have.
-                    self.rows.append(new_scene(scene.name, str(failed)))
+                    rows.append(inputs_row(scene.name, f"new, so judged by limits alone: {failed}"))
                 else:
                     why = why or str(failed)
+                base = None
             else:
                 before = before or (None if why else of_base)
                 apart = differences(of_base.inputs, figures.inputs, but_the_motion=scene.motion_may_change)
+                if apart and self.baseline is not None:
+                    why = why or f"base has different inputs: {'; '.join(apart)}"
                 if differences(of_base.inputs, figures.inputs):
-                    times_with = None
-                if apart:
-                    why = why or ("" if baseline is None else f"base has different inputs: {'; '.join(apart)}")
-        limits = scene.limits if timed else without_times(scene.limits)
-        self.rows += _judged(scene.name, figures, before, limits, scene.slack, scene.motion_may_change)
-        comparable = before is None or not differences(before.inputs, figures.inputs)
+                    base = None
+        limits = scene.limits if self.timed else without_times(scene.limits)
+        rows += _judged(scene.name, figures, before, limits, scene.slack, scene.motion_may_change)
         if why:
-            self.rows.insert(0, unjudged(scene.name, "inputs", why))
-        if scene.timed and timed:
+            rows.insert(0, inputs_row(scene.name, why, NOT_COMPARABLE))
+        recorded = RecordedScene(figures)
+        if scene.timed and self.timed:
+            comparable = before is None or not differences(before.inputs, figures.inputs)
             try:
-                self._time(head, times_with, base, kept if comparable else None, baseline, record_times)
+                found, recorded = self._timed(scene, base, kept if comparable else None, recorded, step)
+                rows += found
             except RunFailed as failed:
                 # What ran once and does not run again, or not every time.
-                if failed.side == head.name:
-                    self.recorded = None
-                    self.rows.append(failed_run(scene.name, str(failed)))
-                else:
-                    self.rows.append(unjudged(scene.name, "time", str(failed)))
+                if failed.side == self.head.name:
+                    return [*rows, failed_run(scene.name, str(failed))], None
+                rows.append(inputs_row(scene.name, str(failed), NOT_COMPARABLE, "time"))
+        return rows, recorded
 
-    def _time(
-        self,
-        head: Side,
-        base: Side | None,
-        wanted: Side | None,
-        kept: RecordedScene | None,
-        baseline: Baseline | None,
-        record: bool,
-    ) -> None:
-        scene, suite = self.scene, self.suite
+    def _timed(
+        self, scene: GateScene, base: Side | None, kept: RecordedScene | None, recorded: RecordedScene, step: Step
+    ) -> tuple[list[GateRow], RecordedScene]:
+        """Return the rows of a scene's time, and what can be recorded with its times where they were taken alone.
+
+        Args:
+            base: What is run in turn, where its inputs are those of the head.
+            kept: Of the baseline, where its inputs are.
+        """
+        suite, rows = self.suite, []
         if base is not None:
-            before, after = interleaved_times(scene, suite.folder, base, head, suite.processes, self.step)
-            self.rows.append(judge_time(scene.name, after, before, suite.limit))
-        against = kept if wanted is None and kept is not None and kept.times else None
-        if against is not None and baseline is not None and baseline.reference_version != REFERENCE_VERSION:
-            reason = f"reference workload {baseline.reference_version} there, {REFERENCE_VERSION} here"
-            self.rows.append(unjudged(scene.name, "time", reason))
+            before, after = interleaved_times(scene, suite.folder, base, self.head, suite.processes, step)
+            rows.append(judge_time(scene.name, after, before, suite.limit))
+        against = kept if self.base is None and kept is not None and kept.times else None
+        if against is not None and self.baseline is not None and self.baseline.reference_version != REFERENCE_VERSION:
+            reason = f"reference workload {self.baseline.reference_version} there, {REFERENCE_VERSION} here"
+            rows.append(inputs_row(scene.name, reason, NOT_COMPARABLE, "time"))
             against = None
-        if against is None and not record:
-            return
-        times, references = times_beside_reference(scene, suite.folder, head, suite.processes, self.step)
-        assert self.recorded is not None
-        self.recorded = RecordedScene(self.recorded.figures, tuple(times), tuple(references))
-        if against is None:
-            return
-        here = [time / reference for time, reference in zip(times, references)]
-        there = [time / reference for time, reference in zip(against.times, against.references)]
-        self.rows.append(judge_time(scene.name, here, there, suite.recorded_limit, divided=True))
-
-
-def _notes(head: Side, base: Side | None) -> list[str]:
-    if base is not None and base.package == head.package and base.folder is None:
-        return [f"base and head are the same hhsim, that in {head.package}: this compares it with itself"]
-    return []
-
-
-def find_suite(path: Path | None, usual: Path) -> GateSuite:
-    """The suite of a file, else that of the current folder, else the one that ships.
-
-    Raises:
-        InputError: As `hhsim.gate.suite.load_suite`.
-    """
-    if path is not None:
-        return load_suite(path)
-    return load_suite(usual) if usual.is_file() else default_suite()
+        if against is None and not self.record_times:
+            return rows, recorded
+        times, references = times_beside_reference(scene, suite.folder, self.head, suite.processes, step)
+        if against is not None:
+            here = [time / reference for time, reference in zip(times, references)]
+            there = [time / reference for time, reference in zip(against.times, against.references)]
+            rows.append(judge_time(scene.name, here, there, suite.recorded_limit, divided=True))
+        return rows, RecordedScene(recorded.figures, tuple(times), tuple(references))

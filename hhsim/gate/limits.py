@@ -6,6 +6,7 @@ from hhsim.metrics.run.registry import run_metrics
 from hhsim.metrics.run_metric import Figure
 from hhsim.metrics.session_faults import SESSION_FAULTS
 from hhsim.metrics.session_times import SESSION_TIMES
+from hhsim.replay.limits import default_limits
 from hhsim.submissions.pose_errors import MESH_DEPTH, OFF_BEST, OFF_BEST_MAX
 
 OF_SESSIONS = frozenset(figure.name for figure in (*SESSION_TIMES, *SESSION_FAULTS))
@@ -16,6 +17,8 @@ OF_MISHAPS = ("ended_early", "faults")
 """Figures of a session whose cause its file states in words."""
 SESSION_DEFAULTS = {fault.name: fault.limit for fault in SESSION_FAULTS}
 """Limits of a session where a suite sets no other."""
+OUTSIDE_DEFAULTS = {"free_off_max": default_limits(("follows_input",))["free_off_max"]}
+"""The same of a replay by a method from outside, which does not tell whether its ticks are stuck."""
 
 
 def limitable() -> dict[str, Figure]:

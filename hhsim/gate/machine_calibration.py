@@ -3,9 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.machine_calibration import REFERENCE_VERSION, ROWS, SPHERES, time_reference
-
-__all__ = ["REFERENCE_VERSION", "reference_p50"]
+from hhsim.kernels.machine_calibration import ROWS, SPHERES, time_reference
 
 REPEATS = 2_000
 

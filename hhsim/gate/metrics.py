@@ -12,14 +12,14 @@ import numpy as np
 
 from hhsim.arrays import AnyArray
 from hhsim.gate.input_hash import RunInputs, run_inputs
-from hhsim.gate.limits import OF_SESSIONS, OF_SUBMISSIONS, limitable
+from hhsim.gate.limits import OF_SESSIONS, OF_SUBMISSIONS
 from hhsim.hand.fingers import FINGERS
 from hhsim.metrics import metrics
 from hhsim.metrics.run.registry import judged_metrics, known_figures, run_metrics
 from hhsim.metrics.run.stuck_and_lag import is_mostly_stuck
 from hhsim.metrics.run_metric import Figure, RunMetric
 from hhsim.metrics.run_ticks import RunTicks, result_ticks
-from hhsim.metrics.session_faults import SESSION_FAULTS, first_mishap
+from hhsim.metrics.session_faults import ended_before_its_time, first_mishap, recorded_faults
 from hhsim.replay.limits import stored_promises
 from hhsim.replay.stored_scene import stored_surface
 from hhsim.result.reader import Result
@@ -59,6 +59,7 @@ class RunFigures:
         promises: What its method promises, of `hhsim.solver.method.PROMISES`.
         suspicions: What a submission probably does not mean, a line each.
         mishap: Of a session that did not end in order, how it ended, else its first fault; "" of any other run.
+        stopped: Of a session that ended before its asked duration, how and when; "" of any other run.
     """
 
     inputs: RunInputs
@@ -70,6 +71,7 @@ class RunFigures:
     promises: frozenset[str] = frozenset()
     suspicions: tuple[str, ...] = ()
     mishap: str = ""
+    stopped: str = ""
 
     def to_json(self) -> dict[str, Any]:
         """As plain values; what is undefined is None."""
@@ -89,12 +91,14 @@ def run_figures(result: Result) -> RunFigures:
     # How many pairs are near is a figure of the pose, and of work only where hhsim looks at them.
     own = known if WORK in gives else known.intersection((UNITS_OF_WORK,))
     counters = {name: int(np.sum(result[dataset])) for name, (dataset, _) in COUNTERS.items() if dataset in own}
-    errors = {name: value for name, value in _errors(result, known).items() if name in known_figures(gives)}
+    told, run = known_figures(gives), result_ticks(result, _ComputedAnew(result))
+    errors = {name: value for name, value in _errors(result, run, known).items() if name in told}
     stuck = is_mostly_stuck(errors.get("stuck_ticks", 0.0), result.ticks)
     suspicions = tuple(map(str, result.scene.get("submission", {}).get("suspicions", ())))
     promises = stored_promises(result.scene)
-    others, mishap = _others(result), "" if result.live is None else first_mishap(result)
-    return RunFigures(inputs, errors, counters, cpu_p50(result), others, stuck, promises, suspicions, mishap)
+    others = _others(result, run, told)
+    ended = ("", "") if result.live is None else (first_mishap(result), ended_before_its_time(result))
+    return RunFigures(inputs, errors, counters, cpu_p50(result), others, stuck, promises, suspicions, *ended)
 
 
 def cpu_p50(result: Result) -> float:
@@ -104,8 +108,7 @@ def cpu_p50(result: Result) -> float:
     return float(np.median(cpu[contact] if contact.any() else cpu)) * 1e-9
 
 
-def _errors(result: Result, known: Collection[str]) -> dict[str, float]:
-    run = result_ticks(result, _ComputedAnew(result))
+def _errors(result: Result, run: RunTicks, known: Collection[str]) -> dict[str, float]:
     # What is of runs of its own, only the run itself has.
     found = {name: _figure(metric, result, run) for name, metric in judged_metrics().items()}
     lost = {name for name in NEVER_UNDEFINED if name in known and not np.isfinite(result[name]).all()}
@@ -116,13 +119,11 @@ def _errors(result: Result, known: Collection[str]) -> dict[str, float]:
     }
 
 
-def _others(result: Result) -> dict[str, float]:
-    run, left_out = result_ticks(result, _ComputedAnew(result)), {*judged_metrics(), *OF_SUBMISSIONS}
-    if result.live is None:
-        left_out |= OF_SESSIONS
-    found = {name: _figure(run_metrics().get(name), result, run, name) for name in limitable() if name not in left_out}
+def _others(result: Result, run: RunTicks, told: set[str]) -> dict[str, float]:
+    names = (told if result.live is None else told | OF_SESSIONS) - judged_metrics().keys()
+    found = {name: _figure(run_metrics().get(name), result, run, name) for name in names}
     if result.live is not None:
-        found |= {fault.name: fault.value(result) for fault in SESSION_FAULTS}
+        found |= recorded_faults(result).figures
     return {**found, **{name: float(value) for name, value in result.score.items() if name in OF_SUBMISSIONS}}
 
 

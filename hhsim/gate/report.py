@@ -2,21 +2,25 @@
 
 import math
 import re
+from collections import Counter
 from collections.abc import Sequence
 from xml.etree import ElementTree
 
 from hhsim.gate.gate import GateReport
-from hhsim.gate.verdict import GateRow
+from hhsim.gate.timing_test import NOT_COMPARABLE, SAME, WORSE
+from hhsim.gate.verdict import UNJUDGED, WORSE_WITHIN, GateRow
 
 HEADINGS = ("scene", "figure", "head", "base", "limit", "unit", "verdict", "outcome")
 NUMBERS = ("head", "base", "limit")
 OK, MISSED = "ok", "MISSED"
+LIMIT_ONLY = "limit only"
+"""Stands for the word against a base where a figure has none and is within, or over, its limit."""
 
 
 def cells(row: GateRow) -> tuple[str, ...]:
     """One row under `HEADINGS`."""
     numbers = (number(getattr(row, name) / row.scale) for name in NUMBERS)
-    return (row.scene, row.label, *numbers, row.unit, row.verdict, _state(row))
+    return (row.scene, row.label, *numbers, row.unit, _word(row), _state(row))
 
 
 def number(value: float) -> str:
@@ -32,10 +36,16 @@ def number(value: float) -> str:
 
 def headline(report: GateReport) -> str:
     """The verdict in one line."""
-    missed, unlike = len(report.missed), sum(row.verdict == "not comparable" for row in report.rows)
+    missed, refused = len(report.missed), len(report.refused)
+    unlike = sum(row.verdict == NOT_COMPARABLE for row in report.rows)
     judged = sum(_state(row) in (OK, MISSED) for row in report.rows)
-    parts = [f"{missed} of {judged} figures missed their limit"] if missed else []
+    parts = [f"{refused} cannot be run"] if refused else []
+    parts += [f"{missed} of {judged} figures missed their limit"] if missed else []
     parts += [f"{unlike} cannot be compared"] if unlike else []
+    if report.verdict == WORSE_WITHIN:
+        worse = [row.name for row in report.rows if row.kind == "error" and row.verdict == WORSE]
+        compared = sum(bool(row.verdict) and not math.isnan(row.base) for row in report.rows)
+        parts += [f"{len(worse)} of {compared} figures compared ({', '.join(dict.fromkeys(worse))})"]
     # What has no limit, or no value, is within none.
     within = "all within their limits" if judged else "none has a limit and a value"
     outcome = "; ".join(parts) or f"{judged} of {len(report.rows)} figures judged, {within}"
@@ -45,7 +55,20 @@ def headline(report: GateReport) -> str:
 
 def reasons(rows: Sequence[GateRow]) -> list[str]:
     """A line for each row that a reader has to know more of."""
-    return [f"{row.scene}, {row.label}: {row.reason}{_how_far(row)}" for row in rows if row.reason]
+    told = (row for row in rows if row.reason and not _has_no_value(row))
+    return [f"{row.scene}, {row.label}: {row.reason}{_how_far(row)}" for row in told]
+
+
+def not_judged(report: GateReport) -> list[str]:
+    """Return a line for the limits of a scene on figures that it does not have."""
+    found: dict[tuple[str, str], list[str]] = {}
+    for row in filter(_has_no_value, report.rows):
+        found.setdefault((row.scene, row.reason), []).append(row.name)
+    return [f"{scene}: limit on {', '.join(names)} not judged: {why}" for (scene, why), names in found.items()]
+
+
+def _has_no_value(row: GateRow) -> bool:
+    return row.passed and math.isnan(row.head) and not math.isnan(row.limit)
 
 
 def _how_far(row: GateRow) -> str:
@@ -55,42 +78,51 @@ def _how_far(row: GateRow) -> str:
 
 
 def worth_showing(report: GateReport) -> list[GateRow]:
-    """Rows that are not plainly as they were: missed, changed, or without a base."""
-    return [row for row in report.rows if not row.passed or row.verdict not in ("same", "")]
+    """Return the rows that are not plainly as they were: missed, changed, not to be run or compared, or new."""
+    told = [row for row in report.rows if row.reason and (row.kind == "inputs" or row.name == "ended_early")]
+    return [row for row in report.rows if not row.passed or row.verdict not in (SAME, "") or row in told]
+
+
+def left_out(report: GateReport) -> str:
+    """Return how many rows are neither `worth_showing` nor `not_judged`, by their word; "" where all are."""
+    shown = worth_showing(report)
+    rest = [row for row in report.rows if row not in shown and not _has_no_value(row)]
+    names = dict.fromkeys(row.name for row in rest if not _word(row))
+    free = f"without a limit ({', '.join(names)})"
+    return ", ".join(f"{count} {word or free}" for word, count in Counter(map(_word, rest)).most_common())
 
 
 def markdown(report: GateReport) -> str:
     """A summary for a pull request: what changed or was missed in a table, all the rest folded away."""
-    sign = {0: "✅", 1: "❌", 3: "⚠️"}[report.exit_code]
+    sign = {0: "✅", 3: "⚠️"}.get(report.exit_code, "❌")
     lines = [f"## {sign} hhsim gate", "", _escaped(headline(report)), ""]
     shown = worth_showing(report)
     if shown:
         lines += [*_table(shown), ""]
-    lines += [f"- {_escaped(reason)}" for reason in [*reasons(report.rows), *report.notes]]
+    lines += [f"- {_escaped(reason)}" for reason in [*reasons(report.rows), *not_judged(report), *report.notes]]
     folded = [row for row in report.rows if row not in shown]
     if folded:
-        summary = f"<summary>{len(folded)} figures as before, or with nothing to compare them with</summary>"
-        lines += ["", f"<details>{summary}", "", *_table(folded), "", "</details>"]
+        rest = left_out(report) or "not judged"
+        lines += ["", f"<details><summary>{rest}</summary>", "", *_table(folded), "", "</details>"]
     return "\n".join(lines) + "\n"
 
 
 def junit(report: GateReport) -> bytes:
-    """JUnit XML: a suite for each scene, a case for each figure; what cannot be compared is an error."""
+    """Return JUnit XML: a suite for each scene, a case for each figure; what cannot be run or compared is an error."""
     root = ElementTree.Element("testsuites", name="hhsim gate")
     for scene in dict.fromkeys(row.scene for row in report.rows):
         rows = [row for row in report.rows if row.scene == scene]
-        failures, errors = sum(not row.passed for row in rows), sum(_unlike(row) for row in rows)
+        failures, errors = sum(not row.passed for row in rows), sum(row.verdict in UNJUDGED for row in rows)
         counts = {"tests": str(len(rows)), "failures": str(failures), "errors": str(errors)}
         suite = ElementTree.SubElement(root, "testsuite", {"name": scene, **counts})
         for row in rows:
             case = ElementTree.SubElement(suite, "testcase", classname=f"hhsim.gate.gate.{scene}", name=row.name)
             text = " | ".join(cells(row)[1:7]) + (f" | {row.reason}" if row.reason else "")
-            if not row.passed:
-                ElementTree.SubElement(case, "failure", message=row.reason or row.verdict).text = text
-            elif _unlike(row):
-                ElementTree.SubElement(case, "error", message=row.reason or row.verdict).text = text
-            else:
+            if row.passed and row.verdict not in UNJUDGED:
                 ElementTree.SubElement(case, "system-out").text = text
+            else:
+                kind = "error" if row.passed else "failure"
+                ElementTree.SubElement(case, kind, message=row.reason or row.verdict).text = text
     for element in root.iter():
         element.attrib.update({name: _legal(value) for name, value in element.items()})
         element.text = _legal(element.text or "") or None
@@ -107,14 +139,14 @@ def _legal(text: str) -> str:
 def _state(row: GateRow) -> str:
     if not row.passed:
         return MISSED
-    if _unlike(row):
+    if row.verdict in UNJUDGED:
         return ""
     judged = row.kind in ("inputs", "counter", "time") or not (math.isnan(row.limit) or math.isnan(row.head))
     return OK if judged else ""
 
 
-def _unlike(row: GateRow) -> bool:
-    return row.verdict == "not comparable"
+def _word(row: GateRow) -> str:
+    return row.verdict or (LIMIT_ONLY if _state(row) and math.isnan(row.base) and not math.isnan(row.limit) else "")
 
 
 def _table(rows: Sequence[GateRow]) -> list[str]:

@@ -57,20 +57,19 @@ class Side:
     folder: Path | None = None
 
     def replay(self, scene: GateScene, folder: Path, read: Callable[[Result], T]) -> T:
-        """Run a scene and read what is wanted from its result, which is then deleted.
+        """Run a scene, or take its session, and read what is wanted from the result, which is then deleted.
 
         Args:
             folder: Of the suite, which paths are relative to where the side has no folder of its own.
             read: Takes the result.
 
         Raises:
-            RunFailed: The run did not end well.
-            InputError: Its result cannot be read.
+            RunFailed: The run did not end well, or its result cannot be read.
         """
         folder = self.folder or folder
         command = scene.command()
         if not command:
-            return read(self._recorded(scene, folder / scene.object))
+            return self._read(scene, folder / scene.object, read)
         with tempfile.TemporaryDirectory(prefix="hhsim-gate-") as place:
             out = Path(place) / "run.h5"
             answer = run_python(self.python, MAIN, [*command, "--quiet", "--out", str(out)], folder)
@@ -78,23 +77,21 @@ class Side:
             if answer.returncode not in (0, 1) or not (out.exists() and load_result(out).complete):
                 lines = [line for line in answer.stderr.strip().splitlines() if line.strip()]
                 reason = lines[-1].removeprefix("hhsim: error: ") if lines else f"exit code {answer.returncode}"
-                raise RunFailed(
-                    f"{self.name} ({self.python}) cannot run scene {scene.name}: {reason}",
-                    side=self.name,
-                    refused=answer.returncode == BAD_INPUT,
-                )
-            return read(load_result(out))
+                raise self._failed(scene, reason, refused=answer.returncode == BAD_INPUT)
+            return self._read(scene, out, read)
 
-    def _recorded(self, scene: GateScene, path: Path) -> Result:
+    def _read(self, scene: GateScene, path: Path, read: Callable[[Result], T]) -> T:
         try:
             result = load_result(path)
+            if result.ticks:
+                return read(result)
         except InputError as error:
-            why = f"{self.name} has no session for scene {scene.name}: {error}"
-            raise RunFailed(why, side=self.name, refused=True) from error
-        if result.ticks == 0:
-            why = f"the session of {self.name} for scene {scene.name}, {path}, holds no ticks"
-            raise RunFailed(why, side=self.name, refused=False)
-        return result
+            raise self._failed(scene, str(error), refused=True) from error
+        raise self._failed(scene, f"{path} holds no ticks", refused=False)
+
+    def _failed(self, scene: GateScene, reason: str, *, refused: bool) -> RunFailed:
+        why = reason if self.name == "head" else f"{self.name} ({self.python}) cannot run scene {scene.name}: {reason}"
+        return RunFailed(why, side=self.name, refused=refused)
 
     def figures(self, scene: GateScene, folder: Path) -> RunFigures:
         """Run a scene and judge its ticks; raises as `replay`."""
@@ -136,14 +133,14 @@ def run_python(
 
 
 def this_python() -> Path:
-    """The interpreter that runs now."""
+    """Return the interpreter that runs now."""
     return Path(sys.executable)
 
 
 def interleaved_times(
     scene: GateScene, folder: Path, base: Side, head: Side, processes: int, step: Step | None = None
 ) -> tuple[list[float], list[float]]:
-    """p50 [s] of so many processes of base and head, in turn, base first in every other pair.
+    """Return the p50 [s] of so many processes of base and head, in turn, base first in every other pair.
 
     Raises:
         RunFailed: A run did not end well.
@@ -162,7 +159,7 @@ def interleaved_times(
 def times_beside_reference(
     scene: GateScene, folder: Path, head: Side, processes: int, step: Step | None = None
 ) -> tuple[list[float], list[float]]:
-    """p50 [s] of so many processes, and of the reference workload right before each.
+    """Return the p50 [s] of so many processes, and of the reference workload right before each.
 
     Raises:
         RunFailed: A run did not end well.

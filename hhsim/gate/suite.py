@@ -10,11 +10,19 @@ from pathlib import Path
 from typing import Any
 
 from hhsim.errors import InputError, UnknownNameError
-from hhsim.gate.limits import OF_SESSIONS, OF_SUBMISSIONS, SESSION_DEFAULTS, limitable
+from hhsim.gate.limits import OF_SESSIONS, OF_SUBMISSIONS, OUTSIDE_DEFAULTS, SESSION_DEFAULTS, limitable
 from hhsim.gate.metrics import COUNTERS
 from hhsim.metrics.run.registry import judged_metrics
 from hhsim.solver.known_methods import ISOLATED, method_names
-from hhsim.system.toml_document import check_keys, checked_table, parse_toml, read_toml_text
+from hhsim.solver.method import METHODS
+from hhsim.system.toml_document import (
+    check_keys,
+    checked_number,
+    checked_table,
+    checked_text,
+    parse_toml,
+    read_toml_text,
+)
 
 SUITE_FILE = "hhsim-gate.toml"
 """The suite of a project, in the folder where the gate is run."""
@@ -30,6 +38,8 @@ KEYS = {
 }
 """Keys of a scene besides those that every scene has, by what it is of."""
 EVERY = ("name", "motion_may_change", "limits", "counters")
+ONLY_OF = {SESSION: OF_SESSIONS, SUBMISSION: OF_SUBMISSIONS}
+"""Figures that only scenes of one kind have."""
 
 _DEFAULT_SUITE = """
 version = 1
@@ -154,7 +164,7 @@ class GateSuite:
 
 def usual_limits(kind: str, limits: Mapping[str, float]) -> dict[str, float]:
     """Return those of the limits of all scenes that one of a kind can have."""
-    others = (OF_SESSIONS if kind != SESSION else frozenset()) | (OF_SUBMISSIONS if kind != SUBMISSION else frozenset())
+    others = {name for of, names in ONLY_OF.items() if of != kind for name in names}
     return {name: limit for name, limit in limits.items() if name not in others}
 
 
@@ -174,7 +184,7 @@ def default_suite() -> GateSuite:
 
 def default_suite_text() -> str:
     """The suite that ships, as TOML."""
-    judged = ((metric, metric.judged) for metric in judged_metrics().values())
+    judged = ((metric, metric.judged) for metric in judged_metrics().values() if not metric.free_only)
     limits = [f"{metric.name} = {by.limit:g}  # {metric.label}" for metric, by in judged if by and by.limit is not None]
     return _DEFAULT_SUITE.replace("{limits}", "\n".join(limits))
 
@@ -205,21 +215,20 @@ def parse_suite(text: str, folder: Path, source: str) -> GateSuite:
         raise InputError(
             f"{source} has no scene: it needs [[scene]] with a name, and object and trajectory, submission, or session"
         )
-    scenes = tuple(_scene(row, limits, slack, f"{source}, scene {i + 1}") for i, row in enumerate(rows))
+    outside = {name: limit for name, limit in OUTSIDE_DEFAULTS.items() if name not in table.get("limits", {})} | limits
+    usual = [limits if str(row.get("method", "coupled")) in METHODS else outside for row in rows]
+    scenes = tuple(_scene(row, usual[i], slack, f"{source}, scene {i + 1}") for i, row in enumerate(rows))
     names = [scene.name for scene in scenes]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise InputError(f"{source} has two scenes named {', '.join(twice)}: names are unique")
-    baseline = table.get("baseline")
-    if baseline is not None and not isinstance(baseline, str):
-        raise InputError(f"{source}: baseline is {baseline!r}, expected the name of a file")
     return GateSuite(
         scenes=scenes,
         folder=folder,
         source=source,
-        baseline=None if baseline is None else folder / baseline,
-        limit=_share(time.get("limit", 0.05), f"{source}, [time]: limit"),
-        recorded_limit=_share(time.get("recorded_limit", 0.10), f"{source}, [time]: recorded_limit"),
+        baseline=folder / checked_text(source, "baseline", table["baseline"]) if "baseline" in table else None,
+        limit=checked_number(f"{source}: time", "limit", time.get("limit", 0.05), 0.0, 1.0),
+        recorded_limit=checked_number(f"{source}: time", "recorded_limit", time.get("recorded_limit", 0.10), 0.0, 1.0),
         processes=processes,
         limits=limits,
         slack=slack,
@@ -228,10 +237,11 @@ def parse_suite(text: str, folder: Path, source: str) -> GateSuite:
 
 def _scene(row: dict[str, Any], limits: Mapping[str, float], slack: Mapping[str, float], where: str) -> GateScene:
     kinds = [kind for kind in KEYS if kind in row]
+    known = KEYS[kinds[0]] if len(kinds) == 1 else {key for keys in KEYS.values() for key in keys}
+    check_keys(where, row, (*EVERY, *known))
     if len(kinds) != 1:
         raise InputError(f"{where}: expected one of {', '.join(KEYS)}, which says what it is of; found {len(kinds)}")
     kind = kinds[0]
-    check_keys(where, row, (*EVERY, *KEYS[kind]))
     texts = {key: row.get(key) for key in ("name", kind, *(("trajectory",) if kind == REPLAY else ()))}
     for key, text in texts.items():
         if not isinstance(text, str) or not text:
@@ -283,35 +293,22 @@ def _limits(
 ) -> dict[str, float]:
     """Limits by figure: those of a scene on top of the usual ones; false takes one away."""
     found = dict(SESSION_DEFAULTS) if usual is None else usual_limits(kind, usual)
-    limits = table.get("limits", {})
-    for names, of, what in ((OF_SESSIONS, SESSION, "a live session"), (OF_SUBMISSIONS, SUBMISSION, "a submission")):
-        if kind not in ("", of) and isinstance(limits, dict) and not names.isdisjoint(limits):
-            name = min(names.intersection(limits))
-            raise InputError(f"{where}: limits: only {what} has {name}, and this is no scene with the key {of}")
-    for name, value in checked_table(where, "limits", limits, tuple(limitable())).items():
+    for name, value in checked_table(where, "limits", table.get("limits", {}), tuple(limitable())).items():
+        of = next((of for of, names in ONLY_OF.items() if name in names), kind)
+        if kind and kind != of:
+            raise InputError(f"{where}: limits: only a {of} has {name}, and this is no scene with the key {of}")
         if value is False:
             found.pop(name, None)
         else:
-            found[name] = _number(value, f"{where}: limits: {name}")
+            if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value < math.inf:
+                raise InputError(f"{where}: limits: {name} is {value!r}, expected a number from 0 on, or false")
+            found[name] = float(value)
     return found
 
 
 def _slack(table: dict[str, Any], where: str, usual: Mapping[str, float]) -> dict[str, float]:
     """Slack by counter; `slack` is that of all counters that are not named."""
     counters = checked_table(where, "counters", table.get("counters", {}), ("slack", *COUNTERS))
-    shares = {name: _share(value, f"{where}: counters: {name}") for name, value in counters.items()}
+    shares = {name: checked_number(f"{where}: counters", name, share, 0.0, 1.0) for name, share in counters.items()}
     every = shares.pop("slack", None)
     return {name: shares.get(name, usual[name] if every is None else every) for name in COUNTERS}
-
-
-def _number(value: Any, what: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value) or value < 0.0:
-        raise InputError(f"{what} is {value!r}, expected a number from 0 on")
-    return float(value)
-
-
-def _share(value: Any, what: str) -> float:
-    number = _number(value, what)
-    if number > 1.0:
-        raise InputError(f"{what} is {number:g}, expected a share from 0 to 1, such as 0.05")
-    return number

@@ -11,6 +11,7 @@ from hhsim.gate.metrics import COUNTERS, RunFigures
 from hhsim.gate.timing_test import BETTER, NOT_COMPARABLE, SAME, WITHIN, WORSE, compare_times
 from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import judged_metrics
+from hhsim.metrics.run_metric import Figure
 from hhsim.replay.limits import promised
 
 ROUNDING = 1e-9
@@ -18,7 +19,13 @@ ROUNDING = 1e-9
 LOST = "no longer told by the method, and the base has it"
 SLIGHT = 1e-3
 """Errors that differ by no larger share differ by noise: last bits that grew."""
-EXIT_OK, EXIT_MISSED, EXIT_NOT_COMPARABLE = 0, 1, 3
+NO_VALUE, UNTOLD, OVER = "undefined here", "the method does not tell it", "over the limit"
+WORSE_WITHIN = "worse within limits"
+"""The word of all rows where errors are worse and none misses its limit."""
+REFUSED = "refused"
+"""The word of a scene that cannot be run for bad input, beside those of `hhsim.gate.timing_test`."""
+UNJUDGED = (REFUSED, NOT_COMPARABLE)
+EXIT_OK, EXIT_MISSED, EXIT_REFUSED, EXIT_NOT_COMPARABLE = 0, 1, 2, 3
 
 
 @dataclass(frozen=True)
@@ -26,8 +33,8 @@ class GateRow:
     """One judged figure.
 
     Attributes:
-        scene, kind, name: Which; `kind` is inputs, error, counter, time, or limit of a figure that is judged only where
-            the suite limits it.
+        scene, kind, name: Which; `kind` is run, inputs, error, counter, time, or limit of a figure that is judged only
+            where the suite limits it.
         label: For people.
         unit: Of the three numbers as `scale` makes them.
         scale: From `unit` to SI.
@@ -51,7 +58,7 @@ class GateRow:
     reason: str = ""
 
     def to_json(self) -> dict[str, Any]:
-        """As plain values, SI; what there is none of is None."""
+        """Return it as plain values, SI; what there is none of is None."""
         values = {"head": self.head, "base": self.base, "limit": self.limit}
         numbers = {name: value if math.isfinite(value) else None for name, value in values.items()}
         names = ("scene", "kind", "name", "verdict", "passed", "reason")
@@ -59,7 +66,7 @@ class GateRow:
 
 
 def judge_errors(scene: str, head: RunFigures, base: RunFigures | None, limits: Mapping[str, float]) -> list[GateRow]:
-    """Errors against absolute limits; what a base had is told beside them and misses nothing.
+    """Judge errors by absolute limits; what a base had is told beside them and misses nothing.
 
     What is undefined, such as the force in a hold that the motion does not have, is not judged, unless the base has it.
     """
@@ -69,11 +76,9 @@ def judge_errors(scene: str, head: RunFigures, base: RunFigures | None, limits: 
     for name, metric in judged_metrics().items():
         value = head.errors.get(name, math.nan)
         before = math.nan if base is None else base.errors.get(name, math.nan)
-        limit = limits.get(name, math.nan)
-        limited = name in limits
-        absent = math.isnan(before) and (metric.free_only or name not in head.errors)
+        limit, limited = limits.get(name, math.nan), name in limits
         lost = name not in head.errors and not math.isnan(before)
-        if math.isnan(value) and (absent or not limited) and not lost:
+        if math.isnan(value) and not limited and not lost:
             continue
         passed, reason = True, ""
         if lost:
@@ -81,10 +86,10 @@ def judge_errors(scene: str, head: RunFigures, base: RunFigures | None, limits: 
         elif limited and math.isnan(value):
             # What the base had and the head has not is lost, and with it what the limit is for.
             passed = math.isnan(before)
-            reason = "undefined here, so not judged" if passed else "undefined here, and the base has it"
+            reason = UNTOLD if name not in head.errors else NO_VALUE if passed else f"{NO_VALUE}, and the base has it"
         elif limited and not value <= limit:
             passed = False
-            reason = "over the limit" if math.isfinite(value) else "not finite"
+            reason = OVER if math.isfinite(value) else "not finite"
         elif name == "stuck_ticks" and head.mostly_stuck:
             passed, reason = False, "more than half of the ticks"
         elif not limited and not promised(name, head.promises):
@@ -93,117 +98,115 @@ def judge_errors(scene: str, head: RunFigures, base: RunFigures | None, limits: 
         sizes = (abs(value), abs(before)) if metric.signed else (value, before)
         word = _word(*sizes, SLIGHT * abs(before), rounding)
         figure = metric if trembling or metric.moving_hold is None else metric.moving_hold
-        shown = figure.label, figure.unit, figure.scale
-        rows.append(GateRow(scene, "error", name, *shown, value, before, limit, word, passed, reason))
+        rows.append(_row(scene, "error", name, figure, value, before, limit, word, passed, reason))
     return rows
 
 
 def judge_others(scene: str, head: RunFigures, limits: Mapping[str, float]) -> list[GateRow]:
-    """Figures that only the suite's own limits judge; what is undefined is not judged."""
+    """Judge figures that have no limit but the suite's own, and a submission that probably is not what it says.
+
+    What is undefined, or not told, is not judged.
+    """
     rows = []
     for name, figure in limitable().items():
-        if name not in limits or name not in head.others:
+        if name not in limits or name in judged_metrics():
             continue
-        value = head.others[name]
-        passed = math.isnan(value) or value <= limits[name]
-        reason = "undefined here, so not judged" if math.isnan(value) else "" if passed else "over the limit"
-        if not passed and name in OF_MISHAPS and head.mishap:
-            reason = f"{reason}: {head.mishap}"
-        shown = figure.label, figure.unit, figure.scale
-        rows.append(GateRow(scene, "limit", name, *shown, value, limit=limits[name], passed=passed, reason=reason))
+        value, limit = head.others.get(name, math.nan), limits[name]
+        passed = math.isnan(value) or value <= limit
+        reason = "" if passed else OVER
+        if math.isnan(value):
+            reason = NO_VALUE if name in head.others else UNTOLD
+        elif name in OF_MISHAPS and head.mishap and not passed:
+            reason = f"{OVER}: {head.mishap}"
+        elif name in OF_MISHAPS[:1]:
+            reason = head.stopped
+        rows.append(_row(scene, "limit", name, figure, value, math.nan, limit, "", passed, reason))
+    if head.suspicions:
+        count, reason = float(len(head.suspicions)), "; ".join(head.suspicions)
+        suspected = Figure("suspicions", "suspected")
+        rows.append(_row(scene, "run", suspected.name, suspected, count, math.nan, 0.0, "", False, reason))
     return rows
 
 
 def judge_counters(scene: str, head: RunFigures, base: RunFigures, slack: Mapping[str, float]) -> list[GateRow]:
-    """Work counters against those of the base: integers, so that any growth beyond the slack is a real one."""
+    """Judge work counters by those of the base: integers, so that any growth beyond the slack is a real one."""
     rows = []
     for name, (_, figure) in COUNTERS.items():
         if name not in base.counters:
             continue
-        shown = figure.label, figure.unit, figure.scale
+        before = float(base.counters[name])
         if name not in head.counters:
-            before = float(base.counters[name])
-            rows.append(GateRow(scene, "counter", name, *shown, base=before, passed=False, reason=LOST))
+            rows.append(_row(scene, "counter", name, figure, math.nan, before, math.nan, "", False, LOST))
             continue
-        value, before = float(head.counters[name]), float(base.counters[name])
-        limit = math.floor(before * (1.0 + slack[name]))
-        verdict = _word(value, before, limit - before)
+        value, limit = float(head.counters[name]), math.floor(before * (1.0 + slack[name]))
         passed = value <= limit
         reason = "" if passed else f"more than {100.0 * slack[name]:g} % above the base"
-        rows.append(GateRow(scene, "counter", name, *shown, value, before, limit, verdict, passed, reason))
+        word = _word(value, before, limit - before)
+        rows.append(_row(scene, "counter", name, figure, value, before, limit, word, passed, reason))
     return rows
 
 
-def judge_suspicions(scene: str, head: RunFigures) -> list[GateRow]:
-    """Return a missed row of a submission that probably is not what it says; none of any other run."""
-    if not head.suspicions:
-        return []
-    count, reason = float(len(head.suspicions)), "; ".join(head.suspicions)
-    return [GateRow(scene, "run", "suspicions", "suspected", head=count, limit=0.0, passed=False, reason=reason)]
-
-
 def judge_inputs(scene: str, head: RunFigures, base: RunFigures, motion_may_change: bool = False) -> GateRow:
-    """Whether two runs can be compared at all.
+    """Judge whether two runs can be compared at all.
 
     Args:
         motion_may_change: Whether another motion is no fault: the run is then judged by its limits alone.
     """
-    found = differences(base.inputs, head.inputs, but_the_motion=motion_may_change)
-    if not found and differences(base.inputs, head.inputs):
-        reason = "another motion than the base's, which may change: judged by limits, not compared"
-        return GateRow(scene, "inputs", "inputs", "inputs", reason=reason)
-    if found:
-        reason = f"different inputs: {'; '.join(found)}"
-        return GateRow(scene, "inputs", "inputs", "inputs", verdict=NOT_COMPARABLE, reason=reason)
+    if found := differences(base.inputs, head.inputs, but_the_motion=motion_may_change):
+        return inputs_row(scene, f"different inputs: {'; '.join(found)}", NOT_COMPARABLE)
+    if differences(base.inputs, head.inputs):
+        return inputs_row(scene, "another motion than the base's, which may change: judged by limits, not compared")
     apart = new_options(base.inputs, head.inputs)
-    reason = f"options that only one side has: {', '.join(apart)}" if apart else ""
-    return GateRow(scene, "inputs", "inputs", "inputs", verdict=SAME, reason=reason)
+    return inputs_row(scene, f"options that only one side has: {', '.join(apart)}" if apart else "", SAME)
 
 
 def judge_time(
     scene: str, head: Sequence[float], base: Sequence[float], limit: float, *, divided: bool = False
 ) -> GateRow:
-    """The time of a tick; `divided` by the reference workload, and then without a unit."""
+    """Judge the time of a tick; `divided` by the reference workload, and then without a unit."""
     found = compare_times(base, head, limit)
-    passed = found.verdict != WORSE
     reason = f"{100.0 * (found.ratio - 1.0):+.1f} %, processes of a side within {100.0 * found.spread:.0f} %"
     label = "tick in contact, CPU, p50" + (" / reference workload" if divided else "")
-    unit, scale = ("", 1.0) if divided else ("µs", 1e-6)
-    allowed = found.base * (1.0 + limit)
-    figures = found.head, found.base, allowed
-    return GateRow(scene, "time", "tick_cpu_p50", label, unit, scale, *figures, found.verdict, passed, reason)
+    figure = Figure("tick_cpu_p50", label, unit="" if divided else "µs", scale=1.0 if divided else 1e-6)
+    figures = found.head, found.base, found.base * (1.0 + limit)
+    return _row(scene, "time", figure.name, figure, *figures, found.verdict, found.verdict != WORSE, reason)
 
 
-def failed_run(scene: str, reason: str) -> GateRow:
-    """A head that cannot even run the scene."""
-    return GateRow(scene, "run", "run", "runs to the end", passed=False, reason=reason)
+def failed_run(scene: str, reason: str, *, refused: bool = False) -> GateRow:
+    """Return the row of a head that breaks in a scene, which is missed, or that refuses it for bad input."""
+    word = REFUSED if refused else ""
+    return GateRow(scene, "run", "run", "runs to the end", verdict=word, passed=refused, reason=reason)
 
 
-def unjudged(scene: str, what: str, reason: str) -> GateRow:
-    """Something that cannot be compared, and why."""
-    return GateRow(scene, "inputs", what, what, verdict=NOT_COMPARABLE, reason=reason)
-
-
-def new_scene(scene: str, reason: str) -> GateRow:
-    """A scene that the base cannot run for lack of a file or a method: it is judged by limits alone."""
-    return GateRow(scene, "inputs", "inputs", "inputs", reason=f"new, so judged by limits alone: {reason}")
+def inputs_row(scene: str, reason: str, word: str = "", name: str = "inputs") -> GateRow:
+    """Return the row that says with which word, and why, something can or cannot be compared."""
+    return GateRow(scene, "inputs", name, name, verdict=word, reason=reason)
 
 
 def overall(rows: Sequence[GateRow]) -> tuple[str, int]:
-    """Verdict word and exit code of all rows; a missed limit weighs more than what cannot be compared.
+    """Return verdict word and exit code of all rows.
 
-    The word is "" where nothing was compared with anything.
+    What is refused weighs most, then a missed limit, then what cannot be compared. The word is "" where nothing was
+    compared with anything.
     """
+    words = {row.verdict for row in rows if row.verdict and row.kind != "error"}
+    if REFUSED in words:
+        return REFUSED, EXIT_REFUSED
     if not all(row.passed for row in rows):
         return WORSE, EXIT_MISSED
-    words = {row.verdict for row in rows if row.verdict and row.kind != "error"}
     if NOT_COMPARABLE in words:
         return NOT_COMPARABLE, EXIT_NOT_COMPARABLE
-    # What is worse within its limit is noise to the gate; an error within its limit is told in its row alone.
+    if any(row.kind == "error" and row.verdict == WORSE for row in rows):
+        return WORSE_WITHIN, EXIT_OK
+    # A counter or a time that is worse within its limit is noise to the gate.
     for word in (BETTER, WORSE, WITHIN):
         if word in words:
             return (BETTER if word == BETTER else WITHIN), EXIT_OK
     return (SAME if words else ""), EXIT_OK
+
+
+def _row(scene: str, kind: str, name: str, figure: Figure, *judged: Any) -> GateRow:
+    return GateRow(scene, kind, name, figure.label, figure.unit, figure.scale, *judged)
 
 
 def _word(value: float, before: float, slack: float, rounding: float = 0.0) -> str:

@@ -19,8 +19,9 @@ from hhsim.gate.baseline import RecordedScene, load_baseline, write_baseline
 from hhsim.gate.gate import GateReport, gate_result
 from hhsim.gate.input_hash import TOLERANCE, differences
 from hhsim.gate.metrics import COUNTERS, RunFigures, run_figures
-from hhsim.gate.report import cells, headline, junit, markdown, number
-from hhsim.gate.suite import GateSuite, default_suite, default_suite_text, load_suite, parse_suite
+from hhsim.gate.report import cells, headline, junit, left_out, markdown, not_judged, number, worth_showing
+from hhsim.gate.run import RunFailed, Side
+from hhsim.gate.suite import GateScene, GateSuite, default_suite, default_suite_text, load_suite, parse_suite
 from hhsim.gate.verdict import GateRow, judge_counters, judge_errors, judge_others, judge_time, overall
 from hhsim.metrics.run.registry import judged_metrics
 from hhsim.replay.limits import default_limits
@@ -154,20 +155,20 @@ def test_one_pair_test_more_than_the_slack_is_a_miss(result: Path, figures: RunF
 def load_result_of(figures: RunFigures, beside: Path) -> Any:
     """A baseline of these figures, written and read."""
     path = beside.with_name("baseline.json")
-    write_baseline(path, {"tiny": RecordedScene(figures)}, 1)
+    write_baseline(path, {"tiny": RecordedScene(figures)})
     return load_baseline(path)
 
 
 def test_a_baseline_comes_back_as_it_was_written(figures: RunFigures, tmp_path: Path) -> None:
     path = tmp_path / "baseline.json"
-    write_baseline(path, {"a": RecordedScene(figures, (1e-5, 2e-5, 3e-5), (1e-6, 1e-6, 2e-6))}, 7)
+    write_baseline(path, {"a": RecordedScene(figures, (1e-5, 2e-5, 3e-5), (1e-6, 1e-6, 2e-6))})
     read = load_baseline(path)
     scene = read.scenes["a"]
-    assert (read.reference_version, scene.times, scene.references) == (7, (1e-5, 2e-5, 3e-5), (1e-6, 1e-6, 2e-6))
+    assert (read.reference_version, scene.times, scene.references) == (1, (1e-5, 2e-5, 3e-5), (1e-6, 1e-6, 2e-6))
     assert differences(scene.figures.inputs, figures.inputs) == []
     assert scene.figures.counters == figures.counters
     assert scene.figures.errors == pytest.approx(figures.errors, nan_ok=True)
-    write_baseline(path, {"a": RecordedScene(scene.figures)}, 7)
+    write_baseline(path, {"a": RecordedScene(scene.figures)})
     assert "machine" not in json.loads(path.read_text())
 
 
@@ -177,7 +178,7 @@ def test_what_is_no_baseline_is_refused(text: str, tmp_path: Path) -> None:
     path.write_text(text)
     with pytest.raises(InputError, match=r"baseline\.json"):
         load_baseline(path)
-    with pytest.raises(InputError, match="no such file; expected a baseline"):
+    with pytest.raises(InputError, match="no such file; record it with"):
         load_baseline(tmp_path / "none.json")
 
 
@@ -292,8 +293,8 @@ def test_an_energy_below_the_optimum_is_not_better(figures: RunFigures, before: 
 @pytest.mark.parametrize(
     ("before", "passed", "reason"),
     [
-        (None, True, "undefined here, so not judged"),
-        (math.nan, True, "undefined here, so not judged"),
+        (None, True, "undefined here"),
+        (math.nan, True, "undefined here"),
         (0.5, False, "undefined here, and the base has it"),
     ],
 )
@@ -333,15 +334,39 @@ def row(verdict: str, passed: bool = True, kind: str = "counter") -> GateRow:
     return GateRow("s", kind, "n", "label", verdict=verdict, passed=passed)
 
 
+def test_the_headline_names_errors_that_are_worse_within_their_limits() -> None:
+    deeper = GateRow("s", "error", "penetration_max", "depth", head=2.0, base=1.0, limit=3.0, verdict="worse")
+    same = GateRow("s", "counter", "n", "label", head=1.0, base=1.0, limit=1.0, verdict="same")
+    assert headline(report_of(deeper, same)).startswith(
+        "worse within limits: 1 of 2 figures compared (penetration_max)"
+    )
+
+
+def test_a_folder_without_a_suite_is_told_before_the_default_one_is_run(
+    run: Run, figures: RunFigures, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Side, "figures", lambda side, scene, folder: figures)
+    answer = run("gate", "--no-time")
+    assert (
+        answer.err.splitlines()[0]
+        == f"hhsim: note: no hhsim-gate.toml in {Path.cwd()}: hhsim's own default suite is run"
+    )
+    (tmp_path / "own.toml").write_text(SUITE.replace("version = 1", 'version = 1\nbaseline = "none.json"'))
+    answer = run("gate", str(tmp_path / "own.toml"))
+    made = f"hhsim gate SUITE --write-baseline {tmp_path / 'none.json'}"
+    assert (answer.code, f"record it with {made}" in answer.err) == (2, True)
+
+
 @pytest.mark.parametrize(
     ("rows", "expected"),
     [
         ([row("same"), row("same")], ("same", 0)),
         ([row("same"), row("within noise")], ("within noise", 0)),
         ([row("same"), row("better")], ("better", 0)),
-        ([row("same"), row("worse", kind="error")], ("same", 0)),
+        ([row("better"), row("worse", kind="error")], ("worse within limits", 0)),
         ([row("better"), row("not comparable")], ("not comparable", 3)),
         ([row("not comparable"), row("worse", passed=False)], ("worse", 1)),
+        ([row("worse", passed=False), row("refused"), row("not comparable")], ("refused", 2)),
         ([row("", kind="error")], ("", 0)),
     ],
 )
@@ -390,10 +415,16 @@ def test_every_limit_that_a_suite_has_is_applied_to_a_result(result: Path, metho
 
 
 def test_a_figure_has_one_limit_for_all_methods_or_is_not_promised() -> None:
-    suite = default_suite()
-    usual = suite.limits_of("object")
+    # The objects of the default suite are fixed.
+    free = {
+        name: metric.judged.limit for name, metric in judged_metrics().items() if metric.free_only and metric.judged
+    }
+    usual = {
+        **default_suite().limits_of("object"),
+        **{name: limit for name, limit in free.items() if limit is not None},
+    }
     lacks = {"coupled": set(), "progressive": {"tracking_excess"}}
-    neither = {"tracking_excess", "penetration_max"}
+    neither = {"tracking_excess", "penetration_max", "free_off_max"}
     for method in METHODS:
         limits = default_limits(METHODS[method].promises)
         assert all(limits[name] == usual[name] for name in limits)
@@ -443,7 +474,7 @@ def test_a_suite_limits_any_figure_and_times_by_whose_clock_it_runs(result: Path
     assert (missed(report), report.exit_code) == (["force_contact_max", "tick_cpu_p99"], 1)
     row = report.missed[1]
     assert (row.head, row.limit) == pytest.approx((cpu, 0.9 * cpu))
-    assert cells(row)[3:] == ("—", number(0.9e6 * cpu), "µs", "", "MISSED")
+    assert cells(row)[3:] == ("—", number(0.9e6 * cpu), "µs", "limit only", "MISSED")
     assert missed(gate_result(found, close, None, timed=False)) == ["force_contact_max"]
     wide = gate_result(found, limited(f"tick_cpu_p99 = {1.1 * cpu!r}"), None)
     assert [cells(row)[-1] for row in wide.rows if row.name == "tick_cpu_p99"] == ["ok"]
@@ -452,7 +483,7 @@ def test_a_suite_limits_any_figure_and_times_by_whose_clock_it_runs(result: Path
 
 def test_a_figure_that_a_run_does_not_have_is_not_within_its_limit(figures: RunFigures) -> None:
     (row,) = judge_others("tiny", replace(figures, others={"tick_cpu_p99": math.nan}), {"tick_cpu_p99": 1.0})
-    assert (row.passed, row.reason, cells(row)[-1]) == (True, "undefined here, so not judged", "")
+    assert (row.passed, row.reason, cells(row)[-1]) == (True, "undefined here", "")
 
 
 def test_figures_of_a_session_are_limited_beside_those_of_scenes(result: Path) -> None:
@@ -477,13 +508,15 @@ def test_figures_of_a_session_are_limited_beside_those_of_scenes(result: Path) -
         ("stuck_ticks = 0", "stuck_ticks = -1", "from 0 on"),
         ("stuck_ticks = 0", "stuck_ticks = nan", "from 0 on"),
         ("processes = 3", "processes = 2", "processes is 2"),
-        ("limit = 1.0 ", "limit = 5 ", "share from 0 to 1"),
+        ("limit = 1.0 ", "limit = 5 ", "number from 0 to 1"),
         ('object = "cube"', "", "expected one of object, submission, session"),
+        ('object = "cube"', 'objekt = "cube"', "scene 1: unknown key 'objekt': did you mean object?"),
+        ('object = "cube"', 'sesion = "a.h5"', "unknown key 'sesion': did you mean session?"),
         ('object = "cube"', "object = 5", "object is 5"),
         ('object = "cube"', 'object = "cube"\nsession = "a.h5"', "found 2"),
         ('object = "cube"', 'session = "a.h5"', "unknown key 'trajectory'"),
         ("timed = true", "motion_may_change = 1", "true or false"),
-        ("timed = true", "[scene.limits]\nlatency_p99 = 1.0", "only a live session has latency_p99"),
+        ("timed = true", "[scene.limits]\nlatency_p99 = 1.0", "only a session has latency_p99"),
         ("timed = true", "[scene.limits]\nmesh_depth_max = 1.0", "only a submission has mesh_depth_max"),
         ('object = "cube"', 'object = "--out"', "is an option"),
         ("timed = true", 'timed = "yes"', "true or false"),
@@ -528,7 +561,7 @@ def report_of(*rows: GateRow) -> GateReport:
 def test_what_has_no_limit_or_is_undefined_is_not_within_its_limit() -> None:
     held = GateRow("s", "error", "a", "a", head=1.0, limit=2.0)
     without_limit = GateRow("s", "error", "b", "b", head=49.0)
-    undefined = GateRow("s", "error", "c", "c", limit=1.0, reason="undefined here, so not judged")
+    undefined = GateRow("s", "error", "c", "c", limit=1.0, reason="undefined here")
     missed = GateRow("s", "error", "d", "d", head=3.0, limit=2.0, passed=False)
     told = [
         headline(GateReport("suite", "", rows, ()))
@@ -589,3 +622,86 @@ def test_the_command_judges_a_result(run: Run, stored: Path, result: Path, tmp_p
     assert run("gate", str(result), "--base-python", "python").code == 2
     assert run("gate", str(result.with_name("none.h5"))).code == 2
     assert run("gate", "--step-summary").code == 2
+
+
+def test_by_default_only_what_changed_or_was_missed_is_shown() -> None:
+    rows = {
+        "same": row("same"),
+        "changed": row("within noise"),
+        "missed": row("", passed=False),
+        "new": replace(row("", kind="inputs"), reason="new"),
+        "limit only": GateRow("s", "limit", "n", "label", head=1.0, limit=2.0),
+        "no value": GateRow("s", "limit", "n", "label", limit=2.0, reason="undefined here"),
+    }
+    report = report_of(*rows.values(), rows["same"], rows["limit only"])
+    assert worth_showing(report) == [rows[name] for name in ("changed", "missed", "new")]
+    assert left_out(report) == "2 same, 2 limit only"
+    assert not_judged(report) == ["s: limit on n not judged: undefined here"]
+    assert left_out(report_of(rows["changed"])) == ""
+
+
+def test_the_command_prints_what_is_the_same_in_one_line(run: Run, stored: Path, result: Path) -> None:
+    short, whole = (run("gate", str(stored), "--baseline", str(stored), *more).out for more in ((), ("--all",)))
+    assert "penetration, max" in whole and "tree nodes tested" in whole and "(--all" not in whole
+    told, verdict = short.splitlines()
+    assert told.startswith(f"{stored}: ") and " same" in told and told.endswith("(--all shows them)")
+    assert verdict == whole.splitlines()[-1]
+    with changed(result) as file:
+        file["tick/work/pair_tests"][100] += 10**6
+    lines = run("gate", str(result), "--baseline", str(stored)).out.splitlines()
+    assert [line.split("  ")[1].strip() for line in lines if "MISSED" in line] == ["exact distances"]
+    assert not any("penetration, max" in line for line in lines)
+
+
+def cases(path: Path) -> dict[str, dict[str, int]]:
+    """How many cases of each kind each suite of a JUnit file has."""
+    kinds = ("failure", "error", "system-out")
+    suites = ElementTree.parse(path).getroot()
+    return {
+        str(suite.get("name")): {kind: len(suite.findall(f"testcase/{kind}")) for kind in kinds} for suite in suites
+    }
+
+
+def test_a_scene_that_cannot_be_run_is_an_error_in_every_report(
+    run: Run, figures: RunFigures, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def judged(side: Side, scene: GateScene, folder: Path) -> RunFigures:
+        if scene.name == "gone":
+            raise RunFailed("unknown object 'cub'", side=side.name, refused=True)
+        return figures
+
+    monkeypatch.setattr(Side, "figures", judged)
+    monkeypatch.setenv("GITHUB_STEP_SUMMARY", str(tmp_path / "summary.md"))
+    suite = tmp_path / "own.toml"
+    suite.write_text(SUITE + '[[scene]]\nname = "gone"\nobject = "cub"\ntrajectory = "pinch"\n')
+    reports = ("--junit", "gate.xml", "--markdown", "gate.md", "--step-summary")
+    answer = run("gate", "own.toml", "--no-time", *reports, "--write-baseline", "baseline.json")
+    assert (answer.code, (answer.err + answer.out).count("unknown object 'cub'")) == (2, 1)
+    assert "hhsim: error: gone: unknown object 'cub'" in answer.err and not (tmp_path / "baseline.json").exists()
+    found = cases(tmp_path / "gate.xml")
+    assert found["gone"] == {"failure": 0, "error": 1, "system-out": 0}
+    assert (found["tiny"]["failure"], found["tiny"]["error"]) == (0, 0) and found["tiny"]["system-out"] > 9
+    for name in ("gate.md", "summary.md"):
+        assert (tmp_path / name).read_text().startswith("## ❌ hhsim gate\n\nrefused: 1 cannot be run")
+    document = json.loads(run("gate", "own.toml", "--no-time", "--json").out)
+    assert (document["exit_code"], document["error"]) == (2, "gone: unknown object 'cub'")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "why"),
+    [
+        (("broken.toml",), "not TOML"),
+        (("none.toml",), "no such file"),
+        (("tiny.toml", "--baseline", "none.json"), "record it with hhsim gate SUITE"),
+        (("none.h5",), "none.h5"),
+    ],
+)
+def test_what_cannot_be_gated_at_all_is_one_line_and_one_error(
+    run: Run, tmp_path: Path, arguments: tuple[str, ...], why: str
+) -> None:
+    (tmp_path / "broken.toml").write_text("version = ")
+    (tmp_path / "tiny.toml").write_text(SUITE)
+    answer = run("gate", *arguments, "--junit", "gate.xml", "--markdown", "gate.md")
+    assert answer.code == 2 and why in answer.err and len(answer.err.splitlines()) == 1
+    assert cases(tmp_path / "gate.xml") == {arguments[0]: {"failure": 0, "error": 1, "system-out": 0}}
+    assert "refused: 1 cannot be run" in (tmp_path / "gate.md").read_text()

@@ -15,18 +15,16 @@ import pytest
 from built_wheel import build_wheel
 from conftest import Answer, Run
 from gate_scene import SHORT
-from live_rings import ended
-from live_scripted import FIST, FREE, FakeAccounts, FakeClock, InStep, Moment, ScriptedGlove, make_setup
+from live_session import write_session
 from sampled import sampled
 from sealed_change import changed
 from short_grasp import short_grasp, short_scene
 
 from hhsim.gate.gate import gate_result
+from hhsim.gate.metrics import run_figures
+from hhsim.gate.verdict import judge_counters
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
-from hhsim.live.ipc.config import OutputLimits, SafetyLimits
-from hhsim.live.ipc.session_memory import SessionMemory
-from hhsim.live.session.recorder import Recorder
 from hhsim.result.reader import load_result
 from hhsim.result.safety import Safety
 from hhsim.submissions.pose_file import Submission, read_submission, write_submission
@@ -43,6 +41,7 @@ METHOD = '''
 import hhsim
 
 EXTRA_WORK = 0
+FREEZES = False
 INSIDE = False
 
 
@@ -59,8 +58,16 @@ class Own:
 
     def begin(self, pose):
         self.solver.place(*pose)
+        self.ticks, self.last = 0, None
 
     def tick(self, haptic):
+        self.ticks += 1
+        if FREEZES and self.ticks % 100 > 60:
+            return self.last
+        self.last = self.answer(haptic)
+        return self.last
+
+    def answer(self, haptic):
         tick = self.solver.run(*(values[None] for values in haptic))
         shown = haptic if INSIDE else hhsim.HandConfiguration.of(tick).at(0)
         palm = tick.total[0] - tick.phalanx[0].sum(axis=(0, 1))
@@ -111,21 +118,6 @@ def write_recording(path: Path, depth: float) -> None:
     columns = (ticks.time, ticks.position, ticks.orientation, flexion, ticks.abduction)
     rows = np.concatenate([values.reshape(len(ticks.time), -1) for values in columns], axis=1)[::10]
     np.savetxt(path, rows, delimiter=",", header=f"# hand: right\n{','.join(names)}", comments="", fmt="%.9g")
-
-
-def write_session(path: Path) -> None:
-    """A glove that closes on a ball and holds it; nothing goes wrong."""
-    script = [*(Moment(FREE + (FIST - FREE) * i / 80) for i in range(80)), *[Moment(FIST)] * 120]
-    setup = make_setup(
-        record=path,
-        output=OutputLimits(ramp=0.02),
-        safety=SafetyLimits(watchdog=False),
-        duration=1e-3 * (len(script) + 1),
-    )
-    memory, clock = SessionMemory.create(), FakeClock()
-    InStep(setup, memory, ScriptedGlove(clock, script, {}), clock, accounts=FakeAccounts()).run()
-    ended(memory, os.getpid())
-    Recorder(setup, memory).run()
 
 
 def write_poses(project: Path) -> None:
@@ -233,6 +225,11 @@ REGRESSIONS: dict[str, tuple[str, Callable[[Path], object], str]] = {
         method("EXTRA_WORK = 0", "EXTRA_WORK = 900"),
         "method, work units: more than 0 % above the base",
     ),
+    "freezes": (
+        "method",
+        method("FREEZES = False", "FREEZES = True"),
+        "method, joints off the input in free space, max: over the limit",
+    ),
     "a limit missed": (
         "recording",
         lambda head: write_recording(head / "recording.csv", 3.0),
@@ -329,6 +326,36 @@ def installed_but_hhsim(folder: Path) -> Path:
     return folder
 
 
+def test_a_limit_on_what_a_run_does_not_have_is_told_in_a_line(head: Path, gate: Gate) -> None:
+    only(head, "method")
+    text = (head / "hhsim-gate.toml").read_text()
+    (head / "hhsim-gate.toml").write_text(f"{text}[scene.limits]\nlag_max = 1e-6\nrows_max = 0\n")
+    answer = gate(head)
+    assert answer.code == 0, answer.out
+    untold = "method: limit on stuck_ticks, lag_ticks, lag_max, rows_max not judged: the method does not tell it"
+    assert f"note: {untold}" in answer.out.splitlines()
+
+
+def test_a_scene_that_left_the_suite_is_told(head: Path, gate: Gate) -> None:
+    only(head, "session")
+    answer = gate(head)
+    assert answer.code == 0, answer.out
+    assert "note: not in the suite any more: method, recording, submission" in answer.out.splitlines()
+
+
+def test_a_pointer_that_git_lfs_left_is_named_once(head: Path, gate: Gate) -> None:
+    (head / "session.h5").write_text("version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 400000\n")
+    (head / "recording.csv").write_bytes((head / "session.h5").read_bytes())
+    for scene in ("session", "recording"):
+        shutil.copy(head / "hhsim-gate.toml", head / "all.toml")
+        only(head, scene)
+        answer = gate(head)
+        shutil.copy(head / "all.toml", head / "hhsim-gate.toml")
+        assert answer.code == 2
+        assert (answer.out + answer.err).count("git lfs pull") == 1
+        assert f"hhsim: error: {scene}: " in answer.err and sys.executable not in answer.err
+
+
 def test_another_motion_is_judged_by_its_figures_where_the_suite_says_so(head: Path, gate: Gate) -> None:
     only(head, "recording")
     write_recording(head / "recording.csv", 0.05)
@@ -339,6 +366,19 @@ def test_another_motion_is_judged_by_its_figures_where_the_suite_says_so(head: P
     (head / "hhsim-gate.toml").write_text(text.replace("motion_may_change = true", ""))
     answer = gate(head, "--quiet")
     assert (answer.code, "different inputs: " in answer.err) == (3, True)
+
+
+def test_the_example_of_a_method_counts_its_work(
+    repository: Path, project: Path, tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copy(repository / "examples" / "project_out.py", tmp_path)
+    monkeypatch.chdir(tmp_path)
+    made = ("replay", "cube", str(project / "short.toml"), "--method", "project_out:ProjectOut", "--out", "own.h5")
+    assert run(*made).code == 0
+    figures = run_figures(load_result(tmp_path / "own.h5"))
+    assert set(figures.counters) == {"work_units"} and figures.counters["work_units"] > 0
+    slower = replace(figures, counters={"work_units": figures.counters["work_units"] + 1})
+    assert not judge_counters("own", slower, figures, {"work_units": 0.0})[0].passed
 
 
 @pytest.mark.parametrize(
@@ -390,7 +430,7 @@ def test_a_result_is_judged_the_same_in_every_folder(project: Path, tmp_path: Pa
     (folders["broken suite"] / "hhsim-gate.toml").write_text("version = ")
     answers = set()
     for folder in (project, *folders.values()):
-        run = hhsim("gate", str(path), folder=folder)
+        run = hhsim("gate", str(path), "--all", folder=folder)
         answers.add((run.returncode, run.stdout, run.stderr))
     ((exit_code, out, _),) = answers
     assert exit_code == 0 and b"penetration, max" in out

@@ -117,8 +117,11 @@ def test_a_head_that_breaks_is_a_miss_and_one_that_refuses_an_error(
     report = judged(suite, head)
     assert (report.exit_code, report.recorded) == (1, {})
     assert "RuntimeError: planted" in report.missed[0].reason
+    # A session that is not there is refused as an object is.
+    with pytest.raises(RunFailed, match=r"none\.h5: no such file"):
+        this_side.figures(GateScene("session", "none.h5", kind="session"), suite.parent)
     scene = GateScene("gone", "no-such-object", "pinch")
-    with pytest.raises(RunFailed, match=r"scene gone: unknown object .no-such-object.") as failed:
+    with pytest.raises(RunFailed, match=r"^unknown object .no-such-object.") as failed:
         this_side.figures(scene, suite.parent)
     assert failed.value.refused
 
@@ -231,7 +234,7 @@ def test_the_shell_example_gates_base_and_head(repository: Path, tmp_path: Path,
     environment = {**os.environ, **{name: str(path) for name, path in named.items()}}
     answer = subprocess.run([str(script)], cwd=folder, env=environment, capture_output=True, text=True)
     assert answer.returncode == 0, answer.stdout + answer.stderr
-    assert "tree nodes tested" in answer.stdout
+    assert "tree nodes tested" in (tmp_path / "reports" / "gate.xml").read_text()
     assert ("tick in contact, CPU, p50" in answer.stdout) == timed
     (tests,) = ElementTree.parse(tmp_path / "reports" / "gate.xml").getroot()
     assert tests.get("failures") == tests.get("errors") == "0"
