@@ -1,6 +1,5 @@
 """`hhsim board`."""
 
-import json
 from dataclasses import asdict
 from pathlib import Path
 
@@ -37,7 +36,7 @@ def command(folders: tuple[Path, ...], outputs: tuple[Path, ...], whole: bool, a
       hhsim board results/first /media/other/first --out board.html --out board.csv
     """
     from hhsim.board.collect import collect
-    from hhsim.board.shown import LEGEND, WORDS, entry_cells, machine_line, standing_cells
+    from hhsim.board.shown import LEGEND, WORDS, entry_cells, said_of, standing_cells
     from hhsim.board.standings import standings
     from hhsim.board.table_file import check_board_path, content_of, rows_of
     from hhsim.system.atomic_write import write_atomically
@@ -67,9 +66,7 @@ def command(folders: tuple[Path, ...], outputs: tuple[Path, ...], whole: bool, a
         print_rows(entry_cells(board), [*board.entries, *board.failed], words=WORDS, optional=("force [N]", *thin))
     print()
     print_line(LEGEND)
-    for machine, label in board.machines.items():
-        print_line(f"{label}: {machine_line(json.loads(machine))}")
-    for note in board.notes:
-        print_line(f"note: {note}")
+    for said in said_of(board):
+        print_line(said)
     for path in outputs:
         print_line(f"written: {path}")

@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from hhsim.system.counted import counted
+
 from .arguments import options
 from .console import announce_compilation, print_json, print_line, print_notes, print_table, progress
 
@@ -83,7 +85,7 @@ def command(
             print_notes(read.notes)
         announce_compilation(quiet=quiet)
         if dry_run:
-            found = estimate(read, folder, report)
+            found = estimate(read, folder, chosen.workers, report)
         else:
             ended = run_sweep(read, folder, chosen, report)
     if dry_run:
@@ -95,7 +97,7 @@ def command(
         _print(ended, folder.path)
     if quiet and ended.failed:
         shown = [f"{cell.label}: {why}" for cell, why in ended.failed[:MOST_FAILURES]]
-        print_notes([f"{_cells(len(ended.failed))} failed", *shown], prefix="missed")
+        print_notes([f"{counted(len(ended.failed), 'cell')} failed", *shown], prefix="missed")
     return 1 if ended.failed else 0
 
 
@@ -103,25 +105,25 @@ def _print_estimate(found: "Estimate", workers: int, *, as_json: bool) -> None:
     from hhsim.sweep.pace import lasting
 
     left = found.cells - found.done - found.failed
-    seconds = found.seconds / max(1, min(workers, left))
+    least, seconds = found.elapsed(workers)
     if as_json:
         counts = {"cells": found.cells, "done": found.done, "failed": found.failed, "ticks": found.ticks}
-        times = {"seconds": seconds, "seconds_one_after_the_other": found.seconds}
+        times = {"seconds_least": least, "seconds": seconds, "start_up": found.start_up}
         print_json({**counts, "processes": workers, **times, "estimated_from": found.by})
         return
-    print_line(f"{_cells(found.cells)}: {found.done:,} done, {found.failed:,} failed, {left:,} to run")
+    print_line(f"{counted(found.cells, 'cell')}: {found.done:,} done, {found.failed:,} failed, {left:,} to run")
     if left:
         processes = f"{workers} process{'es' * (workers > 1)}"
-        alone = f", {lasting(found.seconds)} one cell after the other" if workers > 1 else ""
+        about = " to ".join(dict.fromkeys((lasting(least), lasting(seconds))))
         by = f"by cells that ran on this machine: {found.by}"
-        print_line(f"{found.ticks:,} ticks: about {lasting(seconds)} in {processes}{alone}, {by}")
+        print_line(f"{found.ticks:,} ticks: about {about} in {processes}, {by}")
 
 
 def _print(ended: "SweepSummary", folder: Path) -> None:
     from hhsim.sweep.pace import lasting
 
     before = f", {ended.done_before:,} before" if ended.done_before else ""
-    print_line(f"{_cells(ended.cells)}: {ended.run:,} done now{before}, {len(ended.failed):,} failed")
+    print_line(f"{counted(ended.cells, 'cell')}: {ended.run:,} done now{before}, {len(ended.failed):,} failed")
     if ended.run:
         speed = f", {ended.ticks / ended.seconds:,.0f} a second" if ended.seconds else ""
         print_line(f"{ended.ticks:,} ticks in {lasting(ended.seconds)}{speed}")
@@ -147,7 +149,3 @@ def _document(ended: "SweepSummary", folder: Path, notes: tuple[str, ...]) -> di
         "seconds": ended.seconds,
         "notes": list(notes),
     }
-
-
-def _cells(count: int) -> str:
-    return f"{count:,} cell{'s' * (count != 1)}"

@@ -1,13 +1,15 @@
 """Gathers the runs of folders: the rows of sweeps, and every other result that lies there."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from hhsim.board.entry import FAILED, Entry, entry_of_result, entry_of_row
 from hhsim.errors import InputError
+from hhsim.replay.verdict import UNTOUCHED
 from hhsim.result.reader import load_result
 from hhsim.result.schema import FORMAT, SUFFIXES
+from hhsim.sweep.cell import BOTH
 from hhsim.sweep.cell_row import FAILED as FAILED_ENDING
 from hhsim.sweep.cell_row import read_row
 from hhsim.sweep.folder import CELLS, is_sweep
@@ -68,27 +70,39 @@ def merged(entries: Iterable[Entry], notes: Sequence[str] = ()) -> Board:
     """Of each run on each machine keep the last one."""
     last: dict[tuple[str, ...], Entry] = {}
     failed: dict[tuple[str, ...], Entry] = {}
-    repeated = 0
+    replaced: list[Entry] = []
     for entry in sorted(entries, key=lambda entry: entry.created):
         place = (*entry.key, entry.machine)
         if entry.verdict == FAILED:
             failed[place] = entry
             continue
-        repeated += place in last
+        if place in last:
+            replaced.append(last[place])
+            names = BOTH.join(dict.fromkeys((*last[place].option_sets, *entry.option_sets)))
+            entry = replace(entry, option_set=names)
         last[place] = entry
     kept = sorted(last.values(), key=lambda entry: (*entry.key, entry.machine))
     found = list(notes)
-    if repeated:
-        found.append(f"{counted(repeated, 'run')} done again later on the same machine: the last one of each counts")
+    if replaced:
+        found.append(
+            f"{counted(len(replaced), 'result')} left out: of the same object, motion, method, surface, options and "
+            f"machine as a later one, first: {replaced[0].source}"
+        )
     found += _differences(kept)
     runs = [entry.runs for entry in kept if entry.runs > 1]
     if runs:
         many = f"{min(runs):,}" if min(runs) == max(runs) else f"{min(runs):,} to {max(runs):,}"
-        found.append(f"times with ± are mean and standard deviation of {many} runs, of the scenes that they are of")
+        found.append(
+            f"times of {len(runs):,} of {counted(len(kept), 'result')} are means over {many} runs; ± is the standard "
+            "deviation of a run, where all scenes that a figure is of have one"
+        )
     still = [entry for place, entry in sorted(failed.items()) if place not in last]
     if still:
         first = ", ".join(part for part in still[0].key if part)
         found.append(f"cells that failed, and count in no figure: {len(still):,}, first: {first}: {still[0].reason}")
+    bare = sum(entry.verdict == UNTOUCHED for entry in kept)
+    if bare:
+        found.append(f"nothing touched in {counted(bare, 'run')}, of which depth, contacts and forces say nothing")
     return Board(
         entries=tuple(kept),
         failed=tuple(still),

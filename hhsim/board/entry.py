@@ -7,15 +7,15 @@ from pathlib import Path
 from typing import Any
 
 from hhsim.errors import HhsimError
+from hhsim.mesh.catalogue import usual_level
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.replay.summary_table import stored_rows
 from hhsim.replay.verdict import verdict
 from hhsim.report.provenance import motion_name, object_name
 from hhsim.result.reader import Result
 from hhsim.solver.options import SolverOptions, Stiffness
+from hhsim.sweep.cell import BOTH, USUAL_SCENE
 
-USUAL_SCENE = {"rate": 1000.0, "samples": "interpolate", "seed": 0}
-"""What is not told of a run that has it."""
 TOLD = ("level", "max_error", "rate", "samples", "seed", "ticks", "tremor_mm_deg", "hand_file")
 """Of the scene; the level where it is not the object's own."""
 
@@ -27,6 +27,7 @@ class Entry:
     Attributes:
         object, motion, method, surface: What it was of.
         options: What was not as usual, in words; "" where all was.
+        option_set: What a sweep's plan calls its set of options; "" of any other result.
         machine: Processor, cores, system and Python, as JSON: what times can be compared within.
         hhsim: Version and commit.
         created: When, UTC.
@@ -51,6 +52,7 @@ class Entry:
     verdict: str = ""
     figures: Mapping[str, float] = field(default_factory=dict)
     deviations: Mapping[str, float] = field(default_factory=dict)
+    option_set: str = ""
     runs: int = 1
     source: str = ""
     reason: str = ""
@@ -65,8 +67,18 @@ class Entry:
         """What was run, whatever the machine."""
         return self.object, self.motion, self.method, self.surface, self.options
 
+    @property
+    def option_sets(self) -> list[str]:
+        """Each name of its set of options."""
+        return self.option_set.split(BOTH) if self.option_set else []
+
 
 FAILED = "failed"
+
+
+def shown_options(name: str, options: str) -> str:
+    """The name of a set of options, and what is not as usual in it."""
+    return ": ".join(part for part in (name, options) if part) or "usual"
 
 
 def entry_of_row(row: Mapping[str, Any], source: Path) -> Entry:
@@ -86,6 +98,7 @@ def entry_of_row(row: Mapping[str, Any], source: Path) -> Entry:
     return Entry(
         **{name: cell[name] for name in ("object", "motion", "method", "surface")},
         options=option_words(row["scene"]),
+        option_set=str(cell["options"]),
         machine=machine,
         hhsim=_hhsim(row.get("hhsim_version"), row.get("git_revision"), row.get("git_dirty")),
         created=str(row.get("created_utc", "")),
@@ -124,7 +137,7 @@ def option_words(scene: Mapping[str, Any]) -> str:
     rate = float(scene.get("rate") or 1000.0)
     told = {name: scene.get(name) for name in TOLD if scene.get(name) is not None}
     told = {name: value for name, value in told.items() if USUAL_SCENE.get(name) != value}
-    if "level" in told and told["level"] == _usual_level(scene):
+    if "level" in told and told["level"] == usual_level(str(scene.get("object") or "")):
         del told["level"]
     usual = _usual_options(solver, rate)
     stiffness, usual_stiffness = dict(solver.pop("stiffness", {})), usual.pop("stiffness")
@@ -146,15 +159,6 @@ def _usual_options(solver: Mapping[str, Any], rate: float) -> dict[str, Any]:
         options = SolverOptions()
     found = options.at_rate(rate).to_json()
     return {**found, "fingers": list(found["fingers"]), "stiffness": dict(vars(Stiffness()))}
-
-
-def _usual_level(scene: Mapping[str, Any]) -> int | None:
-    from hhsim.mesh.catalogue import MESH_LEVEL, names_a_file, object_description, object_names
-
-    word = str(scene.get("object") or "")
-    if names_a_file(word):
-        return MESH_LEVEL
-    return int(object_description(word)["level"]) if word in object_names() else None
 
 
 def _submitter(result: Result) -> str:

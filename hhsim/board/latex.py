@@ -1,11 +1,10 @@
 """The standings as a LaTeX table that a paper takes in by `\\input`; it needs no package."""
 
-import json
 import re
 from collections.abc import Sequence
 
 from hhsim.board.collect import Board
-from hhsim.board.shown import MARK, WORDS, machine_line, shown_standings
+from hhsim.board.shown import MARK, WORDS, shown_standings
 from hhsim.board.standings import Standing
 
 LETTERS = str.maketrans(
@@ -35,11 +34,10 @@ def escaped(text: str) -> str:
 
 
 def latex_text(board: Board, standings: Sequence[Standing]) -> str:
-    r"""The standings as a tabular with \hline; machines and notes stand above it as comments."""
-    headings, rows = shown_standings(board, standings)
+    r"""The standings as a tabular with \hline; what there is to say of it stands above as comments, for a caption."""
+    headings, rows, notes = shown_standings(board, standings)
     columns = "".join("l" if heading in WORDS else "r" for heading in headings)
-    machines = [f"{label}: {machine_line(json.loads(machine))}" for machine, label in board.machines.items()]
-    lines = [f"% {' '.join(note.split())}" for note in (*machines, *board.notes)]
+    lines = [f"% {' '.join(note.split())}" for note in notes]
     lines += [f"\\begin{{tabular}}{{{columns}}}", r"\hline", _line(headings), r"\hline"]
     return "\n".join([*lines, *(_line(row) for row in rows), r"\hline", r"\end{tabular}", ""])
 

@@ -1,12 +1,11 @@
 """The board as one HTML page that asks nobody for anything: its tables sort at a click and filter by words."""
 
-import json
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from hhsim import __version__
 from hhsim.board.collect import Board
-from hhsim.board.shown import LEGEND, WORDS, entry_cells, machine_line, standing_cells
+from hhsim.board.shown import LEGEND, WORDS, entry_cells, said_of, standing_cells
 from hhsim.board.standings import Standing
 from hhsim.report.html import Html, element, joined, listed, page, paragraph, section
 from hhsim.report.style import STYLE
@@ -64,14 +63,13 @@ def board_page(board: Board, standings: Sequence[Standing]) -> str:
     """The document: the standings, then each run."""
     runs = [*board.entries, *board.failed]
     title = f"Board of {counted(len(board.entries), 'run')}"
-    machines = [f"{label}: {machine_line(json.loads(machine))}" for machine, label in board.machines.items()]
     body = (
         element("header", element("h1", title), paragraph(LEGEND, class_="soft")),
         element(
             "main",
             section("standings", "Methods", _table("methods", standing_cells(board), standings)),
             section("runs", "Runs", _table("each-run", entry_cells(board), runs)),
-            section("machines", "Machines and notes", listed([*machines, *board.notes], class_="tight")),
+            section("machines", "Machines and notes", listed(said_of(board), class_="tight")),
         ),
         element("footer", paragraph(f"Made by hhsim board, version {__version__}.")),
     )

@@ -1,10 +1,11 @@
 """The board's tables as people read them: in a terminal, in Markdown, on a page."""
 
+import json
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from hhsim.board.collect import Board
-from hhsim.board.entry import Entry
+from hhsim.board.entry import Entry, shown_options
 from hhsim.board.standings import Standing
 from hhsim.replay.repeated_times import digits_with
 
@@ -29,7 +30,7 @@ def standing_cells(board: Board) -> dict[str, Callable[[Standing], str]]:
         "": lambda row: MARK if row.first else "",
         "method": lambda row: row.method,
         "surface": lambda row: row.surface,
-        "options": lambda row: row.options or "usual",
+        "options": lambda row: row.options,
         "machine": lambda row: board.machines[row.machine],
         "scenes": lambda row: f"{row.scenes:,}",
         "touched": lambda row: f"{row.touched:,}",
@@ -61,7 +62,7 @@ def entry_cells(board: Board) -> dict[str, Callable[[Entry], str]]:
         "motion": lambda row: row.motion,
         "method": lambda row: row.method,
         "surface": lambda row: row.surface,
-        "options": lambda row: row.options or "usual",
+        "options": lambda row: shown_options(row.option_set, row.options),
         "machine": lambda row: board.machines.get(row.machine, ""),
         "verdict": lambda row: f"{row.verdict}: {row.reason}" if row.reason else row.verdict,
         "depth [µm]": figure("penetration_max", 3, 1e6),
@@ -78,10 +79,22 @@ WORDS = ("", "object", "motion", "method", "surface", "options", "machine", "ver
 """Columns that hold no numbers."""
 
 
-def shown_standings(board: Board, standings: Sequence[Standing]) -> tuple[list[str], list[list[str]]]:
-    """Headings and cells of the standings."""
-    cells = standing_cells(board)
-    return list(cells), [[cell(row) for cell in cells.values()] for row in standings]
+def shown_standings(board: Board, standings: Sequence[Standing]) -> tuple[list[str], list[list[str]], list[str]]:
+    """Headings and cells of the standings as a document has them, and what there is to say below.
+
+    A column that is the same in several rows, all of them, is said below instead; the name of a method stays.
+    """
+    shown = {heading: [cell(row) for row in standings] for heading, cell in standing_cells(board).items()}
+    alike = [heading for heading, cells in shown.items() if heading != "method" and len(cells) > 1 == len(set(cells))]
+    same = [f"{heading} {shown.pop(heading)[0]}".strip() for heading in alike]
+    told = [f"the same in every row: {'; '.join(filter(None, same))}"] if any(same) else []
+    return list(shown), [list(row) for row in zip(*shown.values())], [*told, LEGEND, *said_of(board)]
+
+
+def said_of(board: Board) -> list[str]:
+    """Return its machines, by their letters, and its notes."""
+    machines = [f"{label}: {machine_line(json.loads(machine))}" for machine, label in board.machines.items()]
+    return [*machines, *(f"note: {note}" for note in board.notes)]
 
 
 def machine_line(machine: Mapping[str, Any]) -> str:

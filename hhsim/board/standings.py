@@ -7,7 +7,7 @@ from math import hypot
 from hhsim.bench.robustness.case import DEEPEST
 from hhsim.bench.speed_error_table import GAIN
 from hhsim.board.collect import Board
-from hhsim.board.entry import Entry
+from hhsim.board.entry import Entry, shown_options
 from hhsim.replay.verdict import MISSED, UNTOUCHED
 
 NAN = float("nan")
@@ -18,7 +18,7 @@ class Standing:
     """One method on one machine, over its scenes.
 
     Attributes:
-        method, surface, options, machine: Which.
+        method, surface, options, machine: Which; the options with the names that plans call them.
         scenes: How many objects and motions.
         failed: Cells that failed.
         touched: Runs in which the hand touched something: the others say nothing of contact.
@@ -65,34 +65,52 @@ class Standing:
 
 def standings(board: Board) -> list[Standing]:
     """Every method, by machine, the frontier marked among those that did the same scenes with cores of their own."""
-    groups: dict[tuple[str, str, str, str], list[Entry]] = {}
-    for entry in board.entries:
-        groups.setdefault((entry.method, entry.surface, entry.options, entry.machine), []).append(entry)
+    groups = _groups(board.entries)
     found = [_standing(key, entries, board.failed) for key, entries in groups.items()]
     same: dict[tuple[str, frozenset[tuple[str, str]]], list[int]] = {}
     for number, (key, entries) in enumerate(groups.items()):
         # Times compare within a machine, and worst cases among the same scenes alone.
         if found[number].comparable:
-            same.setdefault((key[3], frozenset(entry.scene for entry in entries)), []).append(number)
+            same.setdefault((key[0], frozenset(entry.scene for entry in entries)), []).append(number)
+    of = list(groups.values())
     for numbers in same.values():
-        kept: list[Standing] = []
+        kept: list[int] = []
         for number in sorted(numbers, key=lambda number: (found[number].p50, found[number].errors)):
             one = found[number]
             known = one.p50 == one.p50 and any(error == error for error in one.errors[:2])
-            if known and all(one.gains_on(faster) for faster in kept):
-                kept.append(one)
+            # The same runs under another name do not beat them.
+            if known and all(one.gains_on(found[faster]) or of[number] == of[faster] for faster in kept):
+                kept.append(number)
                 found[number] = replace(one, first=True)
     return sorted(found, key=lambda one: (one.machine, -one.scenes, not one.first, one.p50))
 
 
-def _standing(key: tuple[str, str, str, str], entries: Sequence[Entry], failed: Iterable[Entry]) -> Standing:
-    method, surface, options, machine = key
+def _groups(entries: Iterable[Entry]) -> dict[tuple[str, ...], list[Entry]]:
+    """Entries by machine, method, surface, name of their options and what these are: one under each of its names."""
+    sets = {(e.machine, e.method, e.surface, e.options): e.option_sets for e in entries if e.option_sets}
+    named: dict[tuple[str, ...], list[Entry]] = {}
+    for entry in entries:
+        what = entry.machine, entry.method, entry.surface
+        for name in entry.option_sets or sets.get((*what, entry.options), [""]):
+            named.setdefault((*what, name, "" if name else entry.options), []).append(entry)
+    found: dict[tuple[str, ...], list[Entry]] = {}
+    for key, mine in named.items():
+        # What a set changes depends on the object; of a scene that was run twice (seeds, two plans), on the run.
+        twice = len({entry.scene for entry in mine}) < len(mine)
+        words = ", ".join(dict.fromkeys(word for entry in mine for word in entry.options.split(", ") if word))
+        for entry in mine:
+            found.setdefault((*key[:4], entry.options if twice else words), []).append(entry)
+    return found
+
+
+def _standing(key: tuple[str, ...], entries: Sequence[Entry], failed: Iterable[Entry]) -> Standing:
+    machine, method, surface, name, options = key
     p50, p50_std = _mean_of(_timed(entries, "tick_cpu_p50"), middle=True)
     p99, p99_std = _mean_of(_timed(entries, "tick_cpu_p99"), middle=False)
     return Standing(
         method=method,
         surface=surface,
-        options=options,
+        options=shown_options(name, options),
         machine=machine,
         scenes=len({entry.scene for entry in entries}),
         failed=sum((one.method, one.surface, one.machine) == (method, surface, machine) for one in failed),

@@ -17,7 +17,8 @@ from hhsim.metrics.run.registry import run_metrics
 from hhsim.system.output_path import check_output_path
 
 KINDS = (".html", ".csv", ".parquet", ".md", ".tex")
-WORDS = ("object", "motion", "method", "surface", "options", "machine", "processor", "hhsim", "created", "verdict")
+OF_ENTRY = ("object", "motion", "method", "surface", "option_set", "options")
+WORDS = (*OF_ENTRY, "machine", "processor", "hhsim", "created", "verdict")
 FLAG = "times_comparable"
 DEVIATION = "_std"
 """Ending of the column of a time's standard deviation over several runs."""
@@ -89,11 +90,9 @@ def parquet_bytes(board: Board) -> bytes:
 
 def markdown_text(board: Board, standings: Sequence[Standing]) -> str:
     """The standings as a table of Markdown, and what there is to say of them."""
-    headings, rows = shown_standings(board, standings)
+    headings, rows, notes = shown_standings(board, standings)
     lines = [_line(headings), _line(["---"] * len(headings)), *(_line(row) for row in rows)]
-    said = [f"- {note}" for note in board.notes]
-    machines = [f"- {label}: {machine_line(json.loads(machine))}" for machine, label in board.machines.items()]
-    return "\n".join([*lines, "", *machines, *said, ""])
+    return "\n".join([*lines, "", *(f"- {note}" for note in notes), ""])
 
 
 def _line(cells: Sequence[str]) -> str:

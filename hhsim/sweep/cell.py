@@ -1,7 +1,6 @@
 """One replay of a sweep: what it is made of, what it is called, and the digest that it is known by."""
 
 import hashlib
-import inspect
 import json
 import tomllib
 from collections.abc import Mapping
@@ -15,12 +14,10 @@ from typing import Any
 import hhsim
 from hhsim import __version__
 from hhsim.errors import InputError
-from hhsim.mesh.catalogue import names_a_file
+from hhsim.mesh.catalogue import names_a_file, usual_level
 from hhsim.scene.described_scene import SceneWords
 from hhsim.scene.motion_catalogue import trajectory_names
-from hhsim.solver.isolated_method import isolated_facts
-from hhsim.solver.known_methods import ISOLATED, find_method
-from hhsim.solver.method import METHODS
+from hhsim.solver.known_methods import find_method
 from hhsim.solver.options import SolverOptions, Stiffness
 from hhsim.system.input_file import read_input
 
@@ -31,6 +28,11 @@ OF_THE_SOLVER = tuple(
 )
 OF_THE_SCENE = ("level", "max_error", "rate", "samples", "place_object", "hand", "hand_file", "tremor_mm_deg")
 """Options besides the solver's, by the names that a result states them by."""
+
+BOTH = " = "
+"""Between the names of sets of options that come to the same for a cell."""
+USUAL_SCENE = {"rate": 1000.0, "samples": "interpolate", "seed": 0}
+"""What a scene has of which nothing else is stated; its level is the object's."""
 
 
 @dataclass(frozen=True)
@@ -127,6 +129,13 @@ class Cell:
             **stated,
         )
 
+    def _effective_options(self) -> dict[str, Any]:
+        """All options that it runs with, so that those that only state what is usual make no other cell."""
+        usual = {**USUAL_SCENE, "level": usual_level(self.object.word), "hand_file": self.options.get("hand_file")}
+        scene = {name: value for name, value in self.options.items() if name in OF_THE_SCENE}
+        told = {name: value for name, value in scene.items() if name not in usual or value != usual[name]}
+        return {**self.solver_options().to_json(), **told}
+
     def digest(self, folder: Path) -> str:
         """What it is known by: the same for the same inputs, options and hhsim, and for no others.
 
@@ -143,9 +152,9 @@ class Cell:
             "thickness_mm": shape.thickness_mm,
             "motion": _content(folder, self.motion.word, self.motion.word not in trajectory_names()),
             "hand": None if hand is None else _content(folder, hand, True),
-            "method": [self.method, _method_source(self.method)],
+            "method": [self.method, find_method(self.method).source],
             "surface": self.surface,
-            "options": {**self.options, "hand_file": None},
+            "options": self._effective_options(),
             "seed": self.seed,
             "ticks": self.ticks,
             "hhsim": [__version__, source_digest()],
@@ -197,21 +206,3 @@ def _read_digest(path: Path, changed: int, size: int) -> tuple[str, str | None]:
 
 def _content(folder: Path, word: str, is_file: bool) -> str:
     return file_digest(folder / word) if is_file else word
-
-
-@cache
-def _method_source(name: str) -> str:
-    """Of the file that a method from outside is written in; "" for hhsim's own, and where there is no such file."""
-    if name in METHODS:
-        return ""
-    if name.startswith(ISOLATED):
-        return str(isolated_facts(name.removeprefix(ISOLATED))["source"])
-    made = find_method(name).engine
-    # `hhsim.solver.known_methods.outside_method` binds the name and the class.
-    for part in (*getattr(made, "args", ()), made):
-        if not isinstance(part, str):
-            try:
-                return hashlib.sha256(Path(inspect.getfile(part)).read_bytes()).hexdigest()
-            except (TypeError, OSError):
-                continue
-    return ""

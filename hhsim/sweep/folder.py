@@ -76,13 +76,9 @@ class SweepFolder:
 
         The row of an older plan gets new names.
         """
-        path = self.row_path(planned)
-        try:
-            row = read_row(path)
-        except InputError:
-            return False
+        path, row = self.row_path(planned), self.row(planned)
         result = row.get("result")
-        if (result and not (self.cells / result).is_file()) or (with_result and not result):
+        if not row or (result and not (self.cells / result).is_file()) or (with_result and not result):
             return False
         if row.get("repeated", {}).get("runs", 1) < planned.cell.repeat:
             return False
@@ -91,12 +87,11 @@ class SweepFolder:
         return True
 
     def row(self, planned: PlannedCell) -> dict[str, Any]:
-        """The row of a cell that is done.
-
-        Raises:
-            InputError: There is none.
-        """
-        return read_row(self.row_path(planned))
+        """The row of a cell that was run, however often; empty of any other."""
+        try:
+            return read_row(self.row_path(planned))
+        except InputError:
+            return {}
 
     def row_path(self, planned: PlannedCell) -> Path:
         """Where a cell's row is."""

@@ -44,11 +44,11 @@ class Pace:
 
 
 def pace_of(cells: Iterable[PlannedCell], folder: SweepFolder) -> Pace:
-    """The pace of cells that are done, of those that were run on this machine."""
+    """The pace of those cells that were run on this machine, however often."""
     pace, here = Pace(), asdict(info.machine())
     for planned in cells:
         row = folder.row(planned)
-        if row["machine"] == here:
+        if row.get("machine") == here:
             pace.add(planned.cell, planned.ticks * row.get("repeated", {}).get("runs", 1), float(row["seconds"]))
     return pace
 

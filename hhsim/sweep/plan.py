@@ -20,8 +20,9 @@ Keys, with their defaults where they have one::
 Files are relative to the plan's folder. Options are named as a result states them, in SI units.
 """
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
 from typing import Any, get_args
@@ -36,7 +37,8 @@ from hhsim.scene.placed_scene import Place
 from hhsim.scene.script import Script
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.surface import SURFACES
-from hhsim.sweep.cell import OF_THE_SCENE, OF_THE_SOLVER, Cell, SweptMotion, SweptObject
+from hhsim.sweep.cell import BOTH, OF_THE_SCENE, OF_THE_SOLVER, Cell, SweptMotion, SweptObject
+from hhsim.system.counted import counted
 from hhsim.system.toml_document import (
     check_keys,
     checked_number,
@@ -75,7 +77,8 @@ class SweepPlan:
 
     Attributes:
         folder: The plan's; files in it are relative to it.
-        notes: What cannot be together, and how many cells that are, and what is said of recordings, a sentence each.
+        notes: What cannot be together and what comes to the same, and how many cells that are, and what is said of
+            recordings, a sentence each.
     """
 
     name: str
@@ -83,11 +86,6 @@ class SweepPlan:
     text: str
     cells: tuple[PlannedCell, ...]
     notes: tuple[str, ...] = ()
-
-    @property
-    def ticks(self) -> int:
-        """Of all cells."""
-        return sum(planned.ticks for planned in self.cells)
 
 
 def load_plan(path: Path) -> SweepPlan:
@@ -151,12 +149,23 @@ def parse_plan(text: str, name: str, folder: Path, where: str) -> SweepPlan:
             _check_options(cell, where)
             checked.add((method, surface, called))
         planned = PlannedCell(cell, cell.digest(folder), durations[motion.word].ticks(given.get("rate", 1000.0), ticks))
-        same = cells.setdefault(planned.digest, planned)
-        if same is not planned:
-            raise InputError(f"{where}: two cells are the same: {same.cell.label}; {cell.label}")
+        same = cells.setdefault(planned.digest, planned).cell
+        if same is not cell:
+            names = same.options_name.split(BOTH)
+            if called in names or replace(same, options_name=called, options=given) != cell:
+                raise InputError(f"{where}: two cells are the same: {same.label}; {cell.label}")
+            cells[planned.digest] = replace(
+                planned, cell=replace(same, options_name=BOTH.join((same.options_name, called)))
+            )
     if not cells:
         raise InputError(f"{where}: no cell is left: {'; '.join(left_out)}")
     notes = [f"{count:,} cell{'s' * (count > 1)} left out: {why}" for why, count in left_out.items()]
+    shared = Counter((cell.object.name, cell.options_name) for cell in (planned.cell for planned in cells.values()))
+    notes += [
+        f"{shape}: {counted(count, 'cell')} computed once and called {names}: there these options come to the same"
+        for (shape, names), count in shared.items()
+        if BOTH in names
+    ]
     notes += [f"{motion.name}: {remark}" for motion in motions for remark in durations[motion.word].remarks]
     return SweepPlan(name, folder, text, tuple(cells.values()), tuple(notes))
 

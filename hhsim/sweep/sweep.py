@@ -50,7 +50,7 @@ class SweepSummary:
         done_before: Done by an earlier sweep.
         failed: Each cell that failed, now or before, and why.
         ticks: Run now, in all runs of the cells.
-        seconds: That took.
+        seconds: That took, with kernels that were loaded and trees that were built.
     """
 
     cells: int
@@ -80,10 +80,10 @@ def run_sweep(plan: SweepPlan, folder: SweepFolder, options: SweepOptions, progr
         if left:
             prepare(plan, left, progress)
             waiting = {planned.digest: planned for planned in left}
-            pace = pace_of((planned for planned in plan.cells if planned.digest in before), folder)
+            pace = pace_of(plan.cells, folder)
             spent = 0.0
             progress("cells", 0, len(left))
-            began = perf_counter()
+            cells_began = perf_counter()
             try:
                 with closing(_engine(_tasks(plan, folder, left, options), options)) as ends:
                     for number, end in enumerate(ends):
@@ -99,7 +99,7 @@ def run_sweep(plan: SweepPlan, folder: SweepFolder, options: SweepOptions, progr
                         # How many work on a cluster shows in what they have done.
                         at_once = options.workers
                         if options.scheduler not in ("", LOCAL):
-                            at_once = max(1, round(spent / (perf_counter() - began)))
+                            at_once = max(1, round(spent / (perf_counter() - cells_began)))
                         progress(_cells_and(pace.left(waiting.values()), len(waiting), at_once), number + 1, len(left))
             except KeyboardInterrupt as interrupt:
                 interrupt.add_note(

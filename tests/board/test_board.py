@@ -14,12 +14,12 @@ from short_grasp import short_result
 from hhsim.board.collect import collect, merged
 from hhsim.board.entry import FAILED, Entry, entry_of_result, option_words
 from hhsim.board.latex import latex_text
-from hhsim.board.shown import entry_cells, standing_cells
+from hhsim.board.shown import entry_cells, shown_standings, standing_cells
 from hhsim.board.standings import standings
 from hhsim.board.table_file import content_of, csv_text, markdown_text, parquet_bytes
 from hhsim.errors import InputError, OutputError
 from hhsim.metrics.run.registry import run_metrics
-from hhsim.replay.verdict import OK
+from hhsim.replay.verdict import OK, UNTOUCHED
 from hhsim.result.reader import Result
 
 A, B = (json.dumps({"cpu": name, "cores": 2, "system": "Linux", "python": "3.12"}) for name in ("one", "other"))
@@ -63,7 +63,45 @@ def test_of_a_run_that_is_done_again_the_last_one_counts() -> None:
     board = merged([late, early, entry(machine=B, stuck_ticks=3.0)])
     assert [one.figures["stuck_ticks"] for one in board.entries] == [2.0, 3.0]
     assert board.machines == {A: "A", B: "B"}
-    assert board.notes[0].startswith("1 run done again later")
+    assert board.notes[0].startswith("1 result left out: of the same object") and "coupled.h5" in board.notes[0]
+
+
+def test_the_name_of_a_set_of_options_and_what_touched_nothing_are_told() -> None:
+    bare = replace(entry(), option_set="coarse", options="level=2", verdict=UNTOUCHED)
+    board = merged([bare, replace(entry(motion="pinch"), option_set="coarse", options="level=2"), entry()])
+    shown = standing_cells(board)["options"]
+    assert [shown(one) for one in standings(board)] == ["coarse: level=2", "usual"]
+    assert entry_cells(board)["options"](board.entries[1]) == "coarse: level=2"
+    assert board.notes == ("nothing touched in 1 run, of which depth, contacts and forces say nothing",)
+    assert [row["option_set"] for row in csv.DictReader(io.StringIO(csv_text(board)))] == ["", "coarse", "coarse"]
+
+
+def test_a_result_of_two_sets_of_options_counts_in_the_row_of_each() -> None:
+    """The sphere's own level is 3, the cube's 4: each result is computed once, and has two names."""
+    own = replace(entry(), option_set="usual = four")
+    three = replace(entry(contact_error_max=3e-4), option_set="three", options="level=3")
+    ball = replace(entry(), object="sphere", option_set="usual = three")
+    four = replace(ball, option_set="four", options="level=4")
+    rows = {one.options: one for one in standings(merged([own, three, ball, four]))}
+    assert {name: one.scenes for name, one in rows.items()} == {"usual": 2, "four: level=4": 2, "three: level=3": 2}
+    assert rows["three: level=3"].off_mesh == 3e-4
+    # One name of two plans that mean different things by it is two rows.
+    apart = standings(merged([replace(own, option_set="mine"), replace(three, option_set="mine")]))
+    assert {one.options: one.scenes for one in apart} == {"mine": 1, "mine: level=3": 1}
+    # Names of one result in two sweeps are both kept, and neither row beats the other.
+    later = replace(own, option_set="own", created="2026-01-02T00:00:00Z")
+    assert [(one.options, one.first) for one in standings(merged([replace(own, option_set="usual"), later]))] == [
+        ("usual", True),
+        ("own", True),
+    ]
+
+
+def test_a_document_says_once_what_is_the_same_in_every_row() -> None:
+    board = merged([entry(), entry("paper", tick_cpu_p50=2e-5)])
+    headings, rows, said = shown_standings(board, standings(board))
+    assert headings == ["", "method", "p50 [µs]"] and [row[2] for row in rows] == ["10.0", "20.0"]
+    assert said[0].startswith("the same in every row: surface spheres; options usual; machine A; scenes 1")
+    assert "| depth" not in markdown_text(board, standings(board))
 
 
 def test_a_failure_counts_until_it_worked() -> None:
@@ -183,7 +221,7 @@ def test_every_table_has_mean_and_deviation_of_cells_that_ran_repeatedly() -> No
     assert even.p50 == pytest.approx(2e-5) and even.p50_std == pytest.approx(2.5e-7)
     assert standing_cells(board)["p50 [µs]"](one) == "30.00 ± 0.40"
     assert entry_cells(board)["p50 [µs]"](board.entries[0]) == "10.00 ± 0.30"
-    assert board.notes[-1].startswith("times with ± are mean and standard deviation of 5 runs")
+    assert board.notes[-1].startswith("times of 3 of 3 results are means over 5 runs; ± is")
     rows = list(csv.DictReader(io.StringIO(csv_text(board))))
     assert (float(rows[0]["tick_cpu_p50_std [s]"]), rows[0]["runs"]) == (3e-7, "5")
     for kind, shown in ((".md", "30.00 ± 0.40"), (".html", "30.00 ± 0.40"), (".tex", r"30.00 $\pm$ 0.40")):
@@ -197,11 +235,15 @@ def test_a_latex_table_is_balanced_and_everything_in_it_escaped() -> None:
     board = merged([entry(nasty, machine=json.dumps({"cpu": "a\n\\b"})), entry(tracking_excess=-0.5)], ["50 %\nof it"])
     text = latex_text(board, standings(board))
     lines = [line for line in text.splitlines() if not line.startswith("%")]
-    assert "% 50 % of it" in text and r"% A: a \b" in text
+    assert "% note: 50 % of it" in text and r"% A: a \b" in text and "% ●: none that did" in text
     assert lines[0].startswith(r"\begin{tabular}{") and lines[-1] == r"\end{tabular}" and "toprule" not in text
     rows = [line for line in lines if line.endswith(r"\\")]
     columns = lines[0].removeprefix(r"\begin{tabular}{").removesuffix("}")
-    assert len(rows) == 3 and set(columns) == {"l", "r"} and len(columns) == len(standing_cells(board))
+    assert (
+        len(rows) == 3
+        and set(columns) == {"l", "r"}
+        and len(columns) == len(shown_standings(board, standings(board))[0])
+    )
     for row in rows:
         cells = re.split(r"(?<!\\) & ", row.removesuffix(r" \\"))
         assert len(cells) == len(columns)

@@ -8,6 +8,7 @@ from sweep_plans import PLAN, write_plan
 
 from hhsim.errors import InputError
 from hhsim.motion.trajectory import UNCHECKED
+from hhsim.solver.known_methods import find_method
 from hhsim.sweep.cell import file_digest
 from hhsim.sweep.plan import SweepPlan, load_plan
 
@@ -52,6 +53,16 @@ def test_every_object_meets_every_motion_but_what_cannot_be_together(tmp_path: P
     assert len({planned.digest for planned in found.cells}) == len(cells)
 
 
+def test_sets_of_options_that_come_to_the_same_are_computed_once_under_both_names(tmp_path: Path) -> None:
+    more = "[options.stated]\nlevel = 3\nrate = 1000.0\nlinearisations = 12\n[options.other]\nlevel = 2\n"
+    found = plan(tmp_path, PLAN.replace("level = 2", more).replace('"cylinder"', '"cylinder", "bunny"'))
+    names = [(planned.cell.object.name, planned.cell.options_name) for planned in found.cells]
+    assert names[:2] == [("cylinder", "usual = stated"), ("cylinder", "other")]
+    # The bunny's own level is 4: there level 3 is another one.
+    assert ("bunny", "usual") in names and ("bunny", "stated") in names and len(names) == 2 * 2 + 3 * 2
+    assert found.notes[0].startswith("cylinder: 2 cells computed once and called usual = stated")
+
+
 def test_ticks_are_those_of_the_motion_where_the_plan_has_no_fewer(tmp_path: Path) -> None:
     assert [planned.ticks for planned in plan(tmp_path).cells] == [200, 200]
 
@@ -85,16 +96,14 @@ def test_the_recording_of_a_demonstration_counts(tmp_path: Path) -> None:
 
 
 def test_a_method_from_outside_is_known_by_its_source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from hhsim.sweep.cell import _method_source
-
     monkeypatch.syspath_prepend(tmp_path)
     methods = ("__init__(self, scene)", "begin(self, pose)", "tick(self, haptic)")
     text = "\n".join(["class Mine:", *(f"    def {method}: ..." for method in methods), ""])
     for name in ("one_of_ours", "other_of_ours"):
         (tmp_path / f"{name}.py").write_text(text + f"# {name}\n")
-    one, other = (_method_source(f"{name}:Mine") for name in ("one_of_ours", "other_of_ours"))
+    one, other = (find_method(f"{name}:Mine").source for name in ("one_of_ours", "other_of_ours"))
     assert one and other and one != other
-    assert _method_source("coupled") == ""
+    assert find_method("coupled").source == ""
 
 
 def test_a_pattern_takes_every_file_in_order(tmp_path: Path) -> None:

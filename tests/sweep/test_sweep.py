@@ -165,26 +165,44 @@ def test_an_estimate_counts_what_is_left_and_writes_nothing(tmp_path: Path, in_t
 def test_an_estimate_rests_on_all_of_a_motion_where_its_beginning_is_cheap(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A tick takes 20 ms in the second half of the motion and nothing before, a cell half a second besides."""
+    """A tick takes 20 ms in the second half of the motion and nothing before, a cell half a second besides.
+
+    To open a scene takes 7 s where nobody has, each process its own, and to start a process 3 s.
+    """
     ran: list[float] = []
+    opened: set[tuple[str, str]] = set()
 
     def pretended(task: CellTask) -> CellEnd:
         assert task.cell.ticks is not None
         rate = task.cell.options.get("rate", 1000.0)
         touching = max(0.0, task.cell.ticks - 0.5 * whole * rate / 1000.0)
-        ran.append(0.5 + 0.02 * touching)
+        scene = (task.cell.object.name, task.cell.method)
+        ran.append(0.5 + 0.02 * touching + (0.0 if scene in opened else 7.0))
+        opened.add(scene)
         return CellEnd(task.digest, ticks=task.cell.ticks, seconds=ran[-1])
+
+    now = [0.0]
+
+    def started(tasks: Sequence[CellTask], jobs: int) -> Any:
+        # Side by side, a cell takes twice as long as alone.
+        ends = [CellEnd(task.digest, ticks=500, seconds=2.0 * ran[-1]) for task in tasks]
+        now[0] += 3.0 + sum(end.seconds for end in ends) / jobs
+        return ends
 
     monkeypatch.setattr(estimate_module, "run_cell", pretended)
     monkeypatch.setattr(estimate_module, "prepare", lambda *_: None)
+    monkeypatch.setattr(estimate_module, "run_in_processes", started)
+    monkeypatch.setattr(estimate_module, "perf_counter", lambda: now[0])
     text = PLAN.replace('"short.toml"', '"grasp"').replace('"cylinder"', '"cylinder", "cube"')
     plan = load_plan(write_plan(tmp_path, text.replace("[options.usual]", "repeat = 3\n[options.usual]")))
     whole = plan.cells[0].ticks
-    found = estimate(plan, SweepFolder(tmp_path / "out"))
+    found = estimate(plan, SweepFolder(tmp_path / "out"), 2)
     assert found.ticks == 4 * 3 * whole and found.by == "4 tried by 50 ticks in large steps"
-    # Half a second of each run, and 20 ms of half of its ticks.
-    assert found.seconds == pytest.approx(4 * 3 * (0.5 + 0.02 * 0.5 * whole), rel=0.2)
-    assert sum(ran) < 0.2 * found.seconds
+    # Half a second of each run, and 20 ms of half of its ticks; two cells share a scene, which one of them opens.
+    assert found.seconds == pytest.approx(4 * 3 * (0.5 + 0.02 * 0.5 * whole) + 4 * 7.0, rel=0.2)
+    assert sum(ran) < 0.4 * found.seconds and found.start_up == pytest.approx(3.0)
+    start = 2.0 * found.start_up
+    assert found.elapsed(2) == pytest.approx((start + found.seconds / 2, start + found.seconds))
 
 
 def test_what_is_left_is_told_anew_as_cells_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -218,8 +236,11 @@ def test_times_of_cells_that_are_run_repeatedly_are_kept_and_more_runs_are_run(
         assert load_result(out / "cells" / row["result"]).repeated == row["repeated"]
         assert row["repeated"]["times"]["tick_cpu_p50"]["std"] >= 0.0
     names = {path.name for path in (out / "cells").iterdir()}
-    # Fewer are there already; more are run anew, in the same files.
+    # Fewer are there already; more are run anew, in the same files, and what they take is known.
     assert swept(write_plan(tmp_path, plan_of[1]), out).run == 0
+    known = estimate(load_plan(write_plan(tmp_path, plan_of[3])), SweepFolder(out))
+    assert (known.done, known.by) == (0, "2 done")
+    assert known.seconds == pytest.approx(1.5 * sum(row["seconds"] for row in rows(out)))
     assert swept(write_plan(tmp_path, plan_of[3]), out).run == 2
     assert {row["repeated"]["runs"] for row in rows(out)} == {3}
     assert {path.name for path in (out / "cells").iterdir()} == names
