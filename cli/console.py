@@ -47,7 +47,7 @@ def print_table(
     a row, each row becomes a card. A number is never broken.
 
     Args:
-        columns: Headings, with the unit where there is one.
+        columns: Headings, with the unit where there is one; where all are "", there is no heading and no rule.
         rows: Cells as they are to be shown.
         title: A line above the table.
         numbers: Headings of the columns that are aligned right.
@@ -72,7 +72,7 @@ def print_table(
                     console.print(line, soft_wrap=True)
             print("\n".join(line.rstrip() for line in captured.get().splitlines()))
             return
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, show_header=any(columns))
     table.title, table.title_justify, table.title_style = Text(title) if title else None, "left", "bold"
     for column, width in zip(shown, widths(shown, console.width)):
         # As Text: a unit in square brackets is not markup.

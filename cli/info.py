@@ -36,7 +36,7 @@ def command(as_json: bool) -> None:
         ("clock step", f"{info.clock.step * 1e9:.0f} ns seen, {info.clock.resolution * 1e9:.0f} ns stated"),
         ("kernels", compiled if info.kernels.jit else "interpreted: NUMBA_DISABLE_JIT is set"),
         ("kernel cache", info.kernels.folder),
-        *sorted(info.packages.items()),
+        *sorted((name, version) for name, version in info.packages.items() if name != "hhsim"),
         *(
             ("missing", f"{', '.join(names)}: pip install 'hhsim[{extra}]'")
             for extra, names in info.missing.items()

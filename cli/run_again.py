@@ -1,5 +1,6 @@
 """`hhsim replay RESULT`: the ticks of a result or a session once more, and whether its arrays are the same."""
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -53,10 +54,11 @@ def run_again(context: click.Context, path: Path, *, as_json: bool, quiet: bool)
 
 
 def _row(array: "ArrayComparison") -> tuple[str, ...]:
-    if array.identical:
-        return array.name, array.word, "", "", "", f"{array.bound:g}", array.units
-    found = (f"{array.ticks:,}", f"{array.first_tick:,}", f"{array.largest:.3g}", f"{array.bound:g}")
-    return array.name, array.word, *found, array.units
+    found = ("", "", "")
+    if not array.identical:
+        found = (f"{array.ticks:,}", f"{array.first_tick:,}", f"{array.largest:.3g}")
+    bound = "none" if math.isinf(array.bound) else f"{array.bound:g}"
+    return array.name, array.word, *found, bound, array.units
 
 
 def _refuse_changes(context: click.Context, path: Path) -> None:

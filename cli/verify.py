@@ -85,13 +85,13 @@ def _print(path: Path, found: "Verification", *, why: bool) -> None:
     print_rows(cells, [*failed, *others], words=CELLS.keys() - NUMBERS, title=str(path), optional=("looked at",))
     for claim in failed if not why else ():
         print_line(f"FALSE: {claim.name}: {CELLS[WHY](claim)}")
-    print_notes([f"{claim.name}: {claim.note}" for claim in found.claims if claim.note])
     spheres = "" if math.isnan(found.sphere_penetration) else f"spheres {_depth(found.sphere_penetration)}, in the "
     deep = f"deepest in the {spheres}mesh {_depth(found.mesh_penetration)}"
     false = [claim.name for claim in found.claims if claim.failed]
     verdict = f"FALSE: {', '.join(false)}" if false else "every claim that could be judged holds"
     rest = [claim.name for claim in found.claims if claim.verdict == NOT_JUDGED]
     print_line(f"{found.looked}; {deep}; not judged: {', '.join(rest)}; {verdict}")
+    print_notes([f"{claim.name}: {claim.note}" for claim in found.claims if claim.note])
 
 
 def _depth(depth: float) -> str:

@@ -13,13 +13,20 @@ import struct
 import sys
 import time
 
+held = [False] * 5  # which fingers are stopped
+begun_at = math.inf  # first command; the example's hand is flat until then, so that it begins outside the object
+
 
 def read_bends():  # bend of thumb, index, middle, ring and little finger, 0 (flat) to 1 (fist)
-    return [0.3 - 0.3 * math.cos(time.monotonic())] * 5
+    return [0.3 - 0.3 * math.cos(max(0.0, time.monotonic() - begun_at))] * 5
 
 
 def tell_fingers(bend, stiffness):  # stop each finger at this bend, this hard: 0 (free) to 1
-    print(*(f"{b:.2f}/{s:.2f}" for b, s in zip(bend, stiffness)))
+    global held
+    if held != (
+        held := [s > 0 for s in stiffness]
+    ):  # a line where a finger is stopped or let go, not a thousand a second
+        print(*(f"{b:.2f}/{s:.2f}" for b, s in zip(bend, stiffness)), flush=True)
 
 
 PERIOD = 1_000_000  # from sample to sample [ns]
@@ -30,6 +37,7 @@ for stop in (signal.SIGINT, signal.SIGTERM):  # by kill too, which would else le
     signal.signal(stop, lambda *_: sys.exit())
 session, seq, commanded_at, free = int.from_bytes(os.urandom(4), "little"), 0, 0.0, True
 due = time.monotonic_ns()
+print(f"sending to port {samples_to[1]}; Ctrl-C ends it, or kill, such as kill %1 after &", file=sys.stderr)
 try:
     while True:
         header = struct.pack("<4sBBHIIQIi", b"HHGL", 1, 1, 5, session, seq, time.monotonic_ns(), 2**32 - 1, -1)
@@ -49,8 +57,9 @@ try:
                 if all(map(math.isfinite, numbers)):
                     tell_fingers(numbers[:5], numbers[5:])
                     commanded_at, free = time.monotonic(), False
+                    begun_at = min(begun_at, commanded_at)
         if not free and time.monotonic() > commanded_at + 0.1:  # nobody is there any more: let go
             tell_fingers([0] * 5, [0] * 5)
-            free = True
+            begun_at, free = math.inf, True
 finally:  # the glove's calls failed, or the bridge is stopped: let go too
     tell_fingers([0] * 5, [0] * 5)

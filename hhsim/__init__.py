@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from hhsim.mesh.mesh import Mesh, load_mesh
     from hhsim.motion.file import load_trajectory, save_trajectory
     from hhsim.motion.trajectory import Trajectory
-    from hhsim.replay.replay import replay as replay_scene
+    from hhsim.replay.replay import replay_scene
     from hhsim.report.pictures import draw
     from hhsim.result.reader import Result, load_result
     from hhsim.scene.open_scene import open_scene
@@ -79,7 +79,7 @@ _PLACES = {
     "load_result": "hhsim.result.reader.load_result",
     "load_trajectory": "hhsim.motion.file.load_trajectory",
     "open_scene": "hhsim.scene.open_scene.open_scene",
-    "replay_scene": "hhsim.replay.replay.replay",
+    "replay_scene": "hhsim.replay.replay.replay_scene",
     "save_trajectory": "hhsim.motion.file.save_trajectory",
     "verify_result": "hhsim.verify.verify.verify",
     "view_result": "hhsim.view.viewer.view_result",
@@ -100,4 +100,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return [*__all__, "__version__"]

@@ -50,15 +50,16 @@ RANGES = {
 """Range of each number by its name, in SI units."""
 
 
-def check_range(name: str, value: Any) -> None:
-    """Raise InputError for what is no number, or is outside of the range of that name in `RANGES`.
+def check_range(name: str, value: Any) -> Any:
+    """Return a number as int or float, whichever the range of that name in `RANGES` is of.
 
-    Where the range is of whole numbers, another number is refused too.
+    Raises:
+        InputError: No number, one that is not whole where the range is of such, or one outside of the range.
     """
     least, greatest, unit, reason = RANGES[name]
     kind: Any = Integral if isinstance(greatest, int) else Real
     if isinstance(value, kind) and not isinstance(value, bool) and least <= value <= greatest:
-        return
+        return type(greatest)(value)
     # A whole number may have more digits than a float or a line can hold.
     shown = f"{value:g}" if isinstance(value, float) else repr(value)[:40]
     if unit and isinstance(value, Real):

@@ -46,7 +46,14 @@ SAMPLE_TICKS = 5
 """Ticks a sample: a glove of 200 Hz."""
 CHANNELS = ("thumb_bend", "index_bend", "a/b")
 FACTS: dict[str, Any] = {
-    "real_time": {"fifo": 0, "memory_locked": False, "refused": ["not allowed"]},
+    "real_time": {
+        "fifo": 0,
+        "memory_locked": False,
+        "timer_slack_ns": 50_000,
+        "cpu": -1,
+        "gc_frozen": False,
+        "refused": ["not allowed"],
+    },
     "device": {"name": "test", "hand": "right", "channels": list(CHANNELS), "unit": "count", "doubtful": []},
     "pose": "fixed",
 }

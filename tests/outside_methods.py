@@ -35,6 +35,13 @@ class Follow:
         return haptic
 
 
+class NotBuilt(Follow):
+    missing = "needs a library that is not built"
+
+    def __init__(self, scene: MethodScene) -> None:
+        raise OSError("cannot open shared object file")
+
+
 class OurOwn(Follow):
     """The method `coupled` as somebody from outside would wrap it."""
 

@@ -38,8 +38,8 @@ def short_scene(script: Script, object_name: str = "cylinder", level: int = 2, s
     return make_scene(mesh, tree, HandModel.default(side), script)
 
 
-def short_result(path: Path, script: Script | None = None, **options: Any) -> Result:
+def short_result(path: Path, script: Script | None = None, *, object_name: str = "cylinder", **options: Any) -> Result:
     """The scene of a script, a short grasp if none is given, replayed into a file."""
-    scene = short_scene(script or short_grasp())
+    scene = short_scene(script or short_grasp(), object_name)
     replay(scene, SolverOptions(**options), path, description={"hand_file": None})
     return load_result(path)

@@ -24,6 +24,7 @@ from free_results import free_result
 from gate_scene import SUITE
 from joint_samples import joint_sample, mcap_bytes
 from leap_document import document
+from live_session import write_session
 from pose_samples import lerobot_bytes
 from recording_damage import damaged_bytes, damaged_container
 from recording_samples import smooth_recording
@@ -89,6 +90,14 @@ MORE_OF_RESULTS = (
     "verify FILE --every 1 --again --json",
 )
 MOTION_COMMANDS = ("replay cube FILE --level 2 --out again.h5", "import FILE --out taken.h5")
+SESSION_COMMANDS = (
+    *RESULT_COMMANDS,
+    "report FILE --json",
+    "verify FILE --every 1 --again --json",
+    "compare FILE FILE",
+    "export FILE out.csv",
+    "gate FILE",
+)
 TREE_COMMANDS = ("replay cup touch --tree FILE --out again.h5",)
 MESH_COMMANDS = ("replay FILE touch --unit m --level 2 --out again.h5",)
 KINDS = (
@@ -108,6 +117,7 @@ OTHER_KINDS = (
     Kind("result.h5", "anew", MORE_OF_RESULTS),
     Kind("driven.h5", "anew", MORE_OF_RESULTS),
     Kind("free.h5", "anew", MORE_OF_RESULTS),
+    Kind("session.h5", "anew", SESSION_COMMANDS),
     Kind("motion.h5", "anew", (*MOTION_COMMANDS, "view FILE --rerun out.rrd")),
     Kind("tree.h5", "anew", TREE_COMMANDS),
     *(Kind(f"ball.{suffix}", "bare", MESH_COMMANDS) for suffix in ("obj", "off", "ply", "glb")),
@@ -127,6 +137,7 @@ def samples(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     folder = tmp_path_factory.mktemp("samples")
     short_result(folder / "result.h5", short_grasp(hold=0.03))
     free_result(folder / "free.h5")
+    write_session(folder / "session.h5")
     still = short_scene(short_grasp(hold=0.03))
     moving = carried(still.trajectory, swing(still.trajectory.time))
     replay(make_scene(still.mesh, still.tree, still.hand, moving), SolverOptions(), folder / "driven.h5")
@@ -304,7 +315,7 @@ def test_the_sound_file_goes_through(
     kind: Kind, samples: dict[str, bytes], server: CommandServer, tmp_path: Path
 ) -> None:
     data = samples[kind.name]
-    path = tmp_path / kind.name
+    path = (server.folder if kind.name.endswith(".toml") else tmp_path) / kind.name
     path.write_bytes(data if kind.seal != "bare" or not kind.name.endswith(".h5") else data[:-SIZE])
     for command in kind.commands:
         answer = server.run(*arguments(command, path))

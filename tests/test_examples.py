@@ -68,10 +68,8 @@ def test_the_library_in_twenty_lines(examples: Path, tmp_path: Path) -> None:
         result = load_result(tmp_path / f"pinch-{method}.h5")
         assert result.complete and result.scene["solver"]["method"] == method
         assert f"{method}: {result.ticks:,} ticks, 0.000 µm deep, " in answer.stdout
-        assert (
-            f"the hold takes {result.summary['force_hold_mean']:.2f} N; all of it is in {result.path.name}"
-            in answer.stdout
-        )
+        said = f"the hold takes {result.summary['force_hold_mean']:.2f} N; all of it is in {result.path.name}"
+        assert said in answer.stdout and said in (examples / "README.md").read_text(encoding="utf-8")
 
 
 RUN_CELLS = """\
@@ -101,6 +99,7 @@ def test_the_notebook_runs_cell_by_cell(examples: Path, tmp_path: Path) -> None:
     assert answer.returncode == 0, answer.stderr
     scene, summary, result, picture = (line.rstrip() for line in answer.stdout.splitlines())
     assert scene.startswith("Scene(cube with ") and summary.startswith("ReplaySummary(cube, pinch, coupled")
+    assert summary.rstrip().endswith("figures by name, SI: .attributes())")
     assert result.startswith("Result(pinch.h5: cube, pinch, coupled on spheres, 3,000 ticks")
     assert picture.startswith("ReportFigure(tick-") and picture.endswith("PNG")
 

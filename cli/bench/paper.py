@@ -14,7 +14,7 @@ from ..arguments import options
 from ..arguments.comma_list import names
 from ..arguments.option_group import OptionGroup, option, shared
 from ..arguments.options import COUNT
-from ..console import announce_compilation, print_json, print_rows, print_table, progress
+from ..console import announce_compilation, print_json, print_line, print_rows, print_table, progress
 from .table_document import table_document
 
 if TYPE_CHECKING:
@@ -132,11 +132,12 @@ def _print_rows(rows: "list[PaperRow]", methods: tuple[str, ...]) -> None:
         cells.append((*line, "" if math.isnan(bar) else _shown(bar, first.unit)))
     numbers = [heading for method in methods for heading in (method, "×")]
     print_table(
-        ("figure", "what", "the paper", *numbers, "our bar"),
+        ("figure", "what", "printed in the paper", *numbers, "our bar"),
         cells,
         title="The paper's figures and ours, and how many times (×) ours is below; times are CPU times of one thread",
         numbers=(*numbers, "our bar"),
     )
+    print_line("our bar: the most that ends with exit code 0; blank where we set none, or not for these options")
     print()
     last = rows[-1].method
     print_table(
@@ -161,7 +162,10 @@ def _print_cases(played: list[dict[str, Any]]) -> None:
     }
     rows = [row for row in played if row["figure"] == "15"]
     if rows:
-        title = "Fig. 15: a tick in contact, mean; its parts by the clock on the wall, where nothing interrupted it"
+        title = (
+            "Fig. 15: a tick in contact, mean; its parts by the clock on the wall, where nothing interrupted it. SF: "
+            "single finger, TF: two fingers, FF: five fingers, WH: whole hand"
+        )
         print_rows(cells, rows, words=("object", "case", "method"), title=title)
         print()
 

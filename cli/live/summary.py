@@ -1,6 +1,7 @@
 """What a live session prints at its end."""
 
 import math
+from contextlib import suppress
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -8,14 +9,16 @@ from ..console import number, print_line, print_table
 
 if TYPE_CHECKING:
     from hhsim.live.session.supervisor import SessionOutcome
+    from hhsim.metrics.session_faults import FaultCounts
     from hhsim.result.reader import Result
 
 Row = tuple[str, str, str]
 
 
 def print_summary(outcome: "SessionOutcome", title: str) -> None:
-    """Print the table, and where the recording is."""
+    """Print the table, what went wrong in a line, and where the recording is."""
     print_table(("", "hhsim", "unit"), summary_rows(outcome), title=title, numbers=("hhsim",))
+    print_line(fault_counts(outcome).line)
     mode = outcome.facts.get("real_time")
     if mode:
         from hhsim.live.real_time import described
@@ -59,6 +62,21 @@ def summary_rows(outcome: "SessionOutcome") -> list[Row]:
     if "object_raised" in found:
         rows.append(("object raised, max", number(found["object_raised"], 2, 1e3), "mm"))
     return rows
+
+
+def fault_counts(outcome: "SessionOutcome") -> "FaultCounts":
+    """Count what went wrong, by the recording as the gate does; without one, by what was told while the session ran."""
+    from hhsim.errors import InputError
+    from hhsim.metrics.session_faults import FaultCounts, recorded_faults
+    from hhsim.result.reader import load_result
+    from hhsim.result.schema import FAULT
+
+    if outcome.record is not None and outcome.recorded:
+        with suppress(InputError):
+            return recorded_faults(load_result(outcome.record))
+    tally, counters, early = outcome.tally, outcome.counters, float(bool(outcome.loop_failed))
+    told = max(early, sum(level == FAULT for _, level, _ in outcome.notices))
+    return FaultCounts(early, told, counters.malformed, counters.frames, tally.freed, tally.ticks)
 
 
 def recording_errors(outcome: "SessionOutcome") -> dict[str, float]:
@@ -129,6 +147,7 @@ def summary_json(outcome: "SessionOutcome", error: str) -> dict[str, Any]:
         "recorder_lost": outcome.record_lost,
         **dict.fromkeys(("penetration_max", "contact_error_max")),
         **recording_errors(outcome),
+        **fault_counts(outcome).figures,
         "watchdog_restarts": outcome.watchdog_restarts,
         "watchdog_releases": outcome.watchdog_releases,
         "events": [{"seconds": at, "level": level, "text": text} for at, level, text in outcome.notices],

@@ -1,6 +1,6 @@
 """A method in C++ behind `begin` and `tick`: a shared library, called by ctypes.
 
-In this folder:
+It is the method of ../project_out.py, and as poor: that says what it lacks. In this folder:
 
 c++ -std=c++17 -O2 -shared -fPIC -o project_out.so project_out.cpp
 hhsim methods check cpp_method:CppMethod
@@ -24,6 +24,7 @@ class CppMethod:
     """Shifts the whole hand out of the object's spheres, in C++."""
 
     gives_forces = True
+    # While this is not "", hhsim prints it, and does not make the method.
     missing = "" if LIBRARY.exists() else "needs project_out.so: cpp_method.py says above how it is built"
 
     def __init__(self, scene: hhsim.MethodScene) -> None:

@@ -78,8 +78,9 @@ class Diagnosis:
         rate = f"{self.wakeups.rate:,g} Hz"
         if self.good:
             return f"this machine keeps {rate}: {_missed(self.wakeups)}"
-        beyond = ", ".join(f"{measure.name} {shown(measure)}" for measure in self.measures if not measure.kept)
-        return f"this machine does not keep {rate}: {beyond}; {_missed(self.wakeups)}"
+        # The first measure is of the missed periods, which are told with who took their time.
+        beyond = [f"{measure.name} {shown(measure)}" for measure in self.measures[1:] if not measure.kept]
+        return f"this machine does not keep {rate}: {', '.join([*beyond, _missed(self.wakeups)])}"
 
     @property
     def advice(self) -> list[str]:

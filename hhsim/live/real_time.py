@@ -197,6 +197,18 @@ def become_ordinary() -> None:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
+PR_SET_NAME = 15
+
+
+def name_process(name: str) -> None:
+    """Call this process, and the threads that it will start, `hhsim-<name>`; does nothing where it is not Linux.
+
+    To be called in the main thread: Linux takes the name of a process from that.
+    """
+    if platform.system() == "Linux":
+        ctypes.CDLL(None).prctl(PR_SET_NAME, f"hhsim-{name}".encode(), 0, 0, 0)
+
+
 def described(mode: dict[str, Any]) -> str:
     """The achieved mode in one line."""
     parts = [f"SCHED_FIFO {mode['fifo']}" if mode["fifo"] else "ordinary scheduling"]

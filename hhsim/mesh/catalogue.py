@@ -78,6 +78,13 @@ def object_description(name: str) -> dict[str, Any]:
     return tomllib.loads((files("hhsim.objects") / f"{name}{SUFFIX}").read_text(encoding="utf-8"))
 
 
+def usual_level(word: str) -> int | None:
+    """Return the level of the tree that an object has where none is asked for; None of a name that nobody knows."""
+    if names_a_file(word):
+        return MESH_LEVEL
+    return int(object_description(word)["level"]) if word in object_names() else None
+
+
 def load_object(name: str) -> CatalogueObject:
     """Load an object of the catalogue.
 

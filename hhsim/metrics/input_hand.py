@@ -52,10 +52,13 @@ class InputHand(NamedTuple):
     Attributes:
         depth: Of the deepest tick [m]; 0 where the hand is never inside.
         correction: In the ticks in which the shown hand touches.
+        free: Largest distance of one of the twenty joint and tip centres from the user's [m], over the ticks in which
+            nothing keeps the shown hand from following; NaN where there is none.
     """
 
     depth: float
     correction: Correction
+    free: float
 
 
 def input_hand(
@@ -64,6 +67,7 @@ def input_hand(
     haptic: HandConfiguration,
     shown: PlacedHand,
     touch: BoolArray,
+    near: BoolArray,
 ) -> InputHand:
     """Measure the user's hand and the shown one of a run.
 
@@ -72,18 +76,31 @@ def input_hand(
         haptic: The user's hand at each tick, as the object sees it; ticks that are not finite are left out.
         shown: Where the shown hand is, in the same frame.
         touch: Ticks with a touching pair, shape (T,).
+        near: Ticks in which the shown hand is near the object, shape (T,).
     """
     finite = np.logical_and.reduce([np.isfinite(values).all(axis=tuple(range(1, values.ndim))) for values in haptic])
     finite &= np.linalg.norm(haptic.orientation, axis=1) > 0.0
     known = np.flatnonzero(finite)
-    depth, parts = 0.0, [Correction(np.empty(0), np.empty(0), np.empty(0))]
+    depth, free, parts = 0.0, np.nan, [Correction(np.empty(0), np.empty(0), np.empty(0))]
     for first in range(0, len(known), BLOCK_TICKS):
         chosen = known[first : first + BLOCK_TICKS]
         placed = forward_kinematics(hand, *haptic.at(chosen))
         depth = deepest(depths, hand.palm_tree.leaf_center, placed, depth)
         touching = touch[chosen]
         parts.append(_correction(placed.at(np.flatnonzero(touching)), shown.at(chosen[touching])))
-    return InputHand(depth, Correction(*(np.concatenate(values) for values in zip(*parts))))
+        away = np.flatnonzero(~near[chosen])
+        apart = _correction(placed.at(away), shown.at(chosen[away])).farthest
+        free = np.fmax(free, _farthest_outside(depths, placed.at(away), apart))
+    return InputHand(depth, Correction(*(np.concatenate(values) for values in zip(*parts))), float(free))
+
+
+def _farthest_outside(depths: "Depths", placed: PlacedHand, apart: FloatArray) -> float:
+    """Return the largest of some distances at whose hand is outside of the object; NaN where none is."""
+    for ticks in np.split(np.argsort(-apart), range(FIRST_LOOKS, len(apart), FIRST_LOOKS)):
+        outside = ticks[depths(placed.at(ticks)).max(axis=1) <= 0.0] if ticks.size else ticks
+        if outside.size:
+            return float(apart[outside[0]])
+    return np.nan
 
 
 Depths = Callable[[PlacedHand], FloatArray]

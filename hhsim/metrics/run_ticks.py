@@ -108,7 +108,7 @@ class RunTicks:
         touching = np.asarray(self.columns[TOUCHING] > 0)
         touched = self.touched
         depths = object_depths(touched.surface, touched.mesh, touched.shape, touched.fingers)
-        return input_hand(self.hand, depths, haptic, shown, touching)
+        return input_hand(self.hand, depths, haptic, shown, touching, self.contact)
 
     @cached_property
     def touch(self) -> Mask:

@@ -95,7 +95,7 @@ def load_trajectory(path: str | Path) -> Trajectory:
     if source.is_dir():
         raise TrajectoryError(f"{source}: a folder; expected a trajectory file, .h5 or .csv")
     if not source.exists():
-        raise TrajectoryError(f"{source}: no such file; expected a trajectory, .h5 or .csv")
+        raise TrajectoryError(f"{source}: no such file; expected a trajectory or a recording that hhsim import reads")
     if suffix != CSV_SUFFIX and suffix not in HDF5_SUFFIXES:
         raise TrajectoryError(f"{source}: unknown suffix '{suffix}'; expected .h5 or .csv")
     try:

@@ -1,5 +1,6 @@
 """Pictures of `hhsim bench paper` in the manner of the paper's Figs. 11 to 15."""
 
+import textwrap
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -11,6 +12,7 @@ from hhsim.bench.paper.bench import PaperRuns
 from hhsim.bench.paper.run import SceneRun
 from hhsim.bench.paper.scenarios import CASES
 from hhsim.bench.paper.scene import held_ticks
+from hhsim.bench.paper.table import CASE_NAMES
 from hhsim.errors import OutputError
 from hhsim.hand.fingers import FINGERS
 from hhsim.kernels.tick.step import DURATION_DETECT
@@ -30,6 +32,8 @@ PART_COLORS = {"total": "0.15", "x": "#b3261e", "y": "#2e7d32", "z": "#1b6ca8"}
 TIME_COLORS = {"detection": "#2e7d32", "response": "#c8641a", "total": "0.15"}
 BUDGET_COLOR = "#b00020"
 KINDS = (".png", ".pdf", ".svg")
+LETTER, LINE = 0.075, 0.16
+"""Room for a letter, and for a line, of the text below a figure [inches]."""
 TILE = 230
 """Rows and columns of a small picture [pixels]."""
 
@@ -205,14 +209,14 @@ def _cases(runs: PaperRuns, methods: Sequence[str]) -> "Figure":
     panels[0, 0].set_ylim(0.0, 1.15 * panels[0, 0].get_ylim()[1])
     panels[0, 0].legend(loc="upper left", fontsize=8, frameon=False)
     count = len(runs.of(methods[0], "15")[0].stage.motions)
-    figure.subplots_adjust(left=0.75 / figure.get_figwidth(), right=0.99, top=0.94, bottom=0.09, wspace=0.06)
-    figure.text(
-        0.99,
-        0.008,
-        f"one thread, mean of {count} instances; the numbers are contacts in the hold. "
-        "The paper: ≈ 1,000 µs for 131 contacts (TF, bunny) and for ≈ 250 (WH)",
-        ha="right",
-        fontsize=9,
-        color=BUDGET_COLOR,
+    named = ", ".join(f"{case}: {CASE_NAMES[case]}" for case in CASES)
+    said = (
+        f"{named}. One thread, mean of {count} instances; the numbers are contacts in the hold. "
+        "The paper: ≈ 1,000 µs for 131 contacts (TF, bunny) and for ≈ 250 (WH)"
     )
+    width, height = (float(size) for size in figure.get_size_inches())
+    lines = textwrap.wrap(said, int((width - 0.2) / LETTER))
+    bottom = (0.4 + LINE * len(lines)) / height
+    figure.subplots_adjust(left=0.75 / width, right=0.99, top=1.0 - 0.35 / height, bottom=bottom, wspace=0.06)
+    figure.text(1.0 - 0.1 / width, 0.05 / height, "\n".join(lines), ha="right", fontsize=9, color=BUDGET_COLOR)
     return figure

@@ -11,6 +11,7 @@ from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.kernels.tick.block import TickRecord
+from hhsim.kernels.tick.state import WORK_CANDIDATES
 from hhsim.metrics.metrics import penetration
 from hhsim.scene.open_scene import open_scene
 from hhsim.scene.scene import Scene
@@ -51,7 +52,7 @@ class Finding:
 def check_method(name: str) -> Iterator[Finding]:
     """Put a method through a short grasp of a ball, and look at what a table would be made of.
 
-    Ends where nothing can be said any more: at what cannot be imported, made or run.
+    Ends where nothing can be said any more: at what cannot be imported, is not installed, or cannot be made or run.
 
     Args:
         name: As for `hhsim.solver.known_methods.find_method`.
@@ -66,6 +67,9 @@ def check_method(name: str) -> Iterator[Finding]:
         return
     method = find_method(name)
     yield Finding("import", OK, method.summary)
+    if method.missing:
+        yield Finding("installed", WRONG, method.missing)
+        return
     scene = open_scene(OBJECT, MOTION)
     haptic = HandConfiguration.of(scene.ticks).copy()
     # The way to the object and the closing of the fingers, then a hold.
@@ -177,7 +181,7 @@ def _depth(scene: Scene, options: SolverOptions, record: TickRecord, *, promised
 
 
 def _touches(record: TickRecord) -> Finding:
-    if np.any(record.work[:, 5] > 0):
+    if np.any(record.work[:, WORK_CANDIDATES] > 0):
         return Finding(
             "contact", OK, f"the hand touches the object in {counted(int((record.work[:, 6] > 0).sum()), 'tick')}"
         )
@@ -198,10 +202,13 @@ def _push(record: TickRecord) -> Finding:
 
 
 def _times(record: TickRecord) -> Iterator[Finding]:
-    total, native = 1e-3 * np.median(record.duration_cpu), 1e-3 * np.median(record.duration[:, 1])
+    near = record.work[:, 5] > 0
+    # Of what replay's table says it of: a tick in free space may take next to nothing.
+    near |= not near.any()
+    total, native = 1e-3 * np.median(record.duration_cpu[near]), 1e-3 * np.median(record.duration[near, 1])
     own = f", of which {native:.3g} µs are its own by its word" if native > 0.0 else ""
     first = 1e-3 * float(record.duration_cpu[0])
-    yield Finding("time", OK, f"a tick takes {total:.3g} µs of CPU in the median{own}")
+    yield Finding("time", OK, f"a tick in contact takes {total:,.1f} µs of CPU in the median{own}")
     if first > 100.0 * total and first > 1e4:
         yield Finding(
             "first tick", NOTE, f"the first one took {1e-3 * first:.3g} ms: prepare in __init__, which is not timed"

@@ -23,6 +23,8 @@ from hhsim.result.schema import CONTACT, CONTACT_COLUMNS, FREE_COLUMNS, OBJECT_C
 from hhsim.solver.compile import warm_up
 from hhsim.solver.free_engine import object_record, of_tick
 from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.known_methods import find_method
+from hhsim.solver.method import METHODS
 from hhsim.solver.workspace import tick_record
 from hhsim.system import environment as info
 from hhsim.system.deferred_sigint import interruptible_between
@@ -41,11 +43,14 @@ ROUNDING = {
     **dict.fromkeys(("N", "N·m", "N,N·m", "m/s", "rad/s"), 1e-9),
     "%": 2e-5,
 }
-"""Largest difference that counts as rounding, by unit; integers, of whatever unit, must be equal.
+"""Largest difference that counts as rounding, by unit; integers, of whatever unit, must be equal but for `COUNTERS`.
 
 Processors that fuse or order operations differently were seen to differ by 2e-16 m and 2e-13 N. A speed is a difference
 of poses over a millisecond; the change of a force in % is that of N over the least force that has one, 0.01 N.
 """
+COUNTERS = "work/"
+"""Columns that count how a tick was solved. A last bit may decide that a step is taken more: where nothing but these
+differs beyond rounding, the run is the same."""
 IDENTICAL, WITHIN, DIFFERENT, PARTLY = "identical", "within rounding", "different", "not all ticks run"
 """What a second run can come to."""
 
@@ -61,7 +66,7 @@ class ArrayComparison:
         first_tick: The first that differs; -1 where none does.
         largest: Largest difference, in `units`; NaN or infinite where one side alone is so.
         units: Of the dataset.
-        bound: Largest difference that counts as rounding, in `units`; 0 for integers.
+        bound: Largest difference that counts as rounding, in `units`; 0 for integers, infinite for counters of work.
         first_beyond: First tick that differs by more; -1 where none does.
     """
 
@@ -130,7 +135,7 @@ class RunAgain:
         if self.word == IDENTICAL:
             return "identical in every tick"
         if self.word == WITHIN:
-            return "within rounding: integers are equal, and no array differs by more than its bound"
+            return "within rounding: no array differs by more than its bound, and integers but counts of work are equal"
         if self.word == PARTLY:
             return f"not all ticks run: {self.ticks:,} of {self.ticks_stored:,}"
         first = min((array for array in self.arrays if array.word == DIFFERENT), key=lambda array: array.first_beyond)
@@ -218,10 +223,13 @@ def run_again(result: Result, *, progress: Progress | None = None) -> RunAgain:
     if progress is not None:
         progress("ticks", total, total)
     arrays = tuple(tally.comparison() for tally in (*tallies, *contacts))
+    counts = [f"{a.name} at {a.ticks:,}" for a in arrays if a.ticks and a.name.startswith(COUNTERS)]
+    if counts and not any(array.word == DIFFERENT for array in arrays):
+        notes.append(f"counts of work differ, which makes no run another: of {total:,} ticks {', '.join(counts)}")
     makers: list[str] = []
     if not all(array.identical for array in arrays):
         makers = _other_makers(result)
-        notes += makers or ["hhsim, packages, processor and system are those of the file: the bits should be the same"]
+        notes += makers or [_same_makers(result)]
     return RunAgain(result.path, result.complete, total, result.ticks, arrays, tuple(notes), bool(makers))
 
 
@@ -259,6 +267,7 @@ class _Tally:
     def __init__(self, column: Column) -> None:
         self.column = column
         self.bound = ROUNDING[column.units] if np.dtype(column.dtype).kind == "f" else 0.0
+        self.bound = np.inf if column.name.startswith(COUNTERS) else self.bound
         self._seen = self._differ = 0
         self._first = self._beyond = -1
         self._largest = 0.0
@@ -347,12 +356,24 @@ def _solve_free(solver: HandSolver, haptic: HandConfiguration, live: bool) -> tu
     return record, ticks
 
 
+def _same_makers(result: Result) -> str:
+    """Return what to expect of the bits where nothing that is known differs."""
+    same = "hhsim, packages, processor and system are those of the file"
+    if result.method in METHODS:
+        return f"{same}: the bits should be the same"
+    return f"{same}; of the method the file of its class alone is compared, and no library or module that it loads"
+
+
 def _other_makers(result: Result) -> list[str]:
-    """In what hhsim and the machine differ from those of the file: other bits are then to be expected."""
+    """In what hhsim, the method and the machine differ from those of the file: other bits are then to be expected."""
     version, machine, packages = __version__, asdict(info.machine()), info.package_versions()
     pairs = [("hhsim", result.hhsim_version, version)]
     pairs += [(name, result.packages.get(name, ""), packages.get(name, "")) for name in ("numpy", "numba")]
     pairs += [(name, str(result.machine.get(name, "")), str(machine[name])) for name in ("cpu", "system")]
-    return [
+    source = "" if result.method in METHODS else find_method(result.method).source
+    found = [
         f"{name}: the file was made with {then or 'none'}, this is {now}" for name, then, now in pairs if then != now
     ]
+    if result.scene.get("method_source", source) != source:
+        found.append(f"the code of method {result.method} has changed since")
+    return found

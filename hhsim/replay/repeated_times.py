@@ -10,8 +10,8 @@ from hhsim.metrics.run.registry import run_metrics
 from hhsim.replay.summary import ReplaySummary
 from hhsim.replay.summary_table import SummaryRow
 
-MORE_DIGITS = 3
-"""That a deviation may add to those of the table: times are whole nanoseconds there."""
+MORE_DIGITS = 2
+"""That a deviation may add to those of the table, which are tenths of a µs: a tick's time is whole nanoseconds."""
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.errors import HhsimError
+from hhsim.errors import HhsimError, InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.replay.driven_ticks import world_block
 from hhsim.replay.free_ticks import FreeSeries, as_seen, contact_rows, free_block
@@ -34,7 +34,7 @@ from hhsim.trees.contact_surface import contact_surface
 Progress = Callable[[str, int, int], None]
 
 
-def replay(
+def replay_scene(
     scene: Scene,
     options: SolverOptions,
     output_path: str | Path,
@@ -60,9 +60,12 @@ def replay(
         The figures of the table.
 
     Raises:
+        InputError: Options that are none, or a method that lacks what it needs.
         OutputError: The file cannot be written.
         HhsimError: More pairs were near than the solver holds.
     """
+    if not isinstance(options, SolverOptions):
+        raise InputError(f"options: expected SolverOptions, found {options!r}")
     options = options.at_rate(scene.ticks.rate)
     free = scene.free
     prepared = warm_up(scene.hand, options, free)
@@ -126,9 +129,13 @@ def replay(
     return summary.at(path)
 
 
-def _of_outside_method(options: SolverOptions) -> dict[str, list[str]]:
-    """Return what a method from outside gives and promises, so that its file alone tells how it is judged."""
+replay = replay_scene
+
+
+def _of_outside_method(options: SolverOptions) -> dict[str, Any]:
+    """Return what a method from outside gives and promises, so that its file tells how it is judged, and its code."""
     if options.method in METHODS:
         return {}
     method = find_method(options.method)
-    return {"gives": sorted(method.gives), "promises": sorted(method.promises)}
+    known = {"gives": sorted(method.gives), "promises": sorted(method.promises)}
+    return {**known, "method_source": method.source} if method.source else known

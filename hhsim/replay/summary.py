@@ -98,7 +98,8 @@ class ReplaySummary:
 
     def __repr__(self) -> str:
         run = f"{self.object_name}, {self.motion_name}, {self.method} on {self.surface}, {self.ticks:,} ticks"
-        return f"ReplaySummary({run}: {self.verdict.word}{f'; {self.path}' if self.path else ''})"
+        place = f"; {self.path}" if self.path else ""
+        return f"ReplaySummary({run}: {self.verdict.word}{place}; figures by name, SI: .attributes())"
 
     def _repr_html_(self) -> str:
         """The short table, for a notebook."""

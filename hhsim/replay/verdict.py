@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from hhsim.mesh.solidify import ASSUMED_SOLID
 from hhsim.metrics.run.stuck_and_lag import is_mostly_stuck
-from hhsim.metrics.session_faults import SESSION_FAULTS
+from hhsim.metrics.session_faults import SESSION_FAULTS, how_it_ended, recorded_faults
 from hhsim.replay.limits import default_limits, stored_promises
 from hhsim.replay.summary_table import SummaryRow
 from hhsim.result.reader import Result
@@ -16,6 +16,7 @@ OK, MISSED, UNTOUCHED = "within limits", "limits missed", "nothing touched"
 SHORT, LATE, EMPTY = "cut short", "ticks missed", "no ticks"
 NOT_JUDGED = "depth not judged"
 """The words. A run that misses limits is one that misses limits, cut short or not, whatever it touches."""
+STATED_TIMES = "the times of its ticks are what the submission says: they were not measured here"
 ELSEWHERE = "Put the object elsewhere (a recording: --place-object auto), or look at its size (--unit, --size)."
 """What to try where nothing touches."""
 
@@ -46,22 +47,24 @@ def verdict(result: Result, rows: Sequence[SummaryRow]) -> Verdict:
     repairs = [str(text) for text in result.scene.get("object_repairs") or []]
     run = rows, stored_promises(result.scene), result.ticks
     found = run_verdict(*run, complete=result.complete, late=late, repairs=repairs, surface=result.surface)
+    if result.scene.get("submission") and any(row.name.startswith("tick_") for row in rows):
+        said = f"{STATED_TIMES[:1].upper()}{STATED_TIMES[1:]}."
+        found = replace(found, sentences=(*found.sentences, said), line=f"{found.line} {said}")
     return found if result.live is None else _with_faults(found, result)
 
 
 def _with_faults(found: Verdict, session: Result) -> Verdict:
     """Return the verdict on a session, which misses its limits by what went wrong in it too."""
-    values = [(fault, fault.value(session)) for fault in SESSION_FAULTS]
-    over = [_over(SummaryRow(fault, value), fault.limit) for fault, value in values if value > fault.limit]
+    figures = recorded_faults(session).figures
+    over = [fault for fault in SESSION_FAULTS if figures[fault.name] > fault.limit]
     if not over:
         return found
-    told = "; ".join(over)
-    ended = str((session.live or {}).get("ended") or "the recording was cut short")
+    told = "; ".join(_over(SummaryRow(fault, figures[fault.name]), fault.limit) for fault in over)
     return replace(
         found,
         word=MISSED,
-        sentences=(f"Over the limits of a session: {told}. It ended so: {ended}.", *found.sentences),
-        missed=(*found.missed, *(fault.name for fault, value in values if value > fault.limit)),
+        sentences=(f"Over the limits of a session: {told}. It ended so: {how_it_ended(session)}.", *found.sentences),
+        missed=(*found.missed, *(fault.name for fault in over)),
         line=f"{MISSED}: {told}. {found.line[:1].upper()}{found.line[1:]}",
     )
 

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from hhsim import __version__
-from hhsim.live.session.session_log import how_it_ended
+from hhsim.metrics.session_faults import how_it_ended
 from hhsim.report.html import Html, element, joined, listed, page, paragraph
 from hhsim.report.key_table import MOODS
 from hhsim.report.provenance import motion_name, object_name

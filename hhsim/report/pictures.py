@@ -269,5 +269,5 @@ def _alt_text(result: Result, tick: int, ticks: ShownTicks, forces: list[Phalanx
         touching.append("palm")
     name = str(result.scene.get("object_name") or result.scene.get("object") or "the object")
     total = float(np.linalg.norm(ticks.total[0]))
-    felt = f"forces on {', '.join(touching)}, {total:.2f} N in all" if forces else "no force"
+    felt = f"forces on {', '.join(touching)}, resultant {total:.2f} N" if forces else "no force"
     return f"The hand at {name}, tick {tick:,}: {felt}."

@@ -8,7 +8,7 @@ from typing import Any
 
 from hhsim.errors import InputError
 from hhsim.hand.fingers import FINGERS
-from hhsim.live.session.session_log import how_it_ended
+from hhsim.metrics.session_faults import how_it_ended
 from hhsim.replay.stored_scene import PARTS
 from hhsim.result.reader import Result
 from hhsim.system.counted import counted
@@ -145,11 +145,15 @@ def _session(result: Result, live: Mapping[str, Any]) -> dict[str, str]:
 
     device = _json(live.get("device"))
     mode = _json(live.get("real_time"))
+    try:
+        real_time = described(mode) if mode else NONE
+    except (KeyError, TypeError, ValueError):
+        real_time = "damaged"
     return {
         "glove": str(device.get("name") or device.get("kind") or NONE),
         "palm's pose from": str(live.get("pose") or NONE),
         "glove was told": "nothing (dry run)" if live.get("dry_run") else "where to stop and how hard",
-        "real time": described(mode) if mode else NONE,
+        "real time": real_time,
         "refused by the system": "; ".join(mode.get("refused", [])) or "nothing",
         "ended": how_it_ended(result),
     }

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from hhsim.live.session.session_log import broken_off
 from hhsim.live.session.summary_table import session_rows
+from hhsim.metrics.session_faults import broken_off
 from hhsim.replay.summary_table import SummaryRow
 from hhsim.replay.verdict import Verdict, verdict
 from hhsim.report.labels import UNNAMED, result_labels

@@ -9,6 +9,7 @@ import numpy as np
 from hhsim.gate.timing_test import BETTER, SAME, WORSE
 from hhsim.live.session.session_log import session_log
 from hhsim.metrics.run.registry import run_metrics
+from hhsim.metrics.session_faults import recorded_faults
 from hhsim.replay.summary_table import SummaryRow
 from hhsim.report.compare import Comparison, compared
 from hhsim.report.html import Html, commands, element, joined, listed, number, paragraph, table
@@ -205,7 +206,7 @@ def session_section(runs: Sequence[ReportRun]) -> Html:
             parts.append(table("Figures of the session", ("figure", "hhsim", "unit"), rows, numbers=(1,)))
         else:
             parts.append(paragraph("The recording was cut short: it has no table of the session."))
-        parts.append(_log(run.result))
+        parts += [paragraph(f"{recorded_faults(run.result).line}."), _log(run.result)]
     return joined(parts)
 
 

@@ -194,7 +194,9 @@ def _draw_panel(axes: "Axes", axis: Axis, points: Sequence[SpeedError], room: fl
         axes.text(0.5, 0.5, "not measured", transform=axes.transAxes, ha="center", va="center", color=SOFT)
     powers = [10.0**k for k in range(round(np.log10(low)), round(np.log10(high)) + 1)]
     powers = powers[:: 1 + len(powers) // 7]
-    axes.set_yticks([zero, *powers], ["0", *(f"{power:,.10g}" for power in powers)])
+    # An energy may be below the optimum; a depth is not below 0.
+    least = "≤ 0" if any(value < 0.0 for value in known) else "0"
+    axes.set_yticks([zero, *powers], [least, *(f"{power:,.10g}" for power in powers)])
     axes.minorticks_off()
 
 

@@ -15,7 +15,7 @@ SingleArray = NDArray[np.float32]
 
 BLOCK = 16_384
 """Ticks that are read at a time."""
-FORCES = ("all", *FINGERS, "palm")
+FORCES = ("resultant", *FINGERS, "palm")
 """The columns of `ReportColumns.force`."""
 TOLD = f"{LIVE_TICK}/command_stiffness"
 

@@ -9,10 +9,11 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.fingers import FINGERS
-from hhsim.live.session.session_log import broken_off, session_log
+from hhsim.live.session.session_log import session_log
 from hhsim.metrics.free_run import FreeRun, result_free_run
 from hhsim.metrics.run_metric import PAPER_RATE
 from hhsim.metrics.run_ticks import HOLD
+from hhsim.metrics.session_faults import broken_off
 from hhsim.report.figure import (
     BUDGET,
     FINGER_COLORS,
@@ -326,7 +327,7 @@ def _draw_variation(axes: "Axes", runs: Sequence[Run]) -> None:
     if any(run.result.scene.get("rate") == PAPER_RATE and of_the_paper(run.result.scene) for run in runs):
         axes.axhline(PAPER_VARIATION, color=SOFT, linewidth=0.9, linestyle=(0, (4, 3)))
         axes.annotate(
-            f"the paper's holds: {PAPER_VARIATION} %", (0.0, PAPER_VARIATION), (3.0, 2.0),
+            f"the paper: {PAPER_VARIATION} %", (0.0, PAPER_VARIATION), (3.0, 2.0),
             xycoords=("axes fraction", "data"), textcoords="offset points", va="bottom", color=SOFT,
             path_effects=[withStroke(linewidth=2.5, foreground="white")],
         )  # fmt: skip
@@ -439,9 +440,9 @@ def _draw_axis(axes: "Sequence[Axes]", runs: Sequence[Run]) -> None:
 def _caption(runs: Sequence[Run]) -> str:
     parts = []
     if len(runs) == 1:
-        parts.append("Sizes of the contact forces on the whole hand, each finger and the palm.")
+        parts.append("Sizes of the contact forces on each finger and the palm, and of their resultant.")
     else:
-        parts.append("Size of the total contact force. Dotted in the third panel: pairs that touch.")
+        parts.append("Size of the resultant of all contact forces. Dotted in the third panel: pairs that touch.")
         if any(run.result.phases != runs[0].result.phases for run in runs):
             parts.append(f"Phases are those of {runs[0].label}.")
     parts.append("Shaded: holds, and slides in another shade. Penetration is measured after each tick.")

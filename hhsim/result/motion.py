@@ -62,6 +62,8 @@ def _replay(file: h5py.File, path: Path) -> Trajectory:
     group = file["phase"]
     phases = []
     for name, first, last in zip(group["name"].asstr()[()], group["first_tick"][()], group["last_tick"][()]):
+        if not 0 <= first <= last:
+            raise TrajectoryError(f"a damaged result: phase '{name}' goes from tick {first} to {last}")
         if first < len(time):
             end = min(int(last), len(time) - 1)
             # A phase ends where the next begins, the last one with its last sample.

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from types import EllipsisType
 from typing import Any, SupportsIndex, TypeAlias
 
 import h5py
@@ -16,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import DamagedFileError, InputError, OutputError, UnknownNameError
-from hhsim.hand.fingers import FINGERS
+from hhsim.hand.fingers import BODIES, FINGERS
 from hhsim.motion.object_motion import ObjectMotion, RigidMotion
 from hhsim.motion.trajectory import TickPhase, phase_names
 from hhsim.result.object_frame import TURNS, as_object_sees
@@ -171,7 +172,7 @@ class Result:
 
     def _object_motion(self, file: h5py.File, rows: slice | int) -> ObjectMotion:
         part = slice(*rows.indices(self.ticks)) if isinstance(rows, slice) else slice(rows, rows + 1)
-        return ObjectMotion(*(read_numbers(file["tick"][column.name], part) for column in OBJECT_COLUMNS))
+        return ObjectMotion(*(_finite_numbers(file["tick"][column.name], part) for column in OBJECT_COLUMNS))
 
     def _rows(self, file: h5py.File, name: str, rows: slice | int) -> Array:
         """Rows of a dataset of /tick, as whoever looks sees them."""
@@ -249,7 +250,10 @@ class Result:
         if not isinstance(file.get(name), h5py.Dataset):
             raise InputError(f"{self.path} has no dataset {name}: contacts are stored where the object is free")
         # A run that was killed may have written more contacts than ticks.
-        rows = int(np.searchsorted(file[CONTACT]["tick"][...], self.ticks))
+        ticks, bodies = file[CONTACT]["tick"][...], file[CONTACT]["body"][...]
+        if (np.diff(ticks) < 0).any() or (ticks[:1] < 0).any() or ((bodies < -1) | (bodies >= BODIES)).any():
+            raise InputError(f"{self.path} is damaged: a contact of no tick, or of no body")
+        rows = int(np.searchsorted(ticks, self.ticks))
         return _frozen(read_numbers(file[name], slice(rows)))
 
     def _live_column(self, file: h5py.File, name: str) -> Array:
@@ -261,7 +265,8 @@ class Result:
         rows: list[int] = []
         # A run that was killed may have written a block to some of the datasets and not to the others.
         table.visititems(lambda _, item: rows.append(len(item)) if isinstance(item, h5py.Dataset) else None)
-        return _frozen(read_numbers(file[name], slice(self.ticks if table.name == f"/{LIVE_TICK}" else min(rows))))
+        of_ticks = f"{table.name}/".startswith(f"/{LIVE_TICK}/")
+        return _frozen(read_numbers(file[name], slice(self.ticks if of_ticks else min(rows))))
 
     def phase_at(self, tick: int) -> str:
         """Name of the phase that a tick is in; "" where it is in none."""
@@ -314,20 +319,52 @@ def load_result(path: str | Path) -> Result:
             schema_version=int(attributes["schema_version"]),
             hhsim_version=str(attributes["hhsim_version"]),
             created_utc=str(attributes["created_utc"]),
-            scene=_scene(attributes["scene"]),
-            machine=json.loads(attributes["machine"]),
-            packages=json.loads(attributes["packages"]),
+            scene=_Stated(_scene(attributes["scene"]), path),
+            machine=_mapping(attributes["machine"]),
+            packages=_mapping(attributes["packages"]),
             phases=tuple(phase for phase in _read_phases(file) if phase.first_tick < ticks),
             summary=_attributes(file["summary"]),
-            static={column.name: _frozen(read_numbers(file[column.name])) for column in STATIC_COLUMNS},
-            live=_attributes(file[LIVE]) if LIVE in file else None,
+            static={column.name: _frozen(_finite_numbers(file[column.name])) for column in STATIC_COLUMNS},
+            live=_Stated(_attributes(file[LIVE]), path) if LIVE in file else None,
             command=tuple(json.loads(attributes.get("command", "[]"))),
             git_revision=str(attributes.get("git_revision", UNKNOWN)),
             git_dirty=_git_dirty(attributes.get("git_dirty", UNKNOWN)),
-            repeated=json.loads(attributes.get("repeated", "{}")),
-            score=json.loads(attributes.get("score", "{}")),
+            repeated=_mapping(attributes.get("repeated", "{}")),
+            score=_mapping(attributes.get("score", "{}")),
             driven=driven,
         )
+
+
+class _Stated(dict[str, Any]):
+    """Mapping of what a file states of itself; raises InputError for a name that it lacks, which is damage."""
+
+    def __init__(self, found: Mapping[str, Any], path: Path) -> None:
+        super().__init__(
+            {name: _Stated(value, path) if isinstance(value, dict) else value for name, value in found.items()}
+        )
+        self.path = path
+
+    def __missing__(self, name: str) -> Any:
+        raise InputError(f"{self.path} is damaged: it does not say its '{name}'")
+
+
+def _finite_numbers(dataset: h5py.Dataset, rows: slice | EllipsisType = ...) -> Array:
+    """Read rows of a dataset that cannot hold NaN or infinity; raise DamagedFileError where it does."""
+    values = read_numbers(dataset, rows)
+    if values.dtype.kind == "f" and not np.isfinite(values).all():
+        raise DamagedFileError(f"damaged: {dataset.name} is not finite everywhere")
+    return values
+
+
+def _mapping(written: str) -> dict[str, Any]:
+    """Return a JSON object; raise DamagedFileError for anything else."""
+    try:
+        found = json.loads(written)
+    except json.JSONDecodeError:
+        found = None
+    if not isinstance(found, dict):
+        raise DamagedFileError(f"damaged: expected a JSON object, found '{written[:20]}'")
+    return found
 
 
 def _dataset_names(group: h5py.Group) -> list[str]:
@@ -337,7 +374,7 @@ def _dataset_names(group: h5py.Group) -> list[str]:
 
 
 def _scene(written: str) -> dict[str, Any]:
-    scene: dict[str, Any] = json.loads(written)
+    scene = _mapping(written)
     solver = scene.get("solver", {})
     if "settled" in solver:  # as the option was once called
         solver["step_tolerance"] = solver.pop("settled")

@@ -428,6 +428,8 @@ EVENT_COLUMNS: tuple[Column, ...] = (
     Column("text", (), "S240", "1", "what happened, UTF-8", "text"),
 )
 """Datasets under /live/event."""
+INFORMATION, WARNING, FAULT = 0, 1, 2
+"""Levels of an event."""
 
 
 def sample_columns(channels: int) -> tuple[Column, ...]:

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.errors import InputError
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.penetration import HandSurface, PlacedHands, clearances
 from hhsim.kernels.free.block import FreeBlock
@@ -43,7 +44,8 @@ class HandSolver:
             given in the world and come out as the object sees them, its own motion in `object_ticks`.
 
     Raises:
-        InputError: Arrays of another surface than the options name, or a free object that they do not go with.
+        InputError: A method that lacks what it needs, arrays of another surface than the options name, or a free object
+            that they do not go with.
     """
 
     def __init__(self, hand: HandModel, surface: Any, options: SolverOptions, free: FreeObject | None = None) -> None:
@@ -52,7 +54,10 @@ class HandSolver:
         self.workspace = TickWorkspace(hand, surface, options)
         self.engine: Engine
         if free is None:
-            self.engine = find_method(options.method).engine(self.workspace)
+            method = find_method(options.method)
+            if method.missing:
+                raise InputError(f"method {options.method} {method.missing}")
+            self.engine = method.engine(self.workspace)
         else:
             self.engine = FreeEngine(self.workspace, free)
         self._started = False

@@ -5,8 +5,6 @@ from it is unpickled. Its death is a named error, and a tick that never ends can
 """
 
 import ctypes
-import hashlib
-import inspect
 import json
 import os
 import pickle
@@ -209,13 +207,6 @@ def _unpacked(numbers: FloatArray) -> HandConfiguration:
     return HandConfiguration(*(part.reshape(shape).copy() for part, shape in zip(parts, SHAPES.values())))
 
 
-def _source(made: Any) -> str:
-    try:
-        return hashlib.sha256(Path(inspect.getfile(made)).read_bytes()).hexdigest()
-    except (TypeError, OSError):
-        return ""
-
-
 def serve(descriptor: int, name: str) -> None:
     """Run a method for the process at the other end of a connection, until that is closed."""
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
@@ -227,8 +218,9 @@ def serve(descriptor: int, name: str) -> None:
     link = Connection(descriptor)
     try:
         made = outside_class(name)
-        forces = facts_of(made)["forces"]
-        link.send_bytes(DONE + json.dumps({**facts_of(made), "source": _source(made)}).encode())
+        facts = facts_of(made)
+        forces = facts["forces"]
+        link.send_bytes(DONE + json.dumps(facts).encode())
         scene = pickle.loads(link.recv_bytes()[1:])
         runner = MethodHere(name, made, forces, scene)
         link.send_bytes(DONE)

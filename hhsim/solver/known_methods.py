@@ -4,9 +4,12 @@ A package declares one as an entry point of the group "hhsim.methods"; `package.
 declares. Either is a `hhsim.solver.method.Method`, or a class as `hhsim.solver.outside_method.OutsideMethod`.
 """
 
+import hashlib
+import inspect
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import cache, partial
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
@@ -58,7 +61,9 @@ def find_method(name: str) -> Method:
     if name.startswith(ISOLATED):
         return _isolated(name.removeprefix(ISOLATED))
     found = outside_class(name)
-    return found if isinstance(found, Method) else outside_method(name, found)
+    if isinstance(found, Method):
+        return replace(found, source=found.source or _source(found.engine))
+    return outside_method(name, found)
 
 
 @contextmanager
@@ -135,7 +140,10 @@ def isolated_name(name: str) -> str:
 
 
 def facts_of(made: Any) -> dict[str, Any]:
-    """What the class of a method says of itself: `summary`, `forces`, `work`, `never_penetrates` and `missing`."""
+    """What the class of a method says of itself: `summary`, `forces`, `work`, `never_penetrates` and `missing`.
+
+    And `source`, the SHA-256 of the file that it is written in; "" where there is none.
+    """
     lines = (getattr(made, "__doc__", None) or "").strip().splitlines()
     return {
         "summary": str(getattr(made, "summary", lines[0] if lines else "a method from outside")).rstrip("."),
@@ -143,7 +151,15 @@ def facts_of(made: Any) -> dict[str, Any]:
         "work": bool(getattr(made, "gives_work", False)),
         "never_penetrates": bool(getattr(made, "never_penetrates", False)),
         "missing": str(getattr(made, "missing", "")),
+        "source": _source(made),
     }
+
+
+def _source(made: Any) -> str:
+    try:
+        return hashlib.sha256(Path(inspect.getfile(made)).read_bytes()).hexdigest()
+    except (TypeError, OSError):
+        return ""
 
 
 def outside_method(name: str, made: Callable[[Any], Any]) -> Method:
@@ -163,10 +179,12 @@ def _method(name: str, facts: Mapping[str, Any], engine: Callable[[Any], Engine]
         summary=facts["summary"],
         engine=engine,
         never_penetrates=facts["never_penetrates"],
+        follows_input=True,
         refuses_backends=f"method {name} comes from outside and takes no QP solver of hhsim's, not {{qp}}",
         gives=frozenset((TIMES, RUNS, *([FORCES] if facts["forces"] else []), *([UNITS] if facts["work"] else []))),
         compiled=False,
         missing=facts["missing"],
+        source=facts["source"],
     )
 
 

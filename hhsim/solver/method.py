@@ -18,7 +18,7 @@ EVERYTHING = frozenset((FORCES, WORK, UNITS, TIMES, STATUS, RUNS))
 number, the times, whether a tick is stuck or lags, and what runs of its own show (a hold that a trembling hand
 repeats)."""
 
-PROMISES = ("never_penetrates", "nearest_to_user")
+PROMISES = ("never_penetrates", "nearest_to_user", "follows_input")
 """What a method may promise; a limit of a figure that it does not promise is not held against it."""
 
 USUAL: Mapping[str, Any] = {"force": "kkt", "linearisations": 12, "margin": 1e-3}
@@ -52,6 +52,7 @@ class Method:
         engine: Makes the engine for a `hhsim.solver.workspace.TickWorkspace`; imports what it needs only then.
         never_penetrates: Promised; a method that does not promise it is measured, and misses no bar by it.
         nearest_to_user: Promised: no hand near the shown one is closer to the user's in coupling energy.
+        follows_input: Promised: where nothing is near, the shown hand is the user's.
         takes_threads: Its ticks can be shared among threads.
         refuses_backends: Why it takes no QP solver but ours, with `{qp}` for the one that was asked for; "" where it
             takes any.
@@ -60,12 +61,14 @@ class Method:
         gives: What can be known of it, of `EVERYTHING`; what cannot has no row in a table.
         compiled: Whether its ticks run in hhsim's own compiled blocks.
         missing: What has to be installed first, in one line; "" where it can run.
+        source: SHA-256 of the file that a class from outside is written in; "" for hhsim's own, and where none is.
     """
 
     summary: str
     engine: Callable[[Any], Engine]
     never_penetrates: bool = False
     nearest_to_user: bool = False
+    follows_input: bool = False
     takes_threads: bool = False
     refuses_backends: str = "it solves its own programs and takes no QP solver, not {qp}"
     refuses_surfaces: str = ""
@@ -73,6 +76,7 @@ class Method:
     gives: frozenset[str] = EVERYTHING
     compiled: bool = True
     missing: str = ""
+    source: str = ""
 
     @property
     def promises(self) -> frozenset[str]:

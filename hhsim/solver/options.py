@@ -65,7 +65,7 @@ class Stiffness:
     def __post_init__(self) -> None:
         """Raise InputError for a stiffness out of its range."""
         for name, value in asdict(self).items():
-            check_range(f"stiffness {name}", value)
+            object.__setattr__(self, name, check_range(f"stiffness {name}", value))
 
     def diagonal(self) -> FloatArray:
         """G of the 21 variables, shape (21,)."""
@@ -157,7 +157,8 @@ class SolverOptions:
         for name in NUMBERS:
             if name == "budget" and self.budget is BY_PERIOD:
                 object.__setattr__(self, "budget", usual_budget(self.period))
-            check_range(name, getattr(self, name))
+            # Kernels are compiled for the type of each: a whole number of metres is one with a point.
+            object.__setattr__(self, name, check_range(name, getattr(self, name)))
         if self.threads > 1 and self.qp != "active-set":
             raise InputError(f"threads is {self.threads}, but '{self.qp}' is driven in one thread: use active-set")
         if self.threads > 1 and not method.takes_threads:

@@ -200,7 +200,8 @@ not in the object. Write a line a tick as in `{EXAMPLE}`, and measure it:
 ## Frames and units
 
 SI units: m, rad, s, N. The world is right-handed with z up; quaternions are w x y z and turn the palm's frame to the
-world. Palm frame of this {scene.hand.side} hand: y to the fingers, z out of the back, x to the right from there.
+world. Palm frame of this {scene.hand.side} hand: y to the fingers, z out of the back, x = y × z: to the right as the
+hand lies before you, fingers away from you, back up.
 
 A finger begins at `base`. With u = `distal` and w = `dorsal`, abduction turns u about {sign}w; then each flexion turns
 what is beyond its joint about w × u, which has been turned by abduction too, positive to the palm. Phalanx k is the

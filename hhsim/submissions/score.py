@@ -13,6 +13,7 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.replay.replay import replay
 from hhsim.replay.summary import ReplaySummary
 from hhsim.replay.summary_table import SummaryRow, short_table
+from hhsim.replay.verdict import STATED_TIMES
 from hhsim.result.writer import state
 from hhsim.scene.scene import Scene
 from hhsim.solver.known_methods import SUBMITTED, known_for_now
@@ -51,7 +52,7 @@ class Score:
     def notes(self) -> tuple[str, ...]:
         """What a reader should know besides, a sentence each."""
         timed = any(row.name.startswith("tick_") for row in self.summary.rows)
-        said = ("the times of its ticks are what the submission says: they were not measured here",) if timed else ()
+        said = (STATED_TIMES,) if timed else ()
         return (*said, *self.summary.notes)
 
     @property

@@ -9,6 +9,8 @@ from pathlib import Path
 
 MOST_BYTES = 1 << 30
 """Of a file that is read whole."""
+LFS_POINTER = b"version https://git-lfs.github.com/spec/v1"
+"""Begins what stands in the place of a file that Git LFS has not fetched."""
 
 _KINDS = (
     (stat.S_ISFIFO, "a named pipe"),
@@ -25,9 +27,13 @@ def check_ordinary(path: Path, most: int = MOST_BYTES) -> None:
         most: Bytes of a file that are not too many.
 
     Raises:
-        OSError: It is none, or too large, or there is no such file; `strerror` says which.
+        OSError: It is none, or too large, or a pointer of Git LFS, or there is no such file; `strerror` says which.
     """
     _check(path, path.stat(), most)
+    if path.is_file() and path.stat().st_size < 1024:
+        with path.open("rb") as file:
+            if file.read(len(LFS_POINTER)) == LFS_POINTER:
+                raise OSError(errno.EINVAL, "a Git LFS pointer: git lfs pull fetches the file", str(path))
 
 
 def _check(path: Path, state: os.stat_result, most: int) -> None:

@@ -24,7 +24,7 @@ def dated_output_path(stem: str, suffix: str = ".h5") -> Path:
     try:
         RESULTS.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise OutputError(f"cannot make the folder {RESULTS}: {_reason(error)}; name a file with --out") from error
+        raise OutputError(f"cannot make the folder {RESULTS}: {_reason(error)}; name another place") from error
     kept = "".join(letter if letter.isalnum() or letter in "._-" else "-" for letter in stem)
     name = f"{datetime.now():%Y-%m-%d-%H%M%S}-{kept}"
     path = free_name(RESULTS / f"{name}{suffix}")
@@ -53,16 +53,16 @@ def check_output_path(path: Path) -> None:
     if target.exists() and not target.is_file():
         raise OutputError(f"{path} is no ordinary file: name one that can be written")
     if not folder.exists():
-        raise OutputError(f"there is no folder {folder} for {path.name}: make it first, or name another with --out")
+        raise OutputError(f"there is no folder {folder} for {path.name}: make it first, or name another")
     if not folder.is_dir():
-        raise OutputError(f"{folder} is a file, not a folder: name another place with --out")
+        raise OutputError(f"{folder} is a file, not a folder: name another place")
     try:
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
-        raise OutputError(f"cannot write in {folder}: {_reason(error)}; name another place with --out") from error
+        raise OutputError(f"cannot write in {folder}: {_reason(error)}; name another place") from error
     if target.exists() and not os.access(target, os.W_OK):
-        raise OutputError(f"no permission to replace {path}: name another file with --out")
+        raise OutputError(f"no permission to replace {path}: name another file")
 
 
 def _reason(error: OSError) -> str:

@@ -125,7 +125,7 @@ def _read(file: h5py.File) -> SphereTree:
         parent=file["parent"][()],
         errors=errors,
         mesh_sha256=str(file.attrs["mesh_sha256"]),
-        options=json.loads(file.attrs["options"]),
+        options=dict(json.loads(file.attrs["options"])),
         covers=_read_covers(file["covers"]),
     )
 

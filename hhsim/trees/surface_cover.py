@@ -116,7 +116,9 @@ class _Cover:
         longest, own = np.empty(len(self.owner)), np.empty(len(self.depth))
         longest_edges(self.micro.corner, longest)
         removal_cost(self.owner, self.cost, own)
-        high = float(np.quantile(own, _HIGH))
+        # A sphere that no other one can stand in for costs infinitely much; between two of those there is no number.
+        with np.errstate(invalid="ignore"):
+            high = float(np.quantile(own, _HIGH))
         footprint = np.sqrt(high * (2.0 * np.maximum(self.depth, 0.0) + high))
         chosen = (self.cost > share * high) & (longest > _FINEST * footprint[self.owner])
         if len(chosen) + int(chosen.sum()) <= max(FINE * self.spheres, PLENTY):

@@ -18,6 +18,8 @@ EXACT = 1e-9
 """Bounds this near to each other [m] have met."""
 _MOST_PLACES = 200
 """Far more than bounds take to meet."""
+NO_AREA = 1e-12
+"""A triangle that is no higher than this share of its longest side is a line: less than `EXACT` is lost on it."""
 
 Shape = tuple[Any, Any]
 """One of coal's shapes, and where it is."""
@@ -31,10 +33,21 @@ def sphere_shapes(center: FloatArray, radius: FloatArray) -> Callable[[int], Sha
 
 
 def triangle_shapes(mesh: Mesh) -> Callable[[int], Shape]:
-    """Triangles of a mesh by their number, each as a hierarchy of one: coal has no distance of a triangle alone."""
+    """Triangles of a mesh by their number, each as a hierarchy of one: coal has no distance of a triangle alone.
+
+    Of one without area it says that everything touches it: that is a line.
+    """
     import coal
 
     def shape(i: int) -> Shape:
+        corners = mesh.triangles[i]
+        sides = np.roll(corners, -1, axis=0) - corners
+        square = (sides * sides).sum(axis=1)
+        longest = int(square.argmax())
+        if np.linalg.norm(np.cross(sides[0], sides[1])) <= NO_AREA * square[longest]:
+            middle = corners[longest] + 0.5 * sides[longest]
+            length = math.sqrt(square[longest])
+            return coal.Capsule(0.0, length), coal.Transform3s(frame_along(sides[longest]), middle)
         model: Any = coal.BVHModelOBBRSS()
         model.beginModel(1, 3)
         model.addVertices(np.array(mesh.triangles[i]))

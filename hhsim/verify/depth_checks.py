@@ -15,6 +15,8 @@ from hhsim.verify.tree_checks import TrueSurface, nearest_on
 
 FloatArray = NDArray[np.float64]
 
+RESTS = 0.25
+"""A tick predicts no hand that moved by less than this share of the step that ends a tick."""
 NEVER_IN = 1e-12
 """Rounding of a distance [m]: what promises not to penetrate may be this deep."""
 
@@ -77,6 +79,7 @@ def _touching(judge: JudgedTicks) -> Claim:
 def _candidates(judge: JudgedTicks) -> list[Claim]:
     """A tick begins at the hand of the tick before, and what is within the margin there enters its first program.
 
+    A hand that moved in that tick may begin farther on, where it was predicted to be: that tick is not looked at.
     Of triangles only what a step may reach is listed: at least twice the step that ends a tick.
     """
     if not judge.safe:
@@ -85,7 +88,8 @@ def _candidates(judge: JudgedTicks) -> list[Claim]:
     after = np.minimum(chosen + 1, result.ticks - 1)
     steps = np.asarray(result["work/linearisations"])[after]
     full = judge.status & CAPACITY_EXCEEDED > 0
-    looked = (after > chosen) & follows(result)[after] & ~full[after] & ~full[chosen] & (steps > 0)
+    rests = result.free | (judge.last_step[chosen] <= RESTS * float(judge.options["step_tolerance"]))
+    looked = rests & (after > chosen) & follows(result)[after] & ~full[after] & ~full[chosen] & (steps > 0)
     wrong = np.zeros(len(after), bool)
     counts, bodies = (near.fewest, near.most), (near.fewest_bodies, near.most_bodies)
     for name, (least, most) in (("contacts/candidates", counts), ("work/bodies", bodies)):

@@ -79,11 +79,7 @@ def _fingertips(judge: JudgedTicks) -> Claim:
 
 def force_slack(judge: JudgedTicks, size: FloatArray, ticks: IntArray) -> FloatArray:
     """Tolerance [N] at some ticks of forces of a size (n,): multipliers are of the program a step before."""
-    step = np.minimum(judge.moved[ticks], float(judge.options["step_tolerance"]))
-    # What rolls on an edge or a corner of a mesh has its own radius alone.
-    smallest = 0.0 if judge.on_mesh else float(leaves(judge.result)[1].min())
-    rolling = smallest + float(min(judge.hand.radius.min(), judge.hand.palm_radius.min()))
-    return FORCE * (1.0 + size) + TURN * size * step / rolling
+    return FORCE * (1.0 + size) + TURN * size * judge.last_step[ticks] / judge.rolling
 
 
 def _judgeable(judge: JudgedTicks, without: int) -> IntArray:
@@ -120,9 +116,7 @@ def _palm_balance(judge: JudgedTicks) -> Claim:
 def _complementarity(judge: JudgedTicks) -> Claim:
     """KKT: what does not touch bears nothing."""
     chosen = _judgeable(judge, STUCK)
-    late = judge.status[judge.chosen[chosen]] & LAG > 0
-    bears = np.where(late, judge.bearing, judge.touch)
-    apart = judge.near.nearest[chosen] > bears[:, None] + LENGTH
+    apart = judge.near.nearest[chosen] > judge.bearing_within[chosen] + LENGTH
     size = np.linalg.norm(judge.stored_forces(judge.chosen[chosen]), axis=2)
     off = np.where(apart, size, 0.0).max(axis=1)
     says = "what does not touch bears no force"

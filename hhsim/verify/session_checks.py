@@ -19,7 +19,7 @@ JUMPED = "jumped by"
 """Such a line of the log, after a finger's name, tells that it was not believed."""
 OLD_SHIFT = 0.01
 """Of a period: so far a tick moved the next deadline at most in files that do not say which ticks were early."""
-IN_ORDER = ("duration", "stopped", *(number.name for number in signal.Signals))
+IN_ORDER = ("duration", "stopped", "the command was killed", *(number.name for number in signal.Signals))
 """Why a session ended whose loop was brought to its end."""
 DRIVER_DIED = "the glove's driver "
 """How it begins to say so where the loop was, since that had died."""

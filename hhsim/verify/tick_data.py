@@ -127,17 +127,45 @@ class JudgedTicks:
         moved = np.linalg.norm(np.diff(self.shown_posed.joints, axis=0), axis=3).max(axis=(1, 2), initial=0.0)
         return np.concatenate([[np.inf], moved])
 
+    @cached_property
+    def last_step(self) -> FloatArray:
+        """How far the farthest joint moved at most in the last step of each tick [m], if it settled, shape (T,)."""
+        return np.minimum(self.moved, float(self.options["step_tolerance"]))
+
+    @cached_property
+    def _least_leaf(self) -> float:
+        # What rolls on an edge or a corner of a mesh has its own radius alone.
+        return 0.0 if self.on_mesh else float(leaves(self.result)[1].min())
+
+    @property
+    def rolling(self) -> float:
+        """Least radius at which hand and object roll on each other [m]."""
+        return self._least_leaf + float(min(self.hand.radius.min(), self.hand.palm_radius.min()))
+
     @property
     def bearing(self) -> float:
         """Pairs no farther apart than this bear a hand that is on its way [m]: its last step was not the last."""
         return max(self.touch, ON_THE_WAY * float(self.options["offset"]))
 
+    @cached_property
+    def bearing_within(self) -> FloatArray:
+        """Pairs no farther apart than this can bear a force [m], of each body at the chosen ticks, shape (n, 16).
+
+        The last program of a tick that settles keeps its contacts `offset` away to first order; they end as much
+        farther away as they bend in its step. That is half of its square over the radius where a body rolls on an edge,
+        and up to as much again where joints and palm turn.
+        """
+        phalanges = np.minimum(self.hand.radius[:, :-1], self.hand.radius[:, 1:]).ravel()
+        rolling = self._least_leaf + np.append(phalanges, self.hand.palm_radius.min())
+        settled = float(self.options["offset"]) + self.last_step[self.chosen, None] ** 2 / rolling
+        late = self.status[self.chosen, None] & LAG > 0
+        return np.where(late, self.bearing, np.clip(settled, self.touch, self.bearing))
+
     def bearing_at(self, i: int) -> Pairs:
         """Pairs that can bear a force at a chosen tick."""
-        if self.status[self.chosen[i]] & LAG == 0:
-            return self.touching.of(i)
-        pairs = self.pairs.within(self.bearing).of(i)
-        return self._with_sides(pairs) if self.on_mesh else pairs
+        pairs = self.pairs.of(i)
+        pairs = pairs.at(np.flatnonzero(pairs.distance <= self.bearing_within[i, pairs.body]))
+        return self._with_sides(pairs) if self.on_mesh and self.status[self.chosen[i]] & LAG else pairs
 
     def _with_sides(self, pairs: Pairs) -> Pairs:
         """And with those at a triangle's border once more that lean little from its normal, along that normal.

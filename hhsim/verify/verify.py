@@ -106,10 +106,11 @@ class Verification:
         }
 
 
+@np.errstate(all="ignore")
 def verify(
     result: Result, *, every: int | None = None, again: bool = False, progress: Progress | None = None
 ) -> Verification:
-    """Judge a result.
+    """Judge a result; what is not finite is as wrong as can be.
 
     Args:
         result: Of a replay or a session, complete or not.

@@ -414,3 +414,8 @@ def test_a_bar_has_a_label_from_the_start_and_says_that_kernels_are_compiled(mon
     assert sorted(labels, key=shown.index) == labels
     assert "1 of 3" in shown and "hhsim: compiling" not in shown
     assert re.search(r"upgrade \d+ s", re.sub(r"\x1b\[[0-9;]*m", "", shown))
+
+
+def test_info_names_each_thing_once(run: Run) -> None:
+    names = [line.split()[0] for line in run("info").out.splitlines()[2:]]
+    assert names.count("hhsim") == names.count("numpy") == 1

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import click
+import numpy as np
 import pytest
 
 from hhsim.errors import InputError
@@ -148,4 +149,12 @@ def test_the_library_refuses_what_the_command_line_refuses(name: str) -> None:
     if name not in ("margin", "offset"):
         # Of these two, one has to be ten times the other.
         give(name, greatest if isinstance(greatest, int) else float(greatest))
-    check_range(name, least)
+    assert type(check_range(name, least)) is type(greatest)
+
+
+def test_numbers_of_options_have_the_type_that_kernels_are_compiled_for() -> None:
+    two: Any = np.int64(2)
+    given = SolverOptions(margin=5, threads=two, stiffness=Stiffness(translation=500))
+    assert (given.margin, type(given.margin), type(given.threads)) == (5.0, float, int)
+    assert type(given.stiffness.translation) is float
+    assert given == SolverOptions(margin=5.0, threads=2, stiffness=Stiffness(translation=500.0))

@@ -69,7 +69,7 @@ def test_what_another_machine_rounds_otherwise_is_within_rounding_and_exits_0(ru
     (line,) = [line for line in answer.out.splitlines()[:-1] if "within rounding" in line]
     assert line.split()[:5] == ["graphic/position", "within", "rounding", "1", "41"]
     assert line.split()[-2:] == ["1e-12", "m"]
-    says = "within rounding: integers are equal, and no array differs by more than its bound"
+    says = "within rounding: no array differs by more than its bound, and integers but counts of work are equal"
     assert answer.out.splitlines()[-1] == says
     assert run("replay", "run.h5", "--quiet") == (0, "", f"hhsim: note: run.h5 is run again: {says}\n")
     answer = run("replay", "run.h5", "--json")

@@ -12,10 +12,11 @@ from live_scripted import make_setup
 
 from hhsim.live import real_time
 from hhsim.live.devices.registry import configure
-from hhsim.live.ipc.session_memory import FAULT, SessionMemory
+from hhsim.live.ipc.session_memory import SessionMemory
 from hhsim.live.ipc.status import Stage
 from hhsim.live.real_time import RealTimeWishes, described, keep_off, processors_awake
 from hhsim.live.shared_memory import RingReader, write_setup
+from hhsim.result.schema import FAULT
 
 ASK = """
 import json, os, sys, gc, resource

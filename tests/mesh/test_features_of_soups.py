@@ -120,23 +120,29 @@ def test_lists_that_last_hold_the_nearest_triangle_of_every_body(kind: str, seed
         around = closed and winding(triangles, motion.position[0]) > 0.5
         return bool(not around and distances(motion, triangles, normals).min() > clearance)
 
-    # A body on a triangle; from there away until it is millimetres off.
-    ends, _ = bodies(at)[random.integers(PALM_BODY + 5)]
-    start, way, low, high = triangles[random.integers(len(triangles))].mean(axis=0) - ends[0], unit(random), 0.0, 0.4
-    for _ in range(8):
-        middle = 0.5 * (low + high)
-        away = is_outside(at._replace(position=(start + middle * way)[None]), 2e-3)
-        low, high = (low, middle) if away else (middle, high)
-    at = at._replace(position=(start + high * way)[None])
+    near = False
+    while not near:
+        # A body on a triangle; from there away until it is a millimetre off.
+        ends, _ = bodies(at)[random.integers(PALM_BODY + 5)]
+        start, way = triangles[random.integers(len(triangles))].mean(axis=0) - ends[0], unit(random)
+        low, high = 0.0, 0.4
+        for _ in range(12):
+            middle = 0.5 * (low + high)
+            away = is_outside(at._replace(position=(start + middle * way)[None]), 1e-3)
+            low, high = (low, middle) if away else (middle, high)
+        placed = at._replace(position=(start + high * way)[None])
+        near = is_outside(placed, 0.0) and distances(placed, triangles, normals).min() < 2e-3
+    at = placed
     judged = 0
     for _ in range(30):
         size = 10.0 ** random.uniform(-5.0, -2.5)
         step = random.normal(size=DOF) * size
         step[3:] *= 4.0
         target = moved(at, step, 4.0 * size * random.normal(size=5))
-        if not is_outside(target, 0.0):
-            continue
         expected = distances(target, triangles, normals)
+        # Beyond the lists there is nothing to judge.
+        if not is_outside(target, 0.0) or expected.min() > MARGIN + SKIN:
+            continue
         at = target
         set_pose(HAND, state.pose, at)
         assert evaluate(ARRAYS, state.pose, mesh, MARGIN, MARGIN, SKIN, state.candidates, state.work) == 0

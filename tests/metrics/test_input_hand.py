@@ -76,14 +76,30 @@ def test_correction_is_the_way_between_two_hands_in_the_ticks_that_touch() -> No
     shown = forward_kinematics(HAND, *still((0.0, 0.003, 0.204), ticks=6))
     touch = np.array([True, True, False, True, False, False])
     haptic.position[3] = np.nan
-    found = input_hand(HAND, depths("spheres"), haptic, shown, touch)
+    found = input_hand(HAND, depths("spheres"), haptic, shown, touch, touch)
     assert found.depth == 0.0
     for values in found.correction:
         np.testing.assert_allclose(values, [0.005, 0.005], atol=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("near", "inside", "expected"),
+    [(False, False, 0.02), (True, False, 0.01), (False, True, 0.01)],
+    ids=["both free", "the shown hand is kept by the object", "the user's hand is inside"],
+)
+def test_in_free_space_the_shown_hand_is_to_be_where_the_users_is(near: bool, inside: bool, expected: float) -> None:
+    """Of three ticks, off by 0, 10 and 20 mm, the last counts unless something may keep the shown hand."""
+    haptic, shown = still((0.0, 0.0, 0.2), ticks=3), still((0.0, 0.0, 0.2), ticks=3)
+    haptic.position[2] = (0.0, 0.0, 0.0) if inside else (0.0, 0.0, 0.2)
+    shown.position[:] = haptic.position
+    shown.position[:, 0] += [0.0, 0.01, 0.02]
+    placed, none = forward_kinematics(HAND, *shown), np.zeros(3, bool)
+    found = input_hand(HAND, depths("spheres"), haptic, placed, none, np.array([False, False, near]))
+    assert found.free == pytest.approx(expected, abs=1e-12)
+
+
 def test_no_tick_that_is_a_hand_has_no_depth_and_no_correction() -> None:
     nothing = still((np.nan, 0.0, 0.0), ticks=3)
     shown = forward_kinematics(HAND, *still((0.0, 0.0, 0.0), ticks=3))
-    found = input_hand(HAND, depths("spheres"), nothing, shown, np.ones(3, bool))
-    assert found.depth == 0.0 and all(len(values) == 0 for values in found.correction)
+    found = input_hand(HAND, depths("spheres"), nothing, shown, np.ones(3, bool), np.zeros(3, bool))
+    assert found.depth == 0.0 and all(len(values) == 0 for values in found.correction) and np.isnan(found.free)

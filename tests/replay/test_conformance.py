@@ -19,6 +19,7 @@ from hhsim.replay.conformance import NOTE, OK, WRONG, check_method
         ("Boasts", "run", WRONG, "native_ns of 1000000000000000: expected 0 to"),
         ("Raises", "run", WRONG, "ZeroDivisionError"),
         ("NoTick", "import", WRONG, "lacks tick"),
+        ("NotBuilt", "installed", WRONG, "needs a library that is not built"),
         ("Follow", "depth", NOTE, "inside the object"),
         ("Random", "repeatable", NOTE, "differs from tick 0"),
         ("Lazy", "first tick", NOTE, "prepare in __init__"),
@@ -36,6 +37,8 @@ def test_what_is_wrong_is_named(name: str, finding: str, verdict: str, says: str
 def test_our_own_method_from_outside_passes(run: Run) -> None:
     answer = run("methods", "check", "outside_methods:OurOwn")
     assert answer.code == 0 and answer.out.endswith("outside_methods:OurOwn can be measured\n")
+    assert "a tick in contact takes" in answer.out
+    assert answer.out.startswith("import ") and "──" not in answer.out, "three columns without headings have no rule"
     assert run("methods", "check", "outside_methods:NoTick").code == 1
 
 

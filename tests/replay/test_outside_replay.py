@@ -9,8 +9,11 @@ from conftest import Run
 from drawings_alone import leave_charts_undrawn
 from short_grasp import short_grasp, short_result, short_scene
 
+from hhsim.errors import InputError
 from hhsim.metrics.run.registry import known_figures, run_metrics
+from hhsim.replay.repeat import run_again
 from hhsim.replay.replay import replay
+from hhsim.solver.known_methods import outside_class
 from hhsim.solver.method import EVERYTHING
 from hhsim.solver.options import SolverOptions
 from hhsim.verify.verify import verify
@@ -75,3 +78,29 @@ def test_a_planted_depth_is_found(tmp_path: Path) -> None:
     deepest = float(np.max(result["penetration_depth"]))
     assert deepest > 1e-3
     assert result.summary["penetration_max"] == deepest
+
+
+def test_a_second_run_says_where_the_methods_code_has_changed_since(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = "from outside_methods import Follow\n\n\nclass Edited(Follow):\n    SHIFT = 0.0\n\n"
+    text += "    def answer(self, haptic):\n"
+    text += "        return haptic._replace(position=haptic.position + self.SHIFT)\n"
+    (tmp_path / "edited_method.py").write_text(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    name = "edited_method:Edited"
+    result = short_result(tmp_path / "result.h5", RELEASED, method=name)
+    monkeypatch.setattr(outside_class(name), "SHIFT", 1e-3)
+    same_file = run_again(result)
+    assert not same_file.identical and "file of its class alone" in same_file.notes[-1] and not same_file.made_elsewhere
+    (tmp_path / "edited_method.py").write_text(text.replace("0.0", "1e-3"))
+    changed = run_again(result)
+    assert changed.notes == (f"the code of method {name} has changed since",) and changed.made_elsewhere
+
+
+def test_a_second_run_says_what_the_method_lacks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    name = "outside_methods:Follow"
+    result = short_result(tmp_path / "result.h5", RELEASED, method=name)
+    monkeypatch.setattr(outside_class(name), "missing", "needs a library: build it", raising=False)
+    with pytest.raises(InputError, match=f"method {name} needs a library: build it"):
+        run_again(result)

@@ -13,14 +13,16 @@ from short_grasp import short_result
 
 from hhsim.hand.fingers import FINGERS
 from hhsim.live.device import COUNTERS
-from hhsim.live.ipc.session_memory import EVENT, FAULT, WARNING
+from hhsim.live.ipc.session_memory import EVENT
 from hhsim.live.loop.loop import loop_options
 from hhsim.live.session.recorder import LOOP_DIED
 from hhsim.live.session.writer import SessionWriter
+from hhsim.metrics.session_faults import recorded_faults
 from hhsim.report.figure import ReportFigure, new_figure
 from hhsim.report.report import make_report
 from hhsim.report.time_series import series_figure
 from hhsim.result.reader import Result, load_result
+from hhsim.result.schema import FAULT, WARNING
 
 pytestmark = pytest.mark.slow
 
@@ -81,6 +83,8 @@ def test_how_a_killed_session_ended_stands_in_red_before_everything_else(killed:
     first = next(each for each in page.all("p") if "verdict" in str(each.attributes.get("class")))
     assert (first.text, first.attributes["class"]) == ("ended: the loop failed or was killed", "verdict bad")
     assert page.elements.index(first) < page.elements.index(page.all("table")[0])
+    said = [each.text for each in page.all("p") if each.text.startswith("faults: ")]
+    assert said == [f"{recorded_faults(killed).line}."] and said[0].startswith("faults: 1 (ended early); malformed")
 
     report = make_report((whole.path,))
     assert "ended: duration" in read_page(report.html).all("p")[0].text

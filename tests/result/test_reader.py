@@ -1,6 +1,7 @@
 """Result files: what is written is what is read, and no way of stopping a run leaves something unreadable."""
 
 import errno
+import json
 import os
 import signal
 import subprocess
@@ -17,8 +18,9 @@ from numpy.typing import NDArray
 from sampled import sampled
 from sealed_change import changed
 
-from hhsim.errors import InputError, OutputError
+from hhsim.errors import InputError, OutputError, TrajectoryError
 from hhsim.motion.trajectory import TickPhase
+from hhsim.result.motion import load_result_motion
 from hhsim.result.reader import CHUNK_TICKS, Result, load_result
 from hhsim.result.schema import (
     DRIVEN_SCHEMA_VERSION,
@@ -606,3 +608,36 @@ def test_a_result_is_sealed_when_it_is_closed_whole_or_not(tmp_path: Path) -> No
         path.write_bytes(data)
         with pytest.raises(InputError, match="a damaged file: its bytes are not those that its checksum is of"):
             load_result(path)
+
+
+@pytest.mark.parametrize("name", ["machine", "packages", "scene", "repeated", "score"])
+def test_what_should_be_a_mapping_and_is_none_is_damage(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "run.h5"
+    write(path, [block(100)])
+    with changed(path) as file:
+        file.attrs[name] = "null"
+    with pytest.raises(InputError, match=r"run\.h5.*JSON object"):
+        load_result(path)
+
+
+def test_phases_that_no_tick_has_are_no_motion(tmp_path: Path) -> None:
+    path = tmp_path / "run.h5"
+    write(path, [block(100)])
+    with changed(path) as file:
+        file.attrs["scene"] = json.dumps({"rate": 1000.0})
+        file["phase/first_tick"][0] = -(2**31)
+    with pytest.raises(TrajectoryError, match=r"run\.h5: a damaged result: phase .* -2147483648"):
+        load_result_motion(path)
+
+
+def test_a_scene_without_what_every_scene_has_is_damage_where_it_is_asked_for(tmp_path: Path) -> None:
+    path = tmp_path / "run.h5"
+    write(path, [block(100)])
+    with changed(path) as file:
+        file.attrs["scene"] = json.dumps({"rate": 1000.0, "solver": {"method": "coupled"}})
+    result = load_result(path)
+    assert result.scene["solver"]["method"] == "coupled" and result.scene.get("seed") is None
+    with pytest.raises(InputError, match=r"run\.h5 is damaged: it does not say its 'touch'"):
+        result.scene["solver"]["touch"]
+    with pytest.raises(InputError, match="'trajectory'"):
+        result.scene["trajectory"]

@@ -57,7 +57,7 @@ def test_the_names_of_the_package_are_those_of_its_table_and_its_types() -> None
     }
     assert typed == hhsim._PLACES
     assert hhsim.__all__ == sorted(typed)
-    assert set(hhsim.__all__) < set(dir(hhsim))
+    assert set(dir(hhsim)) == {*hhsim.__all__, "__version__"}
     for name in hhsim.__all__:
         value = getattr(hhsim, name)
         assert f"{value.__module__}.{value.__name__}" == typed[name]
@@ -129,6 +129,10 @@ def test_a_scene_says_what_it_is_in_one_line() -> None:
 def test_everything_that_a_program_is_given_has_a_repr_of_a_few_lines(tmp_path: Path) -> None:
     (tmp_path / "short.toml").write_text(SHORT)
     scene = hhsim.open_scene("cube", tmp_path / "short.toml", level=2)
+    with pytest.raises(TypeError, match=r"replay_scene\(\) missing"):
+        hhsim.replay_scene(scene)  # type: ignore[call-arg]
+    with pytest.raises(InputError, match="expected SolverOptions, found 'coupled'"):
+        hhsim.replay_scene(scene, "coupled", tmp_path / "own.h5")  # type: ignore[arg-type]
     summary = hhsim.replay_scene(scene, hhsim.SolverOptions(), tmp_path / "own.h5")
     result = hhsim.load_result(tmp_path / "own.h5")
     poses = hhsim.HandConfiguration.of(scene.ticks)
@@ -146,7 +150,7 @@ def test_everything_that_a_program_is_given_has_a_repr_of_a_few_lines(tmp_path: 
     assert eval(repr(method_scene.options), vars(hhsim)) == method_scene.options
     assert repr(result).startswith("Result(own.h5: cube, short, coupled on spheres, 250 ticks at 1000 Hz; approach,")
     assert repr(verification) == "Verification(250 ticks; claims: 1 FAILS (depth))"
-    assert repr(summary).endswith(f"coupled on spheres, 250 ticks: {summary.verdict.word}; {result.path})")
+    assert f"coupled on spheres, 250 ticks: {summary.verdict.word}; {result.path}; " in repr(summary)
     assert f"<p>{escape(summary.verdict.line)}</p><table><tr><td>" in summary._repr_html_()
 
 

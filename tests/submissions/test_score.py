@@ -18,6 +18,8 @@ from hhsim.hand.model import Side
 from hhsim.hand.quaternion import quaternion, rotation_matrix
 from hhsim.replay.repeat import run_again
 from hhsim.replay.replay import replay
+from hhsim.replay.verdict import verdict
+from hhsim.report.tick_table import figure_table, report_ticks
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.scene import Scene
 from hhsim.solver.known_methods import SUBMITTED, find_method
@@ -78,8 +80,8 @@ def test_a_class_and_the_file_of_its_poses_have_the_same_errors(
     found, result = as_file
     assert found.suspicions == ()
     times = {"tick_cpu_p50", "tick_cpu_p99", "tick_cpu_max", "tick_wall_p50", "tick_wall_over_1ms"}
-    # The hold again, by a hand that trembles, is of a method that can be run again.
-    only_a_class = {name for name in as_class.summary if "tremor" in name}
+    # The hold again, by a hand that trembles, is of a method that can be run again, and its work of one that counts it.
+    only_a_class = {name for name in as_class.summary if "tremor" in name} | {"work_mean"}
     shared = set(as_class.summary) & set(result.summary)
     assert set(as_class.summary) - shared == only_a_class
     assert set(result.summary) - shared == {"force_variation_hold_std"}
@@ -123,6 +125,15 @@ def test_the_best_hand_is_off_itself_by_nothing_and_the_users_by_what_it_is_push
     # The spheres cover the mesh.
     assert 0.0 < user.mesh_depth_max <= deepest
     assert user.off_best_max > user.mesh_depth_max > 0.005
+
+
+def test_whose_the_times_are_is_told_wherever_the_result_is_judged(as_file: tuple[Score, Result]) -> None:
+    result = as_file[1]
+    table = figure_table(result, report_ticks(result)).rows
+    judged = verdict(result, table)
+    assert "what the submission says" in judged.line and "what the submission says" in judged.sentences[-1]
+    timeless = [row for row in table if not row.name.startswith("tick_")]
+    assert "submission" not in verdict(result, timeless).line
 
 
 def test_a_result_of_poses_cannot_be_run_again_and_says_so(as_file: tuple[Score, Result]) -> None:

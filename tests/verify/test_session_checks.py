@@ -702,3 +702,15 @@ def test_the_bend_of_the_referee_is_that_of_the_output() -> None:
     slope, offset = regression.bend_lines()
     own = np.stack([verify_command._fitted(slope[f], flexion[:, f] - offset[f]) for f in range(5)], axis=1)
     np.testing.assert_allclose(np.clip(own, 0.0, 1.0), regression.bends(flexion), atol=1e-14)
+
+
+def test_a_session_has_the_ticks_that_every_column_of_the_loop_has(session: Result, tmp_path: Path) -> None:
+    path = tmp_path / "session.h5"
+    shutil.copy(session.path, path)
+    with changed(path) as file:
+        rows = file["live/tick/cause"][:-3]
+        del file["live/tick/cause"]
+        file["live/tick/cause"] = rows
+    found = load_result(path)
+    assert found.ticks == session.ticks - 3 == len(found["live/tick/taken/steal"])
+    verify(found)

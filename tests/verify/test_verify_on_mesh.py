@@ -35,8 +35,10 @@ from planted_faults import (
     wider_touch,
 )
 from sampled import sampled
+from short_grasp import short_result
 from stress_motion import random_targets
 
+from hhsim.arrays import IntArray
 from hhsim.hand.model import HandModel
 from hhsim.motion.trajectory import Trajectory
 from hhsim.replay.replay import replay
@@ -45,6 +47,7 @@ from hhsim.scene.open_scene import open_scene
 from hhsim.scene.scene import make_scene
 from hhsim.solver.options import SolverOptions
 from hhsim.verify.claim import HOLDS
+from hhsim.verify.contacts import PALM
 from hhsim.verify.force_checks import force_claims
 from hhsim.verify.tick_data import JudgedTicks
 from hhsim.verify.verify import verify
@@ -80,6 +83,34 @@ def test_a_hand_that_is_on_its_way_on_the_mesh(tmp_path: Path, method: str) -> N
 
     judge = JudgedTicks(planted(result.path, tmp_path, aside), np.arange(0, result.ticks, 9))
     assert "force balance" in {claim.name for claim in force_claims(judge) if claim.failed}
+
+
+def test_what_a_settled_tick_rolled_off_an_edge_bears_its_force(tmp_path: Path) -> None:
+    result = short_result(tmp_path / "short.h5", object_name="rock", surface="mesh")
+    numbers = np.arange(result.ticks)
+
+    def off_and_loaded(judge: JudgedTicks) -> IntArray:
+        settled = judge.status[judge.chosen] == 0
+        loaded = np.linalg.norm(judge.stored_forces(judge.chosen), axis=2) > 0.1
+        return np.flatnonzero(settled & (loaded & (judge.near.nearest > 1.1 * judge.touch)).any(axis=1))
+
+    judge = JudgedTicks(result, numbers)
+    ticks = off_and_loaded(judge)
+    assert ticks.size > 0 and not any(claim.failed for claim in force_claims(judge))
+    # A hand at rest has to touch, as it did.
+    assert (judge.bearing_within[-1] == judge.touch).all()
+    assert judge.bearing_within[:, :PALM].max() < 2.5 * judge.touch
+
+    def stood_still(file: h5py.File) -> None:
+        for name in file["tick/graphic"]:
+            values = file[f"tick/graphic/{name}"]
+            values[ticks[0] - 1] = values[ticks[0]]
+
+    still = JudgedTicks(planted(result.path, tmp_path, stood_still), ticks[:1])
+    assert {"stationarity", "complementarity"} <= {claim.name for claim in force_claims(still) if claim.failed}
+    # It is the second order of the last step: there is none of it where that is shorter.
+    finer = short_result(tmp_path / "finer.h5", object_name="rock", surface="mesh", step_tolerance=2e-5)
+    assert off_and_loaded(JudgedTicks(finer, numbers)).size == 0
 
 
 def touched_spheres(file: h5py.File) -> None:

@@ -16,6 +16,7 @@ from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FINGERS, DURATION_
 from hhsim.mesh.catalogue import object_names
 from hhsim.metrics.run.registry import run_figure
 from hhsim.solver.method import never_penetrates
+from hhsim.system.counted import counted
 
 SIMPLE_MEAN = {
     "sphere": 0.41e-3,
@@ -138,7 +139,7 @@ def _sliding(runs: PaperRuns, method: str) -> Rows:
     if played:
         yield PaperRow(
             "sliding_depth", "V-A", "depth while sliding", method, "m", math.nan,
-            "none to be seen", _deepest(played), DEPTH, f"{len(played)} objects",
+            "none to be seen", _deepest(played), DEPTH, counted(len(played), "object"),
         )  # fmt: skip
 
 
@@ -149,7 +150,8 @@ def _complex(runs: PaperRuns, method: str) -> Rows:
             worst = max(played, key=lambda run: percentile(run, 99.0))
             yield PaperRow(
                 f"complex_p99_{name}", "13", f"p99 tick, {name}", method, "s", 1.5e-3, "< 1.5 ms",
-                percentile(worst, 99.0), COMPLEX_P99, f"worst of {len(played)} scenes: {worst.scenario.motion}",
+                percentile(worst, 99.0), COMPLEX_P99,
+                f"worst of {counted(len(played), 'scene')}: {worst.scenario.motion}",
             )  # fmt: skip
 
 
@@ -201,10 +203,10 @@ def _depth(runs: PaperRuns, method: str) -> Rows:
     if played:
         worst = max(played, key=lambda run: float(run.depth.max()))
         ticks = sum(len(run.depth) for run in played)
+        motions = counted(sum(len(r.stage.motions) for r in played), "motion")
         yield PaperRow(
             "depth", "V-D", "depth in the spheres, largest", method, "m", 1e-4, "≈ 0.1 mm",
-            _deepest(played), DEPTH, f"{ticks:,} ticks of {sum(len(r.stage.motions) for r in played):,} motions; "
-            f"deepest: {worst.scenario.name}",
+            _deepest(played), DEPTH, f"{ticks:,} ticks of {motions}; deepest: {worst.scenario.name}",
         )  # fmt: skip
 
 
@@ -230,8 +232,9 @@ def _variation(runs: PaperRuns, method: str) -> Rows:
                 f"variation_{noise}_{part}", "V-D", f"index force, {part}, {noise_label}", method, "%",
                 mean, f"{mean:.2f} ± {spread:.2f} %", middle[0],
                 mean if noise == "glove" else math.nan,
-                f"change a tick, glove's sensors; ± {middle[1]:.2f} %; median of {count} holds, {above} of them above "
-                f"{mean:.2f} %; {largest if count else 'none is large enough'}",
+                "not measured: the force is large enough in no hold" if not count else
+                f"change a tick, glove's sensors; ± {middle[1]:.2f} %; median of {counted(count, 'hold')}, {above} "
+                f"above {mean:.2f} %; {largest}",
             )  # fmt: skip
 
 

@@ -55,8 +55,6 @@ EVENT_BYTES = EVENT["text"].itemsize
 NOT_KNOWN_YET = ("battery", "sample_ns")
 """Fields of the status that are -1 until the loop knows better."""
 
-INFORMATION, WARNING, FAULT = 0, 1, 2
-"""Levels of an event."""
 REASON = 3
 """Of the driver's words alone: why the glove is gone, for when the loop tells of it."""
 

@@ -74,7 +74,8 @@ LIVE_STATUS = np.dtype(
 in their order, `missed_by` is by `MissCause` without NONE; times are CLOCK_MONOTONIC [ns]. `command_version`,
 `palm_version` and `pose_version` are odd while the command, the palm's pose and the pose of the keyboard are being
 written. `loop_ready` is 1 when the glove may be opened and 2 when the loop is about to begin; `driver_begun` is 1 when
-what came before is in the ring of samples.
+what came before is in the ring of samples. `stop_requested` is 1 where the user ends the session, and -n where signal n
+to the command does.
 """
 
 

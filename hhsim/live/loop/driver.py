@@ -35,12 +35,13 @@ from hhsim.live.device import (
     GloveInfo,
 )
 from hhsim.live.devices.registry import open_device
-from hhsim.live.ipc.session_memory import FAULT, REASON, WARNING, SessionMemory, add_memory_options, attached
+from hhsim.live.ipc.session_memory import REASON, SessionMemory, add_memory_options, attached
 from hhsim.live.ipc.status import DriverSetup, Stage
 from hhsim.live.pose.registry import PoseSource, make_pose_source
-from hhsim.live.real_time import RealTimeWishes, become_ordinary, become_real_time, end_with, keep_off
+from hhsim.live.real_time import RealTimeWishes, become_ordinary, become_real_time, end_with, keep_off, name_process
 from hhsim.live.shared_memory import read_setup
 from hhsim.result.safety import Safety
+from hhsim.result.schema import FAULT, WARNING
 
 OPEN, BEGIN = 1, 2
 """What the loop is ready for: that the glove is opened, and that its samples are taken."""
@@ -290,6 +291,7 @@ def drive(driver: GloveDriver, wishes: RealTimeWishes) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Drive the glove of a session; returns the exit code."""
+    name_process("driver")
     parser = argparse.ArgumentParser(prog="python -m hhsim.live.loop.driver", description=__doc__)
     add_memory_options(parser)
     options = parser.parse_args(arguments)

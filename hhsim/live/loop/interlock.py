@@ -4,8 +4,8 @@ from typing import Any
 
 from hhsim.kernels.live.interlock import DRY_RUN, INTERLOCK
 from hhsim.live.ipc.config import SafetyLimits
-from hhsim.live.ipc.session_memory import FAULT, INFORMATION, WARNING
 from hhsim.result.safety import Safety
+from hhsim.result.schema import FAULT, INFORMATION, WARNING
 from hhsim.solver.workspace import zeroed
 from hhsim.system.counted import counted
 

@@ -5,6 +5,7 @@ which another thread does while the loop goes on, and to solve the ticks of meth
 compiled.
 """
 
+import signal
 import time
 from dataclasses import replace
 from typing import Any
@@ -36,7 +37,7 @@ from hhsim.kernels.parallel.atomic import load_acquire, store_release
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.live.device import MOST_CHANNELS, Capability, GloveInfo
 from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.ipc.session_memory import INFORMATION, SessionMemory
+from hhsim.live.ipc.session_memory import SessionMemory
 from hhsim.live.ipc.status import Stage
 from hhsim.live.loop.deadlines import Clock, Deadlines
 from hhsim.live.loop.finger_command import FingerCommander
@@ -47,6 +48,7 @@ from hhsim.live.loop.story import Story
 from hhsim.live.loop.tick_times import TickTimes
 from hhsim.result.miss_cause import by_name
 from hhsim.result.safety import Safety
+from hhsim.result.schema import INFORMATION
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.workspace import zeroed
@@ -63,7 +65,6 @@ REFUSED = np.dtype(
     align=True,
 )
 """The channels of a sample that could not be used, and which of them the last usable one had as finite numbers."""
-REASONS = {STOP_ASKED: "stopped", STOP_DURATION: "duration"}
 
 _SOLVER_FAILED = int(Safety.SOLVER_FAILED)
 
@@ -188,12 +189,18 @@ class LiveLoop:
     def stopped(self) -> str:
         """Why the loop is to end, "" while it is not."""
         code = int(self._loop["stop"][0, 0])
-        return self._signal if code == STOP_SIGNAL else REASONS.get(code, "")
+        return {STOP_SIGNAL: self._signal, STOP_ASKED: self._asked(), STOP_DURATION: "duration"}.get(code, "")
+
+    def _asked(self) -> str:
+        """Who asks for the end by `stop_requested`, "" while nobody does."""
+        by = int(self.memory.status["stop_requested"])
+        return signal.Signals(-by).name if by < 0 else "stopped" if by else ""
 
     def stop(self, reason: str) -> None:
         """Make the next tick the last one; safe to call from a signal's handler."""
         if not self.stopped:
-            self._signal = reason
+            # A loop that has not begun is sent a signal for what the command was asked.
+            self._signal = self._asked() or reason
             self._loop["stop"][0, 0] = STOP_SIGNAL
 
     def run(self, cpu: int = -1) -> str:

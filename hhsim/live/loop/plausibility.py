@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from hhsim.kernels.live.notes import JUMP_FOLLOWED, JUMPED, JUMPED_BACK, MOVES_AGAIN, STUCK
 from hhsim.kernels.live.plausibility import MOST_ANGLE, TRUST, WATCH, begin_watch
 from hhsim.live.device import GloveInfo
-from hhsim.live.ipc.session_memory import INFORMATION, WARNING
+from hhsim.result.schema import INFORMATION, WARNING
 from hhsim.solver.workspace import zeroed
 from hhsim.system.counted import counted
 

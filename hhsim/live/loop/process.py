@@ -23,7 +23,7 @@ from hhsim.errors import HhsimError
 from hhsim.live.child_process import ChildProcess
 from hhsim.live.device import COUNTERS, Capability, GloveInfo
 from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.ipc.session_memory import FAULT, INFORMATION, WARNING, SessionMemory, add_memory_options, attached
+from hhsim.live.ipc.session_memory import SessionMemory, add_memory_options, attached
 from hhsim.live.ipc.status import DriverSetup, Stage, oldest_heartbeat
 from hhsim.live.loop.driver import BEGIN, OPEN, glove_info
 from hhsim.live.loop.loop import LiveLoop, loop_options
@@ -33,9 +33,11 @@ from hhsim.live.real_time import (
     described,
     end_with,
     keep_off,
+    name_process,
     processors_awake,
 )
 from hhsim.live.shared_memory import read_setup, write_setup
+from hhsim.result.schema import FAULT, INFORMATION, WARNING
 from hhsim.solver.compile import warm_up
 
 StartDriver = Callable[[LiveSetup, SessionMemory], ChildProcess]
@@ -46,6 +48,7 @@ DRIVER_PATIENCE = 2.0
 BELOW_DRIVER = -2
 DEVICE_FACTS = ("name", "hand", "channels", "unit", "capabilities", "doubtful")
 SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
+COMMAND_KILLED = "the command was killed"
 
 
 class Ending:
@@ -53,15 +56,19 @@ class Ending:
 
     loop: LiveLoop | None = None
     _signalled = False
+    _supervisor = 0
 
     def install(self) -> None:
         """Take over `SIGNALS`."""
+        self._supervisor = os.getppid()
         for number in SIGNALS:
             signal.signal(number, self._handle)
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
         if self.loop is not None:
-            self.loop.stop(signal.Signals(number).name)
+            # The system sends SIGTERM when the supervisor has died (`end_with`), and another parent is there by then.
+            orphan = os.getppid() != self._supervisor
+            self.loop.stop(COMMAND_KILLED if orphan else signal.Signals(number).name)
         elif not self._signalled:
             # Once: the second signal may come while the glove is being released.
             self._signalled = True
@@ -198,6 +205,7 @@ def start_driver(setup: LiveSetup, memory: SessionMemory) -> ChildProcess:
 
 def main(arguments: Sequence[str] | None = None, start: StartDriver = start_driver) -> int:
     """Run the loop of a session, with the driver that `start` starts; returns the exit code."""
+    name_process("loop")
     parser = argparse.ArgumentParser(prog="python -m hhsim.live.loop.process", description=__doc__)
     add_memory_options(parser)
     options = parser.parse_args(arguments)

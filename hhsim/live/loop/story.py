@@ -8,13 +8,14 @@ from hhsim.kernels.live import notes as codes
 from hhsim.kernels.live.notes import CAPACITY
 from hhsim.live.device import GloveInfo
 from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.ipc.session_memory import REASON, WARNING, WORD_CAPACITY, SessionMemory
+from hhsim.live.ipc.session_memory import REASON, WORD_CAPACITY, SessionMemory
 from hhsim.live.loop.interlock import SafetyLog
 from hhsim.live.loop.plausibility import doubts, found_in_sample, reading_of_no_hand
 from hhsim.live.loop.sample_interval import interval_hint
 from hhsim.live.shared_memory import RingReader
 from hhsim.result.miss_cause import WORDS, MissCause
 from hhsim.result.safety import Safety
+from hhsim.result.schema import WARNING
 from hhsim.system.counted import counted
 
 BEGINS_INSIDE = (

@@ -22,7 +22,7 @@ from types import FrameType
 from hhsim.live.device import DeviceError, FingerRelease
 from hhsim.live.devices.registry import open_release
 from hhsim.live.ipc.status import LIVE_STATUS, Stage, WatchdogSetup, oldest_heartbeat
-from hhsim.live.real_time import become_ordinary, become_real_time, keep_off
+from hhsim.live.real_time import become_ordinary, become_real_time, keep_off, name_process
 from hhsim.live.shared_memory import SharedBlock, read_setup
 
 WATCH_MS = 4
@@ -184,6 +184,7 @@ def _exists(pid: int) -> bool:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Watch a session; returns the exit code."""
+    name_process("watchdog")
     parser = argparse.ArgumentParser(prog="python -m hhsim.live.loop.watchdog", description=__doc__)
     parser.add_argument("--setup", type=int, required=True, metavar="FD")
     setup = read_setup(parser.parse_args(arguments).setup, WatchdogSetup)

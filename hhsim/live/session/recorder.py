@@ -24,7 +24,7 @@ from hhsim.live.ipc.config import LiveSetup
 from hhsim.live.ipc.session_memory import SessionMemory, add_memory_options, attached
 from hhsim.live.ipc.status import Stage
 from hhsim.live.loop.loop import loop_options
-from hhsim.live.real_time import become_ordinary, become_real_time, keep_off
+from hhsim.live.real_time import become_ordinary, become_real_time, keep_off, name_process
 from hhsim.live.session.writer import RINGS, SessionWriter
 from hhsim.live.shared_memory import RingReader, read_setup
 from hhsim.result.miss_cause import by_name
@@ -159,6 +159,7 @@ class Recorder:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Record a session; returns the exit code."""
+    name_process("recorder")
     parser = argparse.ArgumentParser(prog="python -m hhsim.live.session.recorder", description=__doc__)
     add_memory_options(parser)
     options = parser.parse_args(arguments)

@@ -1,4 +1,4 @@
-"""What a live session logged, and how it ended, as far as its report shows them."""
+"""What a live session logged, as far as its report shows it."""
 
 from typing import NamedTuple
 
@@ -6,9 +6,8 @@ import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError
-from hhsim.live.ipc.session_memory import FAULT
-from hhsim.metrics.session_faults import IN_ORDER
 from hhsim.result.reader import Result
+from hhsim.result.schema import FAULT
 
 
 class SessionLog(NamedTuple):
@@ -41,14 +40,3 @@ def session_log(result: Result) -> SessionLog:
     said = [text.decode("utf-8", "replace") if isinstance(text, bytes) else str(text) for text in texts]
     # Differences of whole nanoseconds: in seconds since the machine began, the last digits would be lost.
     return SessionLog(1e-9 * (times - begin), levels, said)
-
-
-def how_it_ended(result: Result) -> str:
-    """Why a session ended; "" of a replay."""
-    return "" if result.live is None else str(result.live.get("ended") or "the recording was cut short")
-
-
-def broken_off(result: Result) -> str:
-    """Why a session ended that was not brought to its end in order; "" where it was, and of a replay."""
-    ended = how_it_ended(result)
-    return "" if ended in IN_ORDER else ended

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK, WORK_CANDIDATES
 from hhsim.live.shared_memory import RingReader, SharedRing
+from hhsim.metrics.session_faults import FREED_BY_FAULT
 from hhsim.result.safety import Safety
 from hhsim.system.log_histogram import LogHistogram
 
@@ -48,6 +49,8 @@ class LiveTally:
         """Ticks in which a finger was told to resist."""
         self.free_for = dict.fromkeys(Safety, 0)
         """Ticks whose fingers were kept free, by why."""
+        self.freed = 0
+        """Ticks whose fingers a fault freed."""
         self._sample = -1
         self._recent: list[tuple[int, int]] = []
 
@@ -113,6 +116,7 @@ class LiveTally:
         self.stiff += int(np.sum((ticks["command_stiffness"] > 0.0).any(axis=1)))
         for why in Safety:
             self.free_for[why] += int(np.sum(ticks["safety"] & int(why) > 0))
+        self.freed += int(np.sum(ticks["safety"] & int(FREED_BY_FAULT) > 0))
         steps = np.diff(ticks["input_seq"], prepend=self._sample)
         self.new_samples += int(np.sum(steps > 0))
         self.superseded += int(np.sum(steps[steps > 1] - 1))

@@ -14,6 +14,8 @@ WORDS = {
     "SIGTSTP": "Ctrl-Z, which ends a live session",
     "SIGQUIT": "Ctrl-backslash",
 }
+NOT_BY_THE_USER = {WORDS[number.name]: int(number) for number in (signal.SIGTERM, signal.SIGHUP)}
+"""Signals that come from another program or from a lost terminal, by their words."""
 
 
 @contextmanager

@@ -24,12 +24,14 @@ from hhsim.errors import HhsimError
 from hhsim.live.child_process import ChildProcess
 from hhsim.live.device import DeviceCounters, DeviceError
 from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.ipc.session_memory import FAULT, INFORMATION, WARNING, SessionMemory
+from hhsim.live.ipc.session_memory import SessionMemory
 from hhsim.live.ipc.status import Stage
 from hhsim.live.real_time import keep_off
 from hhsim.live.session.statistics import LiveTally
+from hhsim.live.session.stop_signals import NOT_BY_THE_USER
 from hhsim.live.shared_memory import RingReader, write_setup
 from hhsim.result.miss_cause import by_name
+from hhsim.result.schema import FAULT, INFORMATION, WARNING
 
 Say = Callable[[str, int], None]
 """Called with a line for people and its level."""
@@ -213,7 +215,7 @@ class Supervisor:
     def request_stop(self, reason: str) -> None:
         """Ask the loop to free the fingers and end; the first reason is kept."""
         self._reason = self._reason or reason
-        self.memory.status["stop_requested"] = 1
+        self.memory.status["stop_requested"] = -NOT_BY_THE_USER.get(reason, -1)
 
     def end(self, reason: str = "") -> SessionOutcome:
         """End all processes in order; asking again gives the same.
@@ -301,7 +303,7 @@ class Supervisor:
         if loop is None:
             self.memory.status["stage"] = Stage.ENDED
             return
-        self.memory.status["stop_requested"] = 1
+        self.memory.status["stop_requested"] = self.memory.status["stop_requested"] or 1
         starting = self.stage == Stage.STARTING
         if starting:
             # Nothing is held yet, and nobody looks for what is asked while a kernel is compiled.
@@ -415,6 +417,3 @@ class Supervisor:
             watchdog_releases=int(status["watchdog_releases"]),
             loop_failed=self._loop_failed,
         )
-
-
-__all__ = ["FAULT", "INFORMATION", "LOOP", "RECORDER", "VIEWER", "WARNING", "WATCHDOG", "SessionOutcome", "Supervisor"]

@@ -28,7 +28,7 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.live.ipc.config import LiveSetup
 from hhsim.live.ipc.session_memory import SessionMemory, add_memory_options, attached
 from hhsim.live.ipc.status import Stage
-from hhsim.live.real_time import keep_off
+from hhsim.live.real_time import keep_off, name_process
 from hhsim.live.session.tick_block import SessionColumns
 from hhsim.live.shared_memory import RingReader, read_setup
 from hhsim.result.safety import why_free_or_held
@@ -187,6 +187,7 @@ class LiveViewer:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Show a session; returns the exit code."""
+    name_process("viewer")
     parser = argparse.ArgumentParser(prog="python -m hhsim.live.session.viewer", description=__doc__)
     add_memory_options(parser)
     options = parser.parse_args(arguments)

@@ -85,6 +85,7 @@ class SessionWriter:
             **description,
             "motion": description.get("motion") or "live",
             "rate": setup.rate,
+            "duration": setup.duration,
             "device": setup.device.kind,
             **({} if free is None else {"free": free.to_json(), "friction_law": LAW}),
             **describe_scene(setup.mesh, setup.tree, setup.hand, options, static, free=free is not None),

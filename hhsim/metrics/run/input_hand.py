@@ -1,9 +1,11 @@
 """How deep the user's hand was in the object, and how far the shown hand had to go from it."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from hhsim.metrics.metrics import statistics
-from hhsim.metrics.run_metric import RunMetric
+from hhsim.metrics.run_metric import Judged, RunMetric
 from hhsim.metrics.run_ticks import PLACED, TOUCHING, RunTicks
 
 HAPTIC = tuple(f"haptic/{name}" for name in ("position", "orientation", "flexion", "abduction"))
@@ -11,8 +13,8 @@ LABELS = {"palm": "palm", "joint": "joints"}
 NEEDS = (*HAPTIC, *PLACED, TOUCHING)
 
 
-def _depth(run: RunTicks) -> float:
-    return np.nan if run.input_hand is None else run.input_hand.depth
+def _of_input(field: str) -> Callable[[RunTicks], float]:
+    return lambda run: np.nan if run.input_hand is None else float(getattr(run.input_hand, field))
 
 
 def _correction(part: str, statistic: str, place: int, field: str, short: str = "") -> RunMetric:
@@ -40,10 +42,22 @@ METRICS = (
         place=29,
         short="input depth",
         needs=NEEDS,
-        compute=_depth,
+        compute=_of_input("depth"),
     ),
     _correction("palm", "mean", 52, "palm"),
     _correction("palm", "max", 53, "palm"),
     _correction("joint", "mean", 54, "joints", short="correction"),
     _correction("joint", "max", 55, "farthest"),
+    RunMetric(
+        name="free_off_max",
+        label="joints off the input in free space, max",
+        digits=2,
+        unit="mm",
+        scale=1e-3,
+        place=55,
+        needs=(*NEEDS, "contacts/candidates"),
+        compute=_of_input("free"),
+        # `penalty`, whose hand has a mass, is up to 1.3 mm behind a grasping hand; 20 ticks of a frozen one are 4 mm.
+        judged=Judged(rounding=1e-6, limit=5e-3, promise="follows_input"),
+    ),
 )

@@ -21,6 +21,7 @@ METHOD = Method(
     engine=_engine,
     never_penetrates=True,
     nearest_to_user=True,
+    follows_input=True,
     takes_threads=True,
     refuses_backends="",
 )

@@ -20,6 +20,7 @@ METHOD = Method(
     summary="the paper's way made safe, first the palm, then each finger",
     engine=_engine,
     never_penetrates=True,
+    follows_input=True,
     takes_threads=True,
     refuses_backends="",
 )

@@ -63,6 +63,7 @@ def test_every_row_is_measured_and_every_method_has_every_row(runs: PaperRuns) -
         small = one.name.startswith("variation") and one.name[-1] in "xyz"
         assert math.isfinite(one.ours) or small, one
         assert one.paper_text and one.label and one.unit in ("s", "m", "%", "1")
+        assert "nan" not in one.note and "1 objects" not in one.note
 
 
 def test_rows_are_what_the_runs_say(runs: PaperRuns) -> None:

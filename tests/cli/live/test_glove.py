@@ -7,6 +7,7 @@ import os
 import pty
 import re
 import select
+import signal
 import subprocess
 import sys
 import termios
@@ -19,10 +20,12 @@ import numpy as np
 import pytest
 from live_peers import PATIENCE
 
-from hhsim.errors import TrajectoryError
+from hhsim.errors import InputError, TrajectoryError
+from hhsim.gate.gate import gate_result
 from hhsim.hand.model import HandModel
 from hhsim.live.pose.initial_pose import palm_place
 from hhsim.mesh.catalogue import load_object
+from hhsim.metrics.session_faults import broken_off, ended_before_its_time
 from hhsim.replay.stored_scene import stored_hand
 from hhsim.result.reader import load_result
 from hhsim.solver.method import METHODS
@@ -124,6 +127,50 @@ def test_a_session_of_a_simulated_glove_and_the_hand_in_a_file_is_one_document_a
     assert sorted(path.name for path in tmp_path.iterdir()) == ["me.toml", "session.h5"]
     hand = stored_hand(result)
     assert (hand.side, hand.hand_length, hand.length[1].tolist()) == ("left", 0.17, [0.040, 0.024, 0.012])
+
+
+@pytest.mark.parametrize(
+    ("number", "ended", "told"),
+    [
+        (signal.SIGKILL, "the command was killed", "the command was killed after"),
+        (signal.SIGTERM, "SIGTERM", "ended by SIGTERM after"),
+        (signal.SIGINT, "stopped", ""),
+    ],
+)
+def test_a_recording_says_who_ended_its_session(tmp_path: Path, number: signal.Signals, ended: str, told: str) -> None:
+    record = tmp_path / "session.h5"
+    session = ("live", "glove", "cube", "--device", "sim", "--duration", "600", "--rate", "250", "--no-realtime")
+    command, none = [*HHSIM, *session, "--out", str(record)], subprocess.DEVNULL
+    with subprocess.Popen(command, stdin=none, stdout=none, stderr=none) as live:
+        try:
+            wait_until(record.exists)
+            empty = record.stat().st_size
+            wait_until(lambda: record.stat().st_size > empty)
+            live.send_signal(number)
+            live.wait(60.0)
+            # Its other processes outlive a command that is killed.
+            wait_until(lambda: completed(record))
+        finally:
+            live.kill()
+    result = load_result(record)
+    assert result.live is not None and result.live["ended"] == ended
+    assert broken_off(result).startswith(told) and bool(told) == bool(broken_off(result))
+    assert " of 600 s" in ended_before_its_time(result)
+    assert ("ended_early" in {row.name for row in gate_result(result).missed}) == bool(told)
+
+
+def wait_until(true: Callable[[], bool]) -> None:
+    limit = time.monotonic() + 120.0
+    while not true():
+        assert time.monotonic() < limit
+        time.sleep(0.1)
+
+
+def completed(path: Path) -> bool:
+    try:
+        return load_result(path).complete
+    except InputError:
+        return False
 
 
 def test_a_hand_file_that_is_not_there_is_told_in_one_line(run: Run) -> None:

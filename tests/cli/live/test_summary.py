@@ -1,6 +1,7 @@
 """What a live session prints at its end says how well its recording holds, as a replay's table does."""
 
 import importlib
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,9 @@ from hhsim.live.session.statistics import LiveTally
 from hhsim.live.session.supervisor import SessionOutcome
 from hhsim.metrics.run.registry import tick_figures
 from hhsim.metrics.run_ticks import result_ticks
+from hhsim.metrics.session_faults import FaultCounts
 from hhsim.result.reader import Result
+from hhsim.result.schema import FAULT, WARNING
 
 summary = importlib.import_module("hhsim.cli.live.summary")
 FAR = 1e-4
@@ -74,3 +77,18 @@ def test_every_tick_is_recorded_lost_or_had_no_hand(
     rows = {label: value for label, value, _ in summary.summary_rows(outcome)}
     assert rows["ticks recorded, lost"] == f"{recorded}, 1"
     assert rows.get("ticks without a hand, not recorded") == handless
+
+
+def test_the_end_says_in_a_line_what_went_wrong(capsys: pytest.CaptureFixture[str]) -> None:
+    outcome = replace(
+        ended(None),
+        counters=DeviceCounters(frames=60, malformed=2),
+        notices=[(0.1, WARNING, "late"), (0.2, FAULT, "the glove is gone")],
+    )
+    outcome.tally.ticks, outcome.tally.freed = 250, 10
+    assert summary.fault_counts(outcome) == FaultCounts(0, 1, 2, 60, 10, 250)
+    summary.print_summary(outcome, "a session")
+    assert summary.fault_counts(outcome).line in capsys.readouterr().out.splitlines()
+    assert summary.summary_json(outcome, "")["freed_share"] == 4.0
+    # Of a loop that was killed nobody may have told.
+    assert summary.fault_counts(replace(outcome, notices=[], loop_failed="SIGKILL"))[:2] == (1, 1)

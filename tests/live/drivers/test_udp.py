@@ -506,8 +506,13 @@ def test_the_example_bridge_speaks_the_packet(stop: signal.Signals) -> None:
         assert device.counters.dropped == 0
         assert bridge.stdout is not None
         assert device.send(FingerCommand(np.full(5, 0.25), np.full(5, 0.5)))
+        at_first = reader.samples["flexion"]
+        assert np.ptp(at_first, axis=0).max() == 0.0 and abs(at_first).max() < 0.1, "flat until the first command"
         assert bridge.stdout.readline().split() == ["0.25/0.50"] * 5
         assert bridge.stdout.readline().split() == ["0.00/0.00"] * 5, "nobody told it more for 100 ms"
+        for _ in range(3):
+            assert device.send(FingerCommand(np.full(5, 0.25), np.full(5, 0.5)))
+        assert bridge.stdout.readline().split() == ["0.25/0.50"] * 5, "once, however often it is told"
         bridge.send_signal(stop)
         assert bridge.wait(PATIENCE) == 0
         assert bridge.stdout.readline().split() == ["0.00/0.00"] * 5, "it lets go when it is stopped"

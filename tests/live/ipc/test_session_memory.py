@@ -12,10 +12,11 @@ from hhsim.errors import HhsimError, InputError
 from hhsim.hand.model import HandModel
 from hhsim.live.devices.registry import configure
 from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
-from hhsim.live.ipc.session_memory import FACT_BYTES, WARNING, SessionMemory, add_memory_options, attached
+from hhsim.live.ipc.session_memory import FACT_BYTES, SessionMemory, add_memory_options, attached
 from hhsim.live.pose.registry import PoseConfig
 from hhsim.live.real_time import RealTimeWishes
 from hhsim.live.shared_memory import RingReader, read_setup, write_setup
+from hhsim.result.schema import WARNING
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.sphere_tree import SphereTree
 from tools.shapes.generators import sphere

@@ -51,7 +51,7 @@ def test_everything_is_counted_once_however_the_ticks_come(seed: int, count: int
     assert tally.new_samples == (ticks["latency_ns"] >= 0).sum() == tally.latency.count
     # Every sample up to the newest one was used or superseded.
     assert tally.new_samples + tally.superseded == ticks["input_seq"][-1] + 1
-    assert tally.free_for[Safety.STALE_INPUT] == (ticks["safety"] > 0).sum()
+    assert tally.free_for[Safety.STALE_INPUT] == tally.freed == (ticks["safety"] > 0).sum()
     assert tally.free_for[Safety.DEVICE_LOST] == 0
     assert tally.stiff == (ticks["command_stiffness"][:, 1] > 0).sum()
     assert tally.force_max == np.linalg.norm(ticks["total"], axis=1).max()

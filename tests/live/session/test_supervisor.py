@@ -16,12 +16,13 @@ from hhsim.live import child_process
 from hhsim.live.device import DeviceError
 from hhsim.live.devices.registry import configure
 from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.ipc.session_memory import EVENT, EVENT_CAPACITY, FAULT, WARNING
+from hhsim.live.ipc.session_memory import EVENT, EVENT_CAPACITY
 from hhsim.live.ipc.status import Stage
 from hhsim.live.pose.registry import PoseConfig
 from hhsim.live.session import supervisor
 from hhsim.live.session.supervisor import LOOP, RECORDER, VIEWER, WATCHDOG, Supervisor
 from hhsim.mesh.catalogue import load_object
+from hhsim.result.schema import FAULT, WARNING
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions

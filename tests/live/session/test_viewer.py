@@ -18,7 +18,7 @@ from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import WORK_TOUCHING
 from hhsim.live.devices.registry import configure
 from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.ipc.session_memory import LIVE_TICK, WARNING, SessionMemory
+from hhsim.live.ipc.session_memory import LIVE_TICK, SessionMemory
 from hhsim.live.ipc.status import Stage
 from hhsim.live.pose.registry import PoseConfig
 from hhsim.live.session.viewer import LiveViewer
@@ -27,6 +27,7 @@ from hhsim.live.shared_memory import RingReader, write_setup
 from hhsim.render.hand_meshes import piece_poses
 from hhsim.result.reader import load_result
 from hhsim.result.safety import Safety
+from hhsim.result.schema import WARNING
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.view.plots import LIVE_PLOTS

@@ -1,0 +1,32 @@
+"""Each process of a session has a name of its own where processes are listed."""
+
+import platform
+import subprocess
+import sys
+
+import pytest
+
+from hhsim.live.real_time import name_process
+from hhsim.live.session.supervisor import MODULES
+
+NAMES = """
+import contextlib, importlib, io, sys
+from pathlib import Path
+for module in sys.argv[1:]:
+    with contextlib.suppress(SystemExit), contextlib.redirect_stdout(io.StringIO()):
+        importlib.import_module(module).main(["--help"])
+    print(Path("/proc/self/comm").read_text().strip())
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux names processes so")
+def test_the_processes_of_a_session_are_told_apart() -> None:
+    modules = {**MODULES, "driver": "hhsim.live.loop.driver"}
+    answer = subprocess.run([sys.executable, "-P", "-c", NAMES, *modules.values()], capture_output=True, text=True)
+    assert answer.stdout.split() == [f"hhsim-{name}" for name in modules], answer.stderr
+
+
+def test_elsewhere_nothing_is_asked_of_the_system(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(platform, "system", lambda: "Darwin")
+    monkeypatch.delattr("ctypes.CDLL")
+    name_process("loop")
