@@ -13,6 +13,7 @@ from typing import NamedTuple
 import pytest
 from live_drill import Fault
 from live_scripted import make_setup
+from machine_share import assert_in_time, keeps_time
 
 from hhsim.live.devices.registry import GloveConfig, configure, glove_names
 from hhsim.live.ipc.config import LiveSetup, OutputLimits
@@ -21,6 +22,8 @@ from hhsim.live.ipc.status import Stage
 from hhsim.live.loop.watchdog import RELEASE_NS
 from hhsim.live.real_time import RealTimeWishes
 from hhsim.live.shared_memory import write_setup
+
+pytestmark = keeps_time
 
 PROGRAM = Path(__file__).parents[2] / "guarded_loop.py"
 MS = 1_000_000
@@ -122,7 +125,7 @@ def test_a_loop_that_is_killed_is_spoken_for(guarded: Guarded) -> None:
     guarded.until(lambda: guarded.lines()[-1].who == "watchdog", "a word of the watchdog")
     after = [line for line in guarded.lines() if line.time_ns >= killed.before and line.who == "watchdog"]
     assert after[0].stiffness == 0.0
-    assert after[0].time_ns - killed.since <= killed.allowed
+    assert_in_time(after[0].time_ns - killed.since, killed.allowed)
     watchdog.send_signal(signal.SIGTERM)
     assert watchdog.wait(PATIENCE) == 0
     spoken = [line for line in guarded.lines() if line.who == "watchdog" and line.stiffness == 0.0]
@@ -147,7 +150,7 @@ def test_a_loop_that_stands_still_is_spoken_for_until_it_goes_on_whatever_signal
 
     guarded.until(lambda: len(words()) >= 3, "three words of the watchdog")
     spoken = words()
-    assert spoken[0].time_ns - stopped.since <= stopped.allowed
+    assert_in_time(spoken[0].time_ns - stopped.since, stopped.allowed)
     assert len(spoken) - 1 <= (spoken[-1].time_ns - stopped.before) / RELEASE_NS, "and no more often than it has to"
     went_on = time.monotonic_ns()
     loop.send_signal(signal.SIGCONT)

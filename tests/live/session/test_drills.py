@@ -26,7 +26,7 @@ import numpy as np
 import pytest
 from live_drill import IN_TIME, LOOP, PATIENCE, STIFF, Drill, FakeDexmo, Fault, Safety, grasping_setup, stiff
 from live_peers import free_ports
-from machine_share import MachineShare
+from machine_share import MachineShare, assert_in_time, keeps_time
 from numpy.typing import NDArray
 from renewed import Renewed
 from sampled import sampled
@@ -36,7 +36,7 @@ from hhsim.live.ipc.status import Stage
 from hhsim.live.session.supervisor import RECORDER, VIEWER, WATCHDOG
 from hhsim.result.reader import load_result
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, keeps_time]
 
 JUST_BEFORE = 1_000_000_000
 """A finger is held so shortly before a fault [ns]."""
@@ -94,7 +94,7 @@ def assert_free_in_time(commands: NDArray[Any], fault: Fault) -> None:
     """Fingers were held right before a fault, and `commands` holds none of them any more soon after it."""
     before = commands[(commands["time_ns"] < fault.before) & (commands["time_ns"] > fault.before - JUST_BEFORE)]
     assert stiff(before).any(), "nothing was held: the drill shows nothing"
-    assert held_last(commands, fault.since) <= fault.allowed
+    assert_in_time(held_last(commands, fault.since), fault.allowed)
 
 
 def assert_ramp(drill: Drill, since: int) -> None:
@@ -136,7 +136,7 @@ def test_peer_stalls(drill: Drill) -> None:
     commands = drill.commands()[heard:]
     free = commands["time_ns"][~stiff(commands)]
     assert free.size
-    assert free[0] - going.since <= going.allowed
+    assert_in_time(free[0] - going.since, going.allowed)
 
 
 def test_glove_changes_hands(drill: Drill) -> None:
@@ -229,8 +229,8 @@ def test_watchdog_killed(drill: Drill) -> None:
     killed = drill.kill(WATCHDOG)
     status = drill.session.memory.status
     drill.until(lambda: bool(status["safety"] & Safety.NO_WATCHDOG), "word of the lost watchdog")
-    freed = held_last(drill.ticks, killed.since)
-    assert freed <= killed.allowed + 1e9 * drill.session.setup.safety.watchdog_stale
+    stale = round(1e9 * drill.session.setup.safety.watchdog_stale)
+    assert_in_time(held_last(drill.ticks, killed.since), killed.allowed + stale)
     drill.until(lambda: drill.stiffness > STIFF, "finger that is stopped again")
     assert drill.session.pid(WATCHDOG) not in (None, first)
 
@@ -286,7 +286,7 @@ def test_recorder_killed_then_loop_killed(glove: FakeDexmo, tmp_path: Path) -> N
     freed = commands[(commands["client"] != loop) & (commands["time_ns"] > killed.before)]
     assert len(freed) >= 2
     assert not stiff(freed).any()
-    assert freed["time_ns"].min() - killed.since <= killed.allowed
+    assert_in_time(freed["time_ns"].min() - killed.since, killed.allowed)
     outcome = drill.session.end()
     assert "SIGKILL" in outcome.loop_failed
     assert outcome.watchdog_releases >= 2
@@ -362,7 +362,7 @@ def end_the_command(glove: FakeDexmo, process: "subprocess.Popen[str]", number: 
     out, err = process.communicate(timeout=PATIENCE)
     commands = glove.commands
     assert stiff(commands[commands["time_ns"] < before]).any()
-    assert held_last(commands, sent) <= IN_TIME + share.taken_ns
+    assert_in_time(held_last(commands, sent), IN_TIME + share.taken_ns)
     assert not stiff(commands[-1:]).any()
     if number == signal.SIGINT:
         assert process.returncode == 0, err
