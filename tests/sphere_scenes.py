@@ -143,8 +143,8 @@ def prepared(solver: HandSolver, motion: Motion, tick: int, relaxed: bool = Fals
     position, orientation, flexion, abduction = (values[tick] for values in motion)
     assert kernel.set_haptic(solver.workspace.hand, position, orientation, flexion, abduction, state) == 0
     kernel.begin_tick(options, state)
-    state.reach = options.margin
-    state.relaxed = relaxed
+    state.trust.reach = options.margin
+    state.program.is_relaxed = relaxed
     hand, surface = solver.workspace.hand, solver.workspace.surface
     # Whole lists, as a tick has them made where its step goes beyond those that wait.
     state.candidates.leeway = 0.0
@@ -156,7 +156,7 @@ def solve_prepared(solver: HandSolver) -> int:
     """Solve the prepared program by the solver's method; the step is in the state. Returns the kernel's status."""
     workspace = solver.workspace
     kind = Coupled if solver.options.method == "coupled" else Progressive
-    workspace.states[0].in_one_program = False  # as harvested, a tick may have given up on palm and fingers apart
+    workspace.states[0].program.is_coupled = False  # as harvested, a tick may have given up on palm and fingers apart
     return int(solve_program(kind(workspace.tick_options), workspace.states[0], workspace.qp))
 
 

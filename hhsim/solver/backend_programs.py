@@ -16,11 +16,24 @@ from hhsim.kernels.clock import monotonic_ns, thread_cpu_ns
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.qp.active_set import INFEASIBLE, OPTIMAL, QpWork
 from hhsim.kernels.tick.block import HapticBlock, TickRecord, record_tick
-from hhsim.kernels.tick.method import Coupled, Progressive, is_oscillating, is_strained, solve_program
+from hhsim.kernels.tick.haptic_input import set_haptic
+from hhsim.kernels.tick.method import (
+    Coupled,
+    Progressive,
+    advance,
+    begin_motion,
+    finish_tick,
+    is_oscillating,
+    is_strained,
+    may_end,
+    recover,
+    solve_linearisation,
+    solve_program,
+)
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY, DURATION_FINGERS, DURATION_PALM
-from hhsim.kernels.tick.tick import converge, set_haptic
+from hhsim.kernels.tick.tick import converge, solve_hand
 from hhsim.solver.contact_qp import coupled_problem, finger_problem, palm_problem
 from hhsim.solver.qp import QpProblem, QpStatus, solve
 from hhsim.solver.workspace import TickWorkspace
@@ -42,19 +55,19 @@ def _solve(given: PythonPrograms, state: Any, qp: QpWork) -> int:
     return OPTIMAL if given.solve() else INFEASIBLE
 
 
-@is_oscillating.of(PythonPrograms)
-def _is_oscillating(given: PythonPrograms, state: Any, done: int) -> bool:
-    return bool(is_oscillating(given.method, state, done))
+def _as_the_method(part: Any) -> Any:
+    """Return a part of the tick that does as that of the method whose programs are solved."""
+    return lambda given, *others: part(given.method, *others)
 
 
-@is_strained.of(PythonPrograms)
-def _is_strained(given: PythonPrograms, state: Any) -> bool:
-    return bool(is_strained(given.method, state))
+for _part in (begin_motion, may_end, recover, advance, finish_tick, is_oscillating, is_strained):
+    _part.of(PythonPrograms)(_as_the_method(_part))
+# Interpreted, so that it can call Python; what else it calls is compiled.
+solve_linearisation.of(PythonPrograms)(getattr(solve_hand, "py_func", solve_hand))
 
 
 def drive_tick(workspace: TickWorkspace, method: Coupled | Progressive, solve: Callable[[], bool]) -> int:
     """One tick after `set_haptic`, with any way to solve a linearisation's program; returns the tick's status bits."""
-    # Interpreted, so that it can call Python; what it calls is compiled.
     tick = getattr(converge, "py_func", converge)
     given = PythonPrograms(method.options, method, solve)
     return int(tick(given, workspace.hand, workspace.surface, workspace.states[0], workspace.qp))
@@ -67,7 +80,7 @@ def run_block_with_backend(
     state, backend = workspace.states[0], workspace.options.qp
 
     def solve_one() -> bool:
-        if isinstance(method, Coupled) or state.in_one_program:
+        if isinstance(method, Coupled) or state.program.is_coupled:
             return _solve_coupled(state, backend)
         return _solve_progressive(method, state, workspace.qp, backend)
 

@@ -147,7 +147,7 @@ class FreeEngine:
         copy_values(np.array(plain.haptic.orientation), state.palm_orientation)
         quaternion_to_matrix(np.array(state.body.orientation), state.body.rotation)
         workspace = self.workspace
-        if rebuild(workspace.hand, self.method, workspace.surface, self.states) != 0:
+        if not rebuild(workspace.hand, self.method, workspace.surface, self.states):
             raise workspace.full()
 
     def run(self, haptic: HapticBlock, record: TickRecord, ticks: ObjectRecord | None = None) -> int:

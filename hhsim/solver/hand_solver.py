@@ -207,7 +207,7 @@ class HandSolver:
         pose.flexion[:] = flexion
         pose.abduction[:] = abduction
         state.warm.count = 0
-        state.decoupling_latched = False
+        state.decoupling.is_suspended = False
         self.engine.begin()
         self._started = True
 

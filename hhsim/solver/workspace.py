@@ -16,10 +16,10 @@ from hhsim.kernels.jit import JIT_ENABLED
 from hhsim.kernels.qp.active_set import new_work
 from hhsim.kernels.surfaces.spheres import SURFACE as SPHERES
 from hhsim.kernels.tick.block import HapticBlock, TickBlock, TickRecord, run_block
+from hhsim.kernels.tick.evaluation import rebuild_candidates
 from hhsim.kernels.tick.force import FORCE_KKT, FORCE_PAPER
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.state import WORK_COUNTERS, tick_state_dtype
-from hhsim.kernels.tick.tick import rebuild_candidates
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.surface import SURFACES, surface_of
 from hhsim.solver.tick_threads import ThreadTeam
@@ -95,7 +95,7 @@ class TickWorkspace:
         Raises:
             HhsimError: More pairs are near than the arrays hold.
         """
-        if rebuild_candidates(self.hand, self.surface, self.tick_options, self.states) != 0:
+        if not rebuild_candidates(self.hand, self.surface, self.tick_options, self.states):
             raise self.full()
 
     def full(self) -> HhsimError:

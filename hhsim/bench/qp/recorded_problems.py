@@ -23,11 +23,11 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.qp.active_set import OPTIMAL
 from hhsim.kernels.tick.coupled import coupled_groups, solve_coupled
+from hhsim.kernels.tick.haptic_input import set_haptic
 from hhsim.kernels.tick.method import Coupled, Progressive
 from hhsim.kernels.tick.progressive import YIELD_SCALE, finger_rhs, solve_progressive
 from hhsim.kernels.tick.state import WORK_CANDIDATES, WORK_LINEARISATIONS
 from hhsim.kernels.tick.step import guess_rows
-from hhsim.kernels.tick.tick import set_haptic
 from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.scene.motion_catalogue import load_script, script_names
 from hhsim.scene.scene import make_scene
@@ -153,7 +153,7 @@ def harvest_tick(solver: HandSolver, haptic: HandConfiguration, tick: int, sourc
 
     def solve_program() -> bool:
         programs.step += 1
-        if kind is Coupled or state.in_one_program:
+        if kind is Coupled or state.program.is_coupled:
             taken.append(programs.coupled())
             return bool(solve_coupled(Coupled(options), state, workspace.qp) == OPTIMAL)
         status = solve_progressive(Progressive(options), state, workspace.qp)

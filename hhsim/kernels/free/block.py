@@ -8,13 +8,14 @@ from numpy.typing import NDArray
 from hhsim.kernels.clock import monotonic_ns, thread_cpu_ns
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.free.record import ObjectRecord, record_object
-from hhsim.kernels.free.tick import Free, free_tick
+from hhsim.kernels.free.tick import Free
 from hhsim.kernels.hand.kinematics import HandArrays
 from hhsim.kernels.jit import jit
 from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.tick.block import HapticBlock, TickRecord, record_tick
+from hhsim.kernels.tick.haptic_input import set_haptic
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED
-from hhsim.kernels.tick.tick import set_haptic
+from hhsim.kernels.tick.tick import converge
 
 
 class FreeBlock(NamedTuple):
@@ -55,7 +56,7 @@ def run_free_block(
         if status == 0:
             copy_values(state.haptic.position[:], state.palm_position[:])
             copy_values(state.haptic.orientation[:], state.palm_orientation[:])
-        status |= free_tick(method, hand, surface, state, qp)
+        status |= converge(method, hand, surface, state, qp)
         wall = monotonic_ns() - wall
         cpu = thread_cpu_ns() - cpu
         record_tick(state, status, wall, cpu, i, record)

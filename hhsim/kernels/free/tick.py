@@ -1,4 +1,4 @@
-"""One tick of hand and free object: as `kernels.tick.tick`, with the object's step in the same program.
+"""One tick of hand and free object: the loop of `kernels.tick.tick`, with the object's step in the same program.
 
 The hand is kept as the object sees it. A program's step moves both; the object's is taken out of the hand's, and what
 is left, the hand's way past the object, is what is bounded by the pairs at hand and judged by true distances. A step of
@@ -39,43 +39,35 @@ from hhsim.kernels.free.rows import (
     object_columns,
     table_distances,
 )
-from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays
-from hhsim.kernels.hand.pose import copy_configuration, move, update_kinematics
+from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays
+from hhsim.kernels.hand.pose import move, update_kinematics
 from hhsim.kernels.jit import Record, as_bool, as_int64, jit, jit_once
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
 from hhsim.kernels.rotation import rotation_vector_between
+from hhsim.kernels.tick.evaluation import REACH_FLOOR, evaluate_pose, least_distance, rebuild_candidates
 from hhsim.kernels.tick.force import hand_forces
-from hhsim.kernels.tick.options import TickOptions
-from hhsim.kernels.tick.state import (
-    STATUS_ABDUCTION_HELD,
-    STATUS_CAPACITY_EXCEEDED,
-    STATUS_LAG,
-    STATUS_STUCK,
-    UNITS_CONTACT,
-    UNITS_LINEARISATION,
-    UNITS_ROW,
-    WORK_BODIES,
-    WORK_CANDIDATES,
-    WORK_LINEARISATIONS,
-    WORK_QP_ITERATIONS,
-    WORK_ROWS,
-    WORK_TOUCHING,
-    WORK_UNITS,
+from hhsim.kernels.tick.linearisation import count_linearisation, find_program_contacts
+from hhsim.kernels.tick.method import (
+    UNFIT,
+    advance,
+    begin_motion,
+    finish_tick,
+    may_end,
+    recover,
+    solve_linearisation,
 )
-from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FORCE, DURATION_PALM, copy_active
+from hhsim.kernels.tick.options import TickOptions
+from hhsim.kernels.tick.restoration import TRUST_DECAY, only_leaves, take_back
+from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, WORK_LINEARISATIONS, WORK_TOUCHING
+from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FORCE, DURATION_PALM
+from hhsim.kernels.tick.step_length import WHOLE_TARGET, vouched_share
 from hhsim.kernels.tick.tick import (
-    MOST_IDLE,
-    REACH_FLOOR,
-    REACH_GROWTH,
-    TRUST_DECAY,
-    begin_tick,
-    cap_lag,
-    evaluate_pose,
-    find_program_contacts,
-    is_last_chance,
-    least_distance,
-    shortening,
-    spent_units,
+    MOST_FAILED_STEPS,
+    accept,
+    end_progress,
+    end_work,
+    follow_step,
+    is_cut_short,
 )
 
 Array = NDArray[np.float64]
@@ -110,7 +102,7 @@ def _aim(state: Record) -> None:
         problem.hand_target[i] = haptic.position[i] - pose.position[i]
         problem.hand_target[3 + i] = state.scratch[i]
     for f in range(FINGER_COUNT):
-        problem.abduction_step[f] = 0.0 if state.hold_abduction else haptic.abduction[f] - pose.abduction[f]
+        problem.abduction_step[f] = 0.0 if state.program.holds_abduction else haptic.abduction[f] - pose.abduction[f]
         for k in range(PHALANX_COUNT):
             problem.hand_target[6 + 3 * f + k] = haptic.flexion[f, k] - pose.flexion[f, k]
     body_target(state.body, problem.body_target[:])
@@ -118,7 +110,10 @@ def _aim(state: Record) -> None:
 
 @jit_once
 def _prepare(hand: HandArrays, method: Free, surface: Any, state: Record) -> int:
-    # Contacts and rows at the present poses; returns the number of rows that contacts have, -1 where they do not fit.
+    """Build the program at the present poses.
+
+    Returns the number of rows that contacts have, -1 where they do not fit into the records.
+    """
     began = monotonic_ns()
     options, contacts, problem, friction, body = (
         method.options,
@@ -127,20 +122,18 @@ def _prepare(hand: HandArrays, method: Free, surface: Any, state: Record) -> int
         state.friction,
         state.body,
     )
-    if find_program_contacts(hand, surface, options, state) != 0:
+    if not find_program_contacts(hand, surface, options, state):
         return -1
-    reach = min(state.reach, state.trust)
+    reach = min(state.trust.reach, state.trust.radius)
     found = contacts.start[FINGER_COUNT + 1]
     drop_redundant_contacts(hand, reach, contacts, state.excess[:])
     total = contacts.start[FINGER_COUNT + 1]
     _aim(state)
-    state.clipped = False
     state.body.clipped[:] = 0.0
-    bodies, pairs = pairs_near(surface, hand, state.candidates, max(options.listed, state.reach))
     for f in range(FINGER_COUNT):
         if contacts.start[f + 2] == contacts.start[f + 1]:
             clamp_to_limits(hand, state.pose, f, problem.hand_target[:])
-    build_rows(hand, state.pose, contacts, options.offset, state.relaxed, problem)
+    build_rows(hand, state.pose, contacts, options.offset, state.program.is_relaxed, problem)
     object_columns(body, contacts, problem)
     # A contact floats by what Γ was short of its slip, and goes on rubbing.
     close = CLOSE * options.offset + FLOATS * state.borne.residual
@@ -154,18 +147,13 @@ def _prepare(hand: HandArrays, method: Free, surface: Any, state: Record) -> int
     begin_frictions(state.pose, body, step, abduction, problem, state.held, turns, friction)
     scale_target(body, problem)
     count = total + friction.count - friction.of_hand
-    work = state.work
-    work[WORK_BODIES] = max(work[WORK_BODIES], bodies)
-    work[WORK_LINEARISATIONS] += 1
-    work[WORK_CANDIDATES] = max(work[WORK_CANDIDATES], pairs)
-    work[WORK_ROWS] = max(work[WORK_ROWS], count)
-    work[WORK_UNITS] += UNITS_LINEARISATION + UNITS_CONTACT * found + UNITS_ROW * count
+    count_linearisation(hand, surface, options, found, count, state)
     state.step.duration[DURATION_DETECT] += monotonic_ns() - began
     return count
 
 
 @jit
-def _solve(method: Free, count: int, state: Record, qp: QpWork) -> int:
+def _solve(method: Free, count: int, clipped: bool, state: Record, qp: QpWork) -> int:
     problem = state.free_problem
     if count == 0:
         for j in range(6):
@@ -177,21 +165,21 @@ def _solve(method: Free, count: int, state: Record, qp: QpWork) -> int:
         problem.astray = 0.0
         take_step(state.pose, state.body, problem, state.step.delta[:])
         return OPTIMAL
-    return _solve_rows(method, state, qp)
+    return _solve_rows(method, clipped, state, qp)
 
 
 @jit
-def _solve_rows(method: Free, state: Record, qp: QpWork) -> int:
+def _solve_rows(method: Free, clipped: bool, state: Record, qp: QpWork) -> int:
     began = monotonic_ns()
     rounds = as_int64(1)
-    if state.work[WORK_LINEARISATIONS] <= SEARCHED and not state.clipped:
+    if state.work[WORK_LINEARISATIONS] <= SEARCHED and not clipped:
         rounds = begin_search(state.coulomb)
     status = solve_free(
         method.options,
         state.pose,
         state.contacts,
         state.body,
-        state.relaxed,
+        state.program.is_relaxed,
         state.free_problem,
         state.friction,
         state.loaded,
@@ -201,7 +189,7 @@ def _solve_rows(method: Free, state: Record, qp: QpWork) -> int:
         state.step,
         qp,
         rounds,
-        state.clipped,
+        clipped,
     )
     state.step.duration[DURATION_PALM] += monotonic_ns() - began
     return status
@@ -209,47 +197,44 @@ def _solve_rows(method: Free, state: Record, qp: QpWork) -> int:
 
 @jit
 def _take_back(state: Record) -> None:
-    copy_configuration(state.safe, state.pose)
+    """Return to the last poses without penetration."""
+    take_back(state)
     take_body_back(state.body)
     copy_values(state.body_safe_total[:], state.free_problem.total[:])
     copy_values(state.body_safe_abduction[:], state.free_problem.abduction_total[:])
-    for body in range(BODY_COUNT):
-        state.since_safe[body] = 0.0
-    state.bad_steps = 0
 
 
-@jit_once
-def _recover(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> bool:
-    if not state.relaxed:
-        state.relaxed = True
+@recover.of(Free)
+@jit
+def _recover(method: Free, hand: HandArrays, surface: Any, state: Record) -> bool:
+    if not state.program.is_relaxed:
+        state.program.is_relaxed = True
         return True
-    if state.bad_steps > 0:
+    if state.progress.failed_steps > 0:
         _take_back(state)
-        state.trust *= TRUST_DECAY
-        state.full = evaluate_pose(hand, surface, options, state) != 0
-        return not state.full
-    if not state.hold_abduction:
-        state.hold_abduction = True
+        state.trust.radius *= TRUST_DECAY
+        return evaluate_pose(hand, surface, method.options, state)
+    if not state.program.holds_abduction:
+        state.program.holds_abduction = True
         return True
     return False
 
 
 @jit_once
-def _clip_target(hand: HandArrays, method: Free, last_chance: bool, state: Record) -> bool:
-    # See `kernels.tick.tick.clip_target`. The ways of hand and object are shortened alike: a hand that was short of its
-    # way past the object alone would be carried along by it, for no force, and its springs drawn out by nobody. The
-    # targets are moved by what is taken off, so that springs and inertia pull as they did.
-    if state.clipped:
-        return False
+def _clip_target(hand: HandArrays, method: Free, only_leave: bool, state: Record) -> float:
+    """Bring a far target nearer, see `kernels.tick.step_length.clip_target`.
+
+    The motions of hand and object are shortened alike: a hand that was short of its motion past the object alone would
+    be carried along by it, for no force, and its springs drawn out by nobody. The targets are moved by what is taken
+    off, so that springs and inertia pull as they did.
+    """
     options, problem = method.options, state.free_problem
     copy_values(problem.abduction_step[:], state.problem.abduction_step[:])
-    fraction, longest = shortening(hand, options, state)
-    if last_chance:
+    fraction, longest = vouched_share(hand, options, state)
+    if only_leave:
         fraction = 0.0
     elif fraction >= 0.5:
-        return False
-    state.clipped = True
-    state.unclipped_motion = longest
+        return WHOLE_TARGET
     off = 1.0 - fraction
     for j in range(6):
         problem.hand_target[j] -= off * problem.delta[j]
@@ -259,10 +244,27 @@ def _clip_target(hand: HandArrays, method: Free, last_chance: bool, state: Recor
         problem.hand_target[j] -= off * problem.delta[6 + j]
     for f in range(FINGER_COUNT):
         problem.abduction_step[f] *= fraction
-    build_rows(hand, state.pose, state.contacts, options.offset, state.relaxed, problem)
+    build_rows(hand, state.pose, state.contacts, options.offset, state.program.is_relaxed, problem)
     scale_target(state.body, problem)
     clip_shifts(fraction, state.friction)
-    return True
+    return longest
+
+
+@solve_linearisation.of(Free)
+@jit
+def _solve_linearisation(
+    method: Free, hand: HandArrays, surface: Any, done: int, state: Record, qp: QpWork
+) -> tuple[int, float]:
+    count, unclipped = _prepare(hand, method, surface, state), WHOLE_TARGET
+    if count < 0:
+        return as_int64(UNFIT), unclipped
+    only_leave = only_leaves(method.options, state, done)
+    status = _solve(method, count, as_bool(False), state, qp)
+    if status == OPTIMAL and count > 0:
+        unclipped = _clip_target(hand, method, only_leave, state)
+        if unclipped != WHOLE_TARGET:
+            status = _solve(method, count, as_bool(True), state, qp)
+    return status, unclipped
 
 
 @jit
@@ -273,14 +275,9 @@ def _table(method: Free, state: Record) -> tuple[float, int]:
 
 
 @jit_once
-def _advance(hand: HandArrays, method: Free, surface: Any, state: Record) -> bool:
-    # Take the step as far as the pairs at hand vouch for and judge it; True where the tick is done.
-    began = monotonic_ns()
-    options, step, problem, body = method.options, state.step, state.free_problem, state.body
-    for f in range(FINGER_COUNT):
-        clamp_to_limits(hand, state.pose, f, step.delta[:])
-    copy_values(problem.abduction_step[:], state.problem.abduction_step[:])
-    fraction, longest = shortening(hand, options, state)
+def _move(hand: HandArrays, fraction: float, state: Record) -> None:
+    """Make a share of the step of hand and object, and find what bears it."""
+    step, problem, body = state.step, state.free_problem, state.body
     for j in range(FREE_DOF):
         problem.total[j] += fraction * problem.delta[j]
     for f in range(FINGER_COUNT):
@@ -311,105 +308,101 @@ def _advance(hand: HandArrays, method: Free, surface: Any, state: Record) -> boo
             step.delta[j] /= fraction
     move(state.pose, step.delta, problem.abduction_step, fraction)
     move_body(body, problem.delta[6:12], fraction)
-    for b in range(BODY_COUNT):
-        state.since_safe[b] += fraction * state.motion[b]
-    state.moved += fraction * longest
-    if fraction < 1.0 or state.clipped:
-        state.reach = min(options.margin, REACH_GROWTH * state.reach)
-    else:
-        state.reach = min(state.reach, max(REACH_FLOOR * options.step_tolerance, longest))
-    status = evaluate_pose(hand, surface, options, state)
+
+
+@jit_once
+def _keep(table: float, state: Record) -> None:
+    """Keep the object's pose, and what bears it, as those of an accepted step."""
+    problem = state.free_problem
+    keep_body(state.body)
+    state.table_distance = table
+    copy_values(problem.total[:], state.body_safe_total[:])
+    copy_values(problem.abduction_total[:], state.body_safe_abduction[:])
+    state.tried.residual = problem.astray
+    copy_borne(state.tried, state.borne)
+
+
+@advance.of(Free)
+@jit
+def _advance(method: Free, hand: HandArrays, surface: Any, unclipped: float, state: Record) -> bool:
+    """Make the step as far as the pairs at hand vouch for, and judge it by the true distances and the table's."""
+    began = monotonic_ns()
+    options, step, problem, progress = method.options, state.step, state.free_problem, state.progress
+    for f in range(FINGER_COUNT):
+        clamp_to_limits(hand, state.pose, f, step.delta[:])
+    copy_values(problem.abduction_step[:], state.problem.abduction_step[:])
+    fraction, longest = vouched_share(hand, options, state)
+    _move(hand, fraction, state)
+    foreseen = max(REACH_FLOOR * options.step_tolerance, longest)
+    follow_step(options, fraction, longest, unclipped, foreseen, state)
+    fits = evaluate_pose(hand, surface, options, state)
     table, lowest = _table(method, state)
     if table < 0.0:
         keep_entry(lowest, state.friction)
-    wanted = max(state.unclipped_motion if state.clipped else 0.0, longest)
-    state.lag = wanted - fraction * longest
     done = False
-    if status != 0:
-        state.full = True
+    if not fits:
+        progress.lag = max(unclipped, longest) - fraction * longest
         done = True
     elif least_distance(state.candidates) >= 0.0 and table >= 0.0:
-        copy_configuration(state.pose, state.safe)
-        keep_body(body)
-        state.table_distance = table
-        copy_values(problem.total[:], state.body_safe_total[:])
-        copy_values(problem.abduction_total[:], state.body_safe_abduction[:])
-        for b in range(BODY_COUNT):
-            state.since_safe[b] = 0.0
-        copy_active(state.warm, state.active)
-        state.tried.residual = problem.astray
-        copy_borne(state.tried, state.borne)
-        state.accepted = True
-        state.bad_steps = 0
-        unhindered = state.contacts.start[FINGER_COUNT + 1] == 0
-        done = fraction == 1.0 and not state.clipped and (unhindered or longest <= options.step_tolerance)
-        if not done and state.lag == 0.0:
-            state.lag = longest
-        elif done:
-            state.lag = 0.0
+        _keep(table, state)
+        done = accept(options, fraction, longest, unclipped, state)
     else:
         # Were this the tick's last step it would be taken back, and nothing of it made.
-        state.bad_steps += 1
-        state.lag = wanted
-        if state.bad_steps > 3:
+        progress.failed_steps += 1
+        progress.lag = max(unclipped, longest)
+        if progress.failed_steps > MOST_FAILED_STEPS:
             _take_back(state)
-            state.trust *= TRUST_DECAY
-            state.full = evaluate_pose(hand, surface, options, state) != 0
-            done = state.full
+            state.trust.radius *= TRUST_DECAY
+            done = not evaluate_pose(hand, surface, options, state)
     state.step.duration[DURATION_DETECT] += monotonic_ns() - began
     return done
 
 
-@jit_once
-def _end_tick(hand: HandArrays, method: Free, surface: Any, state: Record) -> int:
-    # Return to the last poses without penetration, take the velocities and the forces; returns status bits.
+@finish_tick.of(Free)
+@jit
+def _finish_tick(method: Free, hand: HandArrays, surface: Any, state: Record, qp: QpWork) -> int:
+    """Return to the last poses without penetration, take the velocities and the forces; returns status bits."""
     began = monotonic_ns()
-    options = method.options
-    status = 0
-    cut_short = state.work[WORK_LINEARISATIONS] < options.linearisations and spent_units(state) >= options.budget
-    state.idle = 0 if state.accepted else state.idle + 1
-    if state.bad_steps > 0:
+    options, progress, borne = method.options, state.progress, state.borne
+    cut_short, is_full = is_cut_short(options, state), progress.is_full
+    if progress.failed_steps > 0:
         _take_back(state)
-        if evaluate_pose(hand, surface, options, state) != 0:
-            status |= STATUS_CAPACITY_EXCEEDED
-    if state.full:
-        status |= STATUS_CAPACITY_EXCEEDED
+        is_full = not evaluate_pose(hand, surface, options, state) or is_full
     _see_haptic(hand, state)
-    if not state.accepted:
-        status |= STATUS_LAG if cut_short and state.idle <= MOST_IDLE else STATUS_STUCK
-        state.lag = np.inf
-        state.borne.count = 0
-        state.borne.residual = 0.0
-        state.borne.bare = 0.0
-        state.borne.hand_wrench[:] = 0.0
-        state.borne.table_wrench[:] = 0.0
-        state.active.count = 0
-    elif state.lag > 0.0:
-        status |= STATUS_LAG
-    state.unfinished = not state.accepted or (state.unfinished and state.lag > 0.0)
-    if state.accepted and state.hold_abduction:
-        status |= STATUS_ABDUCTION_HELD
-    if status & (STATUS_STUCK | STATUS_LAG):
-        cap_lag(state)
-    if state.accepted:
+    status = end_progress(cut_short, as_bool(False), state)
+    if is_full:
+        status |= STATUS_CAPACITY_EXCEEDED
+    if progress.is_accepted:
         take_velocity(state.body)
-    _, touching = pairs_near(surface, hand, state.candidates, options.touch)
-    state.work[WORK_TOUCHING] = touching
+    else:
+        borne.count = 0
+        borne.residual = 0.0
+        borne.bare = 0.0
+        borne.hand_wrench[:] = 0.0
+        borne.table_wrench[:] = 0.0
+        state.active.count = 0
+    _, state.work[WORK_TOUCHING] = pairs_near(surface, hand, state.candidates, options.touch)
     detected = monotonic_ns()
     turn_loads(state.body, state.active)
     hand_forces(options, state)
+    end_work(state)
     state.step.duration[DURATION_DETECT] += detected - began
-    state.work[WORK_UNITS] = spent_units(state)
-    state.work[WORK_QP_ITERATIONS] = state.step.iterations
     state.step.duration[DURATION_FORCE] += monotonic_ns() - detected
     return status
 
 
+@may_end.of(Free)
 @jit
-def free_tick(method: Free, hand: HandArrays, surface: Any, state: Record, qp: QpWork) -> int:
-    """Bring the hand towards the user's, and the object to where forces and inertia take it; returns status bits."""
-    options, problem = method.options, state.free_problem
-    begin_tick(options, state)
+def _may_end(method: Free, state: Record) -> bool:
+    # Where nothing is accepted yet the object would stop in the air: it goes on.
+    return state.progress.is_accepted
+
+
+@begin_motion.of(Free)
+@jit
+def _begin_motion(method: Free, hand: HandArrays, surface: Any, state: Record) -> None:
+    """Let the object go on by its velocity and its weight."""
+    problem = state.free_problem
     predict(state.body)
     keep_body(state.body)
     copy_values(state.body_safe_total[:], problem.before[:])
@@ -420,36 +413,11 @@ def free_tick(method: Free, hand: HandArrays, surface: Any, state: Record, qp: Q
     state.friction.entries = 0
     state.body_safe_total[:] = 0.0
     state.body_safe_abduction[:] = 0.0
-    status = 0
-    for i in range(options.linearisations):
-        # Where nothing is accepted yet the object would stop in the air: it goes on.
-        if i > 0 and state.accepted and spent_units(state) >= options.budget:
-            break
-        count = _prepare(hand, method, surface, state)
-        if count < 0:
-            status |= STATUS_CAPACITY_EXCEEDED
-            break
-        last_chance = is_last_chance(options, state, i)
-        solved = OPTIMAL
-        while True:
-            solved = _solve(method, count, state, qp)
-            if solved != OPTIMAL or count == 0 or not _clip_target(hand, method, last_chance, state):
-                break
-        if solved != OPTIMAL:
-            if _recover(hand, surface, options, state):
-                continue
-            break
-        if _advance(hand, method, surface, state):
-            break
-    return status | _end_tick(hand, method, surface, state)
 
 
 @jit
-def rebuild(hand: HandArrays, method: Free, surface: Any, states: NDArray[np.void]) -> int:
-    """Take the poses of hand and object as they now stand in the object's frame; returns 0 or FULL."""
+def rebuild(hand: HandArrays, method: Free, surface: Any, states: NDArray[np.void]) -> bool:
+    """Take the poses of hand and object as they now stand, in the object's frame; returns False where pairs do not fit."""
     state = states[0]
     state.table_distance, _ = _table(method, state)
-    for body in range(BODY_COUNT):
-        state.candidates.fresh[body] = -np.inf if state.modelled[body] == 1 else np.inf
-        state.candidates.count[body] = 0
-    return evaluate_pose(hand, surface, method.options, state)
+    return rebuild_candidates(hand, surface, method.options, states)

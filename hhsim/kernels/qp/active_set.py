@@ -106,7 +106,10 @@ def _rest(n: int, rhs: float, scale: float, target: Array, work: Record) -> floa
 
 @jit
 def _drop_negative(n: int, k: int, target: Array, work: Record) -> int:
-    # Equations are a valid start once no multiplier is negative; dropping one may turn others negative.
+    """Drop active rows until no multiplier is negative; each counts as an iteration. Returns the number that is left.
+
+    Equations are a valid start then. Dropping one may turn others negative.
+    """
     while True:
         resolve(n, k, target, work)
         worst, position = 0.0, as_int64(-1)
@@ -117,11 +120,12 @@ def _drop_negative(n: int, k: int, target: Array, work: Record) -> int:
             return k
         remove(n, k, position, work)
         k -= 1
+        work.counts[1] += 1
 
 
 @jit_once
 def _settle(n: int, k: int, target: Array, work: Record) -> float:
-    # Rid x of the rounding of its steps; returns how far that moved it.
+    """Rid x of the rounding of its steps; returns how far that moved it."""
     for j in range(n):
         work.direction[j] = work.x[j]
     resolve(n, k, target, work)
@@ -146,6 +150,149 @@ def _begins_anew(rows: ProgramRows, guess_count: int, work: Record) -> int:
 @jit_inline
 def _goes_on(rows: WideRows, guess_count: int, work: Record) -> int:
     return work.counts[0] if guess_count == RESUMES else as_int64(0)
+
+
+@jit_once
+def _load_resumed(n: int, k: int, rows: Rows, target: Array, work: Record) -> None:
+    """Compute the right-hand sides of the rows that are active from the first."""
+    for j in range(k):
+        row = work.active[j]
+        scale = _load_normal(row, n, rows, work)
+        work.active_rhs[j] = _rest(n, rows.rhs[row], scale, target, work)
+
+
+@jit_once
+def _take_guess(n: int, k: int, rows: Rows, target: Array, guess: Indices, guess_count: int, work: Record) -> int:
+    """Add the guessed rows that are independent of the active ones; returns the number of active rows."""
+    for g in range(guess_count):
+        row = guess[g]
+        held = False
+        for h in range(rows.group_start.shape[0]):
+            held = held or rows.group_start[h] <= row < rows.group_stop[h]
+        if k == n or not held or work.inverse_norm[row] == 0.0:
+            continue
+        scale = _load_normal(row, n, rows, work)
+        length = math.sqrt(project(n, k, work))
+        if length > WARM_RANK_TOLERANCE:
+            append(n, k, row, _rest(n, rows.rhs[row], scale, target, work), length, work)
+            k += 1
+    return k
+
+
+@jit_once
+def _leave_out_active(k: int, shift: float, work: Record) -> float:
+    """Set the violations of the active rows to 0; returns the largest, which is rounding."""
+    drift = 0.0
+    for j in range(k):
+        drift = max(drift, abs(work.violation[work.active[j]] - shift))
+        work.violation[work.active[j]] = 0.0
+    return drift
+
+
+@jit_once
+def _iteration_limit(n: int, rows: Rows) -> int:
+    """Compute the number of iterations at which a solve gives up."""
+    total = 0
+    for g in range(rows.group_start.shape[0]):
+        total += rows.group_stop[g] - rows.group_start[g]
+    return 100 + 10 * (n + total)
+
+
+@jit_once
+def _ratio_test(k: int, work: Record) -> tuple[float, int, float]:
+    """Find the active row whose multiplier first falls to 0 along the dual step.
+
+    Returns the step's length there, the row's place (-1: none does), and 1 + Σ |dual step|.
+    """
+    largest, total = 1.0, 1.0
+    for j in range(k):
+        largest = max(largest, abs(work.dual_step[j]))
+        total += abs(work.dual_step[j])
+    limit, blocking = np.inf, as_int64(-1)
+    for j in range(k):
+        step = work.dual_step[j]
+        if step > MULTIPLIER_TOLERANCE * largest:
+            ratio = work.multiplier[j] / step
+            if ratio < limit:
+                limit, blocking = ratio, j
+    return limit, blocking, total
+
+
+@jit_once
+def _add_row(
+    n: int, k: int, row: int, rows: Rows, target: Array, relaxation: float, shift: float, work: Record
+) -> tuple[int, int, float]:
+    """Make a violated row active by primal and dual steps, and drop the rows that it makes inactive.
+
+    Returns a status, the number of active rows, and how far all rows are moved back by now.
+    """
+    violation = work.violation[row] - shift
+    multiplier, dual_step = work.multiplier, work.dual_step
+    added, limit = 0.0, _iteration_limit(n, rows)
+    scale = _load_normal(row, n, rows, work)
+    new_rhs = _rest(n, rows.rhs[row], scale, target, work) - shift
+    status = OPTIMAL
+    while True:
+        work.counts[1] += 1
+        if work.counts[1] > limit:
+            status = ITERATION_LIMIT
+            break
+        square = project(n, k, work)
+        back_substitute(k, work, work.coefficient[:], dual_step[:])
+        length = math.sqrt(square)
+        dual_limit, blocking, total = _ratio_test(k, work)
+        independent = length > RANK_TOLERANCE and k < n
+        primal_limit = violation / square if independent else np.inf
+        if not independent and blocking < 0:
+            # Wherever x is, some row of a Farkas certificate y is violated by yᵀb / Σy or more.
+            if shift == 0.0 and violation <= relaxation * total:
+                shift = relaxation
+                for j in range(k):
+                    work.active_rhs[j] -= shift
+                k = _drop_negative(n, k, target, work)
+            else:
+                status = INFEASIBLE
+                work.counts[2] = row
+            break
+        step = min(dual_limit, primal_limit)
+        for j in range(k):
+            multiplier[j] = max(multiplier[j] - step * dual_step[j], 0.0)
+        added += step
+        if independent:
+            for j in range(n):
+                work.x[j] += step * work.direction[j]
+            violation -= step * square
+        if primal_limit <= dual_limit:
+            append(n, k, row, new_rhs, length, work)
+            multiplier[k] = added
+            k += 1
+            break
+        remove(n, k, blocking, work)
+        k -= 1
+    return status, k, shift
+
+
+@jit_once
+def _finish(n: int, k: int, rows: Rows, relaxation: float, unsound: int, status: int, work: Record) -> int:
+    """Judge rows of length 0 and what is not a number, and bring the multipliers to the rows' own length."""
+    if unsound & ROWS_ZERO and status == OPTIMAL:
+        for g in range(rows.group_start.shape[0]):
+            for i in range(rows.group_start[g], rows.group_stop[g]):
+                if work.inverse_norm[i] == 0.0 and rows.rhs[i] > relaxation and status == OPTIMAL:
+                    status = INFEASIBLE
+                    work.counts[2] = i
+                    for j in range(k):
+                        work.dual_step[j] = 0.0
+    if unsound & ROWS_NAN:
+        status = NOT_FINITE
+    for j in range(n):
+        if math.isnan(work.x[j]):
+            status = NOT_FINITE
+    if status == OPTIMAL:
+        for j in range(k):
+            work.multiplier[j] = max(work.multiplier[j], 0.0) * work.inverse_norm[work.active[j]]
+    work.counts[0] = k
+    return status
 
 
 @jit
@@ -179,136 +326,34 @@ def solve(
         work.counts[2] is a row whose normalised normal a equals Σ dual_step_j a_j over the active rows with no
         positive dual_step: Farkas' certificate is 1 for that row and -dual_step_j for the others.
     """
-    rhs, group_start, group_stop = rows.rhs, rows.group_start, rows.group_stop
-    groups = group_start.shape[0]
-    total_rows = 0
-    for g in range(groups):
-        total_rows += group_stop[g] - group_start[g]
-    limit = 100 + 10 * (n + total_rows)
-    iterations = 0
-    shift = 0.0
-    counts, multiplier, dual_step = work.counts, work.multiplier, work.dual_step
-    k = _resumed(rows, guess_count, work)
-    inverse_norm, violations = work.inverse_norm[:], work.violation[:]
-    counts[2] = -1
+    k, inverse_norm, violations = _resumed(rows, guess_count, work), work.inverse_norm[:], work.violation[:]
+    shift, status = 0.0, OPTIMAL
+    work.counts[1] = 0
+    work.counts[2] = -1
     row_lengths(rows, inverse_norm)
     row_violations(rows, target, inverse_norm, violations)
-    found = unsound_rows(rows, inverse_norm, violations)
-
-    for j in range(k):
-        row = work.active[j]
-        scale = _load_normal(row, n, rows, work)
-        work.active_rhs[j] = _rest(n, rhs[row], scale, target, work)
-    for g in range(guess_count):
-        row = guess[g]
-        held = False
-        for h in range(groups):
-            held = held or group_start[h] <= row < group_stop[h]
-        if k == n or not held or inverse_norm[row] == 0.0:
-            continue
-        scale = _load_normal(row, n, rows, work)
-        length = math.sqrt(project(n, k, work))
-        if length > WARM_RANK_TOLERANCE:
-            append(n, k, row, _rest(n, rhs[row], scale, target, work), length, work)
-            k += 1
+    unsound = unsound_rows(rows, inverse_norm, violations)
+    _load_resumed(n, k, rows, target, work)
+    k = _take_guess(n, k, rows, target, guess, guess_count, work)
     known = k == 0
-    guessed = k
     k = _drop_negative(n, k, target, work)
-    iterations += guessed - k
-
-    status = OPTIMAL
     settled = True
     while True:
         if not known:
             row_violations(rows, work.x[:], inverse_norm, violations)
         known = False
-        drift = 0.0
-        for j in range(k):
-            drift = max(drift, abs(violations[work.active[j]] - shift))
-            violations[work.active[j]] = 0.0
+        drift = _leave_out_active(k, shift, work)
         row = most_violated(violations, rows)
-        worst = violations[row] if row >= 0 else -np.inf
-        if worst - shift <= tolerance:
+        worst = violations[row] - shift if row >= 0 else -np.inf
+        if worst <= tolerance:
             # Rows are of unit length: none is violated by more than x has moved.
-            if settled or drift <= DRIFT * tolerance or worst - shift + _settle(n, k, target, work) <= tolerance:
+            if settled or drift <= DRIFT * tolerance or worst + _settle(n, k, target, work) <= tolerance:
                 break
             settled = True
             continue
         # The first row's step is its equation's solution.
         settled = settled and k == 0
-        violation = worst - shift
-        new_multiplier = 0.0
-        scale = _load_normal(row, n, rows, work)
-        new_rhs = _rest(n, rhs[row], scale, target, work) - shift
-        while True:
-            iterations += 1
-            if iterations > limit:
-                status = ITERATION_LIMIT
-                break
-            square = project(n, k, work)
-            back_substitute(k, work, work.coefficient[:], dual_step[:])
-            length = math.sqrt(square)
-            blocking = as_int64(-1)
-            dual_limit = np.inf
-            largest, total = 1.0, 1.0
-            for j in range(k):
-                largest = max(largest, abs(dual_step[j]))
-                total += abs(dual_step[j])
-            for j in range(k):
-                step = dual_step[j]
-                if step > MULTIPLIER_TOLERANCE * largest:
-                    ratio = multiplier[j] / step
-                    if ratio < dual_limit:
-                        dual_limit, blocking = ratio, j
-            independent = length > RANK_TOLERANCE and k < n
-            primal_limit = violation / square if independent else np.inf
-            if not independent and blocking < 0:
-                # Wherever x is, some row of a Farkas certificate y is violated by yᵀb / Σy or more.
-                if shift == 0.0 and violation <= relaxation * total:
-                    shift = relaxation
-                    for j in range(k):
-                        work.active_rhs[j] -= shift
-                    guessed = k
-                    k = _drop_negative(n, k, target, work)
-                    iterations += guessed - k
-                else:
-                    status = INFEASIBLE
-                    counts[2] = row
-                break
-            step = min(dual_limit, primal_limit)
-            for j in range(k):
-                multiplier[j] = max(multiplier[j] - step * dual_step[j], 0.0)
-            new_multiplier += step
-            if independent:
-                for j in range(n):
-                    work.x[j] += step * work.direction[j]
-                violation -= step * square
-            if primal_limit <= dual_limit:
-                append(n, k, row, new_rhs, length, work)
-                multiplier[k] = new_multiplier
-                k += 1
-                break
-            remove(n, k, blocking, work)
-            k -= 1
+        status, k, shift = _add_row(n, k, row, rows, target, relaxation, shift, work)
         if status != OPTIMAL:
             break
-
-    if found & ROWS_ZERO and status == OPTIMAL:
-        for g in range(groups):
-            for i in range(group_start[g], group_stop[g]):
-                if inverse_norm[i] == 0.0 and rhs[i] > relaxation and status == OPTIMAL:
-                    status = INFEASIBLE
-                    counts[2] = i
-                    for j in range(k):
-                        dual_step[j] = 0.0
-    if found & ROWS_NAN:
-        status = NOT_FINITE
-    for j in range(n):
-        if math.isnan(work.x[j]):
-            status = NOT_FINITE
-    if status == OPTIMAL:
-        for j in range(k):
-            multiplier[j] = max(multiplier[j], 0.0) * inverse_norm[work.active[j]]
-    counts[0] = k
-    counts[1] = iterations
-    return status
+    return _finish(n, k, rows, relaxation, unsound, status, work)

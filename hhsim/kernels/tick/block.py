@@ -11,9 +11,9 @@ from hhsim.kernels.hand.kinematics import HandArrays
 from hhsim.kernels.jit import Record, jit, jit_inline
 from hhsim.kernels.parallel.thread_team import thread_team_cpu_ns
 from hhsim.kernels.qp.active_set import QpWork
+from hhsim.kernels.tick.haptic_input import set_haptic
 from hhsim.kernels.tick.method import tick
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED
-from hhsim.kernels.tick.tick import set_haptic
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -78,7 +78,7 @@ def record_tick(state: Record, status: int, wall: int, cpu: int, i: int, record:
     record.duration_total[i] = wall
     record.duration_cpu[i] = cpu
     copy_values(state.work[:], record.work[i])
-    record.lag[i] = state.lag
+    record.lag[i] = state.progress.lag
 
 
 @jit

@@ -1,7 +1,7 @@
 """Which method a tick follows: a method is the type of its options, and what it does is declared for that type.
 
-`tick` is what every method has. Those that go from linearisation to linearisation share the tick of `kernels.tick.tick`
-and declare what differs: how a program is solved, and what is special about palm and fingers that are solved apart.
+`tick` is what every method has. Those that go from linearisation to linearisation share the loop of `kernels.tick.tick`
+and declare its parts: those of a hand alone are in that file, those of a hand and a free object in `kernels.free.tick`.
 """
 
 from typing import Any, NamedTuple
@@ -24,8 +24,8 @@ class Progressive(NamedTuple):
     options: TickOptions
 
 
-WAY_STEPS = 6
-"""Linearisations after which it shows whether a way leads on or to and fro."""
+UNFIT = -1
+"""Status of a linearisation whose contacts do not fit into the arrays; the others are those of `qp.active_set`."""
 
 
 @generic
@@ -34,15 +34,50 @@ def tick(method: Any, hand: HandArrays, surface: Any, state: Record, qp: QpWork)
 
 
 @generic
+def begin_motion(method: Any, hand: HandArrays, surface: Any, state: Record) -> None:
+    """Bring hand and object to where the first program of the tick is built."""
+
+
+@generic
+def may_end(method: Any, state: Record) -> bool:
+    """Return whether a tick whose work budget is spent may end as it is."""
+
+
+@generic
+def solve_linearisation(
+    method: Any, hand: HandArrays, surface: Any, done: int, state: Record, qp: QpWork
+) -> tuple[int, float]:
+    """Build and solve the program at the present configuration, after `done` others of this tick.
+
+    Returns a status, and the motion of the step before its target was brought nearer [m], see `clip_target`.
+    """
+
+
+@generic
 def solve_program(method: Any, state: Record, qp: QpWork) -> int:
     """Solve the program at hand into the state's `step`; returns a status of `kernels.qp.active_set`."""
 
 
 @generic
+def recover(method: Any, hand: HandArrays, surface: Any, state: Record) -> bool:
+    """Make the next program easier after one without solution; returns False where nothing is left to try."""
+
+
+@generic
+def advance(method: Any, hand: HandArrays, surface: Any, unclipped: float, state: Record) -> bool:
+    """Make the step as far as the pairs at hand vouch for, and judge it; returns whether the tick is done."""
+
+
+@generic
+def finish_tick(method: Any, hand: HandArrays, surface: Any, state: Record, qp: QpWork) -> int:
+    """Return to the last feasible configuration and compute the forces; returns status bits."""
+
+
+@generic
 def is_oscillating(method: Any, state: Record, done: int) -> bool:
-    """Whether the hand has been pulled to and fro, this tick's first `done` linearisations too, by programs apart."""
+    """Return whether programs apart pull the hand to and fro, with this tick's first `done` linearisations."""
 
 
 @generic
 def is_strained(method: Any, state: Record) -> bool:
-    """Whether the last program's multipliers are no forces, so that a program of what touches has to give them."""
+    """Return whether the last program's multipliers are no forces, so that a program of what touches gives them."""

@@ -40,6 +40,7 @@ from hhsim.kernels.qp.active_set import OPTIMAL, QpWork, solve
 from hhsim.kernels.qp.row_scan import ProgramRows
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.surfaces.spheres import PHALANX_PAIRS
+from hhsim.kernels.tick.evaluation import spent_units
 from hhsim.kernels.tick.force import hand_forces
 from hhsim.kernels.tick.method import tick
 from hhsim.kernels.tick.options import TickOptions
@@ -66,7 +67,6 @@ from hhsim.kernels.tick.state import (
     WORK_UNITS,
 )
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY, DURATION_DETECT, DURATION_FINGERS, DURATION_FORCE, DURATION_PALM
-from hhsim.kernels.tick.tick import spent_units
 
 Array = NDArray[np.float64]
 
@@ -303,7 +303,7 @@ def _tick(method: Paper, hand: HandArrays, tree: TreeArrays, state: Record, qp: 
     state.work[:] = 0
     state.step.duration[:] = 0
     state.step.iterations = 0
-    state.lag = 0.0
+    state.progress.lag = 0.0
     stuck = False
     most = as_int64(0)
     for i in range(options.linearisations):
@@ -344,7 +344,7 @@ def _tick(method: Paper, hand: HandArrays, tree: TreeArrays, state: Record, qp: 
     state.work[WORK_UNITS] = spent_units(state)
     state.work[WORK_QP_ITERATIONS] = state.step.iterations
     if stuck:
-        state.lag = farthest_joint(pose.joints, haptic.joints)
+        state.progress.lag = farthest_joint(pose.joints, haptic.joints)
         return STATUS_STUCK
     return 0
 

@@ -74,6 +74,7 @@ from hhsim.kernels.jit import Record, as_int64, jit, jit_once, jit_vector
 from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.qp.cholesky import factorise, solve_factorised
 from hhsim.kernels.rotation import rotation_vector_between
+from hhsim.kernels.tick.evaluation import spent_units
 from hhsim.kernels.tick.force import FORCE_PAPER, clear_forces, fingertip_normal_forces, palm_wrench, proxy_forces
 from hhsim.kernels.tick.method import tick
 from hhsim.kernels.tick.options import TickOptions
@@ -91,7 +92,7 @@ from hhsim.kernels.tick.state import (
     WORK_UNITS,
 )
 from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FORCE, DURATION_PALM
-from hhsim.kernels.tick.tick import begin_tick, spent_units
+from hhsim.kernels.tick.tick import begin_tick
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -426,7 +427,7 @@ def _tick(method: Penalty, hand: HandArrays, surface: Any, state: Record, qp: Qp
     problem, contacts, duration = state.problem, state.contacts, state.step.duration
     status = 0 if _find(hand, surface, options, state) else STATUS_CAPACITY_EXCEEDED
     _aim(hand, penalty, state, work)
-    build_rows(hand, state.pose, contacts, 0.0, state.relaxed, problem)
+    build_rows(hand, state.pose, contacts, 0.0, state.program.is_relaxed, problem)
     _springs(penalty, contacts, problem.rhs, work)
     count = contacts.start[FINGER_COUNT + 1]
     state.work[WORK_CANDIDATES] = count

@@ -18,13 +18,12 @@ from numpy.typing import NDArray
 from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.contact.linearise import ROW_CAPACITY, limit_start
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT
-from hhsim.kernels.hand.pose import farthest_joint
 from hhsim.kernels.jit import Record, as_int64, jit, jit_once
 from hhsim.kernels.parallel.thread_team import NOTHING, TASK_FINGERS, await_done, item_done, post, sort_parts, take_item
 from hhsim.kernels.qp.active_set import INFEASIBLE, OPTIMAL, QpWork, solve
 from hhsim.kernels.qp.row_scan import ProgramRows
 from hhsim.kernels.tick.coupled import solve_coupled
-from hhsim.kernels.tick.method import WAY_STEPS, Coupled, Progressive, is_oscillating, is_strained, solve_program
+from hhsim.kernels.tick.method import Coupled, Progressive, is_strained, solve_program
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.second_order import CORRECTION_WORK, Lagrangian, correct_for_curvature
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY, DURATION_FINGERS, DURATION_PALM, guess_rows
@@ -36,13 +35,6 @@ YIELD_WEIGHT = 1e-4
 """Share of its stiffness that a joint keeps in the palm's program."""
 YIELD_SCALE = 100.0
 """1 / √YIELD_WEIGHT: what its columns are multiplied by there."""
-OSCILLATION_RATIO = 3.0
-"""A way that has moved the hand this many times as far as it got goes on with palm and fingers together."""
-MOST_RELAPSES = 10
-REST_RATIO = 5.0
-REST_MARGINS = 10.0
-"""So does a hand that goes round and round while the user's rests: one that has left more often than this where it had
-arrived, or has gone so many times as far as it was from there, and so many margins more."""
 PALM_GROUPS = 1 + 2 * FINGER_COUNT
 
 FINGER_WORK = np.dtype(
@@ -343,7 +335,7 @@ def solve_progressive(method: Progressive, state: Record, qp: QpWork) -> int:
     In a tick in which they found no step apart, all at once.
     """
     options = method.options
-    if state.in_one_program:
+    if state.program.is_coupled:
         return solve_coupled(Coupled(options), state, qp)
     problem, contacts, work, step = state.problem, state.contacts, state.progressive, state.step
     work.variables = 6
@@ -378,22 +370,6 @@ def solve_progressive(method: Progressive, state: Record, qp: QpWork) -> int:
         step.duration[DURATION_FINGERS] += monotonic_ns() - solved
         if not joined:
             return OPTIMAL
-
-
-@is_oscillating.of(Progressive)
-@jit
-def _is_oscillating(method: Progressive, state: Record, done: int) -> bool:
-    # A palm that yields to a finger and is pulled back by the next program can do so until the tick ends, without one
-    # step that fails. A long way that leads nowhere is known by its ends.
-    if state.in_one_program:
-        return False
-    rounds = REST_RATIO * (state.rest_way + REST_MARGINS * method.options.margin)
-    if state.relapses > MOST_RELAPSES or state.rest_moved > rounds:
-        return True
-    if state.way_steps + done < WAY_STEPS:
-        return False
-    moved = state.way_moved + state.moved
-    return moved > OSCILLATION_RATIO * farthest_joint(state.pose.joints, state.way_joints)
 
 
 @is_strained.of(Progressive)

@@ -53,6 +53,150 @@ Only their ratios matter: the same input takes the same units on any machine.
 """
 
 
+JOINTS = (FINGER_COUNT, PHALANX_COUNT + 1, 3)
+"""Shape of the joints and tips of the fingers."""
+
+HAPTIC_INPUT = np.dtype(
+    [
+        ("joints", np.float64, JOINTS),
+        ("motion", np.float64),
+        ("previous_motion", np.float64),
+    ],
+    align=True,
+)
+"""What the prediction needs of the user's hand.
+
+| field | meaning |
+|---|---|
+| joints | of the sample before the newest [m], world |
+| motion | of the joint that moved farthest from that sample to the newest [m] |
+| previous_motion | the same of the sample before [m] |
+"""
+
+PREDICTION = np.dtype(
+    [
+        ("start", HAND_POSE),
+        ("is_predicted", np.bool_),
+        ("is_steady", np.bool_),
+        ("previous_path", np.float64),
+    ],
+    align=True,
+)
+"""Where the last tick's motion would take the hand, see `kernels.tick.prediction`.
+
+| field | meaning |
+|---|---|
+| start | the graphic hand where the last tick began |
+| is_predicted | the hand stands where it was predicted, and no step has been accepted from there |
+| is_steady | the last tick converged, and its path was not much longer than that of the tick before |
+| previous_path | `path` of the last tick [m] |
+"""
+
+TRUST = np.dtype([("radius", np.float64), ("reach", np.float64)], align=True)
+"""Bounds of a step near the object; a program holds the pairs that are as far as the smaller one.
+
+| field | meaning |
+|---|---|
+| radius | what steps that had to be taken back have left of the margin [m] |
+| reach | what the last steps let expect [m]; at most the margin |
+"""
+
+PROGRESS = np.dtype(
+    [
+        ("is_accepted", np.bool_),
+        ("is_full", np.bool_),
+        ("is_unfinished", np.bool_),
+        ("failed_steps", np.int64),
+        ("idle_ticks", np.int64),
+        ("path", np.float64),
+        ("lag", np.float64),
+        ("motion", np.float64, (BODY_COUNT,)),
+        ("since_safe", np.float64, (BODY_COUNT,)),
+    ],
+    align=True,
+)
+"""How far a tick has come.
+
+| field | meaning |
+|---|---|
+| is_accepted | a step has been accepted in this tick |
+| is_full | the pairs at the present configuration do not fit into the arrays |
+| is_unfinished | the last tick made no whole step: trust and program are handed on to this one |
+| failed_steps | steps in a row that ended inside the object |
+| idle_ticks | ticks in a row that accepted no step |
+| path | bound of how far the farthest point of the hand has moved in this tick [m] |
+| lag | distance still to go [m] |
+| motion, since_safe | motion bound of each body in the last step, and summed since the last accepted one [m] |
+"""
+
+PROGRAM = np.dtype(
+    [
+        ("is_relaxed", np.bool_),
+        ("holds_abduction", np.bool_),
+        ("is_coupled", np.bool_),
+    ],
+    align=True,
+)
+"""What this tick's programs ask for, made easier by each program without solution.
+
+| field | meaning |
+|---|---|
+| is_relaxed | contacts nearer than the offset may stay as near as they are |
+| holds_abduction | the abduction stays as it is |
+| is_coupled | palm and fingers are solved in one program, whatever the method |
+"""
+
+FIRST_STEP = np.dtype(
+    [("delta", np.float64, (DOF,)), ("abduction", np.float64, (FINGER_COUNT,)), ("free_share", np.float64)],
+    align=True,
+)
+"""The step that led from the last pose without penetration into the object.
+
+| field | meaning |
+|---|---|
+| delta, abduction | of the step that was made [m, rad, rad], [rad] |
+| free_share | estimated share of it that does not enter the object; 0 where there is no such step |
+"""
+
+
+DECOUPLING = np.dtype(
+    [
+        ("is_suspended", np.bool_),
+        ("suspended_joints", np.float64, JOINTS),
+        ("window_joints", np.float64, JOINTS),
+        ("window_steps", np.int64),
+        ("window_path", np.float64),
+        ("rest_joints", np.float64, JOINTS),
+        ("rest_distance", np.float64),
+        ("rest_path", np.float64),
+        ("departures", np.int64),
+        ("lagged", np.bool_),
+    ],
+    align=True,
+)
+"""What tells whether palm and fingers that are solved apart oscillate, see `kernels.tick.decoupling`.
+
+| field | meaning |
+|---|---|
+| is_suspended, suspended_joints | they share a program, as long as the haptic joints stay near these [m] |
+| window_joints | joints of the graphic hand where the window of lagging ticks began [m] |
+| window_steps, window_path | linearisations and path [m] of the window's earlier ticks |
+| rest_joints, rest_distance | haptic joints at rest, and how far from them the graphic hand then was [m] |
+| rest_path | path of the lagging ticks since [m] |
+| departures | how often since then the hand has begun to lag anew |
+| lagged | the last tick lagged |
+"""
+
+DAMPING = np.dtype([("last_step", np.float64, (DOF,)), ("reversals", np.int64)], align=True)
+"""Steps that go back on each other, see `kernels.tick.step_length`.
+
+| field | meaning |
+|---|---|
+| last_step | the last step near the object, in units of √G δ |
+| reversals | how many steps in a row went back on the one before; -1: `last_step` is none |
+"""
+
+
 @cache
 def tick_state_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
     """Everything that lives from tick to tick, and the workspaces.
@@ -61,46 +205,22 @@ def tick_state_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
     |---|---|
     | pose | the graphic hand |
     | safe | the last configuration without penetration |
-    | before | the graphic hand where the last tick began |
-    | predicted | the hand stands where the last tick's motion would take it, and no step has been accepted from there |
     | haptic | the haptic hand: the last good input |
+    | input, prediction, trust, progress, program, first_step | see the records above |
+    | decoupling | see `kernels.tick.decoupling` |
+    | damping | see `kernels.tick.step_length` |
     | candidates, contacts | near pairs and contact records |
     | problem, step | the program and the step that solves it |
     | warm | contacts active in the last program, to start the next one from |
     | active | contacts active at the last accepted step: they carry the forces |
-    | unclipped_motion | how far the step of the program with the true target would go [m] |
-    | clipped | the program at hand has a nearer target, see `clip_target` |
     | thread_team | threads that share the work of a tick |
     | coupled, progressive, correction | workspaces of the methods |
     | forces | of this tick |
-    | motion, since_safe | motion bound of each body in the last step, and summed since `safe` [m] |
     | modelled | 1 for bodies that the scene uses; the others follow the haptic hand through the object |
-    | trust, lag | longest step near the object, distance still to go [m] |
-    | reach | pairs up to this far enter the program, and no step near the object is longer [m]; at most the margin |
-    | moved | how far the farthest point of the hand can have moved in this tick [m] |
-    | asked, asked_before | way of the farthest joint of the user's hand to this tick, and to the last one [m] |
-    | haptic_joints | of the user's hand in the last tick [m] |
-    | moved_before | `moved` of the last tick [m] |
-    | steady | the last tick arrived, and did not jump |
-    | relaxed | this tick asks contacts nearer than the offset only not to come nearer |
-    | in_one_program | whatever the method, this tick solves palm and fingers in one: apart they found no step |
-    | decoupling_latched, latch_joints | palm and fingers apart led nowhere near the haptic joints there [m] |
-    | way_joints, way_steps, way_moved | joints [m] where the way at hand began, and what earlier ticks did of it |
-    | rest_joints, rest_way | of the haptic hand at rest, and how far from it the hand then was [m] |
-    | rest_moved | how far the hand has gone since, in ticks that lag [m] |
-    | relapses, lagged | how often it has since lagged after it had not; whether the last tick but one did |
-    | hold_abduction | this tick keeps the abduction, since following it left no feasible step |
-    | full | this tick met more pairs than the arrays hold |
-    | last_step | the last step near the object, as the program has it |
-    | turns | how many steps in a row went back on the one before; -1: `last_step` is none |
-    | accepted, bad_steps | whether a step was accepted in this tick; penetrating ones in a row |
-    | first_step, first_abduction | the penetrating step that was taken from `safe`, and its abduction's |
-    | part | share of it that is thought not to penetrate |
-    | unfinished | a tick came nowhere, and the hand has not arrived since: the next begins with what it found out |
-    | idle | how many ticks in a row came nowhere |
     | work | counters of this tick |
     | excess | workspace of `kernels.contact.redundant_contacts` |
     | stiffness | G |
+    | scratch | of three numbers |
 
     Args:
         candidates: Dtype of the near pairs with the surface at hand.
@@ -110,56 +230,26 @@ def tick_state_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
             ("pose", HAND_POSE),
             ("safe", HAND_POSE),
             ("haptic", HAND_POSE),
-            ("before", HAND_POSE),
-            ("predicted", np.bool_),
+            ("input", HAPTIC_INPUT),
+            ("prediction", PREDICTION),
+            ("trust", TRUST),
+            ("progress", PROGRESS),
+            ("program", PROGRAM),
+            ("first_step", FIRST_STEP),
+            ("decoupling", DECOUPLING),
+            ("damping", DAMPING),
             ("candidates", candidates),
             ("contacts", CONTACTS),
             ("problem", PROBLEM),
             ("step", STEP),
             ("warm", ACTIVE_CONTACTS),
             ("active", ACTIVE_CONTACTS),
-            ("unclipped_motion", np.float64),
-            ("clipped", np.bool_),
             ("thread_team", THREAD_TEAM),
             ("coupled", COUPLED_WORK),
             ("progressive", PROGRESSIVE_WORK),
             ("correction", CORRECTION_WORK),
             ("forces", FORCES),
-            ("motion", np.float64, (BODY_COUNT,)),
-            ("since_safe", np.float64, (BODY_COUNT,)),
             ("modelled", np.int8, (BODY_COUNT,)),
-            ("trust", np.float64),
-            ("reach", np.float64),
-            ("moved", np.float64),
-            ("steady", np.bool_),
-            ("asked", np.float64),
-            ("asked_before", np.float64),
-            ("haptic_joints", np.float64, (FINGER_COUNT, PHALANX_COUNT + 1, 3)),
-            ("moved_before", np.float64),
-            ("lag", np.float64),
-            ("relaxed", np.bool_),
-            ("hold_abduction", np.bool_),
-            ("in_one_program", np.bool_),
-            ("decoupling_latched", np.bool_),
-            ("latch_joints", np.float64, (FINGER_COUNT, PHALANX_COUNT + 1, 3)),
-            ("way_joints", np.float64, (FINGER_COUNT, PHALANX_COUNT + 1, 3)),
-            ("way_steps", np.int64),
-            ("way_moved", np.float64),
-            ("rest_joints", np.float64, (FINGER_COUNT, PHALANX_COUNT + 1, 3)),
-            ("rest_way", np.float64),
-            ("rest_moved", np.float64),
-            ("relapses", np.int64),
-            ("lagged", np.bool_),
-            ("last_step", np.float64, (DOF,)),
-            ("turns", np.int64),
-            ("accepted", np.bool_),
-            ("first_step", np.float64, (DOF,)),
-            ("first_abduction", np.float64, (FINGER_COUNT,)),
-            ("part", np.float64),
-            ("unfinished", np.bool_),
-            ("idle", np.int64),
-            ("full", np.bool_),
-            ("bad_steps", np.int64),
             ("work", np.int64, (WORK_COUNTERS,)),
             ("excess", np.float64, (CONTACT_ROWS,)),
             ("stiffness", np.float64, (DOF,)),

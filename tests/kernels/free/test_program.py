@@ -27,7 +27,7 @@ def harvest(solver: HandSolver, haptic: HandConfiguration, ticks: range) -> Iter
         solver.run(*haptic.at(slice(done, tick + 1)))
         done = tick + 1
         state = solver.engine.states[0]  # type: ignore[attr-defined]
-        if state.loaded.count and not state.relaxed:
+        if state.loaded.count and not state.program.is_relaxed:
             program = last_program(solver)
             # The tick itself says by how much its friction is off the way of the slip, which the program's Γ does not.
             if max(program.astray, float(state.free_problem.astray)) <= FLOATS:

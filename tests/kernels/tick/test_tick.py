@@ -15,6 +15,7 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.detection import COUNT_PAIR_TESTS
 from hhsim.kernels.tick.block import HapticBlock
+from hhsim.kernels.tick.haptic_input import set_haptic
 from hhsim.kernels.tick.method import Coupled
 from hhsim.kernels.tick.state import (
     STATUS_CAPACITY_EXCEEDED,
@@ -27,7 +28,6 @@ from hhsim.kernels.tick.state import (
     WORK_QP_ITERATIONS,
     WORK_TOUCHING,
 )
-from hhsim.kernels.tick.tick import set_haptic
 from hhsim.mesh.catalogue import load_object
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import make_scene

@@ -1,0 +1,85 @@
+"""True distances at a pose, as far as the next program may need them, and the work that they take."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.kernels.contact.detection import COUNT_NODE_TESTS, COUNT_PAIR_TESTS, evaluate
+from hhsim.kernels.contact.parallel_detection import evaluate_in_parallel, worth_sharing
+from hhsim.kernels.hand.kinematics import BODY_COUNT, HandArrays
+from hhsim.kernels.hand.pose import copy_configuration, update_kinematics
+from hhsim.kernels.jit import Record, jit
+from hhsim.kernels.tick.options import TickOptions
+from hhsim.kernels.tick.state import UNITS_NODE_TEST, UNITS_PAIR_TEST, UNITS_QP_ITERATION, WORK_UNITS
+
+REACH_PACE = 1.5
+"""Reach of a tick's first program, as a multiple of the path of the last tick's hand."""
+REACH_FLOOR = 2.0
+"""Least reach of a program, as a multiple of the step tolerance; after a whole step, as a multiple of that step."""
+
+
+@jit
+def usual_reach(options: TickOptions, state: Record) -> float:
+    """Compute the reach of a tick's first program [m], which a hand that moves as in the last tick does not exceed.
+
+    A hand that moves faster gains reach from step to step.
+    """
+    return min(options.margin, max(REACH_FLOOR * options.step_tolerance, REACH_PACE * state.progress.path))
+
+
+@jit
+def evaluate_pose(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> bool:
+    """Compute kinematics and pair distances at the present configuration.
+
+    Returns False, and notes it in the state's progress, where the pairs do not fit into the arrays.
+    """
+    update_kinematics(hand, state.pose)
+    pose, candidates, margin, skin = state.pose, state.candidates, options.margin, options.skin
+    # As far as the next program may reach, in this tick or in the next.
+    needed = max(options.listed, max(state.trust.reach, usual_reach(options, state)))
+    # A reach exceeds the step that is expected. Lists that vouch for that step may wait for a tick that makes no other;
+    # where the step turns out longer, `complete_lists` gathers them.
+    candidates.leeway = needed - max(options.listed, needed / REACH_PACE)
+    team, work = state.thread_team, state.work
+    if team.members > 1 and worth_sharing(hand, pose, needed, margin, skin, candidates, team, work):
+        status = evaluate_in_parallel(hand, pose, surface, margin, skin, candidates, team, work)
+    else:
+        status = evaluate(hand, pose, surface, needed, margin, skin, candidates, work)
+    state.progress.is_full = status != 0
+    return status == 0
+
+
+@jit
+def least_distance(candidates: Record) -> float:
+    """Return the least signed distance of all pairs at hand [m], infinite where there is none."""
+    least = np.inf
+    for body in range(BODY_COUNT):
+        least = min(least, candidates.nearest[body])
+    return least
+
+
+@jit
+def spent_units(state: Record) -> int:
+    """Compute the work units of the tick so far.
+
+    `work[WORK_UNITS]` itself counts linearisations and rows until the tick ends.
+    """
+    work = state.work
+    units = work[WORK_UNITS] + UNITS_QP_ITERATION * state.step.iterations
+    return units + UNITS_NODE_TEST * work[COUNT_NODE_TESTS] + UNITS_PAIR_TEST * work[COUNT_PAIR_TESTS]
+
+
+@jit
+def rebuild_candidates(hand: HandArrays, surface: Any, options: TickOptions, states: NDArray[np.void]) -> bool:
+    """Take the graphic hand's configuration as it now stands: kinematics, near pairs, distances.
+
+    Returns False where the pairs do not fit into the arrays.
+    """
+    state = states[0]
+    copy_configuration(state.pose, state.prediction.start)
+    for body in range(BODY_COUNT):
+        # A body that the scene does not use is never due for a walk and never near.
+        state.candidates.fresh[body] = -np.inf if state.modelled[body] == 1 else np.inf
+        state.candidates.count[body] = 0
+    return evaluate_pose(hand, surface, options, state)

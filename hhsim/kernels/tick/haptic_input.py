@@ -1,0 +1,45 @@
+"""The user's hand as a tick takes it."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhsim.kernels.copy import copy_values
+from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT, HandArrays
+from hhsim.kernels.hand.pose import farthest_joint, is_finite_configuration, update_kinematics
+from hhsim.kernels.jit import Record, jit_inline
+from hhsim.kernels.tick.state import STATUS_INPUT_INVALID
+
+Array = NDArray[np.float64]
+
+
+@jit_inline
+def set_haptic(
+    hand: HandArrays, position: Array, orientation: Array, flexion: Array, abduction: Array, state: Record
+) -> int:
+    """Take the new haptic configuration.
+
+    Returns 0, or STATUS_INPUT_INVALID where it is not finite, and keeps the old one.
+    """
+    haptic, sample = state.haptic, state.input
+    sample.previous_motion = sample.motion
+    sample.motion = 0.0
+    if not is_finite_configuration(position, orientation, flexion, abduction):
+        return STATUS_INPUT_INVALID
+    square = 0.0
+    for i in range(4):
+        square += orientation[i] * orientation[i]
+    scale = 1.0 / math.sqrt(square)
+    for i in range(3):
+        haptic.position[i] = position[i]
+    for i in range(4):
+        haptic.orientation[i] = orientation[i] * scale
+    for f in range(FINGER_COUNT):
+        haptic.abduction[f] = abduction[f]
+        for k in range(PHALANX_COUNT):
+            haptic.flexion[f, k] = flexion[f, k]
+    copy_values(haptic.joints[:], sample.joints[:])
+    update_kinematics(hand, haptic)
+    sample.motion = farthest_joint(sample.joints, haptic.joints)
+    return 0

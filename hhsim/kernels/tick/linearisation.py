@@ -1,0 +1,132 @@
+"""One linearisation of a tick: the contacts within reach, and the quadratic program that they make."""
+
+from typing import Any
+
+from hhsim.kernels.clock import monotonic_ns
+from hhsim.kernels.contact.detection import evaluate, find_contacts, pairs_near
+from hhsim.kernels.contact.linearise import build_rows, clamp_to_limits
+from hhsim.kernels.contact.redundant_contacts import drop_redundant_contacts
+from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays, motion_bounds
+from hhsim.kernels.jit import Record, jit, jit_once
+from hhsim.kernels.rotation import rotation_vector_between
+from hhsim.kernels.tick.options import TickOptions
+from hhsim.kernels.tick.restoration import LEAST_TRUST, TRUST_DECAY
+from hhsim.kernels.tick.state import (
+    UNITS_CONTACT,
+    UNITS_LINEARISATION,
+    UNITS_ROW,
+    WORK_BODIES,
+    WORK_CANDIDATES,
+    WORK_LINEARISATIONS,
+    WORK_ROWS,
+    WORK_UNITS,
+)
+from hhsim.kernels.tick.step import DURATION_DETECT
+
+
+@jit
+def set_target(state: Record) -> None:
+    """Write the step from the graphic to the haptic hand into the problem [m, rad], not yet scaled."""
+    pose, haptic, problem = state.pose, state.haptic, state.problem
+    rotation_vector_between(pose.orientation, haptic.orientation, state.scratch)
+    for i in range(3):
+        problem.target[i] = haptic.position[i] - pose.position[i]
+        problem.target[3 + i] = state.scratch[i]
+    for f in range(FINGER_COUNT):
+        held = state.program.holds_abduction
+        problem.abduction_step[f] = 0.0 if held else haptic.abduction[f] - pose.abduction[f]
+        for k in range(PHALANX_COUNT):
+            problem.target[6 + 3 * f + k] = haptic.flexion[f, k] - pose.flexion[f, k]
+
+
+@jit
+def find_program_contacts(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> bool:
+    """Find the contacts within the program's reach, and shorten the reach where they do not fit into the records.
+
+    Returns False where not even those that touch fit.
+    """
+    while True:
+        reach = min(state.trust.reach, state.trust.radius)
+        status = find_contacts(surface, hand, state.pose, state.candidates, reach, state.contacts)
+        if status == 0 or reach < LEAST_TRUST * options.margin:
+            return status == 0
+        state.trust.radius = TRUST_DECAY * reach
+        state.work[WORK_UNITS] += UNITS_CONTACT * state.contacts.key.shape[0]
+
+
+@jit
+def count_linearisation(
+    hand: HandArrays, surface: Any, options: TickOptions, found: int, rows: int, state: Record
+) -> None:
+    """Add a program of so many contacts found and rows kept to the work of the tick."""
+    work = state.work
+    bodies, pairs = pairs_near(surface, hand, state.candidates, max(options.listed, state.trust.reach))
+    work[WORK_BODIES] = max(work[WORK_BODIES], bodies)
+    work[WORK_LINEARISATIONS] += 1
+    work[WORK_CANDIDATES] = max(work[WORK_CANDIDATES], pairs)
+    work[WORK_ROWS] = max(work[WORK_ROWS], rows)
+    work[WORK_UNITS] += UNITS_LINEARISATION + UNITS_CONTACT * found + UNITS_ROW * rows
+
+
+@jit_once
+def build_program(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> int:
+    """Build the program at the present configuration.
+
+    Without a contact its solution is written, too: the step to the user's hand within the joints' limits.
+
+    Returns the number of contacts, -1 where they do not fit into the records.
+    """
+    began = monotonic_ns()
+    problem = state.problem
+    if not find_program_contacts(hand, surface, options, state):
+        return -1
+    found = state.contacts.start[FINGER_COUNT + 1]
+    drop_redundant_contacts(hand, min(state.trust.reach, state.trust.radius), state.contacts, state.excess[:])
+    set_target(state)
+    contacts = state.contacts.start[FINGER_COUNT + 1]
+    count_linearisation(hand, surface, options, found, contacts, state)
+    if contacts == 0:
+        for j in range(DOF):
+            state.step.delta[j] = problem.target[j]
+        for f in range(FINGER_COUNT):
+            clamp_to_limits(hand, state.pose, f, state.step.delta[:])
+        state.step.count = 0
+    else:
+        for f in range(FINGER_COUNT):
+            if state.contacts.start[f + 2] == state.contacts.start[f + 1]:
+                clamp_to_limits(hand, state.pose, f, problem.target[:])
+        build_rows(hand, state.pose, state.contacts, options.offset, state.program.is_relaxed, problem)
+        for j in range(DOF):
+            problem.target[j] /= problem.inverse_root[j]
+    state.step.duration[DURATION_DETECT] += monotonic_ns() - began
+    return contacts
+
+
+# Absorbed by its one caller it made every tick on triangles 5 % slower.
+@jit
+def complete_lists(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> bool:
+    """Gather the pairs that a program's step would go beyond; returns whether the program is to be built anew.
+
+    Rows that a list lacks are farther than its slack, and change nothing as long as no body moves by so much: the step
+    is the one of all rows. A longer one would depend on when a list happened to be gathered.
+    """
+    candidates, motion = state.candidates, state.progress.motion
+    reach = min(state.trust.reach, state.trust.radius)
+    lacking = False
+    for body in range(BODY_COUNT):
+        lacking = lacking or candidates.slack[body] < reach
+    if not lacking:
+        return False
+    motion_bounds(hand, state.pose, state.step.delta, state.problem.abduction_step, 0.0, motion)
+    beyond = False
+    for body in range(BODY_COUNT):
+        slack = candidates.slack[body]
+        beyond = beyond or (state.modelled[body] == 1 and slack < reach and motion[body] > slack - options.offset)
+    if not beyond:
+        return False
+    candidates.leeway = 0.0
+    skin, work = options.skin, state.work
+    if evaluate(hand, state.pose, surface, candidates.needed, options.margin, skin, candidates, work) != 0:
+        state.progress.is_full = True
+        return False
+    return True

@@ -1,0 +1,46 @@
+"""Forces of a hand that is shown where no program has its optimum: what touches there bears the coupling."""
+
+from typing import Any
+
+from hhsim.kernels.contact.detection import find_contacts
+from hhsim.kernels.contact.linearise import build_rows, clamp_to_limits
+from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, HandArrays
+from hhsim.kernels.jit import Record, as_bool, jit_once
+from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
+from hhsim.kernels.tick.coupled import solve_coupled
+from hhsim.kernels.tick.linearisation import set_target
+from hhsim.kernels.tick.method import Coupled
+from hhsim.kernels.tick.options import TickOptions
+from hhsim.kernels.tick.step import DURATION_FINGERS, DURATION_PALM, keep_active
+
+ON_THE_WAY = 20.0
+"""Distance up to which a lagging hand bears on the object, in offsets: its last step has not brought it nearer yet."""
+
+
+@jit_once
+def settle_forces(hand: HandArrays, surface: Any, options: TickOptions, state: Record, qp: QpWork) -> None:
+    """Compute the multipliers of the contacts that touch at the configuration shown.
+
+    A lagging tick's last program was made for another configuration. A palm that has yielded to a finger stands at the
+    edge of what the finger's own program allows, where that program's multipliers grow without bound. In both cases one
+    more program, of the touching contacts alone, gives them. Standing still satisfies it, so that the forces stay
+    within the coupling's own. Its time counts as that of the forces.
+    """
+    duration = state.step.duration
+    palm, fingers = duration[DURATION_PALM], duration[DURATION_FINGERS]
+    near = max(options.touch, ON_THE_WAY * options.offset) if state.progress.lag > 0.0 else options.touch
+    contacts = find_contacts(surface, hand, state.pose, state.candidates, near, state.contacts)
+    state.active.count = 0
+    if contacts == 0 and state.contacts.start[FINGER_COUNT + 1] > 0:
+        set_target(state)
+        for f in range(FINGER_COUNT):
+            state.problem.abduction_step[f] = 0.0
+            if state.contacts.start[f + 2] == state.contacts.start[f + 1]:
+                clamp_to_limits(hand, state.pose, f, state.problem.target[:])
+        build_rows(hand, state.pose, state.contacts, options.offset, as_bool(True), state.problem)
+        for j in range(DOF):
+            state.problem.target[j] /= state.problem.inverse_root[j]
+        if solve_coupled(Coupled(options), state, qp) == OPTIMAL:
+            keep_active(state.contacts, state.step, state.active)
+    duration[DURATION_PALM] = palm
+    duration[DURATION_FINGERS] = fingers
