@@ -34,12 +34,14 @@ from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.hand.kinematics import BODY_COUNT
+from hhsim.kernels.hand.pose import copy_configuration
 from hhsim.kernels.jit import jit
 from hhsim.kernels.kernel_cache import KERNEL_CACHE, PACKAGE, kernel_closure, module_cache
 from hhsim.kernels.tick import method as tick_method
-from hhsim.kernels.tick import tick as _tick
+from hhsim.kernels.tick import restoration
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK, WORK_LINEARISATIONS, WORK_UNITS
+from hhsim.kernels.tick.step_length import WHOLE_TARGET
 from hhsim.mesh.catalogue import object_description, object_names
 from hhsim.metrics.metrics import tracking_energy
 from hhsim.scene.free_object import CLEARANCE, FreeObject
@@ -49,7 +51,6 @@ from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.contact_surface import contact_surface
 
-NEVER = np.iinfo(np.int64).max
 MOTIONS = ("grasp", "pinch", "slide", "touch", "whole-hand")
 LIFTED = ("bunny", "cube", "cup", "rock", "teapot")
 METHODS = ("coupled", "progressive")
@@ -63,17 +64,18 @@ JUDGED = 8
 
 
 @jit
-def _no_clipping(hand: Any, steering: Any, last_chance: bool, state: Any) -> bool:
-    return False
+def _no_clipping(hand: Any, options: Any, only_leave: bool, state: Any) -> float:
+    return WHOLE_TARGET
 
 
 @jit
 def _no_prediction(hand: Any, surface: Any, options: Any, state: Any) -> None:
-    state.predicted = False
+    state.prediction.is_predicted = False
+    copy_configuration(state.pose, state.prediction.start)
 
 
 @jit
-def _no_last_chance(options: Any, state: Any, done: int) -> bool:
+def _never_only_leaves(options: Any, state: Any, done: int) -> bool:
     return False
 
 
@@ -84,46 +86,45 @@ def _no_recovery(hand: Any, surface: Any, options: Any, state: Any) -> bool:
 
 @jit
 def _only_relax(hand: Any, surface: Any, options: Any, state: Any) -> bool:
-    if not state.relaxed:
-        state.relaxed = True
-        state.in_one_program = True
+    if not state.program.is_relaxed:
+        state.program.is_relaxed = True
+        state.program.is_coupled = True
         return True
     return False
 
 
 @jit
 def _without_holding(hand: Any, surface: Any, options: Any, state: Any) -> bool:
-    if not state.relaxed:
-        state.relaxed = True
-        state.in_one_program = True
+    if not state.program.is_relaxed:
+        state.program.is_relaxed = True
+        state.program.is_coupled = True
         return True
     moved = 0.0
     for body in range(BODY_COUNT):
-        moved += state.since_safe[body]
+        moved += state.progress.since_safe[body]
     if moved > 0.0:
-        _tick._take_back(state)
-        state.trust *= _tick.TRUST_DECAY
-        state.full = _tick.evaluate_pose(hand, surface, options, state) != 0
-        return not state.full
+        restoration.take_back(state)
+        state.trust.radius *= restoration.TRUST_DECAY
+        return restoration.evaluate_pose(hand, surface, options, state)
     return False
 
 
 @jit
-def _new_start(options: Any, state: Any) -> None:
-    state.unfinished = False
-    state.trust = options.margin
-    state.relaxed = False
-    state.hold_abduction = False
-    state.in_one_program = state.decoupling_latched
+def _new_trust(options: Any, state: Any) -> None:
+    state.progress.is_unfinished = False
+    state.trust.radius = options.margin
+    state.program.is_relaxed = False
+    state.program.holds_abduction = False
+    state.program.is_coupled = state.decoupling.is_suspended
 
 
 @jit
-def _no_switch(state: Any) -> None:
+def _no_suspension(state: Any) -> None:
     pass
 
 
 @jit
-def _not_oscillating(method: Any, state: Any, done: int) -> bool:
+def _not_stalled(method: Any, state: Any) -> bool:
     return False
 
 
@@ -173,29 +174,27 @@ SAFEGUARDS = (
     ),
     Safeguard("reach", "a program holds only the pairs that the last steps let expect", {"REACH_FLOOR": np.inf}),
     Safeguard("reach-growth", "a step that was cut short lets the next one reach farther", {"REACH_GROWTH": 1.0}),
-    Safeguard("trust-memory", "a tick that came nowhere hands on its trust radius", {"_take_over": _new_start}),
+    Safeguard("trust-memory", "a tick that came nowhere hands on its trust radius", {"_hand_on_trust": _new_trust}),
     Safeguard("trust-growth", "the trust radius handed on grows by steps", {"TRUST_GROWTH": 1e30}),
-    Safeguard("damping", "a step that goes back on the one before is halved", {"MOST_TURNS": NEVER}),
-    Safeguard("latch", "palm and fingers stay in one program near where apart they failed", {"LATCH_MARGINS": -1.0}),
-    Safeguard("way", "a way that leads nowhere is known by its ends", {"OSCILLATION_RATIO": np.inf}),
-    Safeguard("relapses", "a hand that leaves its rest too often is known", {"MOST_RELAPSES": NEVER}),
-    Safeguard("rest", "a hand that moves round and round while the user's rests is known", {"REST_RATIO": np.inf}),
     Safeguard(
-        "oscillation",
-        "all three: way, relapses, rest",
-        {"OSCILLATION_RATIO": np.inf, "MOST_RELAPSES": NEVER, "REST_RATIO": np.inf},
+        "stay-suspended", "palm and fingers share a program near where apart they failed", {"SUSPENSION_MARGINS": -1.0}
     ),
-    Safeguard("switch", "palm and fingers share a program after they failed apart", {"switch_to_coupled": _no_switch}),
+    Safeguard(
+        "stalled",
+        "palm and fingers share a program after a tick without progress",
+        {"is_stalled:Progressive": _not_stalled},
+    ),
+    Safeguard(
+        "suspension", "palm and fingers share a program after they failed apart", {"suspend_decoupling": _no_suspension}
+    ),
     Safeguard("clip", "a far target is brought nearer", {"clip_target": _no_clipping, "_clip_target": _no_clipping}),
     Safeguard("clip-clear", "a hand with its clearance goes a part of a step", {"CLEAR": np.inf}),
-    Safeguard("part", "a penetrating step is replaced by the share of it that is free", {"PART": 0.0}),
-    Safeguard("last-chance", "the last step of a tick only leaves the object", {"is_last_chance": _no_last_chance}),
-    Safeguard(
-        "recovery", "a program without solution is made easier", {"recover": _no_recovery, "_recover": _no_recovery}
-    ),
-    Safeguard("take-back", "of it: going back with a smaller trust radius", {"recover": _only_relax}),
-    Safeguard("hold-abduction", "of it: keeping the abduction", {"recover": _without_holding}),
-    Safeguard("idle", "ticks without time are stuck after ten", {"MOST_IDLE": 0}),
+    Safeguard("free-share", "a penetrating step is replaced by the share of it that is free", {"FREE_SHARE": 0.0}),
+    Safeguard("only-leaves", "the last step of a tick only leaves the object", {"only_leaves": _never_only_leaves}),
+    Safeguard("recovery", "a program without solution is made easier", {"make_easier": _no_recovery}),
+    Safeguard("take-back", "of it: going back with a smaller trust radius", {"make_easier": _only_relax}),
+    Safeguard("hold-abduction", "of it: keeping the abduction", {"make_easier": _without_holding}),
+    Safeguard("idle", "ticks without time are stuck after ten", {"MOST_IDLE_TICKS": 0}),
     Safeguard(
         "strained",
         "forces of a palm that yielded come from a program of their own",
@@ -204,10 +203,10 @@ SAFEGUARDS = (
     Safeguard(
         "settled-forces",
         "forces of a tick that lags come from a program of their own",
-        {"_settle_forces": _no_settled_forces},
+        {"settle_forces": _no_settled_forces},
     ),
     Safeguard("curvature", "the second-order correction", {"correct_for_curvature": _no_correction}),
-    Safeguard("complete-lists", "lists that a step goes beyond are gathered anew", {"_complete_lists": _complete}),
+    Safeguard("complete-lists", "lists that a step goes beyond are gathered anew", {"complete_lists": _complete}),
     Safeguard("redundant-contacts", "contacts that others imply are dropped", {"drop_redundant_contacts": _keep_all}),
     Safeguard("gather-ahead", "lists are gathered ahead of need", {"AHEAD": -1.0, "STALE": np.inf}),
 )

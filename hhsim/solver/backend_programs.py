@@ -23,7 +23,7 @@ from hhsim.kernels.tick.method import (
     advance,
     begin_motion,
     finish_tick,
-    is_oscillating,
+    is_stalled,
     is_strained,
     may_end,
     recover,
@@ -60,7 +60,7 @@ def _as_the_method(part: Any) -> Any:
     return lambda given, *others: part(given.method, *others)
 
 
-for _part in (begin_motion, may_end, recover, advance, finish_tick, is_oscillating, is_strained):
+for _part in (begin_motion, may_end, recover, advance, finish_tick, is_stalled, is_strained):
     _part.of(PythonPrograms)(_as_the_method(_part))
 # Interpreted, so that it can call Python; what else it calls is compiled.
 solve_linearisation.of(PythonPrograms)(getattr(solve_hand, "py_func", solve_hand))

@@ -23,7 +23,7 @@ def test_a_safeguard_of_another_time_is_refused() -> None:
 def test_a_kernel_depends_on_what_it_imports_and_on_what_implements_its_generics() -> None:
     closure = kernel_closure("hhsim.kernels.tick.tick")
     assert {"hhsim.kernels.qp.active_set", "hhsim.kernels.tick.progressive"} <= closure
-    assert "hhsim.kernels.free.tick" not in closure
+    assert "hhsim.kernels.live.plausibility" not in closure
 
 
 def test_the_table_has_a_row_for_each_suite_that_changes() -> None:

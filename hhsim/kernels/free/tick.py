@@ -417,7 +417,7 @@ def _begin_motion(method: Free, hand: HandArrays, surface: Any, state: Record) -
 
 @jit
 def rebuild(hand: HandArrays, method: Free, surface: Any, states: NDArray[np.void]) -> bool:
-    """Take the poses of hand and object as they now stand, in the object's frame; returns False where pairs do not fit."""
+    """Take the poses of hand and object as they now stand, in the object's frame; returns whether the pairs fit."""
     state = states[0]
     state.table_distance, _ = _table(method, state)
     return rebuild_candidates(hand, surface, method.options, states)

@@ -1,33 +1,28 @@
-"""When palm and fingers that are solved apart share a program: where they oscillate, or find no step.
+"""When palm and fingers that are solved apart share a program: where apart they make no progress.
 
 A palm that yields to a finger and is pulled back by the next program can do so for ever, without one step that fails.
-That is told from the path of the hand, which is long for what it reaches. From then on palm and fingers share a program
-until the user's hand has left the place, since apart they would do the same again from where the shared program leads.
+The energy of the coupling tells, which the step of a shared program brings down. So a tick that lags and has not
+brought it down lets palm and fingers share a program, as does one whose steps apart all end inside the object. They
+share it until the user's hand has left the place: apart they would do the same again from where they come to rest.
 """
 
 from hhsim.kernels.copy import copy_values
+from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.hand.pose import farthest_joint
 from hhsim.kernels.jit import Record, jit, jit_once
-from hhsim.kernels.tick.method import Progressive, is_oscillating
+from hhsim.kernels.rotation import rotation_vector_between
+from hhsim.kernels.tick.method import Progressive, is_stalled
 from hhsim.kernels.tick.options import TickOptions
-from hhsim.kernels.tick.state import WORK_LINEARISATIONS
 
 SUSPENSION_MARGINS = 10.0
 """How far the user's hand goes before palm and fingers are solved apart again, in margins."""
-WINDOW_STEPS = 6
-"""Linearisations after which a path that is long for what it reaches is an oscillation."""
-OSCILLATION_RATIO = 3.0
-"""Ratio of a window's path to the distance between its ends from which on it is one."""
-MOST_DEPARTURES = 10
-"""How often the hand may begin to lag anew while the user's rests."""
-REST_RATIO = 5.0
-REST_MARGINS = 10.0
-"""Longest path of lagging ticks while the user's hand rests: so many times the distance to it, and so many margins."""
+PROGRESS = 0.9
+"""Share of the coupling's energy to which a lagging tick must at least bring it down."""
 
 
 @jit_once
 def stays_suspended(options: TickOptions, state: Record) -> bool:
-    """Return whether the user's hand is still near where palm and fingers apart found nothing."""
+    """Return whether the user's hand is still near where palm and fingers apart made no progress."""
     decoupling = state.decoupling
     if not decoupling.is_suspended:
         return False
@@ -43,42 +38,23 @@ def suspend_decoupling(state: Record) -> None:
     copy_values(state.haptic.joints[:], state.decoupling.suspended_joints[:])
 
 
-@jit_once
-def follow_path(options: TickOptions, state: Record) -> None:
-    """Add the last tick to the path of lagging ticks, before its counters are reset."""
-    decoupling, progress = state.decoupling, state.progress
-    lags = progress.lag > 0.0
-    if lags:
-        if farthest_joint(decoupling.rest_joints, state.haptic.joints) <= options.step_tolerance:
-            decoupling.departures += 0 if decoupling.lagged else 1
-            decoupling.rest_path += progress.path
-        else:
-            copy_values(state.haptic.joints[:], decoupling.rest_joints[:])
-            decoupling.rest_distance = farthest_joint(state.pose.joints, state.haptic.joints)
-            decoupling.rest_path = 0.0
-            decoupling.departures = 0
-    decoupling.lagged = lags
-    # A tick of few linearisations is too short to show an oscillation: several make one window.
-    if lags and decoupling.window_steps < WINDOW_STEPS:
-        decoupling.window_steps += state.work[WORK_LINEARISATIONS]
-        decoupling.window_path += progress.path
-    else:
-        decoupling.window_steps = 0
-        decoupling.window_path = 0.0
-        copy_values(state.pose.joints[:], decoupling.window_joints[:])
-
-
-@is_oscillating.of(Progressive)
 @jit
-def _is_oscillating(method: Progressive, state: Record, done: int) -> bool:
-    """Return whether the path of the hand, with this tick's first `done` linearisations, is too long."""
-    decoupling = state.decoupling
+def coupling_energy(pose: Record, state: Record) -> float:
+    """Compute the energy ½ δᵀ G δ [J] of the coupling between a pose and the haptic hand (paper, Eq. 2)."""
+    haptic, weight = state.haptic, state.problem.inverse_root
+    rotation_vector_between(pose.orientation, haptic.orientation, state.scratch)
+    total = 0.0
+    for i in range(3):
+        total += ((haptic.position[i] - pose.position[i]) / weight[i]) ** 2 + (state.scratch[i] / weight[3 + i]) ** 2
+    for f in range(FINGER_COUNT):
+        for k in range(PHALANX_COUNT):
+            total += ((haptic.flexion[f, k] - pose.flexion[f, k]) / weight[6 + PHALANX_COUNT * f + k]) ** 2
+    return 0.5 * total
+
+
+@is_stalled.of(Progressive)
+@jit
+def _is_stalled(method: Progressive, state: Record) -> bool:
     if state.program.is_coupled:
         return False
-    longest = REST_RATIO * (decoupling.rest_distance + REST_MARGINS * method.options.margin)
-    if decoupling.departures > MOST_DEPARTURES or decoupling.rest_path > longest:
-        return True
-    if decoupling.window_steps + done < WINDOW_STEPS:
-        return False
-    path = decoupling.window_path + state.progress.path
-    return path > OSCILLATION_RATIO * farthest_joint(state.pose.joints, decoupling.window_joints)
+    return coupling_energy(state.pose, state) > PROGRESS * coupling_energy(state.prediction.start, state)

@@ -74,8 +74,8 @@ def finish_tick(method: Any, hand: HandArrays, surface: Any, state: Record, qp: 
 
 
 @generic
-def is_oscillating(method: Any, state: Record, done: int) -> bool:
-    """Return whether programs apart pull the hand to and fro, with this tick's first `done` linearisations."""
+def is_stalled(method: Any, state: Record) -> bool:
+    """Return whether the programs apart of a tick that lags have made no progress, see `kernels.tick.decoupling`."""
 
 
 @generic

@@ -159,41 +159,13 @@ FIRST_STEP = np.dtype(
 """
 
 
-DECOUPLING = np.dtype(
-    [
-        ("is_suspended", np.bool_),
-        ("suspended_joints", np.float64, JOINTS),
-        ("window_joints", np.float64, JOINTS),
-        ("window_steps", np.int64),
-        ("window_path", np.float64),
-        ("rest_joints", np.float64, JOINTS),
-        ("rest_distance", np.float64),
-        ("rest_path", np.float64),
-        ("departures", np.int64),
-        ("lagged", np.bool_),
-    ],
-    align=True,
-)
-"""What tells whether palm and fingers that are solved apart oscillate, see `kernels.tick.decoupling`.
+DECOUPLING = np.dtype([("is_suspended", np.bool_), ("suspended_joints", np.float64, JOINTS)], align=True)
+"""Where palm and fingers share a program, see `kernels.tick.decoupling`.
 
 | field | meaning |
 |---|---|
-| is_suspended, suspended_joints | they share a program, as long as the haptic joints stay near these [m] |
-| window_joints | joints of the graphic hand where the window of lagging ticks began [m] |
-| window_steps, window_path | linearisations and path [m] of the window's earlier ticks |
-| rest_joints, rest_distance | haptic joints at rest, and how far from them the graphic hand then was [m] |
-| rest_path | path of the lagging ticks since [m] |
-| departures | how often since then the hand has begun to lag anew |
-| lagged | the last tick lagged |
-"""
-
-DAMPING = np.dtype([("last_step", np.float64, (DOF,)), ("reversals", np.int64)], align=True)
-"""Steps that go back on each other, see `kernels.tick.step_length`.
-
-| field | meaning |
-|---|---|
-| last_step | the last step near the object, in units of √G δ |
-| reversals | how many steps in a row went back on the one before; -1: `last_step` is none |
+| is_suspended | they do, as long as the haptic joints stay near `suspended_joints` |
+| suspended_joints | haptic joints where they were found to make no progress apart [m] |
 """
 
 
@@ -208,7 +180,6 @@ def tick_state_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
     | haptic | the haptic hand: the last good input |
     | input, prediction, trust, progress, program, first_step | see the records above |
     | decoupling | see `kernels.tick.decoupling` |
-    | damping | see `kernels.tick.step_length` |
     | candidates, contacts | near pairs and contact records |
     | problem, step | the program and the step that solves it |
     | warm | contacts active in the last program, to start the next one from |
@@ -237,7 +208,6 @@ def tick_state_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
             ("program", PROGRAM),
             ("first_step", FIRST_STEP),
             ("decoupling", DECOUPLING),
-            ("damping", DAMPING),
             ("candidates", candidates),
             ("contacts", CONTACTS),
             ("problem", PROBLEM),

@@ -1,6 +1,4 @@
-"""How much of a program's step is made: what the pairs at hand vouch for, less where steps go back on each other."""
-
-import math
+"""How much of a program's step is made: the share that the pairs at hand vouch for, or a step to a nearer target."""
 
 from hhsim.kernels.contact.linearise import build_rows
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, HandArrays, motion_bounds
@@ -8,10 +6,6 @@ from hhsim.kernels.jit import Record, jit, jit_once
 from hhsim.kernels.tick.evaluation import least_distance
 from hhsim.kernels.tick.options import TickOptions
 
-OPPOSITE = 0.9
-"""Steps whose directions have a cosine below minus this go back on each other."""
-MOST_REVERSALS = 2
-"""Number of steps in a row that each go back on the one before, by more than half, from which on a step is halved."""
 CLEAR = 0.8
 """Share of the offset that a hand must be away from the object to go a part of a step."""
 LEAST_SHARE = 0.05
@@ -47,32 +41,6 @@ def vouched_share(hand: HandArrays, options: TickOptions, state: Record) -> tupl
         if motion * fraction > allowed:
             fraction = allowed / motion
     return fraction, longest
-
-
-# Absorbed by its one caller it made every tick 3 to 6 % slower.
-@jit
-def damped_share(state: Record) -> float:
-    """Return 0.5 for a step that goes back on the last ones, else 1.
-
-    Where the nearest feature changes from step to step, two linearisations may each lead past the optimum to where the
-    other one was made, for ever. Half of the way between them is where both lead.
-    """
-    step, problem, damping = state.step.delta, state.problem, state.damping
-    last = damping.last_step
-    if damping.reversals < 0:
-        last[:] = 0.0
-    now, before, along = 0.0, 0.0, 0.0
-    for j in range(DOF):
-        x = step[j] / problem.inverse_root[j]
-        now += x * x
-        before += last[j] * last[j]
-        along += x * last[j]
-        last[j] = x
-    if along >= -OPPOSITE * math.sqrt(now * before):
-        damping.reversals = 0
-    elif 4.0 * now > before:
-        damping.reversals += 1
-    return 0.5 if damping.reversals >= MOST_REVERSALS else 1.0
 
 
 @jit_once

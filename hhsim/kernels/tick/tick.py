@@ -30,7 +30,7 @@ from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration, farthest_joint, move
 from hhsim.kernels.jit import Record, as_int64, jit, jit_once
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
-from hhsim.kernels.tick.decoupling import follow_path, stays_suspended, suspend_decoupling
+from hhsim.kernels.tick.decoupling import stays_suspended, suspend_decoupling
 from hhsim.kernels.tick.evaluation import REACH_FLOOR, evaluate_pose, least_distance, spent_units, usual_reach
 from hhsim.kernels.tick.force import FORCE_PAPER, hand_forces
 from hhsim.kernels.tick.linearisation import build_program, complete_lists
@@ -41,7 +41,7 @@ from hhsim.kernels.tick.method import (
     advance,
     begin_motion,
     finish_tick,
-    is_oscillating,
+    is_stalled,
     is_strained,
     may_end,
     recover,
@@ -71,7 +71,7 @@ from hhsim.kernels.tick.state import (
     WORK_UNITS,
 )
 from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FORCE, copy_active, keep_active
-from hhsim.kernels.tick.step_length import WHOLE_TARGET, clip_target, damped_share, vouched_share
+from hhsim.kernels.tick.step_length import WHOLE_TARGET, clip_target, vouched_share
 
 REACH_GROWTH = 4.0
 """Growth of the reach after a step that it has cut short."""
@@ -120,12 +120,6 @@ def begin_tick(options: TickOptions, state: Record) -> None:
     state.step.duration[:] = 0
     state.step.iterations = 0
     state.trust.reach = usual_reach(options, state)
-    if progress.lag == 0.0:
-        state.damping.reversals = -1
-    elif state.damping.reversals < 0:
-        state.damping.reversals = 0
-        state.damping.last_step[:] = 0.0
-    follow_path(options, state)
     judge_last_tick(state)
     state.work[:] = 0
     progress.path = 0.0
@@ -154,8 +148,6 @@ def may_hand_end(method: Any, state: Record) -> bool:
 def solve_hand(method: Any, hand: HandArrays, surface: Any, done: int, state: Record, qp: QpWork) -> tuple[int, float]:
     """Solve a program of whole lists of pairs, whose target is near enough for its step."""
     options, work = method.options, state.work
-    if is_oscillating(method, state, done):
-        suspend_decoupling(state)
     only_leave = only_leaves(options, state, done)
     units, status, unclipped = work[WORK_UNITS], as_int64(OPTIMAL), WHOLE_TARGET
     contacts = as_int64(0)
@@ -249,10 +241,6 @@ def advance_hand(method: Any, hand: HandArrays, surface: Any, unclipped: float, 
         clamp_to_limits(hand, state.pose, f, step.delta[:])
     clearance = least_distance(state.candidates)
     fraction, longest = vouched_share(hand, options, state)
-    # A tick that arrives in its first step, as most do, has nothing to go back on.
-    is_first = state.damping.reversals < 0 and state.work[WORK_LINEARISATIONS] <= 1
-    if state.contacts.start[FINGER_COUNT + 1] > 0 and not is_first:
-        fraction = min(fraction, damped_share(state))
     move(state.pose, step.delta, state.problem.abduction_step, fraction)
     # The next step may be the longer one, where contacts change; cut short by the reach, it would make that grow again.
     foreseen = REACH_FLOOR * max(options.step_tolerance, longest)
@@ -340,6 +328,8 @@ def finish_hand(method: Any, hand: HandArrays, surface: Any, state: Record, qp: 
         # What is not free in one program may be in several.
         state.trust.radius = max(TRUST_DECAY, state.first_step.free_share) * min(state.trust.reach, state.trust.radius)
     status = end_progress(cut_short, made_part, state)
+    if progress.is_accepted and status & STATUS_LAG and is_stalled(method, state):
+        suspend_decoupling(state)
     if is_full:
         status |= STATUS_CAPACITY_EXCEEDED
     _, state.work[WORK_TOUCHING] = pairs_near(surface, hand, state.candidates, options.touch)
