@@ -15,9 +15,11 @@ from scipy.spatial.transform import Rotation
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.detection import evaluate
 from hhsim.kernels.hand.pose import update_kinematics
-from hhsim.kernels.tick import tick as kernel
 from hhsim.kernels.tick.block import TickRecord
+from hhsim.kernels.tick.haptic_input import set_haptic
+from hhsim.kernels.tick.linearisation import build_program
 from hhsim.kernels.tick.method import Coupled, Progressive, solve_program
+from hhsim.kernels.tick.tick import begin_tick
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.trees.sphere_tree import SphereTree, enclosing_radius
 
@@ -141,15 +143,15 @@ def prepared(solver: HandSolver, motion: Motion, tick: int, relaxed: bool = Fals
     """Bring a solver that stands before `tick` to that tick's first program; returns the number of contacts."""
     state, options = solver.workspace.states[0], solver.workspace.tick_options
     position, orientation, flexion, abduction = (values[tick] for values in motion)
-    assert kernel.set_haptic(solver.workspace.hand, position, orientation, flexion, abduction, state) == 0
-    kernel.begin_tick(options, state)
+    assert set_haptic(solver.workspace.hand, position, orientation, flexion, abduction, state) == 0
+    begin_tick(options, state)
     state.trust.reach = options.margin
     state.program.is_relaxed = relaxed
     hand, surface = solver.workspace.hand, solver.workspace.surface
     # Whole lists, as a tick has them made where its step goes beyond those that wait.
     state.candidates.leeway = 0.0
     evaluate(hand, state.pose, surface, options.margin, options.margin, options.skin, state.candidates, state.work)
-    return int(kernel.prepare(hand, surface, options, state))
+    return int(build_program(hand, surface, options, state))
 
 
 def solve_prepared(solver: HandSolver) -> int:

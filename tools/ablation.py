@@ -69,7 +69,7 @@ def _no_clipping(hand: Any, options: Any, only_leave: bool, state: Any) -> float
 
 
 @jit
-def _no_prediction(hand: Any, surface: Any, options: Any, state: Any) -> None:
+def _no_prediction(method: Any, hand: Any, surface: Any, state: Any) -> None:
     state.prediction.is_predicted = False
     copy_configuration(state.pose, state.prediction.start)
 
@@ -80,12 +80,12 @@ def _never_only_leaves(options: Any, state: Any, done: int) -> bool:
 
 
 @jit
-def _no_recovery(hand: Any, surface: Any, options: Any, state: Any) -> bool:
+def _no_recovery(method: Any, hand: Any, surface: Any, state: Any) -> bool:
     return False
 
 
 @jit
-def _only_relax(hand: Any, surface: Any, options: Any, state: Any) -> bool:
+def _only_relax(method: Any, hand: Any, surface: Any, state: Any) -> bool:
     if not state.program.is_relaxed:
         state.program.is_relaxed = True
         state.program.is_coupled = True
@@ -94,7 +94,7 @@ def _only_relax(hand: Any, surface: Any, options: Any, state: Any) -> bool:
 
 
 @jit
-def _without_holding(hand: Any, surface: Any, options: Any, state: Any) -> bool:
+def _without_holding(method: Any, hand: Any, surface: Any, state: Any) -> bool:
     if not state.program.is_relaxed:
         state.program.is_relaxed = True
         state.program.is_coupled = True
@@ -105,7 +105,7 @@ def _without_holding(hand: Any, surface: Any, options: Any, state: Any) -> bool:
     if moved > 0.0:
         restoration.take_back(state)
         state.trust.radius *= restoration.TRUST_DECAY
-        return restoration.evaluate_pose(hand, surface, options, state)
+        return restoration.evaluate_pose(hand, surface, method.options, state)
     return False
 
 
@@ -168,9 +168,16 @@ class Safeguard:
     changes: Mapping[str, Any]
 
 
+def _of_hand(generic: str, kernel: Any) -> dict[str, Any]:
+    """Return what takes the place of a part of the tick for both methods of a hand alone."""
+    return {f"{generic}:{method}": kernel for method in ("Coupled", "Progressive")}
+
+
 SAFEGUARDS = (
     Safeguard(
-        "prediction", "a tick begins where the last motion would take the hand", {"predict_pose": _no_prediction}
+        "prediction",
+        "a tick begins where the last motion would take the hand",
+        _of_hand("begin_motion", _no_prediction),
     ),
     Safeguard("reach", "a program holds only the pairs that the last steps let expect", {"REACH_FLOOR": np.inf}),
     Safeguard("reach-growth", "a step that was cut short lets the next one reach farther", {"REACH_GROWTH": 1.0}),
@@ -191,9 +198,9 @@ SAFEGUARDS = (
     Safeguard("clip-clear", "a hand with its clearance goes a part of a step", {"CLEAR": np.inf}),
     Safeguard("free-share", "a penetrating step is replaced by the share of it that is free", {"FREE_SHARE": 0.0}),
     Safeguard("only-leaves", "the last step of a tick only leaves the object", {"only_leaves": _never_only_leaves}),
-    Safeguard("recovery", "a program without solution is made easier", {"make_easier": _no_recovery}),
-    Safeguard("take-back", "of it: going back with a smaller trust radius", {"make_easier": _only_relax}),
-    Safeguard("hold-abduction", "of it: keeping the abduction", {"make_easier": _without_holding}),
+    Safeguard("recovery", "a program without solution is made easier", _of_hand("recover", _no_recovery)),
+    Safeguard("take-back", "of it: going back with a smaller trust radius", _of_hand("recover", _only_relax)),
+    Safeguard("hold-abduction", "of it: keeping the abduction", _of_hand("recover", _without_holding)),
     Safeguard("idle", "ticks without time are stuck after ten", {"MOST_IDLE_TICKS": 0}),
     Safeguard(
         "strained",

@@ -44,7 +44,14 @@ from hhsim.kernels.hand.pose import move, update_kinematics
 from hhsim.kernels.jit import Record, as_bool, as_int64, jit, jit_once
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
 from hhsim.kernels.rotation import rotation_vector_between
-from hhsim.kernels.tick.evaluation import REACH_FLOOR, evaluate_pose, least_distance, rebuild_candidates
+from hhsim.kernels.tick.evaluation import (
+    REACH_FLOOR,
+    end_work,
+    evaluate_pose,
+    is_cut_short,
+    least_distance,
+    rebuild_candidates,
+)
 from hhsim.kernels.tick.force import hand_forces
 from hhsim.kernels.tick.linearisation import count_linearisation, find_program_contacts
 from hhsim.kernels.tick.method import (
@@ -65,9 +72,7 @@ from hhsim.kernels.tick.tick import (
     MOST_FAILED_STEPS,
     accept,
     end_progress,
-    end_work,
     follow_step,
-    is_cut_short,
 )
 
 Array = NDArray[np.float64]
@@ -275,7 +280,7 @@ def _table(method: Free, state: Record) -> tuple[float, int]:
 
 
 @jit_once
-def _move(hand: HandArrays, fraction: float, state: Record) -> None:
+def _move_both(hand: HandArrays, fraction: float, state: Record) -> None:
     """Make a share of the step of hand and object, and find what bears it."""
     step, problem, body = state.step, state.free_problem, state.body
     for j in range(FREE_DOF):
@@ -332,7 +337,7 @@ def _advance(method: Free, hand: HandArrays, surface: Any, unclipped: float, sta
         clamp_to_limits(hand, state.pose, f, step.delta[:])
     copy_values(problem.abduction_step[:], state.problem.abduction_step[:])
     fraction, longest = vouched_share(hand, options, state)
-    _move(hand, fraction, state)
+    _move_both(hand, fraction, state)
     foreseen = max(REACH_FLOOR * options.step_tolerance, longest)
     follow_step(options, fraction, longest, unclipped, foreseen, state)
     fits = evaluate_pose(hand, surface, options, state)

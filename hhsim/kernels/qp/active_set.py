@@ -273,7 +273,7 @@ def _add_row(
 
 
 @jit_once
-def _finish(n: int, k: int, rows: Rows, relaxation: float, unsound: int, status: int, work: Record) -> int:
+def _judge_unsound(n: int, k: int, rows: Rows, relaxation: float, unsound: int, status: int, work: Record) -> int:
     """Judge rows of length 0 and what is not a number, and bring the multipliers to the rows' own length."""
     if unsound & ROWS_ZERO and status == OPTIMAL:
         for g in range(rows.group_start.shape[0]):
@@ -356,4 +356,4 @@ def solve(
         status, k, shift = _add_row(n, k, row, rows, target, relaxation, shift, work)
         if status != OPTIMAL:
             break
-    return _finish(n, k, rows, relaxation, unsound, status, work)
+    return _judge_unsound(n, k, rows, relaxation, unsound, status, work)

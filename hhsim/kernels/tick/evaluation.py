@@ -11,7 +11,14 @@ from hhsim.kernels.hand.kinematics import BODY_COUNT, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration, update_kinematics
 from hhsim.kernels.jit import Record, jit
 from hhsim.kernels.tick.options import TickOptions
-from hhsim.kernels.tick.state import UNITS_NODE_TEST, UNITS_PAIR_TEST, UNITS_QP_ITERATION, WORK_UNITS
+from hhsim.kernels.tick.state import (
+    UNITS_NODE_TEST,
+    UNITS_PAIR_TEST,
+    UNITS_QP_ITERATION,
+    WORK_LINEARISATIONS,
+    WORK_QP_ITERATIONS,
+    WORK_UNITS,
+)
 
 REACH_PACE = 1.5
 """Reach of a tick's first program, as a multiple of the path of the last tick's hand."""
@@ -68,6 +75,19 @@ def spent_units(state: Record) -> int:
     work = state.work
     units = work[WORK_UNITS] + UNITS_QP_ITERATION * state.step.iterations
     return units + UNITS_NODE_TEST * work[COUNT_NODE_TESTS] + UNITS_PAIR_TEST * work[COUNT_PAIR_TESTS]
+
+
+@jit
+def is_cut_short(options: TickOptions, state: Record) -> bool:
+    """Return whether the work budget has ended the tick."""
+    return state.work[WORK_LINEARISATIONS] < options.linearisations and spent_units(state) >= options.budget
+
+
+@jit
+def end_work(state: Record) -> None:
+    """Write the counters that are summed up elsewhere while the tick runs."""
+    state.work[WORK_UNITS] = spent_units(state)
+    state.work[WORK_QP_ITERATIONS] = state.step.iterations
 
 
 @jit

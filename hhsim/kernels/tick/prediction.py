@@ -14,6 +14,7 @@ from hhsim.kernels.jit import Record, jit, jit_once
 from hhsim.kernels.rotation import rotation_vector_between
 from hhsim.kernels.tick.evaluation import REACH_FLOOR, evaluate_pose
 from hhsim.kernels.tick.linearisation import complete_lists
+from hhsim.kernels.tick.method import Coupled, Progressive, begin_motion
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.restoration import take_back
 from hhsim.kernels.tick.step_length import vouched_share
@@ -49,9 +50,12 @@ def _last_motion(hand: HandArrays, share: float, state: Record) -> None:
         clamp_to_limits(hand, pose, f, delta[:])
 
 
+@begin_motion.of(Coupled)
+@begin_motion.of(Progressive)
 @jit
-def predict_pose(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> None:
+def predict_pose(method: Any, hand: HandArrays, surface: Any, state: Record) -> None:
     """Move a hand in contact on as the last tick moved it, and as the user's hand slows down."""
+    options = method.options
     prediction, sample, progress = state.prediction, state.input, state.progress
     reach = min(state.trust.reach, state.trust.radius)
     share = min(1.0, sample.motion / sample.previous_motion) if sample.previous_motion > 0.0 else 0.0

@@ -5,8 +5,9 @@ from typing import Any
 
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration, move
-from hhsim.kernels.jit import Record, jit, jit_once
+from hhsim.kernels.jit import Record, jit
 from hhsim.kernels.tick.evaluation import evaluate_pose, least_distance
+from hhsim.kernels.tick.method import Coupled, Progressive, recover
 from hhsim.kernels.tick.options import TickOptions
 
 TRUST_DECAY = 0.25
@@ -64,8 +65,10 @@ def take_free_share(hand: HandArrays, surface: Any, options: TickOptions, state:
     return False
 
 
-@jit_once
-def make_easier(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> bool:
+@recover.of(Coupled)
+@recover.of(Progressive)
+@jit
+def make_easier(method: Any, hand: HandArrays, surface: Any, state: Record) -> bool:
     """Make the next program easier after one without solution; returns False where nothing is left to try.
 
     First contacts nearer than the offset may stay as near as they are, then the hand returns to the last feasible
@@ -84,7 +87,7 @@ def make_easier(hand: HandArrays, surface: Any, options: TickOptions, state: Rec
             state.trust.radius *= TRUST_DECAY
         state.prediction.is_predicted = False
         take_back(state)
-        return evaluate_pose(hand, surface, options, state)
+        return evaluate_pose(hand, surface, method.options, state)
     if not program.holds_abduction:
         program.holds_abduction = True
         return True

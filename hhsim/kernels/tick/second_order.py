@@ -103,46 +103,29 @@ def _apply(lagrangian: Lagrangian, k: int, basis: Array, work: Record, vector: A
     _project_out(n, k, basis, image_out)
 
 
-@jit
-def correct_for_curvature(
-    lagrangian: Lagrangian,
-    step: Array,
-    rows: ProgramRows,
-    tolerance: float,
-    longest: float,
-    work: Record,
-    qp: QpWork,
-) -> None:
-    """Move qp.x, the solution of a program, to second order.
-
-    Args:
-        lagrangian: What curves, and the program's variables.
-        step: The whole hand's step as far as it is known [m, rad], shape (21,); this program's own part included.
-        rows: The program's.
-        tolerance: Of the program; a residual below this, in units of x, is not worth a correction.
-        longest: The correction is shortened to this, in units of x.
-        work: A CORRECTION_WORK record.
-        qp: The solved program; its x is moved.
-    """
-    inverse_root, offset, n = lagrangian.inverse_root, lagrangian.offset, lagrangian.n
-    k = qp.counts[0]
-    if k == 0 or k >= n:
-        return
-    residual, search, image, correction = work.residual, work.search, work.image, work.correction
+@jit_once
+def _residual(lagrangian: Lagrangian, step: Array, k: int, basis: Array, work: Record) -> float:
+    """Write P S x into the residual and the first search direction; returns its square."""
+    inverse_root, offset = lagrangian.inverse_root, lagrangian.offset
     _curvature(lagrangian, step, work.product[:])
-    for j in range(n):
-        residual[j] = work.product[offset + j] * inverse_root[offset + j]
-        correction[j] = 0.0
-    _project_out(n, k, qp.basis, residual[:])
+    for j in range(lagrangian.n):
+        work.residual[j] = work.product[offset + j] * inverse_root[offset + j]
+        work.correction[j] = 0.0
+    _project_out(lagrangian.n, k, basis, work.residual[:])
     square = 0.0
-    for j in range(n):
-        search[j] = residual[j]
-        square += residual[j] * residual[j]
-    if square <= tolerance * tolerance:
-        return
+    for j in range(lagrangian.n):
+        work.search[j] = work.residual[j]
+        square += work.residual[j] * work.residual[j]
+    return square
+
+
+@jit_once
+def _conjugate_gradients(lagrangian: Lagrangian, k: int, basis: Array, square: float, work: Record) -> None:
+    """Solve P (I - S) P z = residual for the correction z, up to a bounded stretch where the curvature wins."""
+    n, residual, search, image, correction = lagrangian.n, work.residual, work.search, work.image, work.correction
     goal = REDUCTION * square
     for _ in range(n - k):
-        _apply(lagrangian, k, qp.basis, work, search[:], image[:])
+        _apply(lagrangian, k, basis, work, search[:], image[:])
         along = 0.0
         length = 0.0
         for j in range(n):
@@ -166,21 +149,19 @@ def correct_for_curvature(
         for j in range(n):
             search[j] = residual[j] + square / previous * search[j]
 
-    length = 0.0
-    for j in range(n):
-        length += correction[j] * correction[j]
-    scale = min(1.0, longest / math.sqrt(length)) if length > 0.0 else 0.0
-    for j in range(n):
-        correction[j] *= scale
-        search[j] = qp.x[j] + correction[j]
-    # Both ends of the stretch: rows satisfied at x may fail at x + z; the first to fail bounds it. A row that says the
-    # same as an active one is violated by rounding at either end: that is no failure, and would cancel the correction.
-    rounding = ROUNDING * tolerance
+
+@jit_once
+def _free_share(k: int, rows: ProgramRows, end: Array, rounding: float, qp: QpWork) -> float:
+    """Compute the share of the way from x to `end` on which no other row is violated.
+
+    Rows satisfied at x may fail at the end; the first to fail bounds the share. A row that says the same as an active
+    one is violated by rounding at either end: that is no failure, and would cancel the correction.
+    """
     groups = rows.group_start.shape[0]
     for g in range(groups):
         for i in range(rows.group_start[g], rows.group_stop[g]):
             qp.slack[i] = -qp.violation[i]
-    row_violations(rows, search[:], qp.inverse_norm[:], qp.violation[:])
+    row_violations(rows, end, qp.inverse_norm[:], qp.violation[:])
     for j in range(k):
         qp.violation[qp.active[j]] = 0.0
     fraction = 1.0
@@ -190,5 +171,44 @@ def correct_for_curvature(
             if violated > rounding:
                 slack = max(qp.slack[i], 0.0)
                 fraction = min(fraction, (slack + rounding) / (slack + violated))
+    return fraction
+
+
+@jit
+def correct_for_curvature(
+    lagrangian: Lagrangian,
+    step: Array,
+    rows: ProgramRows,
+    tolerance: float,
+    longest: float,
+    work: Record,
+    qp: QpWork,
+) -> None:
+    """Move qp.x, the solution of a program, to second order.
+
+    Args:
+        lagrangian: What curves, and the program's variables.
+        step: The whole hand's step as far as it is known [m, rad], shape (21,); this program's own part included.
+        rows: The program's.
+        tolerance: Of the program; a residual below this, in units of x, is not worth a correction.
+        longest: The correction is shortened to this, in units of x.
+        work: A CORRECTION_WORK record.
+        qp: The solved program; its x is moved.
+    """
+    n, k, correction, end = lagrangian.n, qp.counts[0], work.correction, work.search
+    if k == 0 or k >= n:
+        return
+    square = _residual(lagrangian, step, k, qp.basis, work)
+    if square <= tolerance * tolerance:
+        return
+    _conjugate_gradients(lagrangian, k, qp.basis, square, work)
+    length = 0.0
+    for j in range(n):
+        length += correction[j] * correction[j]
+    scale = min(1.0, longest / math.sqrt(length)) if length > 0.0 else 0.0
+    for j in range(n):
+        correction[j] *= scale
+        end[j] = qp.x[j] + correction[j]
+    fraction = _free_share(k, rows, end[:], ROUNDING * tolerance, qp)
     for j in range(n):
         qp.x[j] += fraction * correction[j]

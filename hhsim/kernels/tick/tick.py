@@ -1,19 +1,22 @@
 """One tick: from the last graphic hand and the new haptic hand to the new graphic hand and its forces (paper, Fig. 3).
 
-    1   safe ← pose;  pose ← pose moved on as in the last tick                                   (`begin_motion`)
-    2   repeat, until the work budget is spent:
-    3       find the contacts within min(reach, trust radius);  drop those that others imply     (`build_program`)
-    4       d ← the step of the quadratic program, corrected to second order                     (`solve_program`)
-    5       where the lists of pairs do not reach as far as d: complete them, and go to 3         (`complete_lists`)
-    6       where less than half of d is vouched for: bring the target nearer, and solve anew    (`clip_target`)
-    7       where there is no solution: relax, or return to safe with a smaller trust radius, or hold the abduction
-    8       t ← the share of d within which no point of the hand moves farther than its pairs vouch for
-    9       pose ← pose + t d;  reach ← what t d lets expect
-    10      where no true distance is negative: safe ← pose;  end if t = 1 and d is short
-    11      else, the first time: forget the prediction, and go to 2 from safe
-    12      else, at the fourth in a row: pose ← safe + the share of its first step that is free; a smaller trust radius
-    13  where pose is not safe: pose ← safe + the share of its first step that is free
-    14  forces ← multipliers of the last step; of the contacts that touch, where the pose is not its optimum
+     1  safe ← pose;  pose ← pose moved on as in the last tick                                   begin_motion
+     2  repeat, until the work budget is spent:
+     3      find the contacts within min(reach, trust radius);  drop those that others imply     build_program
+     4      d ← the step of the quadratic program, corrected to second order                     solve_program
+     5      where the lists of pairs do not reach as far as d: complete them, and go to 3        complete_lists
+     6      where too little of d is vouched for: bring the target nearer, and solve anew     clip_target
+     7      where there is no solution: relax, or return to safe with a smaller radius,
+                or hold the abduction, and go to 2; end where all three have failed              recover
+     8      t ← the share of d in which no point moves farther than its pairs vouch for          vouched_share
+     9      pose ← pose + t d;  reach ← what t d lets expect                                     advance
+    10      where no true distance is negative:  safe ← pose;  end if t = 1 and d is short       accept
+    11      else, where pose was predicted:  pose ← safe without prediction                      forget_prediction
+    12      else, the fourth time in a row:  pose ← safe + the free share of the first step;
+                trust radius ← a quarter                                                         take_free_share
+    13  where pose is not safe:  pose ← safe + the free share of the first step
+    14  keep the trust radius for the next tick where this one was not finished                  end_progress
+    15  forces ← multipliers of the last step; of what touches, where pose is not its optimum    finish_tick
 
 A configuration becomes the safe one by its true distances alone, and a tick ends at a safe one, so that the graphic
 hand never penetrates. docs/methods.md has the proof sketch.
@@ -31,7 +34,15 @@ from hhsim.kernels.hand.pose import copy_configuration, farthest_joint, move
 from hhsim.kernels.jit import Record, as_int64, jit, jit_once
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
 from hhsim.kernels.tick.decoupling import stays_suspended, suspend_decoupling
-from hhsim.kernels.tick.evaluation import REACH_FLOOR, evaluate_pose, least_distance, spent_units, usual_reach
+from hhsim.kernels.tick.evaluation import (
+    REACH_FLOOR,
+    end_work,
+    evaluate_pose,
+    is_cut_short,
+    least_distance,
+    spent_units,
+    usual_reach,
+)
 from hhsim.kernels.tick.force import FORCE_PAPER, hand_forces
 from hhsim.kernels.tick.linearisation import build_program, complete_lists
 from hhsim.kernels.tick.method import (
@@ -50,15 +61,8 @@ from hhsim.kernels.tick.method import (
     tick,
 )
 from hhsim.kernels.tick.options import TickOptions
-from hhsim.kernels.tick.prediction import forget_prediction, judge_last_tick, predict_pose
-from hhsim.kernels.tick.restoration import (
-    LEAST_TRUST,
-    TRUST_DECAY,
-    keep_first_step,
-    make_easier,
-    only_leaves,
-    take_free_share,
-)
+from hhsim.kernels.tick.prediction import forget_prediction, judge_last_tick
+from hhsim.kernels.tick.restoration import LEAST_TRUST, TRUST_DECAY, keep_first_step, only_leaves, take_free_share
 from hhsim.kernels.tick.settled_forces import settle_forces
 from hhsim.kernels.tick.state import (
     STATUS_ABDUCTION_HELD,
@@ -66,7 +70,6 @@ from hhsim.kernels.tick.state import (
     STATUS_LAG,
     STATUS_STUCK,
     WORK_LINEARISATIONS,
-    WORK_QP_ITERATIONS,
     WORK_TOUCHING,
     WORK_UNITS,
 )
@@ -126,14 +129,6 @@ def begin_tick(options: TickOptions, state: Record) -> None:
     progress.lag = 0.0
 
 
-@begin_motion.of(Coupled)
-@begin_motion.of(Progressive)
-@jit
-def begin_hand_motion(method: Any, hand: HandArrays, surface: Any, state: Record) -> None:
-    """Begin where the last tick's motion would take the hand."""
-    predict_pose(hand, surface, method.options, state)
-
-
 @may_end.of(Coupled)
 @may_end.of(Progressive)
 @jit
@@ -167,14 +162,6 @@ def solve_hand(method: Any, hand: HandArrays, surface: Any, done: int, state: Re
         if unclipped != WHOLE_TARGET:
             status = solve_program(method, state, qp)
     return status, unclipped
-
-
-@recover.of(Coupled)
-@recover.of(Progressive)
-@jit
-def recover_hand(method: Any, hand: HandArrays, surface: Any, state: Record) -> bool:
-    """See `kernels.tick.restoration`."""
-    return make_easier(hand, surface, method.options, state)
 
 
 @jit
@@ -268,12 +255,6 @@ def advance_hand(method: Any, hand: HandArrays, surface: Any, unclipped: float, 
 
 
 @jit
-def is_cut_short(options: TickOptions, state: Record) -> bool:
-    """Return whether the work budget has ended the tick."""
-    return state.work[WORK_LINEARISATIONS] < options.linearisations and spent_units(state) >= options.budget
-
-
-@jit
 def end_progress(cut_short: bool, made_part: bool, state: Record) -> int:
     """Judge how far the tick has come; returns status bits.
 
@@ -296,13 +277,6 @@ def end_progress(cut_short: bool, made_part: bool, state: Record) -> int:
         # A program's step can be longer than any way that is left, where a soft direction is all but free.
         progress.lag = min(progress.lag, farthest_joint(state.pose.joints, state.haptic.joints))
     return status
-
-
-@jit
-def end_work(state: Record) -> None:
-    """Write the counters that are summed up elsewhere while the tick runs."""
-    state.work[WORK_UNITS] = spent_units(state)
-    state.work[WORK_QP_ITERATIONS] = state.step.iterations
 
 
 @finish_tick.of(Coupled)
