@@ -280,7 +280,7 @@ def command(
     """
     if names_a_result(object_):
         return run_again(click.get_current_context(), Path(object_), as_json=output.as_json, quiet=output.quiet)
-    from hhsim.replay.replay import replay as run
+    from hhsim.replay.replay import replay_scene as run
     from hhsim.result.reader import check_result_path
     from hhsim.scene.described_scene import described_scene
     from hhsim.scene.motion_catalogue import import_remarks

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from hhsim.gate.timing_test import BETTER, SAME, WORSE
+from hhsim.gate.time_comparison import BETTER, SAME, WORSE
 from hhsim.live.session.session_log import session_log
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.metrics.session_faults import recorded_faults

@@ -3,7 +3,6 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
@@ -17,8 +16,6 @@ from hhsim.scene.scene import Scene
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.reference_optimum import best_hands
 from hhsim.trees.contact_surface import contact_surface, encloses
-
-Array = NDArray[np.float64]
 
 NEAR = 1e-3
 """A tick counts for the least-energy pose if the user's hand is nearer than this to the mesh, or in it [m]."""

@@ -2,17 +2,14 @@
 
 import math
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import AnyArray
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
 from hhsim.metrics.free_run import FreeRun
 from hhsim.metrics.run_metric import Judged, RunMetric
 from hhsim.metrics.run_ticks import RunTicks
-
-Array = NDArray[Any]
 
 ROUNDING = 1e-9
 """A force that leaves its cone by no more than this share of μ times the normal force is on it."""
@@ -82,7 +79,7 @@ def _table_depth(run: RunTicks) -> float:
     return max(0.0, -float(_free(run)["object/table_distance"].min()))
 
 
-def _friction_residuals(run: RunTicks) -> Array:
+def _friction_residuals(run: RunTicks) -> AnyArray:
     """Of the ticks in which a contact bears a force [m]."""
     free = _free(run)
     return np.asarray(free["object/friction_residual"][np.unique(free["contact/tick"])])

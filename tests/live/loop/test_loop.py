@@ -12,6 +12,7 @@ import pytest
 from live_scripted import FIST, FREE, FakeClock, InStep, Moment, ScriptedGlove, make_setup
 from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.live.phase import LARGEST_SHIFT
 from hhsim.kernels.tick.block import HapticBlock
@@ -28,7 +29,6 @@ from hhsim.result.safety import Safety
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 
-Array = NDArray[np.float64]
 TIMINGS = ("duration", "duration_total", "duration_cpu")
 
 PERIOD = 1_000_000
@@ -61,7 +61,7 @@ class Session:
         self.events = [text.decode() for text in RingReader(self.memory.events).read(1000)[1]["text"]]
         return self
 
-    def stiffness_at(self, tick: int) -> Array:
+    def stiffness_at(self, tick: int) -> FloatArray:
         """What the glove has been told when a tick is over, shape (5,)."""
         end = self.loop.deadlines.clock.now() if tick < 0 else 10**9 + (tick + 2) * PERIOD
         sent = [command for command in self.glove.commands if command.time_ns < end]
@@ -435,7 +435,7 @@ def test_a_pose_that_stops_is_stale_input() -> None:
     class Silent(PoseSource):
         name = "silent"
 
-        def read(self, now_ns: int, position_out: Array, orientation_out: Array) -> int:
+        def read(self, now_ns: int, position_out: FloatArray, orientation_out: FloatArray) -> int:
             return min(now_ns, last) if now_ns >= 10**9 + 5 * PERIOD else -1
 
     session = Session([*HOLDING, *[Moment(FIST)] * 20], Silent()).run()
