@@ -103,7 +103,8 @@ class SolverSettings(options.Linearising, options.SolverChoice):
             HhsimError: No such QP solver, a method whose engine is not installed, or a number out of range.
         """
         from hhsim.errors import InputError, UnknownNameError
-        from hhsim.solver.known_methods import find_method, isolated_name
+        from hhsim.solver.known_methods import find_method
+        from hhsim.solver.method_names import isolated_name
         from hhsim.solver.options import SolverOptions
         from hhsim.solver.qp import ACTIVE_SET, available_backends
 
