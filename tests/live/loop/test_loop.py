@@ -192,7 +192,7 @@ def test_stale_input_frees_the_fingers_until_samples_come_and_then_they_are_ramp
     # The last sample is in tick 119, read 0.1 ms after its deadline: 25 ms have passed when tick 145 begins.
     assert_freed(session, 145, 179, Safety.STALE_INPUT)
     np.testing.assert_allclose(session.ticks["command_stiffness"][180:190].max(axis=1), 0.03 * np.arange(1, 11))
-    late = "nothing new from the glove or of the palm: the fingers are free: for more than 25 ms, as --stale says"
+    late = "no fresh input: the fingers are free: for more than 25 ms, as --stale says"
     assert late in session.events
 
 
@@ -218,11 +218,11 @@ def test_a_sample_that_is_not_good_frees_the_fingers_in_its_tick_and_is_never_us
 )
 def test_a_reading_of_no_hand_is_named(unit: str, reading: float, detail: str) -> None:
     session = Session([Moment(FREE), Moment(FREE, good=False, reading=reading), Moment(FREE)], unit=unit).run()
-    assert f"a sample that is not finite, or of no hand: the fingers are free{detail}" in session.events
+    assert f"a sample that cannot be used: the fingers are free{detail}" in session.events
 
 
 def test_a_channel_that_became_no_number_is_named_and_one_that_never_was_is_not() -> None:
-    said = "a sample that is not finite, or of no hand: the fingers are free"
+    said = "a sample that cannot be used: the fingers are free"
     script = [Moment(FREE, reading=0.5), Moment(FREE, good=False, reading=np.nan), Moment(FREE)]
     assert f"{said}: bend is nan" in Session(script).run().events
     assert said in Session([Moment(FREE), *script[1:]]).run().events
