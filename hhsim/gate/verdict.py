@@ -167,7 +167,7 @@ def judge_time(
     found = compare_times(base, head, limit)
     reason = f"{100.0 * (found.ratio - 1.0):+.1f} %, processes of a side within {100.0 * found.spread:.0f} %"
     label = "tick in contact, CPU, p50" + (" / reference workload" if divided else "")
-    figure = Figure("tick_cpu_p50", label, unit="" if divided else "µs", scale=1.0 if divided else 1e-6)
+    figure = Figure("tick_cpu_p50", label, unit="" if divided else "µs")
     figures = found.head, found.base, found.base * (1.0 + limit)
     return _row(scene, "time", figure.name, figure, *figures, found.verdict, found.verdict != WORSE, reason)
 
