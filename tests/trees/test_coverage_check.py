@@ -9,7 +9,6 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from hhsim.arrays import FloatArray
@@ -24,8 +23,6 @@ from hhsim.trees.level_cover import LevelCover
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 from tools.shapes.rock import rock
-
-Codes = NDArray[np.int32]
 
 
 def mesh_of(shape: trimesh.Trimesh) -> Mesh:

@@ -20,8 +20,8 @@ from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import Records
 from hhsim.errors import HhsimError, OutputError
 from hhsim.hand.fingers import FINGERS
 from hhsim.live.ipc.config import LiveSetup
@@ -41,7 +41,6 @@ from hhsim.view.status_text import status_words
 if TYPE_CHECKING:
     import rerun as rr
 
-Records = NDArray[np.void]
 
 FRAME = 1.0 / 30.0
 """Between two frames [s]."""

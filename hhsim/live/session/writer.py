@@ -23,9 +23,8 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hhsim.arrays import AnyArray
+from hhsim.arrays import AnyArray, Records
 from hhsim.live.device import COUNTERS
 from hhsim.live.ipc.config import LiveSetup
 from hhsim.live.session.statistics import LiveTally, session_figures
@@ -45,8 +44,6 @@ from hhsim.result.schema import (
 from hhsim.result.writer import ResultWriter
 from hhsim.scene.free_object import LAW
 from hhsim.solver.options import SolverOptions
-
-Records = NDArray[np.void]
 
 RINGS = ("ticks", "samples", "events")
 
