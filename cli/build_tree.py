@@ -9,12 +9,13 @@ import click
 from click.core import ParameterSource
 
 from hhsim.system.counted import counted
+from hhsim.system.shown_number import number
 
 from .arguments.object_argument import MeshFile, complete_object
 from .arguments.option_group import GroupedCommand, OptionGroup, option
 from .arguments.options import FILE, UNITS, Output, seed
 from .arguments.tree_choice import read_length
-from .console import announce_compilation, number, print_json, print_notes, print_rows, progress
+from .console import announce_compilation, print_json, print_notes, print_rows, progress
 
 if TYPE_CHECKING:
     from hhsim.trees.options import TreeOptions

@@ -2,7 +2,6 @@
 
 import io
 import json
-import math
 import os
 import sys
 import time
@@ -10,6 +9,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from contextlib import contextmanager
 from typing import Any
 
+from hhsim.system.plain_json import plain_json
 from hhsim.system.progress import Progress, silent
 
 SILENCE = 30.0
@@ -122,17 +122,9 @@ def print_rows(
     print_table(list(cells), shown, title=title, numbers=cells.keys() - set(words), optional=optional)
 
 
-def number(value: float | None, digits: int, scale: float = 1.0, missing: str = "—") -> str:
-    """A figure as a table shows it, times a scale; what is None or NaN is missing."""
-    if value is None or math.isnan(value):
-        return missing
-    # Rounded first: what rounds to nothing has no sign.
-    return f"{round(scale * float(value), digits) + 0.0:,.{digits}f}"
-
-
 def print_json(document: Mapping[str, Any]) -> None:
     """Print a document to stdout, in ASCII for every encoding; what JSON cannot hold (NaN, infinities) becomes null."""
-    print(json.dumps(_plain(document), indent=2, allow_nan=False))
+    print(json.dumps(plain_json(document), indent=2, allow_nan=False))
 
 
 def announce_compilation(*, quiet: bool) -> None:
@@ -234,13 +226,3 @@ def _line_by_line() -> Progress:
             print(f"hhsim: {what}: {done:,} of {total:,}", file=sys.stderr, flush=True)
 
     return report
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

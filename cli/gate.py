@@ -211,7 +211,7 @@ def _write(report: "GateReport", markdown: Path | None, summary: Path | None, ju
 
 def _print(report: "GateReport", written: Path | None, *, whole: bool, as_json: bool, quiet: bool) -> None:
     from hhsim.gate.report import HEADINGS, NUMBERS, cells, headline, left_out, not_judged, reasons, worth_showing
-    from hhsim.gate.timing_test import NOT_COMPARABLE
+    from hhsim.gate.time_comparison import NOT_COMPARABLE
     from hhsim.gate.verdict import REFUSED
 
     print_notes(report.refused, prefix="error")

@@ -103,7 +103,8 @@ class SolverSettings(options.Linearising, options.SolverChoice):
             HhsimError: No such QP solver, a method whose engine is not installed, or a number out of range.
         """
         from hhsim.errors import InputError, UnknownNameError
-        from hhsim.solver.known_methods import find_method, isolated_name
+        from hhsim.solver.known_methods import find_method
+        from hhsim.solver.method_names import isolated_name
         from hhsim.solver.options import SolverOptions
         from hhsim.solver.qp import ACTIVE_SET, available_backends
 
@@ -280,7 +281,7 @@ def command(
     """
     if names_a_result(object_):
         return run_again(click.get_current_context(), Path(object_), as_json=output.as_json, quiet=output.quiet)
-    from hhsim.replay.replay import replay as run
+    from hhsim.replay.replay import replay_scene as run
     from hhsim.result.reader import check_result_path
     from hhsim.scene.described_scene import described_scene
     from hhsim.scene.motion_catalogue import import_remarks

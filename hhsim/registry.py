@@ -1,13 +1,13 @@
 """Registries: what can be added to hhsim by one new file.
 
 Each is a package whose modules declare one record; its name is the module's, with hyphens for underscores. A module is
-found by its name alone and imported when its record is asked for, so that listing names costs nothing.
+found by its name alone and imported when its record is asked for, so that listing names costs nothing. A module
+`registry` in the package declares none.
 """
 
 import pkgutil
 from collections.abc import Iterator, Mapping
 from importlib import import_module
-from types import ModuleType
 from typing import Generic, TypeVar, cast
 
 from hhsim.errors import UnknownNameError
@@ -31,12 +31,10 @@ class Registry(Mapping[str, T], Generic[T]):
         self.kind = kind
         self.first = first
 
-    def _module(self) -> ModuleType:
-        return import_module(self.package)
-
     def names(self) -> list[str]:
         """Every name, without importing a record."""
-        found = {module.name.replace("_", "-") for module in pkgutil.iter_modules(self._module().__path__)}
+        modules = {module.name for module in pkgutil.iter_modules(import_module(self.package).__path__)}
+        found = {name.replace("_", "-") for name in modules - {"registry"}}
         return [name for name in self.first if name in found] + sorted(found - set(self.first))
 
     def __getitem__(self, name: str) -> T:

@@ -4,16 +4,14 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.recordings.frames import world_matrix
 from hhsim.recordings.recording import Recording
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -58,10 +56,10 @@ RIGS: dict[str, Rig] = {
 @dataclass
 class _Node:
     name: str
-    offset: Array
+    offset: FloatArray
     children: list["_Node"] = field(default_factory=list)
     # World rotation in each frame; None for an end.
-    turned: Array | None = None
+    turned: FloatArray | None = None
 
 
 def bvh_text(recording: Recording, rig: Rig, side: Literal["right", "left"] = "right", rate: float = 100.0) -> str:
@@ -103,7 +101,7 @@ def bvh_text(recording: Recording, rig: Rig, side: Literal["right", "left"] = "r
             above.children.append(_Node("", end))
     assert FINGERS[0] == "thumb"
     lines = ["HIERARCHY"]
-    columns: list[Array] = []
+    columns: list[FloatArray] = []
     root_place = place + np.einsum("tij,j->ti", palm, start) - wrist.offset
     _write(root, rig, 0, lines, columns, root_place)
     lines += ["MOTION", f"Frames: {len(palm)}", f"Frame Time: {1.0 / rate:.6f}"]
@@ -116,9 +114,9 @@ def _write(
     rig: Rig,
     depth: int,
     lines: list[str],
-    columns: list[Array],
-    place: Array | None,
-    above: Array | None = None,
+    columns: list[FloatArray],
+    place: FloatArray | None,
+    above: FloatArray | None = None,
 ) -> None:
     pad = "\t" * depth
     offset = f"{pad}\tOFFSET " + " ".join(f"{rig.unit * value:.9f}" for value in node.offset)

@@ -3,10 +3,10 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from sphere_scenes import Motion, cloud, set_pose
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.detection import evaluate, find_contacts
 from hhsim.kernels.hand.kinematics import DOF
@@ -14,14 +14,12 @@ from hhsim.solver.options import Stiffness
 from hhsim.solver.workspace import tick_state
 from hhsim.trees.sphere_tree import SphereTree
 
-Array = NDArray[np.float64]
-
 RIGHT = HandModel.default("right")
 LEFT = HandModel.default("left")
 ROOT = np.sqrt(Stiffness().diagonal())
 
 
-def moved(at: Motion, step: Array, abduction_step: Array | None = None) -> Motion:
+def moved(at: Motion, step: FloatArray, abduction_step: FloatArray | None = None) -> Motion:
     """A configuration after (δp, δφ, δθ), the rotation from the left, and a change of the abduction."""
     turned = Rotation.from_rotvec(step[3:6]) * Rotation.from_quat(at.orientation[0], scalar_first=True)
     return Motion(
@@ -51,7 +49,7 @@ def scene(seed: int) -> tuple[HandModel, SphereTree, Motion, Any]:
     return hand, tree, at, state
 
 
-def row_matrix(state: Any) -> Array:
+def row_matrix(state: Any) -> FloatArray:
     """Contact rows in m/m and m/rad, unscaled, shape (contacts, 21)."""
     count, start = int(state.contacts.start[-1]), state.contacts.start
     matrix = np.zeros((count, DOF))

@@ -3,13 +3,11 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.mesh.mesh import Mesh
 from tools.shapes.generators import cube, cup, cylinder, hexagonal_prism, rock, shamrock, sphere
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Triangles = tuple[FloatArray, IntArray]
 Corruption = Callable[[FloatArray, IntArray, np.random.Generator], Triangles]
 

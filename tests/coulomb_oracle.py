@@ -7,12 +7,11 @@ the Delassus matrix, each contact by itself solved exactly with its round cone, 
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.kernels.free.rows import DIRECTIONS, FREE_DOF, FREE_GROUPS, STANDS_BACK
 from hhsim.kernels.hand.kinematics import PHALANX_COUNT
 
-Array = NDArray[np.float64]
 PARTS = 1 + DIRECTIONS
 """Of a contact: along its normal, and its s along the three directions (see `kernels.free.rows`)."""
 
@@ -31,13 +30,13 @@ class CoulombProgram(NamedTuple):
     | astray | the most by which a loaded contact's Γ is off its slip [m] | () |
     """
 
-    target: Array
-    rows: Array
-    gap: Array
-    start: Array
-    found: Array
-    multiplier: Array
-    weight: Array
+    target: FloatArray
+    rows: FloatArray
+    gap: FloatArray
+    start: FloatArray
+    found: FloatArray
+    multiplier: FloatArray
+    weight: FloatArray
     astray: float
 
 
@@ -94,26 +93,26 @@ def last_program(solver: Any) -> CoulombProgram:
     )
 
 
-def _weights(state: Any) -> Array:
+def _weights(state: Any) -> FloatArray:
     hand, body = state.free_problem.inverse_root, state.body.inverse_root
     return np.concatenate([hand[:6], body, hand[6:]])
 
 
-def _scaled(state: Any) -> Array:
-    scaled: Array = np.array(state.free_problem.delta) / _weights(state)
+def _scaled(state: Any) -> FloatArray:
+    scaled: FloatArray = np.array(state.free_problem.delta) / _weights(state)
     return scaled
 
 
 class _Contact:
     """One contact beside all others held: exactly by cases, gone, sticking, or sliding."""
 
-    def __init__(self, delassus: Array) -> None:
+    def __init__(self, delassus: FloatArray) -> None:
         self.w = delassus
         self.normal, self.across = float(delassus[0, 0]), delassus[0, 1:] / delassus[0, 0]
         self.share, self.turn = np.linalg.eigh(delassus[1:, 1:] - np.outer(delassus[1:, 0], self.across))
         self.share = np.maximum(self.share, 0.0)
 
-    def solve(self, b: Array) -> Array:
+    def solve(self, b: FloatArray) -> FloatArray:
         """Forces of the contact, shape (4,), where without any its gap and s were b."""
         if b[0] >= 0.0:
             return np.zeros(PARTS)
@@ -143,14 +142,16 @@ class _Contact:
                 side = -1
         return p
 
-    def _at(self, b: Array, c: Array, damping: float) -> tuple[Array, float]:
+    def _at(self, b: FloatArray, c: FloatArray, damping: float) -> tuple[FloatArray, float]:
         size = self.share + damping
         along = -self.turn @ np.where(size > 0.0, c / np.where(size > 0.0, size, 1.0), 0.0)
         normal = -float(b[0]) / self.normal - float(self.across @ along)
         return np.array([normal, *along]), float(np.linalg.norm(along)) - normal
 
 
-def solve_coulomb(program: CoulombProgram, sweeps: int = 10_000, enough: float = 1e-14) -> tuple[Array, Array]:
+def solve_coulomb(
+    program: CoulombProgram, sweeps: int = 10_000, enough: float = 1e-14
+) -> tuple[FloatArray, FloatArray]:
     """Where the program ends, scaled, shape (27,), and its contacts' forces, shape (C, 4): Gauss-Seidel over contacts.
 
     It ends before all sweeps are made where no gap and no s has changed by more than `enough` [m] in one.
@@ -178,7 +179,7 @@ def solve_coulomb(program: CoulombProgram, sweeps: int = 10_000, enough: float =
     return program.target + flat.T @ p.ravel(), p
 
 
-def violation(program: CoulombProgram, x: Array, p: Array) -> float:
+def violation(program: CoulombProgram, x: FloatArray, p: FloatArray) -> float:
     """By how much an answer misses Coulomb's law [m], the forces [N] taken as stated.
 
     The largest of: a gap entered, a gap that bears a force, friction beyond its cone over 1 kN/m, a slip less the part

@@ -3,16 +3,14 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.quaternion import quaternion
 from hhsim.motion.object_motion import ObjectMotion, RigidMotion
 from hhsim.motion.trajectory import Trajectory
 
-Array = NDArray[np.float64]
 
-
-def swing(time: Array, speed: float = 3.0, turning: float = 20.0) -> RigidMotion:
+def swing(time: FloatArray, speed: float = 3.0, turning: float = 20.0) -> RigidMotion:
     """A rigid motion that reaches these speeds [m/s, rad/s], and begins in the world's frame."""
     slow, quick = 2.0 * np.pi * 0.7, 2.0 * np.pi * 1.1
     axis = np.array([1.0, 2.0, -0.5]) / np.linalg.norm([1.0, 2.0, -0.5])

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from short_grasp import short_grasp, short_scene
 
-from hhsim.replay.replay import replay
+from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.free_object import FreeObject
 from hhsim.scene.scene import Scene
@@ -21,5 +21,5 @@ def free_scene(mass: float = 50.0, friction: float = 2.0) -> Scene:
 
 def free_result(path: Path) -> Result:
     """That replayed into a file, on the triangles themselves."""
-    replay(free_scene(), SolverOptions(surface="mesh"), path, description={"hand_file": None})
+    replay_scene(free_scene(), SolverOptions(surface="mesh"), path, description={"hand_file": None})
     return load_result(path)

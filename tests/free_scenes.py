@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 import trimesh
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from hhsim.arrays import AnyArray
 from hhsim.hand.model import HandModel
 from hhsim.mesh.mesh import Mesh
 from hhsim.scene.free_object import FreeObject
@@ -15,8 +16,7 @@ from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
 from hhsim.trees.contact_surface import contact_surface
 
-Array = NDArray[Any]
-Pose = tuple[Array, Array, Array, Array]
+Pose = tuple[AnyArray, AnyArray, AnyArray, AnyArray]
 GRAVITY = 9.81
 
 

@@ -6,13 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 from sphere_scenes import Motion, bumpy_ball, prepared
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.linearise import ROW_CAPACITY
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import UNLIMITED, SolverOptions
 from hhsim.solver.qp import QpProblem
-
-Array = NDArray[np.float64]
 
 HAND = HandModel.default("right")
 TREE = bumpy_ball(600)
@@ -32,15 +31,15 @@ def harvest(method: str, motion: Motion, every: int) -> Any:
             yield solver
 
 
-def multipliers(solver: HandSolver, rows: NDArray[np.int64]) -> Array:
+def multipliers(solver: HandSolver, rows: NDArray[np.int64]) -> FloatArray:
     """λ of each of these rows in the step that the solver proposes, shape (rows,)."""
     step = solver.workspace.states[0].step
     whole = np.zeros(ROW_CAPACITY)
     np.add.at(whole, step.row[: step.count], step.multiplier[: step.count])
-    found: Array = whole[rows]
+    found: FloatArray = whole[rows]
     return found
 
 
-def optimum(problem: QpProblem, multiplier: Array) -> Array:
+def optimum(problem: QpProblem, multiplier: FloatArray) -> FloatArray:
     """The point that these multipliers hold: G (δ - δ*) = Aᵀ λ."""
     return problem.target + problem.matrix.T @ multiplier / problem.stiffness

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from recording_samples import smooth_recording
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
@@ -20,7 +21,6 @@ from hhsim.recordings.frames import world_matrix
 from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS, WEBXR_JOINTS
 from hhsim.recordings.recording import Recording
 
-Array = NDArray[np.float64]
 Side = Literal["right", "left"]
 Y_UP = world_matrix("y").T
 """From our world to one with y up."""
@@ -38,10 +38,10 @@ class JointSample(NamedTuple):
 
     hand: HandModel
     motion: Recording
-    joints: Array
-    radius: Array
+    joints: FloatArray
+    radius: FloatArray
 
-    def named(self, names: tuple[str, ...] = KEYPOINTS) -> Array:
+    def named(self, names: tuple[str, ...] = KEYPOINTS) -> FloatArray:
         """The joints of these names in a world with y up [m], shape (T, n, 3)."""
         return np.asarray(self.joints[:, [OPENXR_JOINTS.index(name) for name in names]] @ Y_UP.T)
 
@@ -189,7 +189,7 @@ def mcap_bytes(
     return file + summary + struct.pack("<I", checksums * zlib.crc32(summary)) + magic
 
 
-def hand_record(points: NDArray[np.float32], radius: Array, stamps: tuple[int, int, int]) -> bytes:
+def hand_record(points: NDArray[np.float32], radius: FloatArray, stamps: tuple[int, int, int]) -> bytes:
     """A FlatBuffers table of a table with 26 joints, and of three stamps."""
     joints = b"".join(
         struct.pack("<7fB3xf", *point.tolist(), 0.0, 0.0, 0.0, 1.0, 1, r) for point, r in zip(points, radius.tolist())

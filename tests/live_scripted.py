@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.model import HandModel
 from hhsim.live.device import Capability, DeviceCounters, DeviceError, FingerCommand, GloveDevice, GloveInfo
 from hhsim.live.devices.registry import configure
@@ -19,8 +20,6 @@ from hhsim.live.pose.registry import PoseConfig, PoseSource
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.sphere_tree import SphereTree
 from tools.shapes.generators import sphere
-
-Array = NDArray[np.float64]
 
 BALL = SphereTree(np.array([[0.0, 0.05, -0.05]]), np.array([0.03]), np.array([0]), np.array([-1]))
 """Before the fingers of a flat hand at the origin; a fist closes on it."""
@@ -115,9 +114,9 @@ class SentCommand:
     """A command as the glove got it."""
 
     time_ns: int
-    bend: Array
-    stiffness: Array
-    force: Array
+    bend: FloatArray
+    stiffness: FloatArray
+    force: FloatArray
 
 
 @dataclass

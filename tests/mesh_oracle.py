@@ -10,11 +10,9 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.kernels.round_cone_distance import RoundCone, cone_slope
-
-Array = NDArray[np.float64]
 
 SAMPLES = 65
 SECTIONS = 80
@@ -25,10 +23,10 @@ GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 class Cones(NamedTuple):
     """Round cones: ends of the axes [m] (n, 3), radii there [m] (n,), the first no smaller than the second."""
 
-    a: Array
-    b: Array
-    radius_a: Array
-    radius_b: Array
+    a: FloatArray
+    b: FloatArray
+    radius_a: FloatArray
+    radius_b: FloatArray
 
     def kernel(self, i: int) -> RoundCone:
         """One of them as the kernels take it; a sphere alone where that holds the other."""
@@ -55,7 +53,7 @@ def random_cones(random: np.random.Generator, count: int, spread: float = 0.03) 
     return Cones(a, a + length[:, None] * direction, radius, radius - share * np.minimum(length, radius))
 
 
-def to_segment(x: Array, p: Array, q: Array) -> Array:
+def to_segment(x: FloatArray, p: FloatArray, q: FloatArray) -> FloatArray:
     """Distances [m] of points x, shape (..., 3), to the segments pq."""
     along = q - p
     square = (along * along).sum(axis=-1)
@@ -63,14 +61,14 @@ def to_segment(x: Array, p: Array, q: Array) -> Array:
     return np.asarray(np.linalg.norm(x - p - np.clip(share, 0.0, 1.0)[..., None] * along, axis=-1))
 
 
-def to_line(x: Array, p: Array, q: Array) -> Array:
+def to_line(x: FloatArray, p: FloatArray, q: FloatArray) -> FloatArray:
     """The same to the lines through p and q."""
     unit = (q - p) / np.linalg.norm(q - p, axis=-1)[..., None]
     off = x - p
     return np.asarray(np.linalg.norm(off - (off * unit).sum(axis=-1)[..., None] * unit, axis=-1))
 
 
-def from_triangles(corners: Array) -> Callable[[Array], Array]:
+def from_triangles(corners: FloatArray) -> Callable[[FloatArray], FloatArray]:
     """What gives distances [m] of points to triangles, shape (..., 3, 3)."""
     a, b, c = corners[..., 0, :], corners[..., 1, :], corners[..., 2, :]
     normal = np.cross(b - a, c - a)
@@ -79,7 +77,7 @@ def from_triangles(corners: Array) -> Callable[[Array], Array]:
     sides = ((a, b), (b, c), (c, a))
     inward = [np.cross(normal, q - p) for p, q in sides]
 
-    def distance(x: Array) -> Array:
+    def distance(x: FloatArray) -> FloatArray:
         beside = [to_segment(x, p, q) for p, q in sides]
         inside = size > 0.0
         for (p, _), across in zip(sides, inward):
@@ -90,12 +88,12 @@ def from_triangles(corners: Array) -> Callable[[Array], Array]:
     return distance
 
 
-def to_triangle(x: Array, corners: Array) -> Array:
+def to_triangle(x: FloatArray, corners: FloatArray) -> FloatArray:
     """Distances [m] of points x, shape (..., 3), to triangles, shape (..., 3, 3)."""
     return from_triangles(corners)(x)
 
 
-def along_axes(cones: Cones, distance: Callable[[Array], Array]) -> Array:
+def along_axes(cones: Cones, distance: Callable[[FloatArray], FloatArray]) -> FloatArray:
     """Least of distance(centre) - radius [m] over the axis of each cone, shape (n,).
 
     Args:
@@ -103,7 +101,7 @@ def along_axes(cones: Cones, distance: Callable[[Array], Array]) -> Array:
         distance: Of points (k, n, 3), the i-th of each row to the i-th thing: convex.
     """
 
-    def value(share: Array) -> Array:
+    def value(share: FloatArray) -> FloatArray:
         radius = cones.radius_a + share * (cones.radius_b - cones.radius_a)
         return np.asarray(distance(cones.a + share[..., None] * (cones.b - cones.a)) - radius)
 

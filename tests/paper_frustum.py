@@ -4,23 +4,21 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.model import HandModel
-
-Array = NDArray[np.float64]
 
 
 class Frustum(NamedTuple):
     """The paper's symbols for a phalanx [m]: its thick bottom D, r₁, its thin one E, r₂."""
 
-    d: Array
-    e: Array
+    d: FloatArray
+    e: FloatArray
     r1: float
     r2: float
 
 
-def frustum_of(hand: HandModel, joints: Array, f: int, k: int) -> Frustum:
+def frustum_of(hand: HandModel, joints: FloatArray, f: int, k: int) -> Frustum:
     """The cone between the circles where it touches the two joint spheres, constructed by their tangent."""
     a, b = joints[f, k], joints[f, k + 1]
     ra, rb = hand.radius[f, k], hand.radius[f, k + 1]
@@ -30,7 +28,7 @@ def frustum_of(hand: HandModel, joints: Array, f: int, k: int) -> Frustum:
     return Frustum(a + ra * sine * u, b + rb * sine * u, ra * cosine, rb * cosine)
 
 
-def frustum_excess(cone: Frustum, centers: Array, radius: Array) -> tuple[Array, Array]:
+def frustum_excess(cone: Frustum, centers: FloatArray, radius: FloatArray) -> tuple[FloatArray, FloatArray]:
     """|OC| - |OC|_Γ (Eq. 4, 5) and k (Eq. 6) of spheres, shapes (L,)."""
     de = cone.e - cone.d
     length = np.linalg.norm(de)

@@ -15,7 +15,7 @@ from short_grasp import short_grasp, short_scene
 from hhsim.hand.model import Side
 from hhsim.mesh.catalogue import load_object
 from hhsim.metrics.run.force import TREMBLING
-from hhsim.replay.replay import replay
+from hhsim.replay.replay import replay_scene
 from hhsim.replay.stored_scene import checksums
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import STATIC_COLUMNS
@@ -42,7 +42,7 @@ def described_grasp(
         "tree": None,
         "tree_options": asdict(TreeOptions(level=level)),
     }
-    replay(scene, SolverOptions(**options), path, description=description)
+    replay_scene(scene, SolverOptions(**options), path, description=description)
     return load_result(path)
 
 

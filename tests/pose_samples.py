@@ -10,23 +10,21 @@ from typing import Any
 
 import numpy as np
 from joint_samples import Y_UP, JointSample, Side, joint_sample
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.recordings.joint_names import WEBXR_JOINTS
 from hhsim.recordings.mano_model import KEYPOINT_JOINTS, TIPS
 
-Array = NDArray[np.float64]
 
-
-def _flat_joints(hand: HandModel) -> Array:
+def _flat_joints(hand: HandModel) -> FloatArray:
     """Joints of the straight hand, palm frame, shape (5, 4, 3)."""
     return hand.joints(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros((5, 3)), np.zeros(5))
 
 
-def _axes(hand: HandModel) -> tuple[Array, Array]:
+def _axes(hand: HandModel) -> tuple[FloatArray, FloatArray]:
     """Axes of abduction and of flexion of each finger, shapes (5, 3)."""
     sign = 1.0 if hand.side == "right" else -1.0
     return sign * hand.dorsal, np.cross(hand.dorsal, hand.distal)
@@ -64,7 +62,7 @@ def mano_fields(hand: HandModel, seed: int = 0) -> dict[str, Any]:
     }
 
 
-def mano_poses(sample: JointSample) -> tuple[Array, Array, Array]:
+def mano_poses(sample: JointSample) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Turn of the wrist (T, 3), angles from the flat hand (T, 45), translation (T, 3), in a world with y up."""
     abduct, flex = _axes(sample.hand)
     motion = sample.motion

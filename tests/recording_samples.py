@@ -3,14 +3,12 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.quaternion import quaternion
 from hhsim.recordings.recording import Recording
 from hhsim.recordings.recording_format import Content, ReadOptions
 from hhsim.recordings.registry import read_content
-
-Array = NDArray[np.float64]
 
 
 def read_as(form: str, data: str | bytes, *, name: str = "", **options: Any) -> Recording:
@@ -25,7 +23,7 @@ def smooth_recording(count: int = 300, rate: float = 100.0, seed: int = 1, jitte
     time = (np.arange(count) + jitter * random.uniform(-1.0, 1.0, count)) / rate
     time -= time[0]
 
-    def waves(size: int, amplitude: float) -> Array:
+    def waves(size: int, amplitude: float) -> FloatArray:
         frequency = random.uniform(0.2, 1.2, (3, size))
         phase = random.uniform(0.0, 2.0 * np.pi, (3, size))
         return np.asarray(amplitude * np.sin(2.0 * np.pi * frequency * time[:, None, None] + phase).sum(axis=1) / 3.0)

@@ -6,7 +6,7 @@ from typing import Any
 
 from hhsim.hand.model import HandModel, Side
 from hhsim.mesh.catalogue import load_object
-from hhsim.replay.replay import replay
+from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.scene import Scene, make_scene
 from hhsim.scene.script import Script, parse_script
@@ -41,5 +41,5 @@ def short_scene(script: Script, object_name: str = "cylinder", level: int = 2, s
 def short_result(path: Path, script: Script | None = None, *, object_name: str = "cylinder", **options: Any) -> Result:
     """The scene of a script, a short grasp if none is given, replayed into a file."""
     scene = short_scene(script or short_grasp(), object_name)
-    replay(scene, SolverOptions(**options), path, description={"hand_file": None})
+    replay_scene(scene, SolverOptions(**options), path, description={"hand_file": None})
     return load_result(path)

@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.detection import evaluate
 from hhsim.kernels.hand.pose import update_kinematics
@@ -23,19 +23,16 @@ from hhsim.kernels.tick.tick import begin_tick
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.trees.sphere_tree import SphereTree, enclosing_radius
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-
 BALL_RADIUS = 0.038
 PALM = 15
 """Row of the palm's first sphere, behind the 15 phalanges."""
 
 
-def sphere_tree(center: Array, radius: Array, branching: int = 8) -> SphereTree:
+def sphere_tree(center: FloatArray, radius: FloatArray, branching: int = 8) -> SphereTree:
     """A tree over these leaves, shapes (L, 3) and (L,) [m]: near ones are grouped until a single node is left."""
     order = _near_order(center, np.arange(len(radius)))
     centers, sizes = [center[order]], [len(radius)]
-    groups: list[Indices] = []
+    groups: list[IntArray] = []
     while sizes[0] > 1 or len(sizes) == 1:
         group = np.arange(sizes[0]) // branching
         groups.insert(0, group)
@@ -51,7 +48,7 @@ def sphere_tree(center: Array, radius: Array, branching: int = 8) -> SphereTree:
     )
 
 
-def _near_order(center: Array, index: Indices) -> Indices:
+def _near_order(center: FloatArray, index: IntArray) -> IntArray:
     if len(index) <= 2:
         return index
     points = center[index]
@@ -81,10 +78,10 @@ def cloud(random: np.random.Generator, leaves: int, spread: float = 0.05) -> Sph
 class Motion(NamedTuple):
     """Haptic configurations, tick by tick; shapes (T, 3), (T, 4), (T, 5, 3), (T, 5)."""
 
-    position: Array
-    orientation: Array
-    flexion: Array
-    abduction: Array
+    position: FloatArray
+    orientation: FloatArray
+    flexion: FloatArray
+    abduction: FloatArray
 
     def part(self, first: int, last: int) -> "Motion":
         """Ticks first to last - 1."""
@@ -167,7 +164,15 @@ _brute = numba.njit(cache=True, error_model="numpy", fastmath={"reassoc", "contr
 
 @_brute  # type: ignore[untyped-decorator]
 def _cone_distances(
-    x: Array, y: Array, z: Array, radius: Array, a: Array, b: Array, ra: float, rb: float, out: Array
+    x: FloatArray,
+    y: FloatArray,
+    z: FloatArray,
+    radius: FloatArray,
+    a: FloatArray,
+    b: FloatArray,
+    ra: float,
+    rb: float,
+    out: FloatArray,
 ) -> float:
     bax, bay, baz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     square = bax * bax + bay * bay + baz * baz
@@ -197,7 +202,9 @@ def _cone_distances(
 
 
 @_brute  # type: ignore[untyped-decorator]
-def _sphere_distances(x: Array, y: Array, z: Array, radius: Array, c: Array, r: float, out: Array) -> float:
+def _sphere_distances(
+    x: FloatArray, y: FloatArray, z: FloatArray, radius: FloatArray, c: FloatArray, r: float, out: FloatArray
+) -> float:
     least = 1e300
     for i in range(x.shape[0]):
         dx, dy, dz = x[i] - c[0], y[i] - c[1], z[i] - c[2]
@@ -209,15 +216,15 @@ def _sphere_distances(x: Array, y: Array, z: Array, radius: Array, c: Array, r: 
 
 @numba.njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
 def _all_least(
-    x: Array,
-    y: Array,
-    z: Array,
-    radius: Array,
-    joints: Array,
-    phalanx: Array,
-    palm: Array,
-    palm_radius: Array,
-    out: Array,
+    x: FloatArray,
+    y: FloatArray,
+    z: FloatArray,
+    radius: FloatArray,
+    joints: FloatArray,
+    phalanx: FloatArray,
+    palm: FloatArray,
+    palm_radius: FloatArray,
+    out: FloatArray,
 ) -> None:
     scratch = np.empty(x.shape[0])
     for t in range(joints.shape[0]):
@@ -232,13 +239,15 @@ def _all_least(
         out[t, 15] = least
 
 
-def palm_spheres(palm_center: Array, position: Array, orientation: Array) -> Array:
+def palm_spheres(palm_center: FloatArray, position: FloatArray, orientation: FloatArray) -> FloatArray:
     """World centres of the palm's spheres [m], shape (T, P, 3)."""
     matrix = Rotation.from_quat(orientation, scalar_first=True).as_matrix()
     return np.ascontiguousarray(np.einsum("tij,pj->tpi", matrix, palm_center) + position[:, None])
 
 
-def brute_pairs(hand: HandModel, leaf_center: Array, leaf_radius: Array, motion: Motion, tick: int = 0) -> Array:
+def brute_pairs(
+    hand: HandModel, leaf_center: FloatArray, leaf_radius: FloatArray, motion: Motion, tick: int = 0
+) -> FloatArray:
     """Signed distance [m] of every pair at one configuration: 15 phalanges, then palm spheres, shape (15 + P, L)."""
     x, y, z = (np.ascontiguousarray(leaf_center[:, i]) for i in range(3))
     radius = np.ascontiguousarray(leaf_radius)
@@ -257,15 +266,15 @@ def brute_pairs(hand: HandModel, leaf_center: Array, leaf_radius: Array, motion:
 
 
 def brute_clearance(
-    leaf_center: Array,
-    leaf_radius: Array,
-    phalanx_radius: Array,
-    palm_center: Array,
-    palm_radius: Array,
-    joints: Array,
-    position: Array,
-    orientation: Array,
-) -> Array:
+    leaf_center: FloatArray,
+    leaf_radius: FloatArray,
+    phalanx_radius: FloatArray,
+    palm_center: FloatArray,
+    palm_radius: FloatArray,
+    joints: FloatArray,
+    position: FloatArray,
+    orientation: FloatArray,
+) -> FloatArray:
     """Least signed distance [m] of each body (15 phalanges, palm) to all leaves, one by one, shape (T, 16).
 
     NaN for a hand that is nowhere. Arguments as in a result file: joints (T, 5, 4, 3), position (T, 3), orientation
@@ -289,7 +298,7 @@ def brute_clearance(
     return out
 
 
-def record_clearance(hand: HandModel, tree: SphereTree, record: TickRecord) -> Array:
+def record_clearance(hand: HandModel, tree: SphereTree, record: TickRecord) -> FloatArray:
     """`brute_clearance` of a block of ticks, shape (T, 16)."""
     return brute_clearance(
         tree.leaf_center,

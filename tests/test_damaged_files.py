@@ -35,7 +35,7 @@ from sweep_plans import PLAN
 from hhsim.mesh.catalogue import load_object
 from hhsim.motion.file import load_trajectory, save_trajectory
 from hhsim.recordings.repair import repair
-from hhsim.replay.replay import replay
+from hhsim.replay.replay import replay_scene
 from hhsim.scene.scene import make_scene
 from hhsim.solver.options import SolverOptions
 from hhsim.system.checksummed_file import SIZE, sealed
@@ -140,7 +140,7 @@ def samples(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     write_session(folder / "session.h5")
     still = short_scene(short_grasp(hold=0.03))
     moving = carried(still.trajectory, swing(still.trajectory.time))
-    replay(make_scene(still.mesh, still.tree, still.hand, moving), SolverOptions(), folder / "driven.h5")
+    replay_scene(make_scene(still.mesh, still.tree, still.hand, moving), SolverOptions(), folder / "driven.h5")
     cup = load_object("cup").mesh
     save_tree(cached_sphere_tree(cup, TreeOptions(level=2)), folder / "tree.h5")
     recording = smooth_recording(60)

@@ -18,7 +18,7 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.tick import state as tick_state
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics import metrics
-from hhsim.replay.replay import replay
+from hhsim.replay.replay import replay_scene
 from hhsim.replay.summary import ReplaySummary
 from hhsim.replay.summary_table import short_table, whole_table
 from hhsim.replay.tremor_hold import ONSET, TREMOR
@@ -57,7 +57,7 @@ duration = 0.03
 
 def run(path: Path, stiffness: Stiffness | None = None) -> ReplaySummary:
     scene = short_scene(parse_script(MOTION, name="short", where="short"), "cube")
-    return replay(scene, SolverOptions(stiffness=stiffness or Stiffness()), path, description={"hand_file": None})
+    return replay_scene(scene, SolverOptions(stiffness=stiffness or Stiffness()), path, description={"hand_file": None})
 
 
 @pytest.fixture(scope="module")

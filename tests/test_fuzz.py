@@ -16,9 +16,9 @@ import pytest
 from hypothesis import HealthCheck, given, note, settings
 from hypothesis import strategies as st
 from kept_failure import rerun_failure
-from numpy.typing import NDArray
 from sphere_scenes import bumpy_ball, cloud
 
+from hhsim.arrays import FloatArray
 from hhsim.bench.robustness.delta_debugging import delta_debug
 from hhsim.bench.robustness.failure import (
     Provenance,
@@ -41,8 +41,6 @@ from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.file import load_tree, save_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
-
-Array = NDArray[np.float64]
 
 EXAMPLES = int(os.environ.get("HHSIM_FUZZ", "0"))
 TICKS = 240
@@ -190,7 +188,9 @@ def test_no_scene_makes_the_hand_penetrate_get_lost_or_stuck(scene: Scene) -> No
 class Slipping(HandSolver):
     """A planted fault, for the fuzz test's own test."""
 
-    def run(self, position: Array, orientation: Array, flexion: Array, abduction: Array) -> TickRecord:
+    def run(
+        self, position: FloatArray, orientation: FloatArray, flexion: FloatArray, abduction: FloatArray
+    ) -> TickRecord:
         record = super().run(position, orientation, flexion, abduction)
         tree = self.workspace.surface
         bad = (record.total != 0.0).any(axis=1) & (flexion[:, 1, 1] > 0.7)

@@ -70,6 +70,19 @@ def test_no_two_files_import_each_other() -> None:
     assert circles() == []
 
 
+def test_an_import_by_name_is_seen_and_one_for_types_alone_does_not_run(tmp_path: Path) -> None:
+    path = tmp_path / "one.py"
+    path.write_text(
+        "from importlib import import_module\nif TYPE_CHECKING:\n    import hhsim.mesh.mesh\n"
+        "def later():\n    return import_module('hhsim.solver.qp').solve\n"
+    )
+    assert [(found.name, found.at_import, found.runs) for found in imports_of(path)] == [
+        ("importlib", True, True),
+        ("hhsim.mesh.mesh", False, False),
+        ("hhsim.solver.qp", False, True),
+    ]
+
+
 def test_nothing_below_imports_the_command_line_or_the_tools() -> None:
     above = ("hhsim.cli", "tools")
     found = [
@@ -168,7 +181,7 @@ def test_the_command_line_imports_nothing_slow_until_a_command_runs() -> None:
         "hhsim.solver.method",
         "hhsim.solver.surface",
     }
-    light |= {"hhsim.system.counted", "hhsim.system.progress", *live}
+    light |= {f"hhsim.system.{name}" for name in ("counted", "plain_json", "progress", "shown_number")} | live
     found = [
         shown_import(path, imported)
         for path in COMMAND_LINE.values()

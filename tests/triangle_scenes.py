@@ -1,13 +1,11 @@
 """Faces with known answers: planes, ridges, wedges, for a hand that lies at them by construction."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.bench.robustness.triangle_objects import joined_mesh, sheet_mesh
 from hhsim.hand.quaternion import quaternion, rotation_matrix
 from hhsim.mesh.mesh import Mesh
 
-Array = NDArray[np.float64]
 CLEAR = 5e-7
 """What a contact keeps clear [m]."""
 

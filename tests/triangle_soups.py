@@ -9,13 +9,10 @@ from collections.abc import Callable
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.mesh.topology import merged_vertices
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 NEEDLE = 1e-9
 """Height of a triangle, as a share of its longest side, up to which it is no more than its sides: the direction of its
@@ -30,30 +27,30 @@ BOX_FACES = np.array(
 )
 
 
-def unit(random: np.random.Generator, count: int | None = None) -> Array:
+def unit(random: np.random.Generator, count: int | None = None) -> FloatArray:
     """A random direction, or so many."""
     vector = random.normal(size=3 if count is None else (count, 3))
     return np.asarray(vector / np.linalg.norm(vector, axis=-1, keepdims=True))
 
 
-def _loose(random: np.random.Generator) -> Array:
+def _loose(random: np.random.Generator) -> FloatArray:
     count = random.integers(2, 12)
     size = 10.0 ** random.uniform(-3.0, -1.5)
     return np.asarray(random.normal(0.0, 0.02, (count, 1, 3)) + random.normal(0.0, size, (count, 3, 3)))
 
 
-def _turned_over(random: np.random.Generator, triangles: Array) -> Array:
+def _turned_over(random: np.random.Generator, triangles: FloatArray) -> FloatArray:
     flip = random.random(len(triangles)) < 0.5
     return np.where(flip[:, None, None], triangles[:, ::-1], triangles)
 
 
-def _coincident(random: np.random.Generator) -> Array:
+def _coincident(random: np.random.Generator) -> FloatArray:
     base = _loose(random)
     extra = _turned_over(random, base[random.integers(0, len(base), random.integers(1, len(base) + 1))])
     return np.concatenate([base, [np.roll(triangle, random.integers(3), axis=0) for triangle in extra]])
 
 
-def _nearly_coincident(random: np.random.Generator) -> Array:
+def _nearly_coincident(random: np.random.Generator) -> FloatArray:
     base = _loose(random)
     extra = base[random.integers(0, len(base), random.integers(1, len(base) + 1))]
     away = (
@@ -62,7 +59,7 @@ def _nearly_coincident(random: np.random.Generator) -> Array:
     return np.concatenate([base, _turned_over(random, extra + 10.0 ** random.uniform(-9.0, -4.0) * away)])
 
 
-def _folded(random: np.random.Generator) -> Array:
+def _folded(random: np.random.Generator) -> FloatArray:
     triangles = []
     for a, b, c in _loose(random):
         normal = np.cross(b - a, c - a)
@@ -75,7 +72,7 @@ def _folded(random: np.random.Generator) -> Array:
     return np.array(triangles)
 
 
-def _t_junctions(random: np.random.Generator) -> Array:
+def _t_junctions(random: np.random.Generator) -> FloatArray:
     triangles = []
     for a, b, c in _loose(random):
         middle = a + random.uniform(0.1, 0.9) * (b - a)
@@ -89,7 +86,7 @@ def _t_junctions(random: np.random.Generator) -> Array:
     return np.array(triangles)
 
 
-def _books(random: np.random.Generator) -> Array:
+def _books(random: np.random.Generator) -> FloatArray:
     # Edges of three to eight triangles.
     triangles = []
     for _ in range(random.integers(1, 4)):
@@ -100,7 +97,7 @@ def _books(random: np.random.Generator) -> Array:
     return np.array(triangles)
 
 
-def _coplanar(random: np.random.Generator) -> Array:
+def _coplanar(random: np.random.Generator) -> FloatArray:
     count = random.integers(2, 12)
     flat = random.normal(0.0, 0.02, (count, 1, 2)) + random.normal(0.0, 0.02, (count, 3, 2))
     if random.random() < 0.5:
@@ -108,7 +105,7 @@ def _coplanar(random: np.random.Generator) -> Array:
     return np.concatenate([flat, np.zeros((count, 3, 1))], axis=2)
 
 
-def _slivers(random: np.random.Generator) -> Array:
+def _slivers(random: np.random.Generator) -> FloatArray:
     triangles = []
     for a, b, _ in _loose(random):
         off = 10.0 ** random.uniform(-17.0, -4.0) if random.random() < 0.8 else 0.0
@@ -124,17 +121,17 @@ def _slivers(random: np.random.Generator) -> Array:
     return np.array(triangles)
 
 
-def _box(random: np.random.Generator, size: float | None = None) -> Array:
+def _box(random: np.random.Generator, size: float | None = None) -> FloatArray:
     return np.asarray((BOX * (random.uniform(0.005, 0.04, 3) if size is None else size))[BOX_FACES])
 
 
-def _halved(triangles: Array) -> Array:
+def _halved(triangles: FloatArray) -> FloatArray:
     a, b, c = triangles.transpose(1, 0, 2)
     ab, bc, ca = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
     return np.concatenate([np.stack(t, axis=1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
 
 
-def _bumpy(random: np.random.Generator) -> Array:
+def _bumpy(random: np.random.Generator) -> FloatArray:
     triangles = _box(random)
     for _ in range(random.integers(0, 3)):
         triangles = _halved(triangles)
@@ -142,7 +139,7 @@ def _bumpy(random: np.random.Generator) -> Array:
     return np.asarray((vertices + random.normal(size=vertices.shape) * 10.0 ** random.uniform(-9.0, -2.3))[faces])
 
 
-def _shells(random: np.random.Generator) -> Array:
+def _shells(random: np.random.Generator) -> FloatArray:
     # In each other, through each other, inside out, or one nearly on the other.
     shells = []
     for _ in range(random.integers(2, 5)):
@@ -154,7 +151,7 @@ def _shells(random: np.random.Generator) -> Array:
     return np.concatenate([shell[:, ::-1] if random.random() < 0.4 else shell for shell in shells])
 
 
-def _with_flaps(random: np.random.Generator) -> Array:
+def _with_flaps(random: np.random.Generator) -> FloatArray:
     # A solid with pairs of triangles of no thickness, so that every edge is walked as often forth as back.
     body = _bumpy(random)
     triangles = [body]
@@ -171,7 +168,7 @@ def _with_flaps(random: np.random.Generator) -> Array:
     return np.concatenate(triangles)
 
 
-def _touching_boxes(random: np.random.Generator) -> Array:
+def _touching_boxes(random: np.random.Generator) -> FloatArray:
     # On a lattice: they share faces, edges, corners, or all of themselves; one may be inside out.
     size = random.uniform(0.01, 0.03)
     boxes = [_box(random, size) + size * random.integers(-1, 2, 3) for _ in range(random.integers(2, 7))]
@@ -180,7 +177,7 @@ def _touching_boxes(random: np.random.Generator) -> Array:
     return np.concatenate(boxes)
 
 
-SOUPS: dict[str, Callable[[np.random.Generator], Array]] = {
+SOUPS: dict[str, Callable[[np.random.Generator], FloatArray]] = {
     "loose": _loose,
     "coincident": _coincident,
     "nearly coincident": _nearly_coincident,
@@ -196,19 +193,19 @@ SOUPS: dict[str, Callable[[np.random.Generator], Array]] = {
 }
 
 
-def soup(kind: str, seed: int) -> tuple[Array, np.random.Generator]:
+def soup(kind: str, seed: int) -> tuple[FloatArray, np.random.Generator]:
     """Triangles of a kind, shape (F, 3, 3) [m], turned anyhow; and what more is drawn for them."""
     random = np.random.default_rng([seed, list(SOUPS).index(kind)])
     triangles = SOUPS[kind](random)
     return triangles @ Rotation.random(rng=random).as_matrix().T, random
 
 
-def indexed(triangles: Array) -> tuple[Array, Indices]:
+def indexed(triangles: FloatArray) -> tuple[FloatArray, IntArray]:
     """The same as vertices and faces."""
     return merged_vertices(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3))
 
 
-def plane_normals(triangles: Array) -> Array:
+def plane_normals(triangles: FloatArray) -> FloatArray:
     """Unit normals, shape (F, 3); 0 for those of no more than their sides."""
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     size = np.linalg.norm(normal, axis=1)
@@ -217,7 +214,7 @@ def plane_normals(triangles: Array) -> Array:
 
 
 @numba.njit(error_model="numpy")  # type: ignore[untyped-decorator]
-def _to_segment2(x: float, y: float, z: float, a: Array, b: Array) -> float:
+def _to_segment2(x: float, y: float, z: float, a: FloatArray, b: FloatArray) -> float:
     ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     dx, dy, dz = x - a[0], y - a[1], z - a[2]
     square = ux * ux + uy * uy + uz * uz
@@ -226,7 +223,7 @@ def _to_segment2(x: float, y: float, z: float, a: Array, b: Array) -> float:
 
 
 @numba.njit(error_model="numpy")  # type: ignore[untyped-decorator]
-def _to_triangle(x: float, y: float, z: float, triangle: Array, n: Array) -> float:
+def _to_triangle(x: float, y: float, z: float, triangle: FloatArray, n: FloatArray) -> float:
     beside = np.inf
     inside = n[0] * n[0] + n[1] * n[1] + n[2] * n[2] > 0.5
     for k in range(3):
@@ -240,7 +237,7 @@ def _to_triangle(x: float, y: float, z: float, triangle: Array, n: Array) -> flo
 
 
 @numba.njit(error_model="numpy")  # type: ignore[untyped-decorator]
-def _beyond(s: float, ends: Array, radius: Array, triangle: Array, normal: Array) -> float:
+def _beyond(s: float, ends: FloatArray, radius: FloatArray, triangle: FloatArray, normal: FloatArray) -> float:
     x = (1.0 - s) * ends[0, 0] + s * ends[1, 0]
     y = (1.0 - s) * ends[0, 1] + s * ends[1, 1]
     z = (1.0 - s) * ends[0, 2] + s * ends[1, 2]
@@ -248,7 +245,7 @@ def _beyond(s: float, ends: Array, radius: Array, triangle: Array, normal: Array
 
 
 @numba.njit(error_model="numpy")  # type: ignore[untyped-decorator]
-def least_distance(ends: Array, radius: Array, triangles: Array, normals: Array) -> float:
+def least_distance(ends: FloatArray, radius: FloatArray, triangles: FloatArray, normals: FloatArray) -> float:
     """Least distance [m] of a round cone to triangles; negative where it reaches through one.
 
     Args:
@@ -286,7 +283,7 @@ def least_distance(ends: Array, radius: Array, triangles: Array, normals: Array)
     return best
 
 
-def winding(triangles: Array, point: Array) -> float:
+def winding(triangles: FloatArray, point: FloatArray) -> float:
     """How often triangles go around a point: their solid angles by Van Oosterom and Strackee (1983), over 4π."""
     a, b, c = (triangles[:, k] - point for k in range(3))
     size_a, size_b, size_c = (np.linalg.norm(v, axis=1) for v in (a, b, c))
@@ -297,7 +294,9 @@ def winding(triangles: Array, point: Array) -> float:
     )
 
 
-def touching_cone(random: np.random.Generator, triangles: Array, normals: Array) -> tuple[Array, Array]:
+def touching_cone(
+    random: np.random.Generator, triangles: FloatArray, normals: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """A round cone near triangles, from 0.1 µm to 10 mm off one of them: its ends (2, 3) and radii (2,) [m]."""
     i = random.integers(len(triangles))
     share = random.dirichlet([0.5, 0.5, 0.5])

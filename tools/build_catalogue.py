@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError
 from hhsim.mesh.catalogue import object_description, object_names
 from hhsim.mesh.file import PLY_FACE, PLY_HEADER, PLY_VERTEX
@@ -28,9 +28,6 @@ from hhsim.trees.published_results import EXTENT
 from tools.shapes.cup import cup
 from tools.shapes.generators import GENERATORS, cube, cylinder, hexagonal_prism
 from tools.shapes.surface_parts import finished_mesh
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 CUP_WALL = 0.003
 """Of the cup at the longest extent of the references [m]."""

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
@@ -42,7 +42,6 @@ from tools.cross_section import Plane, Pose, cut_mesh, cut_spheres, finger_plane
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-FloatArray = NDArray[np.float64]
 
 VIEW = View(288.0, 16.0)
 """Azimuth from x to y, and elevation [degrees], of the viewer."""

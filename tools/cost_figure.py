@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError, OutputError
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.state import WORK_CANDIDATES
@@ -32,8 +33,6 @@ from hhsim.trees.options import TreeOptions
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 BIN_EDGES = np.array([1, 10, 20, 40, 80, 160, 320, 640, 1000, 1400])
 """Bins of candidate pairs: each holds its lower edge and not its upper one."""

@@ -7,14 +7,12 @@ cut there into the hulls of two circles each: a section shows what the solver se
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.kinematics import forward_kinematics
 from hhsim.kernels.rotation import quaternion_to_matrix
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Pose = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 
 

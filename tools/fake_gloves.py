@@ -11,9 +11,8 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from tools.import_graph import REPOSITORY
-
-Array = NDArray[np.float64]
 
 PRIORITY = 1
 """Of a fake glove under SCHED_FIFO, where that is granted: below all of a session but its recorder."""
@@ -30,9 +29,9 @@ class PeerRecord(NamedTuple):
     """A log that was read: times [ns] and values of the frames sent and of the commands received, and the notes."""
 
     sent_ns: NDArray[np.int64]
-    sent: Array
+    sent: FloatArray
     command_ns: NDArray[np.int64]
-    command: Array
+    command: FloatArray
     notes: list[tuple[int, str]]
 
 

@@ -21,7 +21,7 @@ import numpy as np
 from hhsim.errors import HhsimError, InputError
 from hhsim.gate.run import Side, find_side, interleaved_times, this_python
 from hhsim.gate.suite import GateScene, default_suite
-from hhsim.gate.timing_test import BETTER, WORSE, TimeComparison, compare_times
+from hhsim.gate.time_comparison import BETTER, WORSE, TimeComparison, compare_times
 
 BLOCK = "hhsim.kernels.tick.block"
 OVERLAY = """\

@@ -9,16 +9,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, OutputError
 from hhsim.hand.model import DEFAULT_HAND_LENGTH, HandModel
 from hhsim.render.figure import save_figure
 from hhsim.render.rasterizer import blend, frame, look_from, shade
 from hhsim.render.triangle_soup import hand_surface
 from hhsim.system.output_path import check_output_path
-
-FloatArray = NDArray[np.float64]
 
 OPEN_POSE = (
     ((-8.0, 8.0, 8.0), (8.0, 10.0, 6.0), (8.0, 10.0, 6.0), (10.0, 12.0, 8.0), (12.0, 14.0, 8.0)),

@@ -39,12 +39,14 @@ class Import:
         name: Of the module, or of the package where no module of it is named.
         line: Of the statement.
         at_import: False where the statement waits for a function to be called, or serves types alone.
+        runs: False where it serves types alone.
         inside: What is imported from a module, as `module.name`.
     """
 
     name: str
     line: int
     at_import: bool
+    runs: bool
     inside: str
 
 
@@ -85,30 +87,35 @@ def _imports_of(path: Path) -> Iterator[Import]:
     tree = ast.parse(path.read_text(encoding="utf-8"))
     own = next((name for name, file in modules().items() if file == path), path.stem)
     package = own if path.name == "__init__.py" else own.rpartition(".")[0]
-    for node, at_import in _statements(tree):
+    for node, at_import, runs in _statements(tree):
         if isinstance(node, ast.Import):
             for alias in node.names:
-                yield Import(alias.name, node.lineno, at_import, alias.name)
+                yield Import(alias.name, node.lineno, at_import, runs, alias.name)
         elif isinstance(node, ast.ImportFrom):
             above = package.split(".")[: package.count(".") + 2 - node.level] if node.level else []
             base = ".".join([*above, *([node.module] if node.module else [])])
             for alias in node.names:
                 inside = f"{base}.{alias.name}"
-                yield Import(inside if inside in modules() else base, node.lineno, at_import, inside)
+                yield Import(inside if inside in modules() else base, node.lineno, at_import, runs, inside)
+    for call in ast.walk(tree):
+        # By a name that is written out; the packages of a `hhsim.registry.Registry` are found, and not named.
+        if isinstance(call, ast.Call) and ast.unparse(call.func).endswith("import_module"):
+            name = call.args[0]
+            if isinstance(name, ast.Constant) and isinstance(name.value, str):
+                yield Import(name.value, call.lineno, False, True, name.value)
 
 
-def _statements(tree: ast.Module) -> Iterator[tuple[ast.stmt, bool]]:
-    """Every statement, and whether it runs when the file is imported."""
-    waiting: list[tuple[ast.AST, bool]] = [(tree, True)]
-    for outer, at_import in waiting:
-        later = isinstance(outer, ast.FunctionDef | ast.AsyncFunctionDef) or (
-            isinstance(outer, ast.If) and ast.unparse(outer.test) == "TYPE_CHECKING"
-        )
+def _statements(tree: ast.Module) -> Iterator[tuple[ast.stmt, bool, bool]]:
+    """Every statement, whether it runs when the file is imported, and whether it ever runs."""
+    waiting: list[tuple[ast.AST, bool, bool]] = [(tree, True, True)]
+    for outer, at_import, runs in waiting:
+        typing = isinstance(outer, ast.If) and ast.unparse(outer.test) == "TYPE_CHECKING"
+        later = typing or isinstance(outer, ast.FunctionDef | ast.AsyncFunctionDef)
         for inner in ast.iter_child_nodes(outer):
             if isinstance(inner, ast.stmt):
-                yield inner, at_import and not later
+                yield inner, at_import and not later, runs and not typing
             if isinstance(inner, ast.stmt | ast.ExceptHandler | ast.match_case):
-                waiting.append((inner, at_import and not later))
+                waiting.append((inner, at_import and not later, runs and not typing))
 
 
 @cache
@@ -126,9 +133,12 @@ def matrix() -> dict[tuple[str, str], list[str]]:
 
 
 def circles() -> list[list[str]]:
-    """Groups of modules that import each other, directly or round a circle (Tarjan's strongly connected components)."""
+    """Groups of modules that import each other, directly or round a circle (Tarjan's strongly connected components).
+
+    What serves types alone does not count.
+    """
     graph = {
-        module: sorted({imported.name for imported in imports_of(path)} & library().keys() - {module})
+        module: sorted({found.name for found in imports_of(path) if found.runs} & library().keys() - {module})
         for module, path in library().items()
         if module != "hhsim"
     }

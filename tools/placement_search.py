@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.bench.paper.contact_check import check_holds
 from hhsim.bench.paper.scene import turned_by
 from hhsim.errors import HhsimError
@@ -37,8 +37,6 @@ from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 
-Array = NDArray[np.float64]
-
 DRAWS = 4000
 """Random places."""
 LEADERS = 12
@@ -59,14 +57,14 @@ CLEAR = 0.001
 class Genes:
     """A place as the search varies it."""
 
-    rotation: Array
-    position: Array
-    back: Array
-    open: Array
-    abduction: Array
-    slide: Array
+    rotation: FloatArray
+    position: FloatArray
+    back: FloatArray
+    open: FloatArray
+    abduction: FloatArray
+    slide: FloatArray
 
-    def moved(self, step: Array, turn: Array | None = None) -> "Genes":
+    def moved(self, step: FloatArray, turn: FloatArray | None = None) -> "Genes":
         """The place after a step of the units of `SCALE`; `turn` turns the slide."""
         back = self.back + step[6:9]
         slide = self.slide if turn is None or not self.slide.any() else self.slide + turn
@@ -105,7 +103,7 @@ class PlacementSearch:
         object_name: str,
         hand: HandModel,
         tree: SphereTree,
-        come_from: Array | None = None,
+        come_from: FloatArray | None = None,
         seed: int = 0,
     ) -> None:
         """Prepare; nothing is searched yet."""
@@ -141,7 +139,7 @@ class PlacementSearch:
         placement = genes.placement(self.object_name)
         worst = [0.0]
 
-        def clear(position: Array, rotation: Array, opened: Array) -> bool:
+        def clear(position: FloatArray, rotation: FloatArray, opened: FloatArray) -> bool:
             near = self._body_distances(position, rotation, opened, placement.abduction)
             worst[0] = min(0.0, float(near.min()) - CLEAR)
             return worst[0] > -0.002
@@ -199,7 +197,7 @@ class PlacementSearch:
             return -1e3
         return score
 
-    def _play(self, placement: Placement, method: str) -> list[Array]:
+    def _play(self, placement: Placement, method: str) -> list[FloatArray]:
         motion = synthesize(self.script, self.hand, self.tree, placement=placement)
         return check_holds(self.script, self.object_name, self.hand, self.tree, motion, SolverOptions(method=method))
 
@@ -262,7 +260,7 @@ class PlacementSearch:
         genes = Genes(rotation, position, back / np.linalg.norm(back), random.uniform(0.0, 0.5, 5), abduction, slide)
         return self._allowed(genes.moved(np.zeros(SCALE.size), np.zeros(3)))
 
-    def _target(self, touch: Touch) -> Array:
+    def _target(self, touch: Touch) -> FloatArray:
         centers, _ = self.leaves[touch.region]
         return np.asarray(centers[self.random.integers(len(centers))])
 
@@ -271,7 +269,7 @@ class PlacementSearch:
         up = float(closure.rotation[2, 2])
         return 4.0 * float(np.abs(placement.abduction).sum()) + 2.0 * max(0.0, -up) + 0.5 * float(placement.open.sum())
 
-    def _leaves(self, region: str) -> tuple[Array, Array]:
+    def _leaves(self, region: str) -> tuple[FloatArray, FloatArray]:
         """Spheres that may be touched in a region: some point near their centre, or of their surface, lies in it."""
         center, radius = self.tree.leaf_center, self.tree.leaf_radius
         if region == ANYWHERE:
@@ -282,7 +280,7 @@ class PlacementSearch:
             held |= shape.holds(center + radius[:, None] * axis)
         return center[held], radius[held]
 
-    def _distance(self, touch: Touch, joints: Array, position: Array, rotation: Array) -> float:
+    def _distance(self, touch: Touch, joints: FloatArray, position: FloatArray, rotation: FloatArray) -> float:
         """About how far [m] a part of the hand is from a region; negative inside."""
         center, radius = self.leaves[touch.region]
         if touch.part == PALM:
@@ -310,7 +308,9 @@ class PlacementSearch:
                 ways.append(way)
         return ways[1:]
 
-    def _body_distances(self, position: Array, rotation: Array, flexion: Array, abduction: Array) -> Array:
+    def _body_distances(
+        self, position: FloatArray, rotation: FloatArray, flexion: FloatArray, abduction: FloatArray
+    ) -> FloatArray:
         closer = self.closer
         spread = np.ascontiguousarray(abduction)
         return body_distances(closer.hand, closer.tree, position, rotation, flexion, spread, closer.work)

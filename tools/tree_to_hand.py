@@ -12,8 +12,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.bench.run_errors import placed_of
 from hhsim.errors import HhsimError, InputError
 from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
@@ -31,8 +31,6 @@ from hhsim.solver.options import SolverOptions
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.verify.mesh_distance import BODIES, HandReferee
-
-FloatArray = NDArray[np.float64]
 
 TOUCH = 1e-5
 """Spheres nearer than this [m] touch."""

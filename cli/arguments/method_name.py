@@ -26,7 +26,7 @@ class MethodName(click.ParamType[str]):
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
         """Refuse what is no name; what a class is worth shows when it is imported."""
         if value not in METHODS and ":" not in value:
-            from hhsim.solver.known_methods import method_names
+            from hhsim.solver.method_names import method_names
 
             if value not in method_names():
                 self.fail(str(UnknownNameError("method", value, method_names())), param, ctx)
@@ -34,6 +34,6 @@ class MethodName(click.ParamType[str]):
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
         """Offer the names."""
-        from hhsim.solver.known_methods import method_names
+        from hhsim.solver.method_names import method_names
 
         return [CompletionItem(name) for name in method_names() if name.startswith(incomplete)]

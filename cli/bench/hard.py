@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING
 import click
 from click.shell_completion import CompletionItem
 
+from hhsim.system.shown_number import number
+
 from ..arguments import options
-from ..console import announce_compilation, number, print_json, print_rows, print_table, progress
+from ..console import announce_compilation, print_json, print_rows, print_table, progress
 from .solvers import Solvers
 
 if TYPE_CHECKING:

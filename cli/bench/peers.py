@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from hhsim.system.shown_number import number
+
 from ..arguments import options
 from ..arguments.comma_list import names
 from ..arguments.option_group import OptionGroup, option, shared
 from ..arguments.options import COUNT
-from ..console import announce_compilation, number, print_json, print_notes, print_rows, progress
+from ..console import announce_compilation, print_json, print_notes, print_rows, progress
 from .table_document import table_document
 
 if TYPE_CHECKING:

@@ -6,11 +6,13 @@ from typing import TYPE_CHECKING, Literal
 
 import click
 
+from hhsim.system.shown_number import number
+
 from ..arguments import options
 from ..arguments.comma_list import names
 from ..arguments.object_argument import MeshSize, complete_object
 from ..arguments.option_group import shared
-from ..console import announce_compilation, number, print_json, print_line, print_rows, progress
+from ..console import announce_compilation, print_json, print_line, print_rows, progress
 from .solvers import Solvers
 
 if TYPE_CHECKING:

@@ -7,10 +7,12 @@ from typing import Any
 
 import click
 
+from hhsim.system.shown_number import number
+
 from ..arguments import options
 from ..arguments.comma_list import counts, names
 from ..arguments.option_group import OptionGroup, shared
-from ..console import announce_compilation, number, print_json, print_notes, print_rows, progress
+from ..console import announce_compilation, print_json, print_notes, print_rows, progress
 from .table_document import table_document
 
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hhsim.live.devices.registry import find_glove, glove_names
+from hhsim.live.devices.registry import GLOVES
 from hhsim.live.pose.registry import POSES, USUAL_POSE_PORT, PoseConfig
 from hhsim.result.safety import AFTER_STALL
 from hhsim.solver.method import METHODS
@@ -93,12 +93,12 @@ class HandChoice(OptionGroup, heading="Hand"):
         from hhsim.scene.motion_catalogue import resolve_trajectory
 
         settings = glove.settings()
-        plays = find_glove(glove.device).plays
-        told = find_glove(glove.device).palm
+        plays = GLOVES[glove.device].plays
+        told = GLOVES[glove.device].palm
         usual = "replay" if plays else "glove" if told else "keyboard" if sys.stdin.isatty() else "fixed"
         pose = self.pose or usual
         if POSES[pose].by_glove and not told:
-            telling = " or ".join(name for name in glove_names() if find_glove(name).palm)
+            telling = " or ".join(name for name in GLOVES if GLOVES[name].palm)
             raise click.UsageError(f"--pose {pose} is for --device {telling}: others do not know where the palm is")
         if not POSES[pose].placed and (self.palm or self.palm_turn):
             placed = " or ".join(name for name, known in POSES.items() if known.placed)
@@ -109,7 +109,7 @@ class HandChoice(OptionGroup, heading="Hand"):
             raise click.UsageError("--palm-turn needs --palm, where the palm is")
         plays = plays or POSES[pose].plays
         if self.trajectory is not None and not plays:
-            playing = " or ".join(name for name in glove_names() if find_glove(name).plays)
+            playing = " or ".join(name for name in GLOVES if GLOVES[name].plays)
             raise click.UsageError(f"--trajectory is for --device {playing}, and for --pose replay")
         motion = resolve_trajectory(self.trajectory or usual_motion) if plays else None
         side: Hand = "left" if (self.side or getattr(motion, "hand", None)) == "left" else "right"
@@ -286,7 +286,7 @@ def command(
         scene = make_live_scene(mesh, chosen.tree, model, device, palm, motion, placed=placed, seed=session.seed)
     print_notes(chosen.notes)
     duration = session.duration
-    if find_glove(device.kind).ends and duration is None and scene.device.playback is not None:
+    if GLOVES[device.kind].ends and duration is None and scene.device.playback is not None:
         duration = scene.device.playback.duration
     # What the driver cannot use is reported before any process is started.
     open_device(scene.device)

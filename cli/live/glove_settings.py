@@ -8,7 +8,7 @@ from typing import Any, get_args
 import click
 from click.core import ParameterSource
 
-from hhsim.live.devices.registry import Setting, find_glove, glove_names
+from hhsim.live.devices.registry import GLOVES, Setting
 
 from ..arguments.option_group import OptionGroup, option
 from ..arguments.options import Number
@@ -40,8 +40,8 @@ class GloveChoice(OptionGroup, heading="Glove"):
 
 def glove_choice() -> type[GloveChoice]:
     """Ask for --device, then for the settings that several gloves have, each once, then for each glove's own."""
-    about = "; ".join(f"{name}: {find_glove(name).about}" for name in glove_names())
-    device = option("--device", type=click.Choice(glove_names()), default="sim", help=f"{about}.")
+    about = "; ".join(f"{name}: {GLOVES[name].about}" for name in GLOVES)
+    device = option("--device", type=click.Choice(list(GLOVES)), default="sim", help=f"{about}.")
     options = {"device": device, **dict(_settings())}
     return type("KnownGloves", (GloveChoice,), {"__annotations__": dict.fromkeys(options, Any), **options})
 
@@ -73,8 +73,8 @@ def _settings() -> Iterator[tuple[str, Any]]:
 def _by_name() -> dict[str, dict[str, Field[Any]]]:
     """Each setting that is asked for: of which gloves, and how it is declared there."""
     found: dict[str, dict[str, Field[Any]]] = {}
-    for glove in glove_names():
-        for item in fields(find_glove(glove).options):
+    for glove in GLOVES:
+        for item in fields(GLOVES[glove].options):
             if "setting" in item.metadata:
                 assert item.default is not MISSING, f"{glove}: {item.name} has no default"
                 found.setdefault(item.name, {})[glove] = item

@@ -5,7 +5,9 @@ from contextlib import suppress
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from ..console import number, print_line, print_table
+from hhsim.system.shown_number import number
+
+from ..console import print_line, print_table
 
 if TYPE_CHECKING:
     from hhsim.live.session.supervisor import SessionOutcome

@@ -23,7 +23,7 @@ def command(name: str, isolate: bool, as_json: bool) -> int:
       hhsim methods check penalty
     """
     from hhsim.replay.conformance import WRONG, check_method
-    from hhsim.solver.known_methods import isolated_name
+    from hhsim.solver.method_names import isolated_name
 
     announce_compilation(quiet=as_json)
     findings = list(check_method(isolated_name(name) if isolate else name))

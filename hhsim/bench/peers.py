@@ -32,8 +32,9 @@ from hhsim.scene.scene import make_scene
 from hhsim.scene.synthesis import synthesize
 from hhsim.solver.compile import warm_up
 from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.known_methods import declared_methods, find_method
+from hhsim.solver.known_methods import find_method
 from hhsim.solver.method import FORCES
+from hhsim.solver.method_names import declared_methods
 from hhsim.solver.options import SolverOptions
 from hhsim.system.deferred_sigint import interruptible_between
 from hhsim.system.progress import Progress, silent
@@ -59,7 +60,7 @@ class PeersOptions:
     Attributes:
         objects: Of the catalogue.
         motions: Scripts of the catalogue that touch the object.
-        methods: As `hhsim.solver.known_methods.method_names`, or `package.module:Class`; None for those of `OURS` and
+        methods: As `hhsim.solver.method_names.method_names`, or `package.module:Class`; None for those of `OURS` and
             every engine that hhsim declares. What is not installed is left out.
         repetitions: Of every run that is not longer than `LONG`.
         rate: Ticks per second [Hz].

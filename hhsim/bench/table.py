@@ -228,12 +228,14 @@ def _csv_text(columns: Sequence[Column], arrays: Mapping[str, AnyArray]) -> str:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([column.name if column.unit == "1" else f"{column.name} [{column.unit}]" for column in columns])
     for row in zip(*(arrays[column.name].tolist() for column in columns)):
-        writer.writerow([_spelled(value) for value in row])
+        writer.writerow([spelled(value) for value in row])
     return text.getvalue()
 
 
-def _spelled(value: Cell) -> str:
-    """A cell of the CSV file; numbers in full precision, so that they come back bit for bit."""
+def spelled(value: Cell | None) -> str:
+    """Return a cell of a CSV file, "" for a missing value; a number has all digits, and comes back bit for bit."""
+    if value is None:
+        return ""
     if isinstance(value, bool):
         return str(int(value))
     if isinstance(value, float):

@@ -8,6 +8,7 @@ from hhsim.board.collect import Board
 from hhsim.board.entry import Entry, shown_options
 from hhsim.board.standings import Standing
 from hhsim.replay.repeated_times import digits_with
+from hhsim.system.shown_number import number
 
 MARK = "●"
 """Of what is on the frontier."""
@@ -17,11 +18,6 @@ LEGEND = (
     "compare across machines, times within one; ~ before a time: some of its runs had no core of their own, and "
     "it is on no frontier."
 )
-
-
-def number(value: float, digits: int, scale: float = 1.0) -> str:
-    """A figure; "—" for what is not known."""
-    return "—" if value != value else f"{round(value * scale, digits) + 0.0:,.{digits}f}"
 
 
 def standing_cells(board: Board) -> dict[str, Callable[[Standing], str]]:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from hhsim.bench.table import spelled
 from hhsim.board.collect import Board
 from hhsim.board.latex import latex_text
 from hhsim.board.page import board_page
@@ -62,7 +63,7 @@ def csv_text(board: Board) -> str:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([f"{name} [{unit}]" if unit else name for name, unit in columns().items()])
     for row in rows_of(board):
-        writer.writerow([_cell(row[name]) for name in columns()])
+        writer.writerow([spelled(row[name]) for name in columns()])
     return text.getvalue()
 
 
@@ -98,14 +99,6 @@ def markdown_text(board: Board, standings: Sequence[Standing]) -> str:
 def _line(cells: Sequence[str]) -> str:
     safe = [cell.replace("|", r"\|") for cell in cells]
     return f"| {' | '.join(safe)} |"
-
-
-def _cell(value: Any) -> str:
-    if value is None:
-        return ""
-    if isinstance(value, bool):
-        return str(int(value))
-    return repr(value) if isinstance(value, float) else str(value)
 
 
 def check_board_path(path: Path) -> None:

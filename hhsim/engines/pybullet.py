@@ -143,7 +143,7 @@ class PyBullet:
         bullet = self._bullet
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "hand.urdf"
-            path.write_text(hand_urdf(self._hand), encoding="utf-8")
+            path.write_text(_bullet_urdf(self._hand), encoding="utf-8")
             body: int = bullet.loadURDF(str(path), flags=bullet.URDF_USE_INERTIA_FROM_FILE)
         names = {bullet.getJointInfo(body, i)[12].decode(): i for i in range(bullet.getNumJoints(body))}
         spreads = [names[f"{finger}_mount"] for finger in FINGERS]
@@ -169,7 +169,7 @@ class PyBullet:
         return body, spreads, bends
 
 
-def hand_urdf(hand: RigidHand) -> str:
+def _bullet_urdf(hand: RigidHand) -> str:
     """The hand in the Unified Robot Description Format: five fingers on a palm, each on a hinge for its abduction."""
     palm = "".join(
         f'<collision><origin xyz="{_spaced(center)}"/>'

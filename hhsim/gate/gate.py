@@ -12,7 +12,7 @@ from hhsim.gate.limits import SESSION_DEFAULTS, without_times
 from hhsim.gate.metrics import RunFigures, run_figures
 from hhsim.gate.run import RunFailed, Side, Step, interleaved_times, times_beside_reference
 from hhsim.gate.suite import REPLAY, SESSION, SUBMISSION, GateScene, GateSuite, default_suite
-from hhsim.gate.timing_test import NOT_COMPARABLE
+from hhsim.gate.time_comparison import NOT_COMPARABLE
 from hhsim.gate.verdict import (
     REFUSED,
     GateRow,

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from xml.etree import ElementTree
 
 from hhsim.gate.gate import GateReport
-from hhsim.gate.timing_test import NOT_COMPARABLE, SAME, WORSE
+from hhsim.gate.time_comparison import NOT_COMPARABLE, SAME, WORSE
 from hhsim.gate.verdict import UNJUDGED, WORSE_WITHIN, GateRow
 
 HEADINGS = ("scene", "figure", "head", "base", "limit", "unit", "verdict", "outcome")

@@ -16,7 +16,7 @@ from typing import TypeVar
 from hhsim.errors import HhsimError, InputError
 from hhsim.gate.metrics import RunFigures, cpu_p50, run_figures
 from hhsim.gate.suite import GateScene
-from hhsim.gate.timing_test import base_first
+from hhsim.gate.time_comparison import base_first
 from hhsim.result.reader import Result, load_result
 from hhsim.system.deferred_sigint import interruptible_between
 
@@ -94,7 +94,7 @@ class Side:
         return RunFailed(why, side=self.name, refused=refused)
 
     def figures(self, scene: GateScene, folder: Path) -> RunFigures:
-        """Run a scene and judge its ticks; raises as `replay`."""
+        """Run a scene and judge its ticks; raises as `replay_scene`."""
         return self.replay(scene, folder, run_figures)
 
 

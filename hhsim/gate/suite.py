@@ -13,8 +13,8 @@ from hhsim.errors import InputError, UnknownNameError
 from hhsim.gate.limits import OF_SESSIONS, OF_SUBMISSIONS, OUTSIDE_DEFAULTS, SESSION_DEFAULTS, limitable
 from hhsim.gate.metrics import COUNTERS
 from hhsim.metrics.run.registry import judged_metrics
-from hhsim.solver.known_methods import ISOLATED, method_names
 from hhsim.solver.method import METHODS
+from hhsim.solver.method_names import ISOLATED, method_names
 from hhsim.system.toml_document import (
     check_keys,
     checked_number,

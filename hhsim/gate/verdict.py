@@ -8,7 +8,7 @@ from typing import Any
 from hhsim.gate.input_hash import differences, new_options
 from hhsim.gate.limits import OF_MISHAPS, limitable
 from hhsim.gate.metrics import COUNTERS, RunFigures
-from hhsim.gate.timing_test import BETTER, NOT_COMPARABLE, SAME, WITHIN, WORSE, compare_times
+from hhsim.gate.time_comparison import BETTER, NOT_COMPARABLE, SAME, WITHIN, WORSE, compare_times
 from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import judged_metrics
 from hhsim.metrics.run_metric import Figure
@@ -23,7 +23,7 @@ NO_VALUE, UNTOLD, OVER = "undefined here", "the method does not tell it", "over 
 WORSE_WITHIN = "worse within limits"
 """The word of all rows where errors are worse and none misses its limit."""
 REFUSED = "refused"
-"""The word of a scene that cannot be run for bad input, beside those of `hhsim.gate.timing_test`."""
+"""The word of a scene that cannot be run for bad input, beside those of `hhsim.gate.time_comparison`."""
 UNJUDGED = (REFUSED, NOT_COMPARABLE)
 EXIT_OK, EXIT_MISSED, EXIT_REFUSED, EXIT_NOT_COMPARABLE = 0, 1, 2, 3
 
@@ -167,7 +167,7 @@ def judge_time(
     found = compare_times(base, head, limit)
     reason = f"{100.0 * (found.ratio - 1.0):+.1f} %, processes of a side within {100.0 * found.spread:.0f} %"
     label = "tick in contact, CPU, p50" + (" / reference workload" if divided else "")
-    figure = Figure("tick_cpu_p50", label, unit="" if divided else "µs", scale=1.0 if divided else 1e-6)
+    figure = Figure("tick_cpu_p50", label, unit="" if divided else "µs")
     figures = found.head, found.base, found.base * (1.0 + limit)
     return _row(scene, "time", figure.name, figure, *figures, found.verdict, found.verdict != WORSE, reason)
 

@@ -7,13 +7,11 @@ exact formulas for the 3-D tetrahedron inertia tensor in terms of its vertex coo
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import MeshError
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.topology import is_closed, merged_vertices
-
-Array = NDArray[np.float64]
 
 LEAST_FILLED = 1e-6
 """A mesh that encloses less than this share of its longest extent cubed has sides that cancel out."""
@@ -29,8 +27,8 @@ class MassProperties(NamedTuple):
     """
 
     volume: float
-    center: Array
-    inertia: Array
+    center: FloatArray
+    inertia: FloatArray
 
 
 def mass_properties(mesh: Mesh) -> MassProperties:

@@ -8,13 +8,12 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.arrays import AnyArray
 from hhsim.hand.fingers import FINGERS
 from hhsim.mesh.mesh import Mesh
 from hhsim.motion.object_motion import ObjectMotion, RigidMotion
 from hhsim.motion.trajectory import TickPhase
 from hhsim.result.reader import Result
-
-Array = NDArray[Any]
 
 ON_TABLE = -1
 """Stands for the table where contacts name a body of the hand."""
@@ -28,7 +27,7 @@ RAISED = 0.9
 class Datasets(Protocol):
     """Datasets of a result by name, those of /tick and of /contact."""
 
-    def __getitem__(self, name: str, /) -> Array:
+    def __getitem__(self, name: str, /) -> AnyArray:
         """The dataset, world."""
 
 
@@ -47,12 +46,12 @@ class FreeRun:
 
     datasets: Datasets
     properties: Mapping[str, Any]
-    corners: Array
+    corners: AnyArray
     first: ObjectMotion
-    stiffness: Array
+    stiffness: AnyArray
     offset: float
 
-    def __getitem__(self, name: str) -> Array:
+    def __getitem__(self, name: str) -> AnyArray:
         return self.datasets[name]
 
     @cached_property
@@ -62,7 +61,7 @@ class FreeRun:
         return poses.since(*self.first)
 
     @cached_property
-    def center(self) -> Array:
+    def center(self) -> AnyArray:
         """Centre of mass at the ticks [m], shape (T, 3)."""
         ticks = len(self["object/position"])
         center = np.tile(np.array(self.properties["center"], np.float64), (ticks, 1))
@@ -79,7 +78,7 @@ class FreeRun:
         return np.asarray(self["contact/body"] != ON_TABLE)
 
     @cached_property
-    def friction(self) -> Array:
+    def friction(self) -> AnyArray:
         """μ of each contact, shape (C,)."""
         of_hand = self.properties["friction"]
         table = self.properties["table_friction"]
@@ -92,7 +91,7 @@ class FreeRun:
         return float((height - height[0]).max())
 
     @cached_property
-    def friction_share(self) -> Array:
+    def friction_share(self) -> AnyArray:
         """The most that a contact of the hand rubs at each tick, as a share of what it can bear; shape (T,).
 
         With torsion as one more direction of friction; 0 where nothing is borne, infinite where friction has no room.
@@ -126,7 +125,7 @@ class FreeRun:
         worst = int(at[self["contact/slip"][at].argmax()])
         return f"{body_name(int(self['contact/body'][worst]))} at tick {int(tick[worst]):,}"
 
-    def left_behind(self, phases: "tuple[TickPhase, ...] | list[TickPhase]", palm: Array) -> str:
+    def left_behind(self, phases: "tuple[TickPhase, ...] | list[TickPhase]", palm: AnyArray) -> str:
         """Why the object did not come along in the first lift; "" where it did, or where nothing was lifted.
 
         Args:

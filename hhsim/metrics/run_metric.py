@@ -9,6 +9,18 @@ from hhsim.metrics.run_ticks import RunTicks
 PAPER_RATE = 1000.0
 """Ticks per second of the paper's haptic loop [Hz]."""
 
+STORED = {
+    "": ("1", 1.0),
+    "units": ("1", 1.0),
+    "% of hold": ("%", 1.0),
+    "mm": ("m", 1e-3),
+    "µm": ("m", 1e-6),
+    "µm/s": ("m/s", 1e-6),
+    "µs": ("s", 1e-6),
+    "µJ": ("J", 1e-6),
+}
+"""Of units that are shown, the one that is stored, and the size of the shown one in it; others are stored as shown."""
+
 
 @dataclass(frozen=True)
 class Figure:
@@ -19,7 +31,6 @@ class Figure:
         label: For people.
         digits: Behind the point.
         unit: Of what is shown.
-        scale: From what is shown to SI.
         less_is_better: False where more is neither better nor worse.
         signed: Whether it may be below 0, where it is as wrong as above: the nearer to 0 the better.
         paper: The paper's figure as printed there, in `unit`, or "".
@@ -29,7 +40,6 @@ class Figure:
     label: str
     digits: int = 0
     unit: str = ""
-    scale: float = 1.0
     less_is_better: bool = True
     signed: bool = False
     paper: str = ""
@@ -37,9 +47,12 @@ class Figure:
     @property
     def stored_unit(self) -> str:
         """Of the value itself: SI, % where the figure is defined so, "1" for counts."""
-        return {"": "1", "units": "1", "µs": "s", "µJ": "J", "µm": "m", "mm": "m", "µm/s": "m/s", "% of hold": "%"}.get(
-            self.unit, self.unit
-        )
+        return STORED.get(self.unit, (self.unit, 1.0))[0]
+
+    @property
+    def scale(self) -> float:
+        """The unit of what is shown, in the unit of the value itself."""
+        return STORED.get(self.unit, (self.unit, 1.0))[1]
 
     def shown(self, value: float) -> str:
         """A value, SI or % where the figure is defined so, as the table shows it; "—" where it is undefined."""

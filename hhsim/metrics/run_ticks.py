@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import AnyArray, BoolArray
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
@@ -25,9 +25,6 @@ from hhsim.result.stored_hand import result_hand
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 
-Array = NDArray[Any]
-Mask = NDArray[np.bool_]
-
 HOLD = "hold"
 """Phases of this name are held; in the others the hand moves."""
 TOUCHING = "contacts/touching"
@@ -38,7 +35,7 @@ PLACED = ("graphic/joints", "graphic/position", "graphic/orientation")
 class Columns(Protocol):
     """Datasets of /tick by name, each with a row a tick."""
 
-    def __getitem__(self, name: str, /) -> Array:
+    def __getitem__(self, name: str, /) -> AnyArray:
         """The dataset."""
 
 
@@ -66,11 +63,11 @@ class RunTicks:
     fingers: int
     all_pairs: int = 0
     touched: TouchedObject | None = None
-    breaks: Mask | None = None
+    breaks: BoolArray | None = None
     hand: HandModel | None = None
     free: FreeRun | None = None
 
-    def __getitem__(self, name: str) -> Array:
+    def __getitem__(self, name: str) -> AnyArray:
         return self.columns[name]
 
     @cached_property
@@ -79,7 +76,7 @@ class RunTicks:
         return hold_slices(self.phases, self.ticks)
 
     @cached_property
-    def hold(self) -> Mask:
+    def hold(self) -> BoolArray:
         """Ticks in a hold, shape (T,)."""
         mask = np.zeros(self.ticks, bool)
         for part in self.holds:
@@ -87,12 +84,12 @@ class RunTicks:
         return mask
 
     @cached_property
-    def contact(self) -> Mask:
+    def contact(self) -> BoolArray:
         """Ticks in contact, those with candidate pairs, shape (T,)."""
         return np.asarray(self.columns["contacts/candidates"] > 0)
 
     @cached_property
-    def contact_error(self) -> Array:
+    def contact_error(self) -> AnyArray:
         """Farthest that a contact of a tick is from the true mesh [m], shape (T,); see `TouchedObject`."""
         if self.touched is None:
             return np.full(self.ticks, np.nan)
@@ -111,7 +108,7 @@ class RunTicks:
         return input_hand(self.hand, depths, haptic, shown, touching, self.contact)
 
     @cached_property
-    def touch(self) -> Mask:
+    def touch(self) -> BoolArray:
         """Ticks in which the hand touches: with a touching pair, or with a force; shape (T,)."""
         forced = np.linalg.norm(self.columns["force/total"], axis=1) > 0.0
         return np.asarray((self.columns["contacts/touching"] > 0) | forced)
@@ -159,7 +156,7 @@ def _hand(result: Result) -> HandModel | None:
         return None
 
 
-def _breaks(result: Result) -> Mask | None:
+def _breaks(result: Result) -> BoolArray | None:
     """Ticks of a session before which the recorder lost others; None for a replay."""
     if result.live is None:
         return None

@@ -1,13 +1,11 @@
 """Haptic hands tick by tick, written down by formula: what scenes that are no recording are moved by."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion
-
-Array = NDArray[np.float64]
 
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 SPREAD, TURN = 0.06, 0.8

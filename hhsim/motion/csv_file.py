@@ -24,7 +24,7 @@ the next line begins. Raw channels are not part of a CSV file.
 
 import csv
 import io
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -99,12 +99,7 @@ def parse_csv(text: str, *, name: str = "") -> Trajectory:
         TrajectoryError: A missing or unknown column, a line of another length, a value that is no number (with its
             line), or a motion that cannot be replayed.
     """
-    lines = text.splitlines()
-    remarks, first = read_remarks(lines)
-    if first == len(lines):
-        raise TrajectoryError("no header line; expected time,px,py,pz,qw,qx,qy,qz,thumb_flex1,…")
-    separator = separator_of(lines[first])
-    header = [word.strip() for word in next(csv.reader([lines[first]], delimiter=separator))]
+    remarks, header, found = csv_rows(text, "time,px,py,pz,qw,qx,qy,qz,thumb_flex1,…")
     _check_header(header)
     rows: list[list[float]] = []
     names: list[str] = []
@@ -113,11 +108,7 @@ def parse_csv(text: str, *, name: str = "") -> Trajectory:
     order = [header.index(column) for column in columns]
     phase_column = header.index(PHASE) if PHASE in header else None
     flags_column = header.index(FLAGS) if FLAGS in header else None
-    for number, cells in enumerate(csv.reader(lines[first + 1 :], delimiter=separator), start=first + 2):
-        if not any(cell.strip() for cell in cells):
-            continue
-        if len(cells) != len(header):
-            raise TrajectoryError(f"line {number} has {len(cells)} values; expected {len(header)} as in the header")
+    for number, cells in found:
         rows.append(numbers_of(cells, columns, order, number))
         names.append(cells[phase_column].strip() if phase_column is not None else "")
         if flags_column is not None:
@@ -144,6 +135,35 @@ def parse_csv(text: str, *, name: str = "") -> Trajectory:
         phases=phases_of(names, table[:, 0]),
         **stated,
     )
+
+
+def csv_rows(text: str, expected: str) -> tuple[dict[str, str], list[str], Iterator[tuple[int, list[str]]]]:
+    """Return the remarks of a CSV text, the cells of its header, and each row's line number and cells.
+
+    Args:
+        text: The content of the file.
+        expected: What the header line should be, for messages.
+
+    Raises:
+        TrajectoryError: No header line, or a row of another length.
+    """
+    lines = text.splitlines()
+    remarks, first = read_remarks(lines)
+    if first == len(lines):
+        raise TrajectoryError(f"no header line; expected {expected}")
+    separator = separator_of(lines[first])
+    header = [word.strip() for word in next(csv.reader([lines[first]], delimiter=separator))]
+
+    def rows() -> Iterator[tuple[int, list[str]]]:
+        for number, cells in enumerate(csv.reader(lines[first + 1 :], delimiter=separator), start=first + 2):
+            if any(cell.strip() for cell in cells):
+                if len(cells) != len(header):
+                    raise TrajectoryError(
+                        f"line {number} has {len(cells)} values; expected {len(header)} as in the header"
+                    )
+                yield number, cells
+
+    return remarks, header, rows()
 
 
 def read_remarks(lines: Sequence[str]) -> tuple[dict[str, str], int]:

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal, NamedTuple, Self, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from hhsim.arrays import FloatArray, IntArray
+from hhsim.arrays import Flags, FloatArray, IntArray
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.motion.object_motion import ObjectMotion
 from hhsim.motion.resample import (
@@ -30,7 +30,6 @@ from hhsim.motion.validation import (
 )
 from hhsim.system.counted import counted
 
-Flags = NDArray[np.uint32]
 HandSide = Literal["", "right", "left"]
 Checksums = Literal["", "held", "missing"]
 ResampleMode = Literal["interpolate", "hold"]

@@ -48,9 +48,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
 
-import numpy as np
-from numpy.typing import NDArray
-
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.motion.csv_file import ABDUCTION_COLUMNS, COLUMNS, FLEXION_COLUMNS, PHASE
 from hhsim.motion.trajectory import HandSide
@@ -64,8 +61,6 @@ from hhsim.system.toml_document import (
     parse_toml,
     read_toml_text,
 )
-
-Array = NDArray[np.float64]
 
 JOINT_NAMES = (*FLEXION_COLUMNS, *ABDUCTION_COLUMNS)
 TEXTS = ("name", "source", "licence", "device")

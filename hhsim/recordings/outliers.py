@@ -1,7 +1,7 @@
 """Samples that no hand made: spikes, jumps, broken order, a tracker that froze.
 
-A step is impossible where it is faster than a hand (`PALM_SPEED`, `PALM_TURN`, `JOINT_SPEED`, each above what is known
-of punches, flicks and pianists), a sample where going there and back would take more than `PALM_FORCE` and its like.
+A step is impossible where it is faster than a hand (`Kind.speed`, above what is known of punches, flicks and pianists),
+a sample where going there and back would take more than `Kind.force`.
 Runs of samples that the recording reaches and leaves by impossible steps are outliers: their numbers become NaN, to be
 filled like any other hole. What a hand could have done is left as it is, and marked where it sticks out.
 """

@@ -8,9 +8,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hhsim.arrays import AnyArray, BoolArray, FloatArray
+from hhsim.arrays import AnyArray, BoolArray, Flags, FloatArray
 from hhsim.errors import TrajectoryError
 from hhsim.motion.object_motion import ObjectMotion
 from hhsim.motion.sample_flags import SampleFlag, mark
@@ -18,8 +17,6 @@ from hhsim.motion.trajectory import Checksums, HandSide, Phase, RawChannel
 from hhsim.motion.validation import as_numbers
 from hhsim.recordings.recorded_bones import RecordedBones
 from hhsim.system.counted import counted
-
-Flags = NDArray[np.uint32]
 
 MOST_SAMPLES = 10_000_000
 """More samples than this are no hand recording: three hours at 1 kHz."""

@@ -15,15 +15,12 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.model import BREADTH_PER_LENGTH, DEFAULT_HAND_LENGTH, default_fingers
 from hhsim.motion.sample_flags import SampleFlag, mark
 from hhsim.motion.trajectory import Phase
 from hhsim.recordings.recording import Finding, Recording, note
-
-Array = NDArray[np.float64]
 
 TIME_UNITS: dict[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
 LENGTH_UNITS: dict[str, float] = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "inch": 0.0254}

@@ -1,18 +1,14 @@
 """The ticks of a free object: solved and measured as the object sees them, written in the world."""
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import AnyArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import quaternion_product
 from hhsim.kernels.free.record import STICKS, ObjectRecord
 from hhsim.motion.object_motion import ObjectMotion, RigidMotion
 from hhsim.result.object_frame import in_the_world
 from hhsim.result.schema import CONTACT, CONTACT_COLUMNS, FREE_COLUMNS, OBJECT_COLUMNS
-
-Array = NDArray[Any]
 
 
 def moved_by(ticks: ObjectRecord) -> RigidMotion:
@@ -28,8 +24,12 @@ def as_seen(haptic: HandConfiguration, ticks: ObjectRecord) -> HandConfiguration
 
 
 def free_block(
-    block: dict[str, Array], haptic: HandConfiguration, ticks: ObjectRecord, position: Array, orientation: Array
-) -> dict[str, Array]:
+    block: dict[str, AnyArray],
+    haptic: HandConfiguration,
+    ticks: ObjectRecord,
+    position: AnyArray,
+    orientation: AnyArray,
+) -> dict[str, AnyArray]:
     """A block of columns as the file holds it.
 
     Args:
@@ -59,20 +59,20 @@ class FreeSeries:
 
     def __init__(self) -> None:
         """Nothing is kept yet."""
-        self._parts: dict[str, list[Array]] = {}
+        self._parts: dict[str, list[AnyArray]] = {}
 
-    def keep(self, block: dict[str, Array], contacts: dict[str, Array]) -> None:
+    def keep(self, block: dict[str, AnyArray], contacts: dict[str, AnyArray]) -> None:
         """Keep a block as the file holds it."""
         for column in (*OBJECT_COLUMNS, *FREE_COLUMNS):
             self._parts.setdefault(column.name, []).append(block[column.name])
         for name, values in contacts.items():
             self._parts.setdefault(f"{CONTACT}/{name}", []).append(values)
 
-    def __getitem__(self, name: str) -> Array:
+    def __getitem__(self, name: str) -> AnyArray:
         return np.concatenate(self._parts[name])
 
 
-def contact_rows(ticks: ObjectRecord, first: int) -> dict[str, Array]:
+def contact_rows(ticks: ObjectRecord, first: int) -> dict[str, AnyArray]:
     """The rows of /contact of a block of ticks.
 
     Args:

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim import __version__
+from hhsim.arrays import AnyArray
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.free.record import ObjectRecord
@@ -29,7 +29,6 @@ from hhsim.solver.workspace import tick_record
 from hhsim.system import environment as info
 from hhsim.system.deferred_sigint import interruptible_between
 
-Array = NDArray[Any]
 Progress = Callable[[str, int, int], None]
 
 TIMINGS = "duration/"
@@ -233,7 +232,7 @@ def run_again(result: Result, *, progress: Progress | None = None) -> RunAgain:
     return RunAgain(result.path, result.complete, total, result.ticks, arrays, tuple(notes), bool(makers))
 
 
-def _seen(stored: dict[str, Array], moved: RigidMotion | None) -> HandConfiguration:
+def _seen(stored: dict[str, AnyArray], moved: RigidMotion | None) -> HandConfiguration:
     """The haptic hand of a block, as the object sees it."""
     names = {name: f"haptic/{name}" for name in HandConfiguration._fields}
     given = {name: stored[dataset] for name, dataset in names.items()}
@@ -242,7 +241,7 @@ def _seen(stored: dict[str, Array], moved: RigidMotion | None) -> HandConfigurat
     return HandConfiguration(**given)
 
 
-def _compare_contacts(result: Result, ticks: slice, computed: dict[str, Array], tallies: Sequence["_Tally"]) -> None:
+def _compare_contacts(result: Result, ticks: slice, computed: dict[str, AnyArray], tallies: Sequence["_Tally"]) -> None:
     """Count the contacts of some ticks that differ; where there are more or fewer of them, all of them do."""
     first, last = np.searchsorted(result[f"{CONTACT}/tick"], (ticks.start, ticks.stop))
     at, other = result[f"{CONTACT}/tick"][first:last], computed["tick"]
@@ -272,7 +271,7 @@ class _Tally:
         self._first = self._beyond = -1
         self._largest = 0.0
 
-    def add(self, stored: Array, computed: Array, at: Array | None = None) -> None:
+    def add(self, stored: AnyArray, computed: AnyArray, at: AnyArray | None = None) -> None:
         """Compare some rows; `at` is the tick of each where a row is not a tick."""
         again = np.ascontiguousarray(computed, dtype=self.column.dtype)
         stored = np.ascontiguousarray(stored)

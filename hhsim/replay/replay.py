@@ -129,9 +129,6 @@ def replay_scene(
     return summary.at(path)
 
 
-replay = replay_scene
-
-
 def _of_outside_method(options: SolverOptions) -> dict[str, Any]:
     """Return what a method from outside gives and promises, so that its file tells how it is judged, and its code."""
     if options.method in METHODS:

@@ -6,8 +6,9 @@ from dataclasses import fields
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from hhsim.arrays import AnyArray
 from hhsim.errors import InputError
 from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.kinematics import PALM_BODY
@@ -20,8 +21,6 @@ from hhsim.solver.options import UNLIMITED, SolverOptions, Stiffness
 from hhsim.trees.contact_surface import ContactSurface, contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 
-Array = NDArray[Any]
-
 PARTS = {"object": "the object's mesh", "tree": "the object's sphere tree", "hand": "the hand"}
 """What has a checksum of its own in the file, and its name in messages."""
 
@@ -32,7 +31,7 @@ def static_arrays(
     hand: HandModel,
     object_position: ArrayLike = (0.0, 0.0, 0.0),
     object_orientation: ArrayLike = (1.0, 0.0, 0.0, 0.0),
-) -> dict[str, Array]:
+) -> dict[str, AnyArray]:
     """The arrays of `hhsim.result.schema.STATIC_COLUMNS`.
 
     Args:
@@ -62,7 +61,7 @@ def describe_scene(
     tree: SphereTree,
     hand: HandModel,
     options: SolverOptions,
-    static: Mapping[str, Array],
+    static: Mapping[str, AnyArray],
     *,
     free: bool = False,
 ) -> dict[str, Any]:
@@ -94,7 +93,7 @@ def modelled(tree: SphereTree, hand: HandModel, options: SolverOptions, *, free:
     }
 
 
-def checksums(static: Mapping[str, Array]) -> dict[str, str]:
+def checksums(static: Mapping[str, AnyArray]) -> dict[str, str]:
     """SHA-256 of each of `PARTS`: of its datasets' little-endian bytes, by name."""
     digests = {part: hashlib.sha256() for part in PARTS}
     for name in sorted(static):

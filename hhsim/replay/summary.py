@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim import __version__
+from hhsim.arrays import AnyArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import hand_shape
@@ -34,8 +34,6 @@ from hhsim.system.counted import counted
 from hhsim.trees.contact_surface import ContactSurface
 from hhsim.trees.options import MOST_LEVEL
 
-Array = NDArray[Any]
-
 REFERENCE_TICKS = 16
 """Ticks of the hold at which the reference optimum is computed."""
 
@@ -54,9 +52,9 @@ class TickSeries:
         """Nothing is kept yet."""
         self.ticks = ticks
         self._names = dict.fromkeys((*needed_columns(), *GRAPHIC_HAND))
-        self._columns: dict[str, Array] = {}
+        self._columns: dict[str, AnyArray] = {}
 
-    def keep(self, part: slice, block: dict[str, Array]) -> None:
+    def keep(self, part: slice, block: dict[str, AnyArray]) -> None:
         """Keep the ticks of a block, a slice of all ticks."""
         for name in self._names:
             values = block[name]
@@ -64,7 +62,7 @@ class TickSeries:
                 self._columns[name] = np.zeros((self.ticks, *values.shape[1:]), values.dtype)
             self._columns[name][part] = values
 
-    def __getitem__(self, name: str) -> Array:
+    def __getitem__(self, name: str) -> AnyArray:
         return self._columns[name]
 
 
@@ -256,7 +254,7 @@ def _floating(scene: Scene, figures: Mapping[str, float]) -> tuple[str, ...]:
     )
 
 
-def _notes(scene: Scene, options: SolverOptions, status: Array) -> tuple[str, ...]:
+def _notes(scene: Scene, options: SolverOptions, status: AnyArray) -> tuple[str, ...]:
     notes = [*scene.mesh.repairs, *scene.mesh.warnings]
     if np.any(status & STATUS_START_INSIDE):
         notes.append("the haptic hand begins inside the object: the graphic hand began at the nearest free place")

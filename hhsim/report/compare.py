@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from hhsim.gate.input_hash import RunInputs, differences, new_options, run_inputs
-from hhsim.gate.timing_test import BETTER, NOT_COMPARABLE, SAME, WITHIN, WORSE
+from hhsim.gate.time_comparison import BETTER, NOT_COMPARABLE, SAME, WITHIN, WORSE
 from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.replay.summary_table import SummaryRow

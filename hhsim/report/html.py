@@ -3,7 +3,6 @@
 import base64
 import hashlib
 import html
-import math
 import re
 from collections.abc import Iterable, Sequence
 from typing import TypeAlias
@@ -89,11 +88,6 @@ def details(title: str, *content: str, is_open: bool = False) -> Html:
 def listed(items: Iterable[str], **attributes: Attribute) -> Html:
     """A list with bullets."""
     return element("ul", *(element("li", item) for item in items), **attributes)
-
-
-def number(value: float, digits: int) -> str:
-    """A number with so many digits behind the point; "—" where it is undefined."""
-    return "—" if math.isnan(value) else f"{value:,.{digits}f}"
 
 
 def code(text: str) -> Html:

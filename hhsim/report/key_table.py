@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 
-from hhsim.gate.timing_test import BETTER, NOT_COMPARABLE, WITHIN, WORSE
+from hhsim.gate.time_comparison import BETTER, NOT_COMPARABLE, WITHIN, WORSE
 from hhsim.metrics.run.force import TREMBLING
 from hhsim.replay.summary_table import SummaryRow
 from hhsim.replay.verdict import MISSED, OK

@@ -6,17 +6,18 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from hhsim.gate.timing_test import BETTER, SAME, WORSE
+from hhsim.gate.time_comparison import BETTER, SAME, WORSE
 from hhsim.live.session.session_log import session_log
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.metrics.session_faults import recorded_faults
 from hhsim.replay.summary_table import SummaryRow
 from hhsim.report.compare import Comparison, compared
-from hhsim.report.html import Html, commands, element, joined, listed, number, paragraph, table
+from hhsim.report.html import Html, commands, element, joined, listed, paragraph, table
 from hhsim.report.key_table import key_table
 from hhsim.report.provenance import NONE, option_facts, origin_facts, run_facts
 from hhsim.report.run import ReportRun
 from hhsim.result.reader import Result
+from hhsim.system.shown_number import number
 
 MOST_PHASES = 100
 """Phases that are shown of a result."""

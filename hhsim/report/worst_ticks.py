@@ -46,7 +46,7 @@ def worst_ticks(result: Result) -> list[WorstTick]:
 
 
 def _force_steps(result: Result) -> np.ndarray:
-    """Change of the total force since the tick before [N], shape (T,), as `metrics.force_step` looks at it.
+    """Change of the total force since the tick before [N], shape (T,), as `hhsim.metrics.metrics.force_step` has it.
 
     That is 0 in holds and wherever the tick before is not in the file.
     """

@@ -8,11 +8,12 @@ import numpy as np
 from hhsim.errors import InputError
 from hhsim.render.viewpoint import View
 from hhsim.report.figure import Album
-from hhsim.report.html import Html, code, element, joined, number, paragraph, table
+from hhsim.report.html import Html, code, element, joined, paragraph, table
 from hhsim.report.pictures import hand_picture, overview_view
 from hhsim.report.run import ReportRun
 from hhsim.report.worst_ticks import WorstTick, worst_ticks
 from hhsim.result.reader import Result
+from hhsim.system.shown_number import number
 from hhsim.view.status_text import status_words
 
 KINDS = {"slowest": "slowest", "deepest": "deepest", "force-step": "largest step of the force", "lag": "largest lag"}

@@ -14,8 +14,8 @@ from typing import Any, SupportsIndex, TypeAlias
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import AnyArray
 from hhsim.errors import DamagedFileError, InputError, OutputError, UnknownNameError
 from hhsim.hand.fingers import BODIES, FINGERS
 from hhsim.motion.object_motion import ObjectMotion, RigidMotion
@@ -43,8 +43,7 @@ from hhsim.system.hdf5_input import DAMAGE, hdf5_format, open_hdf5, read_numbers
 from hhsim.system.media_kind import media_kind_of
 from hhsim.system.output_path import check_output_path
 
-Array: TypeAlias = NDArray[Any]
-View: TypeAlias = Callable[[str, Array, ObjectMotion, ObjectMotion], Array]
+View: TypeAlias = Callable[[str, AnyArray, ObjectMotion, ObjectMotion], AnyArray]
 """Rows of a dataset of /tick by its name, world, as somebody sees them for whom the object stands still where it was at
 first; with its poses at these ticks, and the first one, shapes (3,) and (4,)."""
 
@@ -90,7 +89,7 @@ class Result:
     phases: tuple[TickPhase, ...]
     """Phases that begin within the ticks."""
     summary: dict[str, Any]
-    static: Mapping[str, Array]
+    static: Mapping[str, AnyArray]
     """The arrays of `STATIC_COLUMNS` by name."""
     live: Mapping[str, Any] | None = None
     """What a live session says of itself, the attributes of /live; None for a replay."""
@@ -108,7 +107,7 @@ class Result:
     """Whether the object moves, and every tick has its pose: `tick/object/position` and `tick/object/orientation`."""
     view: View | None = field(default=None, compare=False)
     """Who sees the hands and the forces; None: they are the world's, as in the file."""
-    _loaded: dict[str, Array] = field(default_factory=dict, compare=False)
+    _loaded: dict[str, AnyArray] = field(default_factory=dict, compare=False)
 
     def __repr__(self) -> str:
         run = f"{self.scene.get('object_name') or 'object'}, {self.scene.get('motion') or 'motion'}"
@@ -174,7 +173,7 @@ class Result:
         part = slice(*rows.indices(self.ticks)) if isinstance(rows, slice) else slice(rows, rows + 1)
         return ObjectMotion(*(_finite_numbers(file["tick"][column.name], part) for column in OBJECT_COLUMNS))
 
-    def _rows(self, file: h5py.File, name: str, rows: slice | int) -> Array:
+    def _rows(self, file: h5py.File, name: str, rows: slice | int) -> AnyArray:
         """Rows of a dataset of /tick, as whoever looks sees them."""
         values = read_numbers(file["tick"][name], rows)
         if self.view is None or name not in TURNS:
@@ -183,10 +182,10 @@ class Result:
         first = ObjectMotion(self.static["object/position"], self.static["object/orientation"])
         if isinstance(rows, slice):
             return self.view(name, values, now, first)
-        one: Array = self.view(name, np.asarray(values)[None], now, first)[0]
+        one: AnyArray = self.view(name, np.asarray(values)[None], now, first)[0]
         return one
 
-    def __getitem__(self, name: str) -> Array:
+    def __getitem__(self, name: str) -> AnyArray:
         if name not in self._loaded:
             with _opened(self.path) as file:
                 if name.startswith(f"{LIVE}/"):
@@ -219,7 +218,7 @@ class Result:
         error = UnknownNameError("dataset", name, self.keys())
         return InputError(f"{self.path}: {error}")
 
-    def blocks(self, names: Sequence[str], size: int = CHUNK_TICKS) -> Iterator[dict[str, Array]]:
+    def blocks(self, names: Sequence[str], size: int = CHUNK_TICKS) -> Iterator[dict[str, AnyArray]]:
         """Datasets of a row a tick, so many ticks at a time: a long session does not fit into memory whole.
 
         Args:
@@ -235,7 +234,7 @@ class Result:
                 live = {name: read_numbers(file[name], part) for name in names if name.startswith(f"{LIVE}/")}
                 yield {name: live[name] if name in live else self._rows(file, name, part) for name in names}
 
-    def at(self, tick: int, names: Sequence[str]) -> dict[str, Array]:
+    def at(self, tick: int, names: Sequence[str]) -> dict[str, AnyArray]:
         """One tick of datasets of /tick, without reading the others.
 
         Raises:
@@ -246,7 +245,7 @@ class Result:
         with _opened(self.path) as file:
             return {name: np.asarray(self._rows(file, name, tick)) for name in names}
 
-    def _contact_column(self, file: h5py.File, name: str) -> Array:
+    def _contact_column(self, file: h5py.File, name: str) -> AnyArray:
         if not isinstance(file.get(name), h5py.Dataset):
             raise InputError(f"{self.path} has no dataset {name}: contacts are stored where the object is free")
         # A run that was killed may have written more contacts than ticks.
@@ -256,7 +255,7 @@ class Result:
         rows = int(np.searchsorted(ticks, self.ticks))
         return _frozen(read_numbers(file[name], slice(rows)))
 
-    def _live_column(self, file: h5py.File, name: str) -> Array:
+    def _live_column(self, file: h5py.File, name: str) -> AnyArray:
         if self.live is None:
             raise InputError(f"{self.path} has no dataset {name}: it is no live session")
         if not isinstance(file.get(name), h5py.Dataset):
@@ -348,7 +347,7 @@ class _Stated(dict[str, Any]):
         raise InputError(f"{self.path} is damaged: it does not say its '{name}'")
 
 
-def _finite_numbers(dataset: h5py.Dataset, rows: slice | EllipsisType = ...) -> Array:
+def _finite_numbers(dataset: h5py.Dataset, rows: slice | EllipsisType = ...) -> AnyArray:
     """Read rows of a dataset that cannot hold NaN or infinity; raise DamagedFileError where it does."""
     values = read_numbers(dataset, rows)
     if values.dtype.kind == "f" and not np.isfinite(values).all():
@@ -470,7 +469,7 @@ def _git_dirty(value: Any) -> bool | str:
     return value if isinstance(value, str) else bool(value)
 
 
-def _frozen(array: Array) -> Array:
+def _frozen(array: AnyArray) -> AnyArray:
     array.flags.writeable = False
     return array
 

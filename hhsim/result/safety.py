@@ -19,12 +19,12 @@ class Safety(IntFlag):
 
 WORDS = {
     Safety.STALE_INPUT: "no fresh input",
-    Safety.NOT_FINITE: "input that cannot be used",
+    Safety.NOT_FINITE: "a sample that cannot be used",
     Safety.SOLVER_FAILED: "the solver failed",
     Safety.OVERRUN_STREAK: "too many late ticks in a row",
     Safety.DEVICE_LOST: "the glove is gone",
     Safety.STOPPING: "stopping",
-    Safety.NO_WATCHDOG: "no watchdog",
+    Safety.NO_WATCHDOG: "no watchdog that reaches the glove",
     Safety.DRY_RUN: "dry run: nothing is sent",
     Safety.NO_INPUT_YET: "no input yet",
 }

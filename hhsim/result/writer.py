@@ -21,8 +21,8 @@ from typing import Any, Self, TypeAlias
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import AnyArray
 from hhsim.errors import OutputError
 from hhsim.motion.trajectory import TickPhase
 from hhsim.result.reader import CHUNK_TICKS, check_result_path, fits, spelled
@@ -43,7 +43,6 @@ from hhsim.system.checksummed_file import seal_file
 from hhsim.system.counted import counted
 from hhsim.system.output_path import free_name
 
-Array: TypeAlias = NDArray[Any]
 Scalar: TypeAlias = str | int | float | bool
 
 _TICK = "tick"
@@ -80,7 +79,7 @@ class ResultWriter:
         path: Path,
         *,
         scene: Mapping[str, Any],
-        static: Mapping[str, Array],
+        static: Mapping[str, AnyArray],
         phases: Sequence[TickPhase] = (),
         tables: Mapping[str, Sequence[Column]] | None = None,
         attributes: Mapping[str, Mapping[str, Scalar]] | None = None,
@@ -140,8 +139,8 @@ class ResultWriter:
 
     def append(
         self,
-        block: Mapping[str, Array],
-        others: Mapping[str, Mapping[str, Array]] | None = None,
+        block: Mapping[str, AnyArray],
+        others: Mapping[str, Mapping[str, AnyArray]] | None = None,
         attributes: Mapping[str, Mapping[str, Scalar]] | None = None,
     ) -> None:
         """Write the next ticks, and what else there is, and flush them.
@@ -203,7 +202,7 @@ class ResultWriter:
     def _write_header(
         self,
         scene: Mapping[str, Any],
-        static: Mapping[str, Array],
+        static: Mapping[str, AnyArray],
         phases: Sequence[TickPhase],
         attributes: Mapping[str, Mapping[str, Scalar]],
     ) -> None:
@@ -321,7 +320,7 @@ class _Table:
     columns: Sequence[Column]
     rows: int = 0
 
-    def growth(self, arrays: Mapping[str, Array]) -> int:
+    def growth(self, arrays: Mapping[str, AnyArray]) -> int:
         """Most bytes that these rows make the datasets grow by."""
         count = _count(arrays)
         if count == 0:
@@ -335,7 +334,7 @@ class _Table:
         return sum(np.dtype(column.dtype).itemsize * math.prod(column.shape) for column in self.columns)
 
 
-def _rows(arrays: Mapping[str, Array], columns: Sequence[Column]) -> dict[str, Array]:
+def _rows(arrays: Mapping[str, AnyArray], columns: Sequence[Column]) -> dict[str, AnyArray]:
     """Rows of a table in the file's types, all columns of the same length."""
     rows = _checked(arrays, columns, lambda column: (-1, *column.shape))
     counts = {len(array) for array in rows.values()}
@@ -344,13 +343,13 @@ def _rows(arrays: Mapping[str, Array], columns: Sequence[Column]) -> dict[str, A
     return rows
 
 
-def _count(arrays: Mapping[str, Array]) -> int:
+def _count(arrays: Mapping[str, AnyArray]) -> int:
     return len(next(iter(arrays.values())))
 
 
 def _checked(
-    arrays: Mapping[str, Array], columns: Sequence[Column], shape_of: Callable[[Column], tuple[int, ...]]
-) -> dict[str, Array]:
+    arrays: Mapping[str, AnyArray], columns: Sequence[Column], shape_of: Callable[[Column], tuple[int, ...]]
+) -> dict[str, AnyArray]:
     """Give each column its array in the file's type; a caller that hands over the wrong ones has a bug."""
     names = {column.name for column in columns}
     if arrays.keys() != names:

@@ -14,8 +14,8 @@ from functools import cache
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import DEFAULT_HAND_LENGTH, HandModel
@@ -26,8 +26,6 @@ from hhsim.scene.hand_moves import level
 from hhsim.scene.script import Script, ScriptPhase
 from hhsim.scene.slide import best_slide
 from hhsim.trees.sphere_tree import SphereTree
-
-Array = NDArray[np.float64]
 
 OPEN_SHARE = 0.6
 """The open hand is extended to this share of the joints' range beyond straight."""
@@ -74,8 +72,8 @@ _found: dict[tuple[Script, bytes], tuple[FingerClosure, float]] = {}
 class _Candidate:
     """What was tried: a palm orientation and the point of the palm frame that is brought over the object's middle."""
 
-    rotation: Array
-    aim: Array
+    rotation: FloatArray
+    aim: FloatArray
     score: float
     closure: FingerClosure
 
@@ -133,9 +131,9 @@ def _searched(script: Script, hand: HandModel, tree: SphereTree) -> tuple[Finger
 
 
 @cache
-def _orientations() -> tuple[Array, ...]:
+def _orientations() -> tuple[FloatArray, ...]:
     """Palm to world: its back in each of the 26 directions to a cube's neighbours, the fingers all round."""
-    found: list[Array] = []
+    found: list[FloatArray] = []
     for triple in product((1.0, 0.0, -1.0), repeat=3):
         if triple == (0.0, 0.0, 0.0):
             continue
@@ -149,7 +147,7 @@ def _orientations() -> tuple[Array, ...]:
     return tuple(found)
 
 
-def _tilts() -> list[Array]:
+def _tilts() -> list[FloatArray]:
     """Turns about each palm axis, both ways, shape (3, 3) each."""
     turns = []
     for axis, sign in product(range(3), (1.0, -1.0)):
@@ -194,7 +192,7 @@ class _Search(Closer):
             return replace(leaders[0].closure, slide=self._pressing(leaders[0].closure))
         return self._with_slide(leaders) if self.script.slide_distance > 0.0 else leaders[0].closure
 
-    def _pressing(self, closure: FingerClosure) -> Array:
+    def _pressing(self, closure: FingerClosure) -> FloatArray:
         """Where the closing fingers press, level: the unit direction in which they push, shape (3,)."""
         tips = []
         for flexion in (closure.contact, closure.command):
@@ -213,7 +211,7 @@ class _Search(Closer):
                 best = replace(leader.closure, slide=direction)
         return best
 
-    def _gaps(self) -> Array:
+    def _gaps(self) -> FloatArray:
         """Distance that each body keeps [m] while the open hand comes near, shape (16,)."""
         script = self.script
         gap = np.full(BODY_COUNT, script.clearance + MARGIN)
@@ -224,7 +222,7 @@ class _Search(Closer):
             gap[PALM_BODY] = 0.0 if touches else max(script.palm_gap, script.clearance)
         return gap
 
-    def _aims(self, scale: float) -> list[Array]:
+    def _aims(self, scale: float) -> list[FloatArray]:
         """Points of the palm plane that may come over the object's middle [m], palm frame, shape (3,) each."""
         middle = np.zeros(3)
         offsets: tuple[tuple[float, float], ...] = PALM_AIMS
@@ -235,10 +233,10 @@ class _Search(Closer):
         side = self.hand.abduction_sign[0]
         return [middle + scale * np.array([side * x, y, 0.0]) for x, y in offsets]
 
-    def _distances(self, position: Array, rotation: Array, flexion: Array) -> Array:
+    def _distances(self, position: FloatArray, rotation: FloatArray, flexion: FloatArray) -> FloatArray:
         return body_distances(self.hand, self.tree, position, rotation, flexion, self.abduction, self.work)
 
-    def _evaluate(self, rotation: Array, aim: Array) -> _Candidate:
+    def _evaluate(self, rotation: FloatArray, aim: FloatArray) -> _Candidate:
         """Bring the open hand near along the palm's normal, close the fingers, command them deeper."""
         rotation = np.ascontiguousarray(rotation)
         back = np.ascontiguousarray(rotation[:, 2])
@@ -284,7 +282,7 @@ class _Search(Closer):
             # Nor through the table on which a free object stands.
             lowest = float((before[..., 2] - self.hand.radius).min())
             score -= TABLE_WEIGHT * min(1.0, max(0.0, self.floor - lowest) / UNDER)
-        normals: list[tuple[int, int, Array]] = []
+        normals: list[tuple[int, int, FloatArray]] = []
         for f in self.fingers:
             for k in np.flatnonzero(closure.touching[f]).tolist():
                 normal = np.empty(3)
@@ -318,7 +316,7 @@ class _Search(Closer):
         touching = closure.touching[self.fingers]
         return score + 3.0 * float(touching[:, 2].mean()) + 6.0 * float(touching.mean())
 
-    def _one_sided(self, normals: list[tuple[int, int, Array]]) -> float:
+    def _one_sided(self, normals: list[tuple[int, int, FloatArray]]) -> float:
         """How far the fingers push to one side: 0 where the thumb holds against all others, 1 where all push alike.
 
         For what is to be moved, the thumb's side counts as much as that of all fingers together.

@@ -5,13 +5,12 @@ alone is told to go, and what it holds comes along as friction has it, where the
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.quaternion import quaternion
 from hhsim.motion.object_motion import RigidMotion
 from hhsim.scene.script import Script
-
-Array = NDArray[np.float64]
 
 END = 1e-9
 """A sample this near to the end of a phase, as a share of its duration, is at it."""
@@ -19,19 +18,19 @@ UPRIGHT = 0.5
 """An axis of the palm whose level part is shorter than this is no direction on a table."""
 
 
-def minimum_jerk(share: ArrayLike) -> Array:
+def minimum_jerk(share: ArrayLike) -> FloatArray:
     """10τ³ − 15τ⁴ + 6τ⁵ for τ in [0, 1], 0 before and 1 after: position without jumps in speed and acceleration."""
     tau = np.clip(np.asarray(share, dtype=np.float64), 0.0, 1.0)
     return np.asarray(tau**3 * (10.0 + tau * (6.0 * tau - 15.0)))
 
 
-def to_and_fro(share: ArrayLike, cycles: float) -> Array:
+def to_and_fro(share: ArrayLike, cycles: float) -> FloatArray:
     """sin²(πτ) sin(2πnτ) for τ in [0, 1] and n cycles, else 0: swings that grow from rest and end at rest."""
     tau = np.clip(np.asarray(share, dtype=np.float64), 0.0, 1.0)
     return np.asarray(np.sin(np.pi * tau) ** 2 * np.sin(2.0 * np.pi * cycles * tau))
 
 
-def phase_share(time: Array, start: float, duration: float) -> Array:
+def phase_share(time: FloatArray, start: float, duration: float) -> FloatArray:
     """Of a phase, at each sample: below 0 before it, above 1 after it.
 
     A sample at its end has arrived, whatever rounding makes of its stamp: a hold stands still.
@@ -41,7 +40,7 @@ def phase_share(time: Array, start: float, duration: float) -> Array:
     return np.asarray(share)
 
 
-def carried(script: Script, time: Array, start: Array) -> RigidMotion | None:
+def carried(script: Script, time: FloatArray, start: FloatArray) -> RigidMotion | None:
     """How a script carries hand and object about at each sample; None where it does not.
 
     Args:
@@ -68,7 +67,7 @@ def carried(script: Script, time: Array, start: Array) -> RigidMotion | None:
     return _about(turn, np.broadcast_to(start, place.shape), place)
 
 
-def taken_along(script: Script, time: Array, rotation: Array, middle: Array) -> RigidMotion | None:
+def taken_along(script: Script, time: FloatArray, rotation: FloatArray, middle: FloatArray) -> RigidMotion | None:
     """How lifts, shakes and turns of a script move the hand at each sample; None where it has none.
 
     A lift goes straight up, a shake to and fro across the palm, and a turn about the way that the fingers point,
@@ -97,7 +96,7 @@ def taken_along(script: Script, time: Array, rotation: Array, middle: Array) -> 
     return _about(quaternion(angle[:, None] * ahead), np.broadcast_to(middle, place.shape), place)
 
 
-def level(direction: Array, otherwise: Array) -> Array:
+def level(direction: FloatArray, otherwise: FloatArray) -> FloatArray:
     """The unit vector along the level part of a direction, or of another one where it stands upright; shape (3,)."""
     for axis in (direction, otherwise):
         flat = np.array([axis[0], axis[1], 0.0])
@@ -107,6 +106,6 @@ def level(direction: Array, otherwise: Array) -> Array:
     return np.array([1.0, 0.0, 0.0])
 
 
-def _about(turn: Array, pivot: Array, place: Array) -> RigidMotion:
+def _about(turn: FloatArray, pivot: FloatArray, place: FloatArray) -> RigidMotion:
     """Turned about a pivot, which goes to a place: all with a row a sample."""
     return RigidMotion(turn, place - RigidMotion(turn, np.zeros_like(place)).points(np.ascontiguousarray(pivot)))

@@ -1,8 +1,9 @@
 """From a script, a hand and an object to a trajectory: minimum-jerk motion between the poses that the closing found."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion_from_matrix
@@ -17,8 +18,6 @@ from hhsim.scene.hand_moves import carried, minimum_jerk, phase_share, taken_alo
 from hhsim.scene.script import DEFAULT_FINGERS, Script, ScriptPhase
 from hhsim.scene.stored_pose import Placement
 from hhsim.trees.sphere_tree import SphereTree
-
-Array = NDArray[np.float64]
 
 RELEASE_OPENING = 0.6
 """A release opens the fingers in this first share of its time and goes back in the last one of the same length."""
@@ -123,7 +122,7 @@ def _source(script: Script, closure: FingerClosure, hand: HandModel, seed: int, 
 class _Course:
     """How far back, how far along, how closed and how much at ease the hand is at each sample, and the phases."""
 
-    def __init__(self, script: Script, time: Array) -> None:
+    def __init__(self, script: Script, time: FloatArray) -> None:
         count = time.shape[0]
         self.retreat = np.full(count, script.start_distance)
         self.slide = np.zeros(count)
@@ -137,7 +136,7 @@ class _Course:
             start += phase.duration
         self.phases = tuple(phases)
 
-    def _play(self, script: Script, phase: ScriptPhase, share: Array) -> None:
+    def _play(self, script: Script, phase: ScriptPhase, share: FloatArray) -> None:
         """Add the move of one phase to all samples after its start."""
         if phase.name == "approach":
             self._move(self.retreat, -script.palm_depth, minimum_jerk(share))
@@ -155,6 +154,6 @@ class _Course:
             self._move(self.retreat, script.start_distance, going)
 
     @staticmethod
-    def _move(values: Array, target: ArrayLike, share: Array) -> None:
+    def _move(values: FloatArray, target: ArrayLike, share: FloatArray) -> None:
         """Go from where the last sample would rest to `target`, in place."""
         values += share * (np.asarray(target) - values[-1])

@@ -3,8 +3,8 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.free.block import FreeBlock, run_free_block
@@ -23,8 +23,6 @@ from hhsim.scene.free_object import FreeObject
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.surface import surface_of
 from hhsim.solver.workspace import TickWorkspace, zeroed
-
-FloatArray = NDArray[np.float64]
 
 BELOW = 1e-6
 """An object that is no further in the table than this at the start [m] begins on it."""

@@ -3,8 +3,8 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.penetration import HandSurface, PlacedHands, clearances
@@ -24,8 +24,6 @@ from hhsim.solver.linearising_engine import LinearisingEngine
 from hhsim.solver.method import Engine
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.workspace import TickWorkspace, tick_record
-
-FloatArray = NDArray[np.float64]
 
 START_LINEARISATIONS = 4000
 """Budget for the way from a free place back to an object that the haptic hand is inside of at the first tick."""

@@ -28,7 +28,7 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.solver.known_methods import facts_of, outside_class
+from hhsim.solver.method_names import facts_of, outside_class
 from hhsim.solver.outside_method import (
     SHAPES,
     MethodHere,
@@ -66,7 +66,7 @@ class IsolatedMethod:
     """A method in a process of its own, which ends with this object.
 
     Args:
-        name: Of the method, as `hhsim.solver.known_methods.outside_class` takes it.
+        name: Of the method, as `hhsim.solver.method_names.outside_class` takes it.
 
     Attributes:
         facts: What the class says of itself: `summary`, `forces`, `work`, `never_penetrates` and `missing`; and

@@ -1,43 +1,18 @@
-"""Every method that can be named: hhsim's own, those that installed packages declare, and a class in any module.
+"""The record of every method that has a name, see `hhsim.solver.method_names`."""
 
-A package declares one as an entry point of the group "hhsim.methods"; `package.module:Class` names one that nobody
-declares. Either is a `hhsim.solver.method.Method`, or a class as `hhsim.solver.outside_method.OutsideMethod`.
-"""
-
-import hashlib
-import inspect
-import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import cache, partial
-from importlib import import_module
-from importlib.metadata import EntryPoint, entry_points
-from pathlib import Path
-from typing import Any, cast
+from functools import partial
+from typing import Any
 
-from hhsim.errors import InputError, UnknownNameError
+from hhsim.errors import InputError
 from hhsim.solver.method import FORCES, METHODS, RUNS, TIMES, UNITS, Engine, Method
-from hhsim.system.foreign_call import ForeignError, foreign_call
+from hhsim.solver.method_names import ISOLATED, facts_of, isolated_name, outside_class, source_of
 
-GROUP = "hhsim.methods"
-"""Of the entry points."""
 SUBMITTED = "submission:"
 """What the name of a submission's poses begins with, in its result; see `hhsim.submissions.score`."""
-ISOLATED = "isolated:"
-"""What stands in front of the name of a method from outside that runs in a process of its own."""
 _known_for_now: dict[str, Method] = {}
-
-
-@cache
-def declared_methods() -> dict[str, EntryPoint]:
-    """What installed packages declare, by name; a name of hhsim's own is theirs no longer."""
-    return {entry.name: entry for entry in entry_points(group=GROUP) if entry.name not in METHODS}
-
-
-def method_names() -> list[str]:
-    """Every name that `find_method` knows, hhsim's own first, without importing a method."""
-    return [*METHODS.names(), *sorted(declared_methods())]
 
 
 def find_method(name: str) -> Method:
@@ -62,7 +37,7 @@ def find_method(name: str) -> Method:
         return _isolated(name.removeprefix(ISOLATED))
     found = outside_class(name)
     if isinstance(found, Method):
-        return replace(found, source=found.source or _source(found.engine))
+        return replace(found, source=found.source or source_of(found.engine))
     return outside_method(name, found)
 
 
@@ -81,85 +56,6 @@ def _no_engine(name: str, workspace: Any) -> Engine:
         f"'{name}' is poses that were computed elsewhere, which cannot be computed again: hhsim score measures their "
         "file anew"
     )
-
-
-def outside_class(name: str) -> Any:
-    """Import the class of a method from outside.
-
-    Args:
-        name: Of a method that a package declares, or `package.module:Class`.
-
-    Raises:
-        InputError: It cannot be imported, or is no method.
-        UnknownNameError: Nothing is called so.
-    """
-    if name in declared_methods():
-        found = _imported(name, declared_methods()[name].load)
-    elif ":" in name:
-        found = _imported(name, lambda: _named(name))
-    else:
-        raise UnknownNameError("method", name, method_names())
-    missing = [part for part in ("begin", "tick") if not callable(getattr(found, part, None))]
-    if not isinstance(found, Method) and (not isinstance(found, type) or missing):
-        what = f"lacks {' and '.join(missing)}" if missing else "is an instance"
-        raise InputError(
-            f"method '{name}' is no method: {found!r} {what}; expected a class with __init__(scene), begin(pose) and "
-            "tick(haptic)"
-        )
-    return found
-
-
-def _named(name: str) -> Any:
-    module, _, attribute = name.partition(":")
-    here = str(Path.cwd())
-    if here not in sys.path:
-        # Behind all that is installed: a file beside the user's data must not take a library's place.
-        sys.path.append(here)
-    return getattr(import_module(module), attribute)
-
-
-def _imported(name: str, load: Callable[[], Any]) -> Any:
-    try:
-        return foreign_call(load).value
-    except ForeignError as error:
-        # Whatever somebody else's module raises is told in one line.
-        raise InputError(
-            f"method '{name}' cannot be imported: {error} (package.module:Class, from the current folder or installed)"
-        ) from error.__cause__
-
-
-def isolated_name(name: str) -> str:
-    """The name by which a method from outside runs in a process of its own.
-
-    Raises:
-        InputError: The method is hhsim's own.
-    """
-    if name in METHODS:
-        raise InputError(f"method '{name}' is hhsim's own: only one from outside runs in a process of its own")
-    return name if name.startswith(ISOLATED) else ISOLATED + name
-
-
-def facts_of(made: Any) -> dict[str, Any]:
-    """What the class of a method says of itself: `summary`, `forces`, `work`, `never_penetrates` and `missing`.
-
-    And `source`, the SHA-256 of the file that it is written in; "" where there is none.
-    """
-    lines = (getattr(made, "__doc__", None) or "").strip().splitlines()
-    return {
-        "summary": str(getattr(made, "summary", lines[0] if lines else "a method from outside")).rstrip("."),
-        "forces": bool(getattr(made, "gives_forces", False)),
-        "work": bool(getattr(made, "gives_work", False)),
-        "never_penetrates": bool(getattr(made, "never_penetrates", False)),
-        "missing": str(getattr(made, "missing", "")),
-        "source": _source(made),
-    }
-
-
-def _source(made: Any) -> str:
-    try:
-        return hashlib.sha256(Path(inspect.getfile(made)).read_bytes()).hexdigest()
-    except (TypeError, OSError):
-        return ""
 
 
 def outside_method(name: str, made: Callable[[Any], Any]) -> Method:
@@ -190,12 +86,14 @@ def _method(name: str, facts: Mapping[str, Any], engine: Callable[[Any], Engine]
 
 def _engine(name: str, made: Callable[[Any], Any], forces: bool, workspace: Any) -> Engine:
     # As hhsim's own, the engine is imported when it is made: it stands above what only names methods.
-    module = import_module("hhsim.solver.outside_method")
-    return cast(Engine, module.OutsideEngine(partial(module.MethodHere, name, made, forces), forces, workspace))
+    from hhsim.solver.outside_method import MethodHere, OutsideEngine
+
+    return OutsideEngine(partial(MethodHere, name, made, forces), forces, workspace)
 
 
 def _isolated(name: str) -> Method:
+    from hhsim.solver.isolated_method import isolated_engine, isolated_facts
+
     isolated_name(name)
-    module = import_module("hhsim.solver.isolated_method")
-    facts = module.isolated_facts(name)
-    return _method(name, facts, partial(module.isolated_engine, name, facts["forces"]))
+    facts = isolated_facts(name)
+    return _method(name, facts, partial(isolated_engine, name, facts["forces"]))

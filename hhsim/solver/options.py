@@ -82,7 +82,7 @@ class SolverOptions:
     """Options of the solver; lengths in metres.
 
     Attributes:
-        method: One of `hhsim.solver.known_methods.method_names`, or `package.module:Class`.
+        method: One of `hhsim.solver.method_names.method_names`, or `package.module:Class`.
         surface: One of `hhsim.solver.surface.SURFACES`: what of the object the hand touches.
         qp: `active-set`, or a backend that qpsolvers offers; `paper` takes no other, `penalty` needs none.
         force: `kkt` (the QP's multipliers) or `paper` (Eq. 14). Default: `paper` for method `paper`, else `kkt`.

@@ -16,12 +16,12 @@ from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.mesh.mesh import Mesh
-from hhsim.solver.options import SolverOptions
 from hhsim.system.foreign_call import ForeignError, Timed, foreign_call
 from hhsim.trees.sphere_tree import SphereTree
 
 if TYPE_CHECKING:
     from hhsim.kernels.tick.block import HapticBlock, TickRecord
+    from hhsim.solver.options import SolverOptions
     from hhsim.solver.workspace import TickWorkspace
 
 SHAPES = {"position": (3,), "orientation": (4,), "flexion": (5, 3), "abduction": (5,)}
@@ -48,7 +48,7 @@ class MethodScene:
     hand: HandModel
     mesh: Mesh | None
     tree: SphereTree | None
-    options: SolverOptions
+    options: "SolverOptions"
 
     @property
     def period(self) -> float:

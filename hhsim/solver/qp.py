@@ -95,21 +95,14 @@ class QpProblem:
         Of the rows, of the multipliers' sign, of the balance G (δ - δ*) = Aᵀ λ, and of complementarity (the smaller of
         slack and multiplier), all in the conditioned variables, where these are lengths. 0 is an exact optimum.
         """
-        root, unit, norm = self._conditioned()
+        root, unit, norm = self.conditioned()
         slack = unit @ (root * solution) - self.rhs / norm
         push = multiplier * norm
         balance = root * (solution - self.target) - unit.T @ push
-        return float(
-            max(
-                np.max(-slack, initial=0.0),
-                np.max(-push, initial=0.0),
-                np.max(np.abs(balance), initial=0.0),
-                np.max(np.minimum(slack, push), initial=0.0),
-            )
-        )
+        return float(np.max(np.concatenate([-slack, -push, np.abs(balance), np.minimum(slack, push)]), initial=0.0))
 
-    def _conditioned(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        # √G, the rows for x = √G δ at length 1, and their lengths; zero rows stay as they are.
+    def conditioned(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return √G, the rows for x = √G δ at length 1, and the lengths they had; a zero row stays, as of length 1."""
         root = np.sqrt(self.stiffness)
         scaled = self.matrix / root
         norm: FloatArray = np.linalg.norm(scaled, axis=1)
@@ -162,7 +155,7 @@ def solve(problem: QpProblem, backend: str = ACTIVE_SET) -> QpSolution:
 
 
 def _solve_active_set(problem: QpProblem) -> QpSolution:
-    root, unit, norm = problem._conditioned()
+    root, unit, norm = problem.conditioned()
     m, n = unit.shape
     work = active_set.new_work(n, m)
     rows = ProgramRows(
@@ -191,7 +184,7 @@ def _solve_by_qpsolvers(problem: QpProblem, backend: str) -> QpSolution:
     import qpsolvers
     from scipy.sparse import csc_matrix
 
-    root, unit, norm = problem._conditioned()
+    root, unit, norm = problem.conditioned()
     target, rhs = root * problem.target, problem.rhs / norm
     # The target's largest violation is about how far away the solution is: as the unit, it makes tolerances relative.
     length = float(np.max(rhs - unit @ target))

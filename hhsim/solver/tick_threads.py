@@ -34,7 +34,8 @@ class ThreadTeam:
         threads: Members, the caller's own thread included; 1 starts none.
 
     Attributes:
-        worth: Detection is shared from this many distances outside of the largest part on, see `kernels.detection`.
+        worth: Detection is shared from this many distances outside of the largest part on, see
+            `hhsim.kernels.contact.parallel_detection.worth_sharing`.
     """
 
     def __init__(self, states: NDArray[np.void], threads: int) -> None:

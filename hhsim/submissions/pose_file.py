@@ -34,7 +34,7 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import DamagedFileError, InputError, OutputError, UnknownNameError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
-from hhsim.motion.csv_file import ABDUCTION_COLUMNS, FLEXION_COLUMNS, numbers_of, read_remarks, separator_of
+from hhsim.motion.csv_file import ABDUCTION_COLUMNS, FLEXION_COLUMNS, csv_rows, numbers_of
 from hhsim.system.atomic_write import sealed_hdf5, write_atomically
 from hhsim.system.hdf5_input import DAMAGE, open_hdf5
 from hhsim.system.input_file import read_input_text
@@ -186,21 +186,11 @@ def parse_poses(text: str) -> tuple[dict[str, str], dict[str, FloatArray]]:
     Raises:
         InputError: A missing or unknown column, another unit, a line of another length, or what is no number.
     """
-    lines = text.splitlines()
-    said, first = read_remarks(lines)
-    if first == len(lines):
-        raise InputError("no header line; expected time [s],px [m],py [m],…")
+    said, headings, found = csv_rows(text, "time [s],px [m],py [m],…")
     if said.get("format", FORMAT) != FORMAT:
         raise InputError(f"format {said['format']}; expected {FORMAT}")
-    separator = separator_of(lines[first])
-    header = _columns(next(csv.reader([lines[first]], delimiter=separator)))
-    rows = []
-    for number, cells in enumerate(csv.reader(lines[first + 1 :], delimiter=separator), start=first + 2):
-        if not any(cell.strip() for cell in cells):
-            continue
-        if len(cells) != len(header):
-            raise InputError(f"line {number} has {len(cells)} values; expected {len(header)} as in the header")
-        rows.append(numbers_of(cells, header, range(len(header)), number))
+    header = _columns(headings)
+    rows = [numbers_of(cells, header, range(len(header)), number) for number, cells in found]
     table = np.array(rows, dtype=np.float64).reshape(len(rows), len(header))
     arrays = {}
     for name, part in PARTS.items():

@@ -10,7 +10,7 @@ import numpy as np
 
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.replay.replay import replay
+from hhsim.replay.replay import replay_scene
 from hhsim.replay.summary import ReplaySummary
 from hhsim.replay.summary_table import SummaryRow, short_table
 from hhsim.replay.verdict import STATED_TIMES
@@ -126,7 +126,7 @@ def score(
         options = SolverOptions(method=name, surface=surface)
         file = submission.path.name if submission.path else ""
         stated = {"method": submission.method, "file": file, "scene": digest, "suspicions": list(doubts)}
-        summary = replay(
+        summary = replay_scene(
             scene, options, output_path, description={"submission": stated}, command=command, progress=progress
         )
         progress("the best poses", 0, 1)

@@ -1,7 +1,6 @@
 """What is kept of a cell besides its result: a row of the table, or why there is none. A small JSON file each."""
 
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -14,6 +13,7 @@ from hhsim.sweep.cell import Cell
 from hhsim.system import environment as info
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.input_file import read_input_text
+from hhsim.system.plain_json import plain_json
 
 FORMAT = "hhsim-cell"
 VERSION = 1
@@ -103,7 +103,7 @@ def write_row(path: Path, row: Mapping[str, Any]) -> None:
     Raises:
         OutputError: It cannot be written.
     """
-    write_atomically(path, (json.dumps(_plain(row), indent=1, sort_keys=True, allow_nan=False) + "\n").encode())
+    write_atomically(path, (json.dumps(plain_json(row), indent=1, sort_keys=True, allow_nan=False) + "\n").encode())
 
 
 def read_row(path: Path) -> dict[str, Any]:
@@ -121,13 +121,3 @@ def read_row(path: Path) -> dict[str, Any]:
     if found.get("version") != VERSION:
         raise InputError(f"{path}: version {found.get('version')!r} of a row, this hhsim reads {VERSION}")
     return found
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

@@ -13,7 +13,7 @@ from hhsim.mesh.catalogue import names_a_file, resolve_object
 from hhsim.mesh.mesh import Mesh
 from hhsim.motion.trajectory import Trajectory
 from hhsim.replay.repeated_times import repeated_document
-from hhsim.replay.replay import replay
+from hhsim.replay.replay import replay_scene
 from hhsim.replay.summary import ReplaySummary
 from hhsim.result.writer import state_repeats
 from hhsim.scene.demonstration import Demonstration
@@ -103,7 +103,7 @@ def _run(task: CellTask) -> tuple[int, float]:
         began = time.perf_counter()
 
     def run() -> list[ReplaySummary]:
-        return [replay(scene, cell.solver_options(), partial) for _ in range(cell.repeat)]
+        return [replay_scene(scene, cell.solver_options(), partial) for _ in range(cell.repeat)]
 
     try:
         # The threads of a tick want a core each.

@@ -4,9 +4,8 @@ The measurement shares nothing with the builder but the mesh: it does not know w
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hhsim.arrays import FloatArray, IntArray
+from hhsim.arrays import Codes, FloatArray, IntArray
 from hhsim.kernels.cover.certify import certify_cover
 from hhsim.kernels.cover.sampled_error import exposed, union_distance
 from hhsim.kernels.mesh.bvh import MeshBvh, mesh_signed_distance
@@ -14,8 +13,6 @@ from hhsim.system.progress import Progress, silent
 from hhsim.system.thread_pool import Workers, ranges
 from hhsim.trees.sphere_tree import LevelError, SphereTree
 from hhsim.trees.surface_cover import ROUNDING
-
-Codes = NDArray[np.int32]
 
 MESH_SAMPLES = 20_000
 SPHERE_SAMPLES = 60_000

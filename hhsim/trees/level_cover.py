@@ -3,12 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from hhsim.arrays import FloatArray, IntArray
+from hhsim.arrays import Codes, FloatArray, IntArray
 from hhsim.errors import InputError
-
-Codes = NDArray[np.int32]
 
 
 @dataclass(frozen=True, eq=False)

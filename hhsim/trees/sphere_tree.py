@@ -5,8 +5,9 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError
 from hhsim.kernels.sphere_tree import MOST_WAITING, TreeArrays
 from hhsim.trees.level_cover import LevelCover
@@ -14,8 +15,6 @@ from hhsim.trees.level_cover import LevelCover
 if TYPE_CHECKING:
     from hhsim.mesh.mesh import Mesh
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 ENCLOSING_TOLERANCE = 1e-9
 """How far a leaf may stick out of an ancestor, relative to the root's radius [-]: rounding, not geometry."""

@@ -5,7 +5,6 @@ the file is what this solver makes of this input.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.errors import HhsimError, InputError
 from hhsim.hand.configuration import HandConfiguration
@@ -24,8 +23,6 @@ from hhsim.system.progress import Progress
 from hhsim.verify.claim import NOT_JUDGED, Claim, judged
 from hhsim.verify.metric_checks import difference, told_apart
 from hhsim.verify.origin_checks import own_object, own_tree
-
-FloatArray = NDArray[np.float64]
 
 SAME_MOTION = 1e-9
 """Hands that differ by this [m, rad] are the same motion: what resampling rounds to on another machine."""

@@ -1,8 +1,8 @@
 """Claims of what the hand touches, how deep it is in it and how far off the true mesh, at the chosen ticks."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.metrics.contact_error import ticks_looked_at
 from hhsim.replay.stored_scene import stored_mesh
 from hhsim.system.counted import counted
@@ -12,8 +12,6 @@ from hhsim.verify.contacts import PALM
 from hhsim.verify.file_checks import follows, leaves
 from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LENGTH, WHY_LENGTH, JudgedTicks
 from hhsim.verify.tree_checks import TrueSurface, nearest_on
-
-FloatArray = NDArray[np.float64]
 
 RESTS = 0.25
 """A tick predicts no hand that moved by less than this share of the step that ends a tick."""

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import MeshError
 from hhsim.kernels.tick.state import (
     STATUS_INPUT_INVALID,
@@ -22,10 +23,6 @@ from hhsim.scene.motion_catalogue import load_script, script_names
 from hhsim.scene.script import Script
 from hhsim.solver.method import never_penetrates
 from hhsim.verify.claim import HOLDS, NOT_CLAIMED, NOT_JUDGED, Claim, all_true, judged
-
-BoolArray = NDArray[np.bool_]
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 SAMPLES = 10_000
 """Random points on the mesh, uniform by area, besides its vertices and the middles of its edges."""

@@ -1,8 +1,8 @@
 """Claims of the forces: the wrench and the fingertips of all ticks, and at the chosen ones what balances them."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.system.counted import counted
 from hhsim.verify.claim import NOT_JUDGED, Claim, judged
 from hhsim.verify.contacts import PALM
@@ -20,9 +20,6 @@ from hhsim.verify.forces import (
 from hhsim.verify.kinematics import Posed, turn_between
 from hhsim.verify.paper_contacts import on_another_part
 from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, STUCK, JudgedTicks
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 FORCE = 1e-6
 """Forces that differ by this share, or by this [N], are the same: a ten-thousandth of the least that has a rate."""

@@ -8,8 +8,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.result.reader import Result
 from hhsim.system.counted import counted
@@ -24,8 +24,6 @@ from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, STUCK, JudgedTicks
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 ON_TABLE = -1
 UNIT = 1e-9

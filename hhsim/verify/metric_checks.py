@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import known_figures, run_metrics
@@ -15,8 +16,6 @@ from hhsim.verify.depth_checks import CONTACT_ERROR
 from hhsim.verify.file_checks import follows
 from hhsim.verify.free_object_checks import free_figures
 from hhsim.verify.input_hand_check import FIGURES as INPUT_HAND
-
-FloatArray = NDArray[np.float64]
 
 SAME = 1e-9
 """Figures that differ by this share are the same: sums in another order differ by less."""

@@ -4,11 +4,9 @@ Nothing but the schema's word of what turns is the library's: a pose p, q of the
 takes x to q Q⁻¹ (x − P) + p, and this is undone.
 """
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import AnyArray
 from hhsim.motion.object_motion import ObjectMotion
 from hhsim.result.object_frame import TURNS
 from hhsim.result.reader import Result
@@ -17,13 +15,11 @@ from hhsim.verify.claim import Claim, judged
 from hhsim.verify.file_checks import own_script
 from hhsim.verify.kinematics import rotations
 
-Array = NDArray[Any]
-
 ABOVE = 1e-6
 """A free object may begin so far above its place [m]: clear of the table by the solver's offset."""
 
 
-def seen_by_referee(name: str, values: Array, now: ObjectMotion, first: ObjectMotion) -> Array:
+def seen_by_referee(name: str, values: AnyArray, now: ObjectMotion, first: ObjectMotion) -> AnyArray:
     """Rows of a dataset of /tick, world, as the object sees them; as of `hhsim.result.reader.View`."""
     here, none = rotations(now.orientation)
     there = rotations(first.orientation[None])[0]

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import IntArray
 from hhsim.errors import InputError, MeshError
 from hhsim.mesh.solidify import ASSUMED_SOLID
 from hhsim.replay.stored_scene import stored_mesh
@@ -33,7 +33,6 @@ from hhsim.verify.posture_checks import posture_claims
 from hhsim.verify.session_checks import session_claims
 from hhsim.verify.tick_data import JudgedTicks
 
-IntArray = NDArray[np.int64]
 Progress = Callable[[str, int, int], None]
 
 MESH_LIMIT = 1e-6

@@ -16,7 +16,8 @@ from hhsim.kernels.tick.block import TickRecord
 from hhsim.mesh.catalogue import load_object
 from hhsim.scene.open_scene import open_scene
 from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.known_methods import declared_methods, find_method
+from hhsim.solver.known_methods import find_method
+from hhsim.solver.method_names import declared_methods
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.outside_method import MethodScene
 from hhsim.trees.contact_surface import contact_surface

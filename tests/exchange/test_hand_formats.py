@@ -6,8 +6,8 @@ from xml.etree import ElementTree as Xml
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.exchange.hand_bodies import STEP, HandBodies, RoundCone, hand_bodies
 from hhsim.exchange.mjcf import hand_mjcf
 from hhsim.exchange.urdf import hand_urdf
@@ -16,11 +16,10 @@ from hhsim.hand.model import HandModel, Side
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.round_cone_distance import cone_slope
 
-Array = NDArray[np.float64]
 SIDES = ("right", "left")
 
 
-def _poses(hand: HandModel, count: int) -> list[tuple[Array, Array, Array, Array]]:
+def _poses(hand: HandModel, count: int) -> list[tuple[FloatArray, FloatArray, FloatArray, FloatArray]]:
     random = np.random.default_rng(5)
     found = []
     for _ in range(count):
@@ -31,18 +30,20 @@ def _poses(hand: HandModel, count: int) -> list[tuple[Array, Array, Array, Array
     return found
 
 
-def _vector(text: str) -> Array:
+def _vector(text: str) -> FloatArray:
     return np.array([float(word) for word in text.split()])
 
 
-def _turned(axis: Array, angle: float) -> Array:
+def _turned(axis: FloatArray, angle: float) -> FloatArray:
     """Rodrigues: rotation about a unit axis."""
     x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     return np.asarray(np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross)
 
 
-def _urdf_frames(text: str, angles: dict[str, float], rotation: Array, position: Array) -> dict[str, Array]:
+def _urdf_frames(
+    text: str, angles: dict[str, float], rotation: FloatArray, position: FloatArray
+) -> dict[str, FloatArray]:
     """Origins of all links in the world; written from the format's definition, with nothing of hhsim."""
     joints = Xml.fromstring(text).findall("joint")
     frames = {"palm": (rotation, position)}
@@ -64,7 +65,7 @@ def _urdf_frames(text: str, angles: dict[str, float], rotation: Array, position:
     return {name: place for name, (_, place) in frames.items()}
 
 
-def _joint_centres(place: Callable[[str], Array]) -> Array:
+def _joint_centres(place: Callable[[str], FloatArray]) -> FloatArray:
     names = [[f"{finger}_1", f"{finger}_2", f"{finger}_3", f"{finger}_tip"] for finger in FINGERS]
     return np.array([[place(name) for name in row] for row in names])
 
@@ -110,7 +111,9 @@ def test_mjcf_read_by_its_definition_has_them_too(side: Side) -> None:
         assert np.abs(_joint_centres(found.__getitem__) - wanted).max() < 1e-12
 
 
-def _mjcf_frames(body: Xml.Element, angles: dict[str, float], turn: Array, place: Array) -> dict[str, Array]:
+def _mjcf_frames(
+    body: Xml.Element, angles: dict[str, float], turn: FloatArray, place: FloatArray
+) -> dict[str, FloatArray]:
     for joint in body.findall("joint"):
         turn = turn @ _turned(_vector(joint.get("axis", "")), angles[joint.get("name", "")])
     found = {body.get("name", ""): place}

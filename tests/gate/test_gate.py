@@ -38,7 +38,7 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A result of the tiny suite's scene."""
     from hhsim.hand.model import HandModel
     from hhsim.mesh.catalogue import load_object
-    from hhsim.replay.replay import replay
+    from hhsim.replay.replay import replay_scene
     from hhsim.scene.motion_catalogue import resolve_trajectory
     from hhsim.scene.scene import make_scene
     from hhsim.solver.options import SolverOptions
@@ -52,7 +52,7 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
     motion = resolve_trajectory(str(folder / "short.toml"))
     scene = make_scene(mesh, tree, HandModel.default("right"), motion)
     path = folder / "stored.h5"
-    replay(scene, SolverOptions(), path, description={"object_mesh": mesh.sha256, "level": 3, "seed": 0})
+    replay_scene(scene, SolverOptions(), path, description={"object_mesh": mesh.sha256, "level": 3, "seed": 0})
     return path
 
 

@@ -122,7 +122,7 @@ def write_recording(path: Path, depth: float) -> None:
 
 def write_poses(project: Path) -> None:
     """The poses of the engine that the company ships: here, of hhsim on the mesh."""
-    from hhsim.replay.replay import replay as run
+    from hhsim.replay.replay import replay_scene as run
     from hhsim.solver.options import SolverOptions
 
     scene = load_scene(project / "scene" / "scene.h5")

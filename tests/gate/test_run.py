@@ -22,7 +22,7 @@ from hhsim.gate.gate import GateReport, gate_suite
 from hhsim.gate.metrics import RunFigures, cpu_p50, run_figures
 from hhsim.gate.run import RunFailed, Side, find_side, run_python, this_python
 from hhsim.gate.suite import GateScene, load_suite
-from hhsim.gate.timing_test import TimeComparison
+from hhsim.gate.time_comparison import TimeComparison
 from hhsim.result.reader import Result
 from tools.gate_trials import PLANTED_LINES, TIMED_LINE, changed_python, plant_work, tally
 

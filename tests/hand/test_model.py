@@ -5,16 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 import hhsim.hand.model
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel, Side, default_fingers
 from hhsim.kernels.hand.kinematics import BODY_COUNT, forward_kinematics
 from hhsim.kernels.round_cone_distance import cone_slope
-
-Array = NDArray[np.float64]
 
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
 RIGHT = HandModel.default()
@@ -62,7 +60,9 @@ def test_frames_are_orthonormal(hand: HandModel) -> None:
     np.testing.assert_allclose(np.einsum("fi,fi->f", hand.distal, hand.dorsal), 0.0, atol=1e-15)
 
 
-def fingertip(hand: HandModel, finger: int, flexion: Array, abduction: Array) -> tuple[Array, Array]:
+def fingertip(
+    hand: HandModel, finger: int, flexion: FloatArray, abduction: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """The point of a fingertip 40 degrees from its axis towards the pad, and the normal there; palm frame."""
     joints, direction = np.empty((5, 4, 3)), np.empty((5, 3, 3))
     axis, abduction_axis = np.empty((5, 3)), np.empty((5, 3))
@@ -293,7 +293,7 @@ def test_missing_file_and_unknown_side() -> None:
     ],
 )
 def test_joints_refuse_other_shapes(
-    position: Array, orientation: tuple[float, ...], flexion: Array, abduction: Array, name: str
+    position: FloatArray, orientation: tuple[float, ...], flexion: FloatArray, abduction: FloatArray, name: str
 ) -> None:
     with pytest.raises(InputError, match=name):
         RIGHT.joints(position, orientation, flexion, abduction)

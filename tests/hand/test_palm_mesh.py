@@ -7,15 +7,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.model import default_fingers
 from hhsim.hand.palm_mesh import CENTER_HEIGHT, SHIPPED, RoundCones, _palm_mesh, box_rays, palm_mesh, palm_parts
 from hhsim.mesh.file import read_own_ply
 from hhsim.mesh.mesh import Mesh
-
-Array = NDArray[np.float64]
 
 LENGTH, BREADTH = 0.19, 0.085
 
@@ -25,7 +23,7 @@ def palm(length: float = LENGTH, breadth: float = BREADTH) -> Mesh:
     return palm_mesh(length, breadth, fingers["base"][1:], fingers["radius"][1:, 0])
 
 
-def edge_lengths(mesh: Mesh) -> Array:
+def edge_lengths(mesh: Mesh) -> FloatArray:
     corners = mesh.triangles
     return np.asarray(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2))
 

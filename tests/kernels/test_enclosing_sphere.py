@@ -4,21 +4,19 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.optimize import NonlinearConstraint, minimize
 
+from hhsim.arrays import FloatArray
 from hhsim.kernels.enclosing_sphere import enclosing_sphere
 
-Array = NDArray[np.float64]
 
-
-def sphere_around(center: Array, radius: Array) -> Array:
+def sphere_around(center: FloatArray, radius: FloatArray) -> FloatArray:
     out = np.empty(4)
     enclosing_sphere(np.asarray(center, float), np.asarray(radius, float), np.arange(len(radius)), out)
     return out
 
 
-def reach(center: Array, radius: Array, sphere: Array) -> float:
+def reach(center: FloatArray, radius: FloatArray, sphere: FloatArray) -> float:
     return float((np.linalg.norm(center - sphere[:3], axis=1) + radius).max())
 
 
@@ -30,7 +28,7 @@ def test_is_the_smallest(count: int, seed: int, spread: float) -> None:
     sphere = sphere_around(center, radius)
     assert reach(center, radius, sphere) <= sphere[3]
 
-    def constraints(v: Array) -> Array:
+    def constraints(v: FloatArray) -> FloatArray:
         return np.asarray(v[3] - np.sqrt(((center - v[:3]) ** 2).sum(axis=1) + 1e-16) - radius)
 
     mean = center.mean(axis=0)

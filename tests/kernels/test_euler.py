@@ -6,18 +6,16 @@ import math
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from hhsim.arrays import FloatArray
 from hhsim.kernels.euler import euler_axes, euler_quaternion, nearest_euler
 from hhsim.kernels.rotation import quaternion_to_matrix
-
-Array = NDArray[np.float64]
 
 ANGLES = st.tuples(*[st.floats(-7.0, 7.0)] * 3).map(np.array)
 
 
-def paper_matrix(euler: Array) -> Array:
+def paper_matrix(euler: FloatArray) -> FloatArray:
     """R_L^W as the paper prints it."""
     (ca, sa), (cb, sb), (cc, sc) = ((math.cos(angle), math.sin(angle)) for angle in euler)
     return np.array(
@@ -29,7 +27,7 @@ def paper_matrix(euler: Array) -> Array:
     )
 
 
-def matrix_of(euler: Array) -> Array:
+def matrix_of(euler: FloatArray) -> FloatArray:
     quaternion, matrix = np.empty(4), np.empty((3, 3))
     euler_quaternion(euler, quaternion)
     assert abs(np.linalg.norm(quaternion) - 1.0) < 1e-15
@@ -37,20 +35,20 @@ def matrix_of(euler: Array) -> Array:
     return matrix
 
 
-def nearest(matrix: Array, near: Array) -> Array:
+def nearest(matrix: FloatArray, near: FloatArray) -> FloatArray:
     out = np.empty(3)
     nearest_euler(matrix, near, out)
     return out
 
 
 @given(ANGLES)
-def test_the_quaternion_is_the_printed_matrix(euler: Array) -> None:
+def test_the_quaternion_is_the_printed_matrix(euler: FloatArray) -> None:
     np.testing.assert_allclose(matrix_of(euler), paper_matrix(euler), atol=1e-14)
     np.testing.assert_allclose(Rotation.from_euler("xyz", euler).as_matrix(), paper_matrix(euler), atol=1e-14)
 
 
 @given(ANGLES)
-def test_the_axes_are_the_derivatives(euler: Array) -> None:
+def test_the_axes_are_the_derivatives(euler: FloatArray) -> None:
     axes = np.empty((3, 3))
     euler_axes(euler, axes)
     for j, unit in enumerate(np.eye(3)):
@@ -63,7 +61,7 @@ WHOLE_TURNS = 2.0 * math.pi * np.array(list(itertools.product(range(-5, 6), repe
 
 
 @given(ANGLES, ANGLES)
-def test_the_nearest_angles_are_the_same_rotation_and_no_branch_is_nearer(euler: Array, near: Array) -> None:
+def test_the_nearest_angles_are_the_same_rotation_and_no_branch_is_nearer(euler: FloatArray, near: FloatArray) -> None:
     matrix = paper_matrix(euler)
     found = nearest(matrix, near)
     # Near the lock rounding of the matrix is divided by cos β.

@@ -14,20 +14,17 @@ import subprocess
 import sys
 import textwrap
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from sphere_scenes import Motion, bumpy_ball, still, straight_line
 
+from hhsim.arrays import AnyArray
 from hhsim.kernels.cache_folder import cache_root
 from hhsim.kernels.tick.state import STATUS_START_INSIDE
 from hhsim.solver.method import METHODS
 from hhsim.trees.file import save_tree
 from hhsim.trees.sphere_tree import SphereTree
-
-Array = NDArray[Any]
 
 TICKS = 24
 SCRIPT = textwrap.dedent(
@@ -108,7 +105,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def computed(folder: Path, mode: str) -> dict[str, Array]:
+def computed(folder: Path, mode: str) -> dict[str, AnyArray]:
     """What a mode computes, in a process of its own, once."""
     if not (folder / f"{mode}.npz").exists():
         cache = folder / "cache" if mode == "checked" else cache_root()

@@ -6,36 +6,34 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from hhsim.arrays import FloatArray
 from hhsim.kernels.rotation import quaternion_to_matrix, rotate_quaternion, rotation_vector_between
 
-Array = NDArray[np.float64]
 
-
-def unit(seed: int) -> Array:
+def unit(seed: int) -> FloatArray:
     values = np.random.default_rng(seed).normal(size=4)
     return values / np.linalg.norm(values)
 
 
-def scipy_rotation(quaternion: Array) -> Rotation:
+def scipy_rotation(quaternion: FloatArray) -> Rotation:
     return Rotation.from_quat(quaternion, scalar_first=True)
 
 
-def matrix(quaternion: Array) -> Array:
+def matrix(quaternion: FloatArray) -> FloatArray:
     out = np.empty((3, 3))
     quaternion_to_matrix(quaternion, out)
     return out
 
 
-def between(source: Array, target: Array) -> Array:
+def between(source: FloatArray, target: FloatArray) -> FloatArray:
     out = np.empty(3)
     rotation_vector_between(source, target, out)
     return out
 
 
-def rotated(quaternion: Array, vector: Array) -> Array:
+def rotated(quaternion: FloatArray, vector: FloatArray) -> FloatArray:
     out = np.empty(4)
     rotate_quaternion(quaternion, float(vector[0]), float(vector[1]), float(vector[2]), out)
     return out
@@ -53,14 +51,14 @@ angles = st.one_of(
 @example(np.array([1.0, 0.0, 0.0, 0.0]))
 @example(np.array([0.0, 0.0, 0.0, -1.0]))
 @settings(max_examples=50)
-def test_matrix_is_scipys(quaternion: Array) -> None:
+def test_matrix_is_scipys(quaternion: FloatArray) -> None:
     np.testing.assert_allclose(matrix(quaternion), scipy_rotation(quaternion).as_matrix(), atol=4e-16)
     np.testing.assert_array_equal(matrix(-quaternion), matrix(quaternion))
 
 
 @given(quaternions, axes, angles)
 @settings(max_examples=100)
-def test_left_increment_is_scipys(quaternion: Array, axis: Array, angle: float) -> None:
+def test_left_increment_is_scipys(quaternion: FloatArray, axis: FloatArray, angle: float) -> None:
     moved = rotated(quaternion, angle * axis)
     expected = Rotation.from_rotvec(angle * axis) * scipy_rotation(quaternion)
     np.testing.assert_allclose(matrix(moved), expected.as_matrix(), atol=4e-15)
@@ -69,7 +67,7 @@ def test_left_increment_is_scipys(quaternion: Array, axis: Array, angle: float) 
 
 @given(quaternions, quaternions)
 @settings(max_examples=100)
-def test_vector_between_is_scipys(source: Array, target: Array) -> None:
+def test_vector_between_is_scipys(source: FloatArray, target: FloatArray) -> None:
     expected = scipy_rotation(target) * scipy_rotation(source).inv()
     vector = between(source, target)
     assert np.linalg.norm(vector) <= math.pi * (1.0 + 1e-15)
@@ -80,7 +78,9 @@ def test_vector_between_is_scipys(source: Array, target: Array) -> None:
 
 @given(quaternions, axes, angles.filter(lambda angle: angle < math.pi - 1e-9), st.sampled_from([1.0, -1.0]))
 @settings(max_examples=100)
-def test_vector_between_undoes_the_increment(quaternion: Array, axis: Array, angle: float, sign: float) -> None:
+def test_vector_between_undoes_the_increment(
+    quaternion: FloatArray, axis: FloatArray, angle: float, sign: float
+) -> None:
     vector = between(quaternion, sign * rotated(quaternion, angle * axis))
     # Quaternions near unit length carry about one ulp of 1, so angles come back to that absolute accuracy.
     np.testing.assert_allclose(vector, angle * axis, atol=4e-15)

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.kernels.round_cone_distance import (
     RoundCone,
     Spheres,
@@ -18,13 +18,13 @@ from hhsim.kernels.round_cone_distance import (
     sphere_round_cone_distance,
 )
 
-Array = NDArray[np.float64]
-
 TOLERANCE = 1e-12
 """Allowed error relative to the size of the scene [-]."""
 
 
-def brute_force(center: Array, radius: float, a: Array, b: Array, radius_a: float, radius_b: float) -> float:
+def brute_force(
+    center: FloatArray, radius: float, a: FloatArray, b: FloatArray, radius_a: float, radius_b: float
+) -> float:
     """Least sphere distance over the axis; the function of s is convex, so ternary search finds it."""
 
     def gap(s: float) -> float:
@@ -40,12 +40,14 @@ def brute_force(center: Array, radius: float, a: Array, b: Array, radius_a: floa
     return min(gap(0.0), gap(1.0), gap(0.5 * (low + high)))
 
 
-def kernel(center: Array, radius: float, a: Array, b: Array, radius_a: float, radius_b: float) -> tuple[float, float]:
+def kernel(
+    center: FloatArray, radius: float, a: FloatArray, b: FloatArray, radius_a: float, radius_b: float
+) -> tuple[float, float]:
     distance, s = sphere_round_cone_distance(center, radius, a, b, radius_a, radius_b)
     return float(distance), float(s)
 
 
-def size(*parts: Array | float) -> float:
+def size(*parts: FloatArray | float) -> float:
     return max(float(np.abs(part).max()) for part in parts)
 
 
@@ -54,7 +56,7 @@ radii = st.one_of(st.floats(0.0, 0.5), st.sampled_from([0.0, 1e-3, 0.5]))
 
 
 @st.composite
-def scenes(draw: st.DrawFn) -> tuple[Array, float, Array, Array, float, float]:
+def scenes(draw: st.DrawFn) -> tuple[FloatArray, float, FloatArray, FloatArray, float, float]:
     """A sphere and a round cone, often degenerate: a sphere, a capsule, one end inside the other, radii 1000 to 1."""
     center, a, b = draw(points), draw(points), draw(points)
     radius, one, other = draw(radii), draw(radii), draw(radii)
@@ -78,7 +80,9 @@ def scenes(draw: st.DrawFn) -> tuple[Array, float, Array, Array, float, float]:
 
 @given(scenes())
 @settings(max_examples=400)
-def test_distance_is_the_least_over_the_axis(scene: tuple[Array, float, Array, Array, float, float]) -> None:
+def test_distance_is_the_least_over_the_axis(
+    scene: tuple[FloatArray, float, FloatArray, FloatArray, float, float],
+) -> None:
     distance, s = kernel(*scene)
     center, radius, a, b, radius_a, radius_b = scene
     assert 0.0 <= s <= 1.0
@@ -187,7 +191,7 @@ def test_slope_is_the_half_angle() -> None:
 @given(scenes(), points)
 @settings(max_examples=200)
 def test_distance_is_convex_and_changes_no_faster_than_the_sphere_moves(
-    scene: tuple[Array, float, Array, Array, float, float], other: Array
+    scene: tuple[FloatArray, float, FloatArray, FloatArray, float, float], other: FloatArray
 ) -> None:
     """A round cone is convex, so its signed distance is convex and 1-Lipschitz: what bounded motion rests on."""
     center, radius, a, b, radius_a, radius_b = scene

@@ -6,13 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.kernels.round_cone_distance import RoundCone, cone_slope, sphere_round_cone_distance
 from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays, gather_round_cone, nearest_leaf_round_cone
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 ROUNDING = 1e-12
 """Distances closer than this to the margin [m] may fall on either side of it."""
@@ -46,7 +43,7 @@ def random_tree(random: np.random.Generator, leaves: int, branching: int) -> Tre
 class Cone:
     """A round cone and what the kernels want to know of it."""
 
-    def __init__(self, a: Array, b: Array, radius_a: float, radius_b: float) -> None:
+    def __init__(self, a: FloatArray, b: FloatArray, radius_a: float, radius_b: float) -> None:
         self.a, self.b, self.radius_a, self.radius_b = a, b, radius_a, radius_b
         self.length = float(np.linalg.norm(b - a))
         tangent, inverse = cone_slope(self.length, radius_a, radius_b)
@@ -55,7 +52,7 @@ class Cone:
             map(float, (*a, *direction, self.length, tangent, inverse, radius_a, radius_a - radius_b))
         )
 
-    def distances(self, tree: TreeArrays) -> Array:
+    def distances(self, tree: TreeArrays) -> FloatArray:
         """Signed distance [m] to every leaf, in the order of the leaves."""
         ends = self.a, self.b, self.radius_a, self.radius_b
         return np.array(
@@ -73,7 +70,7 @@ def random_cone(random: np.random.Generator) -> Cone:
     return Cone(a, b, radius_a, radius_a if random.random() < 0.2 else radius_a * random.uniform(0.0, 1.0))
 
 
-def gather(tree: TreeArrays, cone: Cone, margin: float, room: int) -> tuple[int, float, int, Indices]:
+def gather(tree: TreeArrays, cone: Cone, margin: float, room: int) -> tuple[int, float, int, IntArray]:
     index = np.full(room + 8, -7, dtype=np.int64)
     stack = np.empty(STACK_SIZE, dtype=np.int64)
     count, clearance, tests = gather_round_cone(tree, cone.record, margin, stack, index[:room])

@@ -6,15 +6,13 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.kernels.triangle import Triangle, closest_on_triangle, longest_edge
-
-Array = NDArray[np.float64]
 
 
 @numba.njit(error_model="numpy")  # type: ignore[untyped-decorator]
-def _closest(p: Array, t: Array, out: Array) -> int:
+def _closest(p: FloatArray, t: FloatArray, out: FloatArray) -> int:
     corners = Triangle(t[0, 0], t[0, 1], t[0, 2], t[1, 0], t[1, 1], t[1, 2], t[2, 0], t[2, 1], t[2, 2])
     x, y, z, d2, feature = closest_on_triangle(p[0], p[1], p[2], corners)
     out[0], out[1], out[2], out[3] = x, y, z, d2
@@ -22,11 +20,11 @@ def _closest(p: Array, t: Array, out: Array) -> int:
 
 
 @numba.njit(error_model="numpy")  # type: ignore[untyped-decorator]
-def _longest(t: Array) -> tuple[int, float]:
+def _longest(t: FloatArray) -> tuple[int, float]:
     return longest_edge(t[0, 0], t[0, 1], t[0, 2], t[1, 0], t[1, 1], t[1, 2], t[2, 0], t[2, 1], t[2, 2])
 
 
-def closest(p: Array, t: Array) -> tuple[Array, float, int]:
+def closest(p: FloatArray, t: FloatArray) -> tuple[FloatArray, float, int]:
     out = np.empty(4)
     feature = _closest(np.asarray(p, float), np.asarray(t, float), out)
     return out[:3], float(np.sqrt(out[3])), feature
@@ -36,7 +34,7 @@ coordinate = st.floats(-1.0, 1.0, width=32)
 point = st.tuples(coordinate, coordinate, coordinate).map(np.array)
 
 
-def on_feature(q: Array, t: Array, feature: int) -> float:
+def on_feature(q: FloatArray, t: FloatArray, feature: int) -> float:
     """Distance of q from the feature that it is said to lie on."""
     if feature == 0:
         return 0.0
@@ -49,7 +47,7 @@ def on_feature(q: Array, t: Array, feature: int) -> float:
 
 @settings(max_examples=400)
 @given(point, point, point, point)
-def test_is_the_projection(p: Array, a: Array, b: Array, c: Array) -> None:
+def test_is_the_projection(p: FloatArray, a: FloatArray, b: FloatArray, c: FloatArray) -> None:
     t = np.array([a, b, c])
     q, distance, feature = closest(p, t)
     assert distance == pytest.approx(np.linalg.norm(p - q), abs=1e-12)
@@ -63,7 +61,7 @@ def test_is_the_projection(p: Array, a: Array, b: Array, c: Array) -> None:
 
 @settings(max_examples=100)
 @given(point, point, point, st.floats(0.0, 1.0))
-def test_without_area_it_is_a_segment(p: Array, a: Array, b: Array, along: float) -> None:
+def test_without_area_it_is_a_segment(p: FloatArray, a: FloatArray, b: FloatArray, along: float) -> None:
     t = np.array([a, b, a + along * (b - a)])
     q, distance, _ = closest(p, t)
     s = np.clip((p - a) @ (b - a) / max(float((b - a) @ (b - a)), 1e-300), 0.0, 1.0)

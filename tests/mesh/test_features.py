@@ -6,40 +6,37 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 import trimesh
-from numpy.typing import NDArray
 from sampled import sampled
 from scipy.optimize import linprog
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import MeshError
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.kernels.mesh.features import MeshFeatures
 from hhsim.mesh.catalogue import load_object
 from hhsim.mesh.features import mesh_features
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-
 TRIANGLE = np.array([[0.0, 0.0, 0.0], [0.04, 0.0, 0.0], [0.0, 0.03, 0.0]])
 
 
-def bumpy() -> tuple[Array, Indices]:
+def bumpy() -> tuple[FloatArray, IntArray]:
     """A closed ball with peaks, pits and saddles."""
     ball = trimesh.creation.icosphere(2, 0.04)
     random = np.random.default_rng(3)
     return ball.vertices * random.uniform(0.8, 1.2, (len(ball.vertices), 1)), np.asarray(ball.faces, np.int64)
 
 
-def catalogue(name: str) -> tuple[Array, Indices]:
+def catalogue(name: str) -> tuple[FloatArray, IntArray]:
     mesh = load_object(name).mesh
     return mesh.vertices, mesh.faces
 
 
-def torus() -> tuple[Array, Indices]:
+def torus() -> tuple[FloatArray, IntArray]:
     shape = trimesh.creation.torus(0.04, 0.012, 12, 10)
     return np.asarray(shape.vertices), np.asarray(shape.faces, np.int64)
 
 
-CLOSED: dict[str, Callable[[], tuple[Array, Indices]]] = {
+CLOSED: dict[str, Callable[[], tuple[FloatArray, IntArray]]] = {
     "bumpy": bumpy,
     "torus": torus,
     "bunny": lambda: catalogue("bunny"),
@@ -58,7 +55,7 @@ def edges_of(mesh: MeshFeatures) -> dict[tuple[tuple[float, ...], ...], list[int
     return found
 
 
-def owned(owner: Indices) -> list[int]:
+def owned(owner: IntArray) -> list[int]:
     return sorted(owner[owner >= 0].tolist())
 
 
@@ -99,7 +96,7 @@ def test_edges_and_vertices_are_owned_once_by_a_face_that_has_them(name: str, cl
             assert max(w @ (t - start) / np.linalg.norm(t - start) for t in third) > 0.0
 
 
-def edge_ends(mesh: MeshFeatures, f: int, k: int) -> tuple[Array, Array]:
+def edge_ends(mesh: MeshFeatures, f: int, k: int) -> tuple[FloatArray, FloatArray]:
     e = mesh.edge[mesh.face_edge[f, k]]
     return e[:3], e[:3] + e[6] * e[3:6]
 
@@ -205,23 +202,23 @@ def test_a_triangle_without_area_has_the_edges_and_corners_of_a_line() -> None:
         mesh_features(place, np.array([[0, 3, 1], [2, 2, 1]]), closed=False)
 
 
-def box(size: float = 0.04, away: float = 0.0) -> tuple[Array, Indices]:
+def box(size: float = 0.04, away: float = 0.0) -> tuple[FloatArray, IntArray]:
     shape = trimesh.creation.box((size, size, size))
     return np.asarray(shape.vertices, np.float64) + [away, 0.0, 0.0], np.asarray(shape.faces, np.int64)
 
 
-def joined(*parts: tuple[Array, Indices]) -> tuple[Array, Indices]:
+def joined(*parts: tuple[FloatArray, IntArray]) -> tuple[FloatArray, IntArray]:
     first = np.cumsum([0] + [len(vertices) for vertices, _ in parts])
     faces = [faces + start for (_, faces), start in zip(parts, first)]
     return np.concatenate([vertices for vertices, _ in parts]), np.concatenate(faces)
 
 
-def inside_out(part: tuple[Array, Indices]) -> tuple[Array, Indices]:
+def inside_out(part: tuple[FloatArray, IntArray]) -> tuple[FloatArray, IntArray]:
     return part[0], part[1][:, ::-1]
 
 
 FLAP = np.array([[0.02, 0.02, 0.02], [0.02, -0.02, 0.02], [0.05, 0.0, 0.03]]), np.array([[0, 1, 2], [2, 1, 0]])
-BOUNDARIES: dict[str, tuple[tuple[Array, Indices], bool]] = {
+BOUNDARIES: dict[str, tuple[tuple[FloatArray, IntArray], bool]] = {
     "a box": (box(), True),
     "two boxes": (joined(box(), box(away=0.1)), True),
     "a box in a box": (joined(box(), box(0.01)), True),

@@ -6,12 +6,12 @@ import numba
 import numpy as np
 import pytest
 from contact_scenes import moved
-from numpy.typing import NDArray
 from sampled import sampled
 from scipy.spatial.transform import Rotation
 from sphere_scenes import Motion, palm_spheres, set_pose
 from triangle_soups import SOUPS, indexed, least_distance, plane_normals, soup, touching_cone, unit, winding
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.detection import evaluate
 from hhsim.kernels.hand.kinematics import DOF, PALM_BODY
@@ -23,8 +23,6 @@ from hhsim.mesh.mesh import Mesh
 from hhsim.solver.surface import SURFACES
 from hhsim.solver.workspace import tick_state
 from hhsim.trees.contact_surface import encloses
-
-Array = NDArray[np.float64]
 
 SAME = 2e-10
 """Two distances of one body [m]: a triangle lower than a billionth of its length is a line in one of them."""
@@ -47,7 +45,7 @@ def least_of_features(mesh: MeshFeatures, cone: RoundCone) -> float:
     return least
 
 
-def kernel_cone(ends: Array, radius: Array) -> RoundCone:
+def kernel_cone(ends: FloatArray, radius: FloatArray) -> RoundCone:
     axis = ends[1] - ends[0]
     length = float(np.linalg.norm(axis))
     large, small = radius.tolist()
@@ -59,7 +57,7 @@ def kernel_cone(ends: Array, radius: Array) -> RoundCone:
     return RoundCone(x, y, z, ux, uy, uz, length, tan_slope, inverse, large, large - small)
 
 
-def features_of(triangles: Array) -> tuple[MeshFeatures, bool]:
+def features_of(triangles: FloatArray) -> tuple[MeshFeatures, bool]:
     vertices, faces = indexed(triangles)
     closed = encloses(Mesh(vertices, faces))
     return mesh_features(vertices, faces, closed=closed)[0], closed
@@ -85,7 +83,7 @@ def test_the_least_over_features_is_the_least_over_triangles(kind: str, first: i
     assert judged > POSES
 
 
-def bodies(at: Motion) -> list[tuple[Array, Array]]:
+def bodies(at: Motion) -> list[tuple[FloatArray, FloatArray]]:
     """Ends and radii of the phalanges, then of the palm's spheres."""
     joints = HAND.joints(*(values[0] for values in at))
     palm = palm_spheres(HAND.palm_tree.leaf_center, at.position[:1], at.orientation[:1])[0]
@@ -94,7 +92,7 @@ def bodies(at: Motion) -> list[tuple[Array, Array]]:
     return phalanges + spheres
 
 
-def distances(at: Motion, triangles: Array, normals: Array) -> Array:
+def distances(at: Motion, triangles: FloatArray, normals: FloatArray) -> FloatArray:
     """Of each phalanx and of the palm [m], shape (16,)."""
     each = [least_distance(ends, radius, triangles, normals) for ends, radius in bodies(at)]
     return np.array([*each[:PALM_BODY], min(each[PALM_BODY:])])

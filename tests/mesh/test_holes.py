@@ -6,12 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.mesh.holes import hole_caps
 from hhsim.mesh.topology import face_areas, is_closed
 from tools.shapes.generators import sphere
 from tools.shapes.surface_parts import band
-
-FloatArray = NDArray[np.float64]
 
 
 def tube(outline: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:

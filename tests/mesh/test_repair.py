@@ -4,17 +4,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import MeshError
 from hhsim.mesh.repair import closed_surface
 from hhsim.mesh.repair_log import MeshInRepair
 from hhsim.mesh.self_intersection import winding_faults
 from hhsim.mesh.topology import is_closed, part_labels, signed_volume
 from tools.shapes.generators import cube, cup, sphere
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 BALL = sphere(0.08, subdivisions=2)
 CUBE = cube(0.07)

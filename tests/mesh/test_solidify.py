@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 import trimesh
 from corrupted_meshes import corrupted
-from numpy.typing import NDArray
 from sampled import sampled
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import MeshError
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, face_normals, mesh_signed_distance
 from hhsim.kernels.mesh.winding_number import winding_numbers
@@ -29,9 +29,6 @@ from hhsim.mesh.topology import face_areas, is_closed, signed_volume, undirected
 from hhsim.trees.builder import build_sphere_tree
 from hhsim.trees.options import TreeOptions
 from tools.shapes.generators import cube, sphere
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 CORRUPTED = int(os.environ.get("HHSIM_CORRUPTED", "0"))
 SEEDS = range(CORRUPTED) if CORRUPTED else range(2, 200, 11)

@@ -4,12 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from hhsim.mesh.tet_grid import TetGrid
 from hhsim.mesh.topology import is_closed, signed_volume, undirected_edges
-
-FloatArray = NDArray[np.float64]
 
 
 def refined(seed: int, rounds: int) -> TetGrid:

@@ -20,7 +20,7 @@ from hhsim.metrics.contact_error import TouchedObject
 from hhsim.metrics.contact_points import find_contact_points
 from hhsim.metrics.run_ticks import PLACED, result_ticks
 from hhsim.motion.trajectory import Trajectory
-from hhsim.replay.replay import replay
+from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.scene import make_scene
 from hhsim.solver.options import SolverOptions
@@ -33,7 +33,7 @@ from hhsim.trees.sphere_tree import SphereTree
 def grasp(tmp_path_factory: pytest.TempPathFactory) -> Result:
     """A grasp of a coarse tree."""
     path = tmp_path_factory.mktemp("grasp") / "grasp.h5"
-    summary = replay(short_scene(short_grasp(), "cylinder", 2, "right"), SolverOptions(), path)
+    summary = replay_scene(short_scene(short_grasp(), "cylinder", 2, "right"), SolverOptions(), path)
     assert any("off the mesh: 64 spheres (level 2)" in note and "--level 3" in note for note in summary.notes)
     return load_result(path)
 
@@ -145,7 +145,7 @@ def test_a_hand_that_is_inside_is_not_told_that_the_spheres_are_too_coarse(tmp_p
     tree = cached_sphere_tree(mesh, TreeOptions(level=3))
     trajectory = Trajectory(np.linspace(0.0, 0.099, 100), *motion, name="jumps")
     scene = make_scene(mesh, tree, HandModel.default(), trajectory)
-    summary = replay(scene, SolverOptions(method="paper"), tmp_path / "inside.h5")
+    summary = replay_scene(scene, SolverOptions(method="paper"), tmp_path / "inside.h5")
     figures = summary.attributes()
     assert figures["penetration_max"] > figures["contact_error_max"] > 2e-3
     assert not any("too coarse" in note for note in summary.notes)

@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from numpy.typing import NDArray
 from sphere_scenes import bumpy_ball
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.contact_points import find_contact_pairs
@@ -20,9 +20,6 @@ from hhsim.metrics.brute_force_distance import palm_spheres, round_cone_distance
 from hhsim.metrics.contact_points import find_contact_points
 from hhsim.metrics.metrics import penetration
 from hhsim.trees.sphere_tree import SphereTree
-
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 TOUCH = 1e-3
 
@@ -52,7 +49,7 @@ def found(hand: HandModel, tree: SphereTree, placed: PlacedHand) -> ContactPoint
     return find_contact_points(tree.arrays(), hand_shape(hand), placed, TOUCH)
 
 
-def balls(hand: HandModel, placed: PlacedHand, tick: int) -> tuple[Array, Array, IntArray]:
+def balls(hand: HandModel, placed: PlacedHand, tick: int) -> tuple[FloatArray, FloatArray, IntArray]:
     """Centres [m] and radii [m] of balls that each body is made of, the palm's and 2,001 along each phalanx."""
     center = [palm_spheres(hand.palm_tree.leaf_center, placed.position[tick], placed.orientation[tick])]
     radius = [hand.palm_tree.leaf_radius]

@@ -4,21 +4,20 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.metrics import metrics
 
-Array = NDArray[np.float64]
-
 RATE = 1000.0
 STIFFNESS = np.concatenate([np.full(3, 1000.0), np.full(3, 5.0), np.full(15, 0.5)])
 
 
-def along(axis: int, size: ArrayLike) -> Array:
+def along(axis: int, size: ArrayLike) -> FloatArray:
     values = np.asarray(size, dtype=np.float64)
     force = np.zeros((values.size, 3))
     force[:, axis] = values
@@ -124,7 +123,7 @@ class TestStatistics:
         assert (result.mean, result.std, result.max, result.count) == (2.0, 1.0, 3.0, 2)
 
     @pytest.mark.parametrize("values", [np.full(4, np.nan), np.zeros(0)])
-    def test_an_empty_phase_is_nan_without_a_warning(self, values: Array) -> None:
+    def test_an_empty_phase_is_nan_without_a_warning(self, values: FloatArray) -> None:
         result = metrics.statistics(values)
         assert np.isnan([result.mean, result.std, result.max]).all()
         assert result.count == 0
@@ -343,7 +342,7 @@ class TestTicks:
 
 
 class TestPenetration:
-    def ball(self, center: Array, radius: float) -> TreeArrays:
+    def ball(self, center: FloatArray, radius: float) -> TreeArrays:
         x, y, z = (np.full(2, value) for value in center)
         first, count = np.array([1, -1], dtype=np.int64), np.array([1, 0], dtype=np.int64)
         return TreeArrays(x, y, z, np.full(2, radius), first, count, 1)

@@ -2,10 +2,10 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 from scipy.spatial.transform import Rotation, Slerp
 
+from hhsim.arrays import FloatArray
 from hhsim.motion.resample import (
     interpolate_monotone,
     interpolate_orientation,
@@ -15,10 +15,8 @@ from hhsim.motion.resample import (
     tick_times,
 )
 
-Array = NDArray[np.float64]
 
-
-def stamps(rng: np.random.Generator, count: int) -> Array:
+def stamps(rng: np.random.Generator, count: int) -> FloatArray:
     """Irregular stamps from 0 on, gaps of 1 to 40 ms."""
     return np.concatenate([[0.0], np.cumsum(rng.uniform(0.001, 0.04, count - 1))])
 
@@ -57,7 +55,7 @@ def test_monotone_cubic_is_scipys_pchip(count: int, seed: int, scale: float) -> 
 
 @settings(max_examples=60)
 @given(arrays(np.float64, (12, 2), elements=st.floats(-1e3, 1e3)), st.integers(0, 2**32 - 1))
-def test_monotone_cubic_never_leaves_the_range_of_its_two_samples(values: Array, seed: int) -> None:
+def test_monotone_cubic_never_leaves_the_range_of_its_two_samples(values: FloatArray, seed: int) -> None:
     rng = np.random.default_rng(seed)
     time = stamps(rng, 12)
     ticks = np.sort(rng.uniform(0.0, time[-1], 300))

@@ -4,12 +4,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import HhsimError, InputError, TrajectoryError
 from hhsim.motion.trajectory import Phase, RawChannel, TickPhase, Trajectory
-
-Array = NDArray[np.float64]
 
 
 def motion(count: int = 20, rate: float = 100.0, **changes: Any) -> Trajectory:
@@ -60,7 +58,7 @@ def test_normalising_twice_changes_no_bit() -> None:
     assert again.orientation.tobytes() == made.orientation.tobytes()
 
 
-def spoiled(label: str, index: tuple[int, ...], value: float) -> dict[str, Array]:
+def spoiled(label: str, index: tuple[int, ...], value: float) -> dict[str, FloatArray]:
     array = np.array(getattr(motion(), label))
     array[index] = value
     return {label: array}

@@ -3,16 +3,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
 from hhsim.motion.tremor import Disturbance
 
-Array = NDArray[np.float64]
 
-
-def still(count: int = 2000) -> tuple[Array, Array, Array, Array]:
+def still(count: int = 2000) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     time = np.arange(count) / 1000.0
     orientation = np.tile(Rotation.from_rotvec([0.3, -0.2, 1.0]).as_quat(scalar_first=True), (count, 1))
     return time, np.full((count, 3), 0.2), orientation, np.full((count, 5, 3), 0.5)

@@ -21,12 +21,12 @@ from bvh_document import RIGS, bvh_text
 from joint_samples import array_npy, arrays_npz, iwer_json, joint_sample, mcap_bytes, openxr_csv, webxr_json
 from leap_document import document, packed
 from lz_pack import pack
-from numpy.typing import NDArray
 from pose_samples import lerobot_bytes, mano_fields, mano_poses, umetrack_lines, umetrack_profile
 from recording_damage import DAMAGES, Damage, damaged_bytes, damaged_container
 from recording_samples import read_as, smooth_recording
 from sampled import sampled
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import HhsimError
 from hhsim.motion.csv_file import format_csv
 from hhsim.motion.file import save_trajectory
@@ -40,8 +40,6 @@ from hhsim.recordings.recording import MOTION, Recording
 from hhsim.recordings.recording_format import ManoOptions, ReadOptions
 from hhsim.recordings.registry import read_recording
 from hhsim.recordings.repair import Repaired, repair
-
-Array = NDArray[np.float64]
 
 REAL = ("leap_grab", "leap_wave", "leap_confidence-demo-eighth-res", "dapg_door_03", "mediapipe")
 NOTICEABLE = 0.012
@@ -64,7 +62,7 @@ def reported(repaired: Repaired) -> tuple[Counter[tuple[str, int]], list[int]]:
     return found, (repaired.trajectory.flags & ~np.uint32(SampleFlag.LIMITED.value)).tolist()
 
 
-def allowed(motion: Trajectory) -> Array:
+def allowed(motion: Trajectory) -> FloatArray:
     """What can be told at each sample [m of a fingertip]."""
     off = np.zeros(motion.sample_count)
     off[1:-1] = bend(recording_of(motion))
@@ -72,7 +70,7 @@ def allowed(motion: Trajectory) -> Array:
     return np.asarray(np.maximum(NOTICEABLE, STICKS_OUT * around.max(axis=1)))
 
 
-def difference(before: Trajectory, after: Trajectory) -> Array:
+def difference(before: Trajectory, after: Trajectory) -> FloatArray:
     """How far the two are from each other at the first one's samples within the other's time [m of a fingertip]."""
     time = np.clip(before.time, after.time[0], after.time[-1])
     stamps, ticks = after.time - after.time[0], time - after.time[0]

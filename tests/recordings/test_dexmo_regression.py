@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import Run
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import HhsimError, InputError
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.file import load_trajectory
@@ -28,7 +28,6 @@ from hhsim.recordings.recording_format import ReadOptions
 from hhsim.recordings.registry import read_recording
 from hhsim.recordings.repair import default_limits
 
-Array = NDArray[np.float64]
 DEFAULT = DexmoRegression.default()
 LOW = np.linspace(700.0, 1300.0, 11)
 HIGH = LOW + np.where(np.arange(11) == 3, 37.0, 2000.0)
@@ -71,7 +70,7 @@ def test_the_bends_of_a_posture_are_the_channels_that_made_it() -> None:
     mixed = flexion + np.random.default_rng(3).normal(0.0, 0.05, flexion.shape)
     best = DEFAULT.bends(mixed)
 
-    def off(bend: Array) -> Array:
+    def off(bend: FloatArray) -> FloatArray:
         channels[:, BEND] = bend
         return np.asarray(((DEFAULT.angles(channels)[0] - mixed) ** 2).sum(axis=2))
 

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from recording_samples import smooth_recording
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import HhsimError, InputError, TrajectoryError
 from hhsim.hand.model import HandModel
 from hhsim.motion.object_motion import ObjectMotion
@@ -16,7 +16,6 @@ from hhsim.recordings.hand_displacement import turn
 from hhsim.recordings.recording import Recording
 from hhsim.recordings.repair import Repaired, RepairOptions, default_limits, repair
 
-Array = NDArray[np.float64]
 CLEAN = smooth_recording()
 HAND = HandModel.default()
 PLAIN = repair(CLEAN).trajectory
@@ -31,7 +30,7 @@ def kinds(repaired: Repaired) -> set[str]:
     return {finding.kind for finding in repaired.findings}
 
 
-def changed(**arrays: Array) -> Recording:
+def changed(**arrays: FloatArray) -> Recording:
     return replace(CLEAN, **arrays)  # type: ignore[arg-type]
 
 

@@ -9,7 +9,7 @@ import pytest
 from hhsim.recordings.recording_format import ReadOptions
 from hhsim.recordings.registry import read_recording
 from hhsim.recordings.repair import repair
-from hhsim.replay.replay import replay
+from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import load_result
 from hhsim.scene.open_scene import open_scene
 from hhsim.solver.options import SolverOptions
@@ -30,7 +30,7 @@ def test_a_mouse_moved_by_a_hand_on_a_headset(tmp_path: Path) -> None:
     assert motion.object_motion is not None
     assert 0.05 < np.ptp(motion.object_motion.position, axis=0).max() < 0.06
     trimesh.load(mesh, force="mesh").export(tmp_path / "mouse.stl")
-    replay(open_scene(tmp_path / "mouse.stl", motion, level=3), SolverOptions(), tmp_path / "run.h5")
+    replay_scene(open_scene(tmp_path / "mouse.stl", motion, level=3), SolverOptions(), tmp_path / "run.h5")
     result = load_result(tmp_path / "run.h5")
     assert result.driven
     assert result.summary["input_depth_max"] > 1e-3
@@ -44,6 +44,6 @@ def test_every_shared_recording_that_has_an_objects_pose(shared_data: Path, tmp_
     if not driven:
         pytest.skip("no recording there holds the pose of an object")
     for path in driven:
-        replay(open_scene("sphere", path), SolverOptions(), tmp_path / f"{path.stem}.h5")
+        replay_scene(open_scene("sphere", path), SolverOptions(), tmp_path / f"{path.stem}.h5")
         result = load_result(tmp_path / f"{path.stem}.h5")
         assert result.driven and np.asarray(result["penetration_depth"]).max() == 0.0

@@ -23,7 +23,7 @@ from hhsim.metrics.run_ticks import result_ticks
 from hhsim.motion.file import save_trajectory
 from hhsim.motion.trajectory import Trajectory
 from hhsim.replay.repeat import run_again
-from hhsim.replay.replay import replay
+from hhsim.replay.replay import replay_scene
 from hhsim.report.posed_result import posed_result
 from hhsim.result.motion import load_result_motion
 from hhsim.result.object_frame import TURNS
@@ -56,7 +56,7 @@ def motion() -> Trajectory:
 
 
 def run(path: Path, moving: Trajectory, method: str = "coupled") -> Result:
-    replay(make_scene(MESH, TREE, HAND, moving), SolverOptions(method=method), path)
+    replay_scene(make_scene(MESH, TREE, HAND, moving), SolverOptions(method=method), path)
     return load_result(path)
 
 

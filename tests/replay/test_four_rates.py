@@ -21,15 +21,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from recording_samples import read_as
 
+from hhsim.arrays import FloatArray
 from hhsim.motion.resample import interpolate_monotone, interpolate_orientation, tick_times
 from hhsim.motion.trajectory import Trajectory
 from hhsim.recordings.hand_displacement import turn
 from hhsim.recordings.repair import RepairOptions, repair
-
-Array = NDArray[np.float64]
 
 RATES = {"half": 2, "quarter": 4, "eighth": 8}
 ROUNDING = 1e-12
@@ -41,12 +39,12 @@ def motion(folder: Path, name: str, limited: bool = True) -> Trajectory:
     return repair(read_as("npz", data), RepairOptions() if limited else RepairOptions(limits=None)).trajectory
 
 
-def channels(motion: Trajectory) -> Array:
+def channels(motion: Trajectory) -> FloatArray:
     """Position [m], flexion and abduction [rad], shape (T, 23)."""
     return np.concatenate([motion.position, motion.flexion.reshape(-1, 15), motion.abduction], axis=1)
 
 
-def cubic_bound(time: Array, values: Array, ticks: Array) -> Array:
+def cubic_bound(time: FloatArray, values: FloatArray, ticks: FloatArray) -> FloatArray:
     """How far the shape-preserving cubic can be off the chord at each tick, shape (N, C)."""
     slope = np.diff(values, axis=0) / np.diff(time)[:, None]
     change = np.abs(np.diff(slope, axis=0))
@@ -58,7 +56,7 @@ def cubic_bound(time: Array, values: Array, ticks: Array) -> Array:
     return np.asarray(s * (1.0 - s) * h * ((1.0 - s) * before[i] + s * after[i]))
 
 
-def chord_bound(time: Array, values: Array, coarse: Array) -> Array:
+def chord_bound(time: FloatArray, values: FloatArray, coarse: FloatArray) -> FloatArray:
     """How far each fine sample can be off the coarse chord, shape (T, C)."""
     slope = np.diff(values, axis=0) / np.diff(time)[:, None]
     second = np.abs(np.diff(slope, axis=0) / (time[2:] - time[:-2])[:, None])
@@ -71,7 +69,7 @@ def chord_bound(time: Array, values: Array, coarse: Array) -> Array:
     return bound
 
 
-def compare(fine: Trajectory, coarse: Trajectory) -> tuple[Array, Array]:
+def compare(fine: Trajectory, coarse: Trajectory) -> tuple[FloatArray, FloatArray]:
     """Difference and bound at every tick of 1 kHz that both have, shape (N, C)."""
     ticks = tick_times(float(coarse.time[-1]), 1000.0)
     one, other = channels(fine), channels(coarse)

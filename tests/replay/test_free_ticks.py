@@ -17,7 +17,7 @@ from hhsim.errors import InputError
 from hhsim.gate.input_hash import differences, run_inputs
 from hhsim.gate.metrics import run_figures
 from hhsim.replay.repeat import run_again
-from hhsim.replay.replay import replay
+from hhsim.replay.replay import replay_scene
 from hhsim.report.time_series import series_figure
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import CONTACT_COLUMNS, DRIVEN_SCHEMA_VERSION, FREE_COLUMNS
@@ -31,7 +31,7 @@ def result(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
     lowest = float(scene.mesh.bounds[0, 2])
     free = FreeObject.of_mesh(scene.mesh, mass=0.2, friction=0.6, torsion=2e-3, table=lowest)
     path = tmp_path_factory.mktemp("free") / "free.h5"
-    replay(replace(scene, free=free), SolverOptions(surface=request.param), path)
+    replay_scene(replace(scene, free=free), SolverOptions(surface=request.param), path)
     return load_result(path)
 
 

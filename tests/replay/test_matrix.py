@@ -20,7 +20,7 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_STUCK
 from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.metrics.metrics import frozen_decay
-from hhsim.replay.replay import replay
+from hhsim.replay.replay import replay_scene
 from hhsim.replay.tremor_hold import TREMOR
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import TICK_COLUMNS
@@ -97,7 +97,7 @@ def test_every_replay_is_free_of_penetration_and_comes_to_rest(
     assert scene.ticks.tick_count == TICKS
     for method in methods:
         path = tmp_path / f"{method}.h5"
-        replay(scene, SolverOptions(method=method), path)
+        replay_scene(scene, SolverOptions(method=method), path)
         result = load_result(path)
         assert result.complete
         for column in TICK_COLUMNS:

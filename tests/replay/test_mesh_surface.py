@@ -16,7 +16,7 @@ from hhsim.kernels.tick.state import STATUS_LAG
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.run_ticks import PLACED
 from hhsim.replay.repeat import run_again
-from hhsim.replay.replay import replay
+from hhsim.replay.replay import replay_scene
 from hhsim.replay.summary import ReplaySummary
 from hhsim.report.report import make_report
 from hhsim.result.reader import Result, load_result
@@ -40,7 +40,9 @@ def run(
     request: pytest.FixtureRequest, scene: Scene, tmp_path_factory: pytest.TempPathFactory
 ) -> tuple[Result, ReplaySummary]:
     path = tmp_path_factory.mktemp("mesh") / f"{request.param}.h5"
-    summary = replay(scene, SolverOptions(method=request.param, surface="mesh"), path, description={"hand_file": None})
+    summary = replay_scene(
+        scene, SolverOptions(method=request.param, surface="mesh"), path, description={"hand_file": None}
+    )
     return load_result(path), summary
 
 
@@ -72,7 +74,7 @@ def test_spheres_of_the_same_scene_are_farther_off(
     run: tuple[Result, ReplaySummary], scene: Scene, tmp_path: Path
 ) -> None:
     result, summary = run
-    spheres = replay(scene, SolverOptions(method=result.method), tmp_path / "spheres.h5")
+    spheres = replay_scene(scene, SolverOptions(method=result.method), tmp_path / "spheres.h5")
     assert spheres.attributes()["contact_error_max"] > 1e-3 > 500 * summary.attributes()["contact_error_max"]
 
 
@@ -81,14 +83,14 @@ def test_a_tick_on_its_way_keeps_its_forces(tmp_path: Path) -> None:
     # Where a finger snaps over an edge of the teapot, a tick of two linearisations ends on the way, micrometres from
     # what bears it.
     scene = open_scene("teapot", "slide")
-    replay(scene, SolverOptions(surface="mesh", linearisations=2), tmp_path / "slide.h5")
+    replay_scene(scene, SolverOptions(surface="mesh", linearisations=2), tmp_path / "slide.h5")
     result = load_result(tmp_path / "slide.h5")
     late = np.flatnonzero(np.asarray(result["status"]) & STATUS_LAG)
     size = np.linalg.norm(result["force/total"], axis=1)
     assert late.size > 0
     assert (np.abs(size[late] - size[late - 1]) < 0.25 * size[late - 1]).all()
     # Given its time the finger lands beyond the edge in one tick, and its force there is another one.
-    summary = replay(scene, SolverOptions(surface="mesh"), tmp_path / "slide.h5").attributes()
+    summary = replay_scene(scene, SolverOptions(surface="mesh"), tmp_path / "slide.h5").attributes()
     assert summary["lag_ticks"] == 0.0 and summary["force_step"] < 35.0
 
 
@@ -121,7 +123,7 @@ def test_a_sheet_that_encloses_nothing_is_touched_from_both_sides(scene: Scene, 
     upper = middle[:, 2] > np.median(middle[:, 2])
     shell = Mesh(scene.mesh.vertices, scene.mesh.faces[upper], name="shell")
     opened = make_scene(shell, scene.tree, scene.hand, scene.trajectory)
-    summary = replay(opened, SolverOptions(surface="mesh"), tmp_path / "shell.h5")
+    summary = replay_scene(opened, SolverOptions(surface="mesh"), tmp_path / "shell.h5")
     assert summary.attributes()["penetration_max"] == 0.0
     assert any("both sides can be touched" in note for note in summary.notes)
 
@@ -141,7 +143,7 @@ def test_a_sheet_that_encloses_nothing_is_touched_from_both_sides(scene: Scene, 
 )
 def test_meshes_that_enclose_nothing_are_grasped(name: str, shared_data: Path, tmp_path: Path) -> None:
     found = open_scene(shared_data / "meshes" / name, short_grasp(), size=0.1, solid=False, level=3)
-    summary = replay(found, SolverOptions(surface="mesh"), tmp_path / "nasty.h5")
+    summary = replay_scene(found, SolverOptions(surface="mesh"), tmp_path / "nasty.h5")
     figures = summary.attributes()
     assert figures["penetration_max"] == 0.0 and figures["stuck_ticks"] == 0
     assert figures["force_contact_max"] > 0.1 and figures["contact_error_max"] <= 1e-6

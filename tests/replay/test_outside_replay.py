@@ -12,9 +12,9 @@ from short_grasp import short_grasp, short_result, short_scene
 from hhsim.errors import InputError
 from hhsim.metrics.run.registry import known_figures, run_metrics
 from hhsim.replay.repeat import run_again
-from hhsim.replay.replay import replay
-from hhsim.solver.known_methods import outside_class
+from hhsim.replay.replay import replay_scene
 from hhsim.solver.method import EVERYTHING
+from hhsim.solver.method_names import outside_class
 from hhsim.solver.options import SolverOptions
 from hhsim.verify.verify import verify
 
@@ -23,11 +23,11 @@ RELEASED = short_grasp(release=0.05)
 
 def test_what_cannot_be_known_has_no_row(tmp_path: Path) -> None:
     scene = short_scene(RELEASED)
-    follow = replay(scene, SolverOptions(method="outside_methods:Follow"), tmp_path / "follow.h5")
+    follow = replay_scene(scene, SolverOptions(method="outside_methods:Follow"), tmp_path / "follow.h5")
     names = {row.name for row in follow.rows}
     assert {"penetration_max", "contact_error_max", "tick_cpu_p50", "tracking_palm"} <= names
     assert not names & {"force_contact_mean", "stuck_ticks", "work_mean", "rows_max", "force_variation_tremor"}
-    ours = replay(scene, SolverOptions(method="outside_methods:OurOwn"), tmp_path / "ours.h5")
+    ours = replay_scene(scene, SolverOptions(method="outside_methods:OurOwn"), tmp_path / "ours.h5")
     more = {row.name for row in ours.rows} - names
     assert {"force_contact_mean", "force_variation_tremor"} <= more
     assert all(name.startswith("force") for name in more)
@@ -37,7 +37,7 @@ def test_what_cannot_be_known_has_no_row(tmp_path: Path) -> None:
 def test_its_errors_are_those_of_the_same_poses_from_inside(tmp_path: Path) -> None:
     scene = short_scene(RELEASED)
     names = ("coupled", "outside_methods:OurOwn")
-    inside, outside = (replay(scene, SolverOptions(method=name), tmp_path / "same.h5") for name in names)
+    inside, outside = (replay_scene(scene, SolverOptions(method=name), tmp_path / "same.h5") for name in names)
     ours, theirs = ({row.name: row.value for row in summary.rows} for summary in (inside, outside))
     exact = [name for name in theirs if not name.startswith(("tick_", "candidates"))]
     assert len(exact) > 10

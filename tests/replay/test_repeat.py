@@ -14,7 +14,7 @@ from sphere_scenes import bumpy_ball
 from hhsim.errors import InputError
 from hhsim.hand.model import HandModel
 from hhsim.replay.repeat import COMPARED, DIFFERENT, WITHIN, run_again
-from hhsim.replay.replay import replay
+from hhsim.replay.replay import replay_scene
 from hhsim.replay.stored_scene import stored_hand, stored_mesh, stored_options, stored_tree
 from hhsim.result.reader import load_result
 from hhsim.result.schema import TICK_COLUMNS
@@ -70,7 +70,7 @@ def runs(hand: HandModel, tmp_path_factory: pytest.TempPathFactory) -> dict[str,
     folder = tmp_path_factory.mktemp("runs")
     scene = make_scene(sphere(0.076, 3), bumpy_ball(200), hand, parse_script(SHORT, name="short", where="short.toml"))
     for method, options in ODD_OPTIONS.items():
-        replay(scene, options, folder / f"{method}.h5")
+        replay_scene(scene, options, folder / f"{method}.h5")
     return {method: folder / f"{method}.h5" for method in ODD_OPTIONS}
 
 

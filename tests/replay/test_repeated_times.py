@@ -7,14 +7,14 @@ import pytest
 from short_grasp import short_grasp, short_scene
 
 from hhsim.replay.repeated_times import repeated_times
-from hhsim.replay.replay import replay
+from hhsim.replay.replay import replay_scene
 from hhsim.replay.summary import ReplaySummary
 from hhsim.solver.options import SolverOptions
 
 
 @pytest.fixture(scope="module")
 def summary(tmp_path_factory: pytest.TempPathFactory) -> ReplaySummary:
-    return replay(short_scene(short_grasp()), SolverOptions(), tmp_path_factory.mktemp("results") / "run.h5")
+    return replay_scene(short_scene(short_grasp()), SolverOptions(), tmp_path_factory.mktemp("results") / "run.h5")
 
 
 def taking(summary: ReplaySummary, seconds: float) -> ReplaySummary:

@@ -8,15 +8,15 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from sampled import sampled
 from sphere_scenes import brute_clearance, bumpy_ball
 
 import hhsim
+from hhsim.arrays import AnyArray
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
 from hhsim.metrics import metrics
-from hhsim.replay.replay import replay
+from hhsim.replay.replay import replay_scene
 from hhsim.replay.stored_scene import modelled
 from hhsim.replay.summary import ReplaySummary
 from hhsim.result.reader import CHUNK_TICKS, Result, load_result
@@ -26,8 +26,6 @@ from hhsim.scene.scene import Scene, make_scene
 from hhsim.scene.script import Script
 from hhsim.solver.options import SolverOptions
 from tools.shapes.generators import sphere
-
-Array = NDArray[Any]
 
 HAND = HandModel.default("right")
 
@@ -48,11 +46,11 @@ def scene() -> Scene:
 @pytest.fixture(scope="module", params=["coupled", "progressive"])
 def run(request: pytest.FixtureRequest, scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> tuple[Result, Any]:
     path = tmp_path_factory.mktemp("replay") / f"{request.param}.h5"
-    summary = replay(scene, SolverOptions(method=request.param), path, description={"seed": 0})
+    summary = replay_scene(scene, SolverOptions(method=request.param), path, description={"seed": 0})
     return load_result(path), summary
 
 
-def clearance_in(result: Result) -> Array:
+def clearance_in(result: Result) -> AnyArray:
     """Least distance of each body by brute force, from nothing but the file, shape (T, 16)."""
     level = result.static["object/tree/level"]
     leaf = level == level.max()
@@ -191,7 +189,7 @@ def datasets(path: Path) -> dict[str, bytes]:
 @pytest.mark.parametrize("method", sampled(["coupled", "progressive"], lambda _, method: method == "coupled"))
 def test_the_same_scene_gives_the_same_bytes(scene: Scene, tmp_path: Path, method: str) -> None:
     for name in ("a.h5", "b.h5"):
-        replay(scene, SolverOptions(method=method, force="paper"), tmp_path / name)
+        replay_scene(scene, SolverOptions(method=method, force="paper"), tmp_path / name)
     first, second = datasets(tmp_path / "a.h5"), datasets(tmp_path / "b.h5")
     assert len(first) > len(TICK_COLUMNS)
     assert first == second
@@ -208,7 +206,7 @@ def stop_at(tick: int) -> Callable[[str, int, int], None]:
 def test_an_interrupt_in_the_middle_keeps_the_ticks_so_far(scene: Scene, tmp_path: Path) -> None:
     path = tmp_path / "stopped.h5"
     with pytest.raises(KeyboardInterrupt) as stopped:
-        replay(scene, SolverOptions(), path, progress=stop_at(2 * CHUNK_TICKS))
+        replay_scene(scene, SolverOptions(), path, progress=stop_at(2 * CHUNK_TICKS))
     assert any("complete = 0" in note for note in stopped.value.__notes__)
     result = load_result(path)
     assert not result.complete
@@ -219,13 +217,13 @@ def test_an_interrupt_in_the_middle_keeps_the_ticks_so_far(scene: Scene, tmp_pat
 
 def test_an_interrupt_before_the_first_block_leaves_nothing(scene: Scene, tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
-        replay(scene, SolverOptions(), tmp_path / "none.h5", progress=stop_at(0))
+        replay_scene(scene, SolverOptions(), tmp_path / "none.h5", progress=stop_at(0))
     assert list(tmp_path.iterdir()) == []
 
 
 def test_progress_is_told_from_the_first_tick_to_the_last(scene: Scene, tmp_path: Path) -> None:
     steps: list[tuple[str, int, int]] = []
-    replay(scene, SolverOptions(), tmp_path / "told.h5", progress=lambda *what: steps.append(what))
+    replay_scene(scene, SolverOptions(), tmp_path / "told.h5", progress=lambda *what: steps.append(what))
     total = scene.ticks.tick_count
     done = [count for what, count, of in steps if what == "ticks" and of == total]
     assert done == sorted(done)
@@ -244,6 +242,6 @@ def test_a_backend_can_be_named(scene: Scene, tmp_path: Path) -> None:
         phases=(),
     )
     few = replace(scene, ticks=part)
-    summary = replay(few, SolverOptions(qp="quadprog"), tmp_path / "quadprog.h5")
+    summary = replay_scene(few, SolverOptions(qp="quadprog"), tmp_path / "quadprog.h5")
     assert summary.ticks == 70
     assert clearance_in(load_result(tmp_path / "quadprog.h5")).min() >= -1e-6

@@ -24,7 +24,7 @@ from hhsim.mesh.catalogue import load_object
 from hhsim.metrics.metrics import worst_force_ripple
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.render.viewpoint import View
-from hhsim.replay.replay import replay
+from hhsim.replay.replay import replay_scene
 from hhsim.replay.summary import ReplaySummary
 from hhsim.replay.summary_table import stored_rows
 from hhsim.report.compare import SEEDED_NOISE, compared
@@ -53,7 +53,7 @@ def run_method(folder: Path, method: str) -> tuple[Path, ReplaySummary]:
         "level": 2,
         "hand_file": None,
     }
-    return path, replay(scene, SolverOptions(method=method), path, description=description)
+    return path, replay_scene(scene, SolverOptions(method=method), path, description=description)
 
 
 @pytest.fixture(scope="module")

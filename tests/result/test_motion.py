@@ -15,7 +15,7 @@ from hhsim.live.ipc.session_memory import SessionMemory
 from hhsim.live.session.recorder import Recorder
 from hhsim.motion.trajectory import Trajectory
 from hhsim.recordings.registry import read_recording
-from hhsim.replay.replay import replay
+from hhsim.replay.replay import replay_scene
 from hhsim.result.csv_export import ALL, export_ticks
 from hhsim.result.reader import load_result
 from hhsim.result.schema import TICK_COLUMNS
@@ -53,7 +53,7 @@ def replayed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     hand = HandModel.default()
     closure = make_scene(sphere(0.076, 3), bumpy_ball(200), hand, parse_script(SHORT, name="short", where="short"))
     scene = make_scene(sphere(0.076, 3), bumpy_ball(200), hand, closure.trajectory.placed(*PLACE))
-    replay(scene, SolverOptions(), path)
+    replay_scene(scene, SolverOptions(), path)
     return path
 
 
@@ -73,7 +73,7 @@ def test_the_haptic_ticks_of_a_replay_are_its_motion(replayed: Path) -> None:
 def test_a_replay_of_a_replay_is_the_same(replayed: Path, tmp_path: Path) -> None:
     motion = motion_in(replayed)
     again = make_scene(sphere(0.076, 3), bumpy_ball(200), HandModel.default(), motion, mode="hold")
-    replay(again, SolverOptions(), tmp_path / "again.h5")
+    replay_scene(again, SolverOptions(), tmp_path / "again.h5")
     first, second = load_result(replayed), load_result(tmp_path / "again.h5")
     for column in TICK_COLUMNS:
         if not column.name.startswith(("duration/", "haptic/orientation")):
@@ -137,7 +137,7 @@ def test_a_session_is_imported_as_its_motion(session: Path) -> None:
 
 def test_a_session_replays_against_another_object(session: Path, tmp_path: Path) -> None:
     scene = make_scene(sphere(0.05, 2), bumpy_ball(100), HandModel.default(), motion_in(session), mode="hold")
-    summary = replay(scene, SolverOptions(method="progressive"), tmp_path / "run.h5")
+    summary = replay_scene(scene, SolverOptions(method="progressive"), tmp_path / "run.h5")
     assert summary.ticks > 600
 
 

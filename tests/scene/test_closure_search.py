@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from sampled import sampled
 from scipy.spatial.transform import Rotation
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
@@ -22,13 +22,11 @@ from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.script import Script, ScriptPhase
 from hhsim.trees.sphere_tree import SphereTree
 
-Array = NDArray[np.float64]
-
 RIGHT = HandModel.default("right")
 LEFT = HandModel.default("left")
 
 
-def tree_of(center: Array, radius: Array) -> SphereTree:
+def tree_of(center: FloatArray, radius: FloatArray) -> SphereTree:
     """A root and its leaves."""
     middle = center.mean(axis=0)
     root = float((np.linalg.norm(center - middle, axis=1) + radius).max())
@@ -65,15 +63,20 @@ HALF_SAMPLE = 0.5 * 0.06 / SAMPLES
 """Half the distance [m] between samples on the longest phalanx, with the change of its radius."""
 
 
-def assert_brute(found: Array, brute: Array) -> None:
+def assert_brute(found: FloatArray, brute: FloatArray) -> None:
     assert (found <= brute + 1e-12).all()
     assert (found >= brute - HALF_SAMPLE).all()
     assert found[PALM_BODY] == pytest.approx(brute[PALM_BODY], abs=1e-12)
 
 
 def brute_distances(
-    hand: HandModel, tree: SphereTree, position: Array, rotation: Array, flexion: Array, abduction: Array
-) -> Array:
+    hand: HandModel,
+    tree: SphereTree,
+    position: FloatArray,
+    rotation: FloatArray,
+    flexion: FloatArray,
+    abduction: FloatArray,
+) -> FloatArray:
     """Every body against every leaf: the round cone is the union of its spheres, sampled along the axis.
 
     Never below the true distance, and at most half a sample above it.
@@ -94,7 +97,7 @@ def brute_distances(
     return distance
 
 
-def random_pose(rng: np.random.Generator, distance: float) -> tuple[Array, Array, Array, Array]:
+def random_pose(rng: np.random.Generator, distance: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Palm position and rotation, flexion within the limits, abduction."""
     direction = rng.normal(size=3)
     position = distance * direction / np.linalg.norm(direction)
@@ -147,8 +150,8 @@ def test_a_hand_that_meets_nothing_goes_all_the_way() -> None:
 
 
 def close(
-    hand: HandArrays, tree: SphereTree, finger: int, position: Array, rotation: Array, rate: Array
-) -> tuple[Array, Array]:
+    hand: HandArrays, tree: SphereTree, finger: int, position: FloatArray, rotation: FloatArray, rate: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     flexion, touching = np.zeros((5, 3)), np.full((5, 3), np.nan)
     kernel.close_finger(
         hand, tree.arrays(), position, rotation, finger, rate, np.zeros(5), flexion, make_work(), touching

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError, UnknownNameError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
@@ -18,7 +18,6 @@ from hhsim.scene.object_regions import object_region
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 
-Array = NDArray[np.float64]
 HAND = HandModel.default()
 TREE = cached_sphere_tree(load_object("cup").mesh, TreeOptions(level=3))
 COARSE = cached_sphere_tree(load_object("cup").mesh, TreeOptions(level=2))
@@ -50,7 +49,7 @@ def test_what_is_no_touch_is_refused(table: object, message: str) -> None:
 
 @given(point, point, st.floats(0.004, 0.02), st.floats(0.0, 1.0), point, st.floats(0.0, 0.01))
 def test_the_contact_point_lies_on_the_leaf_and_as_far_from_the_hull_as_stated(
-    a: Array, b: Array, thick: float, share: float, leaf: Array, radius: float
+    a: FloatArray, b: FloatArray, thick: float, share: float, leaf: FloatArray, radius: float
 ) -> None:
     length = float(np.linalg.norm(b - a))
     thin = thick - share * min(thick, 0.9 * length)
@@ -82,7 +81,7 @@ def test_a_sphere_meets_a_leaf_on_the_line_between_the_centres() -> None:
     assert distance[0] == -0.75 and np.array_equal(points[0], np.zeros(3))
 
 
-def pose(seed: int) -> tuple[Array, Array, Array, Array]:
+def pose(seed: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Near the cup: position, rotation, flexion and the distance of each body by the tree."""
     random = np.random.default_rng(seed)
     q, r = np.linalg.qr(random.standard_normal((3, 3)))

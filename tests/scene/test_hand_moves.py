@@ -3,14 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.scene.hand_moves import carried, level, minimum_jerk, taken_along, to_and_fro
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.script import ScriptPhase
 
-Array = NDArray[np.float64]
 MIDDLE = np.array([0.1, -0.2, 0.3])
 
 

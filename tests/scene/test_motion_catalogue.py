@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from joint_samples import joint_sample, openxr_csv
-from numpy.typing import NDArray
 from recording_samples import smooth_recording
 from sampled import sampled
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError, UnknownNameError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
@@ -37,8 +37,6 @@ from hhsim.scene.synthesis import synthesize
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
-
-Array = NDArray[np.float64]
 
 NAMES = ["touch", "pinch", "grasp", "whole-hand", "slide", "carry", "sequence", "never"]
 MOVING = ["lift", "shake", "turn", "push", "slip"]
@@ -159,7 +157,7 @@ def object_tree(name: str) -> SphereTree:
     return cached_sphere_tree(item.mesh, TreeOptions(level=item.level))
 
 
-def look(motion: Trajectory, tree: SphereTree) -> tuple[Array, Array, Array]:
+def look(motion: Trajectory, tree: SphereTree) -> tuple[FloatArray, FloatArray, FloatArray]:
     """At every STRIDE-th sample: time (K,), body distances (K, 16), fingertip centres (K, 5, 3)."""
     hand, nodes, work = HAND.arrays(), tree.arrays(), make_work()
     rotation = np.empty((3, 3))

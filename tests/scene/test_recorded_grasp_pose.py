@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from sampled import sampled
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
 from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
@@ -21,7 +21,6 @@ from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 
-Array = NDArray[np.float64]
 HAND = HandModel.default()
 CLOSED_AT = 1.5
 
@@ -50,7 +49,7 @@ def reach_and_close(bend: float = 1.0, fingers: slice = slice(0, 5), still: bool
     )
 
 
-def finger_distances(motion: Trajectory, tree: SphereTree, sample: int) -> Array:
+def finger_distances(motion: Trajectory, tree: SphereTree, sample: int) -> FloatArray:
     """Least distance of each finger to all leaves, one by one [m], shape (5,)."""
     rotation = rotation_matrix(motion.object_orientation)
     center, radius = tree.leaf_center @ rotation.T + motion.object_position, tree.leaf_radius
@@ -67,7 +66,7 @@ def finger_distances(motion: Trajectory, tree: SphereTree, sample: int) -> Array
     )
 
 
-def check_by_brute_force(placed: GraspPlacement, tree: SphereTree) -> Array:
+def check_by_brute_force(placed: GraspPlacement, tree: SphereTree) -> FloatArray:
     """What the placement says of itself holds leaf by leaf; the fingers' distances at the grasp."""
     begin, grasp = (finger_distances(placed.motion, tree, sample) for sample in (0, placed.grasp.sample))
     assert -grasp.min() == pytest.approx(placed.depth, abs=1e-9)

@@ -3,10 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from sphere_scenes import bumpy_ball
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.model import HandModel
 from hhsim.metrics.metrics import hand_clearance
 from hhsim.motion.trajectory import Trajectory
@@ -15,14 +15,12 @@ from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import make_scene
 from tools.shapes.generators import sphere
 
-Array = NDArray[np.float64]
-
 HAND = HandModel.default("right")
 MESH = sphere(0.076, 2)
 TREE = bumpy_ball(200)
 
 
-def recording(position: Array, orientation: Array) -> Trajectory:
+def recording(position: FloatArray, orientation: FloatArray) -> Trajectory:
     """Five samples at 100 Hz beside an object at this pose."""
     return Trajectory(
         time=np.arange(5) / 100.0,

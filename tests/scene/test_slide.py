@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from sampled import sampled
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.kinematics import PALM_BODY
@@ -12,12 +12,10 @@ from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.slide import best_slide
 from hhsim.trees.sphere_tree import SphereTree
 
-Array = NDArray[np.float64]
-
 HAND = HandModel.default()
 
 
-def row(axis: Array, count: int = 41, length: float = 0.2) -> SphereTree:
+def row(axis: FloatArray, count: int = 41, length: float = 0.2) -> SphereTree:
     """Balls of 20 mm radius in a row."""
     center = np.linspace(-length / 2, length / 2, count)[:, None] * axis
     return SphereTree(

@@ -2,9 +2,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion_from_matrix
 from hhsim.motion.trajectory import Trajectory
@@ -16,8 +16,6 @@ from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.script import parse_script
 from hhsim.scene.synthesis import synthesize
 from hhsim.trees.sphere_tree import SphereTree
-
-Array = NDArray[np.float64]
 
 HAND = HandModel.default()
 
@@ -225,7 +223,7 @@ def test_a_slip_eases_the_fingers_until_they_would_just_touch() -> None:
     assert (np.diff(motion.flexion[2600:4600], axis=0) <= 1e-15).all()
 
 
-def fingertips(position: Array, rotation: Array, flexion: Array) -> Array:
+def fingertips(position: FloatArray, rotation: FloatArray, flexion: FloatArray) -> FloatArray:
     work = make_work()
     body_distances(HAND.arrays(), ball().arrays(), position, rotation, flexion, np.zeros(5), work)
     return work.joints[:, 3].copy()

@@ -4,7 +4,6 @@ from itertools import product
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from sampled import sampled
 from sphere_scenes import Motion, bumpy_ball, random_targets, record_clearance, still, straight_line
 
@@ -15,8 +14,6 @@ from hhsim.kernels.tick.state import STATUS_INPUT_INVALID
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.qp import available_backends
-
-Array = NDArray[np.float64]
 
 HAND = HandModel.default("right")
 BALL = bumpy_ball(150)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from sampled import sampled
 from scipy.spatial.transform import Rotation
 from sphere_scenes import (
@@ -20,6 +19,7 @@ from sphere_scenes import (
     straight_line,
 )
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import HhsimError, InputError, UnknownNameError
 from hhsim.hand.model import HandModel
 from hhsim.kernels.jit import JIT_ENABLED
@@ -28,8 +28,6 @@ from hhsim.kernels.tick.state import STATUS_STUCK
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
 from hhsim.trees.sphere_tree import SphereTree
-
-Array = NDArray[np.float64]
 
 RIGHT = HandModel.default("right")
 LEFT = HandModel.default("left")
@@ -40,7 +38,7 @@ TIMINGS = {"duration", "duration_total", "duration_cpu"}
 TREES = {leaves: bumpy_ball(leaves) for leaves in (300, 1200, 4000)}
 
 
-def assert_sound(hand: HandModel, tree: SphereTree, record: TickRecord) -> Array:
+def assert_sound(hand: HandModel, tree: SphereTree, record: TickRecord) -> FloatArray:
     """Finite, within the limits, free of penetration by brute force, joints where pose and angles put them."""
     for name in set(record._fields) - TIMINGS:
         assert np.isfinite(getattr(record, name)).all(), name

@@ -10,19 +10,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from sampled import sampled
 from scipy.optimize import NonlinearConstraint, brentq, minimize, nnls
 from scipy.spatial.transform import Rotation
 from sphere_scenes import Motion, brute_pairs, sphere_tree, still, straight_line
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
 from hhsim.trees.sphere_tree import SphereTree
-
-Array = NDArray[np.float64]
 
 HAND = HandModel.default("right")
 POSE = 1e-6
@@ -40,13 +38,13 @@ class Answer(NamedTuple):
     options: SolverOptions
 
     @property
-    def force(self) -> Array:
+    def force(self) -> FloatArray:
         """Total force [N]."""
-        force: Array = self.record.total[-1]
+        force: FloatArray = self.record.total[-1]
         return force
 
 
-def hold(tree: SphereTree, goal: Motion, away: Array, **options: Any) -> Answer:
+def hold(tree: SphereTree, goal: Motion, away: FloatArray, **options: Any) -> Answer:
     """Come from `away` [m] beside the goal in 200 ticks, then hold for 300."""
     start = goal._replace(position=goal.position + away)
     chosen = SolverOptions(**options)
@@ -57,7 +55,7 @@ def hold(tree: SphereTree, goal: Motion, away: Array, **options: Any) -> Answer:
     return Answer(record, chosen)
 
 
-def configuration(goal: Motion, offset: Array) -> Motion:
+def configuration(goal: Motion, offset: FloatArray) -> Motion:
     """The hand at an offset (δp, δφ, δθ), shape (21,), from the haptic one."""
     turned = Rotation.from_rotvec(offset[3:6]) * Rotation.from_quat(goal.orientation[0], scalar_first=True)
     return Motion(
@@ -68,20 +66,20 @@ def configuration(goal: Motion, offset: Array) -> Motion:
     )
 
 
-def equilibrium(tree: SphereTree, goal: Motion, stiffness: Stiffness) -> Array:
+def equilibrium(tree: SphereTree, goal: Motion, stiffness: Stiffness) -> FloatArray:
     """Offset (21,) of least coupling energy with every true distance at least ε, by scipy."""
     root = np.sqrt(stiffness.diagonal())
 
-    def clearance(x: Array) -> Array:
+    def clearance(x: FloatArray) -> FloatArray:
         pairs = brute_pairs(HAND, tree.leaf_center, tree.leaf_radius, configuration(goal, x / root))
         # In millimetres, so that scipy's tolerances mean the same for distances and energies.
         return 1e3 * (pairs.ravel() - OFFSET)
 
-    def slope(x: Array) -> Array:
+    def slope(x: FloatArray) -> FloatArray:
         columns = [(clearance(x + h) - clearance(x - h)) / (2.0 * h.max()) for h in 1e-5 * np.eye(21)]
         return np.stack(columns, axis=1)
 
-    def energy(x: Array) -> float:
+    def energy(x: FloatArray) -> float:
         return 0.5 * float(x @ x)
 
     best = minimize(
@@ -97,11 +95,11 @@ def equilibrium(tree: SphereTree, goal: Motion, stiffness: Stiffness) -> Array:
     assert left.min() > -1e-5
     _, residual = nnls(slope(best.x)[left < 1e-5].T, best.x)
     assert residual < 2e-5 * np.linalg.norm(best.x)
-    offset: Array = best.x / root
+    offset: FloatArray = best.x / root
     return offset
 
 
-def raised(center: Array, radius: Array, goal: Motion, depth: float, towards: Array) -> SphereTree:
+def raised(center: FloatArray, radius: FloatArray, goal: Motion, depth: float, towards: FloatArray) -> SphereTree:
     """These spheres, moved along `towards` until the haptic hand is `depth` [m] inside of them."""
 
     def left(shift: float) -> float:
@@ -112,7 +110,7 @@ def raised(center: Array, radius: Array, goal: Motion, depth: float, towards: Ar
     return sphere_tree(center + shift * towards, radius)
 
 
-def assert_known(answer: Answer, goal: Motion, offset: Array) -> None:
+def assert_known(answer: Answer, goal: Motion, offset: FloatArray) -> None:
     """Every joint and the palm to 1 µm, total force and palm wrench to 0.1 %."""
     at = configuration(goal, offset)
     joints = HAND.joints(*(values[0] for values in at))
@@ -200,21 +198,21 @@ def test_a_fingertip_pressed_into_a_face(depth: float) -> None:
     np.testing.assert_allclose(answer.record.phalanx[-1, 1, 2], answer.force, rtol=1e-9, atol=1e-12)
 
 
-def torque_balance(tree: SphereTree, goal: Motion, stiffness: Stiffness) -> tuple[Array, float]:
+def torque_balance(tree: SphereTree, goal: Motion, stiffness: Stiffness) -> tuple[FloatArray, float]:
     """Joint angles (3,) of the index finger against a face when the palm is held, and the face's force [N].
 
     One contact: all that is unknown is how much force there is. For a force λ the angles follow from
     k_θ (θ - θ_h) = λ ∂d/∂θ, and λ from d = ε.
     """
 
-    def angles(force: float) -> Array:
-        theta: Array = goal.flexion[0, 1].copy()
+    def angles(force: float) -> FloatArray:
+        theta: FloatArray = goal.flexion[0, 1].copy()
         for _ in range(30):
             gradient = np.array([(gap(theta + h) - gap(theta - h)) / 2e-6 for h in 1e-6 * np.eye(3)])
             theta = goal.flexion[0, 1] + force * gradient / stiffness.flexion
         return theta
 
-    def gap(theta: Array) -> float:
+    def gap(theta: FloatArray) -> float:
         flexion = goal.flexion.copy()
         flexion[0, 1] = theta
         return float(brute_pairs(HAND, tree.leaf_center, tree.leaf_radius, goal._replace(flexion=flexion))[5, 0])

@@ -8,8 +8,9 @@ import pytest
 from conftest import Run
 
 from hhsim.errors import InputError, UnknownNameError
-from hhsim.solver.known_methods import declared_methods, find_method, method_names
+from hhsim.solver.known_methods import find_method
 from hhsim.solver.method import EVERYTHING, METHODS
+from hhsim.solver.method_names import declared_methods, method_names
 from hhsim.solver.options import SolverOptions
 
 

@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.solver.qp import QpProblem, QpStatus, available_backends, solve
-
-Array = NDArray[np.float64]
 
 RELIABLE = ("active-set", "clarabel", "daqp", "quadprog")
 """What the project installs; others that happen to be there may give up, but must say so."""
@@ -158,7 +156,7 @@ def test_unknown_backend_lists_the_near_ones() -> None:
     ],
 )
 def test_impossible_problems_are_refused(
-    stiffness: Array, matrix: Array, rhs: Array, target: Array, match: str
+    stiffness: FloatArray, matrix: FloatArray, rhs: FloatArray, target: FloatArray, match: str
 ) -> None:
     with pytest.raises(InputError, match=match):
         QpProblem(stiffness, matrix, rhs, target)

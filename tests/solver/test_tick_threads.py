@@ -25,7 +25,7 @@ from hhsim.kernels.parallel.thread_team import NUMBER_SHIFT, PARTS, TICKET
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import WORK_CANDIDATES
 from hhsim.mesh.catalogue import load_object
-from hhsim.replay.replay import replay
+from hhsim.replay.replay import replay_scene
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import make_scene
 from hhsim.solver.hand_solver import HandSolver
@@ -112,7 +112,7 @@ def test_a_file_says_with_how_many_threads_and_holds_the_same(hand: HandModel, m
     files = []
     for threads in (1, 2):
         path = tmp_path / f"{threads}.h5"
-        replay(scene, SolverOptions(method=method, threads=threads), path)
+        replay_scene(scene, SolverOptions(method=method, threads=threads), path)
         files.append(path)
     with h5py.File(files[0]) as one, h5py.File(files[1]) as other:
         assert '"threads": 1' in one.attrs["scene"]

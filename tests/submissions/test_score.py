@@ -7,17 +7,17 @@ from xml.etree import ElementTree as Xml
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from sampled import sampled
 from short_grasp import short_grasp, short_scene
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import HhsimError, InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import Side
 from hhsim.hand.quaternion import quaternion, rotation_matrix
 from hhsim.replay.repeat import run_again
-from hhsim.replay.replay import replay
+from hhsim.replay.replay import replay_scene
 from hhsim.replay.verdict import verdict
 from hhsim.report.tick_table import figure_table, report_ticks
 from hhsim.result.reader import Result, load_result
@@ -30,7 +30,6 @@ from hhsim.submissions.scene_folder import SCENE_FILE, example_submission, write
 from hhsim.submissions.score import Score, scene_of, score
 from hhsim.verify.verify import verify
 
-Array = NDArray[np.float64]
 CLASS = "project_out:ProjectOut"
 
 
@@ -45,7 +44,7 @@ def as_class(scene: Scene, repository: Path, tmp_path_factory: pytest.TempPathFa
     patch = pytest.MonkeyPatch()
     patch.syspath_prepend(str(repository / "examples"))
     path = tmp_path_factory.mktemp("class") / "class.h5"
-    replay(scene, SolverOptions(method=CLASS), path)
+    replay_scene(scene, SolverOptions(method=CLASS), path)
     patch.undo()
     return load_result(path)
 
@@ -116,7 +115,7 @@ def test_the_best_hand_is_off_itself_by_nothing_and_the_users_by_what_it_is_push
 ) -> None:
     """The truth beside the figure: `coupled` on the triangles is near the optimum, the user's own hand is inside."""
     options = SolverOptions(surface="mesh")
-    replay(scene, options, tmp_path / "best.h5")
+    replay_scene(scene, options, tmp_path / "best.h5")
     best = load_result(tmp_path / "best.h5")
     near = score(poses_of(best, scene, forces=False), scene, tmp_path / "near.h5", surface="mesh").errors
     user = score(example_submission(scene), scene, tmp_path / "user.h5").errors
@@ -245,7 +244,7 @@ def test_the_hand_as_numbers_and_the_readmes_words_are_the_hand(side: Side, tmp_
     assert np.abs(np.array(found) - wanted).max() < 1e-12
 
 
-def _turned(axis: Array, angle: float) -> Array:
+def _turned(axis: FloatArray, angle: float) -> FloatArray:
     return rotation_matrix(quaternion(angle * axis / np.linalg.norm(axis)))
 
 

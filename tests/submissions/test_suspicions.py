@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import conjugate, quaternion, quaternion_product, rotation_matrix
@@ -23,7 +24,6 @@ from hhsim.submissions.scene_folder import example_submission
 from hhsim.submissions.suspicions import _free, require_scene, suspicions
 from hhsim.trees.contact_surface import contact_surface
 
-Array = NDArray[np.float64]
 Arrays = dict[str, Any]
 RATE = 250.0
 
@@ -108,14 +108,14 @@ def y_up_left_handed(arrays: Arrays) -> None:
     arrays["orientation"] = np.stack([w, -x, -z, -y], axis=1)
 
 
-def put(name: str, make: Callable[[Array], Array]) -> Callable[[Arrays], None]:
+def put(name: str, make: Callable[[FloatArray], FloatArray]) -> Callable[[Arrays], None]:
     def damage(arrays: Arrays) -> None:
         arrays[name] = np.ascontiguousarray(make(arrays[name]))
 
     return damage
 
 
-def rows(make: Callable[[Array], Array]) -> Callable[[Arrays], None]:
+def rows(make: Callable[[FloatArray], FloatArray]) -> Callable[[Arrays], None]:
     """The same to the rows of every array."""
 
     def damage(arrays: Arrays) -> None:
@@ -300,7 +300,7 @@ def test_damaged_text_is_named(case: str, tmp_path: Path) -> None:
     assert word in word_on(path)
 
 
-def reshaped(name: str, make: Callable[[Array], Array]) -> Callable[[h5py.File], None]:
+def reshaped(name: str, make: Callable[[FloatArray], FloatArray]) -> Callable[[h5py.File], None]:
     def damage(file: h5py.File) -> None:
         values = make(file[name][()])
         del file[name]

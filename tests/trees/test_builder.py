@@ -10,10 +10,10 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from sampled import sampled
 from scipy.spatial.transform import Rotation
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, MeshError
 from hhsim.kernels.jit import JIT_ENABLED
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
@@ -27,8 +27,6 @@ from hhsim.trees.sphere_tree import SphereTree
 from hhsim.trees.surface_cover import cover_of
 
 pytestmark = pytest.mark.slow
-
-Array = NDArray[np.float64]
 
 
 def mesh_of(shape: trimesh.Trimesh, name: str = "shape") -> Mesh:
@@ -220,7 +218,7 @@ def test_rounding_in_the_way_of_a_proof_makes_the_balls_a_little_larger(monkeypa
     mesh = mesh_of(SHAPES["box"])
 
     def less(by: float) -> SphereTree:
-        def build(*arguments: Any) -> tuple[Array, Array]:
+        def build(*arguments: Any) -> tuple[FloatArray, FloatArray]:
             center, radius = cover_of(*arguments)
             return center, radius - by
 

@@ -9,9 +9,9 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import MeshError
 from hhsim.hand.model import HandModel
 from hhsim.kernels.cover.check_certificate import HOLDS, check_proof
@@ -23,9 +23,6 @@ from hhsim.trees.level_cover import LevelCover
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 from tools.shapes.rock import rock
-
-Array = NDArray[np.float64]
-Codes = NDArray[np.int32]
 
 
 def mesh_of(shape: trimesh.Trimesh) -> Mesh:
@@ -40,7 +37,7 @@ def built() -> SphereTree:
     return build_sphere_tree(MESH, TreeOptions(level=2))
 
 
-def pieces(triangle: Array, codes: list[int]) -> list[tuple[int, Array]]:
+def pieces(triangle: FloatArray, codes: list[int]) -> list[tuple[int, FloatArray]]:
     """The triangles at the ends of a face's branches with their codes, by recursion as the format is written down."""
     code = codes.pop(0)
     if code >= 0:

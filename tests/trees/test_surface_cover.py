@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from sampled import sampled
 from scipy.spatial.transform import Rotation
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import MeshError
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.mesh.catalogue import load_object
@@ -15,15 +16,14 @@ from hhsim.trees import surface_cover as mesh_cover
 from hhsim.trees.error import protrusion_bound, prove_cover
 from hhsim.trees.surface_cover import cover_of, in_own_frame, require_inside
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
-
-def arrays(shape: trimesh.Trimesh) -> tuple[Array, Indices]:
+def arrays(shape: trimesh.Trimesh) -> tuple[FloatArray, IntArray]:
     return np.array(shape.vertices, dtype=np.float64), np.array(shape.faces, dtype=np.int64)
 
 
-def build_cover(vertices: Array, faces: Indices, spheres: int, progress: Progress = silent) -> tuple[Array, Array]:
+def build_cover(
+    vertices: FloatArray, faces: IntArray, spheres: int, progress: Progress = silent
+) -> tuple[FloatArray, FloatArray]:
     return cover_of(in_own_frame(vertices, faces), spheres, progress)
 
 
@@ -134,7 +134,7 @@ def test_what_has_no_inside_is_refused() -> None:
     require_inside((vertices[faces] * [1.0, 1.0, 1e-4]).reshape(-1, 9), 0.1)
 
 
-def catalogue_arrays(name: str) -> tuple[Array, Indices]:
+def catalogue_arrays(name: str) -> tuple[FloatArray, IntArray]:
     """A catalogue object with a longest extent of 100 mm."""
     mesh = load_object(name).mesh
     return np.array(mesh.vertices * (0.1 / mesh.extent.max())), np.array(mesh.faces, np.int64)

@@ -3,14 +3,12 @@
 import numpy as np
 import pytest
 import trimesh
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.mesh.mesh import Mesh
 from hhsim.trees.contact_surface import encloses
 from hhsim.trees.triangle_tree import MANY, tree_of_any, triangle_tree
 from hhsim.verify.tree_checks import sticking_out
-
-Array = NDArray[np.float64]
 
 
 def soup(count: int, seed: int = 3, size: float = 0.03) -> Mesh:
@@ -21,7 +19,7 @@ def soup(count: int, seed: int = 3, size: float = 0.03) -> Mesh:
     return Mesh(corners.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3), name="soup")
 
 
-def uncovered(mesh: Mesh, center: Array, radius: Array) -> float:
+def uncovered(mesh: Mesh, center: FloatArray, radius: FloatArray) -> float:
     """Farthest that a random point of the mesh is outside of all spheres [m]."""
     random = np.random.default_rng(1)
     share = random.dirichlet(np.full(3, 0.5), size=(len(mesh.faces), 40))

@@ -11,7 +11,7 @@ from short_grasp import short_grasp
 from hhsim.errors import HhsimError
 from hhsim.hand.model import HandModel
 from hhsim.mesh.mesh import Mesh
-from hhsim.replay.replay import replay
+from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import load_result
 from hhsim.scene.scene import make_scene
 from hhsim.solver.options import SolverOptions
@@ -42,7 +42,7 @@ def test_a_corrupted_mesh_is_touched_as_it_is_or_refused(seed: int, method: str,
     except HhsimError as error:
         assert "\n" not in str(error), what
         return
-    summary = replay(scene, SolverOptions(method=method, surface="mesh"), tmp_path / "run.h5")
+    summary = replay_scene(scene, SolverOptions(method=method, surface="mesh"), tmp_path / "run.h5")
     assert summary.attributes()["penetration_max"] == 0.0, what
     assert summary.attributes()["stuck_ticks"] == 0, what
     found = verify(load_result(tmp_path / "run.h5"), every=60)

@@ -12,7 +12,7 @@ from sampled import first_of_each
 
 from hhsim.metrics.run.registry import run_figure, run_metrics
 from hhsim.metrics.run_ticks import result_ticks
-from hhsim.replay.replay import replay
+from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
 from hhsim.solver.options import SolverOptions
 from hhsim.verify.claim import HOLDS, NOT_JUDGED, Claim
@@ -260,7 +260,7 @@ FAULTS: dict[Callable[[h5py.File], None], str] = {
 def on_spheres(tmp_path_factory: pytest.TempPathFactory) -> Result:
     """Where every contact is of a sphere of its own."""
     path = tmp_path_factory.mktemp("free") / "spheres.h5"
-    replay(free_scene(), SolverOptions(), path, description={"hand_file": None})
+    replay_scene(free_scene(), SolverOptions(), path, description={"hand_file": None})
     return load_result(path)
 
 

@@ -4,15 +4,13 @@ from typing import Any
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.verify.kinematics import OwnHand, Posed
 from hhsim.verify.mesh_contacts import away_from_triangles, near_triangle_pairs, ready_triangles, triangle_groups
 
-Array = NDArray[np.float64]
 
-
-def sampled_distance(a: Array, b: Array, first: float, last: float, triangle: Array) -> float:
+def sampled_distance(a: FloatArray, b: FloatArray, first: float, last: float, triangle: FloatArray) -> float:
     """Signed distance [m] of a round cone to a triangle at 4,001 places of its axis."""
     share = np.linspace(0.0, 1.0, 4001)[:, None]
     places = (1.0 - share) * a + share * b

@@ -13,7 +13,7 @@ from recording_samples import smooth_recording
 from sampled import first_of_each, sampled
 
 from hhsim.motion.trajectory import Trajectory
-from hhsim.replay.replay import replay
+from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.open_scene import open_scene
 from hhsim.scene.scene import make_scene
@@ -44,7 +44,7 @@ def script(tmp_path_factory: pytest.TempPathFactory) -> Result:
     scene = open_scene("cylinder", "carry", level=2)
     assert scene.driven is not None
     scene = replace(scene, ticks=scene.ticks.first(2000), driven=scene.driven.first(2000))
-    replay(scene, SolverOptions(), path, description={**scene.description, "hand_file": None, "ticks": 2000})
+    replay_scene(scene, SolverOptions(), path, description={**scene.description, "hand_file": None, "ticks": 2000})
     return load_result(path)
 
 
@@ -57,7 +57,7 @@ def recorded(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
     base = open_scene("cylinder", "touch", level=2)
     moving = carried(motion, swing(motion.time, 0.5, 2.0))
     scene = make_scene(base.mesh, base.tree, base.hand, moving, mode=request.param)
-    replay(scene, SolverOptions(), path, description={**scene.description, "samples": request.param})
+    replay_scene(scene, SolverOptions(), path, description={**scene.description, "samples": request.param})
     return load_result(path)
 
 

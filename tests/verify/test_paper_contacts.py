@@ -12,7 +12,7 @@ from hhsim.bench.robustness.random_targets import StressOptions
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object
 from hhsim.motion.trajectory import Trajectory
-from hhsim.replay.replay import replay
+from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import load_result
 from hhsim.scene.scene import make_scene
 from hhsim.solver.options import SolverOptions
@@ -38,7 +38,7 @@ def test_a_hand_that_jumps_into_the_object_claims_nothing_false(
     mesh = load_object(name).mesh
     tree = cached_sphere_tree(mesh, TreeOptions(level=level))
     scene = make_scene(mesh, tree, HandModel.default(), Trajectory(np.linspace(0.0, 0.399, 400), *motion, name="jumps"))
-    replay(scene, SolverOptions(method="paper"), tmp_path / "jumps.h5")
+    replay_scene(scene, SolverOptions(method="paper"), tmp_path / "jumps.h5")
     result = load_result(tmp_path / "jumps.h5")
     assert result["penetration_depth"].max() > 0.01, "nothing is deep inside: the test shows little"
     claim = next(

@@ -25,7 +25,7 @@ from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_INPUT_INVA
 from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
 from hhsim.live.ipc.session_memory import SessionMemory
 from hhsim.live.loop import plausibility as glove_watch
-from hhsim.live.loop.interlock import QUIET_NS, WORDS
+from hhsim.live.loop.interlock import QUIET_NS
 from hhsim.live.loop.loop import loop_options
 from hhsim.live.session import recorder
 from hhsim.live.session.recorder import Recorder
@@ -35,7 +35,7 @@ from hhsim.recordings.dexmo_regression import DexmoRegression
 from hhsim.result.csv_export import export_ticks
 from hhsim.result.miss_cause import by_name
 from hhsim.result.reader import Result, load_result
-from hhsim.result.safety import Safety
+from hhsim.result.safety import WORDS, Safety
 from hhsim.verify import finger_command_checks as verify_command
 from hhsim.verify import session_checks as verify_session
 from hhsim.verify import session_rows as verify_rows
@@ -655,7 +655,7 @@ def test_the_referee_and_the_loop_mean_the_same_bits_and_words() -> None:
         STATUS_INPUT_INVALID,
         STATUS_CAPACITY_EXCEEDED,
     )
-    assert WORDS[Safety.SOLVER_FAILED][1] == verify_rows.SOLVER_FAILED
+    assert WORDS[Safety.SOLVER_FAILED] == verify_rows.SOLVER_FAILED
     assert (recorder.LOOP_DIED, QUIET_NS) == (verify_rows.LOOP_DIED, verify_rows.QUIET)
     assert (live_loop.MOST_SAMPLES, looked_at.MOST_ANGLE) == (verify_rows.MOST_READ, verify_rows.MOST_ANGLE)
     assert glove_watch.NAMES == verify_session.FINGER_NAMES

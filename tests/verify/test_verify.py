@@ -45,7 +45,7 @@ from hhsim.metrics.brute_force_distance import round_cone_distance
 from hhsim.metrics.run.force import TREMBLING
 from hhsim.motion.resample import STAMP_TOLERANCE
 from hhsim.motion.trajectory import Trajectory
-from hhsim.replay.replay import replay
+from hhsim.replay.replay import replay_scene
 from hhsim.replay.verdict import verdict as report_verdict
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.open_scene import open_scene
@@ -237,7 +237,7 @@ def named(tmp_path_factory: pytest.TempPathFactory) -> Result:
     """A run whose object and motion are in the catalogue."""
     path = tmp_path_factory.mktemp("named") / "touch.h5"
     scene = open_scene("cylinder", "touch", level=2)
-    replay(scene, SolverOptions(), path, description={**scene.description, "hand_file": None})
+    replay_scene(scene, SolverOptions(), path, description={**scene.description, "hand_file": None})
     return load_result(path)
 
 
@@ -382,7 +382,7 @@ def stuck(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
 
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(backend_programs, "solve", tired)
-        replay(
+        replay_scene(
             scene, SolverOptions(method=request.param, qp="quadprog", linearisations=1), path, description=description
         )
     return load_result(path)

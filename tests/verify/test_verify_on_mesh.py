@@ -41,7 +41,7 @@ from stress_motion import random_targets
 from hhsim.arrays import IntArray
 from hhsim.hand.model import HandModel
 from hhsim.motion.trajectory import Trajectory
-from hhsim.replay.replay import replay
+from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.open_scene import open_scene
 from hhsim.scene.scene import make_scene
@@ -68,7 +68,7 @@ def test_a_hand_that_is_on_its_way_on_the_mesh(tmp_path: Path, method: str) -> N
     motion = Trajectory(time=np.arange(300) / 1000.0, **{name: getattr(moved, name) for name in names})
     base = open_scene("cube", "touch", level=3)
     scene = make_scene(base.mesh, base.tree, hand, motion)
-    replay(scene, SolverOptions(method=method, surface="mesh"), tmp_path / "way.h5")
+    replay_scene(scene, SolverOptions(method=method, surface="mesh"), tmp_path / "way.h5")
     result = load_result(tmp_path / "way.h5")
     assert (np.asarray(result["status"]) & 2 > 0).sum() > 20
     assert failing(verify(result, every=27)) == set()

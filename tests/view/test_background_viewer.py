@@ -15,7 +15,7 @@ from rerun_files import Recording
 
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object
-from hhsim.replay.replay import replay
+from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.scene import make_scene
 from hhsim.scene.script import parse_script
@@ -73,7 +73,7 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Result:
         assert path.exists()
         calls.append("before ticks")
 
-    replay(
+    replay_scene(
         scene,
         SolverOptions(),
         path,

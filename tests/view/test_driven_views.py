@@ -9,7 +9,7 @@ from rerun_files import Recording
 from short_grasp import short_grasp, short_scene
 
 from hhsim.render.replay_video import VideoOptions, video_frames
-from hhsim.replay.replay import replay
+from hhsim.replay.replay import replay_scene
 from hhsim.replay.stored_scene import stored_mesh
 from hhsim.result.csv_export import export_ticks
 from hhsim.result.reader import Result, load_result
@@ -24,7 +24,7 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Result:
     scene = short_scene(short_grasp(hold=0.03))
     moved = carried(scene.trajectory, swing(scene.trajectory.time))
     path = tmp_path_factory.mktemp("driven") / "driven.h5"
-    replay(make_scene(scene.mesh, scene.tree, scene.hand, moved), SolverOptions(), path)
+    replay_scene(make_scene(scene.mesh, scene.tree, scene.hand, moved), SolverOptions(), path)
     return load_result(path)
 
 

@@ -3,14 +3,11 @@
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError
 from hhsim.mesh.mesh import Mesh
 from tools.shapes.surface_parts import band, circle, fan, finished_mesh
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 CUP_SEGMENTS = 72
 CUP_ROW = 0.003

@@ -1,13 +1,11 @@
 """A rock by formula: facets, worn edges, an uneven surface."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.mesh.mesh import Mesh
 from tools.shapes.surface_parts import finished_mesh, icosphere
-
-FloatArray = NDArray[np.float64]
 
 
 def rock(size: float = 0.1, seed: int = 7, subdivisions: int = 4) -> Mesh:

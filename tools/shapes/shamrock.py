@@ -3,12 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError
 from hhsim.mesh.mesh import Mesh
 from tools.shapes.surface_parts import finished_mesh
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 SHAMROCK_LEAVES_DEG = (198.0, 342.0, 90.0)
 SHAMROCK_RIM = 4.5

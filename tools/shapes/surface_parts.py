@@ -3,13 +3,10 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.topology import in_fixed_order, merged_vertices
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 GRID = 9
 """Decimals [m] that a generated vertex is rounded to: a nanometre hides the last bits in which machines differ."""

@@ -3,14 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.bench.manipulation.gripper import INDEX, REACH, THUMB, closed, gripper, gripper_options
 from hhsim.bench.manipulation.pinch import Pinch, PinchOutcome
 from hhsim.bench.manipulation.stage import Played, block, play, touched
 from hhsim.scene.free_object import FreeObject
-
-Array = NDArray[np.float64]
 
 AXIS_POINTS = 21
 """Of each phalanx; its end, which touches, is one of them."""
@@ -46,7 +44,7 @@ def own_outcome(pinch: Pinch) -> PinchOutcome:
     return pinch.outcome(height, depth, float(normal[pinch.held_from :].mean()))
 
 
-def clearance(played: Played, pinch: Pinch) -> Array:
+def clearance(played: Played, pinch: Pinch) -> FloatArray:
     """Signed distance of the two fingers from the block at every tick [m], shape (T,): of points on their axes."""
     joints = played.joints[:, (THUMB, INDEX)]
     share = np.linspace(0.0, 1.0, AXIS_POINTS)[:, None]

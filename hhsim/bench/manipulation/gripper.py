@@ -10,13 +10,11 @@ m g (1 / k_t + L² / k_r) below what is commanded.
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.solver.options import SolverOptions, Stiffness
-
-Array = NDArray[np.float64]
 
 LENGTHS = (0.04, 0.03, 0.03)
 """Of the phalanges [m]."""
@@ -64,7 +62,7 @@ def gripper_options(stiffness: float = 1000.0) -> SolverOptions:
     return SolverOptions(method="coupled", surface="mesh", fingers=("thumb", "index"), stiffness=coupling)
 
 
-def closed(inward: Array, position: Array) -> HandConfiguration:
+def closed(inward: FloatArray, position: FloatArray) -> HandConfiguration:
     """The haptic hand whose fingertips go inward so far.
 
     Args:

@@ -3,11 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from hhsim.arrays import FloatArray
 from hhsim.scene.hand_moves import minimum_jerk
-
-Array = NDArray[np.float64]
 
 RATE = 1000.0
 """Ticks per second [Hz]."""
@@ -92,11 +91,11 @@ class Pinch:
         """Of the whole."""
         return self.held_from + round(RATE * self.hold)
 
-    def closed_at(self, tick: ArrayLike) -> Array:
+    def closed_at(self, tick: ArrayLike) -> FloatArray:
         """Share of the way to first contact at the ticks, 0 to 1: in the first half of the closing."""
         return minimum_jerk(np.asarray(tick) / (0.5 * RATE * self.closing))
 
-    def squeeze_at(self, tick: ArrayLike) -> Array:
+    def squeeze_at(self, tick: ArrayLike) -> FloatArray:
         """Force commanded at the ticks [N]: grows in the second half of the closing, and falls evenly in the easing."""
         pressed = self.squeeze * minimum_jerk(np.asarray(tick) / (0.5 * RATE * self.closing) - 1.0)
         if self.easing == 0.0:
@@ -104,12 +103,12 @@ class Pinch:
         gone = np.clip((np.asarray(tick) - self.eased_from) / (RATE * self.easing), 0.0, 1.0)
         return np.asarray(pressed * (1.0 - (1.0 - self.eased) * gone))
 
-    def height_at(self, tick: ArrayLike) -> Array:
+    def height_at(self, tick: ArrayLike) -> FloatArray:
         """Height commanded at the ticks [m]."""
         start = RATE * (self.closing + self.settling)
         return self.lift * minimum_jerk((np.asarray(tick) - start) / (RATE * self.lifting))
 
-    def outcome(self, height: Array, depth: float, squeeze: float = float("nan")) -> PinchOutcome:
+    def outcome(self, height: FloatArray, depth: float, squeeze: float = float("nan")) -> PinchOutcome:
         """Of the block's height over where it stood at every tick [m], shape (ticks,)."""
         held = height[self.held_from :]
         lifted = bool(held[0] > LIFTED * self.lift)

@@ -4,11 +4,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.bench.manipulation.stage import turned_by
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -29,7 +27,7 @@ class Rest:
     side: float = 0.07
     gravity: float = 9.81
 
-    def creep(self, center: Array, orientation: Array) -> float:
+    def creep(self, center: FloatArray, orientation: FloatArray) -> float:
         """How far a corner has gone at most [m].
 
         Args:

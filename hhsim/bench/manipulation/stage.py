@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion_product, rotation_matrix
@@ -17,8 +18,6 @@ from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.contact_surface import ContactSurface, contact_surface
 from hhsim.trees.sphere_tree import SphereTree
-
-Array = NDArray[np.float64]
 
 BLOCK = 1000
 """Ticks that are run at a time."""
@@ -47,21 +46,21 @@ class Played:
     """
 
     free: FreeObject
-    center: Array
-    orientation: Array
-    velocity: Array
-    angular_velocity: Array
-    hand_wrench: Array
-    table_wrench: Array
-    table_distance: Array
-    palm: Array
-    joints: Array
+    center: FloatArray
+    orientation: FloatArray
+    velocity: FloatArray
+    angular_velocity: FloatArray
+    hand_wrench: FloatArray
+    table_wrench: FloatArray
+    table_distance: FloatArray
+    palm: FloatArray
+    joints: FloatArray
     status: NDArray[np.int64]
     tick: NDArray[np.int64]
     body: NDArray[np.int64]
-    point: Array
-    normal_force: Array
-    slip: Array
+    point: FloatArray
+    normal_force: FloatArray
+    slip: FloatArray
     period: float
 
     @property
@@ -69,23 +68,23 @@ class Played:
         """How many."""
         return len(self.center)
 
-    def summed(self, values: Array, of_table: bool) -> Array:
+    def summed(self, values: FloatArray, of_table: bool) -> FloatArray:
         """Sum over the contacts of each tick, of the table or of the hand, shape (T,)."""
         chosen = (self.body == TABLE) == of_table
         return np.asarray(np.bincount(self.tick[chosen], weights=values[chosen], minlength=self.ticks), np.float64)
 
-    def slipped(self, of_table: bool) -> Array:
+    def slipped(self, of_table: bool) -> FloatArray:
         """The farthest that a contact slips in each tick [m], shape (T,)."""
         found, chosen = np.zeros(self.ticks), (self.body == TABLE) == of_table
         np.maximum.at(found, self.tick[chosen], self.slip[chosen])
         return found
 
     @cached_property
-    def rotation(self) -> Array:
+    def rotation(self) -> FloatArray:
         """From where it was at first, shape (T, 3, 3)."""
         return np.asarray(rotation_matrix(self.orientation))
 
-    def energy(self) -> Array:
+    def energy(self) -> FloatArray:
         """Kinetic and potential [J], shape (T,)."""
         free = self.free
         spin = np.einsum("tji,tj->ti", self.rotation, self.angular_velocity)
@@ -94,7 +93,7 @@ class Played:
         potential = -free.mass * self.center @ np.array(free.gravity)
         return np.asarray(kinetic + rotational + potential, np.float64)
 
-    def angular_momentum(self) -> Array:
+    def angular_momentum(self) -> FloatArray:
         """About the centre of mass [N·m·s], shape (T, 3)."""
         inertia = self.rotation @ np.array(self.free.inertia) @ self.rotation.transpose(0, 2, 1)
         return np.asarray(np.einsum("tij,tj->ti", inertia, self.angular_velocity))

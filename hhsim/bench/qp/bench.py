@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from hhsim.bench.qp.backends import WARM, WARM_DAQP, Answer, ProgramSolver, overhead, prepare
-from hhsim.bench.qp.kkt_check import CERTIFIED_RADIUS, certified_radius, residuals
+from hhsim.bench.qp.kkt_check import CERTIFIED_RADIUS, certified_radius, residual, violation
 from hhsim.bench.qp.problem_file import written
 from hhsim.bench.qp.program import Program
 from hhsim.bench.qp.recorded_problems import QpBenchOptions, harvest
@@ -81,12 +81,11 @@ class Tally:
         if answer.x is None:
             self.verdicts["missed" if feasible else "refused"] += 1
             return
-        found = residuals(program, answer.x, answer.multiplier)
         # What answers a contradiction violates some row; what its other residuals are says nothing.
-        residual = found.largest if feasible else found.primal
+        found = residual(program, answer.x, answer.multiplier) if feasible else violation(program, answer.x)
         if feasible:
-            self.residual.append(residual)
-        self.verdicts["solved" if residual <= SOLVED_LIMIT else "missed"] += 1
+            self.residual.append(found)
+        self.verdicts["solved" if found <= SOLVED_LIMIT else "missed"] += 1
 
     def count_times(self, call: Sequence[float], native: Sequence[float]) -> None:
         """Count the medians of a turn [ns]."""
@@ -101,12 +100,12 @@ class Tally:
             proved = certificate is not None and certified_radius(program, certificate) >= CERTIFIED_RADIUS
             self.verdicts["refused" if proved else "missed"] += 1
             return
-        residual = residuals(program, answer.x, answer.multiplier).largest
-        if program.relaxation > 0.0 and residual > OWN_LIMIT:
+        found = residual(program, answer.x, answer.multiplier)
+        if program.relaxation > 0.0 and found > OWN_LIMIT:
             # Rows that contradict each other by rounding are all moved back, see `kernels.qp.active_set`.
-            residual = min(residual, residuals(program, answer.x, answer.multiplier, program.relaxation).largest)
-        self.residual.append(residual)
-        self.verdicts["solved" if residual <= OWN_LIMIT else "missed"] += 1
+            found = min(found, residual(program, answer.x, answer.multiplier, program.relaxation))
+        self.residual.append(found)
+        self.verdicts["solved" if found <= OWN_LIMIT else "missed"] += 1
 
     def row(self, kind: str, variables: int, rows: Sequence[int], solver: str) -> dict[str, Any]:
         """A row of the table."""

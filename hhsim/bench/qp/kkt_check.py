@@ -1,10 +1,10 @@
-"""Whether an answer to a program is right, computed from the program alone and not from what a solver says of itself.
+"""Check an answer to a program, computed from the program alone and not from what a solver says of itself.
 
 All residuals are in conditioned variables with rows of length 1, [√J], divided by the program's `size`: a residual of
 1e-9 is a billionth of the numbers that the program is made of.
 """
 
-from typing import NamedTuple
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,39 +19,25 @@ about a million sizes.
 """
 
 
-class Residuals(NamedTuple):
-    """How far an answer is from satisfying each of the optimality conditions (Karush, Kuhn and Tucker).
+def residual(program: Program, x: FloatArray, multiplier: FloatArray, moved_back: float = 0.0) -> float:
+    """Return the KKT residual of a solution x (n,), in sizes of the program; infinite where it is not a number.
 
-    Attributes:
-        primal: Largest violation of a row.
-        dual: Largest negative multiplier.
-        stationarity: Largest component of x - x₀ - Aᵀ λ.
-        complementarity: Largest of the smaller of a row's slack and its multiplier.
+    Args:
+        multiplier: Of the rows as given, shape (m,).
+        moved_back: Distance by which every row is moved back before the check [√J].
     """
-
-    primal: float
-    dual: float
-    stationarity: float
-    complementarity: float
-
-    @property
-    def largest(self) -> float:
-        """Of the four; infinite where one is NaN."""
-        return max(self) if all(value == value for value in self) else np.inf
-
-
-def residuals(program: Program, x: FloatArray, multiplier: FloatArray, moved_back: float = 0.0) -> Residuals:
-    """Of a solution x (n,) with multipliers (m,) of the rows as given; `moved_back` is what the rows give [√J]."""
-    matrix, norm = program.unit_rows()
-    size = program.size
+    problem = program.problem
+    if moved_back:
+        problem = replace(problem, rhs=program.rhs - moved_back * program.unit_rows()[1])
     with np.errstate(invalid="ignore", over="ignore"):
-        slack = (matrix @ x - program.rhs / norm + moved_back) / size
-        push = multiplier * norm / size
-        balance = (x - program.target) / size - matrix.T @ push
-    # A row of zeros can only be left alone or be the certificate of a contradiction.
-    rows = matrix.any(axis=1)
-    parts = (-slack, -push, np.abs(balance), np.minimum(slack, push)[rows])
-    return Residuals(*(float(part.max(initial=0.0)) for part in parts))
+        found = problem.kkt_residual(x, multiplier) / program.size
+    return found if found == found else np.inf
+
+
+def violation(program: Program, x: FloatArray) -> float:
+    """Return the largest violation of a row by x (n,), in sizes of the program."""
+    matrix, norm = program.unit_rows()
+    return float(np.max(program.rhs / norm - matrix @ x, initial=0.0)) / program.size
 
 
 def certified_radius(program: Program, certificate: FloatArray) -> float:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
+from hhsim.solver.qp import QpProblem
 
 
 @dataclass(frozen=True)
@@ -73,12 +74,14 @@ class Program:
         size = max(float(np.linalg.norm(self.target)), float(apart.max(initial=0.0)))
         return size if size > 0.0 else 1.0
 
+    @property
+    def problem(self) -> QpProblem:
+        """The program as plain matrices, with a stiffness of 1."""
+        return QpProblem(np.ones(self.variables), self.matrix, self.rhs, self.target)
+
     def unit_rows(self) -> tuple[FloatArray, FloatArray]:
-        """Rows of length 1, shape (m, n), zero rows as they are; and the lengths they had, 1 for those, shape (m,)."""
-        matrix = self.matrix
-        norm: FloatArray = np.linalg.norm(matrix, axis=1)
-        norm[norm == 0.0] = 1.0
-        return matrix / norm[:, None], norm
+        """Return rows of length 1, shape (m, n), zero rows as they are, and the lengths they had, shape (m,)."""
+        return self.problem.conditioned()[1:]
 
     def unguessed(self) -> "Program":
         """The same, to be solved from nothing."""

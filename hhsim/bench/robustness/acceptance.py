@@ -54,7 +54,7 @@ def common_figures(outcomes: list[Outcome]) -> list[Figure]:
 
 
 def worst_penetration(hand: HandModel, surface: Any, record: TickRecord) -> float:
-    """Deepest penetration of the recorded hands [m], by `metrics.penetration`; NaN where one is nowhere."""
+    """Deepest penetration of the recorded hands [m], by `recorded_penetration`; NaN where one is nowhere."""
     depth = recorded_penetration(hand, surface, record).depth
     return float(depth.max()) if len(depth) else 0.0
 
@@ -98,7 +98,7 @@ def unexplained_stuck(
 ) -> int:
     """Stuck ticks from where the hand could have moved.
 
-    A tick is explained where `stuck.way_out` finds no step from the hand shown towards the last sample that could be
+    A tick is explained where `way_out` finds no step from the hand shown towards the last sample that could be
     used: by distances and derivatives of its own, and by the distances at the step's end.
 
     Args:

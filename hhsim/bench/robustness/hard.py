@@ -89,7 +89,7 @@ def bench_hard(
     """Run every case with every solver; those of triangles alone with those on the mesh.
 
     Args:
-        cases: From `hard_cases.hard_cases`.
+        cases: From `hhsim.bench.robustness.cases.hard_cases`.
         solvers: A method and a surface each; a case whose objects are spheres alone runs on these.
         seed: Of everything random in the scenes.
         progress: Called with the case, the runs done and all runs.

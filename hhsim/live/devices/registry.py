@@ -7,18 +7,16 @@ command's help waits for, which is why the drivers of hhsim are in a package of 
 
 from dataclasses import dataclass, field, fields, replace
 from importlib import import_module
-from pkgutil import iter_modules
 from typing import TYPE_CHECKING, Any, Literal
 
 from hhsim.errors import InputError, UnknownNameError
+from hhsim.registry import Registry
 
 if TYPE_CHECKING:
     from hhsim.live.device import Calibration, FingerRelease, GloveDevice
     from hhsim.live.playback import Playback
 
 Hand = Literal["right", "left"]
-
-PACKAGE = "hhsim.live.devices"
 
 
 @dataclass(frozen=True)
@@ -125,24 +123,8 @@ class GloveConfig:
     calibration: "Calibration | None" = None
 
 
-def glove_names() -> tuple[str, ...]:
-    """Names of all gloves."""
-    package = import_module(PACKAGE)
-    return tuple(sorted(module.name for module in iter_modules(package.__path__) if module.name != "registry"))
-
-
-def find_glove(name: str) -> Glove:
-    """The record of a glove.
-
-    Raises:
-        UnknownNameError: No such glove.
-    """
-    names = glove_names()
-    if name not in names:
-        raise UnknownNameError("glove", name, names)
-    glove = import_module(f"{PACKAGE}.{name}").GLOVE
-    assert isinstance(glove, Glove)
-    return glove
+GLOVES: Registry[Glove] = Registry("hhsim.live.devices", "GLOVE", "glove")
+"""Every glove by its name."""
 
 
 def configure(
@@ -160,7 +142,7 @@ def configure(
         UnknownNameError: No such glove, or no such setting of it.
         InputError: No such hand, or a calibration that cannot be read.
     """
-    glove = find_glove(kind)
+    glove = GLOVES[kind]
     if hand not in ("right", "left"):
         raise InputError(f"hand '{hand}'; expected right or left")
     known = [item.name for item in fields(glove.options)]
@@ -178,13 +160,13 @@ def open_device(config: GloveConfig) -> "GloveDevice":
     Raises:
         InputError: Settings that the driver cannot use.
     """
-    device: GloveDevice = _named(find_glove(config.kind).driver)(config)
+    device: GloveDevice = _named(GLOVES[config.kind].driver)(config)
     return device
 
 
 def open_release(config: GloveConfig) -> "FingerRelease":
     """What frees the fingers of a glove beside its driver, not yet opened; needs neither calibration nor motion."""
-    if find_glove(config.kind).holds:
+    if GLOVES[config.kind].holds:
         return open_device(config)
     from hhsim.live.device import NothingHeld
 

@@ -34,11 +34,12 @@ from hhsim.live.link.dexmo_codec import (
     FramingError,
     GloveMessage,
     MessageStream,
+    WireError,
     decode_frame,
     encode_impedance,
     framed,
+    message_classes,
 )
-from hhsim.live.link.proto3_wire import WireError
 from hhsim.live.link.tcp import TcpLink
 
 if TYPE_CHECKING:
@@ -74,6 +75,7 @@ class DexmoGlove(GloveDevice):
     def __init__(self, config: GloveConfig) -> None:
         """Nothing is connected yet."""
         assert isinstance(config.options, DexmoOptions)
+        message_classes()  # now, and not when the fingers are to be freed
         host, port, self._wanted_id = config.options.host, config.options.port, config.options.device_id
         self._given = cast("GloveCalibration", config.calibration)
         self._hand = config.hand

@@ -12,7 +12,7 @@ import json
 import os
 import time
 import weakref
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -20,7 +20,8 @@ import numpy as np
 from hhsim.arrays import AnyArray
 from hhsim.live.device import GLOVE_SAMPLE
 from hhsim.live.ipc.status import LIVE_STATUS
-from hhsim.live.shared_memory import SharedBlock, SharedRing
+from hhsim.live.real_time import name_process
+from hhsim.live.shared_memory import Setup, SharedBlock, SharedRing, read_setup
 from hhsim.result.schema import OBJECT_FIELDS, TICK_FIELDS, TickField
 
 TICK_CAPACITY = 16_384
@@ -276,3 +277,14 @@ def attached(options: argparse.Namespace) -> SessionMemory:
     """The memory that the options of `add_memory_options` name."""
     descriptors = Descriptors(*(getattr(options, name) for name in Descriptors._fields))
     return SessionMemory.attach(descriptors, free=options.free)
+
+
+def session_process(
+    name: str, kind: type[Setup], arguments: Sequence[str] | None = None
+) -> tuple[Setup, SessionMemory]:
+    """Name this process of a session, and return the setup and the memory that its command line hands it."""
+    name_process(name)
+    parser = argparse.ArgumentParser(prog=f"hhsim-{name}")
+    add_memory_options(parser)
+    options = parser.parse_args(arguments)
+    return read_setup(options.setup, kind), attached(options)

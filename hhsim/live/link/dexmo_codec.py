@@ -1,17 +1,18 @@
 """What a Dexmo server and its clients write to each other.
 
-Both ways: the length of a message as a little-endian int32, then the message in proto3. The server sends `FRAME`, the
-client `COMMAND`. Field numbers and meanings as in the vendor's example client for its Linux server 1.1.6; the names
+Both ways: the length of a message as a little-endian int32, then the message in proto3. The server sends `Frame`, the
+client `Command`. Field numbers and meanings as in the vendor's example client for its Linux server 1.1.6; the names
 here are ours; what of a command is never used (rumble, other) is skipped as any unknown field is. A frame carries
 neither a stamp nor a number nor a force that was felt.
 """
 
 import struct
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from functools import cache
+from operator import attrgetter
+from typing import Any, NamedTuple
 
 from hhsim.errors import HhsimError
-from hhsim.live.link.proto3_wire import FLOAT, Field, Kind, Message, Schema, WireError, decode, encode
 
 CHANNELS = (
     *("thumb_rotate", "thumb_split", "thumb_bend", "index_split", "index_bend", "middle_split", "middle_bend"),
@@ -20,41 +21,30 @@ CHANNELS = (
 """Channels of a hand in the order of their field numbers, 3 to 13; the vendor's pinky is our little finger."""
 FINGER_FIELDS = ("thumb", "index", "middle", "ring", "pinky")
 
-HAND = Schema(*(Field(number, name, Kind.FLOAT) for number, name in enumerate(CHANNELS, start=3)))
-DEVICE = Schema(Field(2, "is_right", Kind.BOOL), Field(3, "battery_percent", Kind.INT32))
-FRAME_MESSAGE = Schema(
-    Field(1, "id", Kind.INT32),
-    Field(2, "hand", Kind.MESSAGE, HAND),
-    Field(3, "device", Kind.MESSAGE, DEVICE),
-)
-FRAME = Schema(
-    Field(1, "frame_len", Kind.INT32),
-    Field(2, "messages", Kind.MESSAGE, FRAME_MESSAGE, repeated=True),
-)
-
-IMPEDANCE_DATA = Schema(Field(1, "stiffness", Kind.FLOAT), Field(2, "set_point", Kind.FLOAT))
-IMPEDANCE = Schema(
-    *(Field(number, name, Kind.MESSAGE, IMPEDANCE_DATA) for number, name in enumerate(FINGER_FIELDS, start=1)),
-    Field(6, "has_index", Kind.BOOL),
-)
-COMMAND = Schema(
-    Field(1, "id", Kind.INT32),
-    Field(2, "impedance", Kind.MESSAGE, IMPEDANCE, repeated=True),
-)
-
-FINGER_TAGS = tuple(field.tag for field in IMPEDANCE.fields[:5])
-HAS_INDEX = bytes((IMPEDANCE.fields[5].tag, 1))
-STIFFNESS_TAG, SET_POINT_TAG = (bytes((field.tag,)) for field in IMPEDANCE_DATA.fields)
-IMPEDANCE_TAG = bytes((COMMAND.fields[1].tag,))
-ZERO = FLOAT.pack(0.0)
+MESSAGES = {
+    "Hand": [(number, name, "float") for number, name in enumerate(CHANNELS, start=3)],
+    "Device": [(2, "is_right", "bool"), (3, "battery_percent", "int32")],
+    "FrameMessage": [(1, "id", "int32"), (2, "hand", "Hand"), (3, "device", "Device")],
+    "Frame": [(1, "frame_len", "int32"), (2, "messages", "*FrameMessage")],
+    "ImpedanceData": [(1, "stiffness", "float"), (2, "set_point", "float")],
+    "Impedance": [*((k, f, "ImpedanceData") for k, f in enumerate(FINGER_FIELDS, start=1)), (6, "has_index", "bool")],
+    "Command": [(1, "id", "int32"), (2, "impedance", "*Impedance")],
+}
+"""Number, name and type of each field; a star before a message that is repeated."""
 
 MOST_BYTES = 8192
 """Of a message: a glove takes about 80. A longer one means that the framing is lost."""
 LENGTH = struct.Struct("<i")
 
+_channels = attrgetter(*CHANNELS)
+
 
 class FramingError(HhsimError):
     """A length that no message has: where the next message begins is lost, and only a new connection knows."""
+
+
+class WireError(HhsimError):
+    """Bytes that are no message."""
 
 
 class GloveMessage(NamedTuple):
@@ -87,6 +77,27 @@ class Impedance(NamedTuple):
     kept: bool
 
 
+@cache
+def message_classes() -> dict[str, Any]:
+    """Return the protobuf class of each of `MESSAGES`; the first call imports protobuf, which takes some 50 ms."""
+    from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+
+    proto = descriptor_pb2.FieldDescriptorProto
+    scalars = {"float": proto.TYPE_FLOAT, "int32": proto.TYPE_INT32, "bool": proto.TYPE_BOOL}
+    file = descriptor_pb2.FileDescriptorProto(name="dexmo.proto", package="dexmo", syntax="proto3")
+    for name, fields in MESSAGES.items():
+        message = file.message_type.add(name=name)
+        for number, field, kind in fields:
+            added = message.field.add(name=field, number=number)
+            added.label = proto.LABEL_REPEATED if kind.startswith("*") else proto.LABEL_OPTIONAL
+            added.type = scalars.get(kind, proto.TYPE_MESSAGE)
+            if kind not in scalars:
+                added.type_name = f".dexmo.{kind.lstrip('*')}"
+    pool = descriptor_pool.DescriptorPool()
+    pool.Add(file)
+    return {name: message_factory.GetMessageClass(pool.FindMessageTypeByName(f"dexmo.{name}")) for name in MESSAGES}
+
+
 def framed(payload: bytes) -> bytes:
     """A message with its length before it."""
     return LENGTH.pack(len(payload)) + payload
@@ -99,34 +110,30 @@ def decode_frame(payload: bytes) -> list[GloveMessage]:
         WireError: No frame.
     """
     found = []
-    for message in decode(FRAME, payload)["messages"]:
-        hand, device = message["hand"], message["device"]
+    for message in _parsed("Frame", payload).messages:
+        device = message.device if message.HasField("device") else None
         found.append(
             GloveMessage(
-                message["id"],
-                None if hand is None else tuple(hand.values()),
-                None if device is None else device["is_right"],
-                None if device is None else device["battery_percent"],
+                message.id,
+                _channels(message.hand) if message.HasField("hand") else None,
+                None if device is None else device.is_right,
+                None if device is None else device.battery_percent,
             )
         )
     return found
 
 
 def encode_frame(gloves: Iterable[GloveMessage]) -> bytes:
-    """A frame as the server sends it, without its length.
-
-    Raises:
-        WireError: A number that its field cannot hold.
-    """
+    """A frame as the server sends it, without its length."""
     messages = []
     for glove in gloves:
-        message: Message = {"id": glove.device_id}
+        message: dict[str, Any] = {"id": glove.device_id}
         if glove.channels is not None:
             message["hand"] = dict(zip(CHANNELS, glove.channels, strict=True))
         if glove.right is not None:
             message["device"] = {"is_right": glove.right, "battery_percent": glove.battery or 0}
         messages.append(message)
-    return encode(FRAME, {"messages": messages})
+    return _bytes("Frame", messages=messages)
 
 
 def decode_impedances(payload: bytes) -> list[Impedance]:
@@ -135,42 +142,35 @@ def decode_impedances(payload: bytes) -> list[Impedance]:
     Raises:
         WireError: No command.
     """
-    command = decode(COMMAND, payload)
-    free = IMPEDANCE_DATA.new()
+    command = _parsed("Command", payload)
     found = []
-    for impedance in command["impedance"]:
-        fingers = [impedance[name] or free for name in FINGER_FIELDS]
-        found.append(
-            Impedance(
-                command["id"],
-                tuple(finger["stiffness"] for finger in fingers),
-                tuple(finger["set_point"] for finger in fingers),
-                impedance["has_index"],
-            )
-        )
+    for impedance in command.impedance:
+        fingers = [getattr(impedance, name) for name in FINGER_FIELDS]
+        stiffness = tuple(finger.stiffness for finger in fingers)
+        set_point = tuple(finger.set_point for finger in fingers)
+        found.append(Impedance(command.id, stiffness, set_point, impedance.has_index))
     return found
 
 
 def encode_impedance(device_id: int, stiffness: Sequence[float], set_point: Sequence[float], *, kept: bool) -> bytes:
-    """A command as a client sends it, without its length; every finger is named. Arguments as in `Impedance`.
+    """A command as a client sends it, without its length; every finger is named. Arguments as in `Impedance`."""
+    fingers = zip(FINGER_FIELDS, stiffness, set_point, strict=True)
+    told = {name: {"stiffness": hard, "set_point": place} for name, hard, place in fingers}
+    return _bytes("Command", id=device_id, impedance=[{"has_index": kept, **told}])
 
-    Raises:
-        WireError: A number that its field cannot hold.
-    """
-    # Written out rather than with `encode`: this is the one message that is made in every tick.
-    body = bytearray()
+
+def _parsed(name: str, payload: bytes) -> Any:
+    from google.protobuf.message import DecodeError
+
     try:
-        for tag, stiff, point in zip(FINGER_TAGS, stiffness, set_point, strict=True):
-            hard, place = FLOAT.pack(stiff), FLOAT.pack(point)
-            finger = (b"" if hard == ZERO else STIFFNESS_TAG + hard) + (b"" if place == ZERO else SET_POINT_TAG + place)
-            body.append(tag)
-            body.append(len(finger))
-            body += finger
-    except (OverflowError, struct.error):
-        raise WireError(f"stiffness {stiffness!r} at {set_point!r}: expected 32-bit floats") from None
-    if kept:
-        body += HAS_INDEX
-    return encode(COMMAND, {"id": device_id}) + IMPEDANCE_TAG + bytes((len(body),)) + body
+        return message_classes()[name].FromString(payload)
+    except DecodeError:
+        raise WireError(f"{len(payload)} bytes that are no {name}") from None
+
+
+def _bytes(name: str, **fields: Any) -> bytes:
+    data: bytes = message_classes()[name](**fields).SerializeToString()
+    return data
 
 
 class MessageStream:

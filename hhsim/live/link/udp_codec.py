@@ -1,7 +1,7 @@
 """The open packet: a datagram in which any glove can be brought to hhsim, and in which its fingers are told.
 
 A bridge is a program that knows a glove and speaks this packet. It sends every sample as a datagram to the port where
-hhsim listens (`USUAL_PORT`, 24170), and listens for commands on the next port (24171); a tracker of the palm sends its
+hhsim listens (24170), and listens for commands on the next port (24171); a tracker of the palm sends its
 poses to 24172. Both directions have the same header of 32 bytes, little-endian, followed by n numbers (float32):
 
 | offset | type | field | meaning |

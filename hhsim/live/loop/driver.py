@@ -7,7 +7,6 @@ sent late. However it ends, short of being killed outright, the glove is release
 Exit codes: 0 the session ended, 1 a fault of hhsim's own, 2 the glove or the pose cannot be reached.
 """
 
-import argparse
 import contextlib
 import os
 import select
@@ -35,11 +34,10 @@ from hhsim.live.device import (
     GloveInfo,
 )
 from hhsim.live.devices.registry import open_device
-from hhsim.live.ipc.session_memory import REASON, SessionMemory, add_memory_options, attached
+from hhsim.live.ipc.session_memory import REASON, SessionMemory, session_process
 from hhsim.live.ipc.status import DriverSetup, Stage
 from hhsim.live.pose.registry import PoseSource, make_pose_source
-from hhsim.live.real_time import RealTimeWishes, become_ordinary, become_real_time, end_with, keep_off, name_process
-from hhsim.live.shared_memory import read_setup
+from hhsim.live.real_time import RealTimeWishes, become_ordinary, become_real_time, end_with, keep_off
 from hhsim.result.safety import Safety
 from hhsim.result.schema import FAULT, WARNING
 
@@ -291,11 +289,7 @@ def drive(driver: GloveDriver, wishes: RealTimeWishes) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Drive the glove of a session; returns the exit code."""
-    name_process("driver")
-    parser = argparse.ArgumentParser(prog="python -m hhsim.live.loop.driver", description=__doc__)
-    add_memory_options(parser)
-    options = parser.parse_args(arguments)
-    setup, memory = read_setup(options.setup, DriverSetup), attached(options)
+    setup, memory = session_process("driver", DriverSetup, arguments)
     try:
         if not end_with(setup.parent):
             return 0

@@ -4,14 +4,12 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.kernels.live.finger_command import COMMANDER
 from hhsim.live.device import FingerCommand
 from hhsim.live.ipc.config import OutputLimits
 from hhsim.solver.workspace import zeroed
-
-Array = NDArray[np.float64]
 
 
 class FingerCommander:
@@ -31,7 +29,7 @@ class FingerCommander:
     """
 
     def __init__(
-        self, limits: OutputLimits, bend_lines: tuple[Array, Array], period: float, *, feels: bool = False
+        self, limits: OutputLimits, bend_lines: tuple[FloatArray, FloatArray], period: float, *, feels: bool = False
     ) -> None:
         """Every finger is free."""
         self.state = zeroed(COMMANDER)
@@ -50,4 +48,4 @@ class FingerCommander:
         self.at.offset[:] = offset
         names = ("bend", "stiffness", "phalanx")
         self.command = FingerCommand(*(self.state[name][0] for name in names))
-        self.force: Array = self.state["force"][0]
+        self.force: FloatArray = self.state["force"][0]

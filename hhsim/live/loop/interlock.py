@@ -4,7 +4,7 @@ from typing import Any
 
 from hhsim.kernels.live.interlock import DRY_RUN, INTERLOCK
 from hhsim.live.ipc.config import SafetyLimits
-from hhsim.result.safety import Safety
+from hhsim.result.safety import WORDS, Safety
 from hhsim.result.schema import FAULT, INFORMATION, WARNING
 from hhsim.solver.workspace import zeroed
 from hhsim.system.counted import counted
@@ -38,15 +38,15 @@ class Interlock:
         self.at.always = DRY_RUN if dry_run else 0
 
 
-WORDS: dict[Safety, tuple[int, str, str]] = {
-    Safety.STALE_INPUT: (WARNING, "nothing new from the glove or of the palm", "samples come again"),
-    Safety.NOT_FINITE: (WARNING, "a sample that is not finite, or of no hand", "samples can be used again"),
-    Safety.SOLVER_FAILED: (FAULT, "the solver failed", "the solver is back"),
-    Safety.OVERRUN_STREAK: (WARNING, "one period after the other was missed", "the loop is in time again"),
-    Safety.DEVICE_LOST: (FAULT, "the glove is gone", "the glove is back"),
-    Safety.NO_WATCHDOG: (FAULT, "the watchdog does not answer, or cannot reach the glove", "the watchdog is there"),
+LOGGED: dict[Safety, tuple[int, str]] = {
+    Safety.STALE_INPUT: (WARNING, "samples come again"),
+    Safety.NOT_FINITE: (WARNING, "samples can be used again"),
+    Safety.SOLVER_FAILED: (FAULT, "the solver is back"),
+    Safety.OVERRUN_STREAK: (WARNING, "the loop is in time again"),
+    Safety.DEVICE_LOST: (FAULT, "the glove is back"),
+    Safety.NO_WATCHDOG: (FAULT, "the watchdog is there"),
 }
-"""Level of the event, what is wrong, and what is said when it no longer is."""
+"""Level of the event, and what is said when its reason is over; `hhsim.result.safety.WORDS` say the reason."""
 
 QUIET_NS = 1_000_000_000
 
@@ -78,7 +78,7 @@ class SafetyLog:
         risen, fallen = safety & ~self._last, self._last & ~safety
         self._last = safety
         lines: list[tuple[int, str]] = []
-        for bit, (level, wrong, right) in WORDS.items():
+        for bit, (level, right) in LOGGED.items():
             if risen & bit:
                 if now_ns - self._last_logged.get(bit, now_ns - QUIET_NS) < QUIET_NS:
                     self._not_logged[bit] = self._not_logged.get(bit, 0) + 1
@@ -86,7 +86,7 @@ class SafetyLog:
                 left_out = self._not_logged.pop(bit, 0)
                 more = f" ({counted(left_out, 'time')} more since this was last said)" if left_out else ""
                 detail = self.detail.get(bit)
-                lines.append((level, f"{wrong}: the fingers are free{more}{f': {detail}' if detail else ''}"))
+                lines.append((level, f"{WORDS[bit]}: the fingers are free{more}{f': {detail}' if detail else ''}"))
                 self._last_logged[bit] = now_ns
                 self._open.add(bit)
             elif fallen & bit and bit in self._open:

@@ -7,7 +7,6 @@ Exit codes: 0 it was stopped, 1 a fault of hhsim's own, 2 the glove or the pose 
 cannot be used. The reason is the last event and a line on stderr.
 """
 
-import argparse
 import os
 import signal
 import sys
@@ -23,7 +22,7 @@ from hhsim.errors import HhsimError
 from hhsim.live.child_process import ChildProcess
 from hhsim.live.device import COUNTERS, Capability, GloveInfo
 from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.ipc.session_memory import SessionMemory, add_memory_options, attached
+from hhsim.live.ipc.session_memory import SessionMemory, session_process
 from hhsim.live.ipc.status import DriverSetup, Stage, oldest_heartbeat
 from hhsim.live.loop.driver import BEGIN, OPEN, glove_info
 from hhsim.live.loop.loop import LiveLoop, loop_options
@@ -33,10 +32,9 @@ from hhsim.live.real_time import (
     described,
     end_with,
     keep_off,
-    name_process,
     processors_awake,
 )
-from hhsim.live.shared_memory import read_setup, write_setup
+from hhsim.live.shared_memory import write_setup
 from hhsim.result.schema import FAULT, INFORMATION, WARNING
 from hhsim.solver.compile import warm_up
 
@@ -205,11 +203,7 @@ def start_driver(setup: LiveSetup, memory: SessionMemory) -> ChildProcess:
 
 def main(arguments: Sequence[str] | None = None, start: StartDriver = start_driver) -> int:
     """Run the loop of a session, with the driver that `start` starts; returns the exit code."""
-    name_process("loop")
-    parser = argparse.ArgumentParser(prog="python -m hhsim.live.loop.process", description=__doc__)
-    add_memory_options(parser)
-    options = parser.parse_args(arguments)
-    setup, memory = read_setup(options.setup, LiveSetup), attached(options)
+    setup, memory = session_process("loop", LiveSetup, arguments)
     ending = Ending()
     ending.install()
     driver: ChildProcess | None = None

@@ -8,7 +8,6 @@ Exit codes: 0 all that came is written; 1 a fault of hhsim's own; 2 the file can
 why, and where what was written is). After 1 and 2 `recorder_failed` is set in the status.
 """
 
-import argparse
 import os
 import select
 import signal
@@ -21,12 +20,12 @@ from types import FrameType
 
 from hhsim.errors import HhsimError
 from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.ipc.session_memory import SessionMemory, add_memory_options, attached
+from hhsim.live.ipc.session_memory import SessionMemory, session_process
 from hhsim.live.ipc.status import Stage
 from hhsim.live.loop.loop import loop_options
-from hhsim.live.real_time import become_ordinary, become_real_time, keep_off, name_process
+from hhsim.live.real_time import become_ordinary, become_real_time, keep_off
 from hhsim.live.session.writer import RINGS, SessionWriter
-from hhsim.live.shared_memory import RingReader, read_setup
+from hhsim.live.shared_memory import RingReader
 from hhsim.result.miss_cause import by_name
 from hhsim.result.reader import CHUNK_TICKS, check_result_path
 from hhsim.solver.compile import warm_up
@@ -159,11 +158,7 @@ class Recorder:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Record a session; returns the exit code."""
-    name_process("recorder")
-    parser = argparse.ArgumentParser(prog="python -m hhsim.live.session.recorder", description=__doc__)
-    add_memory_options(parser)
-    options = parser.parse_args(arguments)
-    setup, memory = read_setup(options.setup, LiveSetup), attached(options)
+    setup, memory = session_process("recorder", LiveSetup, arguments)
     keep_off(setup.real_time.loop_cpu)
     become_real_time(replace(setup.real_time, priority=PRIORITY, lock_memory=False, cpu=-1, freeze_gc=False))
     recorder = Recorder(setup, memory)

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from hhsim.hand.model import HandModel
-from hhsim.live.devices.registry import GloveConfig, find_glove
+from hhsim.live.devices.registry import GLOVES, GloveConfig
 from hhsim.live.playback import Playback
 from hhsim.live.pose.initial_pose import palm_place
 from hhsim.live.pose.registry import POSES, PoseConfig
@@ -72,7 +72,7 @@ def make_live_scene(
         mesh, tree = scene.mesh, scene.tree
         # One for both, so that fingers and palm stay together.
         playback = Playback(scene.trajectory.seen_from_object(), repeat=True)
-        if find_glove(device.kind).plays:
+        if GLOVES[device.kind].plays:
             device = replace(device, playback=playback)
         if palm.plays:
             pose = replace(pose, playback=playback)

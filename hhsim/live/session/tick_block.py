@@ -1,10 +1,8 @@
 """The columns of a session's ticks, from the records of their ring."""
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import AnyArray, Records
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.free.record import ObjectRecord
 from hhsim.kernels.tick.block import TickRecord
@@ -14,9 +12,7 @@ from hhsim.replay.free_ticks import as_seen, contact_rows, free_block, moved_by
 from hhsim.replay.tick_columns import TickColumns
 from hhsim.solver.options import SolverOptions
 
-Array = NDArray[Any]
-Records = NDArray[np.void]
-Columns = dict[str, Array]
+Columns = dict[str, AnyArray]
 
 
 class SessionColumns:

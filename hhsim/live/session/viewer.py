@@ -9,7 +9,6 @@ Exit codes: 0 the session has ended or the viewer was closed (the last line on s
 own; 2 there is no viewer, or its file cannot be written.
 """
 
-import argparse
 import os
 import signal
 import sys
@@ -21,16 +20,16 @@ from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import Records
 from hhsim.errors import HhsimError, OutputError
 from hhsim.hand.fingers import FINGERS
 from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.ipc.session_memory import SessionMemory, add_memory_options, attached
+from hhsim.live.ipc.session_memory import SessionMemory, session_process
 from hhsim.live.ipc.status import Stage
-from hhsim.live.real_time import keep_off, name_process
+from hhsim.live.real_time import keep_off
 from hhsim.live.session.tick_block import SessionColumns
-from hhsim.live.shared_memory import RingReader, read_setup
+from hhsim.live.shared_memory import RingReader
 from hhsim.result.safety import why_free_or_held
 from hhsim.view.blueprint import blueprint
 from hhsim.view.decimation import ShownTicks, shown_ticks
@@ -42,7 +41,6 @@ from hhsim.view.status_text import status_words
 if TYPE_CHECKING:
     import rerun as rr
 
-Records = NDArray[np.void]
 
 FRAME = 1.0 / 30.0
 """Between two frames [s]."""
@@ -187,16 +185,12 @@ class LiveViewer:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Show a session; returns the exit code."""
-    name_process("viewer")
-    parser = argparse.ArgumentParser(prog="python -m hhsim.live.session.viewer", description=__doc__)
-    add_memory_options(parser)
-    options = parser.parse_args(arguments)
+    setup, memory = session_process("viewer", LiveSetup, arguments)
     with suppress(OSError):
         os.nice(NICENESS)
     try:
-        setup = read_setup(options.setup, LiveSetup)
         keep_off(setup.real_time.loop_cpu)
-        viewer = LiveViewer(setup, attached(options))
+        viewer = LiveViewer(setup, memory)
         # Ctrl-C is for the session: its end is shown too.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         signal.signal(signal.SIGHUP, signal.SIG_IGN)

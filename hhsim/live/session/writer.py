@@ -23,8 +23,8 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import AnyArray, Records
 from hhsim.live.device import COUNTERS
 from hhsim.live.ipc.config import LiveSetup
 from hhsim.live.session.statistics import LiveTally, session_figures
@@ -44,9 +44,6 @@ from hhsim.result.schema import (
 from hhsim.result.writer import ResultWriter
 from hhsim.scene.free_object import LAW
 from hhsim.solver.options import SolverOptions
-
-Array = NDArray[Any]
-Records = NDArray[np.void]
 
 RINGS = ("ticks", "samples", "events")
 
@@ -154,7 +151,7 @@ class SessionWriter:
             self._waiting[ring].append((first, records))
             self._came[ring] = True
 
-    def write(self, counters: Array, ended: str = "") -> None:
+    def write(self, counters: AnyArray, ended: str = "") -> None:
         """Write what was taken, and flush it.
 
         Args:
@@ -167,7 +164,7 @@ class SessionWriter:
         named = as_text(dict(zip(COUNTERS, map(int, counters), strict=True)))
         self._write({"counters": named, "ended": ended})
 
-    def finish(self, ended: str, counters: Array, missed: int, missed_by: Mapping[str, int]) -> Path:
+    def finish(self, ended: str, counters: AnyArray, missed: int, missed_by: Mapping[str, int]) -> Path:
         """Write what was taken and the summary, and mark the file complete.
 
         Args:
@@ -202,7 +199,7 @@ class SessionWriter:
     def _lost_attributes(self) -> dict[str, int]:
         return {f"lost_{ring}": self.lost[ring] for ring in RINGS}
 
-    def _tick_block(self, first: int, records: Records) -> dict[str, Array]:
+    def _tick_block(self, first: int, records: Records) -> dict[str, AnyArray]:
         """The rows of /tick."""
         if self._began < 0:
             self._began = int(records["time_ns"][0])
@@ -212,7 +209,7 @@ class SessionWriter:
         self.penetration_max = float(np.fmax.reduce(ticks["penetration_depth"], initial=self.penetration_max))
         return ticks
 
-    def _sample_block(self, first: int, records: Records) -> dict[str, Array]:
+    def _sample_block(self, first: int, records: Records) -> dict[str, AnyArray]:
         return {
             "record": np.arange(first, first + len(records)),
             **_taken(self._sample_columns, records),
@@ -220,11 +217,11 @@ class SessionWriter:
         }
 
 
-def _taken(columns: Sequence[Column], records: Records) -> dict[str, Array]:
+def _taken(columns: Sequence[Column], records: Records) -> dict[str, AnyArray]:
     return {column.name: column.taken(records) for column in columns if column.source}
 
 
-def _joined(blocks: list[dict[str, Array]]) -> dict[str, Array]:
+def _joined(blocks: list[dict[str, AnyArray]]) -> dict[str, AnyArray]:
     return {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]} if blocks else {}
 
 

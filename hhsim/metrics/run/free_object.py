@@ -2,17 +2,14 @@
 
 import math
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import AnyArray
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
 from hhsim.metrics.free_run import FreeRun
 from hhsim.metrics.run_metric import Judged, RunMetric
 from hhsim.metrics.run_ticks import RunTicks
-
-Array = NDArray[Any]
 
 ROUNDING = 1e-9
 """A force that leaves its cone by no more than this share of μ times the normal force is on it."""
@@ -82,7 +79,7 @@ def _table_depth(run: RunTicks) -> float:
     return max(0.0, -float(_free(run)["object/table_distance"].min()))
 
 
-def _friction_residuals(run: RunTicks) -> Array:
+def _friction_residuals(run: RunTicks) -> AnyArray:
     """Of the ticks in which a contact bears a force [m]."""
     free = _free(run)
     return np.asarray(free["object/friction_residual"][np.unique(free["contact/tick"])])
@@ -102,7 +99,6 @@ METRICS = (
         label="object raised, max",
         digits=2,
         unit="mm",
-        scale=1e-3,
         less_is_better=False,
         place=40,
         free_only=True,
@@ -114,7 +110,6 @@ METRICS = (
         label="slip of a finger on the object, in all",
         digits=3,
         unit="mm",
-        scale=1e-3,
         place=41,
         free_only=True,
         short="object_slip",
@@ -125,7 +120,6 @@ METRICS = (
         label="creep of the held object, max",
         digits=3,
         unit="µm/s",
-        scale=1e-6,
         place=42,
         free_only=True,
         short="object_creep",
@@ -156,7 +150,6 @@ METRICS = (
         label="object in the table, max",
         digits=3,
         unit="µm",
-        scale=1e-6,
         place=45,
         free_only=True,
         short="table_depth",
@@ -169,7 +162,6 @@ METRICS = (
             label=f"friction is off the slip by, {name}",
             digits=3,
             unit="µm",
-            scale=1e-6,
             place=place,
             free_only=True,
             compute=_residual_share(share),

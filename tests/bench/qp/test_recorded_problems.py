@@ -10,7 +10,7 @@ from sphere_scenes import Motion, bumpy_ball, random_targets, record_clearance, 
 from hhsim.bench.qp import recorded_problems
 from hhsim.bench.qp.backends import ProgramSolver
 from hhsim.bench.qp.bench import OWN_LIMIT
-from hhsim.bench.qp.kkt_check import CERTIFIED_RADIUS, certified_radius, residuals
+from hhsim.bench.qp.kkt_check import CERTIFIED_RADIUS, certified_radius, residual
 from hhsim.bench.qp.program import Program
 from hhsim.bench.qp.recorded_problems import RUNS, QpBenchOptions, harvest, harvest_tick
 from hhsim.errors import UnknownNameError
@@ -41,8 +41,8 @@ def is_solved(program: Program, solver: ProgramSolver) -> bool:
             assert answer.certificate is not None
             assert certified_radius(program, answer.certificate) > CERTIFIED_RADIUS
             continue
-        exact = residuals(program, answer.x, answer.multiplier).largest <= OWN_LIMIT
-        assert exact or residuals(program, answer.x, answer.multiplier, program.relaxation).largest <= OWN_LIMIT
+        exact = residual(program, answer.x, answer.multiplier) <= OWN_LIMIT
+        assert exact or residual(program, answer.x, answer.multiplier, program.relaxation) <= OWN_LIMIT
     assert len(solved) == 1
     return solved.pop()
 

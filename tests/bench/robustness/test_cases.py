@@ -7,7 +7,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from sampled import sampled
 from sphere_scenes import Motion, brute_pairs, record_clearance
 
@@ -27,7 +26,6 @@ from hhsim.solver.options import SolverOptions
 
 pytestmark = pytest.mark.slow
 
-Array = NDArray[np.float64]
 METHODS = ("coupled", "progressive")
 CASES = {case.name: case for case in hard_cases(ticks=4 * LOOP)}
 ON_MESH = {case.name: case for case in hard_cases(ticks=4 * LOOP, surfaces=("mesh",))}

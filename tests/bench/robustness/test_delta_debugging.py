@@ -12,10 +12,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from kept_failure import provenance_of, rerun_failure
-from numpy.typing import NDArray
 from sphere_scenes import bumpy_ball
 from stress_motion import random_targets
 
+from hhsim.arrays import FloatArray
 from hhsim.bench.robustness.delta_debugging import Trace, Trial, delta_debug
 from hhsim.bench.robustness.failure import (
     KINDS,
@@ -36,8 +36,6 @@ from hhsim.motion.file import load_trajectory
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
 
-Array = NDArray[np.float64]
-
 HAND = HandModel.default()
 BALL = bumpy_ball(300)
 JUMPS = StressOptions(hold=1, bound="none")
@@ -46,7 +44,9 @@ JUMPS = StressOptions(hold=1, bound="none")
 class SlippingSolver(HandSolver):
     """A planted fault: 5 mm into the object, where the hand touches it with the middle finger curled to the right."""
 
-    def run(self, position: Array, orientation: Array, flexion: Array, abduction: Array) -> TickRecord:
+    def run(
+        self, position: FloatArray, orientation: FloatArray, flexion: FloatArray, abduction: FloatArray
+    ) -> TickRecord:
         record = super().run(position, orientation, flexion, abduction)
         bad = (record.work[:, WORK_TOUCHING] > 0) & (position[:, 0] > 0.02) & (flexion[:, 2, 0] > 0.8)
         record.joints[bad] -= 0.005 * record.position[bad, None, None] / 0.06

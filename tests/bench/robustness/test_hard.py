@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import Run
-from numpy.typing import NDArray
 from sphere_scenes import record_clearance
 
+from hhsim.arrays import FloatArray
 from hhsim.bench.robustness import hard as suite
 from hhsim.bench.robustness.acceptance import part_of, sound_samples, unexplained_stuck, worst_penetration
 from hhsim.bench.robustness.case import Figure, HardCase, HardRun
@@ -40,8 +40,6 @@ from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions
 
-Array = NDArray[np.float64]
-
 BALL = tree_of(np.zeros((1, 3)), BALL_RADIUS)
 PIECES = pieces_of("spheres", None, BALL)
 PRESS = still((0.0, -0.03, 0.15), flexion=HALF).line(still((0.0, -0.03, 0.03), flexion=HALF), 100).hold(40)
@@ -60,7 +58,9 @@ class Faulty(HandSolver):
 
     fault = "none"
 
-    def run(self, position: Array, orientation: Array, flexion: Array, abduction: Array) -> TickRecord:
+    def run(
+        self, position: FloatArray, orientation: FloatArray, flexion: FloatArray, abduction: FloatArray
+    ) -> TickRecord:
         record = super().run(position, orientation, flexion, abduction)
         tick = 120
         if self.fault == "penetration":

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from sampled import sampled
 from sphere_scenes import bumpy_ball, sphere_tree
 from stress_motion import random_targets
 from triangle_scenes import CLEAR, floor, wedge
 
+from hhsim.arrays import FloatArray
 from hhsim.bench.robustness.local_optimality import way_out
 from hhsim.bench.robustness.pieces import Pieces, hand_distance, pieces_of
 from hhsim.bench.robustness.postures import INDEX, POINTING
@@ -28,7 +28,6 @@ from hhsim.trees.contact_surface import contact_surface
 
 pytestmark = pytest.mark.slow
 
-Array = NDArray[np.float64]
 HAND = HandModel.default()
 BALL = bumpy_ball(1200)
 LEAVES = pieces_of("spheres", None, BALL)
@@ -85,7 +84,7 @@ def test_a_straight_finger_that_pushes_a_wall_can_only_go_back_or_aside() -> Non
     tree = sphere_tree((joints[2, 3] + (HAND.radius[2, 3] + 0.1 + 1e-9) * ahead)[None], np.array([0.1]))
     here = HandConfiguration(*(np.array(values)[None] for values in sample))
 
-    def way(direction: Array) -> float:
+    def way(direction: FloatArray) -> float:
         goal = here.copy()
         goal.position[0] += 0.05 * direction
         return way_out(HAND, pieces_of("spheres", None, tree), OPTIONS, here, goal)

@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from numpy.typing import NDArray
 from plain_clearance import brute_clearance
 from sphere_scenes import bumpy_ball, cloud
 
+from hhsim.arrays import FloatArray
 from hhsim.bench.robustness.pieces import (
     Body,
     Pieces,
@@ -28,7 +28,6 @@ from hhsim.metrics.metrics import hand_clearance
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.verify.tree_checks import winding_number
 
-Array = NDArray[np.float64]
 HAND = HandModel.default()
 SHAPE = hand_shape(HAND)
 
@@ -41,7 +40,7 @@ def ball_at(center: tuple[float, ...], radius: float = 0.01) -> Body:
     return phalanx(center, center, radius, radius)
 
 
-def hands(seed: int, ticks: int) -> list[tuple[Array, Array, Array]]:
+def hands(seed: int, ticks: int) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
     """Every 60th hand of random targets: on its way through the object, or in it."""
     placed = forward_kinematics(HAND, *RandomTargets(HAND, seed).take(60 * ticks))
     return [(placed.joints[t], placed.position[t], placed.orientation[t]) for t in range(59, 60 * ticks, 60)]

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 from kept_failure import rerun_failure
-from numpy.typing import NDArray
 from sampled import sampled
 from scipy.spatial.transform import Rotation
 from sphere_scenes import bumpy_ball, record_clearance
 
+from hhsim.arrays import FloatArray
 from hhsim.bench.robustness import stress, stress_measurement
 from hhsim.bench.robustness.failure import recorded_penetration
 from hhsim.bench.robustness.random_targets import StressOptions
@@ -30,7 +30,6 @@ from hhsim.solver.options import SolverOptions
 
 pytestmark = pytest.mark.slow
 
-Array = NDArray[np.float64]
 
 HAND = HandModel.default()
 BALL = bumpy_ball(300)
@@ -62,7 +61,9 @@ def case(
 class Planted(HandSolver):
     """Faults at chosen ticks of a long run, and wherever a fresh solver meets the same input."""
 
-    def run(self, position: Array, orientation: Array, flexion: Array, abduction: Array) -> TickRecord:
+    def run(
+        self, position: FloatArray, orientation: FloatArray, flexion: FloatArray, abduction: FloatArray
+    ) -> TickRecord:
         record = super().run(position, orientation, flexion, abduction)
         right = (record.work[:, WORK_TOUCHING] > 0) & (position[:, 0] > 0.02)
         inside = np.flatnonzero(right & (flexion[:, 1, 0] > 0.9))
@@ -76,7 +77,9 @@ class Planted(HandSolver):
 class Lazy(HandSolver):
     """A hand that stays where it was whenever the thumb is bent, and says that it is stuck."""
 
-    def run(self, position: Array, orientation: Array, flexion: Array, abduction: Array) -> TickRecord:
+    def run(
+        self, position: FloatArray, orientation: FloatArray, flexion: FloatArray, abduction: FloatArray
+    ) -> TickRecord:
         record = super().run(position, orientation, flexion, abduction)
         for tick in range(1, len(position)):
             if flexion[tick, 0, 1] > 1.0:
@@ -208,7 +211,9 @@ def test_a_failure_that_needs_all_that_came_before_is_kept_whole(
     class Late(HandSolver):
         seen = 0
 
-        def run(self, position: Array, orientation: Array, flexion: Array, abduction: Array) -> TickRecord:
+        def run(
+            self, position: FloatArray, orientation: FloatArray, flexion: FloatArray, abduction: FloatArray
+        ) -> TickRecord:
             record = super().run(position, orientation, flexion, abduction)
             first, self.seen = self.seen, self.seen + len(position)
             if first <= late < self.seen:
@@ -225,7 +230,9 @@ def test_a_failure_that_needs_all_that_came_before_is_kept_whole(
 
 def test_a_force_without_a_pull_has_no_bound() -> None:
     class Pushing(HandSolver):
-        def run(self, position: Array, orientation: Array, flexion: Array, abduction: Array) -> TickRecord:
+        def run(
+            self, position: FloatArray, orientation: FloatArray, flexion: FloatArray, abduction: FloatArray
+        ) -> TickRecord:
             record = super().run(position, orientation, flexion, abduction)
             record.total[:, 0] = 2.0
             return record

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from sphere_scenes import PALM, Motion, brute_clearance, brute_pairs, cloud, set_pose, sphere_tree, still
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.detection import (
     CONTACT_ROWS,
@@ -30,8 +31,6 @@ from hhsim.kernels.surfaces.spheres import PHALANX_PAIRS
 from hhsim.solver.surface import SURFACES
 from hhsim.solver.workspace import tick_state
 from hhsim.trees.sphere_tree import SphereTree
-
-Array = NDArray[np.float64]
 
 RIGHT = HandModel.default("right")
 LEFT = HandModel.default("left")
@@ -67,7 +66,7 @@ def found_pairs(state: Any, tree: SphereTree) -> dict[tuple[int, int], int]:
     return pairs
 
 
-def assert_exactly_the_near_pairs(state: Any, hand: HandModel, tree: SphereTree, margin: float) -> Array:
+def assert_exactly_the_near_pairs(state: Any, hand: HandModel, tree: SphereTree, margin: float) -> FloatArray:
     distance = brute_pairs(hand, tree.leaf_center, tree.leaf_radius, pose_of(state))
     found = set(found_pairs(state, tree))
     assert set(zip(*(i.tolist() for i in np.nonzero(distance <= margin - ROUNDING)))) <= found
@@ -262,7 +261,7 @@ def test_spheres_of_no_size_and_a_thousand_times_the_hand_are_seen() -> None:
         assert state.contacts.distance[record] == pytest.approx(distance[5, 0], abs=1e-12)
 
 
-def crowd_under_the_index_tip(count: int, depth: float) -> tuple[Array, Array]:
+def crowd_under_the_index_tip(count: int, depth: float) -> tuple[FloatArray, FloatArray]:
     tip = RIGHT.joints(np.zeros(3), [1.0, 0.0, 0.0, 0.0], np.zeros((5, 3)), np.zeros(5))[1, 3]
     center = tip + np.array([0.0, 0.0, -(RIGHT.radius[1, 3] + 1e-3 + depth)])
     return np.repeat(center[None], count, axis=0), np.full(count, 1e-3)
@@ -313,7 +312,7 @@ def test_a_crowd_at_the_palm_is_listed_less_far_and_not_anew_in_every_tick() -> 
     gap = brute_pairs(RIGHT, center, np.full(len(center), size), still(1, np.zeros(3)))[PALM:].min(axis=0)
     center = center[(gap > 2e-4) & (gap < margin + skin)]
 
-    def seen(count: int, state: Any, place: Array) -> float:
+    def seen(count: int, state: Any, place: FloatArray) -> float:
         set_pose(RIGHT, state.pose, still(1, place))
         state.work[:] = 0
         tree = sphere_tree(center[:count], np.full(count, size))

@@ -7,15 +7,12 @@ import pytest
 from contact_scenes import RIGHT, ROOT, moved, pair_of, row_matrix, scene
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from sphere_scenes import PALM, brute_pairs, set_pose, still
 
 from hhsim.kernels.contact.linearise import LIMIT_ROWS, build_rows, clamp_to_limits, limit_start
 from hhsim.kernels.hand.kinematics import DOF
 from hhsim.solver.workspace import tick_state
 from hhsim.trees.sphere_tree import SphereTree
-
-Array = NDArray[np.float64]
 
 STEP = 1e-6
 """Of the central differences [m, rad]: rounding of 1e-16 m / 1e-6, curvature of 1e-12 · 1e3 1/m."""

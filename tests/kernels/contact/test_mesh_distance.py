@@ -5,9 +5,9 @@ import pytest
 import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from sampled import sampled
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.mesh_distance import (
     DEEPEST_INTERVAL,
@@ -17,8 +17,6 @@ from hhsim.kernels.contact.mesh_distance import (
 from hhsim.kernels.kd_tree import STACK
 from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh
 from hhsim.mesh.catalogue import load_object
-
-Array = NDArray[np.float64]
 
 RESOLUTION = 1e-4
 HALF = 0.05
@@ -32,12 +30,14 @@ def bvh_of(shape: trimesh.Trimesh) -> MeshBvh:
 CUBE_BVH = bvh_of(CUBE)
 
 
-def distance(bvh: MeshBvh, a: Array, b: Array, radius_a: float, radius_b: float, limit: float = np.inf) -> float:
+def distance(
+    bvh: MeshBvh, a: FloatArray, b: FloatArray, radius_a: float, radius_b: float, limit: float = np.inf
+) -> float:
     work = np.empty(STACK, np.int64), np.empty(STACK), np.empty((2, DEEPEST_INTERVAL))
     return round_cone_mesh_distance(bvh, a, b, radius_a, radius_b, limit, RESOLUTION, *work)
 
 
-def cube_distance(points: Array) -> Array:
+def cube_distance(points: FloatArray) -> FloatArray:
     """Signed distance of points to the cube in closed form."""
     over = np.abs(points) - HALF
     outside = np.linalg.norm(np.maximum(over, 0.0), axis=1)
@@ -120,12 +120,12 @@ def test_trimesh_agrees_on_real_objects(name: str) -> None:
     assert signs == {True, False}
 
 
-def hand_arrays(hand: HandModel) -> tuple[Array, Array, Array]:
+def hand_arrays(hand: HandModel) -> tuple[FloatArray, FloatArray, FloatArray]:
     palm = hand.palm_tree
     return hand.radius.copy(), np.ascontiguousarray(palm.leaf_center), np.ascontiguousarray(palm.leaf_radius)
 
 
-def placed(hand: HandModel, height: float) -> tuple[Array, Array, Array]:
+def placed(hand: HandModel, height: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Joints (1, 5, 4, 3), position (1, 3) and rotation (1, 3, 3) of an open hand over the origin."""
     position = np.array([[0.0, -0.05, height]])
     joints = hand.joints(position[0], [1.0, 0.0, 0.0, 0.0], np.full((5, 3), 0.1), np.zeros(5))

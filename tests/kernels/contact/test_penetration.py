@@ -4,21 +4,19 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.penetration import HandSurface, PlacedHands, clearances
 from hhsim.kernels.hand.kinematics import HandArrays
 from hhsim.kernels.sphere_tree import TreeArrays
 
-Array = NDArray[np.float64]
-
 FREE = 1.0
 """A limit [m] that no distance in these scenes reaches."""
 
 
-def tree_of(center: Array, radius: Array, groups: int = 4) -> TreeArrays:
+def tree_of(center: FloatArray, radius: FloatArray, groups: int = 4) -> TreeArrays:
     """A tree of two levels over the given leaves, in the order in which they come."""
     members = [m for m in np.array_split(np.arange(radius.size), groups) if m.size]
     nodes = [center.mean(axis=0), *(center[m].mean(axis=0) for m in members)]
@@ -39,14 +37,16 @@ def tree_of(center: Array, radius: Array, groups: int = 4) -> TreeArrays:
     )
 
 
-def round_cone_distance(center: Array, radius: Array, a: Array, b: Array, radius_a: float, radius_b: float) -> Array:
+def round_cone_distance(
+    center: FloatArray, radius: FloatArray, a: FloatArray, b: FloatArray, radius_a: float, radius_b: float
+) -> FloatArray:
     """Least of |c - x(s)| - r(s) over 0 <= s <= 1, convex in s, by golden sections."""
     low, high = np.zeros(radius.size), np.ones(radius.size)
     golden = (np.sqrt(5.0) - 1.0) / 2.0
 
-    def value(s: Array) -> Array:
+    def value(s: FloatArray) -> FloatArray:
         axis = a + s[:, None] * (b - a)
-        distance: Array = np.linalg.norm(center - axis, axis=1) - (radius_a + s * (radius_b - radius_a)) - radius
+        distance: FloatArray = np.linalg.norm(center - axis, axis=1) - (radius_a + s * (radius_b - radius_a)) - radius
         return distance
 
     for _ in range(60):
@@ -57,14 +57,14 @@ def round_cone_distance(center: Array, radius: Array, a: Array, b: Array, radius
 
 
 def brute_force(
-    phalanx_radius: Array,
-    palm: Array,
-    palm_radius: Array,
-    leaves: Array,
-    leaf_radius: Array,
-    joints: Array,
-    pose: Array,
-) -> tuple[Array, Array]:
+    phalanx_radius: FloatArray,
+    palm: FloatArray,
+    palm_radius: FloatArray,
+    leaves: FloatArray,
+    leaf_radius: FloatArray,
+    joints: FloatArray,
+    pose: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
     """(palm (T,), finger (T, 5)) least signed distances; pose (T, 3, 4) is [rotation | position]."""
     ticks = len(joints)
     palm_out, finger_out = np.full(ticks, np.inf), np.full((ticks, 5), np.inf)
@@ -80,14 +80,14 @@ def brute_force(
 
 
 def run_clearances(
-    phalanx_radius: Array,
-    palm: Array,
-    palm_radius: Array,
+    phalanx_radius: FloatArray,
+    palm: FloatArray,
+    palm_radius: FloatArray,
     tree: TreeArrays,
-    joints: Array,
-    pose: Array,
+    joints: FloatArray,
+    pose: FloatArray,
     limit: float,
-) -> tuple[Array, Array]:
+) -> tuple[FloatArray, FloatArray]:
     x, y, z = np.ascontiguousarray(palm.T)
     rotation, position = np.ascontiguousarray(pose[:, :, :3]), np.ascontiguousarray(pose[:, :, 3])
     palm_out, finger_out = np.full(len(joints), np.inf), np.full((len(joints), 5), np.inf)
@@ -97,7 +97,9 @@ def run_clearances(
 
 
 @st.composite
-def scenes(draw: st.DrawFn) -> tuple[Array, Array, Array, Array, Array, Array, Array]:
+def scenes(
+    draw: st.DrawFn,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Crowded scenes, about half penetrating, with phalanges of length 0, radius 0 and spheres inside each other."""
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     ticks, leaves, palms = draw(st.integers(0, 4)), draw(st.integers(1, 60)), draw(st.integers(0, 8))
@@ -115,7 +117,7 @@ def scenes(draw: st.DrawFn) -> tuple[Array, Array, Array, Array, Array, Array, A
 @settings(max_examples=25)
 @given(scenes(), st.sampled_from([0.0, 0.01, FREE]))
 def test_clearances_equal_brute_force(
-    scene: tuple[Array, Array, Array, Array, Array, Array, Array], limit: float
+    scene: tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray], limit: float
 ) -> None:
     phalanx_radius, palm, palm_radius, center, radius, joints, pose = scene
     palm_out, finger_out = run_clearances(
@@ -131,7 +133,7 @@ def hand() -> HandModel:
     return HandModel.default()
 
 
-def random_hands(hand: HandModel, ticks: int, seed: int) -> tuple[Array, Array]:
+def random_hands(hand: HandModel, ticks: int, seed: int) -> tuple[FloatArray, FloatArray]:
     rng = np.random.default_rng(seed)
     pose, joints = np.empty((ticks, 3, 4)), np.empty((ticks, 5, 4, 3))
     for t in range(ticks):
@@ -145,7 +147,13 @@ def random_hands(hand: HandModel, ticks: int, seed: int) -> tuple[Array, Array]:
 
 
 def penetration_depths(
-    hand: HandArrays, tree: TreeArrays, joints: Array, position: Array, rotation: Array, palm: Array, finger: Array
+    hand: HandArrays,
+    tree: TreeArrays,
+    joints: FloatArray,
+    position: FloatArray,
+    rotation: FloatArray,
+    palm: FloatArray,
+    finger: FloatArray,
 ) -> None:
     """Clearances of a whole hand, none looked for beyond 0, as depths; written to palm (T,) and finger (T, 5)."""
     spheres = (hand.palm_x, hand.palm_y, hand.palm_z, hand.palm_radius)

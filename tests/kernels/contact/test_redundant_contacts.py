@@ -7,17 +7,15 @@ import pytest
 from contact_scenes import RIGHT, ROOT, row_matrix
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from sphere_scenes import PALM, Motion, brute_pairs, bumpy_ball, set_pose, sphere_tree, still
 
+from hhsim.arrays import FloatArray
 from hhsim.kernels.contact.detection import CONTACT_ROWS, evaluate, find_contacts
 from hhsim.kernels.contact.linearise import build_rows
 from hhsim.kernels.contact.redundant_contacts import FEWEST, drop_redundant_contacts
 from hhsim.kernels.hand.kinematics import motion_bounds
 from hhsim.solver.workspace import tick_state
 from hhsim.trees.sphere_tree import SphereTree
-
-Array = NDArray[np.float64]
 
 REACH = 1e-3
 OFFSET = 5e-7
@@ -50,13 +48,13 @@ def on_a_patch(seed: int, leaves: int) -> tuple[SphereTree, Motion]:
     return tree, still(1, [0.0, along, high], flexion=flexion)
 
 
-def rows(state: Any) -> tuple[Array, Array, list[int]]:
+def rows(state: Any) -> tuple[FloatArray, FloatArray, list[int]]:
     build_rows(RIGHT.arrays(), state.pose, state.contacts, OFFSET, False, state.problem)
     count = int(state.contacts.start[-1])
     return row_matrix(state), np.array(state.problem.rhs[:count]), [int(key) for key in state.contacts.key[:count]]
 
 
-def bounded_step(random: np.random.Generator, pose: Any, bodies: set[int], reach: float) -> Array:
+def bounded_step(random: np.random.Generator, pose: Any, bodies: set[int], reach: float) -> FloatArray:
     """A random step in which no point of these bodies moves farther than `reach`, and one about so far."""
     step = random.normal(size=21) / ROOT * 10.0 ** random.uniform(-1.0, 1.0, 21)
     motion = np.zeros(16)

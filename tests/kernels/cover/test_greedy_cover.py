@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 import trimesh
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.kernels.cover.certify import certify_cover
 from hhsim.kernels.cover.greedy_cover import assign, covering_radius, greedy_cover, longest_edges, owner_cost
 from hhsim.kernels.cover.micro_triangle import cut_mesh, edges_for
@@ -12,9 +12,6 @@ from hhsim.kernels.cover.sampled_error import exposed, union_distance
 from hhsim.kernels.kd_tree import subtrees
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, face_normals, mesh_signed_distance
 from hhsim.trees.error import sample_mesh
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 SHAPES = {
     "icosphere": trimesh.creation.icosphere(2, 0.05),
@@ -24,7 +21,7 @@ SHAPES = {
 SPHERES = 40
 
 
-def far_corner(corner: Array, center: Array) -> Array:
+def far_corner(corner: FloatArray, center: FloatArray) -> FloatArray:
     """Distances of the farthest corners, shape (micro-triangles, spheres)."""
     points = corner.reshape(-1, 3, 1, 3)
     return np.asarray(np.linalg.norm(points - center, axis=3).max(axis=1))
@@ -155,13 +152,13 @@ def test_more_balls_cost_less(case: Case) -> None:
     assert costs[0] > costs[1] > costs[2]
 
 
-def certify(case: Case, center: Array, radius: Array, slack: float = 1e-14) -> Indices:
+def certify(case: Case, center: FloatArray, radius: FloatArray, slack: float = 1e-14) -> IntArray:
     unproved, proof = np.empty(len(case.faces), np.int64), np.empty(0, np.int32)
     count, _ = certify_cover(case.corner, center, radius, slack, 1e-6, unproved, proof)
     return unproved[:count]
 
 
-def distance_to_union(points: Array, center: Array, radius: Array) -> Array:
+def distance_to_union(points: FloatArray, center: FloatArray, radius: FloatArray) -> FloatArray:
     return np.asarray(np.maximum(0.0, (np.linalg.norm(points[:, None] - center, axis=2) - radius).min(axis=1)))
 
 

@@ -8,12 +8,11 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from hhsim.arrays import FloatArray
 from hhsim.kernels.cover.micro_triangle import cut_mesh
 from hhsim.kernels.cover.sphere_descent import WORK, descend_sphere
 from hhsim.kernels.kd_tree import STACK
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, face_normals, mesh_signed_distance
-
-Array = NDArray[np.float64]
 
 SHAPE = trimesh.creation.box((0.1, 0.08, 0.04))
 VERTICES, FACES = np.array(SHAPE.vertices, float), np.array(SHAPE.faces, np.int64)
@@ -21,14 +20,14 @@ BVH = build_mesh_bvh(VERTICES, FACES)
 MICRO = cut_mesh(VERTICES[FACES].reshape(-1, 9), face_normals(VERTICES, FACES), np.full(12, 0.008))
 
 
-def descend(order: NDArray[np.int64], center: Array, trials: int = 12) -> tuple[float, float, int]:
+def descend(order: NDArray[np.int64], center: FloatArray, trials: int = 12) -> tuple[float, float, int]:
     work, stack, distance2 = np.empty((WORK, 8)), np.empty(STACK, np.int64), np.empty(STACK)
     cost, depth, step, good = descend_sphere(BVH, MICRO, order, trials, 0.0, center, work, stack, distance2)
     assert step > 0.0
     return cost, depth, good
 
 
-def cost_at(order: NDArray[np.int64], center: Array) -> float:
+def cost_at(order: NDArray[np.int64], center: FloatArray) -> float:
     points = MICRO.corner[order].reshape(-1, 3)
     return float(np.linalg.norm(points - center, axis=1).max() + mesh_signed_distance(BVH, center[None])[0])
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.model import HandModel, Side
 from hhsim.kernels.hand.kinematics import (
     BODY_COUNT,
@@ -21,8 +21,6 @@ from hhsim.kernels.hand.kinematics import (
 )
 from hhsim.kernels.hand.pose import HAND_POSE
 
-Array = NDArray[np.float64]
-
 HANDS: dict[Side, HandArrays] = {
     "right": HandModel.default("right").arrays(),
     "left": HandModel.default("left").arrays(),
@@ -34,19 +32,19 @@ seeds = st.integers(0, 2**32 - 1)
 class Pose(NamedTuple):
     """One configuration of the hand; the palm's orientation as a scipy rotation."""
 
-    position: Array
+    position: FloatArray
     rotation: Rotation
-    flexion: Array
-    abduction: Array
+    flexion: FloatArray
+    abduction: FloatArray
 
 
 class Placement(NamedTuple):
     """What the kernel returns."""
 
-    joints: Array
-    direction: Array
-    axis: Array
-    abduction_axis: Array
+    joints: FloatArray
+    direction: FloatArray
+    axis: FloatArray
+    abduction_axis: FloatArray
 
 
 def random_pose(random: np.random.Generator) -> Pose:
@@ -76,7 +74,7 @@ def place(hand: HandArrays, pose: Pose) -> Placement:
     return out
 
 
-def moved(pose: Pose, step: Array, abduction_step: Array, share: float = 1.0) -> Pose:
+def moved(pose: Pose, step: FloatArray, abduction_step: FloatArray, share: float = 1.0) -> Pose:
     """The pose after a share of a step (δp, δφ, δθ), the palm turned by exp(share δφ) from the left."""
     return Pose(
         pose.position + share * step[:3],
@@ -86,7 +84,7 @@ def moved(pose: Pose, step: Array, abduction_step: Array, share: float = 1.0) ->
     )
 
 
-def bounds(hand: HandArrays, pose: Pose, step: Array, abduction_step: Array) -> Array:
+def bounds(hand: HandArrays, pose: Pose, step: FloatArray, abduction_step: FloatArray) -> FloatArray:
     """What `motion_bounds` says of a step from a pose, shape (16,)."""
     at, bound = np.zeros(1, HAND_POSE).view(np.recarray)[0], np.full(BODY_COUNT, np.nan)
     at.position[:] = pose.position
@@ -97,14 +95,14 @@ def bounds(hand: HandArrays, pose: Pose, step: Array, abduction_step: Array) -> 
     return bound
 
 
-def transform(rotation: Rotation | Array, translation: Array) -> Array:
+def transform(rotation: Rotation | FloatArray, translation: FloatArray) -> FloatArray:
     matrix = np.eye(4)
     matrix[:3, :3] = rotation.as_matrix() if isinstance(rotation, Rotation) else rotation
     matrix[:3, 3] = translation
     return matrix
 
 
-def product_of_transforms(hand: HandArrays, pose: Pose) -> Array:
+def product_of_transforms(hand: HandArrays, pose: Pose) -> FloatArray:
     """Joints by T_world_palm T_palm_finger R_abduction Π R_x(-θ) T(0, L, 0); in a finger y is distal, z dorsal."""
     joints = np.empty((5, 4, 3))
     palm = transform(pose.rotation, pose.position)
@@ -142,7 +140,7 @@ def test_derivatives_are_the_finite_differences(seed: int, side: Side) -> None:
     out = place(hand, pose)
     width = 1e-6
 
-    def difference(step: Array, abduction_step: Array) -> Array:
+    def difference(step: FloatArray, abduction_step: FloatArray) -> FloatArray:
         ahead = place(hand, moved(pose, step, abduction_step, width)).joints
         behind = place(hand, moved(pose, step, abduction_step, -width)).joints
         return np.asarray((ahead - behind) / (2.0 * width))
@@ -178,7 +176,7 @@ def test_positive_flexion_curls_to_the_palm_and_positive_abduction_goes_to_the_t
         assert (spread[0, 1:, 2] < start[0, 1:, 2]).all()
 
 
-def body_points(hand: HandArrays, pose: Pose, share: Array) -> list[Array]:
+def body_points(hand: HandArrays, pose: Pose, share: FloatArray) -> list[FloatArray]:
     """Points of each body in the world: on the axes of the phalanges at these shares, and the palm's sphere centres."""
     joints = place(hand, pose).joints
     points = [joints[f, k] + share[:, None] * (joints[f, k + 1] - joints[f, k]) for f in range(5) for k in range(3)]

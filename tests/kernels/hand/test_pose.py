@@ -6,14 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.kinematics import DOF
 from hhsim.kernels.hand.pose import HAND_POSE, copy_configuration, is_finite_configuration, move, update_kinematics
-
-Array = NDArray[np.float64]
 
 HAND = HandModel.default("right")
 CONFIGURATION = ("position", "orientation", "flexion", "abduction")

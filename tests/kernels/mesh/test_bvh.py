@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 import trimesh
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.kernels.kd_tree import STACK
 from hhsim.kernels.mesh.bvh import (
     MeshBvh,
@@ -15,11 +15,8 @@ from hhsim.kernels.mesh.bvh import (
     mesh_signed_distance,
 )
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
-
-def arrays(shape: trimesh.Trimesh) -> tuple[Array, Indices]:
+def arrays(shape: trimesh.Trimesh) -> tuple[FloatArray, IntArray]:
     return np.array(shape.vertices, dtype=np.float64), np.array(shape.faces, dtype=np.int64)
 
 
@@ -37,7 +34,7 @@ def shape(request: pytest.FixtureRequest) -> trimesh.Trimesh:
     return chosen
 
 
-def brute_force(vertices: Array, faces: Indices, points: Array) -> Array:
+def brute_force(vertices: FloatArray, faces: IntArray, points: FloatArray) -> FloatArray:
     # trimesh has absolute tolerances: a mesh in millimetres keeps small triangles above them.
     triangles, distances = 1e3 * vertices[faces], []
     for p in 1e3 * points:

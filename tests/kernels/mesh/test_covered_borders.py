@@ -2,13 +2,11 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.kernels.mesh.covered_borders import BEYOND
 from hhsim.kernels.mesh.features import MeshFeatures
 from hhsim.mesh.features import mesh_features
-
-Array = NDArray[np.float64]
 
 FLOOR = ((-0.1, -0.1), (0.3, -0.1), (-0.1, 0.3))
 """A triangle, its long side along x + y = 0.2."""
@@ -28,7 +26,7 @@ def kept(mesh: MeshFeatures) -> tuple[set[tuple[float, ...]], set[tuple[float, .
     return rounded(middle), rounded(vertex)
 
 
-def rounded(places: Array) -> set[tuple[float, ...]]:
+def rounded(places: FloatArray) -> set[tuple[float, ...]]:
     return {tuple((np.round(place, 9) + 0.0).tolist()) for place in places}
 
 

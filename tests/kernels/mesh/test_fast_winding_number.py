@@ -4,16 +4,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.kernels.jit import JIT_ENABLED
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.kernels.mesh.fast_winding_number import fast_winding_numbers, winding_moments
 from hhsim.kernels.mesh.winding_number import winding_numbers
 from tools.shapes.generators import cup, rock, sphere
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 def fast(vertices: FloatArray, faces: IntArray, points: FloatArray) -> FloatArray:

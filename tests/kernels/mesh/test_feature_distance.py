@@ -14,6 +14,7 @@ from sampled import sampled
 from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 
+from hhsim.arrays import FloatArray
 from hhsim.kernels.contact.surface import cone_distance
 from hhsim.kernels.mesh.feature_distance import (
     ELSEWHERE,
@@ -37,8 +38,6 @@ from hhsim.kernels.round_cone_distance import RoundCone, sphere_cone
 from hhsim.kernels.sphere_tree import STACK_SIZE
 from hhsim.mesh.features import mesh_features
 
-Array = NDArray[np.float64]
-
 EXACT = 1e-12
 """Of distances of centimetres [m]."""
 SEEDS = st.integers(0, 2**32 - 1)
@@ -46,12 +45,12 @@ ONE_FACE = np.array([[0, 1, 2]])
 STACK = np.zeros(STACK_SIZE, np.int64)
 
 
-def alone(corners: Array) -> MeshFeatures:
+def alone(corners: FloatArray) -> MeshFeatures:
     """A triangle, shape (3, 3), as a mesh."""
     return mesh_features(corners, ONE_FACE, closed=False)[0]
 
 
-def random_triangles(random: np.random.Generator, count: int) -> Array:
+def random_triangles(random: np.random.Generator, count: int) -> FloatArray:
     """Of centimetres, and no slivers: their least height is above 3 % of the longest side."""
     found = np.empty((0, 3, 3))
     while len(found) < count:
@@ -70,7 +69,7 @@ def least_of_features(mesh: MeshFeatures, cones: Cones, i: int) -> float:
     return min(found + [vertex_distance(mesh.vertex, k, cone)[0] for k in range(len(mesh.vertex))])
 
 
-def crossing(cones: Cones, corners: Array) -> NDArray[np.bool_]:
+def crossing(cones: Cones, corners: FloatArray) -> NDArray[np.bool_]:
     """Which axes come within 1 µm of their triangles: there a distance has a kink."""
     axes = Cones(cones.a, cones.b, np.zeros(len(cones.a)), np.zeros(len(cones.a)))
     return np.asarray(along_axes(axes, lambda x: to_triangle(x, corners)) < 1e-6)
@@ -118,7 +117,7 @@ def test_vertices_lines_and_edges(seed: int) -> None:
         assert min(inside, *ends) == pytest.approx(edge[i], abs=EXACT)
 
 
-def at_edge(cone: RoundCone, start: Array, along: Array, extent: float) -> tuple[float, float]:
+def at_edge(cone: RoundCone, start: FloatArray, along: FloatArray, extent: float) -> tuple[float, float]:
     """The kernel's (distance, s) for the edge from `start` on."""
     dx, dy, dz = cone.x - float(start[0]), cone.y - float(start[1]), cone.z - float(start[2])
     found: tuple[float, float] = edge_witness(
@@ -127,7 +126,7 @@ def at_edge(cone: RoundCone, start: Array, along: Array, extent: float) -> tuple
     return found
 
 
-def center(cone: Any, s: float) -> Array:
+def center(cone: Any, s: float) -> FloatArray:
     return np.array([cone.x + s * cone.ux, cone.y + s * cone.uy, cone.z + s * cone.uz])
 
 
@@ -191,7 +190,7 @@ def test_an_axis_along_an_edge(seed: int, angle: float, cylinder: bool) -> None:
     assert min(edge, *ends) == pytest.approx(along_axes(cones, lambda x: to_segment(x, p, q))[0], abs=EXACT)
 
 
-def unit(vector: Array) -> Array:
+def unit(vector: FloatArray) -> FloatArray:
     return np.asarray(vector / np.linalg.norm(vector))
 
 
@@ -211,7 +210,7 @@ def test_an_axis_through_an_edge_or_a_vertex(seed: int) -> None:
         assert least <= -0.006 + EXACT
 
 
-def sliver(random: np.random.Generator, aspect: float) -> tuple[Array, Array]:
+def sliver(random: np.random.Generator, aspect: float) -> tuple[FloatArray, FloatArray]:
     """A triangle whose longest side is `aspect` times its height, and its normal; a corner is anywhere along it."""
     side = random.uniform(0.01, 0.05)
     foot = random.choice([0.0, 0.02, 0.5, 1.0])
@@ -252,7 +251,7 @@ def test_slivers(seed: int, aspect: float) -> None:
 
 
 def motions(
-    random: np.random.Generator, cones: Cones, i: int, towards: Array, most: float
+    random: np.random.Generator, cones: Cones, i: int, towards: FloatArray, most: float
 ) -> list[tuple[Cones, float]]:
     """The cone moved so that no point of its axis goes further than a length [m], and that length: some go straight
     `towards` something, some turn, most lengths are below `most`."""
@@ -273,7 +272,7 @@ def motions(
     return found
 
 
-def on_axis(cones: Cones) -> tuple[Array, Array]:
+def on_axis(cones: Cones) -> tuple[FloatArray, FloatArray]:
     """Centres and radii [m] of spheres along the axis of one cone."""
     share = np.linspace(0.0, 1.0, 201)[:, None]
     center = cones.a[0] + share * (cones.b[0] - cones.a[0])
@@ -314,7 +313,7 @@ def test_no_motion_beats_the_bounds_of_a_face(seed: int) -> None:
                 assert value >= bound - m - EXACT
 
 
-def fan(random: np.random.Generator, spokes: int) -> tuple[Array, NDArray[np.int64]]:
+def fan(random: np.random.Generator, spokes: int) -> tuple[FloatArray, NDArray[np.int64]]:
     """A vertex with faces around it, at the origin, and one more vertex a spoke."""
     turn = np.sort(random.uniform(0.0, 2.0 * np.pi, spokes))
     rim = np.stack([np.cos(turn), np.sin(turn), random.normal(0.0, 0.7, spokes)], axis=1)
@@ -336,7 +335,9 @@ def test_no_motion_beats_the_bounds_of_an_edge_or_a_vertex(seed: int, spokes: in
             first, last = int(mesh.wing_start[e]), int(mesh.wing_start[e + 1])
             bound = edge_bound(mesh.edge, e, cones.kernel(i), mesh.wing, first, last, 0.0, np.inf)
 
-            def touched(x: Array, start: Array = start, along: Array = along, extent: float = extent) -> Any:
+            def touched(
+                x: FloatArray, start: FloatArray = start, along: FloatArray = along, extent: float = extent
+            ) -> Any:
                 foot = (x - start) @ along
                 return x - start - foot[:, None] * along, (foot >= 0.0) & (foot <= extent)
 
@@ -345,14 +346,20 @@ def test_no_motion_beats_the_bounds_of_an_edge_or_a_vertex(seed: int, spokes: in
             first, last = int(mesh.spoke_start[v]), int(mesh.spoke_start[v + 1])
             bound = vertex_bound(mesh.vertex, v, cones.kernel(i), mesh.spoke, first, last, 0.0)
 
-            def reached(x: Array, at: Array = mesh.vertex[v]) -> Any:
+            def reached(x: FloatArray, at: FloatArray = mesh.vertex[v]) -> Any:
                 return x - at, np.ones(len(x), dtype=bool)
 
             check_cone(random, cones, i, reached, mesh.spoke[first:last], bound, mesh.vertex[v])
 
 
 def check_cone(
-    random: np.random.Generator, cones: Cones, i: int, witness: Any, directions: Array, bound: float, at: Array
+    random: np.random.Generator,
+    cones: Cones,
+    i: int,
+    witness: Any,
+    directions: FloatArray,
+    bound: float,
+    at: FloatArray,
 ) -> None:
     """No sphere of the moved body is in the feature's normal cone and nearer than the bound less the motion."""
     towards = unit(at - 0.5 * (cones.a[i] + cones.b[i]))

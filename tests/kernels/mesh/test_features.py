@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mesh_oracle import along_axes, random_cones, to_triangle
-from numpy.typing import NDArray
 from scipy.optimize import linprog
 
+from hhsim.arrays import FloatArray
 from hhsim.kernels.jit import JIT_ENABLED
 from hhsim.kernels.mesh.features import (
     ALONG,
@@ -28,13 +28,11 @@ from hhsim.kernels.mesh.features import (
 from hhsim.kernels.round_cone_distance import sphere_cone
 from hhsim.kernels.sphere_tree import STACK_SIZE
 
-Array = NDArray[np.float64]
-
 COUNTS = (1, 2, 3, 7, 8, 9, 15, 16, 63, 64, 65, 66, 129, 513, 700)
 SEEDS = st.integers(0, 2**32 - 1)
 
 
-def soup(random: np.random.Generator, count: int) -> Array:
+def soup(random: np.random.Generator, count: int) -> FloatArray:
     """Corners of triangles of many sizes (count, 3, 3) [m]; some coincide, some are slivers, some are points."""
     center = random.uniform(-0.05, 0.05, (count, 1, 3))
     corners = center + 10.0 ** random.uniform(-5.0, -1.5, (count, 1, 1)) * random.normal(size=(count, 3, 3))
@@ -46,11 +44,11 @@ def soup(random: np.random.Generator, count: int) -> Array:
     return np.asarray(corners)
 
 
-def to_point(x: Array, p: Array) -> Array:
+def to_point(x: FloatArray, p: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.norm(x - p, axis=1))
 
 
-def spheres_of(corners: Array) -> FaceSpheres:
+def spheres_of(corners: FloatArray) -> FaceSpheres:
     return face_spheres(np.ascontiguousarray(corners.reshape(-1, 9)))
 
 
@@ -158,7 +156,7 @@ def test_a_group_is_looked_at_on_the_vector_unit() -> None:
     assert "sqrtpd" in code
 
 
-def widest(spokes: Array) -> tuple[float, Array]:
+def widest(spokes: FloatArray) -> tuple[float, FloatArray]:
     """The direction farthest from all spokes, and by how much it leads away from them: 0 where none does."""
     # Greatest t with spokes · d <= -t, |d| <= 1 in each coordinate.
     rows = np.column_stack([spokes, np.ones(len(spokes))])

@@ -4,13 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.kernels.jit import JIT_ENABLED
 from hhsim.kernels.mesh.winding_number import winding_numbers
 from tools.shapes.generators import cube, cup, sphere
-
-FloatArray = NDArray[np.float64]
 
 
 def winding(triangles: FloatArray, points: FloatArray) -> FloatArray:

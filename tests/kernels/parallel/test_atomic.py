@@ -7,8 +7,8 @@ from typing import Any
 import numba
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from hhsim.arrays import IntArray
 from hhsim.kernels.parallel.atomic import (
     compare_exchange,
     fetch_add,
@@ -18,19 +18,17 @@ from hhsim.kernels.parallel.atomic import (
     yield_processor,
 )
 
-Indices = NDArray[np.int64]
-
 compiled = numba.njit(nogil=True)
 
 
 @compiled  # type: ignore[untyped-decorator]
-def add_up(shared: Indices, place: int, times: int) -> None:
+def add_up(shared: IntArray, place: int, times: int) -> None:
     for _ in range(times):
         fetch_add(shared, place, 1)
 
 
 @compiled  # type: ignore[untyped-decorator]
-def exchange_up(shared: Indices, place: int, times: int) -> int:
+def exchange_up(shared: IntArray, place: int, times: int) -> int:
     lost = 0
     for _ in range(times):
         before = load_acquire(shared, place)
@@ -41,7 +39,7 @@ def exchange_up(shared: Indices, place: int, times: int) -> int:
 
 
 @compiled  # type: ignore[untyped-decorator]
-def send(shared: Indices, letters: Indices, count: int) -> None:
+def send(shared: IntArray, letters: IntArray, count: int) -> None:
     for i in range(count):
         for j in range(letters.shape[0]):
             letters[j] = i + j
@@ -52,7 +50,7 @@ def send(shared: Indices, letters: Indices, count: int) -> None:
 
 
 @compiled  # type: ignore[untyped-decorator]
-def receive(shared: Indices, letters: Indices, count: int) -> int:
+def receive(shared: IntArray, letters: IntArray, count: int) -> int:
     wrong = 0
     for i in range(count):
         while load_acquire(shared, 0) != i + 1:

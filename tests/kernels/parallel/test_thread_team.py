@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from hhsim.arrays import IntArray
 from hhsim.kernels.clock import cpu_ns, thread_cpu_ns
 from hhsim.kernels.parallel.thread_team import (
     DONE,
@@ -34,15 +34,13 @@ from hhsim.kernels.parallel.thread_team import (
     waiting_task,
 )
 
-Indices = NDArray[np.int64]
-
 
 def fresh() -> Any:
     return np.zeros(1, THREAD_TEAM).view(np.recarray)[0]
 
 
 @numba.njit(nogil=True)  # type: ignore[untyped-decorator]
-def work_until_dismissed(word: Indices, taken: Indices, mine: Indices) -> None:
+def work_until_dismissed(word: IntArray, taken: IntArray, mine: IntArray) -> None:
     looks = 0
     while True:
         task = waiting_task(word)
@@ -61,7 +59,7 @@ def work_until_dismissed(word: Indices, taken: Indices, mine: Indices) -> None:
 
 
 @numba.njit(nogil=True)  # type: ignore[untyped-decorator]
-def lead(word: Indices, taken: Indices, tasks: int) -> int:
+def lead(word: IntArray, taken: IntArray, tasks: int) -> int:
     wrong = 0
     for number in range(tasks):
         items = 1 + number % PARTS

@@ -10,15 +10,12 @@ import qpsolvers
 import scipy.sparse
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from sampled import sampled
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.kernels.qp import active_set
 from hhsim.kernels.qp.active_set import INFEASIBLE, ITERATION_LIMIT, NOT_FINITE, OPTIMAL, RESUMES, new_work
 from hhsim.kernels.qp.row_scan import ProgramRows, WideRows
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 TOLERANCE = 1e-12
 RELAXATION = 1e-10
@@ -31,15 +28,15 @@ class Rows:
 
     n: int
     n_common: int
-    common: Array
-    block: Array
-    rhs: Array
-    group_start: Indices
-    group_stop: Indices
-    group_block: Indices
+    common: FloatArray
+    block: FloatArray
+    rhs: FloatArray
+    group_start: IntArray
+    group_stop: IntArray
+    group_block: IntArray
 
     @property
-    def matrix(self) -> Array:
+    def matrix(self) -> FloatArray:
         dense = np.zeros((self.rhs.size, self.n))
         dense[:, : self.n_common] = self.common[: self.n_common].T
         for start, stop, offset in zip(self.group_start, self.group_stop, self.group_block):
@@ -51,12 +48,12 @@ class Rows:
 @dataclass(frozen=True)
 class Outcome:
     status: int
-    x: Array
-    multiplier: Array
+    x: FloatArray
+    multiplier: FloatArray
     work: Any
 
     @property
-    def active(self) -> Indices:
+    def active(self) -> IntArray:
         return np.array(self.work.active[: self.work.counts[0]])
 
     @property
@@ -64,7 +61,7 @@ class Outcome:
         return int(self.work.counts[1])
 
 
-def dense_rows(matrix: Array, rhs: Array) -> Rows:
+def dense_rows(matrix: FloatArray, rhs: FloatArray) -> Rows:
     m, n = matrix.shape
     zeros = np.zeros((3, m))
     start, stop = np.array([0]), np.array([m])
@@ -73,7 +70,7 @@ def dense_rows(matrix: Array, rhs: Array) -> Rows:
 
 def solve_rows(
     rows: Rows,
-    target: Array,
+    target: FloatArray,
     guess: Iterable[int] = (),
     tolerance: float = TOLERANCE,
     relaxation: float = RELAXATION,
@@ -93,11 +90,11 @@ def solve_rows(
     return Outcome(status, work.x[: rows.n].copy(), multiplier, work)
 
 
-def solve_dense(matrix: Array, rhs: Array, target: Array, guess: Iterable[int] = ()) -> Outcome:
+def solve_dense(matrix: FloatArray, rhs: FloatArray, target: FloatArray, guess: Iterable[int] = ()) -> Outcome:
     return solve_rows(dense_rows(matrix, rhs), target, guess)
 
 
-def oracle(solver: str, matrix: Array, rhs: Array, target: Array) -> Array | None:
+def oracle(solver: str, matrix: FloatArray, rhs: FloatArray, target: FloatArray) -> FloatArray | None:
     eye = np.eye(target.size)
     options: dict[str, Any] = (
         {"tol_gap_abs": 1e-11, "tol_gap_rel": 1e-11, "tol_feas": 1e-11} if solver == "clarabel" else {}
@@ -110,17 +107,19 @@ def oracle(solver: str, matrix: Array, rhs: Array, target: Array) -> Array | Non
     return np.asarray(solution.x) if solution.found else None
 
 
-def objective(x: Array, target: Array) -> float:
+def objective(x: FloatArray, target: FloatArray) -> float:
     return 0.5 * float((x - target) @ (x - target))
 
 
-def row_norms(matrix: Array) -> Array:
-    norms: Array = np.linalg.norm(matrix, axis=1)
+def row_norms(matrix: FloatArray) -> FloatArray:
+    norms: FloatArray = np.linalg.norm(matrix, axis=1)
     norms[norms == 0.0] = 1.0
     return norms
 
 
-def assert_optimal(outcome: Outcome, matrix: Array, rhs: Array, target: Array, residual: float = 1e-9) -> None:
+def assert_optimal(
+    outcome: Outcome, matrix: FloatArray, rhs: FloatArray, target: FloatArray, residual: float = 1e-9
+) -> None:
     """Primal, dual, stationarity, complementarity, with rows normalised, so that these four are lengths."""
     assert outcome.status == OPTIMAL
     norms = row_norms(matrix)
@@ -133,7 +132,7 @@ def assert_optimal(outcome: Outcome, matrix: Array, rhs: Array, target: Array, r
     assert np.abs(slack * force).max(initial=0.0) <= residual * largest
 
 
-def assert_certificate(outcome: Outcome, matrix: Array, rhs: Array) -> None:
+def assert_certificate(outcome: Outcome, matrix: FloatArray, rhs: FloatArray) -> None:
     """Farkas: y >= 0, yᵀA = 0, yᵀb > 0 excludes every x."""
     assert outcome.status == INFEASIBLE
     work, count = outcome.work, outcome.work.counts[0]
@@ -148,20 +147,20 @@ def assert_certificate(outcome: Outcome, matrix: Array, rhs: Array) -> None:
     assert y @ scaled > 0.0
 
 
-def unit_rows(rng: np.random.Generator, m: int, n: int) -> Array:
-    matrix: Array = rng.normal(size=(m, n))
+def unit_rows(rng: np.random.Generator, m: int, n: int) -> FloatArray:
+    matrix: FloatArray = rng.normal(size=(m, n))
     matrix /= np.linalg.norm(matrix, axis=1)[:, None]
     return matrix
 
 
-def feasible_set(rng: np.random.Generator, n: int, m: int) -> tuple[Array, Array, Array, Array]:
+def feasible_set(rng: np.random.Generator, n: int, m: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """(A, b, target, p): p satisfies all rows with some slack, the target violates about half of them."""
     matrix, inside = unit_rows(rng, m, n), rng.normal(size=n)
     rhs = matrix @ inside - rng.exponential(0.3, size=m)
     return matrix, rhs, inside + 2.0 * rng.normal(size=n), inside
 
 
-def grouped_set(rng: np.random.Generator, m: int) -> tuple[Rows, Array]:
+def grouped_set(rng: np.random.Generator, m: int) -> tuple[Rows, FloatArray]:
     """Rows as the coupled hand has them: palm contacts, limits and five fingers' contacts, with unused rows between."""
     sizes = rng.multinomial(m, np.ones(6) / 6.0)
     gaps = rng.integers(0, 3, size=6)
@@ -176,7 +175,7 @@ def grouped_set(rng: np.random.Generator, m: int) -> tuple[Rows, Array]:
     return Rows(21, 6, common, block, rhs, start, stop, group_block), inside + 2.0 * rng.normal(size=21)
 
 
-def used_rows(rows: Rows) -> Indices:
+def used_rows(rows: Rows) -> IntArray:
     return np.concatenate([np.arange(a, b) for a, b in zip(rows.group_start, rows.group_stop)])
 
 
@@ -236,7 +235,7 @@ def test_multipliers_are_those_of_the_rows_as_given() -> None:
 
 
 @st.composite
-def contact_problems(draw: st.DrawFn) -> tuple[Array, Array, Array]:
+def contact_problems(draw: st.DrawFn) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Feasible problems with repeated directions, few distinct values and rows that touch the inside point."""
     n = draw(st.sampled_from([3, 6, 21]))
     m = draw(st.integers(0, 60))
@@ -253,13 +252,15 @@ def contact_problems(draw: st.DrawFn) -> tuple[Array, Array, Array]:
 
 @settings(max_examples=300)
 @given(contact_problems())
-def test_optimality_conditions_hold(problem: tuple[Array, Array, Array]) -> None:
+def test_optimality_conditions_hold(problem: tuple[FloatArray, FloatArray, FloatArray]) -> None:
     assert_optimal(solve_dense(*problem), *problem)
 
 
 @settings(max_examples=200)
 @given(contact_problems(), st.integers(0, 2**32 - 1), st.integers(0, 80))
-def test_any_guess_gives_the_same_optimum(problem: tuple[Array, Array, Array], seed: int, count: int) -> None:
+def test_any_guess_gives_the_same_optimum(
+    problem: tuple[FloatArray, FloatArray, FloatArray], seed: int, count: int
+) -> None:
     matrix, rhs, target = problem
     cold = solve_dense(matrix, rhs, target)
     guess = np.random.default_rng(seed).integers(-5, rhs.size + 5, size=count)
@@ -270,7 +271,9 @@ def test_any_guess_gives_the_same_optimum(problem: tuple[Array, Array, Array], s
 
 @settings(max_examples=200)
 @given(contact_problems(), st.integers(0, 2**32 - 1))
-def test_going_on_with_other_bounds_gives_the_same_optimum(problem: tuple[Array, Array, Array], seed: int) -> None:
+def test_going_on_with_other_bounds_gives_the_same_optimum(
+    problem: tuple[FloatArray, FloatArray, FloatArray], seed: int
+) -> None:
     matrix, rhs, target = problem
     rng = np.random.default_rng(seed)
     looser = rhs - rng.choice([0.0, 1e-6, 1e-3, 1.0], size=(2, rhs.size)) * rng.random((2, rhs.size))
@@ -310,35 +313,35 @@ def test_guessed_rows_of_no_group_are_ignored() -> None:
         np.testing.assert_allclose(warm.x, cold.x, atol=1e-12)
 
 
-Maker = Callable[[np.random.Generator, int, int], tuple[Array, Array, Array]]
+Maker = Callable[[np.random.Generator, int, int], tuple[FloatArray, FloatArray, FloatArray]]
 
 
-def duplicates(rng: np.random.Generator, n: int, m: int) -> tuple[Array, Array, Array]:
+def duplicates(rng: np.random.Generator, n: int, m: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     matrix, rhs, target, _ = feasible_set(rng, n, m)
     half = m // 2
     matrix[half : 2 * half], rhs[half : 2 * half] = matrix[:half], rhs[:half]
     return matrix, rhs, target
 
 
-def duplicate_normals(rng: np.random.Generator, n: int, m: int) -> tuple[Array, Array, Array]:
+def duplicate_normals(rng: np.random.Generator, n: int, m: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     matrix, rhs, target = duplicates(rng, n, m)
     return matrix, rhs - rng.choice([0.0, 1e-13, 1e-9, 1e-3], size=m), target
 
 
-def rank_one(rng: np.random.Generator, n: int, m: int) -> tuple[Array, Array, Array]:
+def rank_one(rng: np.random.Generator, n: int, m: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     matrix, _, target, inside = feasible_set(rng, n, m)
     matrix = np.outer(rng.uniform(0.1, 2.0, size=m), matrix[0])
     return matrix, matrix @ inside - rng.exponential(0.3, size=m), target
 
 
-def rank_one_both_signs(rng: np.random.Generator, n: int, m: int) -> tuple[Array, Array, Array]:
+def rank_one_both_signs(rng: np.random.Generator, n: int, m: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     matrix, _, target, inside = feasible_set(rng, n, m)
     matrix = np.outer(rng.choice([-1.0, 1.0], size=m), matrix[0])
     return matrix, matrix @ inside - rng.exponential(0.3, size=m), target
 
 
 def parallel(angle: float) -> Maker:
-    def make(rng: np.random.Generator, n: int, m: int) -> tuple[Array, Array, Array]:
+    def make(rng: np.random.Generator, n: int, m: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         matrix, rhs, target = duplicates(rng, n, m)
         half = m // 2
         matrix[half : 2 * half] += angle * rng.normal(size=(half, n))
@@ -350,7 +353,7 @@ def parallel(angle: float) -> Maker:
 def corridor(angle: float) -> Maker:
     """Opposed pairs of rows, parallel up to the angle; a pair that touches leaves a wedge, its tip the inside point."""
 
-    def make(rng: np.random.Generator, n: int, m: int) -> tuple[Array, Array, Array]:
+    def make(rng: np.random.Generator, n: int, m: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         matrix, _, target, inside = feasible_set(rng, n, m)
         half = m // 2
         matrix[half : 2 * half] = angle * rng.normal(size=(half, n)) - matrix[:half]
@@ -360,7 +363,7 @@ def corridor(angle: float) -> Maker:
 
 
 def zero_rows(rhs_of_zero_rows: float) -> Maker:
-    def make(rng: np.random.Generator, n: int, m: int) -> tuple[Array, Array, Array]:
+    def make(rng: np.random.Generator, n: int, m: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         matrix, rhs, target, _ = feasible_set(rng, n, m)
         zero = rng.choice(m, size=m // 4, replace=False)
         matrix[zero], rhs[zero] = 0.0, rhs_of_zero_rows
@@ -369,25 +372,25 @@ def zero_rows(rhs_of_zero_rows: float) -> Maker:
     return make
 
 
-def boundary(rng: np.random.Generator, n: int, m: int) -> tuple[Array, Array, Array]:
+def boundary(rng: np.random.Generator, n: int, m: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     matrix, _, _, inside = feasible_set(rng, n, m)
     return matrix, matrix @ inside - np.where(rng.random(m) < 0.5, 0.0, rng.exponential(0.3, size=m)), inside
 
 
-def scaled_rows(rng: np.random.Generator, n: int, m: int) -> tuple[Array, Array, Array]:
+def scaled_rows(rng: np.random.Generator, n: int, m: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     matrix, rhs, target, _ = feasible_set(rng, n, m)
     scale = 10.0 ** rng.uniform(-6.0, 6.0, size=m)
     return matrix * scale[:, None], rhs * scale, target
 
 
-def mixed_units(rng: np.random.Generator, n: int, m: int) -> tuple[Array, Array, Array]:
+def mixed_units(rng: np.random.Generator, n: int, m: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Every other variable counts in thousandths, as mm beside rad."""
     matrix, rhs, target, _ = feasible_set(rng, n, m)
     unit = np.where(np.arange(n) % 2 == 1, 1e-3, 1.0)
     return matrix * unit, rhs, target / unit
 
 
-def vertex(rng: np.random.Generator, n: int, m: int) -> tuple[Array, Array, Array]:
+def vertex(rng: np.random.Generator, n: int, m: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """More than n rows meet in the optimum: a cone of rows seen from below."""
     matrix, _, _, tip = feasible_set(rng, n, m)
     matrix *= np.sign(matrix @ matrix[0])[:, None]

@@ -4,18 +4,16 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.kernels.qp.cholesky import NOT_POSITIVE, factorise, solve_factorised
 
-Array = NDArray[np.float64]
 
-
-def definite(random: np.random.Generator, count: int, rank: int, weight: float) -> Array:
+def definite(random: np.random.Generator, count: int, rank: int, weight: float) -> FloatArray:
     """The identity and `rank` springs of very different stiffness, as the method `penalty` makes them."""
     rows = random.normal(0.0, 1.0, (rank, count))
     spring = weight * 10.0 ** random.uniform(-3.0, 0.0, rank)
-    matrix: Array = np.eye(count) + rows.T @ (spring[:, None] * rows)
+    matrix: FloatArray = np.eye(count) + rows.T @ (spring[:, None] * rows)
     return matrix
 
 

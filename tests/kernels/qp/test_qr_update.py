@@ -4,13 +4,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from sampled import sampled
 
+from hhsim.arrays import FloatArray
 from hhsim.kernels.qp.active_set import new_work
 from hhsim.kernels.qp.qr_update import append, back_substitute, project, remove, resolve, work_dtype
-
-Array = NDArray[np.float64]
 
 
 def rubbish_work(n: int) -> Any:
@@ -21,12 +19,12 @@ def rubbish_work(n: int) -> Any:
     return work
 
 
-def load(work: Any, normal: Array) -> None:
+def load(work: Any, normal: FloatArray) -> None:
     work.normal[:] = 0.0
     work.normal[: normal.size] = normal
 
 
-def factored(work: Any, n: int, k: int) -> tuple[Array, Array]:
+def factored(work: Any, n: int, k: int) -> tuple[FloatArray, FloatArray]:
     """Q (k, n) and R (k, k), with everything that pads them checked to be zero."""
     padded = -(-n // 8) * 8
     assert not work.basis[:k, n:padded].any()
@@ -39,7 +37,7 @@ def factored(work: Any, n: int, k: int) -> tuple[Array, Array]:
 def test_factors_survive_a_thousand_updates(n: int) -> None:
     rng = np.random.default_rng(n)
     work = rubbish_work(n)
-    normals: list[Array] = []
+    normals: list[FloatArray] = []
     for step in range(1000):
         k = len(normals)
         if k == n or (k > 0 and rng.random() < 0.45):

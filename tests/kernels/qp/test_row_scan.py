@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from hhsim.kernels.contact.linearise import ROW_CAPACITY
 from hhsim.kernels.hand.kinematics import DOF
@@ -19,8 +18,6 @@ from hhsim.kernels.qp.row_scan import (
     row_violations,
     unsound_rows,
 )
-
-Array = NDArray[np.float64]
 
 SIZES = [0, 1, 2, 7, 8, 9, 31, 64, 65, 200]
 

@@ -18,6 +18,7 @@ from sampled import sampled
 from scipy.spatial.transform import Rotation
 from sphere_scenes import PALM, Motion, palm_spheres, prepared, set_pose, still
 
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
@@ -43,8 +44,6 @@ from hhsim.solver.workspace import tick_state
 
 pytestmark = pytest.mark.slow
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 HAND = HandModel.default("right")
 ARRAYS = HAND.arrays()
@@ -64,7 +63,7 @@ def new_state() -> Any:
     return tick_state(np.ones(DOF), surface=SURFACES["mesh"])[0]
 
 
-def finger_frame() -> tuple[Array, Array]:
+def finger_frame() -> tuple[FloatArray, FloatArray]:
     """Origin and axes of the middle phalanx of the index: x along it, from the joint on, z up."""
     joints = HAND.joints(np.zeros(3), [1.0, 0.0, 0.0, 0.0], np.zeros((5, 3)), np.zeros(5))[1]
     along = (joints[2] - joints[1]) / LENGTH
@@ -73,13 +72,13 @@ def finger_frame() -> tuple[Array, Array]:
     return joints[1], np.stack([along, np.cross(up, along), up])
 
 
-def under_the_finger(place: Array, faces: Any, *, closed: bool = False) -> MeshFeatures:
+def under_the_finger(place: FloatArray, faces: Any, *, closed: bool = False) -> MeshFeatures:
     """A mesh given in the frame of the middle phalanx of the index."""
     origin, frame = finger_frame()
     return mesh_features(origin + place @ frame, np.asarray(faces, np.int64), closed=closed)[0]
 
 
-def finger_rows(mesh: MeshFeatures) -> dict[str, Array]:
+def finger_rows(mesh: MeshFeatures) -> dict[str, FloatArray]:
     """Rows of the middle phalanx of the index of a straight hand at the origin; points in the frame of its axis."""
     state = new_state()
     set_pose(HAND, state.pose, still(1, np.zeros(3)))
@@ -301,36 +300,36 @@ def bodies(motion: Motion, tick: int = 0) -> Cones:
     )
 
 
-def sheet() -> tuple[Array, Indices]:
+def sheet() -> tuple[FloatArray, IntArray]:
     """An open sheet with a crease."""
     place = np.array([[x, y, 0.3 * abs(x)] for x in (-0.06, 0.0, 0.06) for y in (-0.05, 0.05)])
     return place, np.array([[0, 2, 1], [1, 2, 3], [2, 4, 3], [3, 4, 5]])
 
 
-def soup() -> tuple[Array, Indices]:
+def soup() -> tuple[FloatArray, IntArray]:
     random = np.random.default_rng(8)
     place = random.uniform(-0.05, 0.05, (40, 1, 3)) + random.normal(0.0, 0.01, (40, 3, 3))
     return place.reshape(-1, 3), np.arange(120).reshape(40, 3)
 
 
-def catalogue(name: str) -> tuple[Array, Indices]:
+def catalogue(name: str) -> tuple[FloatArray, IntArray]:
     mesh = load_object(name).mesh
     return mesh.vertices, mesh.faces
 
 
-def torus() -> tuple[Array, Indices]:
+def torus() -> tuple[FloatArray, IntArray]:
     shape = trimesh.creation.torus(0.04, 0.012)
     return np.asarray(shape.vertices), np.asarray(shape.faces, np.int64)
 
 
-CLOSED: dict[str, Callable[[], tuple[Array, Indices]]] = {
+CLOSED: dict[str, Callable[[], tuple[FloatArray, IntArray]]] = {
     **{name: partial(catalogue, name) for name in ("bunny", "cup", "teapot", "cube")},
     "torus": torus,
 }
-OPEN: dict[str, Callable[[], tuple[Array, Indices]]] = {"sheet": sheet, "soup": soup}
+OPEN: dict[str, Callable[[], tuple[FloatArray, IntArray]]] = {"sheet": sheet, "soup": soup}
 
 
-def least_by_search(motion: Motion, triangles: Array, tick: int = 0) -> Array:
+def least_by_search(motion: Motion, triangles: FloatArray, tick: int = 0) -> FloatArray:
     """Distance [m] of each body to the nearest of a few triangles, shape (15 + palm's spheres,)."""
     cones = bodies(motion, tick)
     count = len(triangles)
@@ -517,10 +516,10 @@ class Border(NamedTuple):
     `share` of the axis at which it is near.
     """
 
-    place: Array
-    normal: Array
+    place: FloatArray
+    normal: FloatArray
     flat: bool
-    along: Array
+    along: FloatArray
     share: float
 
 
@@ -612,7 +611,7 @@ def test_curvature_at_faces_edges_and_vertices_is_that_of_second_differences(see
     assert len(kinds) >= 3, kinds
 
 
-def finely_curved() -> tuple[Array, Indices]:
+def finely_curved() -> tuple[FloatArray, IntArray]:
     """A closed bulge of fine triangles: a finger on it is near the faces, edges and corners of many."""
     shape = trimesh.creation.icosphere(2, 0.03)
     return np.asarray(shape.vertices), np.asarray(shape.faces, np.int64)
@@ -622,8 +621,8 @@ class Rows(NamedTuple):
     """Rows by brute force: keys, signed distances [m], rates by the 21 variables, and whether in the normal cone."""
 
     key: list[int]
-    distance: Array
-    matrix: Array
+    distance: FloatArray
+    matrix: FloatArray
     kept: NDArray[np.bool_]
 
 
@@ -640,10 +639,10 @@ def all_rows(mesh: MeshFeatures, at: Motion, margin: float) -> Rows:
     def add(
         part: int,
         number: int,
-        x: Array,
-        off: Array,
+        x: FloatArray,
+        off: FloatArray,
         radius: float,
-        directions: Array,
+        directions: FloatArray,
         known: bool,
         goes_on: Callable[[int], bool],
     ) -> None:
@@ -670,17 +669,17 @@ def all_rows(mesh: MeshFeatures, at: Motion, margin: float) -> Rows:
         matrix.append(rates)
         kept.append(known and bool((directions @ normal <= ALONG).all()))
 
-    def over(face: int, x: Array) -> bool:
+    def over(face: int, x: FloatArray) -> bool:
         n, triangle = mesh.face[face, :3], mesh.corner[face].reshape(3, 3)
         return bool(min(np.cross(n, triangle[(k + 1) % 3] - triangle[k]) @ (x - triangle[k]) for k in range(3)) > 0.0)
 
-    def over_plane(wing: int, x: Array) -> bool:
+    def over_plane(wing: int, x: FloatArray) -> bool:
         # A face and all others in its plane: here they are of one piece, wherever they are.
         plane = mesh.face[mesh.wing_face[wing], :4]
         off = np.minimum(np.abs(mesh.face[:, :4] - plane), np.abs(mesh.face[:, :4] + plane)).max(axis=1)
         return any(over(f, x) for f in np.flatnonzero(off < 1e-9).tolist())
 
-    def beside_edge(spoke: int, cone: RoundCone, x: Array) -> bool:
+    def beside_edge(spoke: int, cone: RoundCone, x: FloatArray) -> bool:
         start, along, extent = np.split(mesh.edge[mesh.spoke_edge[spoke]], [3, 6])
         a = np.array([cone.x, cone.y, cone.z])
         _, s, foot = line_witness(cone, *(a - start).tolist(), *along.tolist())
@@ -695,7 +694,7 @@ def all_rows(mesh: MeshFeatures, at: Motion, margin: float) -> Rows:
         slope = cone.drop * cone.inverse_length
         ends = [0.0, cone.length] if cone.length > 0.0 else [0.0]
 
-        def at_s(s: float, cone: RoundCone = cone, axis: Array = axis) -> Array:
+        def at_s(s: float, cone: RoundCone = cone, axis: FloatArray = axis) -> FloatArray:
             return np.array([cone.x, cone.y, cone.z]) + s * axis
 
         for f in range(faces):
@@ -725,7 +724,7 @@ def all_rows(mesh: MeshFeatures, at: Motion, margin: float) -> Rows:
     return Rows(key, np.array(distance), np.array(matrix).reshape(-1, DOF), np.array(kept, dtype=bool))
 
 
-def program(rows: Rows, chosen: NDArray[np.bool_], at: Motion, target: Array, options: SolverOptions) -> QpProblem:
+def program(rows: Rows, chosen: NDArray[np.bool_], at: Motion, target: FloatArray, options: SolverOptions) -> QpProblem:
     """The program of a linearisation with some of the rows, and the joints' limits."""
     flexion = at.flexion[0].ravel()
     free = np.eye(DOF)[6:]

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from harvested_programs import HAND, TICKS, TREE, harvest, multipliers, optimum
-from numpy.typing import NDArray
 from sphere_scenes import prepared, random_targets, solve_prepared
 
 from hhsim.kernels.qp.active_set import OPTIMAL
@@ -11,8 +10,6 @@ from hhsim.solver.contact_qp import coupled_problem
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.qp import solve
-
-Array = NDArray[np.float64]
 
 
 @pytest.mark.parametrize("seed", [0, 1])

@@ -7,15 +7,13 @@ import pytest
 from contact_scenes import moved, pair_of, scene
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from sphere_scenes import PALM, brute_pairs
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.kinematics import DOF
 from hhsim.kernels.tick.curvature import curvature_product
 from hhsim.trees.sphere_tree import SphereTree
-
-Array = NDArray[np.float64]
 
 STEP = 2e-5
 """Of the differences [m, rad]: rounding of 1e-16 m / STEP² = 3e-7 1/m; bodies curve by at most 200 1/m."""
@@ -44,7 +42,7 @@ def smooth_records(hand: HandModel, tree: SphereTree, state: Any) -> list[int]:
     return found
 
 
-def product(state: Any, rows: list[int], force: Array, step: Array) -> Array:
+def product(state: Any, rows: list[int], force: FloatArray, step: FloatArray) -> FloatArray:
     out = np.full(DOF, np.nan)
     index = np.array(rows, dtype=np.int64)
     curvature_product(state.pose, state.contacts, index, force, len(rows), step, out)
@@ -61,8 +59,8 @@ def test_products_are_second_differences(seed: int) -> None:
     records = smooth_records(hand, tree, state)
     pairs = tuple(np.array([pair_of(state, tree, i) for i in records]).reshape(-1, 2).T)
 
-    def distance(offset: Array) -> Array:
-        found: Array = brute_pairs(hand, tree.leaf_center, tree.leaf_radius, moved(at, offset))[pairs]
+    def distance(offset: FloatArray) -> FloatArray:
+        found: FloatArray = brute_pairs(hand, tree.leaf_center, tree.leaf_radius, moved(at, offset))[pairs]
         return found
 
     bent = np.empty((len(records), DOF))

@@ -8,13 +8,12 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from sphere_scenes import PALM, Motion, brute_pairs, bumpy_ball, palm_spheres, still, straight_line
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import TOUCH, SolverOptions
 from hhsim.trees.sphere_tree import SphereTree
-
-Array = NDArray[np.float64]
 
 RIGHT = HandModel.default("right")
 LEFT = HandModel.default("left")
@@ -76,14 +75,14 @@ def paper(request: pytest.FixtureRequest) -> Hold:
     return press(request.param, "coupled", "paper")
 
 
-def active_contacts(hold: Hold) -> tuple[Array, Array, Array, NDArray[np.int64]]:
+def active_contacts(hold: Hold) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int64]]:
     """Points (n, 3), normals (n, 3), multipliers (n,) and bodies of the contacts that carry force."""
     active = hold.state.active
     which = np.flatnonzero(active.body[: active.count] >= 0)
     return active.point[:, which].T, active.normal[:, which].T, active.multiplier[which], active.body[which]
 
 
-def limit_torques(hold: Hold) -> Array:
+def limit_torques(hold: Hold) -> FloatArray:
     """What the joint limits push [N·m], positive towards flexion, shape (5, 3)."""
     torque = np.zeros(15)
     active = hold.state.active
@@ -93,14 +92,14 @@ def limit_torques(hold: Hold) -> Array:
     return torque.reshape(5, 3)
 
 
-def palm_offset(hold: Hold) -> tuple[Array, Array]:
+def palm_offset(hold: Hold) -> tuple[FloatArray, FloatArray]:
     """Graphic from haptic palm: shift (3,) and rotation vector (3,)."""
     graphic = Rotation.from_quat(hold.graphic.orientation[0], scalar_first=True)
     haptic = Rotation.from_quat(hold.haptic.orientation[0], scalar_first=True)
     return hold.graphic.position[0] - hold.haptic.position[0], (graphic * haptic.inv()).as_rotvec()
 
 
-def body_frame(hand: HandModel, at: Motion, body: int) -> tuple[Array, Array]:
+def body_frame(hand: HandModel, at: Motion, body: int) -> tuple[FloatArray, FloatArray]:
     """Origin (3,) and rotation (3, 3) of a rigid body of the hand in the world, from the hand's definition."""
     palm = Rotation.from_quat(at.orientation[0], scalar_first=True)
     if body == PALM:
@@ -225,7 +224,9 @@ def test_paper_forces_are_equation_14_over_the_spheres_in_touch(paper: Hold) -> 
     np.testing.assert_allclose(paper.record.total[-1], force.sum(axis=0), rtol=1e-6, atol=1e-6)
 
 
-def nearest_on_hand(hand: HandModel, tree: SphereTree, at: Motion, row: int, leaf: int) -> tuple[Array, Array]:
+def nearest_on_hand(
+    hand: HandModel, tree: SphereTree, at: Motion, row: int, leaf: int
+) -> tuple[FloatArray, FloatArray]:
     """Normal from object to hand, and the hand's point nearest to a leaf: the axis is searched by golden section."""
     center = tree.leaf_center[leaf]
     if row >= PALM:

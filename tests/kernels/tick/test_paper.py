@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 from sphere_scenes import (
@@ -18,6 +17,7 @@ from sphere_scenes import (
     straight_line,
 )
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
@@ -33,8 +33,6 @@ from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.methods.paper import PaperEngine
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.sphere_tree import SphereTree
-
-Array = NDArray[np.float64]
 
 RIGHT = HandModel.default("right")
 LEFT = HandModel.default("left")
@@ -52,7 +50,7 @@ def paper(hand: HandModel, tree: SphereTree, motion: Motion, **options: object) 
     return record
 
 
-def under_the_index(hand: HandModel, flexion: Array, radius: float) -> SphereTree:
+def under_the_index(hand: HandModel, flexion: FloatArray, radius: float) -> SphereTree:
     """One sphere that touches the pad of the index's distal phalanx from below."""
     joints = hand.joints(np.zeros(3), [1.0, 0.0, 0.0, 0.0], flexion, np.zeros(5))[INDEX]
     u = (joints[3] - joints[2]) / np.linalg.norm(joints[3] - joints[2])
@@ -82,7 +80,7 @@ def test_a_single_contact_converges_to_the_known_optimum(hand: HandModel, radius
     assert not record.status.any()
     np.testing.assert_array_equal(record.position, 0.0)
 
-    def gap(angles: Array) -> float:
+    def gap(angles: FloatArray) -> float:
         posed = bent.copy()
         posed[INDEX] = angles
         pairs = brute_pairs(hand, tree.leaf_center, tree.leaf_radius, still(1, np.zeros(3), flexion=posed))
@@ -114,7 +112,7 @@ def test_a_palm_on_a_ball_converges_to_the_known_optimum() -> None:
     record = paper(RIGHT, ball, straight_line(start, goal, 400).then(still(100, *(v[0] for v in goal))))
     assert not record.status.any()
 
-    def gap(q: Array) -> float:
+    def gap(q: FloatArray) -> float:
         world = q[:3] + centre @ Rotation.from_euler("xyz", q[3:]).as_matrix().T
         return 1e3 * float((np.linalg.norm(world - under, axis=1) - radius - 0.02).min())
 
@@ -242,7 +240,7 @@ def test_place_takes_any_configuration_and_its_euler_angles() -> None:
     assert (found * turned.inv()).magnitude() < 1e-12
 
 
-def pressed_on_one_sphere(force: str) -> tuple[TickRecord, Array, int, Array, Array]:
+def pressed_on_one_sphere(force: str) -> tuple[TickRecord, FloatArray, int, FloatArray, FloatArray]:
     """The index held against one sphere: record, haptic flexion, phalanx that touches, contact point, its normal."""
     free = np.zeros((5, 3))
     free[INDEX] = [0.2, 0.3, 0.2]
@@ -264,7 +262,7 @@ def pressed_on_one_sphere(force: str) -> tuple[TickRecord, Array, int, Array, Ar
     return record, bent, phalanx, axis[nearest] - size[nearest] * normal, normal
 
 
-def flexion_axis(joints: Array) -> Array:
+def flexion_axis(joints: FloatArray) -> FloatArray:
     axis = np.cross(joints[1] - joints[0], joints[3] - joints[1])
     return np.asarray(axis / np.linalg.norm(axis))
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from paper_frustum import frustum_excess, frustum_of
 from scipy.spatial.transform import Rotation
 from sphere_scenes import Motion, cloud, set_pose
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.detection import CONTACT_ROWS
 from hhsim.kernels.contact.linearise import ROW_CAPACITY
@@ -23,8 +23,6 @@ from hhsim.solver.options import Stiffness
 from hhsim.solver.workspace import tick_state, zeroed
 from hhsim.trees.sphere_tree import SphereTree
 
-Array = NDArray[np.float64]
-
 RIGHT = HandModel.default("right")
 LEFT = HandModel.default("left")
 ROOT = np.sqrt(Stiffness().diagonal())
@@ -35,7 +33,7 @@ ACCURACY = 1e-8
 """Rounding of a squared distance of 0.1 m over the step; rows are compared as squared distances [m², m²/rad]."""
 
 
-def scene(seed: int, angles: Array) -> tuple[HandModel, SphereTree, Motion, Any, Any]:
+def scene(seed: int, angles: FloatArray) -> tuple[HandModel, SphereTree, Motion, Any, Any]:
     """A hand at these Euler angles among spheres, its pairs detected; some penetrate, as in the paper's method."""
     random = np.random.default_rng(seed)
     hand = RIGHT if seed % 2 else LEFT
@@ -61,7 +59,7 @@ ANGLES = st.tuples(*[st.floats(-3.1, 3.1)] * 3).map(np.array)
 
 @given(SEEDS, ANGLES)
 @settings(max_examples=15)
-def test_palm_rows_are_the_first_order_of_eq_8_in_position_and_euler_angles(seed: int, angles: Array) -> None:
+def test_palm_rows_are_the_first_order_of_eq_8_in_position_and_euler_angles(seed: int, angles: FloatArray) -> None:
     _, _, at, state, _ = scene(seed, angles)
     candidates, count = state.candidates, int(state.candidates.count[15])
     axes = np.empty((3, 3))
@@ -72,7 +70,7 @@ def test_palm_rows_are_the_first_order_of_eq_8_in_position_and_euler_angles(seed
     object_center = np.stack([candidates.object_x, candidates.object_y, candidates.object_z], axis=1)[:count]
     total = candidates.hand_radius[:count] + candidates.object_radius[:count]
 
-    def constraint(q: Array) -> Array:
+    def constraint(q: FloatArray) -> FloatArray:
         world = q[:3] + hand_center @ Rotation.from_euler("xyz", q[3:]).as_matrix().T
         return np.asarray(((world - object_center) ** 2).sum(axis=1) - total**2)
 
@@ -86,19 +84,19 @@ def test_palm_rows_are_the_first_order_of_eq_8_in_position_and_euler_angles(seed
     np.testing.assert_allclose(np.linalg.norm(normal[:, :count], axis=0), length / total, rtol=1e-12)
 
 
-def constraint_centres(q: Array, hand_center: Array) -> Array:
+def constraint_centres(q: FloatArray, hand_center: FloatArray) -> FloatArray:
     return np.asarray(q[:3] + hand_center @ Rotation.from_euler("xyz", q[3:]).as_matrix().T)
 
 
 @given(SEEDS, ANGLES, st.integers(0, 4))
 @settings(max_examples=25)
-def test_finger_rows_are_the_first_order_of_eq_10_and_13_in_joint_angles(seed: int, angles: Array, f: int) -> None:
+def test_finger_rows_are_the_first_order_of_eq_10_and_13_in_joint_angles(seed: int, angles: FloatArray, f: int) -> None:
     hand, _, at, state, paper = scene(seed, angles)
     state.haptic.flexion[f] = at.flexion[0, f] + [0.1, -0.2, 0.3]
     rows = finger_program(f, state, paper)
     candidates = state.candidates
 
-    def constraints(flexion: Array) -> tuple[Array, Array]:
+    def constraints(flexion: FloatArray) -> tuple[FloatArray, FloatArray]:
         angles = at.flexion[0].copy()
         angles[f] = flexion
         joints = hand.joints(at.position[0], at.orientation[0], angles, at.abduction[0])
@@ -149,7 +147,7 @@ def test_limit_rows_hold_joints_where_they_may_be() -> None:
 
 @given(SEEDS, ANGLES)
 @settings(max_examples=15)
-def test_contacts_are_points_on_both_surfaces_with_the_round_cones_distance(seed: int, angles: Array) -> None:
+def test_contacts_are_points_on_both_surfaces_with_the_round_cones_distance(seed: int, angles: FloatArray) -> None:
     # Within their ranges frustum and spheres are the round cone, whose distance is the least over the axis.
     hand, _, at, state, paper = scene(seed, angles)
     candidates, contacts = state.candidates, state.contacts

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from paper_frustum import Frustum, frustum_excess, frustum_of
 from scipy.spatial.transform import Rotation
 from sphere_scenes import Motion, cloud, palm_spheres, set_pose
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.frustum import FRUSTUM, SHAPE, frustum_shapes, place_frustum
 from hhsim.kernels.tick.paper import PAPER_STATE
@@ -20,8 +20,6 @@ from hhsim.solver.options import Stiffness
 from hhsim.solver.workspace import tick_state, zeroed
 from hhsim.trees.sphere_tree import SphereTree
 
-Array = NDArray[np.float64]
-
 RIGHT = HandModel.default("right")
 LEFT = HandModel.default("left")
 GROWTH = 5e-4
@@ -29,7 +27,7 @@ DOUBT = 1e-12
 """Pairs this near to a threshold [m, or relative for squares] may be called either way."""
 
 
-def range_excess(cone: Frustum, k: Array, radius: Array, tip: bool, closed: bool) -> Array:
+def range_excess(cone: Frustum, k: FloatArray, radius: FloatArray, tip: bool, closed: bool) -> FloatArray:
     """How far k is outside of its range in Eq. 7, or in Eq. 13 [m], negative inside, shape (L,)."""
     length = float(np.linalg.norm(cone.e - cone.d))
     sine = math.sin(math.atan2(cone.r1 - cone.r2, length))

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from sphere_scenes import Motion, brute_pairs, bumpy_ball, random_targets, sphere_tree, still, straight_line
 
@@ -26,8 +25,6 @@ from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.methods.penalty import PenaltyEngine
 from hhsim.solver.options import TOUCH, SolverOptions, Stiffness
 from hhsim.trees.sphere_tree import SphereTree
-
-Array = NDArray[np.float64]
 
 HAND = HandModel.default("right")
 BALL = bumpy_ball(600)

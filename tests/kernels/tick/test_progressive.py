@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import trimesh
 from harvested_programs import HAND, TICKS, harvest, multipliers, optimum
-from numpy.typing import NDArray
 from sphere_scenes import Motion, brute_pairs, bumpy_ball, prepared, random_targets, solve_prepared, sphere_tree, still
 
+from hhsim.arrays import FloatArray
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.kernels.qp.active_set import OPTIMAL
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
@@ -17,8 +17,6 @@ from hhsim.solver.contact_qp import coupled_problem, finger_problem, palm_proble
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.qp import QpProblem, solve
-
-Array = NDArray[np.float64]
 
 
 def joined(state: Any) -> list[int]:
@@ -77,7 +75,7 @@ def test_every_step_satisfies_all_rows_of_the_whole_hand(seed: int) -> None:
     assert yielded > 3
 
 
-def palm_first(problem: QpProblem, fingers: list[int]) -> Array:
+def palm_first(problem: QpProblem, fingers: list[int]) -> FloatArray:
     """The palm's best step (6,) that leaves these fingers a way out: their joints cost all but nothing."""
     columns = [*range(6), *(6 + 3 * f + k for f in fingers for k in range(3))]
     others = [j for j in range(21) if j not in columns]

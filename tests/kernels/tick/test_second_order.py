@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 import pytest
 from harvested_programs import HAND, TICKS, harvest, multipliers, optimum
-from numpy.typing import NDArray
 from sphere_scenes import bumpy_ball, random_targets, solve_prepared, still, straight_line
 
+from hhsim.arrays import FloatArray
 from hhsim.kernels.hand.kinematics import DOF
 from hhsim.kernels.qp.active_set import OPTIMAL
 from hhsim.kernels.tick.curvature import curvature_product
@@ -16,12 +16,10 @@ from hhsim.solver.contact_qp import coupled_problem
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
 
-Array = NDArray[np.float64]
-
 ROOT = np.sqrt(Stiffness().diagonal())
 
 
-def lagrangian_curvature(state: Any) -> Array:
+def lagrangian_curvature(state: Any) -> FloatArray:
     """Σ λ_i √G⁻¹ ∇²d_i √G⁻¹ of the proposed step's multipliers, shape (21, 21)."""
     step = state.step
     columns = np.empty((DOF, DOF))

@@ -6,13 +6,10 @@ import numpy as np
 from contact_scenes import scene
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from hhsim.kernels.contact.linearise import LIMIT_ROWS
 from hhsim.kernels.hand.kinematics import PALM_BODY
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY, ACTIVE_CONTACTS, STEP, guess_rows, keep_active
-
-Array = NDArray[np.float64]
 
 
 def loaded_step(random: np.random.Generator, contacts: Any) -> Any:

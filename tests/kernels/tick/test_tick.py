@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from sampled import sampled
 from scipy.spatial.transform import Rotation
 from sphere_scenes import Motion, bumpy_ball, random_targets, record_clearance, sphere_tree, still, straight_line
@@ -37,8 +36,6 @@ from hhsim.solver.workspace import tick_record
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
-
-Array = NDArray[np.float64]
 
 HAND = HandModel.default("right")
 BALL = bumpy_ball(300)

@@ -17,10 +17,9 @@ import hhsim.live.devices
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.live.device import DeviceError, FingerRelease, GloveDevice, NothingHeld
 from hhsim.live.devices.registry import (
+    GLOVES,
     configure,
-    find_glove,
     for_release,
-    glove_names,
     open_device,
     open_release,
 )
@@ -41,7 +40,7 @@ from pathlib import Path
 import numpy as np
 
 from hhsim.live.device import Capability, DeviceCounters, DeviceError, FingerCommand, GloveDevice, GloveInfo
-from hhsim.live.devices.registry import Glove, GloveConfig, GloveOptions, setting
+from hhsim.live.devices.registry import GLOVES, Glove, GloveConfig, GloveOptions, setting
 
 
 @dataclass(frozen=True)
@@ -105,9 +104,9 @@ def text_glove(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path
 
 
 def test_every_glove_has_a_record_a_driver_and_settings_with_defaults() -> None:
-    assert set(glove_names()) == {"dexmo", "doglove", "manus", "opengloves", "openxr", "replay", "sim", "udp"}
-    for name in glove_names():
-        glove = find_glove(name)
+    assert set(GLOVES) == {"dexmo", "doglove", "manus", "opengloves", "openxr", "replay", "sim", "udp"}
+    for name in GLOVES:
+        glove = GLOVES[name]
         module, _, inside = glove.driver.partition(":")
         assert issubclass(getattr(importlib.import_module(module), inside), GloveDevice)
         for item in fields(glove.options):
@@ -123,7 +122,7 @@ def test_nothing_listens_beyond_the_loopback_unless_told() -> None:
     BOUND.clear()
     level = np.tile([1.0, 0.0, 0.0, 0.0], (2, 1))
     motion = Playback(Trajectory(np.arange(2.0), np.zeros((2, 3)), level, np.zeros((2, 5, 3)), np.zeros((2, 5))))
-    for name in glove_names():
+    for name in GLOVES:
         glove = open_device(configure(name, playback=motion))
         with contextlib.closing(glove), contextlib.suppress(DeviceError):
             glove.open(0.0)
@@ -163,7 +162,7 @@ def test_a_glove_in_one_file_drives_the_loop_and_is_stopped(text_glove: Path, tm
     bends = tmp_path / "bends.txt"
     closure = np.linspace(FREE, FIST / np.pi * 2.0, 100)
     bends.write_text("\n".join(" ".join([f"{bend:.6f}"] * 5) for bend in [*closure, *[closure[-1]] * 200]))
-    assert "text" in glove_names()
+    assert "text" in GLOVES
     setup = make_setup(
         device=configure("text", file=str(bends)),
         safety=SafetyLimits(watchdog=False),

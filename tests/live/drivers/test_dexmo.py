@@ -284,7 +284,7 @@ HALF = (0.5,) * 11
     ("text", "reason"),
     [
         (b"HTTP/1.1 400 Bad Request\r\n\r\n", "a message of 1347703880 bytes: expected 0 to 8192"),
-        (struct.pack("<i", 3) + b"\x08\xff\xff", "a number is cut short"),
+        (struct.pack("<i", 3) + b"\x08\xff\xff", "3 bytes that are no Frame"),
         (frame_of(GloveMessage(5, HALF, False)) * 20_000, "more than 1 MB without its glove"),
     ],
 )

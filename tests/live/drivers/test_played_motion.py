@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.live.device import GLOVE_SAMPLE, FingerCommand, GloveDevice
-from hhsim.live.devices.registry import configure, glove_names, open_device
+from hhsim.live.devices.registry import GLOVES, configure, open_device
 from hhsim.live.ipc.status import LIVE_STATUS
 from hhsim.live.playback import RETURN_TIME, Playback
 from hhsim.live.pose.keyboard import write_keyboard_pose
@@ -51,7 +51,7 @@ def test_every_kind_has_a_driver_and_an_unknown_one_is_named() -> None:
         configure(hand="both")  # type: ignore[arg-type]
     with pytest.raises(UnknownNameError, match="unknown pose source"):
         make_pose_source(PoseConfig(kind="camera"))
-    assert set(glove_names()) >= {"sim", "replay"}
+    assert set(GLOVES) >= {"sim", "replay"}
 
 
 @pytest.mark.parametrize("kind", ["sim", "replay"])

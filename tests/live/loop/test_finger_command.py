@@ -6,15 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.kernels.live.finger_command import update_command
 from hhsim.live.ipc.config import OutputLimits
 from hhsim.live.loop.finger_command import FingerCommander
 from hhsim.recordings.dexmo_regression import DexmoRegression
 from hhsim.result.safety import Safety
-
-Array = NDArray[np.float64]
 
 PERIOD = 1e-3
 NOBODY = np.zeros(5, np.int64)
@@ -51,7 +49,7 @@ inputs = st.builds(
 )
 
 
-def fill(flexion: float, force: float) -> tuple[Array, Array]:
+def fill(flexion: float, force: float) -> tuple[FloatArray, FloatArray]:
     return np.full((5, 3), flexion), np.full((5, 3, 3), force)
 
 

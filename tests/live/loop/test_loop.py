@@ -12,6 +12,7 @@ import pytest
 from live_scripted import FIST, FREE, FakeClock, InStep, Moment, ScriptedGlove, make_setup
 from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.live.phase import LARGEST_SHIFT
 from hhsim.kernels.tick.block import HapticBlock
@@ -28,7 +29,6 @@ from hhsim.result.safety import Safety
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 
-Array = NDArray[np.float64]
 TIMINGS = ("duration", "duration_total", "duration_cpu")
 
 PERIOD = 1_000_000
@@ -61,7 +61,7 @@ class Session:
         self.events = [text.decode() for text in RingReader(self.memory.events).read(1000)[1]["text"]]
         return self
 
-    def stiffness_at(self, tick: int) -> Array:
+    def stiffness_at(self, tick: int) -> FloatArray:
         """What the glove has been told when a tick is over, shape (5,)."""
         end = self.loop.deadlines.clock.now() if tick < 0 else 10**9 + (tick + 2) * PERIOD
         sent = [command for command in self.glove.commands if command.time_ns < end]
@@ -192,7 +192,7 @@ def test_stale_input_frees_the_fingers_until_samples_come_and_then_they_are_ramp
     # The last sample is in tick 119, read 0.1 ms after its deadline: 25 ms have passed when tick 145 begins.
     assert_freed(session, 145, 179, Safety.STALE_INPUT)
     np.testing.assert_allclose(session.ticks["command_stiffness"][180:190].max(axis=1), 0.03 * np.arange(1, 11))
-    late = "nothing new from the glove or of the palm: the fingers are free: for more than 25 ms, as --stale says"
+    late = "no fresh input: the fingers are free: for more than 25 ms, as --stale says"
     assert late in session.events
 
 
@@ -218,11 +218,11 @@ def test_a_sample_that_is_not_good_frees_the_fingers_in_its_tick_and_is_never_us
 )
 def test_a_reading_of_no_hand_is_named(unit: str, reading: float, detail: str) -> None:
     session = Session([Moment(FREE), Moment(FREE, good=False, reading=reading), Moment(FREE)], unit=unit).run()
-    assert f"a sample that is not finite, or of no hand: the fingers are free{detail}" in session.events
+    assert f"a sample that cannot be used: the fingers are free{detail}" in session.events
 
 
 def test_a_channel_that_became_no_number_is_named_and_one_that_never_was_is_not() -> None:
-    said = "a sample that is not finite, or of no hand: the fingers are free"
+    said = "a sample that cannot be used: the fingers are free"
     script = [Moment(FREE, reading=0.5), Moment(FREE, good=False, reading=np.nan), Moment(FREE)]
     assert f"{said}: bend is nan" in Session(script).run().events
     assert said in Session([Moment(FREE), *script[1:]]).run().events
@@ -435,7 +435,7 @@ def test_a_pose_that_stops_is_stale_input() -> None:
     class Silent(PoseSource):
         name = "silent"
 
-        def read(self, now_ns: int, position_out: Array, orientation_out: Array) -> int:
+        def read(self, now_ns: int, position_out: FloatArray, orientation_out: FloatArray) -> int:
             return min(now_ns, last) if now_ns >= 10**9 + 5 * PERIOD else -1
 
     session = Session([*HOLDING, *[Moment(FIST)] * 20], Silent()).run()

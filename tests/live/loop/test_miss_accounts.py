@@ -234,7 +234,7 @@ def test_a_stall_that_frees_the_fingers_is_logged_with_its_cause() -> None:
     planted.at(AT, oversleep)
     planted.run()
     assert planted.only_miss()["safety"] & Safety.OVERRUN_STREAK
-    (line,) = (line for line in planted.events if "one period after the other" in line)
+    (line,) = (line for line in planted.events if "too many late ticks in a row" in line)
     assert line.endswith(": 12 the last time, taken by the host")
 
 

@@ -6,15 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.kernels.live.notes import CAPACITY, NOTES
 from hhsim.kernels.live.plausibility import BURST, CONFIRM, JOINT_SPEED, PAUSE, STUCK_TIME, TRUST, use_sample
 from hhsim.live.device import GLOVE_SAMPLE, Capability, GloveInfo
 from hhsim.live.loop.plausibility import GloveWatch, doubts, found_in_sample
 from hhsim.solver.workspace import zeroed
 
-Array = NDArray[np.float64]
 INFO = GloveInfo("a glove", Capability.NONE, ())
 STEP = 5_000_000
 """Between two samples [ns]."""
@@ -32,7 +31,7 @@ class Run:
         self.notes = zeroed(NOTES)[0]
         self.told = 0
 
-    def step(self, flexion: Array | float, abduction: float = 0.0, good: bool = True, step: int = STEP) -> bool:
+    def step(self, flexion: FloatArray | float, abduction: float = 0.0, good: bool = True, step: int = STEP) -> bool:
         sample: Any = zeroed(GLOVE_SAMPLE)[0]
         self.now += step
         sample["time_ns"] = self.now
@@ -48,7 +47,7 @@ class Run:
         return bool(used)
 
 
-def bent(finger: int, angle: float, rest: float = 0.1) -> Array:
+def bent(finger: int, angle: float, rest: float = 0.1) -> FloatArray:
     flexion = np.full((5, 3), rest)
     flexion[finger] += angle
     return flexion
@@ -58,7 +57,7 @@ TRUSTED_STEPS = round(1e9 * TRUST / STEP)
 """Plausible samples, one after the other, after which a finger is trusted."""
 
 
-def steps_until_trusted(run: Run, finger: int, flexion: Array | float = 0.1) -> int:
+def steps_until_trusted(run: Run, finger: int, flexion: FloatArray | float = 0.1) -> int:
     """Take plausible samples until something may push on a finger again; how many it were."""
     for count in range(1, 2 * TRUSTED_STEPS):
         run.step(flexion)
@@ -191,9 +190,9 @@ def test_what_is_not_finite_or_no_angle_is_not_used(value: float) -> None:
     assert (run.abduction == 0.1).all()
 
 
-def moving(k: int, still: tuple[int, ...] = ()) -> Array:
+def moving(k: int, still: tuple[int, ...] = ()) -> FloatArray:
     """All fingers open and close within a second; some stay as they are."""
-    flexion: Array = np.full((5, 3), 0.6 - 0.5 * np.cos(2.0 * np.pi * k / 200.0)) + 0.01 * np.arange(5)[:, None]
+    flexion: FloatArray = np.full((5, 3), 0.6 - 0.5 * np.cos(2.0 * np.pi * k / 200.0)) + 0.01 * np.arange(5)[:, None]
     flexion[list(still)] = 0.25
     return flexion
 

@@ -40,8 +40,6 @@ from hhsim.verify.object_frame import object_motion_claims
 from hhsim.view.decimation import shown_ticks
 from tools.shapes.generators import sphere
 
-Array = NDArray[np.float64]
-
 MILLISECOND = 1_000_000
 TIMINGS = {"duration", "duration_total", "duration_cpu"}
 BALL = sphere(0.06, 1)

@@ -17,7 +17,7 @@ from hhsim.metrics.run.energy import energy_gains
 from hhsim.metrics.run.registry import run_figure
 from hhsim.metrics.run_ticks import RunTicks, result_ticks
 from hhsim.motion.object_motion import ObjectMotion
-from hhsim.replay.replay import replay
+from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import load_result
 from hhsim.solver.options import SolverOptions, Stiffness
 
@@ -112,7 +112,7 @@ def test_a_grasp_gains_none_however_light_the_object_is(
     scene = free_scene(mass, friction)
     assert scene.free is not None
     scene = replace(scene, free=replace(scene.free, torsion=0.0))
-    found = replay(scene, SolverOptions(surface=surface), tmp_path / "light.h5").attributes()
+    found = replay_scene(scene, SolverOptions(surface=surface), tmp_path / "light.h5").attributes()
     assert found["energy_gained"] == 0.0
 
 

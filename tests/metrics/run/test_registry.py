@@ -20,7 +20,7 @@ from hhsim.metrics.run.registry import judged_metrics, needed_columns, run_figur
 from hhsim.metrics.run_metric import RunMetric
 from hhsim.metrics.run_ticks import RunTicks, result_ticks
 from hhsim.motion.trajectory import TickPhase
-from hhsim.replay.replay import replay
+from hhsim.replay.replay import replay_scene
 from hhsim.replay.summary import ReplaySummary
 from hhsim.report.run import report_runs
 from hhsim.report.sections import figures_section
@@ -38,7 +38,6 @@ METRICS = (
         label="lag, mean",
         digits=4,
         unit="mm",
-        scale=1e-3,
         place=73,
         needs=("lag", "work/linearisations"),
         compute=lambda run: run["lag"].mean() + 1e-3 * run["work/linearisations"].mean(),
@@ -65,7 +64,7 @@ def one_more(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 @pytest.fixture(scope="module")
 def replayed(one_more: None, tmp_path_factory: pytest.TempPathFactory) -> tuple[ReplaySummary, Result]:
     path = tmp_path_factory.mktemp("results") / "run.h5"
-    summary = replay(short_scene(short_grasp()), SolverOptions(), path, description={"level": 2})
+    summary = replay_scene(short_scene(short_grasp()), SolverOptions(), path, description={"level": 2})
     return summary, load_result(path)
 
 

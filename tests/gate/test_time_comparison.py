@@ -14,7 +14,7 @@ from scipy import integrate, stats
 
 from hhsim.errors import InputError
 from hhsim.gate import machine_calibration as gate_reference
-from hhsim.gate.timing_test import base_first, compare_times
+from hhsim.gate.time_comparison import base_first, compare_times
 from hhsim.kernels import machine_calibration as reference_work
 
 PROCESSES = 5

@@ -1,4 +1,4 @@
-"""Is head slower than base? The one statistic.
+"""Compare the tick times of two sides: the one statistic by which head is slower than base.
 
 Mean and p99 of identical code differ by whole factors between runs, and even p50 differs from process to process by
 several percent, since each process has its own memory layout. What repeats is the median over processes of the p50 of

@@ -1,0 +1,115 @@
+"""Names of methods: hhsim's own, those that installed packages declare, and classes of any module.
+
+A package declares one as an entry point of the group "hhsim.methods"; `package.module:Class` names one that nobody
+declares. Either is a `hhsim.solver.method.Method`, or a class as `hhsim.solver.outside_method.OutsideMethod`.
+"""
+
+import hashlib
+import inspect
+import sys
+from collections.abc import Callable
+from functools import cache
+from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import Any
+
+from hhsim.errors import InputError, UnknownNameError
+from hhsim.solver.method import METHODS, Method
+from hhsim.system.foreign_call import ForeignError, foreign_call
+
+GROUP = "hhsim.methods"
+"""Of the entry points."""
+ISOLATED = "isolated:"
+"""What stands in front of the name of a method from outside that runs in a process of its own."""
+
+
+@cache
+def declared_methods() -> dict[str, EntryPoint]:
+    """What installed packages declare, by name; a name of hhsim's own is theirs no longer."""
+    return {entry.name: entry for entry in entry_points(group=GROUP) if entry.name not in METHODS}
+
+
+def method_names() -> list[str]:
+    """Every name that `find_method` knows, hhsim's own first, without importing a method."""
+    return [*METHODS.names(), *sorted(declared_methods())]
+
+
+def outside_class(name: str) -> Any:
+    """Import the class of a method from outside.
+
+    Args:
+        name: Of a method that a package declares, or `package.module:Class`.
+
+    Raises:
+        InputError: It cannot be imported, or is no method.
+        UnknownNameError: Nothing is called so.
+    """
+    if name in declared_methods():
+        found = _imported(name, declared_methods()[name].load)
+    elif ":" in name:
+        found = _imported(name, lambda: _named(name))
+    else:
+        raise UnknownNameError("method", name, method_names())
+    missing = [part for part in ("begin", "tick") if not callable(getattr(found, part, None))]
+    if not isinstance(found, Method) and (not isinstance(found, type) or missing):
+        what = f"lacks {' and '.join(missing)}" if missing else "is an instance"
+        raise InputError(
+            f"method '{name}' is no method: {found!r} {what}; expected a class with __init__(scene), begin(pose) and "
+            "tick(haptic)"
+        )
+    return found
+
+
+def _named(name: str) -> Any:
+    module, _, attribute = name.partition(":")
+    here = str(Path.cwd())
+    if here not in sys.path:
+        # Behind all that is installed: a file beside the user's data must not take a library's place.
+        sys.path.append(here)
+    return getattr(import_module(module), attribute)
+
+
+def _imported(name: str, load: Callable[[], Any]) -> Any:
+    try:
+        return foreign_call(load).value
+    except ForeignError as error:
+        # Whatever somebody else's module raises is told in one line.
+        raise InputError(
+            f"method '{name}' cannot be imported: {error} (package.module:Class, from the current folder or installed)"
+        ) from error.__cause__
+
+
+def isolated_name(name: str) -> str:
+    """The name by which a method from outside runs in a process of its own.
+
+    Raises:
+        InputError: The method is hhsim's own.
+    """
+    if name in METHODS:
+        raise InputError(f"method '{name}' is hhsim's own: only one from outside runs in a process of its own")
+    return name if name.startswith(ISOLATED) else ISOLATED + name
+
+
+def facts_of(made: Any) -> dict[str, Any]:
+    """What the class of a method says of itself: `summary`, `forces`, `work`, `never_penetrates` and `missing`.
+
+    And `source`, the SHA-256 of the file that it is written in; "" where there is none.
+    """
+    lines = (getattr(made, "__doc__", None) or "").strip().splitlines()
+    return {
+        "summary": str(getattr(made, "summary", lines[0] if lines else "a method from outside")).rstrip("."),
+        "forces": bool(getattr(made, "gives_forces", False)),
+        "work": bool(getattr(made, "gives_work", False)),
+        "never_penetrates": bool(getattr(made, "never_penetrates", False)),
+        "missing": str(getattr(made, "missing", "")),
+        "source": source_of(made),
+    }
+
+
+def source_of(made: Any) -> str:
+    """Return the SHA-256 of the file that a class or function is written in; "" where there is none."""
+    try:
+        return hashlib.sha256(Path(inspect.getfile(made)).read_bytes()).hexdigest()
+    except (TypeError, OSError):
+        return ""
