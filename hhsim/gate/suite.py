@@ -16,7 +16,7 @@ from hhsim.gate.metrics import COUNTERS
 from hhsim.metrics.run.registry import judged_metrics
 from hhsim.solver.known_methods import ISOLATED, method_names
 from hhsim.solver.method import METHODS
-from hhsim.system.settings_file import Settings, between, parse_settings, read_toml_text
+from hhsim.system.settings_file import Settings, Version, between, parse_settings, read_toml_text
 
 SUITE_FILE = "hhsim-gate.toml"
 """The suite of a project, in the folder where the gate is run."""
@@ -188,7 +188,7 @@ class GateTime(Settings, frozen=True):
 
 
 class _SuiteTable(_Judged, frozen=True, kw_only=True, rename={"slack": "counters", "scenes": "scene"}):
-    version: Literal[1]
+    version: Version
     scenes: Annotated[tuple[GateScene, ...], Meta(min_length=1, description=SCENES)]
     baseline: Annotated[str, Meta(min_length=1)] | None = None
     time: GateTime = GateTime()

@@ -10,7 +10,7 @@ file, the path of the key, what is wrong and what would be right; entries of a l
 import re
 import tomllib
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 import msgspec
 from msgspec import inspect
@@ -51,6 +51,14 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             self.check()
         except InputError as error:
             raise SettingsError(str(error)) from None
+
+
+Version = Annotated[Literal[1], msgspec.Meta(description="1, which this hhsim reads")]
+
+
+def a_list(example: str) -> msgspec.Meta:
+    """Return what an `Annotated` list must be, not empty, with an example for messages."""
+    return msgspec.Meta(min_length=1, description=f"a list such as {example}")
 
 
 def between(least: float, most: float = MOST, unit: str = "") -> msgspec.Meta:
@@ -152,7 +160,7 @@ def _fault(reason: msgspec.ValidationError, document: Any, kind: Any) -> str:
         return f"{place}: {UnknownNameError(last, value, words)}"
     shown = repr(value)
     shown = shown if len(shown) <= MOST_SHOWN else f"{shown[:MOST_SHOWN]}…"
-    return f"{place} = {shown}; expected {_described(expected)}"
+    return f"{place and f'{place} = '}{shown}; expected {_described(expected)}"
 
 
 def _guilty_key(document: Any, table: dict[str, Any], kind: Any, message: str) -> str:
