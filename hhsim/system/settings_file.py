@@ -9,6 +9,7 @@ file, the path of the key, what is wrong and what would be right; entries of a l
 
 import re
 import tomllib
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -59,6 +60,12 @@ Version = Annotated[Literal[1], msgspec.Meta(description="1, which this hhsim re
 def a_list(example: str) -> msgspec.Meta:
     """Return what an `Annotated` list must be, not empty, with an example for messages."""
     return msgspec.Meta(min_length=1, description=f"a list such as {example}")
+
+
+def one_of(names: Iterable[str]) -> msgspec.Meta:
+    """Return what an `Annotated` text, or the key of a dictionary, must be one of."""
+    known = tuple(names)
+    return msgspec.Meta(pattern=f"^({'|'.join(map(re.escape, known))})$", extra={"names": known})
 
 
 def between(least: float, most: float = MOST, unit: str = "") -> msgspec.Meta:
@@ -152,9 +159,8 @@ def _fault(reason: msgspec.ValidationError, document: Any, kind: Any) -> str:
     if named and found["what"].startswith("Object missing required field"):
         return f"{before}{named[1]} is missing; expected {_described(_inside(expected, named[1]))}"
     if found["key"]:
-        known = [str(name) for name in _key_type(expected).values]
-        wrong = next(key for key in value if key not in known)
-        return f"{before}{UnknownNameError('key', wrong, known)}"
+        known = _words(_key_type(expected))
+        return f"{before}{UnknownNameError('key', next(key for key in value if key not in known), known)}"
     words = _words(expected)
     if isinstance(value, str) and words:
         return f"{place}: {UnknownNameError(last, value, words)}"
@@ -212,10 +218,14 @@ def _key_type(kind: Any) -> Any:
     return next(one.key_type for one in _choices(kind) if isinstance(one, inspect.DictType))
 
 
-def _words(kind: Any) -> list[str]:
+def _words(kind: Any) -> tuple[str, ...]:
     """Return the words that a value may be one of."""
-    values = [value for one in _choices(kind) if isinstance(one, inspect.LiteralType) for value in one.values]
-    return [value for value in values if isinstance(value, str)]
+    if isinstance(kind, inspect.Metadata):
+        return (kind.extra or {}).get("names") or _words(kind.type)
+    if isinstance(kind, inspect.UnionType):
+        return tuple(word for part in kind.types for word in _words(part))
+    values = kind.values if isinstance(kind, inspect.LiteralType) else ()
+    return tuple(value for value in values if isinstance(value, str))
 
 
 def _described(kind: Any) -> str:
@@ -240,4 +250,4 @@ def _described(kind: Any) -> str:
         return f"a list, each entry {_described(kind.item_type)}"
     if isinstance(kind, inspect.StrType):
         return "text in quotes"
-    return "true or false" if isinstance(kind, inspect.BoolType) else "a table"
+    return "true or false" if isinstance(kind, inspect.BoolType) else "a table of keys"
