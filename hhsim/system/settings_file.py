@@ -163,7 +163,8 @@ def _fault(reason: msgspec.ValidationError, document: Any, kind: Any) -> str:
         return f"{before}{UnknownNameError('key', next(key for key in value if key not in known), known)}"
     words = _words(expected)
     if isinstance(value, str) and words:
-        return f"{place}: {UnknownNameError(last, value, words)}"
+        what = last.removesuffix("s") if place.endswith("]") else last
+        return f"{place}: {UnknownNameError(what, value, words)}"
     shown = repr(value)
     shown = shown if len(shown) <= MOST_SHOWN else f"{shown[:MOST_SHOWN]}…"
     return f"{place and f'{place} = '}{shown}; expected {_described(expected)}"
