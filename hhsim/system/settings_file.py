@@ -144,111 +144,94 @@ def _fault(reason: msgspec.ValidationError, document: Any, kind: Any) -> str:
     # The message of a check may look like a place itself.
     found = _PLACED.fullmatch(text.removeprefix(str(own)) if own else text)
     assert found
-    value, expected, place, last = document, inspect.type_info(kind), "", ""
+    what, value, expected, place, last = found["what"], document, inspect.type_info(kind), "", ""
     for name, entry in _STEP.findall(found["path"] or ""):
         step: Any = name or (_guilty_key(document, value, kind, text) if entry == "..." else int(entry))
         value, expected = value[step], _inside(expected, step)
         place += f"[{step + 1}]" if isinstance(step, int) else f".{step}" if place else step
-        last = step if isinstance(step, str) else last
-    before = f"{place}: " if place else ""
-    named = re.search("`(.*)`", found["what"], re.DOTALL)
+        last = last.removesuffix("s") if isinstance(step, int) else step
+    before, names = f"{place}: " if place else "", _names(expected)
     if own:
         return f"{before}{own}"
-    if named and found["what"].startswith("Object contains unknown field"):
-        return f"{before}{UnknownNameError('key', named[1], _keys(expected))}"
-    if named and found["what"].startswith("Object missing required field"):
-        return f"{before}{named[1]} is missing; expected {_described(_inside(expected, named[1]))}"
+    if unknown := re.fullmatch("Object contains unknown field `(.*)`", what, re.DOTALL):
+        return f"{before}{UnknownNameError('key', unknown[1], names)}"
+    if missing := re.fullmatch("Object missing required field `(.*)`", what):
+        return f"{before}{missing[1]} is missing; expected {_described(_inside(expected, missing[1]))}"
     if found["key"]:
-        known = _words(_key_type(expected))
-        return f"{before}{UnknownNameError('key', next(key for key in value if key not in known), known)}"
-    words = _words(expected)
-    if isinstance(value, str) and words:
-        what = last.removesuffix("s") if place.endswith("]") else last
-        return f"{place}: {UnknownNameError(what, value, words)}"
+        return f"{before}{UnknownNameError('key', next(key for key in value if key not in names), names)}"
+    if isinstance(value, str) and names and what.startswith(("Invalid enum value", "Expected `str` matching regex")):
+        return f"{before}{UnknownNameError(last, value, names)}"
     shown = repr(value)
     shown = shown if len(shown) <= MOST_SHOWN else f"{shown[:MOST_SHOWN]}…"
     return f"{place and f'{place} = '}{shown}; expected {_described(expected)}"
 
 
 def _guilty_key(document: Any, table: dict[str, Any], kind: Any, message: str) -> str:
-    """Return the key of a table whose value alone brings the message, which leaves the key out."""
-    content = dict(table)
-    try:
-        for key, value in content.items():
-            table.clear()
-            table[key] = value
-            try:
-                msgspec.convert(document, kind)
-            except msgspec.ValidationError as error:
-                if str(error) == message:
-                    return key
-    finally:
+    """Return the key of a table whose value alone brings the message, which leaves the key out; others are dropped."""
+    for key, value in tuple(table.items()):
         table.clear()
-        table.update(content)
+        table[key] = value
+        try:
+            msgspec.convert(document, kind)
+        except msgspec.ValidationError as error:
+            if str(error) == message:
+                return key
     raise AssertionError(message)
 
 
-def _choices(kind: Any) -> tuple[Any, ...]:
-    """Return the types that a value may be of, null aside."""
-    if isinstance(kind, inspect.Metadata):
-        return _choices(kind.type)
-    if isinstance(kind, inspect.UnionType):
-        return tuple(one for part in kind.types for one in _choices(part) if not isinstance(one, inspect.NoneType))
-    return (kind,)
+def _inside(kind: Any, step: Any) -> Any:
+    """Return the type of what a key of a table, or an entry of a list, may hold; None of a kind that has neither."""
+    match kind:
+        case inspect.Metadata(type=inner):
+            return _inside(inner, step)
+        case inspect.UnionType(types=types):
+            return next((found for one in types if (found := _inside(one, step)) is not None), None)
+        case inspect.StructType(fields=fields):
+            return next((field.type for field in fields if field.encode_name == step), None)
+        case inspect.TupleType(item_types=types):
+            return types[step]
+        case inspect.DictType(value_type=inner) | inspect.ListType(item_type=inner):
+            return inner
+        case inspect.VarTupleType(item_type=inner):
+            return inner
+    return None
 
 
-def _inside(kind: Any, step: str | int) -> Any:
-    """Return the type of what a key of a table, or an entry of a list, may hold."""
-    for one in _choices(kind):
-        if isinstance(one, inspect.StructType) and isinstance(step, str):
-            return next((field.type for field in one.fields if field.encode_name == step), inspect.AnyType())
-        if isinstance(one, inspect.DictType) and isinstance(step, str):
-            return one.value_type
-        if isinstance(one, inspect.ListType | inspect.VarTupleType) and isinstance(step, int):
-            return one.item_type
-        if isinstance(one, inspect.TupleType) and isinstance(step, int):
-            return one.item_types[step]
-    return inspect.AnyType()
-
-
-def _keys(kind: Any) -> list[str]:
-    return [field.encode_name for one in _choices(kind) if isinstance(one, inspect.StructType) for field in one.fields]
-
-
-def _key_type(kind: Any) -> Any:
-    return next(one.key_type for one in _choices(kind) if isinstance(one, inspect.DictType))
-
-
-def _words(kind: Any) -> tuple[str, ...]:
-    """Return the words that a value may be one of."""
-    if isinstance(kind, inspect.Metadata):
-        return (kind.extra or {}).get("names") or _words(kind.type)
-    if isinstance(kind, inspect.UnionType):
-        return tuple(word for part in kind.types for word in _words(part))
-    values = kind.values if isinstance(kind, inspect.LiteralType) else ()
-    return tuple(value for value in values if isinstance(value, str))
+def _names(kind: Any) -> tuple[str, ...]:
+    """Return the words that a text may be, or the keys that a table may have."""
+    match kind:
+        case inspect.Metadata(type=inner, extra=extra):
+            return (extra or {}).get("names") or _names(inner)
+        case inspect.UnionType(types=types):
+            return tuple(name for one in types for name in _names(one))
+        case inspect.StructType(fields=fields):
+            return tuple(field.encode_name for field in fields)
+        case inspect.DictType(key_type=key):
+            return _names(key)
+        case inspect.LiteralType(values=values):
+            return tuple(value for value in values if isinstance(value, str))
+    return ()
 
 
 def _described(kind: Any) -> str:
     """Return what a value may be, in words."""
-    if isinstance(kind, inspect.Metadata):
-        stated = (kind.extra_json_schema or {}).get("description")
-        unit = (kind.extra or {}).get("unit")
-        return str(stated or f"{_described(kind.type)}{f' {unit}' if unit else ''}")
-    if isinstance(kind, inspect.UnionType):
-        parts = [one for one in kind.types if not isinstance(one, inspect.NoneType)]
-        return ", or ".join(map(_described, parts))
-    if isinstance(kind, inspect.IntType | inspect.FloatType):
-        what = "a whole number" if isinstance(kind, inspect.IntType) else "a number"
-        if kind.ge is None or kind.le is None:
-            return what
-        return f"{what} from {kind.ge:g} {'on' if kind.le == MOST else f'to {kind.le:g}'}"
-    if isinstance(kind, inspect.LiteralType):
-        return " or ".join("true" if v is True else "false" if v is False else f"{v}" for v in kind.values)
-    if isinstance(kind, inspect.TupleType):
-        return f"a list of {len(kind.item_types)}, each {_described(kind.item_types[0])}"
-    if isinstance(kind, inspect.ListType | inspect.VarTupleType):
-        return f"a list, each entry {_described(kind.item_type)}"
-    if isinstance(kind, inspect.StrType):
-        return "text in quotes"
+    match kind:
+        case inspect.Metadata(type=inner, extra_json_schema=schema, extra=extra):
+            unit = (extra or {}).get("unit")
+            return str((schema or {}).get("description") or f"{_described(inner)}{(unit and f' {unit}') or ''}")
+        case inspect.UnionType(types=types):
+            return ", or ".join(_described(one) for one in types if not isinstance(one, inspect.NoneType))
+        case inspect.IntType(ge=least, le=most) | inspect.FloatType(ge=least, le=most):
+            what = "a whole number" if isinstance(kind, inspect.IntType) else "a number"
+            if least is None or most is None:
+                return what
+            return f"{what} from {least:g} {'on' if most == MOST else f'to {most:g}'}"
+        case inspect.LiteralType(values=values):
+            return " or ".join(str(value).lower() for value in values)
+        case inspect.TupleType(item_types=types):
+            return f"a list of {len(types)}, each {_described(types[0])}"
+        case inspect.VarTupleType(item_type=inner) | inspect.ListType(item_type=inner):
+            return f"a list, each entry {_described(inner)}"
+        case inspect.StrType():
+            return "text in quotes"
     return "true or false" if isinstance(kind, inspect.BoolType) else "a table of keys"
