@@ -186,7 +186,7 @@ def _inside(kind: Any, step: Any) -> Any:
             return _inside(inner, step)
         case inspect.UnionType(types=types):
             return next((found for one in types if (found := _inside(one, step)) is not None), None)
-        case inspect.StructType(fields=fields):
+        case inspect.StructType(fields=fields) | inspect.DataclassType(fields=fields):
             return next((field.type for field in fields if field.encode_name == step), None)
         case inspect.TupleType(item_types=types):
             return types[step]
