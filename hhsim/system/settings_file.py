@@ -4,6 +4,9 @@ A `Settings` class declares a table: its fields are the keys, their types say wh
 file, the path of the key, what is wrong and what would be right; entries of a list count from 1:
 `suite.toml: scene[2].limits.stuck_ticks = -1; expected a number from 0 on, or false`.
 
+No field may be either a number or a text with bounds or a tuple of fixed length: msgspec 0.22 reads beyond its memory
+there. `Annotated[tuple[T, ...], Meta(min_length=2, max_length=2)]` says the same; a test looks at every class.
+
 `where` names the document, or a part of it, in messages; `error` is the class of what is raised.
 """
 

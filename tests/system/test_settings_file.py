@@ -1,14 +1,22 @@
 """Settings files: what a declared structure allows is read, and a fault is told with file, key path and remedy."""
 
+from collections.abc import Iterator
+from importlib import import_module
 from typing import Annotated, Any, Literal
 
 import pytest
-from msgspec import Meta
+from msgspec import Meta, inspect
 
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.system.settings_file import Settings, Version, a_list, between, one_of, parse_settings, typed
 
 FINGERS = ("thumb", "index")
+READERS = (
+    *("gate.suite", "gate.baseline", "hand.model", "recordings.column_map", "recordings.dexmo_regression"),
+    *("scene.demonstration", "scene.object_pose", "scene.object_regions", "scene.script", "scene.stored_pose"),
+    *("sweep.cell", "sweep.plan"),
+)
+"""Modules that declare settings."""
 Share = Annotated[float, between(0.0, 1.0)]
 
 
@@ -80,6 +88,42 @@ def test_a_fault_is_told_in_a_line_with_file_key_and_remedy(text: str, told: str
         parse_settings(text, File, "f.toml", TrajectoryError)
     line = str(caught.value)
     assert line.startswith("f.toml: ") and told in line and "\n" not in line and len(line) < 250
+
+
+def declared(kind: type[Settings]) -> Iterator[type[Settings]]:
+    for inner in kind.__subclasses__():
+        yield from (inner, *declared(inner))
+
+
+def nested(kind: Any) -> Iterator[Any]:
+    """The types that a type is made of."""
+    if isinstance(kind, inspect.Type | inspect.Field):
+        yield kind
+    for part in kind if isinstance(kind, tuple) else vars_of(kind):
+        yield from nested(part)
+
+
+def vars_of(kind: Any) -> list[Any]:
+    return [getattr(kind, name) for name in getattr(kind, "__struct_fields__", ())]
+
+
+def test_no_field_is_of_a_kind_that_the_library_reads_beyond_its_memory_for() -> None:
+    for module in READERS:
+        import_module(f"hhsim.{module}")
+    kinds = {kind for kind in declared(Settings) if kind.__module__.startswith("hhsim.")}
+    assert {kind.__module__.removeprefix("hhsim.") for kind in kinds} == set(READERS)
+    for kind in kinds:
+        for union in (one for one in nested(inspect.type_info(kind)) if isinstance(one, inspect.UnionType)):
+            tuples = [one for one in nested(union.types) if isinstance(one, inspect.TupleType)]
+            bounds = [part for one in union.types for part in bounds_of(one)]
+            assert not (tuples and bounds), f"{kind}: {union}"
+
+
+def bounds_of(kind: Any) -> list[Any]:
+    kind = kind.type if isinstance(kind, inspect.Metadata) else kind
+    if not isinstance(kind, inspect.IntType | inspect.FloatType | inspect.StrType):
+        return []
+    return [bound for bound in vars_of(kind) if bound is not None]
 
 
 def test_a_document_that_is_no_table_is_told_without_a_key() -> None:
