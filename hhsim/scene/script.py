@@ -94,7 +94,7 @@ Each phase moves by minimum jerk: 10τ³ − 15τ⁴ + 6τ⁵ (Flash & Hogan, J.
 
 import math
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -104,7 +104,7 @@ from msgspec import Meta
 from hhsim.errors import InputError, TrajectoryError, check_known
 from hhsim.hand.fingers import FINGERS
 from hhsim.mesh.catalogue import object_names
-from hhsim.motion.tremor import LIMITS, Disturbance
+from hhsim.motion.tremor import Disturbance
 from hhsim.scene.contact_goals import ANYWHERE, PALM, Touch, TouchTable, touches_of
 from hhsim.scene.stored_pose import Placement, PlacementTable
 from hhsim.system.settings_file import Settings, a_list, between, one_of, parse_settings, read_toml_text
@@ -128,7 +128,7 @@ KEYS_OF_PHASES: dict[str, Collection[str]] = {
 }
 """The phases that each key belongs to."""
 DISTURBANCES = {
-    part: tuple(key.removeprefix(f"{part}_") for key in LIMITS if key.startswith(f"{part}_"))
+    part: tuple(key.name.removeprefix(f"{part}_") for key in fields(Disturbance) if key.name.startswith(f"{part}_"))
     for part in ("tremor", "sensor")
 }
 """Keys of the tables of tremor and of the sensors."""

@@ -14,7 +14,8 @@ import re
 import tomllib
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from types import GenericAlias
+from typing import Annotated, Any, Literal, TypeVar, get_type_hints
 
 import msgspec
 from msgspec import inspect
@@ -57,6 +58,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             raise SettingsError(str(error)) from None
 
 
+Positive = Annotated[float, msgspec.Meta(gt=0.0, le=MOST, description="a number above 0")]
 Version = Annotated[Literal[1], msgspec.Meta(description="1, which this hhsim reads")]
 
 
@@ -107,6 +109,20 @@ def typed(document: Any, kind: type[Content], where: str, error: type[InputError
         return msgspec.convert(document, kind)
     except msgspec.ValidationError as reason:
         raise error(f"{where}: {_fault(reason, document, kind)}") from None
+
+
+def check_fields(settings: Any, error: type[InputError] = InputError) -> None:
+    """Refuse a dataclass with a value that the type of its field does not allow.
+
+    Raises:
+        InputError: Such a value; the message begins with the name of the field.
+    """
+    for name, kind in get_type_hints(type(settings), include_extras=True).items():
+        value, table = {name: getattr(settings, name)}, GenericAlias(dict, (str, kind))
+        try:
+            msgspec.convert(value, table)
+        except msgspec.ValidationError as reason:
+            raise error(_fault(reason, value, table)) from None
 
 
 def read_toml_text(path: Path, what: str, error: type[InputError] = InputError) -> str:
@@ -224,11 +240,12 @@ def _described(kind: Any) -> str:
             return str((schema or {}).get("description") or f"{_described(inner)}{(unit and f' {unit}') or ''}")
         case inspect.UnionType(types=types):
             return ", or ".join(_described(one) for one in types if not isinstance(one, inspect.NoneType))
-        case inspect.IntType(ge=least, le=most) | inspect.FloatType(ge=least, le=most):
-            what = "a whole number" if isinstance(kind, inspect.IntType) else "a number"
+        case inspect.IntType(ge=least, le=most):
+            return "a whole number" if least is None else f"a whole number from {least} to {most}"
+        case inspect.FloatType(ge=least, le=most):
             if least is None or most is None:
-                return what
-            return f"{what} from {least:g} {'on' if most == MOST else f'to {most:g}'}"
+                return "a number"
+            return f"a number from {least:g} {'on' if most == MOST else f'to {most:g}'}"
         case inspect.LiteralType(values=values):
             return " or ".join(str(value).lower() for value in values)
         case inspect.TupleType(item_types=types):

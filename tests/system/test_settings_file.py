@@ -1,6 +1,7 @@
 """Settings files: what a declared structure allows is read, and a fault is told with file, key path and remedy."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from importlib import import_module
 from typing import Annotated, Any, Literal
 
@@ -8,7 +9,7 @@ import pytest
 from msgspec import Meta, inspect
 
 from hhsim.errors import InputError, TrajectoryError
-from hhsim.system.settings_file import Settings, Version, a_list, between, one_of, parse_settings, typed
+from hhsim.system.settings_file import Settings, Version, a_list, between, check_fields, one_of, parse_settings, typed
 
 FINGERS = ("thumb", "index")
 READERS = (
@@ -129,6 +130,20 @@ def bounds_of(kind: Any) -> list[Any]:
 def test_a_document_that_is_no_table_is_told_without_a_key() -> None:
     with pytest.raises(InputError, match=r"^f.json: \[\]; expected a table"):
         typed([], dict[str, Any], "f.json")
+
+
+@dataclass
+class Limits:
+    share: Share = 0.5
+    places: tuple[float, ...] = ()
+
+
+def test_the_fields_of_a_dataclass_are_checked_by_their_types() -> None:
+    check_fields(Limits(1, (1.0, 2.0)))
+    with pytest.raises(TrajectoryError, match=r"^share = 2.0; expected a number from 0 to 1"):
+        check_fields(Limits(2.0), TrajectoryError)
+    with pytest.raises(InputError, match=r"^places\[2\] = 'x'; expected a number"):
+        check_fields(Limits(places=(1.0, "x")))  # type: ignore[arg-type]
 
 
 def test_a_check_that_fails_without_a_file_is_bad_input_too() -> None:
