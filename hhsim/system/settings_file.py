@@ -70,7 +70,7 @@ def a_list(example: str) -> msgspec.Meta:
 def one_of(names: Iterable[str]) -> msgspec.Meta:
     """Return what an `Annotated` text, or the key of a dictionary, must be one of."""
     known = tuple(names)
-    return msgspec.Meta(pattern=f"^({'|'.join(map(re.escape, known))})$", extra={"names": known})
+    return msgspec.Meta(pattern=rf"\A({'|'.join(map(re.escape, known))})\Z", extra={"names": known})
 
 
 def between(least: float, most: float = MOST, unit: str = "") -> msgspec.Meta:
@@ -108,7 +108,9 @@ def typed(document: Any, kind: type[Content], where: str, error: type[InputError
     try:
         return msgspec.convert(document, kind)
     except msgspec.ValidationError as reason:
-        raise error(f"{where}: {_fault(reason, document, kind)}") from None
+        # A key or a text may hold a line break.
+        fault = _fault(reason, document, kind).replace("\n", "\\n")
+        raise error(f"{where}: {fault}") from None
 
 
 def check_fields(settings: Any, error: type[InputError] = InputError) -> None:

@@ -64,6 +64,7 @@ def test_what_is_declared_is_read() -> None:
         ("fingers = []", 'fingers = []; expected a list such as ["thumb"]'),
         ("fingers = 'thumb'", "fingers = 'thumb'; expected a list"),
         ("fingers = ['thumb', 'indx']", "fingers[2]: unknown finger 'indx': did you mean index?"),
+        ('fingers = ["thumb\\n"]', "fingers[1]: unknown finger 'thumb"),
         ("fingers = [3]", "fingers[1] = 3; expected text in quotes"),
         ("entry = 1", "entry = 1; expected [[entry]] tables"),
         ("entry = [{name = 'a'}, 1979-05-27]", "entry[2] = datetime.date(1979, 5, 27); expected a table"),

@@ -24,7 +24,7 @@ from hhsim.live.devices.registry import ServedOptions
 from hhsim.live.link.dexmo_codec import CHANNELS
 from hhsim.recordings.dexmo_regression import BEND, LEAST_SPAN, DexmoRegression, read_calibration
 from hhsim.system.input_file import read_input_text
-from hhsim.system.settings_file import between, typed
+from hhsim.system.settings_file import typed
 
 MOST_NORMALISED = 1.5
 """Channels beyond this are raw counts."""
@@ -33,7 +33,8 @@ MOST_COUNT = 4095.0
 MOST_FILE = 4 << 20
 """Bytes of a calibration file."""
 BENDS = list(BEND)
-_COUNTS = msgspec.defstruct("_COUNTS", [(name, Annotated[float, between(-1e6, 1e6)]) for name in CHANNELS])
+Count = Annotated[float, msgspec.Meta(ge=-1e6, le=1e6, description=f"a count, 0 to {MOST_COUNT:.0f}")]
+_COUNTS = msgspec.defstruct("_COUNTS", [(name, Count) for name in CHANNELS])
 SPLITS = np.array([CHANNELS.index(f"{finger}_split") for finger in ("thumb", "index", "middle", "ring", "pinky")])
 FAR = (-0.5, 1.5)
 """Normalised bends beyond are of no hand; spread is cut there."""
