@@ -148,7 +148,7 @@ def _judge_result(path: Path, comparison: Comparison) -> "GateReport":
 
 
 def _judge_suite(target: Path | None, comparison: Comparison, *, quiet: bool) -> "GateReport":
-    from dataclasses import replace
+    from msgspec.structs import replace
 
     from hhsim.gate.baseline import load_baseline
     from hhsim.gate.gate import gate_suite
@@ -160,11 +160,11 @@ def _judge_suite(target: Path | None, comparison: Comparison, *, quiet: bool) ->
     if target is None and not usual.is_file():
         print_notes([f"no {SUITE_FILE} in {Path.cwd()}: hhsim's own default suite is run"])
     if comparison.processes is not None:
-        suite = replace(suite, processes=comparison.processes)
+        suite = replace(suite, time=replace(suite.time, processes=comparison.processes))
     named = comparison.baseline
     # Who names a base's folder compares with it: the suite's own baseline is the head's.
     if named is None and comparison.write_baseline is None and comparison.base_folder is None:
-        named = suite.baseline
+        named = suite.folder / suite.baseline if suite.baseline else None
     baseline = None if named is None else load_baseline(named)
     head = find_side("head", this_python())
     base = None

@@ -40,6 +40,7 @@ from hhsim.kernels.kernel_cache import KERNEL_CACHE, PACKAGE, kernel_closure, mo
 from hhsim.kernels.tick import method as tick_method
 from hhsim.kernels.tick import restoration
 from hhsim.kernels.tick.block import TickRecord
+from hhsim.kernels.tick.evaluation import evaluate_pose
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK, WORK_LINEARISATIONS, WORK_UNITS
 from hhsim.kernels.tick.step_length import WHOLE_TARGET
 from hhsim.mesh.catalogue import object_description, object_names
@@ -105,7 +106,7 @@ def _without_holding(method: Any, hand: Any, surface: Any, state: Any) -> bool:
     if moved > 0.0:
         restoration.take_back(state)
         state.trust.radius *= restoration.TRUST_DECAY
-        return restoration.evaluate_pose(hand, surface, method.options, state)
+        return evaluate_pose(hand, surface, method.options, state)
     return False
 
 
@@ -289,7 +290,7 @@ def figures(
 ) -> dict[str, Any]:
     """Compute figures of a run that do not depend on the machine, and its times [ns]."""
     near = record.work[:, WORK_LINEARISATIONS] > 0
-    judged = TickRecord(*(values[::JUDGED] for values in record))
+    judged = TickRecord._make(values[::JUDGED] for values in record)
     units = np.sort(record.work[near, WORK_UNITS])
     cpu = np.sort(record.duration_cpu[near])
     lag = record.lag[np.isfinite(record.lag)]

@@ -1,21 +1,23 @@
 """Recorded baselines: what a suite's scenes did once, as a JSON file that a project commits."""
 
 import json
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from hhsim import __version__
 from hhsim.errors import InputError
-from hhsim.gate.input_hash import inputs_from_json
+from hhsim.gate.input_hash import RunInputs
 from hhsim.gate.metrics import COUNTERS, RunFigures
 from hhsim.kernels.machine_calibration import REFERENCE_VERSION
 from hhsim.metrics.run.registry import judged_metrics
 from hhsim.system import environment as info
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.input_file import read_input_text
+from hhsim.system.settings_file import Settings, Version, typed
 
 FORMAT = "hhsim-gate-baseline"
 BASELINE_VERSION = 1
@@ -88,41 +90,43 @@ def load_baseline(path: Path) -> Baseline:
         raise InputError(f"cannot read the baseline {path}: {getattr(error, 'strerror', None) or error}") from error
     except json.JSONDecodeError as error:
         raise InputError(f"the baseline {path} is no JSON: {error}") from error
-    if not isinstance(document, dict) or document.get("format") != FORMAT:
-        raise InputError(f"{path} is no baseline: make one with hhsim gate --write-baseline FILE")
-    if document.get("version") != BASELINE_VERSION:
-        raise InputError(
-            f"the baseline {path} has version {document.get('version')!r}, this hhsim reads {BASELINE_VERSION}: "
-            "record it anew with hhsim gate --write-baseline"
-        )
     try:
-        return Baseline(
-            source=str(path),
-            reference_version=int(document.get("reference_version", 0)),
-            scenes={name: _scene(scene, f"{path}, scene {name}") for name, scene in document["scenes"].items()},
-        )
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise InputError(f"the baseline {path} is damaged: {error!r}") from error
+        found = typed(document, _BaselineFile, f"the baseline {path}")
+    except InputError as error:
+        raise InputError(f"{error}; record it anew with hhsim gate --write-baseline FILE") from None
+    scenes = {name: scene.recorded() for name, scene in found.scenes.items()}
+    return Baseline(str(path), found.reference_version, scenes)
+
+
+class _SceneTable(Settings, frozen=True, forbid_unknown_fields=False):
+    inputs: RunInputs
+    errors: dict[str, float | None]
+    counters: dict[str, int]
+    times: tuple[float, ...] = ()
+    references: tuple[float, ...] = ()
+
+    def check(self) -> None:
+        if len(self.times) != len(self.references):
+            raise InputError(f"{len(self.times)} times beside {len(self.references)} of the reference workload")
+
+    def recorded(self) -> RecordedScene:
+        """Return the scene, with NaN for figures that are undefined or that the file does not know."""
+        found = {name: self.errors.get(name) for name in judged_metrics()}
+        errors = {name: math.nan if value is None else value for name, value in found.items()}
+        counters = {name: self.counters[name] for name in COUNTERS if name in self.counters}
+        return RecordedScene(RunFigures(self.inputs, errors, counters, math.nan), self.times, self.references)
+
+
+class _BaselineFile(Settings, frozen=True, forbid_unknown_fields=False):
+    format: Literal["hhsim-gate-baseline"]
+    version: Version
+    scenes: dict[str, _SceneTable]
+    reference_version: int = 0
 
 
 def _scene_json(scene: RecordedScene) -> dict[str, Any]:
     timed = {"times": list(scene.times), "references": list(scene.references)} if scene.times else {}
     return {**scene.figures.to_json(), **timed}
-
-
-def _scene(document: Mapping[str, Any], where: str) -> RecordedScene:
-    errors = {name: _number(document["errors"].get(name)) for name in judged_metrics()}
-    counters = {name: int(document["counters"][name]) for name in COUNTERS if name in document["counters"]}
-    inputs = inputs_from_json(document["inputs"], where)
-    times = tuple(float(value) for value in document.get("times", ()))
-    references = tuple(float(value) for value in document.get("references", ()))
-    if len(times) != len(references):
-        raise InputError(f"{where}: {len(times)} times beside {len(references)} of the reference workload")
-    return RecordedScene(RunFigures(inputs, errors, counters, float("nan")), times, references)
-
-
-def _number(value: Any) -> float:
-    return float("nan") if value is None else float(value)
 
 
 def _rounded(value: Any) -> Any:

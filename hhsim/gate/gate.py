@@ -263,8 +263,8 @@ class _SuiteGate:
         """
         suite, rows = self.suite, []
         if base is not None:
-            before, after = interleaved_times(scene, suite.folder, base, self.head, suite.processes, step)
-            rows.append(judge_time(scene.name, after, before, suite.limit))
+            before, after = interleaved_times(scene, suite.folder, base, self.head, suite.time.processes, step)
+            rows.append(judge_time(scene.name, after, before, suite.time.limit))
         against = kept if self.base is None and kept is not None and kept.times else None
         if against is not None and self.baseline is not None and self.baseline.reference_version != REFERENCE_VERSION:
             reason = f"reference workload {self.baseline.reference_version} there, {REFERENCE_VERSION} here"
@@ -272,9 +272,9 @@ class _SuiteGate:
             against = None
         if against is None and not self.record_times:
             return rows, recorded
-        times, references = times_beside_reference(scene, suite.folder, self.head, suite.processes, step)
+        times, references = times_beside_reference(scene, suite.folder, self.head, suite.time.processes, step)
         if against is not None:
             here = [time / reference for time, reference in zip(times, references)]
             there = [time / reference for time, reference in zip(against.times, against.references)]
-            rows.append(judge_time(scene.name, here, there, suite.recorded_limit, divided=True))
+            rows.append(judge_time(scene.name, here, there, suite.time.recorded_limit, divided=True))
         return rows, RecordedScene(recorded.figures, tuple(times), tuple(references))

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hhsim.errors import InputError
 from hhsim.result.reader import Result
 
 TOLERANCE = 1e-7
@@ -78,27 +77,6 @@ def run_inputs(result: Result) -> RunInputs:
         hand=_sums(result.static[name] for name in HAND),
         motion=_sums(result[name] for name in MOTION),
     )
-
-
-def inputs_from_json(document: Mapping[str, Any], where: str) -> RunInputs:
-    """Read what `dataclasses.asdict` made of inputs.
-
-    Raises:
-        InputError: A field is missing or of another kind.
-    """
-    try:
-        sums = {name: tuple(float(value) for value in document[name]) for name in ("tree", "hand", "motion")}
-        return RunInputs(
-            schema=int(document["schema"]),
-            mesh=str(document["mesh"]),
-            ticks=int(document["ticks"]),
-            spheres=int(document["spheres"]),
-            options=dict(document["options"]),
-            solver=dict(document["solver"]),
-            **sums,
-        )
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"{where}: what was fed in cannot be read: {error!r}") from error
 
 
 def differences(base: RunInputs, head: RunInputs, *, but_the_motion: bool = False) -> list[str]:

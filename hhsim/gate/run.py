@@ -69,7 +69,7 @@ class Side:
         folder = self.folder or folder
         command = scene.command()
         if not command:
-            return self._read(scene, folder / scene.object, read)
+            return self._read(scene, folder / scene.session, read)
         with tempfile.TemporaryDirectory(prefix="hhsim-gate-") as place:
             out = Path(place) / "run.h5"
             answer = run_python(self.python, MAIN, [*command, "--quiet", "--out", str(out)], folder)

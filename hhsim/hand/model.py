@@ -31,12 +31,11 @@ of a *right* hand (x from thumb to little finger, y to the fingers, z out of the
 """
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -49,7 +48,7 @@ from hhsim.kernels.hand.kinematics import HandArrays, forward_kinematics
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.round_cone_distance import cone_slope
 from hhsim.mesh.mesh import Mesh
-from hhsim.system.toml_document import parse_toml, read_toml_text
+from hhsim.system.settings_file import Settings, between, read_settings, typed
 from hhsim.trees.cache import cached_sphere_tree, shipped_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
@@ -59,8 +58,6 @@ Side = Literal["right", "left"]
 
 DEFAULT_HAND_LENGTH = 0.19
 BREADTH_PER_LENGTH = 0.085 / 0.19
-FINGER_SIZES = {"base": (-0.5, 0.5), "length": (1e-4, 0.5), "radius": (1e-4, 0.1)}
-"""Least and greatest of each number of a finger [m]."""
 HAND_LENGTH_RANGE = (0.05, 0.40)
 """Hand lengths [m] that are taken for a hand; outside it the unit is probably wrong."""
 
@@ -116,18 +113,56 @@ ABDUCTION_DEGREES = ((-20.0, 45.0), (-15.0, 42.0), (-8.0, 35.0), (-14.0, 20.0), 
 MIRROR = np.array([-1.0, 1.0, 1.0])
 """From a right hand to a left one, palm frame."""
 
-FINGER_SHAPES: dict[str, tuple[int, ...]] = {
-    "base": (3,),
-    "distal": (3,),
-    "dorsal": (3,),
-    "length": (3,),
-    "radius": (4,),
-    "flexion_min": (3,),
-    "flexion_max": (3,),
-    "abduction_min": (),
-    "abduction_max": (),
-}
-"""The sizes of one finger that a TOML file may replace, and their shapes."""
+Place = Annotated[float, between(-0.5, 0.5, "m")]
+Direction = Annotated[float, between(-1e6, 1e6)]
+Length = Annotated[float, between(1e-4, 0.5, "m")]
+Radius = Annotated[float, between(1e-4, 0.1, "m")]
+Angle = Annotated[float, between(-math.pi, math.pi, "rad")]
+
+
+class FingerTable(Settings, frozen=True):
+    """Sizes of one finger that a TOML file replaces; the module's docstring says what each means."""
+
+    base: tuple[Place, Place, Place] | None = None
+    distal: tuple[Direction, Direction, Direction] | None = None
+    dorsal: tuple[Direction, Direction, Direction] | None = None
+    length: tuple[Length, Length, Length] | None = None
+    radius: tuple[Radius, Radius, Radius, Radius] | None = None
+    flexion_min: tuple[Angle, Angle, Angle] | None = None
+    flexion_max: tuple[Angle, Angle, Angle] | None = None
+    abduction_min: Angle | None = None
+    abduction_max: Angle | None = None
+
+    def check(self) -> None:
+        """Refuse a finger that grows towards the tip."""
+        if self.radius and (np.diff(self.radius) > 0.0).any():
+            raise InputError(f"radius = {_text(self.radius)}: must not grow towards the tip")
+
+
+class HandTable(Settings, frozen=True):
+    """Sizes of a hand that a TOML file replaces; the module's docstring says what each means."""
+
+    hand_length: Annotated[float, between(*HAND_LENGTH_RANGE, "m, wrist to middle fingertip")] = DEFAULT_HAND_LENGTH
+    hand_breadth: float | None = None
+    palm_level: Annotated[int, between(1, 5)] = 2
+    thumb: FingerTable = FingerTable()
+    index: FingerTable = FingerTable()
+    middle: FingerTable = FingerTable()
+    ring: FingerTable = FingerTable()
+    little: FingerTable = FingerTable()
+
+    @property
+    def breadth(self) -> float:
+        """Across the knuckles [m]."""
+        return BREADTH_PER_LENGTH * self.hand_length if self.hand_breadth is None else self.hand_breadth
+
+    def check(self) -> None:
+        """Check the breadth against the length."""
+        if not 0.25 * self.hand_length <= self.breadth <= 0.75 * self.hand_length:
+            raise InputError(
+                f"hand_breadth = {self.breadth:g}; expected {0.25 * self.hand_length:.3g} to "
+                f"{0.75 * self.hand_length:.3g} m, a quarter to three quarters of hand_length"
+            )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -186,20 +221,19 @@ class HandModel:
         Raises:
             InputError: A size that no hand has, or an unknown side.
         """
-        sizes: dict[str, Any] = {"hand_length": hand_length, "palm_level": palm_level}
-        if hand_breadth is not None:
-            sizes["hand_breadth"] = hand_breadth
-        return _model(sizes, side, "hand")
+        given = {"hand_length": hand_length, "hand_breadth": hand_breadth, "palm_level": palm_level}
+        # Numbers of numpy count as numbers too.
+        sizes = {key: np.asarray(value).item() for key, value in given.items()}
+        return _model(typed(sizes, HandTable, "hand"), side, "hand")
 
     @classmethod
     def from_toml(cls, path: str | Path, side: Side = "right") -> "HandModel":
         """The default hand with the sizes that a TOML file replaces; the module's docstring shows one.
 
         Raises:
-            InputError: No such file, broken TOML, or a size of wrong shape or sign.
-            UnknownNameError: A key that no hand has; the message lists the near ones.
+            InputError: No such file, broken TOML, a key that no hand has, or a size of wrong shape or sign.
         """
-        return _model(parse_toml(read_toml_text(Path(path), "hand"), str(path)), side, str(path))
+        return _model(read_settings(Path(path), HandTable, "hand"), side, str(path))
 
     @property
     def abduction_sign(self) -> float:
@@ -326,43 +360,25 @@ def default_fingers(hand_length: float, hand_breadth: float) -> dict[str, FloatA
     }
 
 
-def _model(sizes: Mapping[str, Any], side: Side, where: str) -> HandModel:
+def _model(sizes: HandTable, side: Side, where: str) -> HandModel:
     """The default hand with `sizes` replaced, checked; `where` names their origin in messages."""
     if side not in ("right", "left"):
         raise UnknownNameError("hand side", str(side), ("right", "left"))
-    known = ("hand_length", "hand_breadth", "palm_level", *FINGERS)
-    for key in sizes:
-        if key not in known:
-            raise UnknownNameError(f"key in {where}", key, known)
-    hand_length = _number(where, sizes, "hand_length", DEFAULT_HAND_LENGTH)
-    low, high = HAND_LENGTH_RANGE
-    if not low <= hand_length <= high:
-        raise InputError(
-            f"{where}: hand_length {hand_length:g} m: expected {low:g} to {high:g} m, wrist to middle fingertip"
-        )
-    hand_breadth = _number(where, sizes, "hand_breadth", BREADTH_PER_LENGTH * hand_length)
-    if not 0.25 * hand_length <= hand_breadth <= 0.75 * hand_length:
-        raise InputError(
-            f"{where}: hand_breadth {hand_breadth:g} m: expected {0.25 * hand_length:.3g} to "
-            f"{0.75 * hand_length:.3g} m, a quarter to three quarters of hand_length"
-        )
-    palm_level = sizes.get("palm_level", 2)
-    if isinstance(palm_level, bool) or not isinstance(palm_level, int) or not 1 <= palm_level <= 5:
-        raise InputError(f"{where}: palm_level {palm_level!r}: expected a whole number from 1 to 5")
+    hand_length, hand_breadth = sizes.hand_length, sizes.breadth
     arrays = default_fingers(hand_length, hand_breadth)
     for index, finger in enumerate(FINGERS):
-        _replace_finger(arrays, index, sizes.get(finger, {}), where)
+        _replace_finger(arrays, index, getattr(sizes, finger), f"{where}: {finger}")
     arrays["distal"], arrays["dorsal"] = _frames(arrays["distal"], arrays["dorsal"], where)
     try:
         mesh = palm_mesh(hand_length, hand_breadth, arrays["base"][1:], arrays["radius"][1:, 0])
     except InputError as error:
         raise InputError(f"{where}: {error}") from error
     if side == "right":
-        tree = cached_sphere_tree(mesh, TreeOptions(level=palm_level))
+        tree = cached_sphere_tree(mesh, TreeOptions(level=sizes.palm_level))
     else:
         for key in ("base", "distal", "dorsal"):
             arrays[key] = arrays[key] * MIRROR
-        mesh, tree = _left_palm(mesh, TreeOptions(level=palm_level))
+        mesh, tree = _left_palm(mesh, TreeOptions(level=sizes.palm_level))
     return HandModel(
         side=side,
         hand_length=hand_length,
@@ -404,30 +420,15 @@ def _left_palm(right: Mesh, options: TreeOptions) -> tuple[Mesh, SphereTree]:
     return mesh, tree
 
 
-def _replace_finger(arrays: dict[str, FloatArray], index: int, sizes: Any, where: str) -> None:
-    """Put the sizes that a TOML table names for one finger in place and check that finger."""
-    finger = FINGERS[index]
-    if not isinstance(sizes, Mapping):
-        raise InputError(f"{where}: {finger} is {sizes!r}: expected a table of sizes, [{finger}]")
-    for key, value in sizes.items():
-        if key not in FINGER_SHAPES:
-            raise UnknownNameError(f"key in {where}, [{finger}]", key, FINGER_SHAPES)
-        arrays[key][index] = _array(f"{where}: {finger}.{key}", value, FINGER_SHAPES[key])
-    for key, (least, most) in FINGER_SIZES.items():
-        value = arrays[key][index]
-        if not ((least <= value) & (value <= most)).all():
-            raise InputError(f"{where}: {finger}.{key} {_text(value)}: expected {least:g} to {most:g} m each")
-    radius = arrays["radius"][index]
-    if (np.diff(radius) > 0.0).any():
-        raise InputError(f"{where}: {finger}.radius {_text(radius)}: must not grow towards the tip")
+def _replace_finger(arrays: dict[str, FloatArray], index: int, sizes: FingerTable, where: str) -> None:
+    """Put the sizes that a file names for one finger in place and check its limits."""
+    for key in sizes.__struct_fields__:
+        if getattr(sizes, key) is not None:
+            arrays[key][index] = getattr(sizes, key)
     for kind in ("flexion", "abduction"):
         low, high = arrays[f"{kind}_min"][index], arrays[f"{kind}_max"][index]
         if not np.all(low < high):
-            raise InputError(f"{where}: {finger}.{kind}_min {_text(low)} must lie below {kind}_max {_text(high)} [rad]")
-        if not np.all(np.abs([low, high]) <= math.pi):
-            raise InputError(
-                f"{where}: {finger}.{kind} limits {_text(low)} to {_text(high)}: expected radians within ±π"
-            )
+            raise InputError(f"{where}.{kind}_min {_text(low)} must lie below {kind}_max {_text(high)} [rad]")
 
 
 def _frames(distal: FloatArray, dorsal: FloatArray, where: str) -> tuple[FloatArray, FloatArray]:
@@ -442,10 +443,6 @@ def _frames(distal: FloatArray, dorsal: FloatArray, where: str) -> tuple[FloatAr
     distal = distal / np.linalg.norm(distal, axis=1, keepdims=True)
     dorsal = dorsal - np.einsum("fi,fi->f", dorsal, distal)[:, None] * distal
     return distal, dorsal / np.linalg.norm(dorsal, axis=1, keepdims=True)
-
-
-def _number(where: str, sizes: Mapping[str, Any], key: str, default: float) -> float:
-    return float(_array(f"{where}: {key}", sizes.get(key, default), ()))
 
 
 def _array(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArray:

@@ -2,21 +2,16 @@
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
 from hhsim.kernels.rotation import rotate_quaternion
+from hhsim.system.settings_file import between, check_fields
 
-LIMITS: dict[str, tuple[float, float]] = {
-    "tremor_position": (0.0, 0.1),
-    "tremor_rotation": (0.0, math.pi),
-    "tremor_frequency": (0.01, 1000.0),
-    "sensor_counts": (0, 2**32),
-    "sensor_noise": (0.0, math.pi),
-}
-"""Least and most of each field."""
+Angle = Annotated[float, between(0.0, math.pi, "rad")]
 
 
 @dataclass(frozen=True)
@@ -38,20 +33,15 @@ class Disturbance:
         TrajectoryError: A value out of its range.
     """
 
-    tremor_position: float = 0.0
-    tremor_rotation: float = 0.0
-    tremor_frequency: float = 10.0
-    sensor_counts: int = 0
-    sensor_noise: float = 0.0
+    tremor_position: Annotated[float, between(0.0, 0.1, "m")] = 0.0
+    tremor_rotation: Angle = 0.0
+    tremor_frequency: Annotated[float, between(0.01, 1000.0, "Hz")] = 10.0
+    sensor_counts: Annotated[int, between(0, 2**32)] = 0
+    sensor_noise: Angle = 0.0
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        for key, (low, high) in LIMITS.items():
-            value = getattr(self, key)
-            number = not isinstance(value, bool) and isinstance(value, int if key == "sensor_counts" else int | float)
-            if not number or not low <= value <= high:
-                kind = "a whole number" if key == "sensor_counts" else "a number"
-                raise TrajectoryError(f"{key} = {value!r}; expected {kind} from {low:g} to {high:g}")
+        check_fields(self, TrajectoryError)
 
     def apply(
         self, seed: int, time: FloatArray, position: FloatArray, orientation: FloatArray, flexion: FloatArray

@@ -43,87 +43,161 @@ Joints that are not named stay at 0, the palm without position or orientation st
 named is s, m or rad, unless the numbers, or an option, say otherwise.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, cast
+from typing import Annotated, Literal
 
-from hhsim.errors import InputError, UnknownNameError
+from msgspec import Meta, field
+
+from hhsim.errors import InputError
 from hhsim.motion.csv_file import ABDUCTION_COLUMNS, COLUMNS, FLEXION_COLUMNS, PHASE
-from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.frames import OURS, axes_matrix, world_matrix
-from hhsim.recordings.unit_detection import ANGLE_UNITS, LENGTH_UNITS, TIME_UNITS
-from hhsim.system.toml_document import (
-    check_keys,
-    checked_number,
-    checked_table,
-    checked_text,
-    parse_toml,
-    read_toml_text,
-)
+from hhsim.system.settings_file import Settings, between, one_of, parse_settings, read_toml_text
 
 JOINT_NAMES = (*FLEXION_COLUMNS, *ABDUCTION_COLUMNS)
-TEXTS = ("name", "source", "licence", "device")
+Joint = Annotated[str, one_of(JOINT_NAMES)]
+Angle = Literal["rad", "deg"]
+Name = Annotated[str, Meta(min_length=1)]
+Character = Annotated[str, Meta(min_length=1, max_length=1, description="one character")]
+Factor = Annotated[float, between(-1e6, 1e6)]
+Offset = Annotated[float, between(-1.0, 1.0)]
 
 
-@dataclass(frozen=True)
-class JointColumn:
+class JointColumn(Settings, frozen=True):
     """One joint angle: scale · (value - offset) · unit.
 
     Attributes:
         column: Of the table; None where it is made from another joint.
         joint: The joint that it is made from.
         scale, offset: Offset in the column's unit; of another joint the scale alone counts.
-        unit: "rad" or "deg".
+        unit: None: that of all joints.
     """
 
-    column: str | None = None
-    joint: str | None = None
-    scale: float = 1.0
-    offset: float = 0.0
-    unit: str = "rad"
+    column: Name | None = None
+    joint: Name | None = None
+    scale: Factor = 1.0
+    offset: Factor = 0.0
+    unit: Angle | None = None
+
+    def check(self) -> None:
+        """Refuse two sources, or none."""
+        if (self.column is None) == (self.joint is None):
+            raise InputError("expected a column, or another joint that it follows")
 
 
-@dataclass(frozen=True)
-class RawColumn:
+class RawColumn(Settings, frozen=True):
     """A column that is kept as it is."""
 
-    column: str
-    unit: str = ""
-    meaning: str = ""
+    column: Name
+    unit: Name = ""
+    meaning: Name = ""
 
 
-@dataclass(frozen=True)
-class ColumnMap:
-    """A checked mapping; the module's docstring says what each field means, `stated` which units it names."""
+class TimeColumn(Settings, frozen=True):
+    """Column of the stamps."""
 
-    joints: Mapping[str, JointColumn]
-    time: str | None = None
-    time_unit: str = "s"
-    position: tuple[str, ...] = ()
-    position_unit: str = "m"
-    orientation: tuple[str, ...] = ()
+    column: Name
+    unit: Literal["s", "ms", "us", "µs", "ns"] | None = None
+
+
+class PositionColumns(Settings, frozen=True):
+    """Columns of the palm's position."""
+
+    columns: tuple[Name, Name, Name]
+    unit: Literal["m", "cm", "mm", "inch"] | None = None
+
+
+class OrientationColumns(Settings, frozen=True):
+    """Columns of the palm's orientation: a quaternion, or Euler angles."""
+
+    columns: Annotated[tuple[Name, ...], Meta(min_length=3, max_length=4, description="3 or 4 names in a list")]
     order: str = "wxyz"
-    euler_unit: str = "rad"
-    rate: float | None = None
-    delimiter: str | None = None
-    decimal: str = "."
+    unit: Angle = "rad"
+
+    @property
+    def euler(self) -> bool:
+        """True if the columns are Euler angles."""
+        return len(self.columns) == 3
+
+    def check(self) -> None:
+        """Check the order."""
+        of_axes = len(self.order) == 3 and set(self.order.lower()) <= set("xyz")
+        if self.euler and not (of_axes and self.order in (self.order.lower(), self.order.upper())):
+            raise InputError(
+                f"order = {self.order!r} for 3 columns; expected an Euler order such as ZYX (turned axes) "
+                "or zyx (fixed axes)"
+            )
+        if not self.euler and self.order not in ("wxyz", "xyzw"):
+            raise InputError(f"order = {self.order!r} for 4 columns; expected wxyz or xyzw")
+
+
+class AngleUnit(Settings, frozen=True):
+    """Unit of all angles that name none."""
+
+    unit: Angle | None = None
+
+
+class ColumnMap(Settings, frozen=True, kw_only=True, rename={"joints": "joint"}):
+    """A checked mapping; the module's docstring says what each field means."""
+
+    name: Name = ""
+    source: Name = ""
+    licence: Name = ""
+    device: Name = ""
+    hand: Literal["right", "left"] | None = None
+    hand_length: Annotated[float, between(0.05, 0.4, "m")] | None = None
+    rate: Annotated[float, between(0.1, 1e5, "Hz")] | None = None
+    delimiter: Character | None = None
+    decimal: Character = "."
     world_up: str = "z"
     palm_axes: tuple[str, ...] = OURS
-    palm_offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    hand: HandSide = ""
-    hand_length: float | None = None
-    texts: Mapping[str, str] = field(default_factory=dict)
-    raw: Mapping[str, RawColumn] = field(default_factory=dict)
-    phase: str | None = None
-    stated: frozenset[str] = frozenset()
+    palm_offset: Annotated[tuple[Offset, Offset, Offset], Meta(description="three numbers [m]")] | None = None
+    time: TimeColumn | None = None
+    position: PositionColumns | None = None
+    orientation: OrientationColumns | None = None
+    angle: AngleUnit = AngleUnit()
+    joints: Annotated[dict[Joint, Name | JointColumn], Meta(min_length=1, description="[joint] with thumb_flex1, …")]
+    raw: dict[str, Name | RawColumn] = field(default_factory=dict)
+    phase: Name | None = None
+
+    def check(self) -> None:
+        """Check axes, that there is a time, and what joints follow."""
+        world_matrix(self.world_up, "world_up")
+        axes_matrix(self.palm_axes, "palm_axes")
+        if self.time is None and self.rate is None:
+            raise InputError("no [time] and no rate; expected [time] with a column, or rate = … [Hz]")
+        joints = self.joint_columns
+        for name, joint in joints.items():
+            if joint.joint is not None and (joint.joint not in joints or joints[joint.joint].column is None):
+                raise InputError(f"joint.{name} follows '{joint.joint}', which has no column of its own")
+
+    @property
+    def joint_columns(self) -> dict[str, JointColumn]:
+        """What each joint is read from."""
+        return {name: JointColumn(of) if isinstance(of, str) else of for name, of in self.joints.items()}
+
+    @property
+    def raw_columns(self) -> dict[str, RawColumn]:
+        """The columns that are kept as they are."""
+        return {name: RawColumn(of) if isinstance(of, str) else of for name, of in self.raw.items()}
+
+    @property
+    def stated(self) -> frozenset[str]:
+        """The units that it names; what it does not name is still open to an option, or to the numbers."""
+        own = any(joint.unit is not None for joint in self.joint_columns.values())
+        named = {
+            "time": self.time is None or self.time.unit is not None,
+            # The palm's offset is in metres, and is added to the position as it is read.
+            "length": self.position is None or self.position.unit is not None or self.palm_offset is not None,
+            "angle": own or self.angle.unit is not None,
+        }
+        return frozenset(key for key, given in named.items() if given)
 
 
 OWN_COLUMNS = ColumnMap(
-    joints={name: JointColumn(name) for name in JOINT_NAMES},
-    time="time",
-    position=("px", "py", "pz"),
-    orientation=("qw", "qx", "qy", "qz"),
+    joints={name: name for name in JOINT_NAMES},
+    time=TimeColumn("time"),
+    position=PositionColumns(("px", "py", "pz")),
+    orientation=OrientationColumns(("qw", "qx", "qy", "qz")),
     phase=PHASE,
 )
 """The mapping of our own CSV."""
@@ -152,150 +226,4 @@ def parse_column_map(text: str, *, where: str) -> ColumnMap:
     Raises:
         InputError: No TOML, or a key or value that no mapping has.
     """
-    table = parse_toml(text, where)
-    known = (*TEXTS, "hand", "hand_length", "rate", "delimiter", "decimal", "world_up", "palm_axes", "palm_offset")
-    check_keys(where, table, (*known, "time", "position", "orientation", "angle", "joint", "raw", "phase"))
-    fields: dict[str, Any] = {"texts": {key: _text(where, key, table[key]) for key in TEXTS if key in table}}
-    for key, (low, high) in {"rate": (0.1, 1e5), "hand_length": (0.05, 0.4)}.items():
-        if key in table:
-            fields[key] = checked_number(where, key, table[key], low, high)
-    if "hand" in table:
-        if table["hand"] not in ("right", "left"):
-            raise InputError(f"{where}: hand = {table['hand']!r}; expected right or left")
-        fields["hand"] = cast(HandSide, table["hand"])
-    for key in ("delimiter", "decimal"):
-        if key in table:
-            fields[key] = _text(where, key, table[key])
-            if len(fields[key]) != 1:
-                raise InputError(f"{where}: {key} = {table[key]!r}; expected one character")
-    if "world_up" in table:
-        fields["world_up"] = _text(where, "world_up", table["world_up"])
-        world_matrix(fields["world_up"], f"{where}: world_up")
-    if "palm_axes" in table:
-        fields["palm_axes"] = _texts(where, "palm_axes", table["palm_axes"], (3,))
-        axes_matrix(fields["palm_axes"], f"{where}: palm_axes")
-    if "palm_offset" in table:
-        numbers = table["palm_offset"]
-        if not isinstance(numbers, list) or len(numbers) != 3:
-            raise InputError(f"{where}: palm_offset = {numbers!r}; expected three numbers [m]")
-        fields["palm_offset"] = tuple(checked_number(where, "palm_offset", value, -1.0, 1.0) for value in numbers)
-    if "phase" in table:
-        fields["phase"] = _text(where, "phase", table["phase"])
-    return ColumnMap(
-        **fields, **_time(where, table), **_palm(where, table), **_joints(where, table), stated=_stated(table)
-    )
-
-
-def _stated(table: Mapping[str, Any]) -> frozenset[str]:
-    """The units that a checked document names; what it does not name is still open to an option, or to the numbers."""
-    joints = table["joint"].values()
-    own = any(isinstance(joint, dict) and "unit" in joint for joint in joints)
-    named = {
-        "time": "unit" in table.get("time", {}) or "time" not in table,
-        # The palm's offset is in metres, and is added to the position as it is read.
-        "length": "unit" in table.get("position", {}) or "palm_offset" in table or "position" not in table,
-        "angle": "unit" in table.get("angle", {}) or own,
-    }
-    return frozenset(key for key, given in named.items() if given)
-
-
-def _time(where: str, table: Mapping[str, Any]) -> dict[str, Any]:
-    if "time" not in table:
-        if "rate" not in table:
-            raise InputError(f"{where}: no [time] and no rate; expected [time] with a column, or rate = … [Hz]")
-        return {}
-    given = checked_table(where, "time", table["time"], ("column", "unit"))
-    if "column" not in given:
-        raise InputError(f"{where}: [time] names no column")
-    unit = _unit(where, "time", given, TIME_UNITS, "s")
-    return {"time": _text(where, "time.column", given["column"]), "time_unit": unit}
-
-
-def _palm(where: str, table: Mapping[str, Any]) -> dict[str, Any]:
-    fields: dict[str, Any] = {}
-    if "position" in table:
-        given = checked_table(where, "position", table["position"], ("columns", "unit"))
-        fields["position"] = _texts(where, "position.columns", given.get("columns"), (3,))
-        fields["position_unit"] = _unit(where, "position", given, LENGTH_UNITS, "m")
-    if "orientation" in table:
-        given = checked_table(where, "orientation", table["orientation"], ("columns", "order", "unit"))
-        columns = _texts(where, "orientation.columns", given.get("columns"), (3, 4))
-        order = _text(where, "orientation.order", given.get("order", "wxyz"))
-        euler = len(columns) == 3
-        fits = (
-            len(order) == 3
-            and order.lower() != ""
-            and set(order.lower()) <= set("xyz")
-            and order in (order.lower(), order.upper())
-            if euler
-            else order in ("wxyz", "xyzw")
-        )
-        if not fits:
-            wanted = "an Euler order such as ZYX (turned axes) or zyx (fixed axes)" if euler else "wxyz or xyzw"
-            raise InputError(f"{where}: orientation.order = {order!r} for {len(columns)} columns; expected {wanted}")
-        fields |= {"orientation": columns, "order": order}
-        fields["euler_unit"] = _unit(where, "orientation", given, ANGLE_UNITS, "rad")
-    return fields
-
-
-def _joints(where: str, table: Mapping[str, Any]) -> dict[str, Any]:
-    usual = _unit(where, "angle", checked_table(where, "angle", table.get("angle", {}), ("unit",)), ANGLE_UNITS, "rad")
-    given = table.get("joint")
-    if not isinstance(given, dict) or not given:
-        raise InputError(f"{where}: no [joint] table; expected at least one of {', '.join(JOINT_NAMES[:3])}, …")
-    joints = {}
-    for name, value in given.items():
-        if name not in JOINT_NAMES:
-            raise InputError(f"{where}: {UnknownNameError('joint', name, JOINT_NAMES)}")
-        if isinstance(value, str):
-            joints[name] = JointColumn(value, unit=usual)
-            continue
-        entry = checked_table(where, f"joint.{name}", value, ("column", "joint", "scale", "offset", "unit"))
-        if ("column" in entry) == ("joint" in entry):
-            raise InputError(f"{where}: joint.{name}: expected a column, or another joint that it follows")
-        numbers = {
-            key: checked_number(where, f"{name}.{key}", entry[key], -1e6, 1e6)
-            for key in ("scale", "offset")
-            if key in entry
-        }
-        texts = {key: _text(where, f"{name}.{key}", entry[key]) for key in ("column", "joint") if key in entry}
-        joints[name] = JointColumn(
-            texts.get("column"),
-            texts.get("joint"),
-            numbers.get("scale", 1.0),
-            numbers.get("offset", 0.0),
-            _unit(where, name, entry, ANGLE_UNITS, usual),
-        )
-    for name, joint in joints.items():
-        if joint.joint is not None and (joint.joint not in joints or joints[joint.joint].column is None):
-            raise InputError(f"{where}: joint.{name} follows '{joint.joint}', which has no column of its own")
-    raw = {}
-    for name, value in checked_table(where, "raw", table.get("raw", {})).items():
-        entry = (
-            {"column": value}
-            if isinstance(value, str)
-            else checked_table(where, f"raw.{name}", value, ("column", "unit", "meaning"))
-        )
-        if "column" not in entry:
-            raise InputError(f"{where}: raw.{name} names no column")
-        raw[name] = RawColumn(**{key: _text(where, f"raw.{name}.{key}", text) for key, text in entry.items()})
-    return {"joints": joints, "raw": raw}
-
-
-def _unit(where: str, key: str, table: Mapping[str, Any], units: Mapping[str, float], usual: str) -> str:
-    unit = table.get("unit", usual)
-    if not isinstance(unit, str) or unit not in units:
-        raise InputError(f"{where}: {key}: unit {unit!r}; expected {', '.join(units)}")
-    return unit
-
-
-def _text(where: str, key: str, value: Any) -> str:
-    if value == "":
-        raise InputError(f"{where}: {key} = ''; expected text in quotes")
-    return checked_text(where, key, value)
-
-
-def _texts(where: str, key: str, value: Any, counts: tuple[int, ...]) -> tuple[str, ...]:
-    if not isinstance(value, list) or len(value) not in counts:
-        raise InputError(f"{where}: {key} = {value!r}; expected {' or '.join(map(str, counts))} names in a list")
-    return tuple(_text(where, key, item) for item in value)
+    return parse_settings(text, ColumnMap, where)

@@ -23,17 +23,18 @@ for rotate. A glove that gives raw counts is calibrated by poses (`calibrated`),
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Self
+from typing import Annotated, Self
 
 import numpy as np
+from msgspec import field
 from numpy.typing import ArrayLike
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.hand.fingers import FINGERS
-from hhsim.recordings.column_map import JOINT_NAMES
+from hhsim.recordings.column_map import JOINT_NAMES, AngleUnit, Joint
 from hhsim.recordings.unit_detection import ANGLE_UNITS
-from hhsim.system.toml_document import check_keys, checked_number, checked_table, parse_toml, read_toml_text
+from hhsim.system.settings_file import Settings, between, one_of, parse_settings, read_toml_text
 
 CHANNELS = ("thumb_rotate",) + tuple(f"{finger}_{kind}" for finger in FINGERS for kind in ("split", "bend"))
 """The channels in the glove's order; its pinky is our little finger."""
@@ -54,8 +55,10 @@ DEFAULT_DEGREES: dict[str, dict[str, float]] = {
 }
 """The default regression [degrees]; positive abduction turns towards the thumb side."""
 
-MOST_NUMBER = 1e6
-"""In a calibration: no reading and no angle is larger."""
+Channel = Annotated[str, one_of(CHANNELS)]
+Term = Annotated[str, one_of(("offset", *CHANNELS))]
+Reading = Annotated[float, between(-1e6, 1e6)]
+"""In a calibration no reading and no angle is larger."""
 LEAST_SPAN = 100.0
 """A channel of raw counts (12 bits) whose two poses are nearer than this says little: a hint goes with it."""
 
@@ -258,35 +261,38 @@ def parse_calibration(text: str, *, where: str) -> DexmoRegression:
     Raises:
         InputError: No TOML, or a key or value that no calibration has.
     """
-    table = parse_toml(text, where)
-    check_keys(where, table, ("channel", "angle", "joint"))
-    angle = checked_table(where, "angle", table.get("angle", {}), ("unit",))
-    if angle.get("unit", "rad") not in ANGLE_UNITS:
-        raise InputError(f"{where}: angle.unit = {angle['unit']!r}; expected {' or '.join(ANGLE_UNITS)}")
-    factor = ANGLE_UNITS[angle.get("unit", "rad")]
+    table = parse_settings(text, _CalibrationTable, where)
+    factor = ANGLE_UNITS[table.angle.unit or "rad"]
     base = DexmoRegression.default()
     opened, closed, slope, offset = (values.copy() for values in (base.open, base.closed, base.slope, base.offset))
-    ends = checked_table(where, "channel", table.get("channel", {}), CHANNELS)
-    if ends and len(ends) < len(CHANNELS):
-        missing = next(name for name in CHANNELS if name not in ends)
-        raise InputError(f"{where}: channel.{missing} is missing; expected all {len(CHANNELS)} channels, or none")
-    for name, value in ends.items():
-        pair = checked_table(where, f"channel.{name}", value, ("open", "closed"))
-        low, high = (_number(where, f"channel.{name}.{key}", pair.get(key)) for key in ("open", "closed"))
-        if low == high:
-            raise InputError(f"{where}: channel.{name}: open and closed are both {low:g}; expected two readings")
-        opened[CHANNELS.index(name)], closed[CHANNELS.index(name)] = low, high
-    joints = checked_table(where, "joint", table.get("joint", {}), JOINT_NAMES)
-    for name, value in joints.items():
-        terms = checked_table(where, f"joint.{name}", value, ("offset", *CHANNELS))
-        numbers = {key: factor * _number(where, f"joint.{name}.{key}", term) for key, term in terms.items()}
+    for name, ends in table.channel.items():
+        opened[CHANNELS.index(name)], closed[CHANNELS.index(name)] = ends.open, ends.closed
+    for name, terms in table.joint.items():
         slope[JOINT_NAMES.index(name)], offset[JOINT_NAMES.index(name)] = 0.0, 0.0
-        _set(slope, offset, name, numbers)
+        _set(slope, offset, name, {key: factor * term for key, term in terms.items()})
     return DexmoRegression(opened, closed, slope, offset)
 
 
-def _number(where: str, key: str, value: Any) -> float:
-    return checked_number(where, key, value, -MOST_NUMBER, MOST_NUMBER)
+class _Ends(Settings, frozen=True):
+    """Readings of a channel at 0 and at 1."""
+
+    open: Reading
+    closed: Reading
+
+    def check(self) -> None:
+        if self.open == self.closed:
+            raise InputError(f"open and closed are both {self.open:g}; expected two readings")
+
+
+class _CalibrationTable(Settings, frozen=True):
+    channel: dict[Channel, _Ends] = field(default_factory=dict)
+    angle: AngleUnit = AngleUnit()
+    joint: dict[Joint, dict[Term, Reading]] = field(default_factory=dict)
+
+    def check(self) -> None:
+        missing = [name for name in CHANNELS if name not in self.channel]
+        if self.channel and missing:
+            raise InputError(f"channel.{missing[0]} is missing; expected all {len(CHANNELS)} channels, or none")
 
 
 def _set(slope: FloatArray, offset: FloatArray, joint: str, terms: Mapping[str, float]) -> None:

@@ -41,35 +41,35 @@ def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
         return values * factor
 
     if columns.time is not None:
-        time = numbers((columns.time,), TIME_UNITS[columns.time_unit])[:, 0]
+        time = numbers((columns.time.column,), TIME_UNITS[columns.time.unit or "s"])[:, 0]
     else:
         time = np.arange(count) / (columns.rate or 1.0)
         findings.append(note(f"no column of stamps: made from the rate, {columns.rate:g} Hz"))
     position = np.zeros((count, 3))
-    if columns.position:
-        position = numbers(columns.position, LENGTH_UNITS[columns.position_unit])
+    if columns.position is not None:
+        position = numbers(columns.position.columns, LENGTH_UNITS[columns.position.unit or "m"])
     else:
         findings.append(note(NO_PLACE))
     orientation = np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
-    if columns.orientation:
-        euler = len(columns.orientation) == 3
-        values = numbers(columns.orientation, ANGLE_UNITS[columns.euler_unit] if euler else 1.0)
-        orientation = (
-            euler_quaternion(values, columns.order) if euler else values[:, [columns.order.index(c) for c in "wxyz"]]
-        )
+    if columns.orientation is not None:
+        euler, order = columns.orientation.euler, columns.orientation.order
+        values = numbers(columns.orientation.columns, ANGLE_UNITS[columns.orientation.unit] if euler else 1.0)
+        orientation = euler_quaternion(values, order) if euler else values[:, [order.index(c) for c in "wxyz"]]
     angles = np.zeros((count, len(JOINT_NAMES)))
-    for joint, source in columns.joints.items():
+    joints = columns.joint_columns
+    for joint, source in joints.items():
         if source.column is not None:
             read = numbers((source.column,), 1.0)[:, 0]
-            angles[:, JOINT_NAMES.index(joint)] = source.scale * (read - source.offset) * ANGLE_UNITS[source.unit]
-    followed = {joint: source for joint, source in columns.joints.items() if source.joint is not None}
+            unit = ANGLE_UNITS[source.unit or columns.angle.unit or "rad"]
+            angles[:, JOINT_NAMES.index(joint)] = source.scale * (read - source.offset) * unit
+    followed = {joint: source for joint, source in joints.items() if source.joint is not None}
     for joint, source in followed.items():
         angles[:, JOINT_NAMES.index(joint)] = source.scale * angles[:, JOINT_NAMES.index(str(source.joint))]
     if broken:
         findings.append(note(f"{counted(broken, 'cell')} without a number: taken as missing"))
     raw = tuple(
         RawChannel(key, np.nan_to_num(numbers((channel.column,), 1.0)[:, 0], nan=0.0), channel.unit, channel.meaning)
-        for key, channel in columns.raw.items()
+        for key, channel in columns.raw_columns.items()
     )
     position, orientation = placed(position, orientation, columns)
     phase = columns.phase if columns.phase in table.header else None
@@ -81,11 +81,11 @@ def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
         abduction=angles[:, 15:],
         stated=columns.stated,
         form=form,
-        name=columns.texts.get("name", name),
-        source=columns.texts.get("source", ""),
-        licence=columns.texts.get("licence", ""),
-        device=columns.texts.get("device", ""),
-        hand=columns.hand,
+        name=columns.name or name,
+        source=columns.source,
+        licence=columns.licence,
+        device=columns.device,
+        hand=columns.hand or "",
         hand_length=columns.hand_length,
         phases=_phases(table, phase, time),
         raw=raw,
@@ -104,7 +104,7 @@ def placed(position: FloatArray, orientation: FloatArray, columns: ColumnMap) ->
         orientation = to_our_palm(orientation, columns.palm_axes)
     if columns.world_up != "z":
         position, orientation = to_our_world(position, orientation, columns.world_up)
-    if any(columns.palm_offset):
+    if columns.palm_offset is not None and any(columns.palm_offset):
         position = position + turned(orientation, np.array(columns.palm_offset))
     return position, orientation
 

@@ -12,18 +12,19 @@ place. A hold that says nothing demands, after a closing, that the fingers that 
 where it is to touch; after a slide, nothing.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated
 
 import numpy as np
+from msgspec import Meta
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import TrajectoryError, UnknownNameError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
 from hhsim.metrics.brute_force_distance import round_cone_contact, round_cone_distance, sphere_contact
 from hhsim.scene.object_regions import object_region
+from hhsim.system.settings_file import one_of
 from hhsim.trees.sphere_tree import SphereTree
 
 ANYWHERE = "anywhere"
@@ -46,23 +47,18 @@ class Touch:
         return self.part if self.region == ANYWHERE else f"{self.part} at {self.region.replace('_', ' ')}"
 
 
-def parse_touch(where: str, given: Any) -> tuple[Touch, ...]:
-    """Read the `touch` table of a hold.
+Region = Annotated[str, Meta(min_length=1)]
+Regions = Annotated[
+    Region | Annotated[tuple[Region, ...], Meta(min_length=1)], Meta(description="the name of a region, or several")
+]
+TouchTable = dict[Annotated[str, one_of(TOUCHERS)], Regions]
+"""Table `touch` of a hold: the region, or the regions, that each part of the hand must touch."""
 
-    Raises:
-        TrajectoryError: A part of the hand or a kind of value that it cannot name.
-    """
-    if not isinstance(given, Mapping):
-        raise TrajectoryError(f'{where}: touch = {given!r}; expected a table such as {{ thumb = "handle" }}')
-    found = []
-    for part, regions in given.items():
-        if part not in TOUCHERS:
-            raise TrajectoryError(f"{where}: {UnknownNameError('part of the hand', part, TOUCHERS)}")
-        names = [regions] if isinstance(regions, str) else regions
-        if not isinstance(names, list) or not names or not all(isinstance(name, str) and name for name in names):
-            raise TrajectoryError(f"{where}: touch.{part} = {regions!r}; expected the name of a region, or several")
-        found += [Touch(part, name) for name in names]
-    return tuple(found)
+
+def touches_of(table: TouchTable) -> tuple[Touch, ...]:
+    """Return what the `touch` table of a hold demands."""
+    found = ((part, (named,) if isinstance(named, str) else named) for part, named in table.items())
+    return tuple(Touch(part, region) for part, regions in found for region in regions)
 
 
 def touch_distances(

@@ -17,20 +17,17 @@ Other keys are for people: where the recording comes from, and what was done to 
 from dataclasses import dataclass, replace
 from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from hhsim.errors import TrajectoryError, UnknownNameError
-from hhsim.hand.fingers import FINGERS
+from msgspec import Meta
+
+from hhsim.errors import TrajectoryError
 from hhsim.hand.model import HandModel
 from hhsim.motion.file import load_trajectory
 from hhsim.motion.trajectory import HandSide, Trajectory
 from hhsim.scene.object_pose import Wanted, place_object
-from hhsim.system.toml_document import check_keys, checked_text, parse_toml
+from hhsim.system.settings_file import Settings, parse_settings
 from hhsim.trees.sphere_tree import SphereTree
-
-DEPTHS = (0.0, 0.1)
-KEYS = ("title", "stresses", "recording", "touch", "notice", "package")
-"""The last two say where a recording is from, and are for its reader alone."""
 
 
 @dataclass(frozen=True)
@@ -88,28 +85,19 @@ def parse_demonstration(text: str, *, name: str, folder: Path | Traversable, whe
     Raises:
         TrajectoryError: No TOML, a value that no demonstration has, or no recording.
     """
-    table = parse_toml(text, where, TrajectoryError)
-    check_keys(where, table, KEYS, TrajectoryError)
-    texts = {
-        key: checked_text(where, key, table.get(key, ""), TrajectoryError) for key in ("title", "stresses", "recording")
-    }
-    if not texts["recording"]:
-        raise TrajectoryError(f"{where}: no recording; expected the name of a .h5 or .csv file beside this one")
-    motion = replace(_load(folder, texts["recording"], where), name=name)
-    return Demonstration(motion, _touch(where, table.get("touch")), texts["title"], texts["stresses"])
+    table = parse_settings(text, _DemonstrationTable, where, TrajectoryError)
+    motion = replace(_load(folder, table.recording, where), name=name)
+    return Demonstration(motion, table.touch, table.title, table.stresses)
 
 
-def _touch(where: str, table: Any) -> Wanted:
-    if not isinstance(table, dict):
-        raise TrajectoryError(f"{where}: no [touch]; expected a finger and a depth [m]")
-    check_keys(f"{where}: [touch]", table, ("finger", "depth"), TrajectoryError)
-    finger, depth = table.get("finger"), table.get("depth")
-    if finger not in FINGERS:
-        raise TrajectoryError(f"{where}: [touch]: {UnknownNameError('finger', str(finger), FINGERS)}")
-    low, high = DEPTHS
-    if isinstance(depth, bool) or not isinstance(depth, int | float) or not low < depth <= high:
-        raise TrajectoryError(f"{where}: [touch]: depth = {depth!r}; expected a number up to {high:g} m")
-    return Wanted(str(finger), float(depth))
+class _DemonstrationTable(Settings, frozen=True):
+    recording: Annotated[str, Meta(min_length=1, description="the name of a .h5 or .csv file beside this one")]
+    touch: Annotated[Wanted, Meta(description="[touch] with a finger and a depth [m]")]
+    title: str = ""
+    stresses: str = ""
+    notice: Any = None
+    package: Any = None
+    """The last two say where a recording is from, and are for its reader alone."""
 
 
 def _load(folder: Path | Traversable, name: str, where: str) -> Trajectory:

@@ -22,7 +22,7 @@ from hhsim.motion.trajectory import UNCHECKED, Trajectory
 from hhsim.scene.demonstration import Demonstration, is_demonstration, parse_demonstration
 from hhsim.scene.script import Script, parse_script
 from hhsim.system.media_kind import media_kind_of
-from hhsim.system.toml_document import parse_toml, read_toml_text
+from hhsim.system.settings_file import parse_toml, read_toml_text
 
 SCRIPT_SUFFIX = ".toml"
 RECORDING_SUFFIXES = (".h5", ".hdf5", CSV_SUFFIX)

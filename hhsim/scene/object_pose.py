@@ -6,11 +6,11 @@ stroke, and so near that the tip is commanded `depth` deeper than first contact.
 whose other bodies keep out of the way; a hand that would start in the object is no candidate. Nothing is random.
 """
 
-from dataclasses import dataclass
 from itertools import product
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
+from msgspec import Meta
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
@@ -23,6 +23,7 @@ from hhsim.kernels.hand import finger_closure as kernel
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PHALANX_COUNT
 from hhsim.motion.trajectory import Trajectory
 from hhsim.scene.finger_closure import body_distances, make_work
+from hhsim.system.settings_file import Settings, one_of
 from hhsim.trees.sphere_tree import SphereTree
 
 TURNS = 12
@@ -41,8 +42,7 @@ FAR = 1e3
 """A gap below minus this [m] never stops a body."""
 
 
-@dataclass(frozen=True)
-class Wanted:
+class Wanted(Settings, frozen=True):
     """What the recording is to do to the object.
 
     Attributes:
@@ -50,8 +50,8 @@ class Wanted:
         depth: How much deeper than first contact its tip is commanded [m].
     """
 
-    finger: str
-    depth: float
+    finger: Annotated[str, one_of(FINGERS)]
+    depth: Annotated[float, Meta(gt=0.0, le=0.1, description="a number above 0, up to 0.1 m")]
 
 
 class _Best(NamedTuple):

@@ -12,50 +12,70 @@ A cylinder has a radius at each end and ends there. A sphere is
 `{ sphere = [x, y, z], radius = r }`. With `outside = true` the point must not be in the shape.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Annotated
 
 import numpy as np
+from msgspec import Meta
 from numpy.typing import ArrayLike
 
 from hhsim.arrays import BoolArray, FloatArray
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.mesh.catalogue import object_description
+from hhsim.system.settings_file import Settings, a_list, between, typed
 
-SHAPES = ("box", "cylinder", "sphere")
+SHAPES: dict[str, type] = {"box": type(None), "cylinder": tuple, "sphere": float}
+"""Kinds of shapes, and the type of the radius of each."""
+Coordinate = Annotated[float, between(-1e6, 1e6)]
+Point = tuple[Coordinate, Coordinate, Coordinate]
+Radius = Annotated[float, between(0.0, 1e6)]
 
 
-@dataclass(frozen=True, eq=False)
-class Shape:
+class Shape(Settings, frozen=True):
     """A box, a straight cone frustum or a ball in the object's frame.
 
     Attributes:
-        kind: Of `SHAPES`.
-        points: Lowest and highest corner, the two ends of the axis, or the centre [m], shape (2, 3) or (1, 3).
-        radius: At the two ends, or of the ball [m]; empty for a box.
+        box: Lowest and highest corner [m].
+        cylinder: Both ends of the axis [m].
+        sphere: The centre [m].
+        radius: At the two ends, or of the ball [m].
         outside: Whether it holds what is not in it.
     """
 
-    kind: str
-    points: FloatArray
-    radius: FloatArray
+    box: tuple[Point, Point] | None = None
+    cylinder: tuple[Point, Point] | None = None
+    sphere: Point | None = None
+    radius: Radius | Annotated[tuple[Radius, ...], Meta(min_length=2, max_length=2)] | None = None
     outside: bool = False
+
+    def check(self) -> None:
+        """Refuse what is not one of the shapes, or has no inside."""
+        kinds = [kind for kind in SHAPES if getattr(self, kind) is not None]
+        if len(kinds) != 1 or not isinstance(self.radius, SHAPES[kinds[0]]):
+            raise InputError("expected a box, a cylinder and its radius at both ends, or a sphere and its radius")
+        if self.box is not None and np.greater(*self.box).any():
+            raise InputError(f"box = {self.box} holds no point")
+        if self.cylinder is not None and self.cylinder[0] == self.cylinder[1]:
+            raise InputError("a cylinder needs two different ends")
 
     def holds(self, points: FloatArray) -> BoolArray:
         """Whether it holds points [m], shape (n, 3); shape (n,)."""
-        if self.kind == "box":
-            inside = ((points >= self.points[0]) & (points <= self.points[1])).all(axis=1)
-        elif self.kind == "sphere":
-            inside = np.linalg.norm(points - self.points[0], axis=1) <= self.radius[0]
+        if self.box is not None:
+            inside = ((points >= self.box[0]) & (points <= self.box[1])).all(axis=1)
+        elif self.cylinder is None:
+            inside = np.linalg.norm(points - np.array(self.sphere), axis=1) <= self.radius
         else:
-            axis = self.points[1] - self.points[0]
-            share = (points - self.points[0]) @ axis / (axis @ axis)
-            away = np.linalg.norm(points - self.points[0] - share[:, None] * axis, axis=1)
-            limit = self.radius[0] + share * (self.radius[1] - self.radius[0])
+            ends, radius = np.array(self.cylinder), np.array(self.radius)
+            axis = ends[1] - ends[0]
+            share = (points - ends[0]) @ axis / (axis @ axis)
+            away = np.linalg.norm(points - ends[0] - share[:, None] * axis, axis=1)
+            limit = radius[0] + share * (radius[1] - radius[0])
             inside = (share >= 0.0) & (share <= 1.0) & (away <= limit)
         return np.asarray(inside != self.outside)
+
+
+Shapes = Annotated[tuple[Shape, ...], a_list("[{ box = [[0.0, 0.0, 0.0], [0.1, 0.1, 0.1]] }]")]
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,8 +102,8 @@ def object_regions(name: str) -> dict[str, Region]:
         UnknownNameError: No such object.
         InputError: Its description holds a region that is none.
     """
-    given = object_description(name).get("regions", {})
-    return {region: parse_region(f"objects/{name}.toml", region, shapes) for region, shapes in given.items()}
+    regions = typed(object_description(name).get("regions", {}), dict[str, Shapes], f"objects/{name}.toml: regions")
+    return {region: Region(region, shapes) for region, shapes in regions.items()}
 
 
 def object_region(name: str, region: str) -> Region:
@@ -96,43 +116,3 @@ def object_region(name: str, region: str) -> Region:
     if region not in known:
         raise UnknownNameError(f"region of the {name}", region, known)
     return known[region]
-
-
-def parse_region(where: str, name: str, shapes: Any) -> Region:
-    """Read a region from its part of a TOML file; `where` names that in messages.
-
-    Raises:
-        InputError: It is no list of shapes, or a shape is not as the module's docstring says.
-    """
-    where = f"{where}: region {name}"
-    if not isinstance(shapes, list) or not shapes:
-        raise InputError(f"{where}: expected a list of shapes")
-    return Region(name, tuple(_shape(where, table) for table in shapes))
-
-
-def _shape(where: str, table: Any) -> Shape:
-    if not isinstance(table, Mapping) or sum(kind in table for kind in SHAPES) != 1:
-        raise InputError(f"{where}: {table!r}; expected a shape, one of {', '.join(SHAPES)}")
-    kind = next(kind for kind in SHAPES if kind in table)
-    known = {kind, "outside"} | ({"radius"} if kind != "box" else set())
-    outside = table.get("outside", False)
-    if set(table) - known or not isinstance(outside, bool) or (kind != "box") != ("radius" in table):
-        raise InputError(f"{where}: {dict(table)!r}; expected the keys {', '.join(sorted(known))}")
-    count = 1 if kind == "sphere" else 2
-    points = _numbers(where, table[kind], 3 * count).reshape(count, 3)
-    radius = _numbers(where, table["radius"], count) if kind != "box" else np.zeros(0)
-    if (radius < 0.0).any() or (kind == "box" and (points[0] > points[1]).any()):
-        raise InputError(f"{where}: {dict(table)!r} holds no point")
-    if kind == "cylinder" and np.array_equal(points[0], points[1]):
-        raise InputError(f"{where}: a cylinder needs two different ends")
-    return Shape(kind, points, radius, outside)
-
-
-def _numbers(where: str, given: Any, count: int) -> FloatArray:
-    try:
-        values = np.asarray(given, dtype=np.float64).ravel()
-    except (TypeError, ValueError):
-        values = np.zeros(0)
-    if values.size != count or not np.isfinite(values).all():
-        raise InputError(f"{where}: {given!r}; expected {count} numbers [m]")
-    return values

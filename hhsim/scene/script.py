@@ -93,19 +93,21 @@ Each phase moves by minimum jerk: 10τ³ − 15τ⁴ + 6τ⁵ (Flash & Hogan, J.
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import partial
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from hhsim.errors import TrajectoryError, UnknownNameError
+import msgspec
+from msgspec import Meta
+
+from hhsim.errors import InputError, TrajectoryError, check_known
 from hhsim.hand.fingers import FINGERS
 from hhsim.mesh.catalogue import object_names
-from hhsim.motion.tremor import LIMITS, Disturbance
-from hhsim.scene.contact_goals import ANYWHERE, PALM, Touch, parse_touch
-from hhsim.scene.stored_pose import Placement, parse_placements
-from hhsim.system.toml_document import check_keys, checked_number, checked_text, parse_toml, read_toml_text
+from hhsim.motion.tremor import Disturbance
+from hhsim.scene.contact_goals import ANYWHERE, PALM, Touch, TouchTable, touches_of
+from hhsim.scene.stored_pose import Placement, PlacementTable
+from hhsim.system.settings_file import Settings, a_list, between, one_of, parse_settings, read_toml_text
 
 DEFAULT_FINGERS: dict[str, tuple[str, ...]] = {"touch": ("index",), "pinch": ("thumb", "index"), "grasp": FINGERS}
 """The fingers that a closing phase closes where it names none."""
@@ -117,6 +119,19 @@ DISTANCES = {"slide": (0.0, 1.0), "carry": (0.0, 10.0), "lift": (-1.0, 1.0), "sh
 """The phases that go so far, which they must say, and from where to where that may be [m]."""
 TAKE_ALONG = ("lift", "shake", "turn")
 """The phases that move the hand with what it holds."""
+KEYS_OF_PHASES: dict[str, Collection[str]] = {
+    "fingers": DEFAULT_FINGERS,
+    "distance": DISTANCES,
+    "turn": ("carry", "turn"),
+    "cycles": ("shake",),
+    "touch": ("hold",),
+}
+"""The phases that each key belongs to."""
+DISTURBANCES = {
+    part: tuple(key.name.removeprefix(f"{part}_") for key in fields(Disturbance) if key.name.startswith(f"{part}_"))
+    for part in ("tremor", "sensor")
+}
+"""Keys of the tables of tremor and of the sensors."""
 MAX_SAMPLES = 10_000_000
 """More samples than this are a slip of the pen: about three hours at 1 kHz."""
 
@@ -145,8 +160,7 @@ class ScriptPhase:
     touch: tuple[Touch, ...] | None = None
 
 
-@dataclass(frozen=True)
-class PaperUse:
+class PaperUse(Settings, frozen=True):
     """Where the paper shows a script's motion.
 
     Attributes:
@@ -157,9 +171,13 @@ class PaperUse:
     """
 
     figure: str
-    objects: tuple[str, ...]
+    objects: Annotated[tuple[str, ...], a_list('["cup"]')]
     case: str = ""
-    instances: int = 1
+    instances: Annotated[int, between(1, 10_000)] = 1
+
+    def check(self) -> None:
+        """Check the names of the objects."""
+        check_known("object", self.objects, object_names())
 
 
 @dataclass(frozen=True)
@@ -254,23 +272,6 @@ class Script:
         return tuple(found)
 
 
-_NUMBERS: dict[str, tuple[float, float]] = {
-    "rate": (1.0, 1e5),
-    "depth": (0.0, 0.1),
-    "clearance": (0.0, 0.5),
-    "palm_gap": (0.0, 0.5),
-    "palm_depth": (0.0, 0.1),
-    "start_distance": (0.001, 1.0),
-    "curl": (0.0, 10.0),
-}
-_TEXTS = ("title", "stresses")
-_TABLES = ("tremor", "sensor")
-_KEYS = (*_TEXTS, *_NUMBERS, "contact", "objects", "phase", "placement", "paper", *_TABLES)
-_check_keys = partial(check_keys, error=TrajectoryError)
-_number = partial(checked_number, error=TrajectoryError)
-_text = partial(checked_text, error=TrajectoryError)
-
-
 def read_script(path: Path, *, unplaced: bool = False) -> Script:
     """Read a script from a TOML file; `unplaced` as in `parse_script`.
 
@@ -293,147 +294,110 @@ def parse_script(text: str, *, name: str, where: str, unplaced: bool = False) ->
     Raises:
         TrajectoryError: No TOML, or a key, value or phase that no script has.
     """
-    table = parse_toml(text, where, TrajectoryError)
-    _check_keys(where, table, _KEYS)
-    values: dict[str, Any] = {key: _text(where, key, table[key]) for key in _TEXTS if key in table}
-    for key, (low, high) in _NUMBERS.items():
-        if key in table:
-            values[key] = _number(where, key, table[key], low, high)
-    contact = table.get("contact", True)
-    if not isinstance(contact, bool):
-        raise TrajectoryError(f"{where}: contact = {contact!r}; expected true or false")
-    phases = _phases(where, table.get("phase"), contact)
-    script = Script(
-        name=name,
-        phases=phases,
-        contact=contact,
-        disturbance=_disturbance(where, table),
-        objects=_objects(where, table.get("objects", [])),
-        placements=parse_placements(
-            where, table.get("placement", []), slides=any(phase.name in ("slide", "push") for phase in phases)
-        ),
-        paper=_paper(where, table.get("paper", [])),
-        **values,
-    )
-    _check_placed(where, script, unplaced)
-    if not contact and script.palm_depth > 0.0:
-        raise TrajectoryError(f"{where}: palm_depth = {script.palm_depth:g} with contact = false; expected one of them")
-    if script.sample_count > MAX_SAMPLES:
-        raise TrajectoryError(f"{where}: {script.sample_count} samples; expected at most {MAX_SAMPLES}")
-    return script
-
-
-def _phases(where: str, given: Any, contact: bool) -> tuple[ScriptPhase, ...]:
-    if not isinstance(given, list) or not given or not all(isinstance(entry, dict) for entry in given):
-        raise TrajectoryError(f"{where}: no phases; expected [[phase]] tables with name and duration")
-    phases = tuple(_phase(f"{where}: phase {number}", entry) for number, entry in enumerate(given, start=1))
-    if phases[0].name != "approach":
-        raise TrajectoryError(f"{where}: the first phase is '{phases[0].name}'; expected approach")
-    if contact and not any(phase.fingers for phase in phases):
-        raise TrajectoryError(
-            f"{where}: no phase closes a finger; expected {', '.join(DEFAULT_FINGERS)}, or contact = false"
-        )
-    names = {phase.name for phase in phases}
-    for one, others in (("carry", (*TAKE_ALONG, "push", "slip")), ("slide", ("push",))):
-        if one in names and names.intersection(others):
-            other = next(phase.name for phase in phases if phase.name in others)
-            raise TrajectoryError(f"{where}: a {one} and a {other}; expected one of them in a script")
-    return phases
-
-
-def _phase(where: str, table: Mapping[str, Any]) -> ScriptPhase:
-    _check_keys(where, table, ("name", "duration", "fingers", "distance", "turn", "cycles", "touch"))
-    for key in ("name", "duration"):
-        if key not in table:
-            raise TrajectoryError(f"{where} has no {key}")
-    name = _text(where, "name", table["name"])
-    if name not in PHASE_NAMES:
-        raise TrajectoryError(f"{where}: {UnknownNameError('phase', name, PHASE_NAMES)}")
-    where = f"{where} ({name})"
-    duration = _number(where, "duration", table["duration"], 0.001, 3600.0)
-    if "distance" in table and name not in DISTANCES:
-        raise TrajectoryError(f"{where}: distance belongs to {', '.join(DISTANCES)}")
-    if "turn" in table and name not in ("carry", "turn"):
-        raise TrajectoryError(f"{where}: turn belongs to a carry or a turn")
-    if "cycles" in table and name != "shake":
-        raise TrajectoryError(f"{where}: cycles belong to a shake")
-    if "fingers" in table and name not in DEFAULT_FINGERS:
-        raise TrajectoryError(f"{where}: fingers belong to {', '.join(DEFAULT_FINGERS)}")
-    if "touch" in table and name != "hold":
-        raise TrajectoryError(f"{where}: touch belongs to a hold")
-    if name == "hold":
-        return ScriptPhase(name, duration, touch=parse_touch(where, table["touch"]) if "touch" in table else None)
-    if name in DISTANCES or name == "turn":
-        needed, unit = ("turn", "rad") if name == "turn" else ("distance", "m")
-        if needed not in table:
-            raise TrajectoryError(f"{where} has no {needed} [{unit}]")
-        return ScriptPhase(
-            name,
-            duration,
-            distance=_number(where, "distance", table.get("distance", 0.0), *DISTANCES.get(name, (0.0, 0.0))),
-            turn=_number(where, "turn", table.get("turn", 0.0), -7, 7),
-            cycles=_number(where, "cycles", table.get("cycles", 4.0), 0.5, 1000.0),
-        )
-    fingers = table.get("fingers", list(DEFAULT_FINGERS.get(name, ())))
-    if not isinstance(fingers, list) or (name in DEFAULT_FINGERS and not fingers):
-        raise TrajectoryError(f'{where}: fingers = {fingers!r}; expected a list such as ["thumb", "index"]')
-    for finger in fingers:
-        if finger not in FINGERS:
-            raise TrajectoryError(f"{where}: {UnknownNameError('finger', str(finger), FINGERS)}")
-    return ScriptPhase(name, duration, fingers=tuple(finger for finger in FINGERS if finger in fingers))
-
-
-def _objects(where: str, given: Any) -> tuple[str, ...]:
-    if not isinstance(given, list):
-        raise TrajectoryError(f'{where}: objects = {given!r}; expected a list such as ["cup"]')
-    known = object_names()
-    for name in given:
-        if name not in known:
-            raise TrajectoryError(f"{where}: {UnknownNameError('object', str(name), known)}")
-    return tuple(given)
-
-
-def _paper(where: str, given: Any) -> tuple[PaperUse, ...]:
-    if not isinstance(given, list) or not all(isinstance(entry, dict) for entry in given):
-        raise TrajectoryError(f"{where}: paper = {given!r}; expected [[paper]] tables")
-    found = []
-    for number, entry in enumerate(given, start=1):
-        label = f"{where}: paper {number}"
-        _check_keys(label, entry, ("figure", "objects", "case", "instances"))
-        objects = _objects(label, entry.get("objects", []))
-        if not objects or "figure" not in entry:
-            raise TrajectoryError(f"{label}: expected a figure and the objects that it shows")
-        instances = int(_number(label, "instances", entry.get("instances", 1), 1, 10_000))
-        figure, case = _text(label, "figure", entry["figure"]), _text(label, "case", entry.get("case", ""))
-        found.append(PaperUse(figure, objects, case, instances))
-    return tuple(found)
-
-
-def _check_placed(where: str, script: Script, unplaced: bool) -> None:
-    """A script that names parts of an object, or the objects that it is made for, must be placed on each of them."""
+    table = parse_settings(text, _ScriptTable, where, TrajectoryError)
+    script = table.script(name)
     placed = {placement.object_name for placement in script.placements}
-    named = {touch.region for touches in script.hold_touches for touch in touches if touch.region != ANYWHERE}
-    if named and not script.objects:
-        raise TrajectoryError(
-            f"{where}: {min(named)} is a part of some objects; expected objects = …, those that have it"
-        )
     missing = [name for name in script.objects if name not in placed]
     if missing and not unplaced:
         raise TrajectoryError(
             f"{where}: no placement on {', '.join(missing)}; expected a [[placement]] for each object"
         )
+    if script.sample_count > MAX_SAMPLES:
+        raise TrajectoryError(f"{where}: {script.sample_count} samples; expected at most {MAX_SAMPLES}")
+    return script
 
 
-def _disturbance(where: str, table: Mapping[str, Any]) -> Disturbance:
-    values: dict[str, Any] = {}
-    for part in _TABLES:
-        given = table.get(part, {})
-        if not isinstance(given, dict):
-            raise TrajectoryError(f"{where}: {part} = {given!r}; expected a table [{part}]")
-        known = tuple(key.removeprefix(f"{part}_") for key in LIMITS if key.startswith(f"{part}_"))
-        _check_keys(f"{where}: [{part}]", given, known)
-        values |= {f"{part}_{key}": value for key, value in given.items()}
-    try:
-        return Disturbance(**values)
-    except TrajectoryError as error:
-        raise TrajectoryError(f"{where}: {error}") from None
+class _PhaseTable(Settings, frozen=True):
+    name: Annotated[str, one_of(PHASE_NAMES)]
+    duration: Annotated[float, between(0.001, 3600.0, "s")]
+    fingers: Annotated[tuple[Annotated[str, one_of(FINGERS)], ...], a_list('["thumb", "index"]')] | None = None
+    distance: float | None = None
+    turn: Annotated[float, between(-7.0, 7.0, "rad")] | None = None
+    cycles: Annotated[float, between(0.5, 1000.0)] | None = None
+    touch: TouchTable | None = None
+
+    def check(self) -> None:
+        for key, names in KEYS_OF_PHASES.items():
+            if getattr(self, key) is not None and self.name not in names:
+                raise InputError(f"{key} belongs to {', '.join(names)}; this phase is a {self.name}")
+        needed = "turn" if self.name == "turn" else "distance" if self.name in DISTANCES else ""
+        if needed and getattr(self, needed) is None:
+            raise InputError(f"{needed} is missing; a {self.name} needs it")
+        low, high = DISTANCES.get(self.name, (0.0, 0.0))
+        if self.distance is not None and not low <= self.distance <= high:
+            raise InputError(f"distance = {self.distance:g}; expected a number from {low:g} to {high:g} m")
+
+    def phase(self) -> ScriptPhase:
+        """Return the phase, with the fingers in the order of the hand."""
+        fingers = self.fingers or DEFAULT_FINGERS.get(self.name, ())
+        return ScriptPhase(
+            self.name,
+            self.duration,
+            fingers=tuple(finger for finger in FINGERS if finger in fingers),
+            distance=self.distance or 0.0,
+            turn=self.turn or 0.0,
+            cycles=ScriptPhase.cycles if self.cycles is None else self.cycles,
+            touch=None if self.touch is None else touches_of(self.touch),
+        )
+
+
+class _ScriptTable(Settings, frozen=True, kw_only=True):
+    title: str = ""
+    stresses: str = ""
+    rate: Annotated[float, between(1.0, 1e5, "Hz")] = Script.rate
+    contact: bool = True
+    depth: Annotated[float, between(0.0, 0.1, "m")] = Script.depth
+    clearance: Annotated[float, between(0.0, 0.5, "m")] = Script.clearance
+    palm_gap: Annotated[float, between(0.0, 0.5, "m")] = Script.palm_gap
+    palm_depth: Annotated[float, between(0.0, 0.1, "m")] = Script.palm_depth
+    start_distance: Annotated[float, between(0.001, 1.0, "m")] = Script.start_distance
+    curl: Annotated[float, between(0.0, 10.0)] = Script.curl
+    objects: tuple[str, ...] = ()
+    phase: Annotated[tuple[_PhaseTable, ...], Meta(min_length=1, description="[[phase]] tables with name and duration")]
+    placement: Annotated[tuple[PlacementTable, ...], Meta(description="[[placement]] tables")] = ()
+    paper: Annotated[tuple[PaperUse, ...], Meta(description="[[paper]] tables")] = ()
+    tremor: dict[Annotated[str, one_of(DISTURBANCES["tremor"])], Any] = msgspec.field(default_factory=dict)
+    sensor: dict[Annotated[str, one_of(DISTURBANCES["sensor"])], Any] = msgspec.field(default_factory=dict)
+
+    def check(self) -> None:
+        check_known("object", self.objects, object_names())
+        names = [phase.name for phase in self.phase]
+        if names[0] != "approach":
+            raise InputError(f"the first phase is '{names[0]}'; expected approach")
+        if self.contact and DEFAULT_FINGERS.keys().isdisjoint(names):
+            raise InputError(f"no phase closes a finger; expected {', '.join(DEFAULT_FINGERS)}, or contact = false")
+        for one, others in (("carry", (*TAKE_ALONG, "push", "slip")), ("slide", ("push",))):
+            both = [name for name in names if name in others]
+            if one in names and both:
+                raise InputError(f"a {one} and a {both[0]}; expected one of them in a script")
+        if not self.contact and self.palm_depth > 0.0:
+            raise InputError(f"palm_depth = {self.palm_depth:g} with contact = false; expected one of them")
+        if {"slide", "push"}.isdisjoint(names) and any(place.slide for place in self.placement):
+            raise InputError("placement: slide belongs to a script with a slide")
+        if len({place.object for place in self.placement}) < len(self.placement):
+            raise InputError("two placements on one object; expected one for each")
+        touches = (touch for phase in self.phase for touch in touches_of(phase.touch or {}))
+        named = {touch.region for touch in touches if touch.region != ANYWHERE}
+        if named and not self.objects:
+            raise InputError(f"{min(named)} is a part of some objects; expected objects = …, those that have it")
+        self.disturbance()
+
+    def disturbance(self) -> Disturbance:
+        """Return tremor and sensor noise.
+
+        Raises:
+            TrajectoryError: A value out of its range.
+        """
+        tables = {"tremor": self.tremor, "sensor": self.sensor}
+        return Disturbance(**{f"{part}_{key}": value for part, table in tables.items() for key, value in table.items()})
+
+    def script(self, name: str) -> Script:
+        """Return the script."""
+        as_they_are = {key: getattr(self, key) for key in self.__struct_fields__ if key in Script.__dataclass_fields__}
+        return Script(
+            name,
+            tuple(phase.phase() for phase in self.phase),
+            disturbance=self.disturbance(),
+            placements=tuple(place.placement() for place in self.placement),
+            **as_they_are,
+        )

@@ -17,19 +17,18 @@ needs no other place.
 """
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import TrajectoryError, UnknownNameError
+from hhsim.errors import InputError, check_known
 from hhsim.hand.fingers import FINGERS
 from hhsim.mesh.catalogue import object_names
-from hhsim.system.toml_document import check_keys
+from hhsim.system.settings_file import Settings, between
 
-_SIZES = {"position": 3, "orientation": 4, "back": 3, "open": 5, "abduction": 5, "slide": 3}
+_SIZES = ("position", "orientation", "back", "open", "abduction", "slide")
 _OPTIONAL = ("open", "abduction", "slide")
 
 
@@ -67,50 +66,34 @@ class Placement:
         return "\n".join(lines)
 
 
-def parse_placements(where: str, given: Any, *, slides: bool) -> tuple[Placement, ...]:
-    """Read the [[placement]] tables of a script.
-
-    Args:
-        where: Names the script in messages.
-        given: The tables.
-        slides: Whether the script slides, and so may name a direction.
-
-    Raises:
-        TrajectoryError: A key, name or value that no placement has.
-    """
-    if not isinstance(given, list) or not all(isinstance(entry, Mapping) for entry in given):
-        raise TrajectoryError(f"{where}: placement = {given!r}; expected [[placement]] tables")
-    found = tuple(_placement(f"{where}: placement {n}", entry, slides) for n, entry in enumerate(given, start=1))
-    names = [placement.object_name for placement in found]
-    if len(set(names)) < len(names):
-        raise TrajectoryError(f"{where}: two placements on one object; expected one for each")
-    return found
+Number = Annotated[float, between(-10.0, 10.0)]
+Three = tuple[Number, Number, Number]
+OfFingers = tuple[Number, Number, Number, Number, Number]
 
 
-def _placement(where: str, table: Mapping[str, Any], slides: bool) -> Placement:
-    known = ("object", *_SIZES)
-    check_keys(where, table, known, TrajectoryError)
-    for key in known:
-        if key not in table and key not in _OPTIONAL:
-            raise TrajectoryError(f"{where} has no {key}")
-    if "slide" in table and not slides:
-        raise TrajectoryError(f"{where}: slide belongs to a script with a slide")
-    name = table["object"]
-    if name not in object_names():
-        raise TrajectoryError(f"{where}: {UnknownNameError('object', str(name), object_names())}")
-    values = {key: _numbers(where, key, table[key]) for key in _SIZES if key in table}
-    for key in ("orientation", "back", "slide"):
-        if key in values:
-            size = float(np.linalg.norm(values[key]))
+class PlacementTable(Settings, frozen=True):
+    """A [[placement]] table of a script; the module's docstring says what each key means."""
+
+    object: str
+    position: Three
+    orientation: tuple[Number, Number, Number, Number]
+    back: Three
+    open: OfFingers | None = None
+    abduction: OfFingers | None = None
+    slide: Three | None = None
+
+    def check(self) -> None:
+        """Check the object's name, and that directions have unit length."""
+        check_known("object", [self.object], object_names())
+        for key in ("orientation", "back", "slide"):
+            size = float(np.linalg.norm(getattr(self, key) or 1.0))
             if not math.isclose(size, 1.0, abs_tol=1e-2):
-                raise TrajectoryError(f"{where}: {key} has length {size:.3g}; expected 1")
-            values[key] /= size
-    return Placement(object_name=name, **values)
+                raise InputError(f"{key} has length {size:.3g}; expected 1")
 
-
-def _numbers(where: str, key: str, given: Any) -> FloatArray:
-    count = _SIZES[key]
-    good = isinstance(given, list) and len(given) == count
-    if not good or not all(isinstance(v, int | float) and not isinstance(v, bool) and abs(v) < 10.0 for v in given):
-        raise TrajectoryError(f"{where}: {key} = {given!r}; expected {count} numbers")
-    return np.array(given, dtype=np.float64)
+    def placement(self) -> Placement:
+        """Return the place, with directions of unit length."""
+        given = {name: np.array(value) for name in _SIZES if (value := getattr(self, name)) is not None}
+        for key in ("orientation", "back", "slide"):
+            if key in given:
+                given[key] /= np.linalg.norm(given[key])
+        return Placement(self.object, **given)

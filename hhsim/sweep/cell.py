@@ -9,55 +9,79 @@ from dataclasses import dataclass, field, fields
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
+
+from msgspec import Meta
 
 import hhsim
 from hhsim import __version__
 from hhsim.errors import InputError
 from hhsim.mesh.catalogue import names_a_file, usual_level
+from hhsim.motion.trajectory import ResampleMode
 from hhsim.scene.described_scene import SceneWords
 from hhsim.scene.motion_catalogue import trajectory_names
+from hhsim.scene.placed_scene import Place
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.options import SolverOptions, Stiffness
 from hhsim.system.input_file import read_input
+from hhsim.system.settings_file import Settings, between
+from hhsim.trees.options import MOST_LEVEL
 
 DIGITS = 20
 """Letters of a digest: 80 bits, so that no two cells of any sweep share one."""
+Tremor = Annotated[float, between(0.0, 100.0)]
+TWO = "two numbers, [mm] and [°], such as [0.1, 0.2]"
 OF_THE_SOLVER = tuple(
     option.name for option in fields(SolverOptions) if option.name not in ("method", "surface", "period")
 )
-OF_THE_SCENE = ("level", "max_error", "rate", "samples", "place_object", "hand", "hand_file", "tremor_mm_deg")
-"""Options besides the solver's, by the names that a result states them by."""
 
+
+class SceneOptions(Settings, frozen=True):
+    """Options besides the solver's, by the names that a result states them by, SI."""
+
+    level: Annotated[int, between(1, MOST_LEVEL)] | None = None
+    max_error: Annotated[float, between(1e-6, 1.0)] | None = None
+    rate: Annotated[float, between(1.0, 100_000.0)] | None = None
+    samples: ResampleMode | None = None
+    place_object: Place | None = None
+    hand: Literal["right", "left"] | None = None
+    hand_file: str | None = None
+    tremor_mm_deg: Annotated[tuple[Tremor, Tremor], Meta(description=TWO)] | None = None
+
+    def check(self) -> None:
+        """Refuse two options that both say the level."""
+        if self.level is not None and self.max_error is not None:
+            raise InputError("max_error chooses the level itself: leave level out")
+
+
+OF_THE_SCENE = SceneOptions.__struct_fields__
 BOTH = " = "
 """Between the names of sets of options that come to the same for a cell."""
 USUAL_SCENE = {"rate": 1000.0, "samples": "interpolate", "seed": 0}
 """What a scene has of which nothing else is stated; its level is the object's."""
 
 
-@dataclass(frozen=True)
-class SweptObject:
+class SweptObject(Settings, frozen=True, rename={"word": "file"}):
     """An object of a plan.
 
     Attributes:
-        name: In tables.
         word: A name of the catalogue, or a mesh file, relative to the plan's folder.
+        name: In tables.
         unit, size_mm, thickness_mm: As `hhsim.scene.described_scene.SceneWords`.
     """
 
-    name: str
     word: str
-    unit: str | None = None
-    size_mm: float | None = None
-    thickness_mm: float | None = None
+    name: str = ""
+    unit: Literal["m", "cm", "mm", "inch"] | None = None
+    size_mm: Annotated[float, between(1e-3, 1e5)] | None = None
+    thickness_mm: Annotated[float, between(1e-3, 1e5)] | None = None
 
 
-@dataclass(frozen=True)
-class SweptMotion:
-    """A motion of a plan: its name in tables, and a name of the catalogue or a file, relative to the plan's folder."""
+class SweptMotion(Settings, frozen=True, rename={"word": "file"}):
+    """A motion of a plan: a name of the catalogue or a file, relative to the plan's folder, and its name in tables."""
 
-    name: str
     word: str
+    name: str = ""
 
 
 @dataclass(frozen=True)

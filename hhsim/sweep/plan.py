@@ -21,40 +21,46 @@ Files are relative to the plan's folder. Options are named as a result states th
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
-from typing import Any, get_args
+from typing import Annotated, Any
+
+from msgspec import Meta, field, structs
 
 from hhsim.errors import InputError, check_known
 from hhsim.mesh.catalogue import names_a_file, object_names
-from hhsim.motion.trajectory import ResampleMode
 from hhsim.scene.demonstration import Demonstration
 from hhsim.scene.motion_catalogue import import_remarks, resolve_trajectory, trajectory_names
-from hhsim.scene.open_scene import SIDES
-from hhsim.scene.placed_scene import Place
 from hhsim.scene.script import Script
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.surface import SURFACES
-from hhsim.sweep.cell import BOTH, OF_THE_SCENE, OF_THE_SOLVER, Cell, SweptMotion, SweptObject
+from hhsim.sweep.cell import BOTH, OF_THE_SCENE, OF_THE_SOLVER, Cell, SceneOptions, SweptMotion, SweptObject
 from hhsim.system.counted import counted
-from hhsim.system.toml_document import (
-    check_keys,
-    checked_number,
-    checked_table,
-    checked_text,
-    parse_toml,
-    read_toml_text,
-)
-from hhsim.trees.options import MOST_LEVEL
+from hhsim.system.settings_file import Settings, Version, a_list, between, parse_settings, read_toml_text, typed
 
-PLAN_VERSION = 1
-MOST_TICKS = 1_000_000_000
-MOST_RUNS = 1_000
-KEYS = ("version", "name", "objects", "motions", "methods", "surfaces", "seeds", "ticks", "repeat", "options")
-UNITS = ("m", "cm", "mm", "inch")
 WILD = frozenset("*?[")
+
+
+class _PlanTable(Settings, frozen=True, kw_only=True):
+    version: Version
+    name: Annotated[str, Meta(pattern=r"^[^./][^/]*$", description="a name for a folder")] | None = None
+    objects: Annotated[tuple[str | SweptObject, ...], a_list('["cube", "bunny"]')]
+    motions: Annotated[tuple[str | SweptMotion, ...], a_list('["grasp", "takes/*.npz"]')]
+    methods: Annotated[tuple[str, ...], a_list('["coupled"]')] = ("coupled",)
+    surfaces: Annotated[tuple[str, ...], a_list('["spheres", "mesh"]')] = ("spheres",)
+    seeds: Annotated[tuple[Annotated[int, between(0, 2**63 - 1)], ...], a_list("[0, 1]")] = (0,)
+    ticks: Annotated[int, between(1, 1_000_000_000)] | None = None
+    repeat: Annotated[int, between(1, 1_000)] = 1
+    options: Annotated[
+        dict[str, dict[str, Any]], Meta(min_length=1, description="sets of options, such as [options.usual]")
+    ] = field(default_factory=lambda: {"usual": {}})
+
+    def check(self) -> None:
+        check_known("surface", self.surfaces, SURFACES.names())
+        for name, given in self.options.items():
+            check_known(f"key in options.{name}", given, (*OF_THE_SCENE, *OF_THE_SOLVER))
 
 
 @dataclass(frozen=True)
@@ -110,45 +116,28 @@ def parse_plan(text: str, name: str, folder: Path, where: str) -> SweepPlan:
     Raises:
         InputError: As `load_plan`.
     """
-    table = parse_toml(text, where)
-    check_keys(where, table, KEYS)
-    if table.get("version") != PLAN_VERSION:
-        raise InputError(f"{where}: version is {table.get('version')!r}, this hhsim reads {PLAN_VERSION}")
-    name = checked_text(where, "name", table.get("name", name))
-    if not name or name.startswith(".") or "/" in name:
-        raise InputError(f"{where}: name = '{name}'; expected a name for a folder")
-    objects = _unique(where, "objects", [_object(where, folder, entry) for entry in _listed(where, table, "objects")])
-    motions = _unique(
-        where,
-        "motions",
-        [found for entry in _listed(where, table, "motions") for found in _motions(where, folder, entry)],
-    )
-    methods = [checked_text(where, "methods", entry) for entry in _listed(where, table, "methods", ["coupled"])]
-    surfaces = [checked_text(where, "surfaces", entry) for entry in _listed(where, table, "surfaces", ["spheres"])]
-    check_known("surface", surfaces, SURFACES.names())
-    seeds = [_count(where, "seeds", entry, 0, 2**63 - 1) for entry in _listed(where, table, "seeds", [0])]
-    ticks = None if "ticks" not in table else _count(where, "ticks", table["ticks"], 1, MOST_TICKS)
-    repeat = _count(where, "repeat", table.get("repeat", 1), 1, MOST_RUNS)
-    options = checked_table(where, "options", table.get("options", {"usual": {}}))
-    sets = {key: _options(f"{where}, [options.{key}]", folder, value) for key, value in options.items()}
-    if not sets:
-        raise InputError(f"{where}: options is empty; leave it out, or name a set: [options.usual]")
+    plan = parse_settings(text, _PlanTable, where)
+    objects = _unique(where, "objects", [_object(where, folder, entry) for entry in plan.objects])
+    motions = _unique(where, "motions", [found for entry in plan.motions for found in _motions(where, folder, entry)])
+    for called, given in plan.options.items():
+        _check_scene_options(f"{where}: options.{called}", folder, given)
     left_out: dict[str, int] = {}
     cells: dict[str, PlannedCell] = {}
     durations = {motion.word: _Motion.read(folder, motion) for motion in motions}
     checked: set[tuple[str, str, str]] = set()
     for shape, motion, method, surface, (called, given), seed in product(
-        objects, motions, methods, surfaces, sets.items(), seeds
+        objects, motions, plan.methods, plan.surfaces, plan.options.items(), plan.seeds
     ):
         why = _impossible(shape, durations[motion.word], motion, method, surface)
         if why:
             left_out[why] = left_out.get(why, 0) + 1
             continue
-        cell = Cell(shape, motion, method, surface, called, given, seed, ticks, repeat)
+        cell = Cell(shape, motion, method, surface, called, given, seed, plan.ticks, plan.repeat)
         if (method, surface, called) not in checked:
             _check_options(cell, where)
             checked.add((method, surface, called))
-        planned = PlannedCell(cell, cell.digest(folder), durations[motion.word].ticks(given.get("rate", 1000.0), ticks))
+        ticks = durations[motion.word].ticks(given.get("rate", 1000.0), plan.ticks)
+        planned = PlannedCell(cell, cell.digest(folder), ticks)
         same = cells.setdefault(planned.digest, planned).cell
         if same is not cell:
             names = same.options_name.split(BOTH)
@@ -167,7 +156,7 @@ def parse_plan(text: str, name: str, folder: Path, where: str) -> SweepPlan:
         if BOTH in names
     ]
     notes += [f"{motion.name}: {remark}" for motion in motions for remark in durations[motion.word].remarks]
-    return SweepPlan(name, folder, text, tuple(cells.values()), tuple(notes))
+    return SweepPlan(plan.name or name, folder, text, tuple(cells.values()), tuple(notes))
 
 
 @dataclass(frozen=True)
@@ -210,65 +199,34 @@ def _check_options(cell: Cell, where: str) -> None:
         raise InputError(f"{where}, [options.{cell.options_name}], {cell.method}: {error}") from None
 
 
-def _listed(where: str, table: Mapping[str, Any], key: str, usual: list[Any] | None = None) -> list[Any]:
-    found = table.get(key, usual)
-    if not isinstance(found, list) or not found:
-        what = "missing" if found is None else repr(found)
-        raise InputError(f"{where}: {key} is {what}; expected a list such as {key} = {EXAMPLES[key]}")
-    return found
-
-
-EXAMPLES = {
-    "objects": '["cube", "bunny"]',
-    "motions": '["grasp", "takes/*.npz"]',
-    "methods": '["coupled"]',
-    "surfaces": '["spheres", "mesh"]',
-    "seeds": "[0, 1]",
-}
-
-
-def _object(where: str, folder: Path, entry: Any) -> SweptObject:
-    if isinstance(entry, str):
-        entry = {"file": entry}
-    table = checked_table(where, "objects", entry, ("file", "name", "unit", "size_mm", "thickness_mm"))
-    word = checked_text(where, "objects: file", table.get("file"))
-    if not names_a_file(word):
-        check_known("object", [word], object_names())
-        if table.keys() & {"unit", "size_mm", "thickness_mm"}:
-            raise InputError(f"{where}: '{word}' has its size: unit, size_mm and thickness_mm are for mesh files")
+def _object(where: str, folder: Path, entry: str | SweptObject) -> SweptObject:
+    found = SweptObject(entry) if isinstance(entry, str) else entry
+    if names_a_file(found.word):
+        _require_file(where, folder, found.word)
     else:
-        _require_file(where, folder, word)
-    unit = table.get("unit")
-    if unit is not None:
-        check_known("unit", [checked_text(where, "unit", unit)], UNITS)
-    sizes = {
-        key: checked_number(where, key, table[key], 1e-3, 1e5) for key in ("size_mm", "thickness_mm") if key in table
-    }
-    return SweptObject(checked_text(where, "name", table.get("name", Path(word).stem)), word, unit, **sizes)
+        check_known("object", [found.word], object_names())
+        if (found.unit, found.size_mm, found.thickness_mm) != (None, None, None):
+            raise InputError(f"{where}: '{found.word}' has its size: unit, size_mm and thickness_mm are for mesh files")
+    return structs.replace(found, name=found.name or Path(found.word).stem)
 
 
-def _motions(where: str, folder: Path, entry: Any) -> Iterator[SweptMotion]:
-    if isinstance(entry, str):
-        entry = {"file": entry}
-    table = checked_table(where, "motions", entry, ("file", "name"))
-    word = checked_text(where, "motions: file", table.get("file"))
-    if word in trajectory_names():
-        yield SweptMotion(checked_text(where, "name", table.get("name", word)), word)
+def _motions(where: str, folder: Path, entry: str | SweptMotion) -> Iterator[SweptMotion]:
+    found = SweptMotion(entry) if isinstance(entry, str) else entry
+    word = found.word
+    if word in trajectory_names() or WILD.isdisjoint(word):
+        if names_a_file(word):
+            _require_file(where, folder, word)
+        else:
+            check_known("trajectory", [word], trajectory_names())
+        yield structs.replace(found, name=found.name or Path(word).stem)
         return
-    if not WILD.isdisjoint(word):
-        root = folder if not Path(word).is_absolute() else Path(word).anchor
-        pattern = word if root == folder else str(Path(word).relative_to(Path(word).anchor))
-        found = sorted(Path(root).glob(pattern))
-        if not found:
-            raise InputError(f"{where}: no file is called {word} in {folder.resolve()}")
-        for path in found:
-            yield SweptMotion(path.stem, str(path.relative_to(folder) if root == folder else path))
-        return
-    if names_a_file(word):
-        _require_file(where, folder, word)
-    else:
-        check_known("trajectory", [word], trajectory_names())
-    yield SweptMotion(checked_text(where, "name", table.get("name", Path(word).stem)), word)
+    root = folder if not Path(word).is_absolute() else Path(word).anchor
+    pattern = word if root == folder else str(Path(word).relative_to(Path(word).anchor))
+    paths = sorted(Path(root).glob(pattern))
+    if not paths:
+        raise InputError(f"{where}: no file is called {word} in {folder.resolve()}")
+    for path in paths:
+        yield SweptMotion(str(path.relative_to(folder) if root == folder else path), path.stem)
 
 
 def _require_file(where: str, folder: Path, word: str) -> None:
@@ -284,53 +242,8 @@ def _unique(where: str, key: str, entries: list[Any]) -> list[Any]:
     return entries
 
 
-def _count(where: str, key: str, value: Any, least: int, most: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
-        raise InputError(f"{where}: {key}: {value!r}; expected a whole number from {least} to {most}")
-    return value
-
-
-def _options(where: str, folder: Path, value: Any) -> dict[str, Any]:
-    table = checked_table(where, "options", value, (*OF_THE_SCENE, *OF_THE_SOLVER))
-    for key, check in _CHECKS.items():
-        if key in table:
-            check(where, key, table[key])
-    if "hand_file" in table:
-        _require_file(where, folder, checked_text(where, "hand_file", table["hand_file"]))
-    if {"level", "max_error"} <= table.keys():
-        raise InputError(f"{where}: max_error chooses the level itself: leave level out")
-    return table
-
-
-def _one_of(known: tuple[str, ...]) -> Callable[[str, str, Any], None]:
-    def check(where: str, key: str, value: Any) -> None:
-        if value not in known:
-            raise InputError(f"{where}: {key} = {value!r}; expected {' or '.join(known)}")
-
-    return check
-
-
-def _within(low: float, high: float) -> Callable[[str, str, Any], object]:
-    return lambda where, key, value: checked_number(where, key, value, low, high)
-
-
-def _level(where: str, key: str, value: Any) -> None:
-    _count(where, key, value, 1, MOST_LEVEL)
-
-
-def _tremor(where: str, key: str, value: Any) -> None:
-    if not isinstance(value, list) or len(value) != 2:
-        raise InputError(f"{where}: {key} = {value!r}; expected two numbers, [mm] and [°], such as [0.1, 0.2]")
-    for number in value:
-        checked_number(where, key, number, 0.0, 100.0)
-
-
-_CHECKS: Mapping[str, Callable[[str, str, Any], object]] = {
-    "level": _level,
-    "max_error": _within(1e-6, 1.0),
-    "rate": _within(1.0, 100_000.0),
-    "samples": _one_of(get_args(ResampleMode)),
-    "place_object": _one_of(get_args(Place)),
-    "hand": _one_of(SIDES),
-    "tremor_mm_deg": _tremor,
-}
+def _check_scene_options(where: str, folder: Path, given: Mapping[str, Any]) -> None:
+    """Check those options of a set that are of the scene; those of the solver are checked for each method."""
+    options = typed({name: given[name] for name in OF_THE_SCENE if name in given}, SceneOptions, where)
+    if options.hand_file is not None:
+        _require_file(where, folder, options.hand_file)

@@ -171,7 +171,7 @@ def library_defaults() -> Iterator[tuple[str, str, str]]:
             yield f"hhsim bench {suite}", f"--{one}", ",".join(map(str, values))
     yield "hhsim bench qp", "--object", ",".join(qp_harvest.OBJECTS)
     yield "hhsim bench qp", "--motion", ",".join(qp_harvest.MOTIONS)
-    yield "hhsim gate", "--processes", f"as the suite says, else {default_suite().processes}"
+    yield "hhsim gate", "--processes", f"as the suite says, else {default_suite().time.processes}"
     served: list[Any] = [
         (kind, configure(kind).options) for kind in ("dexmo", "doglove", "manus", "opengloves", "openxr", "udp")
     ]

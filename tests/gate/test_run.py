@@ -119,8 +119,8 @@ def test_a_head_that_breaks_is_a_miss_and_one_that_refuses_an_error(
     assert "RuntimeError: planted" in report.missed[0].reason
     # A session that is not there is refused as an object is.
     with pytest.raises(RunFailed, match=r"none\.h5: no such file"):
-        this_side.figures(GateScene("session", "none.h5", kind="session"), suite.parent)
-    scene = GateScene("gone", "no-such-object", "pinch")
+        this_side.figures(GateScene(name="session", session="none.h5"), suite.parent)
+    scene = GateScene(name="gone", object="no-such-object", trajectory="pinch")
     with pytest.raises(RunFailed, match=r"^unknown object .no-such-object.") as failed:
         this_side.figures(scene, suite.parent)
     assert failed.value.refused

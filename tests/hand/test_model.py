@@ -223,33 +223,36 @@ def test_directions_of_a_file_are_made_orthonormal(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("hand_length = 190.0", "hand_length 190 m: expected 0.05 to 0.4 m"),
-        ("hand_length = -0.19", "hand_length -0.19 m: expected"),
-        ("hand_length = nan", "hand_length nan: expected finite"),
-        ('hand_length = "long"', "hand_length is 'long': expected one number"),
-        ("hand_length = [0.19]", r"hand_length has shape (1,): expected one number"),
-        ('hand_length = "0.19"', "hand_length is '0.19': expected one number"),
-        ("[index]\nlength = [0.05, [0.03], 0.01]", "index.length is [0.05, [0.03], 0.01]: expected 3 numbers"),
-        ("hand_length = true", "hand_length is True: expected one number"),
-        ("hand_breadth = 0.5", "hand_breadth 0.5 m: expected 0.0475 to"),
-        ("palm_level = 2.5", "palm_level 2.5: expected a whole number from 1 to 5"),
-        ("palm_level = 9", "palm_level 9: expected a whole number from 1 to 5"),
-        ("index = 3", "index is 3: expected a table of sizes, [index]"),
-        ("[index]\nlength = [0.05, 0.03]", "index.length has shape (2,): expected 3 numbers"),
-        ("[index]\nbase = [1e300, 0, 0]", "index.base [1e+300, 0, 0]: expected -0.5 to 0.5 m each"),
-        ("[index]\nradius = [1e300, 0.01, 0.01, 0.01]", "expected 0.0001 to 0.1 m each"),
-        ("[index]\nlength = [0.05, 0.0, 0.01]", "index.length [0.05, 0, 0.01]: expected 0.0001 to 0.5 m each"),
+        ("hand_length = 190.0", "hand_length = 190.0; expected a number from 0.05 to 0.4 m"),
+        ("hand_length = -0.19", "hand_length = -0.19; expected"),
+        ("hand_length = nan", "hand_length = nan; expected"),
+        ('hand_length = "long"', "hand_length = 'long'; expected a number"),
+        ("hand_length = [0.19]", "hand_length = [0.19]; expected a number"),
+        ('hand_length = "0.19"', "hand_length = '0.19'; expected a number"),
+        ("[index]\nlength = [0.05, [0.03], 0.01]", "index.length[2] = [0.03]; expected a number"),
+        ("hand_length = true", "hand_length = True; expected a number"),
+        ("hand_breadth = 0.5", "hand_breadth = 0.5; expected 0.0475 to"),
+        ("palm_level = 2.5", "palm_level = 2.5; expected a whole number from 1 to 5"),
+        ("palm_level = 9", "palm_level = 9; expected a whole number from 1 to 5"),
+        ("index = 3", "index = 3; expected a table"),
+        ("[index]\nlength = [0.05, 0.03]", "index.length = [0.05, 0.03]; expected a list of 3"),
+        ("[index]\nbase = [1e300, 0, 0]", "index.base[1] = 1e+300; expected a number from -0.5 to 0.5 m"),
         (
-            "[ring]\nradius = [0.01, 0.009, 0.008, -0.007]",
-            "ring.radius [0.01, 0.009, 0.008, -0.007]: expected 0.0001 to 0.1 m each",
+            "[index]\nradius = [1e300, 0.01, 0.01, 0.01]",
+            "index.radius[1] = 1e+300; expected a number",
         ),
-        ("[ring]\nradius = [0.008, 0.009, 0.008, 0.007]", "ring.radius [0.008, 0.009, 0.008, 0.007]: must not grow"),
+        ("[index]\nlength = [0.05, 0.0, 0.01]", "index.length[2] = 0.0; expected a number from 0.0001"),
+        ("[ring]\nradius = [0.01, 0.009, 0.008, -0.007]", "ring.radius[4] = -0.007; expected a number from 0.0001"),
+        ("[ring]\nradius = [0.008, 0.009, 0.008, 0.007]", "ring: radius = [0.008, 0.009, 0.008, 0.007]: must not grow"),
         ("[thumb]\nflexion_min = [1.0, 0.0, 0.0]", "thumb.flexion_min [1, 0, 0] must lie below flexion_max"),
-        ("[thumb]\nflexion_max = [35.0, 80.0, 80.0]", "expected radians within ±π"),
+        (
+            "[thumb]\nflexion_max = [35.0, 80.0, 80.0]",
+            "thumb.flexion_max[1] = 35.0; expected a number",
+        ),
         ("[little]\nabduction_max = -2.0", "little.abduction_min -0.698132 must lie below abduction_max -2"),
         ("[middle]\ndorsal = [0.0, 1.0, 0.0]", "middle.distal [0, 1, 0] and middle.dorsal [0, 1, 0]: expected two"),
         ("[middle]\ndistal = [0.0, 0.0, 0.0]", "middle.distal [0, 0, 0] and middle.dorsal"),
-        ("[middle]\nbase = [0.0, inf, 0.0]", "middle.base [0, inf, 0]: expected finite"),
+        ("[middle]\nbase = [0.0, inf, 0.0]", "middle.base[2] = inf; expected"),
         (
             "\n".join(f"[{finger}]\nbase = [0, 0, 0.3]" for finger in FINGERS),
             "the finger bases leave the palm's middle",
@@ -271,7 +274,7 @@ def test_bad_files_are_refused_in_one_line(tmp_path: Path, text: str, message: s
     [("hand_lenght = 0.19", "hand_length"), ("[indx]\nlength = [1, 1, 1]", "index"), ("[ring]\nradii = [1]", "radius")],
 )
 def test_unknown_keys_list_the_near_ones(tmp_path: Path, text: str, near: str) -> None:
-    with pytest.raises(UnknownNameError, match=f"did you mean .*{near}"):
+    with pytest.raises(InputError, match=f"did you mean .*{near}"):
         HandModel.from_toml(written(tmp_path, text))
 
 

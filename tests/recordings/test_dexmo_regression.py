@@ -155,13 +155,13 @@ def test_a_calibration_is_kept_as_toml(tmp_path: Path) -> None:
     [
         ("[joint", "not TOML"),
         ("[joints]", "unknown key 'joints': did you mean joint"),
-        ("[angle]\nunit = 'grad'", "expected rad or deg"),
-        ("[channel]\nindex_bent = {}", "unknown key 'index_bent': did you mean index_bend"),
+        ("[angle]\nunit = 'grad'", "angle.unit: unknown unit 'grad'"),
+        ("[channel]\nindex_bent = {}", "channel: unknown key 'index_bent': did you mean index_bend"),
         ("[channel]\nindex_bend = { open = 1, closed = 2 }", "expected all 11 channels, or none"),
         ("[joint]\nindex_flex1 = 3", "expected a table"),
         ("[joint]\nindex_flex1 = { index_bend = 'x' }", "expected a number"),
         ("[joint]\nindex_flex1 = { index_bend = nan }", "expected a number"),
-        ("[joint]\nindex_flex1 = { pinky = 1 }", "unknown key 'pinky'"),
+        ("[joint]\nindex_flex1 = { pinky = 1 }", "joint.index_flex1: unknown key 'pinky'"),
         ("channel = 1", "expected a table"),
     ],
 )

@@ -6,15 +6,16 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import TrajectoryError, UnknownNameError
+from hhsim.errors import InputError, UnknownNameError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.kinematics import PALM_BODY
 from hhsim.mesh.catalogue import load_object
 from hhsim.metrics.brute_force_distance import round_cone_contact, round_cone_distance, sphere_contact
-from hhsim.scene.contact_goals import Touch, parse_touch, touch_distances
+from hhsim.scene.contact_goals import Touch, TouchTable, touch_distances, touches_of
 from hhsim.scene.finger_closure import body_distances, make_work
 from hhsim.scene.object_regions import object_region
+from hhsim.system.settings_file import typed
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 
@@ -27,7 +28,7 @@ point = st.tuples(coordinate, coordinate, coordinate).map(np.array)
 
 
 def test_a_table_names_a_region_or_several() -> None:
-    found = parse_touch("x", {"thumb": "handle", "index": ["inside", "rim"], "palm": "anywhere"})
+    found = touches_of({"thumb": "handle", "index": ("inside", "rim"), "palm": "anywhere"})
     assert found == (Touch("thumb", "handle"), Touch("index", "inside"), Touch("index", "rim"), Touch("palm"))
     assert [str(touch) for touch in found] == ["thumb at handle", "index at inside", "index at rim", "palm"]
 
@@ -36,15 +37,15 @@ def test_a_table_names_a_region_or_several() -> None:
     ("table", "message"),
     [
         ("handle", "expected a table"),
-        ({"pinky": "handle"}, "unknown part of the hand 'pinky'"),
+        ({"pinky": "handle"}, "unknown key 'pinky'"),
         ({"thumb": 3}, "expected the name of a region, or several"),
         ({"thumb": []}, "expected the name of a region, or several"),
-        ({"thumb": ["handle", ""]}, "expected the name of a region, or several"),
+        ({"thumb": ["handle", ""]}, r"thumb\[2\] = ''"),
     ],
 )
 def test_what_is_no_touch_is_refused(table: object, message: str) -> None:
-    with pytest.raises(TrajectoryError, match=message):
-        parse_touch("x", table)
+    with pytest.raises(InputError, match=message):
+        typed(table, TouchTable, "x")
 
 
 @given(point, point, st.floats(0.004, 0.02), st.floats(0.0, 1.0), point, st.floats(0.0, 0.01))

@@ -106,15 +106,15 @@ def test_a_demonstration_of_ones_own(tmp_path: Path, repository: Path) -> None:
     ("text", "words"),
     [
         ("recording = ", "not TOML"),
-        ("recording = 3", "expected text in quotes"),
-        ("recording = ''", "no recording; expected the name"),
-        ("recording = 'none.h5'", "no recording none.h5 beside it"),
-        ("recording = 'tap.h5'", "no .touch."),
+        ("recording = 3", "recording = 3; expected the name"),
+        ("recording = ''", "recording = ''; expected the name"),
+        ("recording = 'none.h5'\ntouch = { finger = 'index', depth = 0.01 }", "no recording none.h5 beside it"),
+        ("recording = 'tap.h5'", "touch is missing"),
         ("recording = 'tap.h5'\nstreses = 'x'", "unknown key 'streses': did you mean stresses"),
-        ("recording = 'tap.h5'\ntouch = { finger = 'toe', depth = 0.01 }", "unknown finger 'toe'"),
+        ("recording = 'tap.h5'\ntouch = { finger = 'toe', depth = 0.01 }", "touch.finger: unknown finger 'toe'"),
         ("recording = 'tap.h5'\ntouch = { finger = 'index', depht = 0.01 }", "unknown key 'depht': did you mean depth"),
-        ("recording = 'tap.h5'\ntouch = { finger = 'index', depth = 1.5 }", "expected a number up to 0.1 m"),
-        ("recording = 'tap.h5'\ntouch = { finger = 'index' }", "expected a number up to"),
+        ("recording = 'tap.h5'\ntouch = { finger = 'index', depth = 1.5 }", "touch.depth = 1.5"),
+        ("recording = 'tap.h5'\ntouch = { finger = 'index' }", "touch: depth is missing"),
     ],
 )
 def test_demonstrations_that_are_none(tmp_path: Path, repository: Path, text: str, words: str) -> None:

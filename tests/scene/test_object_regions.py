@@ -5,7 +5,8 @@ import pytest
 
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.mesh.catalogue import load_object, object_names
-from hhsim.scene.object_regions import object_region, object_regions, parse_region
+from hhsim.scene.object_regions import Region, Shapes, object_region, object_regions
+from hhsim.system.settings_file import typed
 
 RANDOM = np.random.default_rng(7)
 POINTS = RANDOM.uniform(-1.0, 1.0, (4000, 3))
@@ -14,7 +15,7 @@ NAMED = [(name, region) for name in object_names() for region in object_regions(
 
 
 def holds(*shapes: object) -> np.ndarray:
-    return parse_region("x.toml", "part", list(shapes)).holds(POINTS)
+    return Region("part", typed(list(shapes), Shapes, "x.toml")).holds(POINTS)
 
 
 def test_a_box_holds_what_is_between_its_corners() -> None:
@@ -43,22 +44,22 @@ def test_a_region_is_what_all_of_its_shapes_hold() -> None:
 @pytest.mark.parametrize(
     ("shapes", "message"),
     [
-        ([], "expected a list of shapes"),
-        ({"box": 1}, "expected a list of shapes"),
-        ([{"cone": [0, 0, 0]}], "expected a shape, one of box, cylinder, sphere"),
-        ([{"box": [[0, 0, 0], [1, 1]]}], "expected 6 numbers"),
-        ([{"box": [[0, 0, 0], [1, 1, "x"]]}], "expected 6 numbers"),
+        ([], "expected a list such as"),
+        ({"box": 1}, "expected a list such as"),
+        ([{"cone": [0, 0, 0]}], "unknown key 'cone': did you mean cylinder"),
+        ([{"box": [[0, 0, 0], [1, 1]]}], r"\[1\].box\[2\] = \[1, 1\]; expected a list of 3"),
+        ([{"box": [[0, 0, 0], [1, 1, "x"]]}], r"\[1\].box\[2\]\[3\] = 'x'; expected a number"),
         ([{"box": [[1, 0, 0], [0, 1, 1]]}], "holds no point"),
-        ([{"box": [[0, 0, 0], [1, 1, 1]], "radius": 1}], "expected the keys box, outside"),
-        ([{"sphere": [0, 0, 0]}], "expected the keys outside, radius, sphere"),
-        ([{"sphere": [0, 0, 0], "radius": -1}], "holds no point"),
-        ([{"sphere": [0, 0, float("nan")], "radius": 1}], "expected 3 numbers"),
+        ([{"box": [[0, 0, 0], [1, 1, 1]], "radius": 1}], "expected a box, a cylinder and its radius"),
+        ([{"sphere": [0, 0, 0]}], "a sphere and its radius"),
+        ([{"sphere": [0, 0, 0], "radius": -1}], "radius = -1; expected"),
+        ([{"sphere": [0, 0, float("nan")], "radius": 1}], r"sphere\[3\] = nan; expected a number"),
         ([{"cylinder": [[0, 0, 0], [0, 0, 0]], "radius": [1, 1]}], "two different ends"),
     ],
 )
 def test_what_is_no_region_is_refused(shapes: object, message: str) -> None:
     with pytest.raises(InputError, match=message):
-        parse_region("x.toml", "part", shapes)
+        typed(shapes, Shapes, "x.toml")
 
 
 @pytest.mark.parametrize(("name", "region"), NAMED)

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hhsim.errors import TrajectoryError
+from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion_from_matrix
 from hhsim.mesh.catalogue import load_object
@@ -14,8 +14,9 @@ from hhsim.scene.closure_at_pose import close_placed, find_placement
 from hhsim.scene.closure_search import plan_finger_closure
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.script import Script, parse_script
-from hhsim.scene.stored_pose import Placement, parse_placements
+from hhsim.scene.stored_pose import Placement, PlacementTable
 from hhsim.scene.synthesis import synthesize
+from hhsim.system.settings_file import typed
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 
@@ -28,10 +29,10 @@ PLACE = {"object": "cup", "position": [0.1, 0.0, 0.05], "orientation": [1.0, 0.0
 
 def test_a_table_is_read_and_written() -> None:
     table = PLACE | {"open": [0.1, 0.0, 0.2, 0.0, 0.0], "abduction": [0.0, 0.05, 0.0, 0.0, -0.1]}
-    (one,) = parse_placements("x", [table], slides=False)
+    one = typed(table, PlacementTable, "x").placement()
     assert one.object_name == "cup" and np.array_equal(one.position, [0.1, 0.0, 0.05])
     assert not one.slide.any()
-    (again,) = parse_placements("x", tomllib.loads(one.to_toml())["placement"], slides=False)
+    (again,) = (typed(given, PlacementTable, "x").placement() for given in tomllib.loads(one.to_toml())["placement"])
     for name in ("position", "orientation", "back", "open", "abduction", "slide"):
         assert getattr(again, name) == pytest.approx(getattr(one, name), abs=1e-4)
 
@@ -40,28 +41,31 @@ def test_a_table_is_read_and_written() -> None:
     ("change", "message"),
     [
         ({"object": "mug"}, "unknown object 'mug'"),
-        ({"position": [0.1, 0.0]}, "expected 3 numbers"),
-        ({"position": [0.1, 0.0, float("nan")]}, "expected 3 numbers"),
-        ({"position": [0.1, 0.0, True]}, "expected 3 numbers"),
+        ({"position": [0.1, 0.0]}, r"position = \[0.1, 0.0\]; expected a list of 3"),
+        ({"position": [0.1, 0.0, float("nan")]}, r"position\[3\] = nan; expected a number"),
+        ({"position": [0.1, 0.0, True]}, r"position\[3\] = True; expected a number"),
         ({"orientation": [1.0, 1.0, 0.0, 0.0]}, "orientation has length 1.41; expected 1"),
         ({"back": [0.0, 0.0, 0.0]}, "back has length 0; expected 1"),
-        ({"slide": [1.0, 0.0, 0.0]}, "slide belongs to a script with a slide"),
         ({"plase": 1}, "unknown key 'plase'"),
     ],
 )
 def test_what_is_no_placement_is_refused(change: dict[str, object], message: str) -> None:
-    with pytest.raises(TrajectoryError, match=message):
-        parse_placements("x", [PLACE | change], slides=False)
+    with pytest.raises(InputError, match=message):
+        typed(PLACE | change, PlacementTable, "x")
 
 
 def test_a_place_needs_all_that_has_no_default_and_is_one_for_each_object() -> None:
     for key in ("object", "position", "orientation", "back"):
-        with pytest.raises(TrajectoryError, match=f"has no {key}"):
-            parse_placements("x", [{k: v for k, v in PLACE.items() if k != key}], slides=False)
-    with pytest.raises(TrajectoryError, match="two placements on one object"):
-        parse_placements("x", [PLACE, PLACE], slides=False)
-    with pytest.raises(TrajectoryError, match="expected \\[\\[placement\\]\\] tables"):
-        parse_placements("x", PLACE, slides=False)
+        with pytest.raises(InputError, match=f"{key} is missing"):
+            typed({k: v for k, v in PLACE.items() if k != key}, PlacementTable, "x")
+    place = f"[[placement]]\n{chr(10).join(f'{key} = {value!r}' for key, value in PLACE.items())}\n"
+    for tables, message in (
+        (place + place, "two placements on one object"),
+        (f"{place}slide = [1.0, 0.0, 0.0]\n", "slide belongs to a script with a slide"),
+        ("placement = 1", "expected .*placement.* tables"),
+    ):
+        with pytest.raises(TrajectoryError, match=message):
+            script(tables)
 
 
 SCRIPT = """
@@ -99,7 +103,7 @@ def test_a_script_that_names_parts_or_objects_is_placed_on_them(head: str, touch
 
 def test_only_a_hold_says_what_it_touches() -> None:
     text = SCRIPT.format(head="", touch="").replace('name = "pinch"', 'name = "pinch"\ntouch = { thumb = "anywhere" }')
-    with pytest.raises(TrajectoryError, match="touch belongs to a hold"):
+    with pytest.raises(TrajectoryError, match=r"phase\[2\]: touch belongs to hold"):
         parse_script(text, name="mine", where="mine.toml")
 
 

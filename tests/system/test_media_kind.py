@@ -14,7 +14,7 @@ from hhsim.recordings.registry import read_recording
 from hhsim.result.reader import load_result
 from hhsim.scene.motion_catalogue import resolve_trajectory
 from hhsim.system.media_kind import media_kind, media_kind_of
-from hhsim.system.toml_document import read_toml_text
+from hhsim.system.settings_file import read_toml_text
 from hhsim.view.file_kind import file_kind
 
 

@@ -10,12 +10,12 @@ its ends, where it has any, are those of what the glove sends.
 """
 
 import json
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+import msgspec
 import numpy as np
 
 from hhsim.arrays import FloatArray
@@ -24,6 +24,7 @@ from hhsim.live.devices.registry import ServedOptions
 from hhsim.live.link.dexmo_codec import CHANNELS
 from hhsim.recordings.dexmo_regression import BEND, LEAST_SPAN, DexmoRegression, read_calibration
 from hhsim.system.input_file import read_input_text
+from hhsim.system.settings_file import typed
 
 MOST_NORMALISED = 1.5
 """Channels beyond this are raw counts."""
@@ -32,6 +33,8 @@ MOST_COUNT = 4095.0
 MOST_FILE = 4 << 20
 """Bytes of a calibration file."""
 BENDS = list(BEND)
+Count = Annotated[float, msgspec.Meta(ge=-1e6, le=1e6, description=f"a count, 0 to {MOST_COUNT:.0f}")]
+_COUNTS = msgspec.defstruct("_COUNTS", [(name, Count) for name in CHANNELS])
 SPLITS = np.array([CHANNELS.index(f"{finger}_split") for finger in ("thumb", "index", "middle", "ring", "pinky")])
 FAR = (-0.5, 1.5)
 """Normalised bends beyond are of no hand; spread is cut there."""
@@ -178,11 +181,11 @@ def _parse_vendor(text: str, where: str, hand: str, profile: str) -> GloveCalibr
         whole = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise InputError(f"{where}: not JSON: {error}") from None
-    sides = {key.lower(): value for key, value in _table(where, whole).items()}
+    sides = {key.lower(): value for key, value in typed(whole, dict[str, Any], where).items()}
     if hand not in sides:
-        raise InputError(f"{where}: no {hand.upper()}; it has {', '.join(_table(where, whole)) or 'nothing'}")
+        raise InputError(f"{where}: no {hand.upper()}; it has {', '.join(whole) or 'nothing'}")
     where = f"{where}: {hand.upper()}"
-    profiles = _table(where, sides[hand])
+    profiles = typed(sides[hand], dict[str, Any], where)
     if not profile:
         if len(profiles) != 1:
             raise InputError(
@@ -192,8 +195,8 @@ def _parse_vendor(text: str, where: str, hand: str, profile: str) -> GloveCalibr
     if profile not in profiles:
         raise InputError(f"{where}: {UnknownNameError('profile', profile, profiles)}")
     where = f"{where}.{profile}"
-    ends = _table(where, profiles[profile])
-    low, high = (_ends(f"{where}.{key}", ends.get(key)) for key in ("min", "max"))
+    ends = typed(profiles[profile], _Profile, where)
+    low, high = (_ends(f"{where}.{key}", getattr(ends, key)) for key in ("min", "max"))
     base = DexmoRegression.default()
     dead = high - low <= 0.0
     if dead[BENDS].any():
@@ -221,20 +224,12 @@ def _kept_free(low: FloatArray, high: FloatArray) -> tuple[int, ...]:
     return tuple(finger for finger, k in enumerate(BEND) if abs(high[k] - low[k]) < LEAST_SPAN)
 
 
-def _ends(where: str, value: Any) -> FloatArray:
-    table = {key.replace("little_", "pinky_"): number for key, number in _table(where, value).items()}
-    found = []
-    for name in CHANNELS:
-        number = table.get(name)
-        if isinstance(number, bool) or not isinstance(number, int | float) or not math.isfinite(number):
-            raise InputError(f"{where}.{name} is {number!r}; expected a count")
-        if abs(number) > 1e6:
-            raise InputError(f"{where}.{name} is {number:g}; expected a count, 0 to {MOST_COUNT:.0f}")
-        found.append(float(number))
-    return np.array(found)
+def _ends(where: str, counts: dict[str, Any]) -> FloatArray:
+    """Return the counts of all channels; what else a maker's file holds beside them does not matter."""
+    named = {key.replace("little_", "pinky_"): count for key, count in counts.items()}
+    return np.array(msgspec.structs.astuple(typed(named, _COUNTS, where)))
 
 
-def _table(where: str, value: Any) -> Mapping[str, Any]:
-    if not isinstance(value, dict):
-        raise InputError(f"{where} is {'missing' if value is None else repr(value)[:40]}; expected an object")
-    return value
+class _Profile(msgspec.Struct):
+    min: dict[str, Any]
+    max: dict[str, Any]

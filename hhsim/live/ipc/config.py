@@ -5,9 +5,10 @@ import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+from msgspec import Meta
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
@@ -22,11 +23,14 @@ from hhsim.recordings.dexmo_regression import DexmoRegression
 from hhsim.result.safety import AFTER_STALL
 from hhsim.scene.free_object import FreeObject
 from hhsim.solver.options import SolverOptions
+from hhsim.system.settings_file import Positive, between, check_fields, one_of
 from hhsim.trees.sphere_tree import SphereTree
 
 if TYPE_CHECKING:
     from hhsim.trees.contact_surface import ContactSurface
 
+Stiffness = Annotated[float, between(0.0, 1.0)]
+OF_FINGERS = Meta(min_length=FINGER_COUNT, max_length=FINGER_COUNT, description="five numbers, 0 (free) to 1")
 RATE_RANGE = (10.0, 10_000.0)
 """Ticks per second [Hz] that a loop is asked for."""
 
@@ -44,30 +48,16 @@ class OutputLimits:
         ease: How long the full stiffness takes to fall to 0 where a stall is eased [s].
     """
 
-    stiffness: tuple[float, ...] = (0.3,) * FINGER_COUNT
-    stiffness_rise: float = 20.0
-    bend_speed: float = 10.0
-    ramp: float = 1.0
-    contact_force: float = 0.02
-    ease: float = 0.1
+    stiffness: Annotated[tuple[Stiffness, ...], OF_FINGERS] = (0.3,) * FINGER_COUNT
+    stiffness_rise: Positive = 20.0
+    bend_speed: Positive = 10.0
+    ramp: Annotated[float, between(0.0)] = 1.0
+    contact_force: Annotated[float, between(0.0)] = 0.02
+    ease: Positive = 0.1
 
     def __post_init__(self) -> None:
-        """Refuse what no glove takes.
-
-        Raises:
-            InputError: A stiffness out of range, or a limit that is none.
-        """
-        if len(self.stiffness) != FINGER_COUNT:
-            raise InputError(f"{len(self.stiffness)} values of stiffness: expected {FINGER_COUNT}, one a finger")
-        for value in self.stiffness:
-            if not 0.0 <= value <= 1.0:
-                raise InputError(f"the stiffness is {value:g}: expected 0 (free) to 1")
-        _require_positive("stiffness_rise", self.stiffness_rise, "1/s")
-        _require_positive("bend_speed", self.bend_speed, "1/s")
-        _require_positive("ease", self.ease, "s")
-        for name, value, unit in (("ramp", self.ramp, "s"), ("contact_force", self.contact_force, "N")):
-            if not (math.isfinite(value) and value >= 0.0):
-                raise InputError(f"{name} is {value:g} {unit}: it must be finite and not negative")
+        """Raise InputError for what no glove takes."""
+        check_fields(self)
 
 
 @dataclass(frozen=True)
@@ -83,25 +73,16 @@ class SafetyLimits:
         after_stall: What becomes of held fingers when `overruns` periods were missed: one of `AFTER_STALL`.
     """
 
-    stale: float = 0.025
-    overruns: int = 10
+    stale: Positive = 0.025
+    overruns: Annotated[int, between(1, 1_000_000_000)] = 10
     watchdog: bool = True
-    watchdog_stale: float = 0.1
-    heartbeat_stale: float = 0.02
-    after_stall: str = "release"
+    watchdog_stale: Positive = 0.1
+    heartbeat_stale: Positive = 0.02
+    after_stall: Annotated[str, one_of(AFTER_STALL)] = "release"
 
     def __post_init__(self) -> None:
-        """Refuse limits that are none.
-
-        Raises:
-            InputError: A limit that is not positive, or no such policy.
-        """
-        if self.after_stall not in AFTER_STALL:
-            raise InputError(f"after a stall: {self.after_stall!r} is none of {', '.join(AFTER_STALL)}")
-        for name in ("stale", "watchdog_stale", "heartbeat_stale"):
-            _require_positive(name, getattr(self, name), "s")
-        if self.overruns < 1:
-            raise InputError(f"overruns is {self.overruns}: at least 1 missed period")
+        """Raise InputError for limits that are none."""
+        check_fields(self)
 
     def release_at(self, period_ns: int) -> int:
         """Periods missed one after the other at which the fingers are freed, whatever `after_stall` says.
@@ -171,8 +152,8 @@ class LiveSetup:
         low, high = RATE_RANGE
         if not low <= self.rate <= high:
             raise InputError(f"the rate is {self.rate:g} Hz: expected {low:g} to {high:g} Hz")
-        if self.duration is not None:
-            _require_positive("the duration", self.duration, "s")
+        if self.duration is not None and not 0.0 < self.duration < math.inf:
+            raise InputError(f"the duration is {self.duration:g} s: it must be positive and finite")
 
     @property
     def period_ns(self) -> int:
@@ -213,8 +194,3 @@ class LiveSetup:
             **{name: asdict(getattr(self, name)) for name in ("output", "safety", "real_time")},
             "bend": {"slope": slope.tolist(), "offset": offset.tolist()},
         }
-
-
-def _require_positive(name: str, value: float, unit: str) -> None:
-    if not (math.isfinite(value) and value > 0.0):
-        raise InputError(f"{name} is {value:g} {unit}: it must be positive and finite")

@@ -1,10 +1,10 @@
 """Recordings from CSV: our own columns, or any others by a `hhsim.recordings.column_map.ColumnMap`."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from msgspec import structs
 
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.motion.csv_file import COLUMNS, CSV_SUFFIX, FLAGS, OBJECT_COLUMNS, PHASE, POSE_COLUMNS, SAMPLES, object_pose
@@ -53,7 +53,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         columns = OWN_COLUMNS
     if columns is not None:
         axes, up = options.palm_axes or columns.palm_axes, options.world_up or columns.world_up
-        columns = replace(columns, palm_axes=tuple(axes), world_up=up)
+        columns = structs.replace(columns, palm_axes=tuple(axes), world_up=up)
         table = read_table(content.text, delimiter=columns.delimiter, decimal=columns.decimal)
         return mapped(table, columns, content.name, "csv")
     table = read_table(content.text)

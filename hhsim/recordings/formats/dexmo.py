@@ -15,7 +15,7 @@ from hhsim.errors import InputError, TrajectoryError
 from hhsim.motion.csv_file import CSV_SUFFIX
 from hhsim.motion.sample_flags import SampleFlag, mark
 from hhsim.motion.trajectory import RawChannel
-from hhsim.recordings.column_map import ColumnMap
+from hhsim.recordings.column_map import ColumnMap, OrientationColumns, PositionColumns, TimeColumn
 from hhsim.recordings.csv_table import read_header, read_table
 from hhsim.recordings.dexmo_regression import CHANNELS, DexmoRegression, calibrated
 from hhsim.recordings.mapped_table import mapped
@@ -43,11 +43,10 @@ def _calibrated(content: Content, options: ReadOptions) -> tuple[Recording, Dexm
     turns = {"qw", "qx", "qy", "qz"} <= set(table.header)
     columns = ColumnMap(
         joints={},
-        time="time",
-        position=("px", "py", "pz") if places else (),
-        orientation=("qw", "qx", "qy", "qz") if turns else (),
-        stated=frozenset({"angle"}),
-        texts={"device": "Dexmo"},
+        time=TimeColumn("time"),
+        position=PositionColumns(("px", "py", "pz")) if places else None,
+        orientation=OrientationColumns(("qw", "qx", "qy", "qz")) if turns else None,
+        device="Dexmo",
     )
     recording = mapped(table, columns, content.name, "dexmo")
     readings, broken = table.numbers(CHANNELS)
@@ -72,6 +71,7 @@ def _calibrated(content: Content, options: ReadOptions) -> tuple[Recording, Dexm
     recording = recording.changed(
         flexion=flexion,
         abduction=abduction,
+        stated=frozenset({"angle"}),
         raw=tuple(RawChannel(key, readings[:, k], "1", "Dexmo, as it was read") for k, key in enumerate(CHANNELS)),
     )
     mark(recording.flags, np.ones(len(readings), dtype=bool), SampleFlag.ESTIMATED)
