@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from hhsim.table.table import Table, number, words
+
 from .arguments import options
 from .console import print_json, print_line, print_table
 
@@ -74,12 +76,18 @@ def command(base: Path, head: Path, whole: bool, as_json: bool) -> None:
     if not whole:
         kept = {row.name for table, each in zip(tables, verdicts) for row in short_table(table, each.missed)}
         rows = [row for row in rows if row[1].name in kept]
-    cells = [(one.label, one.shown, other.shown, one.unit, _ratio(figure), figure.word) for one, other, figure in rows]
-    print_table(("", "A", "B", "unit", "B/A", "B is"), cells, numbers=("A", "B", "B/A"), optional=("B/A",))
+    print_table(Table(SHOWN, rows), optional=("B/A",))
 
 
-def _ratio(figure: "ComparedFigure") -> str:
-    return "" if figure.ratio != figure.ratio else f"{figure.ratio:.3g}"
+SHOWN = (
+    words("", lambda row: row[0].label),
+    number("A", lambda row: row[0].shown),
+    number("B", lambda row: row[1].shown),
+    words("unit", lambda row: row[0].unit),
+    number("B/A", lambda row: "" if row[2].ratio != row[2].ratio else f"{row[2].ratio:.3g}"),
+    words("B is", lambda row: row[2].word),
+)
+"""Columns of a figure of A, the same of B, and what they are beside each other."""
 
 
 def _document(

@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from hhsim.system.counted import counted
+from hhsim.table.table import Table, number, words
 
 from ..arguments.comma_list import names
 from ..arguments.option_group import OptionGroup, option, shared
 from ..arguments.options import Number, Output
-from ..console import announce_compilation, print_json, print_notes, print_rows, progress
+from ..console import announce_compilation, print_json, print_notes, print_table, progress
 from .table_document import table_document
 
 if TYPE_CHECKING:
@@ -75,7 +76,7 @@ def command(settings: ManipulationSettings, output: Output) -> int:
         document = table_document(output_path, COLUMNS, asdict(run))
         print_json({**document, "rows": rows, "missed": len(wrong), "notes": notes})
     elif not output.quiet:
-        print_rows(CELLS, rows, words=("case", "method", "figure", "holds"))
+        print_table(Table(SHOWN, rows))
         print()
         print(f"off by more than allowed: {counted(len(wrong), 'figure')}" if wrong else "every figure of ours holds")
         print_notes(notes)
@@ -97,12 +98,12 @@ def _off(row: Row) -> str:
     return f"{100.0 * row['off'] / row['exact']:+.2f} %" if row["exact"] else _figure("off")(row)
 
 
-CELLS: dict[str, Callable[[Row], str]] = {
-    "case": lambda row: row["case"],
-    "method": lambda row: row["method"],
-    "figure": lambda row: row["figure"],
-    "exact": _figure("exact"),
-    "measured": _figure("measured"),
-    "off by": _off,
-    "holds": lambda row: {1: "yes", 0: "NO"}.get(row["holds"], ""),
-}
+SHOWN = (
+    words("case"),
+    words("method"),
+    words("figure"),
+    number("exact", _figure("exact")),
+    number("measured", _figure("measured")),
+    number("off by", _off),
+    words("holds", lambda row: {1: "yes", 0: "NO"}.get(row["holds"], "")),
+)

@@ -1,15 +1,15 @@
 """The board as one HTML page that asks nobody for anything: its tables sort at a click and filter by words."""
 
-from collections.abc import Callable, Iterable, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 from hhsim import __version__
 from hhsim.board.collect import Board
-from hhsim.board.shown import LEGEND, WORDS, entry_cells, said_of, standing_cells
+from hhsim.board.shown import LEGEND, entry_table, said_of, standing_table
 from hhsim.board.standings import Standing
 from hhsim.report.html import Html, element, joined, listed, page, paragraph, section
 from hhsim.report.style import STYLE
 from hhsim.system.counted import counted
+from hhsim.table.table import Column, Table
 
 BOARD_STYLE = """
 th button { font: inherit; color: inherit; background: none; border: 0; padding: 0; cursor: pointer;
@@ -61,14 +61,13 @@ for (const input of document.querySelectorAll("input[data-table]")) {
 
 def board_page(board: Board, standings: Sequence[Standing]) -> str:
     """The document: the standings, then each run."""
-    runs = [*board.entries, *board.failed]
     title = f"Board of {counted(len(board.entries), 'run')}"
     body = (
         element("header", element("h1", title), paragraph(LEGEND, class_="soft")),
         element(
             "main",
-            section("standings", "Methods", _table("methods", standing_cells(board), standings)),
-            section("runs", "Runs", _table("each-run", entry_cells(board), runs)),
+            section("standings", "Methods", _table("methods", standing_table(board, standings))),
+            section("runs", "Runs", _table("each-run", entry_table(board))),
             section("machines", "Machines and notes", listed(said_of(board), class_="tight")),
         ),
         element("footer", paragraph(f"Made by hhsim board, version {__version__}.")),
@@ -76,18 +75,15 @@ def board_page(board: Board, standings: Sequence[Standing]) -> str:
     return page(title, STYLE + BOARD_STYLE, f"hhsim board {__version__}", *body, script=SCRIPT)
 
 
-def _table(name: str, cells: dict[str, Callable[[Any], str]], rows: Iterable[Any]) -> Html:
-    numbers = [heading not in WORDS for heading in cells]
+def _table(name: str, shown: Table) -> Html:
     head = [
-        element("th", element("button", heading or "first", type="button"), scope="col", **_kind(number))
-        for heading, number in zip(cells, numbers)
+        element("th", element("button", column.heading or "first", type="button"), scope="col", **_kind(column))
+        for column in shown.columns
     ]
-    body = []
-    for row in rows:
-        shown = [cell(row) for cell in cells.values()]
-        body.append(
-            element("tr", *(element("td", text, class_="number" if n else None) for text, n in zip(shown, numbers)))
-        )
+    align = ["number" if column.is_number else None for column in shown.columns]
+    body = [
+        element("tr", *(element("td", text, class_=side) for text, side in zip(cells, align))) for cells in shown.cells
+    ]
     table = element("table", element("thead", element("tr", *head)), element("tbody", *body), id=name)
     box = element("div", table, class_="scroll", role="region", aria_label=name, tabindex=0)
     field = element("label", "Only rows with these words: ", element("input", type="search", data_table=name))
@@ -95,5 +91,5 @@ def _table(name: str, cells: dict[str, Callable[[Any], str]], rows: Iterable[Any
     return joined([field, count, box])
 
 
-def _kind(number: bool) -> dict[str, str | bool | None]:
-    return {"class_": "number" if number else None, "data_number": number}
+def _kind(column: Column) -> dict[str, str | bool | None]:
+    return {"class_": "number" if column.is_number else None, "data_number": column.is_number}

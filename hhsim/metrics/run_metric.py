@@ -1,10 +1,10 @@
 """What a figure of a run is: its names, how it is shown, how it is judged, and how it is computed."""
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
 from hhsim.metrics.run_ticks import RunTicks
+from hhsim.table.table import shown, stored_unit, unit_size
 
 PAPER_RATE = 1000.0
 """Ticks per second of the paper's haptic loop [Hz]."""
@@ -19,7 +19,6 @@ class Figure:
         label: For people.
         digits: Behind the point.
         unit: Of what is shown.
-        scale: From what is shown to SI.
         less_is_better: False where more is neither better nor worse.
         signed: Whether it may be below 0, where it is as wrong as above: the nearer to 0 the better.
         paper: The paper's figure as printed there, in `unit`, or "".
@@ -29,22 +28,23 @@ class Figure:
     label: str
     digits: int = 0
     unit: str = ""
-    scale: float = 1.0
     less_is_better: bool = True
     signed: bool = False
     paper: str = ""
 
     @property
+    def scale(self) -> float:
+        """Return what a shown value is multiplied by to be the value itself."""
+        return unit_size(self.unit)
+
+    @property
     def stored_unit(self) -> str:
         """Of the value itself: SI, % where the figure is defined so, "1" for counts."""
-        return {"": "1", "units": "1", "µs": "s", "µJ": "J", "µm": "m", "mm": "m", "µm/s": "m/s", "% of hold": "%"}.get(
-            self.unit, self.unit
-        )
+        return stored_unit(self.unit)
 
     def shown(self, value: float) -> str:
         """A value, SI or % where the figure is defined so, as the table shows it; "—" where it is undefined."""
-        # Rounded first: what rounds to nothing has no sign.
-        return "—" if math.isnan(value) else f"{round(value / self.scale, self.digits) + 0.0:,.{self.digits}f}"
+        return shown(value / self.scale, self.digits)
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ MISSED_BY: tuple[Figure, ...] = tuple(
 SESSION_TIMES: tuple[Figure, ...] = (
     Figure("missed", "missed ticks"),
     *(
-        Figure(f"{name}_{part}", f"{label}, {words}", 1, "µs", 1e-6)
+        Figure(f"{name}_{part}", f"{label}, {words}", 1, "µs")
         for name, label in _TIMES.items()
         for part, words in _PERCENTILES.items()
     ),

@@ -23,9 +23,9 @@ Array = NDArray[np.float64]
 NEAR = 1e-3
 """A tick counts for the least-energy pose if the user's hand is nearer than this to the mesh, or in it [m]."""
 
-MESH_DEPTH = Figure("mesh_depth_max", "in the mesh, max", 3, "mm", 1e-3)
-OFF_BEST = Figure("off_best_mean", "off the least-energy pose, mean", 3, "mm", 1e-3)
-OFF_BEST_MAX = Figure("off_best_max", "off the least-energy pose, max", 3, "mm", 1e-3)
+MESH_DEPTH = Figure("mesh_depth_max", "in the mesh, max", 3, "mm")
+OFF_BEST = Figure("off_best_mean", "off the least-energy pose, mean", 3, "mm")
+OFF_BEST_MAX = Figure("off_best_max", "off the least-energy pose, max", 3, "mm")
 
 
 class PoseErrors(NamedTuple):

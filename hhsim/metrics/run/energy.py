@@ -78,7 +78,6 @@ METRICS = (
         label="energy gained in a tick, max",
         digits=3,
         unit="µJ",
-        scale=1e-6,
         place=43,
         needs=(*HAPTIC, *GRAPHIC),
         free_only=True,

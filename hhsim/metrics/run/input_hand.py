@@ -26,9 +26,7 @@ def _correction(part: str, statistic: str, place: int, field: str, short: str = 
         return float(getattr(statistics(getattr(run.input_hand.correction, field)), statistic))
 
     name, label = f"correction_{part}_{statistic}", f"{LABELS[part]} off the input in contact, {statistic}"
-    return RunMetric(
-        name, label, 2, "mm", 1e-3, less_is_better=False, place=place, short=short, needs=NEEDS, compute=compute
-    )
+    return RunMetric(name, label, 2, "mm", less_is_better=False, place=place, short=short, needs=NEEDS, compute=compute)
 
 
 METRICS = (
@@ -37,7 +35,6 @@ METRICS = (
         label="input depth, max",
         digits=2,
         unit="mm",
-        scale=1e-3,
         less_is_better=False,
         place=29,
         short="input depth",
@@ -53,7 +50,6 @@ METRICS = (
         label="joints off the input in free space, max",
         digits=2,
         unit="mm",
-        scale=1e-3,
         place=55,
         needs=(*NEEDS, "contacts/candidates"),
         compute=_of_input("free"),

@@ -17,7 +17,6 @@ METRICS = (
         label="contacts off the mesh, max",
         digits=3,
         unit="mm",
-        scale=1e-3,
         place=31,
         short="off the mesh",
         needs=PLACED,

@@ -10,7 +10,6 @@ METRICS = (
         label="penetration, max",
         digits=3,
         unit="µm",
-        scale=1e-6,
         paper="≈ 100",
         place=30,
         needs=("penetration_depth",),

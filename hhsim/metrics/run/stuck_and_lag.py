@@ -38,7 +38,6 @@ METRICS = (
         label="lag, max",
         digits=2,
         unit="mm",
-        scale=1e-3,
         place=72,
         unless_zero=True,
         needs=("lag",),

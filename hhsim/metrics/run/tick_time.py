@@ -20,7 +20,7 @@ def _time(
 
     needs = (column,) if statistic == "max" else (column, CONTACT)
     return RunMetric(
-        name, label, 1, "µs", 1e-6, paper=paper, place=place, needs=needs, compute=compute, noise=noise, short=short
+        name, label, 1, "µs", paper=paper, place=place, needs=needs, compute=compute, noise=noise, short=short
     )
 
 

@@ -23,7 +23,6 @@ METRICS = (
         label="palm off the user's in the hold, mean",
         digits=2,
         unit="mm",
-        scale=1e-3,
         place=51,
         needs=(HAPTIC, GRAPHIC),
         compute=lambda run: 1e-3 * statistics(palm_distance_mm(run[HAPTIC], run[GRAPHIC]), run.hold).mean,

@@ -38,7 +38,6 @@ METRICS = (
         label="lag, mean",
         digits=4,
         unit="mm",
-        scale=1e-3,
         place=73,
         needs=("lag", "work/linearisations"),
         compute=lambda run: run["lag"].mean() + 1e-3 * run["work/linearisations"].mean(),
