@@ -5,7 +5,7 @@ from typing import Any
 
 import click
 
-from hhsim.table.table import Table, number, words
+from hhsim.table.table import Table, number, stored_unit, words
 
 from ..arguments import options
 from ..arguments.comma_list import names
@@ -79,7 +79,7 @@ def command(
                 "table": str(output_path),
                 "programs": None if programs is None else str(programs),
                 "options": asdict(chosen),
-                "units": {column.name: column.unit for column in COLUMNS},
+                "units": {column.name: stored_unit(column.unit) for column in COLUMNS},
                 "rows": rows,
                 "versions": versions,
                 "missed": missed,

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hhsim.bench.table import Column
+    from hhsim.table.table import Column
 
 
 def table_document(
@@ -13,6 +13,7 @@ def table_document(
 ) -> dict[str, Any]:
     """Where the table is, what was run, and the unit of each column; `more` stands after the paths."""
     from hhsim.bench.table import csv_path
+    from hhsim.table.table import stored_unit
 
-    units = {column.name: column.unit for column in columns}
+    units = {column.name: stored_unit(column.unit) for column in columns}
     return {"table": str(path), "csv": str(csv_path(path)), **more, "options": options, "units": units}

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from hhsim.bench.table import Cell, Table
+from hhsim.bench.table import BenchTable, Cell
 from hhsim.report.bench_units import shown_unit
 from hhsim.report.figure import GRID, LIMIT, SOFT, Drawing, ReportFigure, drawn_figure, panel_title, run_style
 from hhsim.system.counted import counted
@@ -109,7 +109,7 @@ CHARTS: Mapping[str, Chart] = {
 """What is drawn of each suite."""
 
 
-def bench_figure(found: Table) -> ReportFigure | None:
+def bench_figure(found: BenchTable) -> ReportFigure | None:
     """The chart of a table; None where its suite has none, or no row has the numbers."""
     chart = CHARTS.get(found.suite)
     names = {column.name for column in found.columns}
@@ -157,7 +157,7 @@ def _title(chart: Chart, width: float) -> tuple[str, float]:
 
 
 def _draw_points(
-    axes: "Axes", found: Table, chart: Chart, rows: Sequence[Row], series: Sequence[str], labels: Sequence[str]
+    axes: "Axes", found: BenchTable, chart: Chart, rows: Sequence[Row], series: Sequence[str], labels: Sequence[str]
 ) -> None:
     units = {name: shown_unit(found, name) for name in (chart.x, chart.y)}
     for number, name in enumerate(series):
@@ -174,7 +174,7 @@ def _draw_points(
 
 
 def _draw_lines(
-    axes: "Axes", found: Table, chart: Chart, rows: Sequence[Row], series: Sequence[str], labels: Sequence[str]
+    axes: "Axes", found: BenchTable, chart: Chart, rows: Sequence[Row], series: Sequence[str], labels: Sequence[str]
 ) -> None:
     unit = shown_unit(found, chart.x) if chart.x else None
     factor = unit.factor if unit else 1.0

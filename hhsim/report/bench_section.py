@@ -4,15 +4,16 @@ import json
 import math
 from collections.abc import Sequence
 
-from hhsim.bench.table import Cell, Column, Table
+from hhsim.bench.table import BenchTable, Cell
 from hhsim.report.bench_chart import bench_figure
 from hhsim.report.bench_units import Unit, shown_unit
 from hhsim.report.figure import Album
 from hhsim.report.html import Html, details, joined, paragraph, table
 from hhsim.system.counted import counted
+from hhsim.table.table import Column
 
 
-def bench_section(found: Table, name: str, album: Album, prefix: str = "") -> Html:
+def bench_section(found: BenchTable, name: str, album: Album, prefix: str = "") -> Html:
     """A chart, then the table and what it was run with, folded.
 
     Args:
@@ -41,7 +42,7 @@ def bench_section(found: Table, name: str, album: Album, prefix: str = "") -> Ht
             for column in same
         ]
         parts.append(details("The same in all rows", table("Columns with one value", ("column", "value"), alike)))
-    meanings = [(column.name.replace("_", " "), column.long_name) for column in found.columns]
+    meanings = [(column.name.replace("_", " "), column.says) for column in found.columns]
     parts.append(details("What the columns mean", table("Columns", ("column", "meaning"), meanings)))
     if options:
         parts.append(details("Its options", table("Its options", ("option", "value"), options)))

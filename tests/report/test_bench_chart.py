@@ -15,11 +15,12 @@ from hhsim.bench.manipulation import table as manipulation
 from hhsim.bench.paper import table as paper
 from hhsim.bench.qp import bench as qp
 from hhsim.bench.robustness import hard, recorded_metrics, stress_metrics
-from hhsim.bench.table import Column, Table, load_table, write_table
+from hhsim.bench.table import BenchTable, load_table, write_table
 from hhsim.report import bench_chart
 from hhsim.report.bench_chart import CHARTS, bench_figure
 from hhsim.report.bench_units import shown_unit
 from hhsim.report.figure import new_figure
+from hhsim.table.table import Column
 
 COLUMNS = {
     "paper": paper.ROW_COLUMNS,
@@ -52,7 +53,7 @@ def test_every_suite_has_a_chart() -> None:
     assert CHARTS.keys() == set(importlib.import_module("hhsim.cli.bench").SUITES)
 
 
-def table(tmp_path: Path, suite: str, columns: tuple[Column, ...], rows: list[dict[str, Any]]) -> Table:
+def table(tmp_path: Path, suite: str, columns: tuple[Column, ...], rows: list[dict[str, Any]]) -> BenchTable:
     write_table(tmp_path / "t.h5", suite, columns, rows, {})
     return load_table(tmp_path / "t.h5")
 

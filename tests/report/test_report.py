@@ -17,7 +17,7 @@ import sealed_change
 from report_reader import Page, read_page
 from short_grasp import short_grasp, short_scene
 
-from hhsim.bench.table import Column, write_table
+from hhsim.bench.table import write_table
 from hhsim.errors import InputError, OutputError
 from hhsim.hand.fingers import FINGERS
 from hhsim.mesh.catalogue import load_object
@@ -36,6 +36,7 @@ from hhsim.report.tick_table import figure_table, report_ticks
 from hhsim.result.reader import load_result
 from hhsim.result.schema import TICK_COLUMNS
 from hhsim.solver.options import SolverOptions
+from hhsim.table.table import Column
 
 PIXEL = base64.b64decode(
     "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNk+M9QDwADhgGAWjR9awAAAABJRU5ErkJggg=="

@@ -11,12 +11,13 @@ from hhsim.bench.paper.bench import CONTACTS, PaperOptions, PaperRuns, percentil
 from hhsim.bench.paper.run import NOISES, SceneRun
 from hhsim.bench.paper.scenarios import CASES, SLIDING
 from hhsim.bench.paper.scene import held_ticks
-from hhsim.bench.table import Column, metric_column
+from hhsim.bench.table import metric_column
 from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FINGERS, DURATION_FORCE, DURATION_PALM
 from hhsim.mesh.catalogue import object_names
 from hhsim.metrics.run.registry import run_figure
 from hhsim.solver.method import never_penetrates
 from hhsim.system.counted import counted
+from hhsim.table.table import Column
 
 SIMPLE_MEAN = {
     "sphere": 0.41e-3,

@@ -18,7 +18,6 @@ from hhsim.bench.robustness.acceptance import (
 )
 from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome
 from hhsim.bench.robustness.pieces import pieces_of
-from hhsim.bench.table import Column
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.block import TickRecord
@@ -27,6 +26,7 @@ from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.method import never_penetrates
 from hhsim.solver.options import SolverOptions
 from hhsim.system.progress import Progress, silent
+from hhsim.table.table import Column
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,12 @@ import numpy as np
 
 from hhsim.arrays import BoolArray
 from hhsim.bench.robustness.failure import SAFE_DEPTH
-from hhsim.bench.table import Column, metric_column
+from hhsim.bench.table import metric_column
 from hhsim.metrics.contact_error import MOST_CONTACT_ERROR
 from hhsim.metrics.metrics import statistics
 from hhsim.solver.method import never_penetrates
 from hhsim.system.log_histogram import CpuTimes, LogHistogram
+from hhsim.table.table import Column
 
 
 @dataclass(frozen=True, kw_only=True)

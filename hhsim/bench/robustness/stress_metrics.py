@@ -5,9 +5,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from hhsim.bench.robustness.failure import SAFE_DEPTH
-from hhsim.bench.table import Column, metric_column
+from hhsim.bench.table import metric_column
 from hhsim.solver.method import never_penetrates
 from hhsim.system.log_histogram import CpuTimes, LogHistogram
+from hhsim.table.table import Column
 
 
 @dataclass(frozen=True)

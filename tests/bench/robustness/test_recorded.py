@@ -201,7 +201,7 @@ def test_the_command(run: Run, folder: Path, tmp_path: Path, monkeypatch: pytest
     assert answer.out.count("progressive") == 3, "a row a recording and the total"
     table = load_table(tmp_path / "t.h5")
     assert table.suite == "recorded" and len(table.rows) == 4 and (tmp_path / "t.csv").exists()
-    assert all(row["penetration"] <= LARGEST for row in table.rows)  # type: ignore[operator]
+    assert all(row["penetration"] <= LARGEST for row in table.rows)
     (folder / "c.npz").write_bytes(b"nothing")
     answer = run(*where, "--json", "--method", "coupled", "--place-object", "recorded")
     document = json.loads(answer.out)
