@@ -26,7 +26,7 @@ from tools.import_graph import (
 MOST_MODULES = 25
 """Of one package: more is a drawer."""
 
-HEAVY = {"click", "rich", "rerun", "trimesh", "qpsolvers", "clarabel", "matplotlib", "scipy"}
+HEAVY = {"click", "rich", "rerun", "trimesh", "qpsolvers", "clarabel", "matplotlib", "scipy", "jinja2"}
 """Packages that are imported where they are used: together they cost more than a second."""
 
 KERNEL_IMPORTS = {"numpy", "numba", "llvmlite", "math", "typing", "collections", "functools", "time", "platform"}

@@ -81,6 +81,19 @@ def shown(value: Any, digits: int | None = None, missing: str = MISSING) -> str:
     return f"{value:.4g}"
 
 
+class Marked(str):
+    """A cell with a mood, "good", "bad" or "note", and words that a page shows below it; elsewhere it is its text."""
+
+    mood: str
+    below: str
+
+    def __new__(cls, text: str, mood: str = "", below: str = "") -> "Marked":
+        """Return the cell."""
+        cell = super().__new__(cls, text)
+        cell.mood, cell.below = mood, below
+        return cell
+
+
 @dataclass(frozen=True)
 class Column:
     """One column of a table.
