@@ -334,13 +334,12 @@ def command(
         side = f"{report.hand} hand" if report.hand else "hand of a side that the file does not tell"
         long = f" of {1e3 * report.hand_length:.0f} mm" if report.hand_length is not None else ""
         title = f"{file.name}, {report.form}: {side}{long}"
-        if found := report.rows():
-            print_table(Table.of_cells(COLUMNS, found, title, numbers=COLUMNS[1:3]))
+        if report.findings:
+            print_table(Table(COLUMNS, report.findings, title))
         else:
             print(f"{title}; nothing was found")
         if report.fit is not None:
-            title = "a hand with the recorded bones"
-            print_table(Table.of_cells(FIT_COLUMNS, report.fit_rows(), title, numbers=FIT_COLUMNS[1:]))
+            print_table(Table(FIT_COLUMNS, report.fit_rows(), "a hand with the recorded bones"))
         print(
             f"{report.samples_out:,} of {report.samples_in:,} samples, {report.duration:.3f} s at "
             f"{report.mean_rate:.1f} Hz, longest step {1e3 * report.longest_step:.1f} ms, {report.mended:,} mended"

@@ -102,7 +102,7 @@ def command(
       hhsim bench recorded grab.npz --method paper --samples hold --rate 500
     """
     from hhsim.bench.robustness.recorded import BenchObject, RecordedOptions, bench_recorded, recording_files
-    from hhsim.bench.robustness.recorded_metrics import COLUMNS, table_row, totals
+    from hhsim.bench.robustness.recorded_metrics import COLUMNS, totals
     from hhsim.bench.table import csv_path, write_table
     from hhsim.mesh.catalogue import names_a_file, resolve_object
     from hhsim.trees.cache import cached_sphere_tree
@@ -145,14 +145,14 @@ def command(
         "seed": seed,
         "solver": [solver.to_json() for solver in named],
     }
-    rows = [table_row(row) for row in figures]
+    rows = Table(COLUMNS, figures).records
     write_table(output_path, "recorded", COLUMNS, rows, described)
     if stopped is not None:
         stopped.add_note(f"what ran so far, {len(rows):,} in all, is in {output_path} and {csv_path(output_path)}")
         raise stopped
     missed = any(row.missed for row in figures)
     if output.as_json:
-        whole = [table_row(row) for row in totals(figures)]
+        whole = Table(COLUMNS, totals(figures)).records
         document = {"suite": "recorded", "missed": missed, "rows": rows, "totals": whole, "options": described}
         print_json({**document, "path": str(output_path), "csv": str(csv_path(output_path))})
     elif not output.quiet:

@@ -111,7 +111,7 @@ def command(
     """
     from hhsim.bench.robustness.stress import run_stress
     from hhsim.bench.robustness.stress_case import StressCase
-    from hhsim.bench.robustness.stress_metrics import COLUMNS, table_row
+    from hhsim.bench.robustness.stress_metrics import COLUMNS
     from hhsim.bench.table import write_table
     from hhsim.hand.model import HandModel
     from hhsim.mesh.catalogue import object_names
@@ -166,10 +166,12 @@ def command(
         "stress": stress.to_json(),
         "solver": [solver.to_json() for solver in chosen],
     }
-    write_table(output_path, "stress", COLUMNS, [table_row(row) for row in figures], described)
+    records = Table(COLUMNS, figures).records
+    write_table(output_path, "stress", COLUMNS, records, described)
     missed = any(row.missed for row in figures)
     if output.as_json:
-        rows = [{**table_row(row), "failures": [asdict(failure) for failure in row.failures]} for row in figures]
+        failures = ([asdict(failure) for failure in row.failures] for row in figures)
+        rows = [{**record, "failures": each} for record, each in zip(records, failures)]
         print_json({"suite": "stress", "missed": missed, "rows": rows, "options": described, "path": str(output_path)})
     elif not output.quiet:
         _print(figures)

@@ -6,8 +6,8 @@ is NaN in the one and an empty cell in the other.
 """
 
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -30,10 +30,10 @@ Cell: TypeAlias = str | bool | int | float
 Row: TypeAlias = Mapping[str, Any]
 
 
-def metric_column(metric: str, name: str = "") -> Column:
-    """The column of a run metric, which says what it is and in which unit; under another name where one is given."""
+def metric_column(metric: str, name: str = "", of: str | Callable[[Any], Any] = "") -> Column:
+    """Return the column of a run metric, which says what it is and in which unit; `name` and `of` as of `Column`."""
     figure = run_metrics()[metric]
-    return Column(name or metric, figure.label, figure.stored_unit)
+    return Column(name or metric, figure.label, figure.stored_unit, of)
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,8 @@ def write_table(
 
     image = sealed_hdf5(fill)
     plain = [dict(zip(names, row)) for row in zip(*(array.tolist() for array in arrays.values()))]
-    write_atomically(csv_path(output_path), Table(columns, plain).csv().encode())
+    named = [replace(column, of=column.name) for column in columns]
+    write_atomically(csv_path(output_path), Table(named, plain).csv().encode())
     write_atomically(output_path, image)
 
 

@@ -1,36 +1,19 @@
 """A table of `hhsim bench` as a part of a report."""
 
 import json
-from collections.abc import Mapping
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any
 
 from hhsim.bench.table import BenchTable
 from hhsim.report.bench_chart import bench_figure
 from hhsim.report.bench_units import shown_unit
-from hhsim.report.figure import Album, PageFigure
+from hhsim.report.figure import Album
 from hhsim.system.counted import counted
 from hhsim.table.table import Column, Table, words
 
 
-class BenchSection(NamedTuple):
-    """What the page says of a table.
-
-    Attributes:
-        about: Where it comes from, in a sentence.
-        chart: What its suite is run for; None where no chart shows it.
-        whole: The columns whose values differ.
-        more: Tables by their titles: the columns with one value, what the columns mean, its options.
-    """
-
-    about: str
-    chart: PageFigure | None
-    whole: Table
-    more: Mapping[str, Table]
-
-
-def bench_section(found: BenchTable, name: str, album: Album, prefix: str = "") -> BenchSection:
-    """Return a chart, the table, and what it was run with.
+def bench_section(found: BenchTable, name: str, album: Album, prefix: str = "") -> dict[str, Any]:
+    """Return what the page says of a table, by the names of its template; `more` are tables by their titles.
 
     Args:
         prefix: Before the name of its chart.
@@ -45,21 +28,22 @@ def bench_section(found: BenchTable, name: str, album: Album, prefix: str = "") 
     alike = (words("column", "heading"), words("value", lambda column: column.shown(found.rows[0])))
     options = [(key, json.dumps(value, ensure_ascii=False)) for key, value in found.options.items()]
     caption = f"{counted(len(found.rows), 'row')} of hhsim bench {found.suite}"
-    return BenchSection(
-        f"{about}{where}.",
-        None if chart is None else album.shown(chart, prefix),
-        Table([column for column in columns if column not in same], found.rows, caption),
-        {
+    return {
+        "heading": f"hhsim bench {found.suite}",
+        "about": f"{about}{where}.",
+        "chart": None if chart is None else album.shown(chart, prefix),
+        "whole": Table([column for column in columns if column not in same], found.rows, caption),
+        "more": {
             "The same in all rows": Table(alike, same, "Columns with one value"),
             "What the columns mean": Table((words("column", "name"), words("meaning", "says")), columns, "Columns"),
             "Its options": Table.of_cells(("option", "value"), options, "Its options"),
         },
-    )
+    }
 
 
 def _shown(column: Column, found: BenchTable) -> Column:
     """Return a column as people read it."""
     values = [row[column.name] for row in found.rows]
     is_number = any(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
-    unit = shown_unit(found, column.name).name
+    unit = shown_unit(found, column.name)
     return replace(column, name=column.name.replace("_", " "), of=column.name, unit=unit, is_number=is_number)

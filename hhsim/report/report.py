@@ -131,15 +131,14 @@ def make_report(paths: Sequence[Path], *, progress: Progress = silent) -> Report
     comparisons = [compare(results[0], other) for other in results[1:]]
     album = Album()
     parts = _result_parts(runs, comparisons, album, steps) if runs else {}
-    headings = _headings(runs, parts["below"]) if runs else {}
-    benches = {}
-    for i, (path, found) in enumerate(tables.items(), 1):
-        headings[f"bench-{i}"] = f"hhsim bench {found.suite}"
-        benches[f"bench-{i}"] = bench_section(found, path.name, album, f"bench-{i}-" if len(tables) > 1 else "")
+    benches = {
+        f"bench-{i}": bench_section(found, path.name, album, f"bench-{i}-" if len(tables) > 1 else "")
+        for i, (path, found) in enumerate(tables.items(), 1)
+    }
     title = title_of(runs, [found.suite for found in tables.values()])
     html = render(
         "report/report.html", title=title, generator=GENERATOR, version=__version__,
-        runs=runs, several=len(runs) > 1, headings=headings, benches=benches, **parts,
+        runs=runs, several=len(runs) > 1, benches=benches, **parts,
     )  # fmt: skip
     return Report(title, html, album.pictures, tuple(runs), tuple(comparisons))
 
@@ -212,41 +211,21 @@ def _result_parts(
     cut = any(isinstance(hand, PageFigure) and CUT in hand.figure.caption for hand in hands)
     # The one beside the curves says most of several results, the other of one.
     beside, below = ("speed-error", "ticks") if several else ("ticks", "speed-error")
-    figures = {}
+    figures, headings = {}, {}
     for name, heading, make in FIGURES:
         steps(heading.lower())
-        figures[name] = album.shown(make(results), aside=name == beside)
+        figures[name], headings[name] = album.shown(make(results), aside=name == beside), heading
     steps("worst ticks")
     return {
         "subtitle": subtitle_of(runs),
         "figures": figures,
         "beside": beside,
         "below": below,
+        "below_heading": headings[below],
         "hands": hands,
         "hands_note": f"{HANDS} {CUT_OBJECT}" if cut else HANDS,
         "worst": [(run, worst_cards(run, album)) for run in runs],
         **result_tables(runs, comparisons),
-    }
-
-
-def _headings(runs: Sequence[ReportRun], below: str) -> dict[str, str]:
-    """Return the heading of each part of the page by its anchor, in order."""
-    several = len(runs) > 1
-    session = any(run.result.live is not None for run in runs)
-    return {
-        "figures": "Key figures",
-        "run": "The hands" if several else "The hand",
-        "time": "Over time",
-        **({"verdicts": "Verdicts", "differences": "What differs"} if several else {}),
-        **({"session": "The session"} if session else {}),
-        "all-figures": "All figures",
-        "settings": "What was run",
-        below: next(heading for name, heading, _ in FIGURES if name == below),
-        "phases": "Phases",
-        "fingers": "Fingers",
-        "worst": "Worst ticks",
-        "machine": "What it ran on",
-        "origin": "Where it comes from",
     }
 
 

@@ -2,7 +2,7 @@
 
 import shlex
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from hhsim.report.pictures import hand_picture, overview_view
 from hhsim.report.run import ReportRun
 from hhsim.report.worst_ticks import WorstTick, worst_ticks
 from hhsim.result.reader import Result
-from hhsim.table.table import Table, shown
+from hhsim.table.table import Table, number, shown, words
 from hhsim.view.status_text import status_words
 
 KINDS = {"slowest": "slowest", "deepest": "deepest", "force-step": "largest step of the force", "lag": "largest lag"}
@@ -37,28 +37,8 @@ FACTS = {
 """Datasets of a tick: what people call them, the unit, the scale to it, and digits."""
 
 
-class TickCard(NamedTuple):
-    """A tick that is worst in some way.
-
-    Attributes:
-        title: Its number, and why it was chosen.
-        sentences: What is bad of it.
-        picture: The hand at that moment, or why there is no picture.
-        facts: Its figures.
-        command: That shows it.
-        tick: Its number.
-    """
-
-    title: str
-    sentences: Sequence[str]
-    picture: PageFigure | str
-    facts: Table
-    command: str
-    tick: str
-
-
-def worst_cards(run: ReportRun, album: Album) -> list[TickCard]:
-    """Return the worst ticks of a result, one card a tick."""
+def worst_cards(run: ReportRun, album: Album) -> list[dict[str, Any]]:
+    """Return the worst ticks of a result by the names that the template has: one card a tick."""
     found: dict[int, list[WorstTick]] = {}
     for worst in worst_ticks(run.result):
         found.setdefault(worst.tick, []).append(worst)
@@ -89,20 +69,18 @@ def tick_facts(result: Result, tick: int) -> list[tuple[str, str, str]]:
     return rows
 
 
-def _card(run: ReportRun, tick: int, worsts: Sequence[WorstTick], usual: View | None, album: Album) -> TickCard:
+def _card(run: ReportRun, tick: int, worsts: Sequence[WorstTick], usual: View | None, album: Album) -> dict[str, Any]:
     picture: PageFigure | str
     try:
         picture = album.shown(hand_picture(run.result, tick, usual=usual), run.prefix)
     except InputError as error:
         picture = f"No picture: {error}"
-    headings = ("figure", "hhsim", "unit")
-    return TickCard(
-        title=f"Tick {tick:,}: {', '.join(KINDS[worst.kind] for worst in worsts)}",
-        sentences=[worst.sentence for worst in worsts],
-        picture=picture,
-        facts=Table.of_cells(
-            headings, tick_facts(run.result, tick), f"Tick {tick:,} in figures", numbers=headings[1:2]
-        ),
-        command=f"hhsim view {shlex.quote(run.result.path.name)}",
-        tick=f"{tick:,}",
-    )
+    columns = words("figure", 0), number("hhsim", 1), words("unit", 2)
+    return {
+        "title": f"Tick {tick:,}: {', '.join(KINDS[worst.kind] for worst in worsts)}",
+        "sentences": [worst.sentence for worst in worsts],
+        "picture": picture,
+        "facts": Table(columns, tick_facts(run.result, tick), f"Tick {tick:,} in figures"),
+        "command": f"hhsim view {shlex.quote(run.result.path.name)}",
+        "tick": f"{tick:,}",
+    }

@@ -6,25 +6,17 @@ import math
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Real
+from operator import attrgetter
 from typing import Any
 
 MISSING = "—"
 """Stands for a figure that is not known."""
 UNITS = {
-    "": ("1", 1.0),
-    "units": ("1", 1.0),
-    "% of hold": ("%", 1.0),
-    "ms": ("s", 1e-3),
-    "µs": ("s", 1e-6),
-    "ns": ("s", 1e-9),
-    "mm": ("m", 1e-3),
-    "µm": ("m", 1e-6),
-    "µm/s": ("m/s", 1e-6),
-    "mm/tick": ("m/tick", 1e-3),
-    "µJ": ("J", 1e-6),
-    "g": ("kg", 1e-3),
-    "MB": ("B", 1e6),
-}
+    "": ("1", 1.0), "units": ("1", 1.0), "% of hold": ("%", 1.0), "µJ": ("J", 1e-6), "g": ("kg", 1e-3),
+    "MB": ("B", 1e6), "ms": ("s", 1e-3), "µs": ("s", 1e-6), "ns": ("s", 1e-9), "mm": ("m", 1e-3), "µm": ("m", 1e-6),
+    "µm/s": ("m/s", 1e-6), "mm/tick": ("m/tick", 1e-3),
+}  # fmt: skip
 """Units that people read: the unit in which files hold such a value, and the size of the one in the other."""
 BARE = ("", "1")
 """Units that no heading names."""
@@ -102,7 +94,7 @@ class Column:
         name: Of the figure; with the unit it is the heading. Where `of` is not given, the key or attribute of a row.
         says: What the column means, for people.
         unit: Of what is shown; the values of rows are in its `stored_unit`.
-        of: Where a row has the value: a key, an attribute, a position, or a function of the row.
+        of: Where a row has the value: a key, a position, an attribute or its path with dots, or a function of the row.
         digits: Behind the point; None as for `shown`.
         missing: What stands for a missing value.
         is_number: Whether its cells are aligned right and never broken.
@@ -132,13 +124,13 @@ class Column:
         key = self.name if self.of == "" else self.of
         if callable(key):
             return key(row)
-        return row[key] if isinstance(key, int) or isinstance(row, Mapping) else getattr(row, key)
+        return row[key] if isinstance(key, int) or isinstance(row, Mapping) else attrgetter(key)(row)
 
     def shown(self, row: Any) -> str:
         """Return the cell of a row as people read it."""
         value, size = self.value(row), unit_size(self.unit)
-        if size != 1.0 and isinstance(value, int | float):
-            value /= size
+        if size != 1.0 and isinstance(value, Real):
+            value = float(value) / size
         return shown(value, self.digits, self.missing)
 
 
@@ -148,7 +140,7 @@ def words(name: str, of: str | int | Callable[[Any], Any] = "") -> Column:
 
 
 def number(
-    name: str, of: str | Callable[[Any], Any] = "", unit: str = "", digits: int = 0, missing: str = MISSING
+    name: str, of: str | int | Callable[[Any], Any] = "", unit: str = "", digits: int = 0, missing: str = MISSING
 ) -> Column:
     """Return a column of numbers with so many digits behind the point; text in it stays as it is."""
     return Column(name, unit=unit, of=of, digits=digits, missing=missing)

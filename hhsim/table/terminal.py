@@ -70,8 +70,9 @@ def terminal_text(table: Table, *, in_terminal: bool, optional: Sequence[str] = 
     columns = [
         LaidColumn(column.heading, [row[i] for row in rows], column.is_number) for i, column in enumerate(table.columns)
     ]
-    if in_terminal:
-        columns = fitting_columns(columns, console.width, optional)
+    for heading in optional if in_terminal else ():
+        if not fits(columns, console.width):
+            columns = [column for column in columns if column.heading != heading]
     with console.capture() as captured:
         if in_terminal and not fits(columns, console.width):
             for line in ([title, Text()] if title else []) + cards(columns, console.width):
@@ -89,16 +90,6 @@ def terminal_text(table: Table, *, in_terminal: bool, optional: Sequence[str] = 
                 laid.add_row(*map(Text, cells))
             console.print(laid)
     return "\n".join(line.rstrip() for line in captured.get().splitlines())
-
-
-def fitting_columns(columns: Sequence[LaidColumn], width: int, optional: Sequence[str]) -> list[LaidColumn]:
-    """The columns, without as many of the `optional` ones, the first one first, as keep them from fitting `width`."""
-    shown = list(columns)
-    for heading in optional:
-        if fits(shown, width):
-            break
-        shown = [column for column in shown if column.heading != heading]
-    return shown
 
 
 def fits(columns: Sequence[LaidColumn], width: int) -> bool:

@@ -113,11 +113,6 @@ COLUMNS = (
 """Of the suite's table: a row a run, or one for a recording that could not be run."""
 
 
-def table_row(figures: RecordedFigures) -> dict[str, Any]:
-    """The figures as a row of `COLUMNS`."""
-    return {column.name: getattr(figures, column.name) for column in COLUMNS}
-
-
 def longest_run(where: BoolArray) -> int:
     """Most neighbouring entries that are true."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], where.astype(np.int8), [0]])))

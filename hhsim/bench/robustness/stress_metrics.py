@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 from hhsim.bench.robustness.failure import SAFE_DEPTH
 from hhsim.bench.table import metric_column
@@ -140,8 +139,3 @@ def total(rows: Sequence[StressFigures]) -> StressFigures:
         **{name: sum(getattr(row, name) for row in rows) for name in _ADDED},
         **{name: max(getattr(row, name) for row in rows) for name in _LARGEST},
     )
-
-
-def table_row(figures: StressFigures) -> dict[str, Any]:
-    """The figures as a row of `COLUMNS`."""
-    return {column.name: getattr(figures, column.name) for column in COLUMNS}
