@@ -1,11 +1,12 @@
 """`hhsim compare`."""
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from hhsim.table.table import Table, number, words
+from hhsim.table.table import Table
 
 from .arguments import options
 from .console import print_json, print_line, print_table
@@ -76,18 +77,12 @@ def command(base: Path, head: Path, whole: bool, as_json: bool) -> None:
     if not whole:
         kept = {row.name for table, each in zip(tables, verdicts) for row in short_table(table, each.missed)}
         rows = [row for row in rows if row[1].name in kept]
-    print_table(Table(SHOWN, rows), optional=("B/A",))
-
-
-SHOWN = (
-    words("", lambda row: row[0].label),
-    number("A", lambda row: row[0].shown),
-    number("B", lambda row: row[1].shown),
-    words("unit", lambda row: row[0].unit),
-    number("B/A", lambda row: "" if row[2].ratio != row[2].ratio else f"{row[2].ratio:.3g}"),
-    words("B is", lambda row: row[2].word),
-)
-"""Columns of a figure of A, the same of B, and what they are beside each other."""
+    cells = [
+        (one.label, one.shown, other.shown, one.unit, "" if math.isnan(its.ratio) else f"{its.ratio:.3g}", its.word)
+        for one, other, its in rows
+    ]
+    headings = ("", "A", "B", "unit", "B/A", "B is")
+    print_table(Table.of_cells(headings, cells, numbers=("A", "B", "B/A")), optional=("B/A",))
 
 
 def _document(

@@ -2,7 +2,7 @@
 
 import click
 
-from hhsim.table.table import Table, number, words
+from hhsim.table.table import Table, words
 
 from .arguments import options
 from .console import announce_compilation, print_json, print_line, print_table
@@ -61,17 +61,14 @@ def command(rate: float, duration: float, cpu: int | None, no_realtime: bool, as
         for name, value in (("run delay", wakeups.run_delay), ("steal (the host had it)", wakeups.steal)):
             rows.append((name, "not told" if value is None else f"{1e-6 * value:,.1f}", "", "ms"))
         title = f"{wakeups.periods:,} periods at {rate:,g} Hz"
-        headings = ("measured", "hhsim", "limit", "unit")
-        print_table(Table.of_cells(headings, rows, title, numbers=headings[1:3]))
+        measured = ("measured", "hhsim", "limit", "unit")
+        print_table(Table.of_cells(measured, rows, title, numbers=measured[1:3]))
         print()
         counts = histogram(wakeups)
         most = max(count for _, _, count in counts)
-        columns = (
-            number("woken late by", lambda row: _range(*row[:2]), "µs"),
-            number("wake-ups", lambda row: row[2]),
-            words("", lambda row: "█" * round(BAR * row[2] / most)),
-        )
-        print_table(Table(columns, counts))
+        bars = [(_range(low, high), count, "█" * round(BAR * count / most)) for low, high, count in counts]
+        headings = ("woken late by [µs]", "wake-ups", "")
+        print_table(Table.of_cells(headings, bars, numbers=headings[:2]))
         print()
         system = words("system", "name"), words("value"), words("better", "advice")
         print_table(Table(system, diagnosis.facts))

@@ -70,9 +70,9 @@ def terminal_text(table: Table, *, in_terminal: bool, optional: Sequence[str] = 
     columns = [
         LaidColumn(column.heading, [row[i] for row in rows], column.is_number) for i, column in enumerate(table.columns)
     ]
-    for heading in optional if in_terminal else ():
+    for thin in optional if in_terminal else ():
         if not fits(columns, console.width):
-            columns = [column for column in columns if column.heading != heading]
+            columns = [column for column in columns if column.heading != thin]
     with console.capture() as captured:
         if in_terminal and not fits(columns, console.width):
             for line in ([title, Text()] if title else []) + cards(columns, console.width):
