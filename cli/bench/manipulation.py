@@ -13,7 +13,6 @@ from ..arguments.comma_list import names
 from ..arguments.option_group import OptionGroup, option, shared
 from ..arguments.options import Number, Output
 from ..console import announce_compilation, print_json, print_notes, print_table, progress
-from .table_document import table_document
 
 if TYPE_CHECKING:
     from hhsim.bench.manipulation.table import ManipulationOptions
@@ -63,7 +62,7 @@ def command(settings: ManipulationSettings, output: Output) -> int:
       hhsim bench manipulation --out manipulation.h5 --json
     """
     from hhsim.bench.manipulation.table import COLUMNS, measure, missed, remarks
-    from hhsim.bench.table import csv_path, write_table
+    from hhsim.bench.table import csv_path, table_document, write_table
 
     run = settings.options()
     output_path = output.table_path("manipulation")

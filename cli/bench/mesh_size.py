@@ -10,7 +10,6 @@ from ..arguments.comma_list import counts
 from ..arguments.option_group import OptionGroup, option, shared
 from ..arguments.options import Output
 from ..console import announce_compilation, print_json, print_notes, print_table, progress
-from .table_document import table_document
 
 
 class MeshSizeSettings(OptionGroup):
@@ -37,7 +36,7 @@ def command(settings: MeshSizeSettings, output: Output) -> None:
       hhsim bench mesh-size --object teapot --subdivisions 1,2,3 --out sizes.h5
     """
     from hhsim.bench.mesh_size import COLUMNS, MeshSizeOptions, measure
-    from hhsim.bench.table import csv_path, write_table
+    from hhsim.bench.table import csv_path, table_document, write_table
 
     run = MeshSizeOptions(**settings.given())
     output_path = output.table_path("mesh-size")

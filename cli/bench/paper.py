@@ -15,7 +15,6 @@ from ..arguments.comma_list import names
 from ..arguments.option_group import OptionGroup, option, shared
 from ..arguments.options import COUNT
 from ..console import announce_compilation, print_json, print_line, print_table, progress
-from .table_document import table_document
 
 if TYPE_CHECKING:
     from hhsim.bench.paper.bench import PaperOptions
@@ -71,7 +70,7 @@ def command(settings: PaperSettings, plot: Path | None, output: options.Output) 
     """
     from hhsim.bench.paper.bench import measure
     from hhsim.bench.paper.table import ROW_COLUMNS, SCENE_COLUMNS, missed, paper_rows, scene_rows
-    from hhsim.bench.table import check_table_path, write_table
+    from hhsim.bench.table import check_table_path, table_document, write_table
 
     run = settings.options()
     output_path = output.table_path("paper")

@@ -14,7 +14,6 @@ from ..arguments.comma_list import names
 from ..arguments.option_group import OptionGroup, option, shared
 from ..arguments.options import COUNT
 from ..console import announce_compilation, print_json, print_notes, print_table, progress
-from .table_document import table_document
 
 if TYPE_CHECKING:
     from hhsim.bench.peers import PeersOptions
@@ -72,7 +71,7 @@ def command(settings: PeersSettings, plot: Path | None, output: options.Output) 
     from hhsim.bench.peers import installed, measure
     from hhsim.bench.peers_table import COLUMNS, remarks, table_rows, won_by_others
     from hhsim.bench.speed_error_table import ALL
-    from hhsim.bench.table import csv_path, write_table
+    from hhsim.bench.table import csv_path, table_document, write_table
     from hhsim.render.peers_figure import draw_peers
     from hhsim.system.picture_path import picture_beside
 

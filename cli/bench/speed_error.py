@@ -14,7 +14,6 @@ from ..arguments.comma_list import counts, names
 from ..arguments.option_group import GroupedCommand, OptionGroup, option, shared
 from ..arguments.options import COUNT
 from ..console import announce_compilation, print_json, print_notes, print_table, progress
-from .table_document import table_document
 
 if TYPE_CHECKING:
     from hhsim.bench.speed_error import SpeedErrorOptions
@@ -98,7 +97,7 @@ def command(configurations: Configurations, plot: Path | None, peers: Path | Non
     """
     from hhsim.bench.speed_error import measure
     from hhsim.bench.speed_error_table import ALL, COLUMNS, chosen, remarks, table_rows
-    from hhsim.bench.table import csv_path, rows_of, write_table
+    from hhsim.bench.table import csv_path, rows_of, table_document, write_table
     from hhsim.render.speed_error_figure import draw_speed_error
     from hhsim.system.picture_path import picture_beside
 

@@ -10,7 +10,6 @@ from ..arguments.comma_list import counts, names
 from ..arguments.option_group import OptionGroup, option, shared
 from ..arguments.options import COUNT, Output
 from ..console import announce_compilation, print_json, print_notes, print_table, progress
-from .table_document import table_document
 
 
 class ThreadsSettings(OptionGroup):
@@ -38,7 +37,7 @@ def command(settings: ThreadsSettings, output: Output) -> None:
       hhsim bench threads --object bunny --threads 1,2,3
       hhsim bench threads --out threads.h5 --json
     """
-    from hhsim.bench.table import csv_path, write_table
+    from hhsim.bench.table import csv_path, table_document, write_table
     from hhsim.bench.threads import COLUMNS, ThreadsOptions, measure, remarks, when_threads_pay
 
     run = ThreadsOptions(**settings.given())

@@ -11,7 +11,6 @@ from ..arguments import options
 from ..arguments.comma_list import counts, names
 from ..arguments.option_group import OptionGroup, shared
 from ..console import announce_compilation, print_json, print_notes, print_table, progress
-from .table_document import table_document
 
 
 class TreesSettings(OptionGroup):
@@ -51,7 +50,7 @@ def command(settings: TreesSettings, size: float, time_limits: bool, plot: Path 
       hhsim bench trees --object bunny --spheres 64,128,256,512
       hhsim bench trees --out trees.h5 --plot trees.png --time-limits
     """
-    from hhsim.bench.table import csv_path, write_table
+    from hhsim.bench.table import csv_path, table_document, write_table
     from hhsim.bench.trees import COLUMNS, TreesOptions, measure, missed_bars
     from hhsim.render.tree_comparison_figure import draw_trees
     from hhsim.system.picture_path import picture_beside

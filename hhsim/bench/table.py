@@ -124,6 +124,12 @@ def write_table(
     write_atomically(output_path, image)
 
 
+def table_document(path: Path, columns: Sequence[Column], options: Mapping[str, Any], **more: object) -> dict[str, Any]:
+    """Return where a table is, what was run, and the unit of each column, for JSON; `more` stands after the paths."""
+    units = {column.name: stored_unit(column.unit) for column in columns}
+    return {"table": str(path), "csv": str(csv_path(path)), **more, "options": options, "units": units}
+
+
 def is_table(path: Path) -> bool:
     """Whether a file says that it is a table of `hhsim bench`; False where it cannot be read."""
     try:
