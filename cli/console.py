@@ -8,10 +8,12 @@ import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hhsim.system.progress import Progress, silent
-from hhsim.table.table import Table
+
+if TYPE_CHECKING:
+    from hhsim.table.table import Table
 
 SILENCE = 30.0
 """How long nothing is said of long work where there is no bar [s]."""
@@ -34,7 +36,7 @@ def prepare_streams() -> None:
         sys.stdout.reconfigure(errors="surrogateescape" if unicode else "replace")
 
 
-def print_table(table: Table, *, optional: Sequence[str] = ()) -> None:
+def print_table(table: "Table", *, optional: Sequence[str] = ()) -> None:
     """Print a table to stdout, as wide as the terminal allows.
 
     Args:
