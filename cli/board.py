@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from .arguments import options
-from .console import print_json, print_line, print_rows, progress
+from .console import print_json, print_line, print_table, progress
 
 
 @click.command()
@@ -36,9 +36,9 @@ def command(folders: tuple[Path, ...], outputs: tuple[Path, ...], whole: bool, a
       hhsim board results/first /media/other/first --out board.html --out board.csv
     """
     from hhsim.board.collect import collect
-    from hhsim.board.shown import LEGEND, WORDS, entry_cells, said_of, standing_cells
+    from hhsim.board.shown import entry_table, standing_table
     from hhsim.board.standings import standings
-    from hhsim.board.table_file import check_board_path, content_of, rows_of
+    from hhsim.board.table_file import check_board_path, content_of, run_table
     from hhsim.system.atomic_write import write_atomically
 
     for path in outputs:
@@ -52,7 +52,7 @@ def command(folders: tuple[Path, ...], outputs: tuple[Path, ...], whole: bool, a
         print_json(
             {
                 "standings": [{**asdict(one), "machine": board.machines[one.machine]} for one in found],
-                "runs": rows_of(board),
+                "runs": run_table(board).records,
                 "notes": list(board.notes),
             }
         )
@@ -60,13 +60,13 @@ def command(folders: tuple[Path, ...], outputs: tuple[Path, ...], whole: bool, a
     if quiet:
         return
     thin = ("stuck", "over optimum [%]", "p99 [µs]", "machine", "touched")
-    print_rows(standing_cells(board), found, words=WORDS, optional=thin)
+    shown = standing_table(board, found)
+    print_table(shown, optional=thin)
     if whole:
         print()
-        print_rows(entry_cells(board), [*board.entries, *board.failed], words=WORDS, optional=("force [N]", *thin))
+        print_table(entry_table(board), optional=("force [N]", *thin))
     print()
-    print_line(LEGEND)
-    for said in said_of(board):
-        print_line(said)
+    for note in shown.notes:
+        print_line(note)
     for path in outputs:
         print_line(f"written: {path}")

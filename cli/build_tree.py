@@ -1,7 +1,6 @@
 """`hhsim build-tree`."""
 
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -9,17 +8,17 @@ import click
 from click.core import ParameterSource
 
 from hhsim.system.counted import counted
-from hhsim.system.shown_number import number
+from hhsim.table.table import Table, number
 
 from .arguments.object_argument import MeshFile, complete_object
 from .arguments.option_group import GroupedCommand, OptionGroup, option
 from .arguments.options import FILE, UNITS, Output, seed
 from .arguments.tree_choice import read_length
-from .console import announce_compilation, print_json, print_notes, print_rows, progress
+from .console import announce_compilation, print_json, print_notes, print_table, progress
 
 if TYPE_CHECKING:
     from hhsim.trees.options import TreeOptions
-    from hhsim.trees.sphere_tree import LevelError, SphereTree
+    from hhsim.trees.sphere_tree import SphereTree
 
 
 class BuiltTree(OptionGroup, heading="Sphere tree"):
@@ -229,17 +228,17 @@ def command(
 
 
 def _print_levels(tree: "SphereTree", title: str) -> None:
-    cells: dict[str, Callable[[LevelError], str]] = {
-        "level": lambda error: str(error.level),
-        "spheres": lambda error: f"{error.spheres:,}",
-        "protrusion max [mm]": lambda error: f"{1e3 * error.protrusion_max:.3f}",
-        "p99 [mm]": lambda error: f"{1e3 * error.protrusion_p99:.3f}",
-        "mean [mm]": lambda error: f"{1e3 * error.protrusion_mean:.3f}",
-        "proved bound [mm]": lambda error: f"{1e3 * error.bound:.3f}",
-        "gap max [mm]": lambda error: f"{1e3 * error.gap_max:.3f}",
-        "CPU [s]": lambda error: number(_of_level(tree, error.level)["cpu_seconds"], 2, missing=""),
-    }
-    print_rows(cells, tree.errors, words=(), title=title)
+    columns = (
+        number("level"),
+        number("spheres"),
+        number("protrusion max", "protrusion_max", "mm", 3),
+        number("p99", "protrusion_p99", "mm", 3),
+        number("mean", "protrusion_mean", "mm", 3),
+        number("proved bound", "bound", "mm", 3),
+        number("gap max", "gap_max", "mm", 3),
+        number("CPU", lambda error: _of_level(tree, error.level)["cpu_seconds"], "s", 2, missing=""),
+    )
+    print_table(Table(columns, tree.errors, title))
 
 
 def _of_level(tree: "SphereTree", level: int) -> dict[str, float | None]:

@@ -1,9 +1,12 @@
 """`hhsim compare`."""
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+
+from hhsim.table.table import Table
 
 from .arguments import options
 from .console import print_json, print_line, print_table
@@ -74,12 +77,12 @@ def command(base: Path, head: Path, whole: bool, as_json: bool) -> None:
     if not whole:
         kept = {row.name for table, each in zip(tables, verdicts) for row in short_table(table, each.missed)}
         rows = [row for row in rows if row[1].name in kept]
-    cells = [(one.label, one.shown, other.shown, one.unit, _ratio(figure), figure.word) for one, other, figure in rows]
-    print_table(("", "A", "B", "unit", "B/A", "B is"), cells, numbers=("A", "B", "B/A"), optional=("B/A",))
-
-
-def _ratio(figure: "ComparedFigure") -> str:
-    return "" if figure.ratio != figure.ratio else f"{figure.ratio:.3g}"
+    cells = [
+        (one.label, one.shown, other.shown, one.unit, "" if math.isnan(its.ratio) else f"{its.ratio:.3g}", its.word)
+        for one, other, its in rows
+    ]
+    headings = ("", "A", "B", "unit", "B/A", "B is")
+    print_table(Table.of_cells(headings, cells, numbers=("A", "B", "B/A")), optional=("B/A",))
 
 
 def _document(

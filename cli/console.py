@@ -5,12 +5,15 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hhsim.system.plain_json import plain_json
 from hhsim.system.progress import Progress, silent
+
+if TYPE_CHECKING:
+    from hhsim.table.table import Table
 
 SILENCE = 30.0
 """How long nothing is said of long work where there is no bar [s]."""
@@ -33,60 +36,16 @@ def prepare_streams() -> None:
         sys.stdout.reconfigure(errors="surrogateescape" if unicode else "replace")
 
 
-def print_table(
-    columns: Sequence[str],
-    rows: Sequence[Sequence[str]],
-    *,
-    title: str = "",
-    numbers: Collection[str] = (),
-    optional: Sequence[str] = (),
-) -> None:
+def print_table(table: "Table", *, optional: Sequence[str] = ()) -> None:
     """Print a table to stdout, as wide as the terminal allows.
 
-    Where it is too wide, columns that may be missing go, then text is folded at words; where that would be many lines
-    a row, each row becomes a card. A number is never broken.
-
     Args:
-        columns: Headings, with the unit where there is one; where all are "", there is no heading and no rule.
-        rows: Cells as they are to be shown.
-        title: A line above the table.
-        numbers: Headings of the columns that are aligned right.
+        table: Its title is a line above it.
         optional: Headings of the columns that a narrow terminal does without, the first to go first.
     """
-    from rich import box
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
+    from hhsim.table.terminal import terminal_text
 
-    from hhsim.system.table_layout import Column, cards, fits, fitting_columns, widths
-
-    # A pipe has no width: nothing is folded there, so that lines can be searched.
-    console = Console(highlight=False, width=None if sys.stdout.isatty() else 1_000)
-    shown = [Column(heading, [row[i] for row in rows], heading in numbers) for i, heading in enumerate(columns)]
-    if sys.stdout.isatty():
-        shown = fitting_columns(shown, console.width, optional)
-        if not fits(shown, console.width):
-            lines: list[Text] = cards(shown, console.width)
-            with console.capture() as captured:
-                for line in ([Text(title, style="bold"), Text()] if title else []) + lines:
-                    console.print(line, soft_wrap=True)
-            print("\n".join(line.rstrip() for line in captured.get().splitlines()))
-            return
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, show_header=any(columns))
-    table.title, table.title_justify, table.title_style = Text(title) if title else None, "left", "bold"
-    for column, width in zip(shown, widths(shown, console.width)):
-        # As Text: a unit in square brackets is not markup.
-        table.add_column(
-            Text(column.heading),
-            justify="right" if column.number else "left",
-            overflow="fold",
-            width=width,
-        )
-    for cells in zip(*(column.cells for column in shown)):
-        table.add_row(*(Text(cell) for cell in cells))
-    with console.capture() as captured:
-        console.print(table)
-    print("\n".join(line.rstrip() for line in captured.get().splitlines()))
+    print(terminal_text(table, in_terminal=sys.stdout.isatty(), optional=optional))
 
 
 def print_line(text: str) -> None:
@@ -99,27 +58,6 @@ def print_line(text: str) -> None:
 
     width = shutil.get_terminal_size().columns
     print(textwrap.fill(text, width, break_long_words=False, break_on_hyphens=False))
-
-
-def print_rows(
-    cells: Mapping[str, Callable[[Any], str]],
-    rows: Iterable[object],
-    *,
-    words: Collection[str],
-    title: str = "",
-    optional: Sequence[str] = (),
-) -> None:
-    """Print a table to stdout, a line for each row.
-
-    Args:
-        cells: Heading of each column, and what it shows of a row.
-        rows: What the table is of.
-        words: Headings of the columns that are aligned left.
-        title: A line above the table.
-        optional: Headings of the columns that a narrow terminal does without, the first to go first.
-    """
-    shown = [[cell(row) for cell in cells.values()] for row in rows]
-    print_table(list(cells), shown, title=title, numbers=cells.keys() - set(words), optional=optional)
 
 
 def print_json(document: Mapping[str, Any]) -> None:

@@ -2,6 +2,8 @@
 
 import click
 
+from hhsim.table.table import Table, words
+
 from .arguments import options
 from .console import announce_compilation, print_json, print_line, print_table
 
@@ -59,17 +61,17 @@ def command(rate: float, duration: float, cpu: int | None, no_realtime: bool, as
         for name, value in (("run delay", wakeups.run_delay), ("steal (the host had it)", wakeups.steal)):
             rows.append((name, "not told" if value is None else f"{1e-6 * value:,.1f}", "", "ms"))
         title = f"{wakeups.periods:,} periods at {rate:,g} Hz"
-        print_table(("measured", "hhsim", "limit", "unit"), rows, title=title, numbers=("hhsim", "limit"))
+        measured = ("measured", "hhsim", "limit", "unit")
+        print_table(Table.of_cells(measured, rows, title, numbers=measured[1:3]))
         print()
         counts = histogram(wakeups)
         most = max(count for _, _, count in counts)
-        print_table(
-            ("woken late by [µs]", "wake-ups", ""),
-            [(_range(low, high), f"{count:,}", "█" * round(BAR * count / most)) for low, high, count in counts],
-            numbers=("woken late by [µs]", "wake-ups"),
-        )
+        bars = [(_range(low, high), count, "█" * round(BAR * count / most)) for low, high, count in counts]
+        headings = ("woken late by [µs]", "wake-ups", "")
+        print_table(Table.of_cells(headings, bars, numbers=headings[:2]))
         print()
-        print_table(("system", "value", "better"), [(f.name, f.value, f.advice) for f in diagnosis.facts])
+        system = words("system", "name"), words("value"), words("better", "advice")
+        print_table(Table(system, diagnosis.facts))
         print_line(f"granted: {mode_line(wakeups)}")
         print_line(diagnosis.verdict)
         for line in diagnosis.advice:

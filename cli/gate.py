@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from hhsim.errors import HhsimError, InputError
+from hhsim.table.table import Table
 
 from .arguments import options
 from .arguments.option_group import OptionGroup, option
@@ -210,7 +211,7 @@ def _write(report: "GateReport", markdown: Path | None, summary: Path | None, ju
 
 
 def _print(report: "GateReport", written: Path | None, *, whole: bool, as_json: bool, quiet: bool) -> None:
-    from hhsim.gate.report import HEADINGS, NUMBERS, cells, headline, left_out, not_judged, reasons, worth_showing
+    from hhsim.gate.report import COLUMNS, headline, left_out, not_judged, reasons, worth_showing
     from hhsim.gate.time_comparison import NOT_COMPARABLE
     from hhsim.gate.verdict import REFUSED
 
@@ -223,7 +224,7 @@ def _print(report: "GateReport", written: Path | None, *, whole: bool, as_json: 
     else:
         shown = list(report.rows) if whole else worth_showing(report)
         if shown:
-            print_table(HEADINGS, [cells(row) for row in shown], title=report.source, numbers=NUMBERS)
+            print_table(Table(COLUMNS, shown, report.source))
         told = [row for row in shown if row.verdict != REFUSED]
         for line in (*reasons(told), *not_judged(report), *report.notes):
             print(f"note: {line}")

@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from hhsim.table.table import Table
+
 from .arguments.comma_list import number_list
 from .arguments.option_group import GroupedCommand, OptionGroup, option
 from .arguments.options import FILE, SIDES, UNITS, Number, Output, Side, metres
@@ -332,12 +334,12 @@ def command(
         side = f"{report.hand} hand" if report.hand else "hand of a side that the file does not tell"
         long = f" of {1e3 * report.hand_length:.0f} mm" if report.hand_length is not None else ""
         title = f"{file.name}, {report.form}: {side}{long}"
-        if found := report.rows():
-            print_table(COLUMNS, found, title=title, numbers=COLUMNS[1:3])
+        if report.findings:
+            print_table(Table(COLUMNS, report.findings, title))
         else:
             print(f"{title}; nothing was found")
         if report.fit is not None:
-            print_table(FIT_COLUMNS, report.fit_rows(), title="a hand with the recorded bones", numbers=FIT_COLUMNS[1:])
+            print_table(Table(FIT_COLUMNS, report.fit_rows(), "a hand with the recorded bones"))
         print(
             f"{report.samples_out:,} of {report.samples_in:,} samples, {report.duration:.3f} s at "
             f"{report.mean_rate:.1f} Hz, longest step {1e3 * report.longest_step:.1f} ms, {report.mended:,} mended"

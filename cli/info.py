@@ -2,6 +2,8 @@
 
 import click
 
+from hhsim.table.table import Table
+
 from .arguments import options
 from .console import print_json, print_table
 
@@ -44,4 +46,4 @@ def command(as_json: bool) -> None:
         ),
         *(("missing", f"{name}: required") for name in info.missing.get("required", [])),
     ]
-    print_table(("what", "value"), rows)
+    print_table(Table.of_cells(("what", "value"), rows))

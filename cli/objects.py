@@ -1,11 +1,11 @@
 """`hhsim objects`."""
 
-from collections.abc import Callable
-
 import click
 
+from hhsim.table.table import Table, number, words
+
 from .arguments import options
-from .console import print_json, print_rows
+from .console import print_json, print_table
 
 
 @click.command()
@@ -21,7 +21,7 @@ def command(as_json: bool) -> None:
       hhsim objects
       hhsim objects --json
     """
-    from hhsim.mesh.catalogue import CatalogueObject, load_object, object_names
+    from hhsim.mesh.catalogue import load_object, object_names
 
     objects = [load_object(name) for name in object_names()]
     if as_json:
@@ -46,14 +46,14 @@ def command(as_json: bool) -> None:
             }
         )
         return
-    cells: dict[str, Callable[[CatalogueObject], str]] = {
-        "name": lambda item: item.name,
-        "what": lambda item: item.title,
-        "size [mm]": lambda item: " × ".join(f"{1e3 * length:.0f}" for length in item.mesh.extent),
-        "triangles": lambda item: f"{len(item.mesh.faces):,}",
-        "level": lambda item: str(item.level),
-        "mass [g]": lambda item: f"{1e3 * item.density * item.mesh.volume:.0f}",
-        "stresses": lambda item: item.stresses,
-        "licence": lambda item: item.licence,
-    }
-    print_rows(cells, objects, words=cells.keys() - {"size [mm]", "triangles", "level", "mass [g]"})
+    columns = (
+        words("name"),
+        words("what", "title"),
+        number("size", lambda item: " × ".join(f"{1e3 * length:.0f}" for length in item.mesh.extent), "mm"),
+        number("triangles", lambda item: len(item.mesh.faces)),
+        number("level"),
+        number("mass", lambda item: item.density * item.mesh.volume, "g"),
+        words("stresses"),
+        words("licence"),
+    )
+    print_table(Table(columns, objects))

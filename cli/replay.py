@@ -11,6 +11,7 @@ from click.shell_completion import CompletionItem
 
 from hhsim.ranges import RANGES
 from hhsim.system.counted import counted
+from hhsim.table.table import Table, number, words
 
 from .arguments import options, rerun_option
 from .arguments.comma_list import number_list
@@ -350,7 +351,7 @@ def command(
 
 def _print(summary: "ReplaySummary", *, whole: bool) -> None:
     """Print the verdict and the table; the column of the paper only where the scene is the paper's."""
-    from hhsim.replay.summary_table import short_table, whole_table
+    from hhsim.replay.summary_table import figure_table, short_table, whole_table
 
     found = summary.verdict
     touched = "" if summary.surface == "spheres" else f", {summary.surface}"
@@ -360,13 +361,7 @@ def _print(summary: "ReplaySummary", *, whole: bool) -> None:
     print_line(found.line)
     print()
     rows = whole_table(summary.rows) if whole else short_table(summary.rows, found.missed)
-    of_paper = any(row.paper for row in rows)
-    columns = ("", "hhsim", "unit", "limit", *(["paper"] if of_paper else []))
-    cells = [
-        (row.label, row.shown, row.unit, row.limit(summary.promises), *([row.paper] if of_paper else []))
-        for row in rows
-    ]
-    print_table(columns, cells, numbers=("hhsim", "limit", "paper"), optional=("paper",))
+    print_table(figure_table(rows, promises=summary.promises), optional=("paper",))
     if not whole:
         print_line(f"{len(rows)} of {len(whole_table(summary.rows))} figures: --all prints all")
 
@@ -388,5 +383,9 @@ def _print_times(runs: "Sequence[ReplaySummary]") -> None:
     from hhsim.replay.repeated_times import repeated_times
 
     print()
-    cells = [(time.row.label, time.shown, time.row.unit) for time in repeated_times(runs)]
-    print_table(("", "mean ± σ", "unit"), cells, title=f"times of {len(runs)} runs", numbers=("mean ± σ",))
+    columns = (
+        words("", lambda time: time.row.label),
+        number("mean ± σ", "shown"),
+        words("unit", lambda time: time.row.unit),
+    )
+    print_table(Table(columns, repeated_times(runs), f"times of {len(runs)} runs"))

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 import click
 from click.core import ParameterSource
 
+from hhsim.table.table import Table
+
 from .console import announce_compilation, print_json, print_notes, print_table, progress
 
 if TYPE_CHECKING:
@@ -44,7 +46,7 @@ def run_again(context: click.Context, path: Path, *, as_json: bool, quiet: bool)
         title = f"{path}: {again.ticks:,} ticks run again, {same} of {len(again.arrays)} arrays identical"
         columns = ("array", "is", "ticks that differ", "first", "largest difference", "bound", "unit")
         numbers = ("ticks that differ", "first", "largest difference", "bound")
-        print_table(columns, [_row(array) for array in again.arrays], title=title, numbers=numbers)
+        print_table(Table.of_cells(columns, [_row(array) for array in again.arrays], title, numbers=numbers))
         for note in again.notes:
             print(f"note: {note}")
         print(again.sentence)

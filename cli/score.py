@@ -44,6 +44,7 @@ def command(submission: Path, folder: Path | None, surface: str, output: options
       hhsim score bullet.h5 --surface mesh
     """
     announce_compilation(quiet=output.quiet)
+    from hhsim.replay.summary_table import figure_table
     from hhsim.result.reader import check_result_path
     from hhsim.submissions.pose_file import read_submission
     from hhsim.submissions.score import scene_of, score
@@ -62,8 +63,7 @@ def command(submission: Path, folder: Path | None, surface: str, output: options
         print_line(f"{summary.object_name}, {summary.motion_name}, {read.method}: {counted(summary.ticks, 'tick')}")
         print_line(summary.verdict.line)
         print()
-        cells = [(row.label, row.shown, row.unit) for row in found.rows]
-        print_table(("", "hhsim", "unit"), cells, numbers=("hhsim",))
+        print_table(figure_table(found.rows))
         for note in found.notes:
             print_line(f"note: {note}")
         print_line(f"every tick is in {path}")

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import click
 
 from hhsim.system.counted import counted
+from hhsim.table.table import Table
 
 from .arguments import options
 from .console import announce_compilation, print_json, print_line, print_notes, print_table, progress
@@ -130,7 +131,7 @@ def _print(ended: "SweepSummary", folder: Path) -> None:
     if ended.failed:
         print()
         shown = [(cell.label, cell.stated, why) for cell, why in ended.failed[:MOST_FAILURES]]
-        print_table(("cell", "options", "failed since"), shown)
+        print_table(Table.of_cells(("cell", "options", "failed since"), shown))
         more = len(ended.failed) - MOST_FAILURES
         print_line(f"{f'{more:,} more failed; ' if more > 0 else ''}--retry-failed runs them again")
     print_line(f"hhsim board {folder} shows them as one table")

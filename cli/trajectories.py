@@ -1,11 +1,11 @@
 """`hhsim trajectories`."""
 
-from collections.abc import Callable
-
 import click
 
+from hhsim.table.table import Table, number, words
+
 from .arguments import options
-from .console import print_json, print_rows
+from .console import print_json, print_table
 
 
 @click.command()
@@ -24,21 +24,21 @@ def command(as_json: bool) -> None:
     """
     from dataclasses import asdict
 
-    from hhsim.scene.motion_catalogue import TrajectoryDescription, describe, trajectory_names
+    from hhsim.scene.motion_catalogue import describe, trajectory_names
 
     descriptions = [describe(name) for name in trajectory_names()]
     if as_json:
         print_json({"trajectories": [asdict(item) for item in descriptions]})
         return
-    cells: dict[str, Callable[[TrajectoryDescription], str]] = {
-        "name": lambda item: item.name,
-        "what": lambda item: item.title,
-        "object": lambda item: ", ".join(item.objects) or "any",
-        "duration [s]": lambda item: f"{item.duration:.1f}",
-        "rate [Hz]": lambda item: f"{item.rate:,.0f}",
-        "fingers": lambda item: ", ".join(item.fingers) or "none",
-        "phases": lambda item: ", ".join(item.phases),
-        "paper's figure": lambda item: ", ".join(item.figures),
-        "stresses": lambda item: item.stresses,
-    }
-    print_rows(cells, descriptions, words=cells.keys() - {"duration [s]", "rate [Hz]"})
+    columns = (
+        words("name"),
+        words("what", "title"),
+        words("object", lambda item: ", ".join(item.objects) or "any"),
+        number("duration", "duration", "s", 1),
+        number("rate", "rate", "Hz"),
+        words("fingers", lambda item: ", ".join(item.fingers) or "none"),
+        words("phases", lambda item: ", ".join(item.phases)),
+        words("paper's figure", lambda item: ", ".join(item.figures)),
+        words("stresses"),
+    )
+    print_table(Table(columns, descriptions))

@@ -2,31 +2,29 @@
 
 import math
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
+from hhsim.table.table import Table, number, words
+
 from .arguments import options
-from .console import print_json, print_line, print_notes, print_rows, progress
+from .console import print_json, print_line, print_notes, print_table, progress
 
 if TYPE_CHECKING:
-    from hhsim.verify.claim import Claim
     from hhsim.verify.verify import Verification
 
-WHY = "what is claimed; why so much is let pass"
-CELLS: dict[str, Callable[["Claim"], str]] = {
-    "claim": lambda claim: claim.name,
-    "verdict": lambda claim: claim.verdict,
-    "worst": lambda claim: _two_digits(claim.worst),
-    "let pass": lambda claim: _two_digits(claim.tolerance),
-    "unit": lambda claim: claim.unit,
-    "at tick": lambda claim: "—" if claim.tick is None else str(claim.tick),
-    "looked at": lambda claim: f"{claim.checked:,}",
-    WHY: lambda claim: "; ".join(filter(None, (claim.says, claim.why))),
-}
-NUMBERS = {"worst", "let pass", "at tick", "looked at"}
+SHOWN = (
+    words("claim", "name"),
+    words("verdict"),
+    number("worst", lambda claim: _two_digits(claim.worst)),
+    number("let pass", lambda claim: _two_digits(claim.tolerance)),
+    words("unit"),
+    number("at tick", "tick"),
+    number("looked at", "checked"),
+)
+WHY = words("what is claimed; why so much is let pass", lambda claim: "; ".join(filter(None, (claim.says, claim.why))))
 
 
 @click.command()
@@ -81,10 +79,10 @@ def _print(path: Path, found: "Verification", *, why: bool) -> None:
 
     # What failed first, and with its reason, whether that was asked for or not.
     failed, others = ([claim for claim in found.claims if claim.failed is wanted] for wanted in (True, False))
-    cells = CELLS if why else {heading: cell for heading, cell in CELLS.items() if heading != WHY}
-    print_rows(cells, [*failed, *others], words=CELLS.keys() - NUMBERS, title=str(path), optional=("looked at",))
+    columns = (*SHOWN, WHY) if why else SHOWN
+    print_table(Table(columns, [*failed, *others], str(path)), optional=("looked at",))
     for claim in failed if not why else ():
-        print_line(f"FALSE: {claim.name}: {CELLS[WHY](claim)}")
+        print_line(f"FALSE: {claim.name}: {WHY.shown(claim)}")
     spheres = "" if math.isnan(found.sphere_penetration) else f"spheres {_depth(found.sphere_penetration)}, in the "
     deep = f"deepest in the {spheres}mesh {_depth(found.mesh_penetration)}"
     false = [claim.name for claim in found.claims if claim.failed]

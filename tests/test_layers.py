@@ -26,7 +26,7 @@ from tools.import_graph import (
 MOST_MODULES = 25
 """Of one package: more is a drawer."""
 
-HEAVY = {"click", "rich", "rerun", "trimesh", "qpsolvers", "clarabel", "matplotlib", "scipy"}
+HEAVY = {"click", "rich", "rerun", "trimesh", "qpsolvers", "clarabel", "matplotlib", "scipy", "jinja2"}
 """Packages that are imported where they are used: together they cost more than a second."""
 
 KERNEL_IMPORTS = {"numpy", "numba", "llvmlite", "math", "typing", "collections", "functools", "time", "platform"}
@@ -181,7 +181,7 @@ def test_the_command_line_imports_nothing_slow_until_a_command_runs() -> None:
         "hhsim.solver.method",
         "hhsim.solver.surface",
     }
-    light |= {f"hhsim.system.{name}" for name in ("counted", "plain_json", "progress", "shown_number")} | live
+    light |= {*(f"hhsim.system.{name}" for name in ("counted", "plain_json", "progress")), "hhsim.table.table", *live}
     found = [
         shown_import(path, imported)
         for path in COMMAND_LINE.values()

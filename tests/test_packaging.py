@@ -44,7 +44,11 @@ def test_the_wheel_holds_every_source_and_every_datum_and_nothing_else(
     repository: Path, wheel: zipfile.ZipFile
 ) -> None:
     expected = {
-        *(path.relative_to(repository).as_posix() for path in (repository / "hhsim").rglob("*.py")),
+        *(
+            path.relative_to(repository).as_posix()
+            for kind in ("py", "html", "css", "js")
+            for path in (repository / "hhsim").rglob(f"*.{kind}")
+        ),
         "hhsim/py.typed",
         *(f"hhsim/{path.relative_to(repository).as_posix()}" for path in (repository / "cli").rglob("*.py")),
         *(

@@ -26,7 +26,7 @@ LAYERS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("judged", ("gate", "verify", "bench", "submissions")),
     ("a run, tick by tick", ("replay", "scene", "solver", "metrics")),
     ("motions, files", ("exchange", "recordings", "result", "motion")),
-    ("objects, the hand", ("system", "mesh", "trees", "hand")),
+    ("objects, the hand", ("system", "table", "mesh", "trees", "hand")),
     ("kernels: numba only, arrays in and out", KERNELS),
 )
 """Layers, highest first, and their boxes from left to right; an empty name leaves a place free."""

@@ -15,7 +15,7 @@ PACKAGES = (
         for part in ("", ".hand", ".parallel", ".mesh", ".cover", ".contact", ".surfaces", ".qp", ".tick")
     ),
     *("hhsim.kernels.free", "hhsim.kernels.live"),
-    *("hhsim.system", "hhsim.mesh", "hhsim.trees", "hhsim.hand", "hhsim.exchange", "hhsim.motion"),
+    *("hhsim.system", "hhsim.table", "hhsim.mesh", "hhsim.trees", "hhsim.hand", "hhsim.exchange", "hhsim.motion"),
     "hhsim.result",
     *("hhsim.recordings", "hhsim.recordings.formats", "hhsim.metrics", "hhsim.metrics.run", "hhsim.scene"),
     *("hhsim.solver", "hhsim.solver.methods", "hhsim.replay", "hhsim.submissions", "hhsim.verify"),

@@ -1,16 +1,15 @@
 """`hhsim bench hard`."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 from click.shell_completion import CompletionItem
 
-from hhsim.system.shown_number import number
+from hhsim.table.table import Table, number, words
 
 from ..arguments import options
-from ..console import announce_compilation, print_json, print_rows, print_table, progress
+from ..console import announce_compilation, print_json, print_table, progress
 from .solvers import Solvers
 
 if TYPE_CHECKING:
@@ -68,7 +67,7 @@ def command(
         if output.as_json:
             print_json({"cases": [{"name": case.name, "description": case.description} for case in chosen]})
         else:
-            print_table(("case", "what it is"), [(case.name, case.description) for case in chosen])
+            print_table(Table((words("case", "name"), words("what it is", "description")), chosen))
         return 0
 
     from hhsim.bench.robustness.hard import COLUMNS, bench_hard, missed, table_rows
@@ -99,7 +98,7 @@ def command(
 
 
 def _print(results: "list[CaseResult]", failed: "list[CaseResult]", output_path: Path) -> None:
-    print_rows(CELLS, results, words=("case", "method", "surface", "verdict", "nearest to its bar"))
+    print_table(Table(SHOWN, results))
     for result in results:
         if result.reason:
             print(f"{result.case}, {result.method}: {result.reason}")
@@ -135,15 +134,15 @@ def _shown(value: float, unit: str) -> str:
     return f"{factor * value:.3g}{name}"
 
 
-CELLS: dict[str, Callable[["CaseResult"], str]] = {
-    "case": lambda result: result.case,
-    "method": lambda result: result.method,
-    "surface": lambda result: result.surface,
-    "verdict": _verdict,
-    "penetration [µm]": lambda result: number(result.penetration, 3, 1e6, missing=""),
-    "nearest to its bar": lambda result: result.deciding.name if result.deciding else "",
-    "value": lambda result: _value(result.deciding) if result.deciding else "",
-    "bar": lambda result: _bar(result.deciding) if result.deciding else "",
-    "stuck": lambda result: f"{result.stuck:,}",
-    "lag [mm]": lambda result: f"{1e3 * result.lag:.1f}",
-}
+SHOWN = (
+    words("case"),
+    words("method"),
+    words("surface"),
+    words("verdict", _verdict),
+    number("penetration", "penetration", "µm", 3, missing=""),
+    words("nearest to its bar", lambda result: result.deciding.name if result.deciding else ""),
+    number("value", lambda result: _value(result.deciding) if result.deciding else ""),
+    number("bar", lambda result: _bar(result.deciding) if result.deciding else ""),
+    number("stuck"),
+    number("lag", "lag", "mm", 1),
+)

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from hhsim.system.counted import counted
+from hhsim.table.table import Table, number, words
 
 from ..arguments.comma_list import names
 from ..arguments.option_group import OptionGroup, option, shared
 from ..arguments.options import Number, Output
-from ..console import announce_compilation, print_json, print_notes, print_rows, progress
-from .table_document import table_document
+from ..console import announce_compilation, print_json, print_notes, print_table, progress
 
 if TYPE_CHECKING:
     from hhsim.bench.manipulation.table import ManipulationOptions
@@ -62,7 +62,7 @@ def command(settings: ManipulationSettings, output: Output) -> int:
       hhsim bench manipulation --out manipulation.h5 --json
     """
     from hhsim.bench.manipulation.table import COLUMNS, measure, missed, remarks
-    from hhsim.bench.table import csv_path, write_table
+    from hhsim.bench.table import csv_path, table_document, write_table
 
     run = settings.options()
     output_path = output.table_path("manipulation")
@@ -75,7 +75,7 @@ def command(settings: ManipulationSettings, output: Output) -> int:
         document = table_document(output_path, COLUMNS, asdict(run))
         print_json({**document, "rows": rows, "missed": len(wrong), "notes": notes})
     elif not output.quiet:
-        print_rows(CELLS, rows, words=("case", "method", "figure", "holds"))
+        print_table(Table(SHOWN, rows))
         print()
         print(f"off by more than allowed: {counted(len(wrong), 'figure')}" if wrong else "every figure of ours holds")
         print_notes(notes)
@@ -97,12 +97,12 @@ def _off(row: Row) -> str:
     return f"{100.0 * row['off'] / row['exact']:+.2f} %" if row["exact"] else _figure("off")(row)
 
 
-CELLS: dict[str, Callable[[Row], str]] = {
-    "case": lambda row: row["case"],
-    "method": lambda row: row["method"],
-    "figure": lambda row: row["figure"],
-    "exact": _figure("exact"),
-    "measured": _figure("measured"),
-    "off by": _off,
-    "holds": lambda row: {1: "yes", 0: "NO"}.get(row["holds"], ""),
-}
+SHOWN = (
+    words("case"),
+    words("method"),
+    words("figure"),
+    number("exact", _figure("exact")),
+    number("measured", _figure("measured")),
+    number("off by", _off),
+    words("holds", lambda row: {1: "yes", 0: "NO"}.get(row["holds"], "")),
+)

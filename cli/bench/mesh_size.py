@@ -1,18 +1,15 @@
 """`hhsim bench mesh-size`."""
 
-from collections.abc import Callable
 from dataclasses import asdict
-from typing import Any
 
 import click
 
-from hhsim.system.shown_number import number
+from hhsim.table.table import Table, number, words
 
 from ..arguments.comma_list import counts
 from ..arguments.option_group import OptionGroup, option, shared
 from ..arguments.options import Output
-from ..console import announce_compilation, print_json, print_notes, print_rows, progress
-from .table_document import table_document
+from ..console import announce_compilation, print_json, print_notes, print_table, progress
 
 
 class MeshSizeSettings(OptionGroup):
@@ -39,7 +36,7 @@ def command(settings: MeshSizeSettings, output: Output) -> None:
       hhsim bench mesh-size --object teapot --subdivisions 1,2,3 --out sizes.h5
     """
     from hhsim.bench.mesh_size import COLUMNS, MeshSizeOptions, measure
-    from hhsim.bench.table import csv_path, write_table
+    from hhsim.bench.table import csv_path, table_document, write_table
 
     run = MeshSizeOptions(**settings.given())
     output_path = output.table_path("mesh-size")
@@ -50,22 +47,22 @@ def command(settings: MeshSizeSettings, output: Output) -> None:
     if output.as_json:
         print_json({**table_document(output_path, COLUMNS, asdict(run)), "rows": rows})
     elif not output.quiet:
-        print_rows(CELLS, rows, words=("method",), title=f"{run.object_name}, CPU time of a tick in contact")
+        print_table(Table(SHOWN, rows, f"{run.object_name}, CPU time of a tick in contact"))
         print_notes(
             [f"{row['triangles']:,} triangles, {row['method']}: {row['failure']}" for row in rows if row["failure"]]
         )
         print(f"the table is in {output_path} and {csv_path(output_path)}")
 
 
-CELLS: dict[str, Callable[[dict[str, Any]], str]] = {
-    "triangles": lambda row: f"{row['triangles']:,}",
-    "method": lambda row: row["method"],
-    "ready [s]": lambda row: number(row["ready"], 1),
-    "again [s]": lambda row: number(row["ready_again"], 1),
-    "memory [MB]": lambda row: number(row["memory"], 0, 1e-6),
-    "p50 [µs]": lambda row: number(row["tick_p50"], 1, 1e6, missing=""),
-    "p99 [µs]": lambda row: number(row["tick_p99"], 0, 1e6, missing=""),
-    "×": lambda row: number(row["tick_ratio"], 2, missing=""),
-    "candidates": lambda row: number(row["candidates"], 0, missing=""),
-    "distances": lambda row: number(row["pair_tests"], 0, missing=""),
-}
+SHOWN = (
+    number("triangles"),
+    words("method"),
+    number("ready", "ready", "s", 1),
+    number("again", "ready_again", "s", 1),
+    number("memory", "memory", "MB"),
+    number("p50", "tick_p50", "µs", 1, missing=""),
+    number("p99", "tick_p99", "µs", missing=""),
+    number("×", "tick_ratio", digits=2, missing=""),
+    number("candidates", missing=""),
+    number("distances", "pair_tests", missing=""),
+)

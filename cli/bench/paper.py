@@ -1,7 +1,6 @@
 """`hhsim bench paper`."""
 
 import math
-from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -9,19 +8,20 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from hhsim.system.counted import counted
+from hhsim.table.table import MISSING, Table, number, shown, unit_size, words
 
 from ..arguments import options
 from ..arguments.comma_list import names
 from ..arguments.option_group import OptionGroup, option, shared
 from ..arguments.options import COUNT
-from ..console import announce_compilation, print_json, print_line, print_rows, print_table, progress
-from .table_document import table_document
+from ..console import announce_compilation, print_json, print_line, print_table, progress
 
 if TYPE_CHECKING:
     from hhsim.bench.paper.bench import PaperOptions
     from hhsim.bench.paper.table import PaperRow
 
-SCALES = {"s": (1e6, "µs"), "m": (1e6, "µm"), "%": (1.0, "%"), "1": (1.0, "")}
+SHOWN_UNITS = {"s": ("µs", 1), "m": ("µm", 3), "%": ("%", 3), "1": ("", 0)}
+"""Of the stored unit of a figure the one that people read, and digits."""
 
 
 class PaperSettings(OptionGroup):
@@ -70,7 +70,7 @@ def command(settings: PaperSettings, plot: Path | None, output: options.Output) 
     """
     from hhsim.bench.paper.bench import measure
     from hhsim.bench.paper.table import ROW_COLUMNS, SCENE_COLUMNS, missed, paper_rows, scene_rows
-    from hhsim.bench.table import check_table_path, write_table
+    from hhsim.bench.table import check_table_path, table_document, write_table
 
     run = settings.options()
     output_path = output.table_path("paper")
@@ -130,49 +130,39 @@ def _print_rows(rows: "list[PaperRow]", methods: tuple[str, ...]) -> None:
             line += [_shown(row.ours, row.unit), ratio]
         bar = next((row.bar for row in same.values() if not math.isnan(row.bar)), math.nan)
         cells.append((*line, "" if math.isnan(bar) else _shown(bar, first.unit)))
-    numbers = [heading for method in methods for heading in (method, "×")]
-    print_table(
-        ("figure", "what", "printed in the paper", *numbers, "our bar"),
-        cells,
-        title="The paper's figures and ours, and how many times (×) ours is below; times are CPU times of one thread",
-        numbers=(*numbers, "our bar"),
-    )
+    numbers = [*(heading for method in methods for heading in (method, "×")), "our bar"]
+    title = "The paper's figures and ours, and how many times (×) ours is below; times are CPU times of one thread"
+    print_table(Table.of_cells(("figure", "what", "printed in the paper", *numbers), cells, title, numbers=numbers))
     print_line("our bar: the most that ends with exit code 0; blank where we set none, or not for these options")
     print()
     last = rows[-1].method
-    print_table(
-        ("what", "how it was measured"),
-        [(row.label, row.note) for row in rows if row.method == last],
-        title=f"How ({last})",
-    )
+    how = words("what", "label"), words("how it was measured", "note")
+    print_table(Table(how, [row for row in rows if row.method == last], f"How ({last})"))
     print()
 
 
 def _print_cases(played: list[dict[str, Any]]) -> None:
-    cells: dict[str, Callable[[dict[str, Any]], str]] = {
-        "object": lambda row: row["object"],
-        "case": lambda row: row["case"],
-        "method": lambda row: row["method"],
-        "instances": lambda row: f"{row['instances']}",
-        "contacts": lambda row: f"{row['contacts_mean']:,.0f}",
-        "detection [µs]": lambda row: f"{1e6 * row['detection']:.1f}",
-        "response [µs]": lambda row: f"{1e6 * row['response']:.1f}",
-        "total, CPU [µs]": lambda row: f"{1e6 * row['cpu_mean']:.1f}",
-        "p99 [µs]": lambda row: f"{1e6 * row['cpu_p99']:.1f}",
-    }
+    columns = (
+        words("object"),
+        words("case"),
+        words("method"),
+        number("instances"),
+        number("contacts", "contacts_mean"),
+        number("detection", "detection", "µs", 1),
+        number("response", "response", "µs", 1),
+        number("total, CPU", "cpu_mean", "µs", 1),
+        number("p99", "cpu_p99", "µs", 1),
+    )
     rows = [row for row in played if row["figure"] == "15"]
     if rows:
         title = (
             "Fig. 15: a tick in contact, mean; its parts by the clock on the wall, where nothing interrupted it. SF: "
             "single finger, TF: two fingers, FF: five fingers, WH: whole hand"
         )
-        print_rows(cells, rows, words=("object", "case", "method"), title=title)
+        print_table(Table(columns, rows, title))
         print()
 
 
 def _shown(value: float, unit: str) -> str:
-    if math.isnan(value):
-        return "—"
-    scale, name = SCALES[unit]
-    digits = 0 if unit == "1" else 1 if unit == "s" else 3
-    return f"{round(scale * value, digits) + 0.0:,.{digits}f} {name}".rstrip()
+    name, digits = SHOWN_UNITS[unit]
+    return f"{shown(value / unit_size(name), digits)} {name}".rstrip() if value == value else MISSING

@@ -1,20 +1,19 @@
 """`hhsim bench peers`."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from hhsim.system.shown_number import number
+from hhsim.table.table import Table, number, words
 
 from ..arguments import options
 from ..arguments.comma_list import names
 from ..arguments.option_group import OptionGroup, option, shared
 from ..arguments.options import COUNT
-from ..console import announce_compilation, print_json, print_notes, print_rows, progress
-from .table_document import table_document
+from ..console import announce_compilation, print_json, print_notes, print_table, progress
 
 if TYPE_CHECKING:
     from hhsim.bench.peers import PeersOptions
@@ -72,7 +71,7 @@ def command(settings: PeersSettings, plot: Path | None, output: options.Output) 
     from hhsim.bench.peers import installed, measure
     from hhsim.bench.peers_table import COLUMNS, remarks, table_rows, won_by_others
     from hhsim.bench.speed_error_table import ALL
-    from hhsim.bench.table import csv_path, write_table
+    from hhsim.bench.table import csv_path, table_document, write_table
     from hhsim.render.peers_figure import draw_peers
     from hhsim.system.picture_path import picture_beside
 
@@ -101,28 +100,24 @@ def command(settings: PeersSettings, plot: Path | None, output: options.Output) 
 
 def _print(title: str, rows: Sequence[Row]) -> None:
     by_time = sorted(rows, key=lambda row: row["tick_cpu_p50"])
-    print_rows(CELLS, by_time, words=("method", "surface", "frontier"), title=title)
+    print_table(Table(SHOWN, by_time, title))
     print()
 
 
-def _figure(name: str, digits: int, scale: float = 1.0) -> Callable[[Row], str]:
-    return lambda row: number(row[name], digits, scale, missing="")
-
-
-CELLS: dict[str, Callable[[Row], str]] = {
-    "method": lambda row: row["method"],
-    "surface": lambda row: row["surface"],
-    "p50 [µs]": _figure("tick_cpu_p50", 1, 1e6),
-    "p99": _figure("tick_cpu_p99", 0, 1e6),
-    "step alone": _figure("native_cpu_p50", 1, 1e6),
-    "in mesh [mm]": _figure("mesh_depth_max", 3, 1e3),
-    "p95": _figure("mesh_depth_p95", 3, 1e3),
-    "off mesh [mm]": _figure("contact_error_max", 3, 1e3),
-    "hold [N]": _figure("force_hold", 2),
-    "still [%]": _figure("force_variation_hold", 4),
-    "trembling [%]": _figure("force_variation_tremor", 3),
-    "force step [N]": _figure("force_step_newton", 2),
-    "palm lag [mm]": _figure("palm_lag_max", 2, 1e3),
-    "× ours": _figure("times_ours", 1),
-    "frontier": lambda row: "yes" if row["frontier"] else "",
-}
+SHOWN = (
+    words("method"),
+    words("surface"),
+    number("p50", "tick_cpu_p50", "µs", 1, missing=""),
+    number("p99", "tick_cpu_p99", "µs", missing=""),
+    number("step alone", "native_cpu_p50", "µs", 1, missing=""),
+    number("in mesh", "mesh_depth_max", "mm", 3, missing=""),
+    number("p95", "mesh_depth_p95", "mm", 3, missing=""),
+    number("off mesh", "contact_error_max", "mm", 3, missing=""),
+    number("hold", "force_hold", "N", 2, missing=""),
+    number("still", "force_variation_hold", "%", 4, missing=""),
+    number("trembling", "force_variation_tremor", "%", 3, missing=""),
+    number("force step", "force_step_newton", "N", 2, missing=""),
+    number("palm lag", "palm_lag_max", "mm", 2, missing=""),
+    number("× ours", "times_ours", digits=1, missing=""),
+    words("frontier", lambda row: "yes" if row["frontier"] else ""),
+)

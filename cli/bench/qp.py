@@ -5,6 +5,8 @@ from typing import Any
 
 import click
 
+from hhsim.table.table import Table, number, stored_unit, words
+
 from ..arguments import options
 from ..arguments.comma_list import names
 from ..console import announce_compilation, print_json, print_notes, print_table, progress
@@ -77,7 +79,7 @@ def command(
                 "table": str(output_path),
                 "programs": None if programs is None else str(programs),
                 "options": asdict(chosen),
-                "units": {column.name: column.unit for column in COLUMNS},
+                "units": {column.name: stored_unit(column.unit) for column in COLUMNS},
                 "rows": rows,
                 "versions": versions,
                 "missed": missed,
@@ -95,24 +97,22 @@ def command(
 
 
 def _print_kind(rows: list[dict[str, Any]]) -> None:
-    numbers = (
-        *("programs", "solved", "infeasible", "missed", "KKT max", "iterations"),
-        *("call p50 [µs]", "p99 [µs]", "native p50 [µs]", "p99 [µs]"),
-    )
-    cells = [
-        (
-            row["solver"],
-            *(f"{row[name]:,}" for name in ("problems", "solved", "refused", "missed")),
-            "" if row["residual_max"] is None else f"{row['residual_max']:.1e}",
-            "" if row["iterations"] is None else f"{row['iterations']:.1f}",
-            *(
-                "" if row[name] is None else f"{1e6 * row[name]:.2f}"
-                for name in ("call_p50", "call_p99", "native_p50", "native_p99")
-            ),
-        )
-        for row in sorted(rows, key=lambda row: row["native_p50"] or 0.0)
-    ]
     first = rows[0]
     title = f"{first['program']}: {first['variables']} variables, {first['rows']:.0f} rows; KKT in sizes of the program"
-    print_table(("solver", *numbers), cells, title=title, numbers=numbers)
+    print_table(Table(SHOWN, sorted(rows, key=lambda row: row["native_p50"] or 0.0), title))
     print()
+
+
+SHOWN = (
+    words("solver"),
+    number("programs", "problems"),
+    number("solved"),
+    number("infeasible", "refused"),
+    number("missed"),
+    number("KKT max", lambda row: "" if row["residual_max"] is None else f"{row['residual_max']:.1e}"),
+    number("iterations", digits=1, missing=""),
+    number("call p50", "call_p50", "µs", 2, missing=""),
+    number("p99", "call_p99", "µs", 2, missing=""),
+    number("native p50", "native_p50", "µs", 2, missing=""),
+    number("p99", "native_p99", "µs", 2, missing=""),
+)

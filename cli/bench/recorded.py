@@ -1,18 +1,17 @@
 """`hhsim bench recorded`."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import click
 
-from hhsim.system.shown_number import number
+from hhsim.table.table import Table, number, words
 
 from ..arguments import options
 from ..arguments.comma_list import names
 from ..arguments.object_argument import MeshSize, complete_object
 from ..arguments.option_group import shared
-from ..console import announce_compilation, print_json, print_line, print_rows, progress
+from ..console import announce_compilation, print_json, print_line, print_table, progress
 from .solvers import Solvers
 
 if TYPE_CHECKING:
@@ -20,27 +19,27 @@ if TYPE_CHECKING:
 
     from hhsim.bench.robustness.recorded_metrics import RecordedFigures
 
-CELLS: dict[str, Callable[["RecordedFigures"], str]] = {
-    "recording": lambda row: row.recording,
-    "object": lambda row: row.object,
-    "method": lambda row: row.method,
-    "surface": lambda row: row.surface,
-    "ticks": lambda row: f"{row.ticks:,}",
-    "tip [mm/tick]": lambda row: f"{1e3 * row.fastest:.2f}",
-    "deepest [µm]": lambda row: f"{1e6 * row.penetration:,.3f}",
-    "off mesh [mm]": lambda row: number(row.contact_error_max, 2, 1e3),
-    "in touch": lambda row: f"{row.touching:,}",
-    "force [N]": lambda row: number(row.force_mean, 2),
-    "step [N]": lambda row: number(row.force_step, 2),
-    "variation, tick [%]": lambda row: number(row.variation_tick, 3),
-    "sample [%]": lambda row: number(row.variation_sample, 2),
-    "p50 [µs]": lambda row: number(row.cpu_p50, 1, 1e6),
-    "p99 [µs]": lambda row: number(row.cpu_p99, 1, 1e6),
-    "lag [ticks]": lambda row: f"{row.lagging:,}",
-    "lag [mm]": lambda row: f"{1e3 * row.lag:.1f}",
-    "stuck": lambda row: f"{row.stuck:,}",
-    "no cause": lambda row: f"{row.unexplained:,}",
-}
+SHOWN = (
+    words("recording"),
+    words("object"),
+    words("method"),
+    words("surface"),
+    number("ticks"),
+    number("tip", "fastest", "mm/tick", 2),
+    number("deepest", "penetration", "µm", 3),
+    number("off mesh", "contact_error_max", "mm", 2),
+    number("in touch", "touching"),
+    number("force", "force_mean", "N", 2),
+    number("step", "force_step", "N", 2),
+    number("variation, tick", "variation_tick", "%", 3),
+    number("sample", "variation_sample", "%", 2),
+    number("p50", "cpu_p50", "µs", 1),
+    number("p99", "cpu_p99", "µs", 1),
+    number("lag", "lagging", "ticks"),
+    number("lag", "lag", "mm", 1),
+    number("stuck"),
+    number("no cause", "unexplained"),
+)
 
 OPTIONAL = ("tip [mm/tick]", "sample [%]", "ticks", "lag [mm]", "no cause")
 """What a narrow terminal does without."""
@@ -103,7 +102,7 @@ def command(
       hhsim bench recorded grab.npz --method paper --samples hold --rate 500
     """
     from hhsim.bench.robustness.recorded import BenchObject, RecordedOptions, bench_recorded, recording_files
-    from hhsim.bench.robustness.recorded_metrics import COLUMNS, table_row, totals
+    from hhsim.bench.robustness.recorded_metrics import COLUMNS, totals
     from hhsim.bench.table import csv_path, write_table
     from hhsim.mesh.catalogue import names_a_file, resolve_object
     from hhsim.trees.cache import cached_sphere_tree
@@ -146,14 +145,14 @@ def command(
         "seed": seed,
         "solver": [solver.to_json() for solver in named],
     }
-    rows = [table_row(row) for row in figures]
+    rows = Table(COLUMNS, figures).records
     write_table(output_path, "recorded", COLUMNS, rows, described)
     if stopped is not None:
         stopped.add_note(f"what ran so far, {len(rows):,} in all, is in {output_path} and {csv_path(output_path)}")
         raise stopped
     missed = any(row.missed for row in figures)
     if output.as_json:
-        whole = [table_row(row) for row in totals(figures)]
+        whole = Table(COLUMNS, totals(figures)).records
         document = {"suite": "recorded", "missed": missed, "rows": rows, "totals": whole, "options": described}
         print_json({**document, "path": str(output_path), "csv": str(csv_path(output_path))})
     elif not output.quiet:
@@ -168,13 +167,7 @@ def _print(figures: "Sequence[RecordedFigures]") -> None:
     ran = [row for row in figures if not row.reason]
     if ran:
         title = f"recorded hands, {ran[0].rate:g} ticks a second"
-        print_rows(
-            CELLS,
-            [*ran, *totals(ran)],
-            words=("recording", "object", "method", "surface"),
-            title=title,
-            optional=OPTIONAL,
-        )
+        print_table(Table(SHOWN, [*ran, *totals(ran)], title), optional=OPTIONAL)
     for row in figures:
         if row.reason:
             print(f"NOT RUN: {', '.join(filter(None, (row.recording, row.object, row.method)))}: {row.reason}")

@@ -1,27 +1,25 @@
 """`hhsim bench speed-error`."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from hhsim.system.shown_number import number
+from hhsim.table.table import Column, Table, number, words
 
 from ..arguments import options
 from ..arguments.comma_list import counts, names
 from ..arguments.option_group import GroupedCommand, OptionGroup, option, shared
 from ..arguments.options import COUNT
-from ..console import announce_compilation, print_json, print_notes, print_rows, progress
-from .table_document import table_document
+from ..console import announce_compilation, print_json, print_notes, print_table, progress
 
 if TYPE_CHECKING:
     from hhsim.bench.speed_error import SpeedErrorOptions
 
 
 Row = Mapping[str, Any]
-Cells = dict[str, Callable[[Row], str]]
 
 
 class Configurations(OptionGroup, heading="Configurations"):
@@ -99,7 +97,7 @@ def command(configurations: Configurations, plot: Path | None, peers: Path | Non
     """
     from hhsim.bench.speed_error import measure
     from hhsim.bench.speed_error_table import ALL, COLUMNS, chosen, remarks, table_rows
-    from hhsim.bench.table import csv_path, rows_of, write_table
+    from hhsim.bench.table import csv_path, rows_of, table_document, write_table
     from hhsim.render.speed_error_figure import draw_speed_error
     from hhsim.system.picture_path import picture_beside
 
@@ -127,8 +125,8 @@ def command(configurations: Configurations, plot: Path | None, peers: Path | Non
         )
     elif not output.quiet:
         where = f"{', '.join(run.objects)}: {', '.join(run.motions)}"
-        _print_rows(f"Nothing is both faster and better ({where})", [r for r in summed if _frontier(r)], CELLS)
-        _print_rows("Methods as they come, and on the mesh", [row for row in summed if _as_it_comes(row)], CELLS)
+        _print(f"Nothing is both faster and better ({where})", [r for r in summed if _frontier(r)], SHOWN)
+        _print("Methods as they come, and on the mesh", [row for row in summed if _as_it_comes(row)], SHOWN)
         if solvers:
             _print_solvers(solvers)
         print_notes(notes)
@@ -149,13 +147,13 @@ def _print_solvers(rows: Sequence[Row]) -> None:
     first = rows[0]
     how = f"{first['method']}, {touched(first['surface'], first['level'])}"
     title = f"QP solvers, {how}, on a stretch; all but ours are driven from Python"
-    _print_rows(title, rows, SOLVER_CELLS)
+    _print(title, rows, SOLVERS_SHOWN)
 
 
-def _print_rows(title: str, rows: Sequence[Row], cells: Cells) -> None:
+def _print(title: str, rows: Sequence[Row], columns: Sequence[Column]) -> None:
     if rows:
         by_time = sorted(rows, key=lambda row: row["tick_cpu_p50"])
-        print_rows(cells, by_time, words=("method", "touched", "QP solver", "frontier"), title=title)
+        print_table(Table(columns, by_time, title))
         print()
 
 
@@ -165,33 +163,29 @@ def _frontier(row: Row) -> str:
     return ", ".join(name for flag, name in names.items() if row[flag])
 
 
-def _figure(name: str, digits: int, scale: float = 1.0) -> Callable[[Row], str]:
-    return lambda row: number(row[name], digits, scale)
-
-
-CELLS: Cells = {
-    "method": lambda row: row["method"],
-    "touched": lambda row: row["surface"] if row["surface"] == "mesh" else f"{row['surface']} {row['level']}",
-    "lin.": lambda row: str(row["linearisations"]),
-    "CPU p50 [µs]": _figure("tick_cpu_p50", 1, 1e6),
-    "p99 [µs]": _figure("tick_cpu_p99", 1, 1e6),
-    "in surface [µm]": _figure("penetration_max", 2, 1e6),
-    "in mesh [µm]": _figure("mesh_depth_max", 1, 1e6),
-    "contacts off [µm]": _figure("contact_error_max", 1, 1e6),
-    "pose off [mm]": _figure("off_optimum_mean", 3, 1e3),
-    "trembling force [%]": _figure("force_variation_tremor", 3),
-    "force step [%]": _figure("force_step", 0),
-    "jump [mm]": _figure("posture_jump_max", 2, 1e3),
-    "lag": lambda row: f"{row['lag_ticks']:,}",
-    "stuck": lambda row: f"{row['stuck_ticks']:,}",
-    "frontier": _frontier,
-}
-SOLVER_CELLS: Cells = {
-    "QP solver": lambda row: row["qp"],
-    "CPU p50 [µs]": _figure("tick_cpu_p50", 1, 1e6),
-    "p99 [µs]": _figure("tick_cpu_p99", 1, 1e6),
-    "wall p50 [µs]": _figure("tick_wall_p50", 1, 1e6),
-    "in surface [µm]": _figure("penetration_max", 2, 1e6),
-    "off best pose [mm]": _figure("off_optimum_mean", 3, 1e3),
-    "ticks": lambda row: f"{row['ticks']:,}",
-}
+SHOWN = (
+    words("method"),
+    words("touched", lambda row: row["surface"] if row["surface"] == "mesh" else f"{row['surface']} {row['level']}"),
+    number("lin.", "linearisations"),
+    number("CPU p50", "tick_cpu_p50", "µs", 1),
+    number("p99", "tick_cpu_p99", "µs", 1),
+    number("in surface", "penetration_max", "µm", 2),
+    number("in mesh", "mesh_depth_max", "µm", 1),
+    number("contacts off", "contact_error_max", "µm", 1),
+    number("pose off", "off_optimum_mean", "mm", 3),
+    number("trembling force", "force_variation_tremor", "%", 3),
+    number("force step", "force_step", "%"),
+    number("jump", "posture_jump_max", "mm", 2),
+    number("lag", "lag_ticks"),
+    number("stuck", "stuck_ticks"),
+    words("frontier", _frontier),
+)
+SOLVERS_SHOWN = (
+    words("QP solver", "qp"),
+    number("CPU p50", "tick_cpu_p50", "µs", 1),
+    number("p99", "tick_cpu_p99", "µs", 1),
+    number("wall p50", "tick_wall_p50", "µs", 1),
+    number("in surface", "penetration_max", "µm", 2),
+    number("off best pose", "off_optimum_mean", "mm", 3),
+    number("ticks"),
+)

@@ -1,16 +1,17 @@
 """`hhsim bench stress`."""
 
-from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import click
 
+from hhsim.table.table import Table, number, words
+
 from ..arguments import options
 from ..arguments.object_argument import MeshSize, complete_object
 from ..arguments.option_group import GroupedCommand, OptionGroup, option
-from ..console import announce_compilation, print_json, print_rows, progress
+from ..console import announce_compilation, print_json, print_table, progress
 from .solvers import Solvers
 
 if TYPE_CHECKING:
@@ -19,25 +20,25 @@ if TYPE_CHECKING:
     from hhsim.bench.robustness.random_targets import StressOptions
     from hhsim.bench.robustness.stress_metrics import StressFigures
 
-CELLS: dict[str, Callable[["StressFigures"], str]] = {
-    "object": lambda row: row.object,
-    "method": lambda row: row.method,
-    "surface": lambda row: row.surface,
-    "ticks": lambda row: f"{row.ticks:,}",
-    "deepest [µm]": lambda row: f"{1e6 * row.penetration:,.3f}",
-    "palm [µm]": lambda row: f"{1e6 * row.penetration_palm:,.3f}",
-    "fingers [µm]": lambda row: f"{1e6 * row.penetration_finger:,.3f}",
-    "> 1 µm": lambda row: f"{row.penetrating:,}",
-    "> 10 µm": lambda row: f"{row.penetrating_deep:,}",
-    "not finite": lambda row: f"{row.not_finite:,}",
-    "stuck": lambda row: f"{row.stuck:,}",
-    "no cause": lambda row: f"{row.unexplained:,}",
-    "lag [%]": lambda row: f"{100.0 * row.lag / row.ticks:.1f}",
-    "force/coupling": lambda row: f"{row.force_ratio:.2f}",
-    "p50 [µs]": lambda row: f"{1e6 * row.cpu_p50:,.0f}",
-    "p99 [µs]": lambda row: f"{1e6 * row.cpu_p99:,.0f}",
-    "max [µs]": lambda row: f"{1e6 * row.cpu_max:,.0f}",
-}
+SHOWN = (
+    words("object"),
+    words("method"),
+    words("surface"),
+    number("ticks"),
+    number("deepest", "penetration", "µm", 3),
+    number("palm", "penetration_palm", "µm", 3),
+    number("fingers", "penetration_finger", "µm", 3),
+    number("> 1 µm", "penetrating"),
+    number("> 10 µm", "penetrating_deep"),
+    number("not finite", "not_finite"),
+    number("stuck"),
+    number("no cause", "unexplained"),
+    number("lag", lambda row: 100.0 * row.lag / row.ticks, "%", 1),
+    number("force/coupling", "force_ratio", digits=2),
+    number("p50", "cpu_p50", "µs"),
+    number("p99", "cpu_p99", "µs"),
+    number("max", "cpu_max", "µs"),
+)
 
 
 class Targets(OptionGroup, heading="Targets"):
@@ -110,7 +111,7 @@ def command(
     """
     from hhsim.bench.robustness.stress import run_stress
     from hhsim.bench.robustness.stress_case import StressCase
-    from hhsim.bench.robustness.stress_metrics import COLUMNS, table_row
+    from hhsim.bench.robustness.stress_metrics import COLUMNS
     from hhsim.bench.table import write_table
     from hhsim.hand.model import HandModel
     from hhsim.mesh.catalogue import object_names
@@ -165,10 +166,12 @@ def command(
         "stress": stress.to_json(),
         "solver": [solver.to_json() for solver in chosen],
     }
-    write_table(output_path, "stress", COLUMNS, [table_row(row) for row in figures], described)
+    records = Table(COLUMNS, figures).records
+    write_table(output_path, "stress", COLUMNS, records, described)
     missed = any(row.missed for row in figures)
     if output.as_json:
-        rows = [{**table_row(row), "failures": [asdict(failure) for failure in row.failures]} for row in figures]
+        failures = ([asdict(failure) for failure in row.failures] for row in figures)
+        rows = [{**record, "failures": each} for record, each in zip(records, failures)]
         print_json({"suite": "stress", "missed": missed, "rows": rows, "options": described, "path": str(output_path)})
     elif not output.quiet:
         _print(figures)
@@ -183,7 +186,7 @@ def _print(figures: "Sequence[StressFigures]") -> None:
     chosen = list(dict.fromkeys((row.method, row.surface) for row in figures))
     totals = [total([row for row in figures if (row.method, row.surface) == which]) for which in chosen]
     rows = [*figures, *(totals if len(figures) > len(chosen) else [])]
-    print_rows(CELLS, rows, words=("object", "method", "surface"), title="stress: a new random hand every few ticks")
+    print_table(Table(SHOWN, rows, "stress: a new random hand every few ticks"))
     for row in figures:
         for failure in row.failures:
             what = f"{failure.kind} at tick {failure.tick:,}, shrunk to {failure.ticks} ticks"

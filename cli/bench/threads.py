@@ -1,16 +1,15 @@
 """`hhsim bench threads`."""
 
-from collections.abc import Callable
 from dataclasses import asdict
-from typing import Any
 
 import click
+
+from hhsim.table.table import Table, number, words
 
 from ..arguments.comma_list import counts, names
 from ..arguments.option_group import OptionGroup, option, shared
 from ..arguments.options import COUNT, Output
-from ..console import announce_compilation, print_json, print_notes, print_rows, progress
-from .table_document import table_document
+from ..console import announce_compilation, print_json, print_notes, print_table, progress
 
 
 class ThreadsSettings(OptionGroup):
@@ -38,7 +37,7 @@ def command(settings: ThreadsSettings, output: Output) -> None:
       hhsim bench threads --object bunny --threads 1,2,3
       hhsim bench threads --out threads.h5 --json
     """
-    from hhsim.bench.table import csv_path, write_table
+    from hhsim.bench.table import csv_path, table_document, write_table
     from hhsim.bench.threads import COLUMNS, ThreadsOptions, measure, remarks, when_threads_pay
 
     run = ThreadsOptions(**settings.given())
@@ -59,7 +58,7 @@ def command(settings: ThreadsSettings, output: Output) -> None:
         )
     elif not output.quiet:
         title = f"wall time of a tick, mean of {rows[0]['instances']} instances in contact"
-        print_rows(CELLS, rows, words=("object", "case", "method"), title=title)
+        print_table(Table(SHOWN, rows, title))
         print()
         for sentence in sentences:
             print(sentence)
@@ -67,15 +66,15 @@ def command(settings: ThreadsSettings, output: Output) -> None:
         print(f"the table is in {output_path} and {csv_path(output_path)}")
 
 
-CELLS: dict[str, Callable[[dict[str, Any]], str]] = {
-    "object": lambda row: row["object"],
-    "case": lambda row: row["case"],
-    "method": lambda row: row["method"],
-    "contacts": lambda row: f"{row['contacts']:,.0f}",
-    "threads": lambda row: str(row["threads"]),
-    "detection [µs]": lambda row: f"{1e6 * row['detection']:.1f}",
-    "response [µs]": lambda row: f"{1e6 * row['response']:.1f}",
-    "total [µs]": lambda row: f"{1e6 * row['total']:.1f}",
-    "all threads' CPU [µs]": lambda row: f"{1e6 * row['total_cpu']:.1f}",
-    "gain": lambda row: "" if row["threads"] == 1 else f"{row['speedup']:.2f}",
-}
+SHOWN = (
+    words("object"),
+    words("case"),
+    words("method"),
+    number("contacts"),
+    number("threads"),
+    number("detection", "detection", "µs", 1),
+    number("response", "response", "µs", 1),
+    number("total", "total", "µs", 1),
+    number("all threads' CPU", "total_cpu", "µs", 1),
+    number("gain", lambda row: "" if row["threads"] == 1 else row["speedup"], digits=2),
+)

@@ -1,19 +1,16 @@
 """`hhsim bench trees`."""
 
-from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import click
 
-from hhsim.system.shown_number import number
+from hhsim.table.table import Table, number, words
 
 from ..arguments import options
 from ..arguments.comma_list import counts, names
 from ..arguments.option_group import OptionGroup, shared
-from ..console import announce_compilation, print_json, print_notes, print_rows, progress
-from .table_document import table_document
+from ..console import announce_compilation, print_json, print_notes, print_table, progress
 
 
 class TreesSettings(OptionGroup):
@@ -53,7 +50,7 @@ def command(settings: TreesSettings, size: float, time_limits: bool, plot: Path 
       hhsim bench trees --object bunny --spheres 64,128,256,512
       hhsim bench trees --out trees.h5 --plot trees.png --time-limits
     """
-    from hhsim.bench.table import csv_path, write_table
+    from hhsim.bench.table import csv_path, table_document, write_table
     from hhsim.bench.trees import COLUMNS, TreesOptions, measure, missed_bars
     from hhsim.render.tree_comparison_figure import draw_trees
     from hhsim.system.picture_path import picture_beside
@@ -77,7 +74,7 @@ def command(settings: TreesSettings, size: float, time_limits: bool, plot: Path 
         )
     elif not output.quiet:
         for name in run.objects:
-            print_rows(CELLS, [row for row in rows if row["object"] == name], words=("builder",), title=name)
+            print_table(Table(SHOWN, [row for row in rows if row["object"] == name], name))
             print()
         if any(row["measured_by"] == "hhsim" and not row["is_reference"] for row in rows):
             print_notes(["coal is not installed: the errors are those that every tree is measured with"])
@@ -88,15 +85,15 @@ def command(settings: TreesSettings, size: float, time_limits: bool, plot: Path 
     return 1 if missed else 0
 
 
-CELLS: dict[str, Callable[[Mapping[str, Any]], str]] = {
-    "builder": lambda row: f"({row['method']})" if row["is_reference"] else row["method"],
-    "spheres": lambda row: number(row["spheres"], 0),
-    "protrusion max [mm]": lambda row: number(row["protrusion_max"], 3, 1e3),
-    "limit [mm]": lambda row: number(row["protrusion_limit"], 2, 1e3, missing=""),
-    "mean [mm]": lambda row: number(row["protrusion_mean"], 3, 1e3),
-    "proved bound [mm]": lambda row: number(row["bound"] if row["is_proved"] else None, 3, 1e3),
-    "gap max [mm]": lambda row: number(row["gap_max"], 3, 1e3),
-    "CPU [s]": lambda row: number(row["cpu"], 2),
-    "limit [s]": lambda row: number(row["cpu_limit"], 0, missing=""),
-    "leaves only [s]": lambda row: number(row["cpu_leaves"], 2, missing=""),
-}
+SHOWN = (
+    words("builder", lambda row: f"({row['method']})" if row["is_reference"] else row["method"]),
+    number("spheres"),
+    number("protrusion max", "protrusion_max", "mm", 3),
+    number("limit", "protrusion_limit", "mm", 2, missing=""),
+    number("mean", "protrusion_mean", "mm", 3),
+    number("proved bound", lambda row: row["bound"] if row["is_proved"] else None, "mm", 3),
+    number("gap max", "gap_max", "mm", 3),
+    number("CPU", "cpu", "s", 2),
+    number("limit", "cpu_limit", "s", missing=""),
+    number("leaves only", "cpu_leaves", "s", 2, missing=""),
+)

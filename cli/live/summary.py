@@ -5,7 +5,7 @@ from contextlib import suppress
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from hhsim.system.shown_number import number
+from hhsim.table.table import Table, shown
 
 from ..console import print_line, print_table
 
@@ -19,7 +19,7 @@ Row = tuple[str, str, str]
 
 def print_summary(outcome: "SessionOutcome", title: str) -> None:
     """Print the table, what went wrong in a line, and where the recording is."""
-    print_table(("", "hhsim", "unit"), summary_rows(outcome), title=title, numbers=("hhsim",))
+    print_table(Table.of_cells(("", "hhsim", "unit"), summary_rows(outcome), title, numbers=("hhsim",)))
     print_line(fault_counts(outcome).line)
     mode = outcome.facts.get("real_time")
     if mode:
@@ -59,10 +59,10 @@ def summary_rows(outcome: "SessionOutcome") -> list[Row]:
             rows.append(("ticks without a hand, not recorded", f"{handless:,}", ""))
     found = recording_errors(outcome)
     if found:
-        rows.append(("penetration in the recording, max", number(found["penetration_max"], 3, 1e6), "µm"))
-        rows.append(("contacts off the mesh in the recording, max", number(found["contact_error_max"], 3, 1e3), "mm"))
+        rows.append(("penetration in the recording, max", shown(1e6 * found["penetration_max"], 3), "µm"))
+        rows.append(("contacts off the mesh in the recording, max", shown(1e3 * found["contact_error_max"], 3), "mm"))
     if "object_raised" in found:
-        rows.append(("object raised, max", number(found["object_raised"], 2, 1e3), "mm"))
+        rows.append(("object raised, max", shown(1e3 * found["object_raised"], 2), "mm"))
     return rows
 
 

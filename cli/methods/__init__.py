@@ -1,11 +1,11 @@
 """`hhsim methods`: the list, and a test of one."""
 
-from collections.abc import Callable
-
 import click
 
+from hhsim.table.table import Table, words
+
 from ..arguments import options
-from ..console import print_json, print_line, print_rows
+from ..console import print_json, print_line, print_table
 from ..lazy_group import LazyGroup
 
 COMMANDS = {"check": "Tell what is wrong with a method from outside."}
@@ -30,15 +30,15 @@ def _list(context: click.Context, as_json: bool) -> None:
             broken[name] = str(error)
     yes = {True: "yes", False: "–"}
     home = {name: entry.dist.name if entry.dist else "?" for name, entry in declared_methods().items()}
-    cells: dict[str, Callable[[str], str]] = {
-        "name": lambda name: name,
-        "what": lambda name: found[name].summary,
-        "installed": lambda name: yes[not found[name].missing],
-        "from": lambda name: home.get(name, "hhsim"),
-        "never inside": lambda name: yes[found[name].never_penetrates],
-        "nearest": lambda name: yes[found[name].nearest_to_user],
-        "gives": lambda name: "everything" if found[name].compiled else ", ".join(sorted(found[name].gives)),
-    }
+    columns = (
+        words("name", str),
+        words("what", lambda name: found[name].summary),
+        words("installed", lambda name: yes[not found[name].missing]),
+        words("from", lambda name: home.get(name, "hhsim")),
+        words("never inside", lambda name: yes[found[name].never_penetrates]),
+        words("nearest", lambda name: yes[found[name].nearest_to_user]),
+        words("gives", lambda name: "everything" if found[name].compiled else ", ".join(sorted(found[name].gives))),
+    )
     if as_json:
         document = [
             {
@@ -54,7 +54,7 @@ def _list(context: click.Context, as_json: bool) -> None:
         ]
         print_json({"methods": document, "broken": broken})
         return
-    print_rows(cells, list(found), words=cells.keys())
+    print_table(Table(columns, list(found)))
     for missing in dict.fromkeys(method.missing for method in found.values() if method.missing):
         names = ", ".join(name for name, method in found.items() if method.missing == missing)
         print_line(f"note: {names}: {missing}")

@@ -2,6 +2,8 @@
 
 import click
 
+from hhsim.table.table import Table, words
+
 from ..arguments import options
 from ..arguments.method_name import isolate
 from ..console import announce_compilation, print_json, print_line, print_table
@@ -31,6 +33,6 @@ def command(name: str, isolate: bool, as_json: bool) -> int:
     if as_json:
         print_json({"method": name, "passed": not wrong, "findings": [finding.to_json() for finding in findings]})
         return int(bool(wrong))
-    print_table(("", "", ""), [(finding.name, finding.verdict, finding.says) for finding in findings])
+    print_table(Table([words("", of) for of in ("name", "verdict", "says")], findings))
     print_line(f"{name}: {wrong} of {len(findings)} are wrong" if wrong else f"{name} can be measured")
     return int(bool(wrong))

@@ -19,7 +19,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
-from hhsim.bench.table import Column
 from hhsim.errors import HhsimError, InputError, check_known
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
@@ -33,6 +32,7 @@ from hhsim.solver.compile import warm_up
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.system.progress import Progress, silent
+from hhsim.table.table import Column
 from hhsim.trees.cache import cache_path, cached_sphere_tree
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.options import TreeOptions

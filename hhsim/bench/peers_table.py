@@ -9,8 +9,9 @@ import numpy as np
 
 from hhsim.bench.peers import Peer, PeerErrors, PeerRun
 from hhsim.bench.speed_error_table import ALL, GAIN, frontier, joined, percentile
-from hhsim.bench.table import Column, metric_column
+from hhsim.bench.table import metric_column
 from hhsim.metrics import metrics
+from hhsim.table.table import Column
 
 Row = dict[str, Any]
 

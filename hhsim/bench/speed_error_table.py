@@ -11,9 +11,10 @@ from numpy.typing import ArrayLike
 from hhsim.arrays import AnyArray, IntArray
 from hhsim.bench.run_errors import RunErrors
 from hhsim.bench.speed_error import NO_LEVEL, Configuration, Run
-from hhsim.bench.table import Column, metric_column
+from hhsim.bench.table import metric_column
 from hhsim.metrics import metrics
 from hhsim.solver.qp import ACTIVE_SET
+from hhsim.table.table import Column
 
 Row = dict[str, Any]
 

@@ -5,11 +5,9 @@ what. The CSV file has one line a row; its header names each column and, in brac
 is NaN in the one and an empty cell in the other.
 """
 
-import csv
-import io
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -23,6 +21,7 @@ from hhsim.system import environment as info
 from hhsim.system.atomic_write import put_dataset, sealed_hdf5, write_atomically
 from hhsim.system.hdf5_input import DAMAGE, hdf5_format, open_hdf5
 from hhsim.system.output_path import check_output_path
+from hhsim.table.table import BARE, Column, Table, stored_unit
 
 FORMAT = "hhsim-bench"
 SCHEMA_VERSION = 1
@@ -31,43 +30,25 @@ Cell: TypeAlias = str | bool | int | float
 Row: TypeAlias = Mapping[str, Any]
 
 
-@dataclass(frozen=True)
-class Column:
-    """One column of a table.
-
-    Attributes:
-        name: Of the dataset and, with the unit, of the CSV column: letters, digits and "_".
-        long_name: What it says, for people.
-        unit: SI; "1" for counts, ratios, names and truths, "%" for what the contract states in percent.
-    """
-
-    name: str
-    long_name: str
-    unit: str = "1"
-
-
-def metric_column(metric: str, name: str = "") -> Column:
-    """The column of a run metric, which says what it is and in which unit; under another name where one is given."""
+def metric_column(metric: str, name: str = "", of: str | Callable[[Any], Any] = "") -> Column:
+    """Return the column of a run metric, which says what it is and in which unit; `name` and `of` as of `Column`."""
     figure = run_metrics()[metric]
-    return Column(name or metric, figure.label, figure.stored_unit)
+    return Column(name or metric, figure.label, figure.stored_unit, of)
 
 
 @dataclass(frozen=True)
-class Table:
-    """A table that was read back.
+class BenchTable(Table):
+    """A table that was read back; each row is a dictionary by column name, of str, bool, int or float.
 
     Attributes:
         suite: That wrote it.
-        columns: In order.
-        rows: One dictionary a row, by column name: str, bool, int or float.
+        options: It was run with.
         attributes: The other attributes of the file: versions, machine, revision, time.
     """
 
-    suite: str
-    columns: tuple[Column, ...]
-    rows: tuple[dict[str, Cell], ...]
-    options: dict[str, Any]
-    attributes: dict[str, Any]
+    suite: str = ""
+    options: Mapping[str, Any] = field(default_factory=dict)
+    attributes: Mapping[str, Any] = field(default_factory=dict)
 
 
 def csv_path(output_path: Path) -> Path:
@@ -133,12 +114,20 @@ def write_table(
         for column in columns:
             values = arrays[column.name]
             kind = h5py.string_dtype() if values.dtype == object else values.dtype
-            put_dataset(file, column.name, values, column.unit, column.long_name, dtype=kind)
+            put_dataset(file, column.name, values, stored_unit(column.unit), column.says, dtype=kind)
         file.attrs["complete"] = 1
 
     image = sealed_hdf5(fill)
-    write_atomically(csv_path(output_path), _csv_text(columns, arrays).encode())
+    plain = [dict(zip(names, row)) for row in zip(*(array.tolist() for array in arrays.values()))]
+    named = [replace(column, of=column.name) for column in columns]
+    write_atomically(csv_path(output_path), Table(named, plain).csv().encode())
     write_atomically(output_path, image)
+
+
+def table_document(path: Path, columns: Sequence[Column], options: Mapping[str, Any], **more: object) -> dict[str, Any]:
+    """Return where a table is, what was run, and the unit of each column, for JSON; `more` stands after the paths."""
+    units = {column.name: stored_unit(column.unit) for column in columns}
+    return {"table": str(path), "csv": str(csv_path(path)), **more, "options": options, "units": units}
 
 
 def is_table(path: Path) -> bool:
@@ -150,7 +139,7 @@ def is_table(path: Path) -> bool:
         return False
 
 
-def load_table(path: Path) -> Table:
+def load_table(path: Path) -> BenchTable:
     """Read a table back from its HDF5 file.
 
     Raises:
@@ -180,7 +169,7 @@ def rows_of(path: Path, suite: str) -> list[dict[str, Cell]]:
     return list(table.rows)
 
 
-def _read(file: h5py.File, path: Path) -> Table:
+def _read(file: h5py.File, path: Path) -> BenchTable:
     attributes = {name: value.item() if isinstance(value, np.generic) else value for name, value in file.attrs.items()}
     if attributes.get("format") != FORMAT:
         raise InputError(f"{path} is no table of hhsim bench: its format is {attributes.get('format')!r}")
@@ -191,16 +180,17 @@ def _read(file: h5py.File, path: Path) -> Table:
     columns, values = [], []
     for name in json.loads(attributes.pop("columns")):
         dataset = file[name]
-        columns.append(Column(name, str(dataset.attrs["long_name"]), str(dataset.attrs["units"])))
+        unit = str(dataset.attrs["units"])
+        columns.append(Column(name, str(dataset.attrs["long_name"]), "" if unit in BARE else unit))
         is_text = h5py.check_string_dtype(dataset.dtype) is not None
         values.append((dataset.asstr()[...] if is_text else dataset[...]).tolist())
     if len({len(column) for column in values}) > 1:
         raise InputError(f"{path} is damaged: its columns have different lengths")
     names = [column.name for column in columns]
-    return Table(
-        suite=str(attributes.pop("suite")),
+    return BenchTable(
         columns=tuple(columns),
         rows=tuple(dict(zip(names, row)) for row in zip(*values)),
+        suite=str(attributes.pop("suite")),
         options=json.loads(attributes.pop("options")),
         attributes=attributes,
     )
@@ -221,23 +211,3 @@ def _array(name: str, values: Sequence[Any]) -> AnyArray:
         return np.array([np.nan if value is None else value for value in plain], dtype=np.float64)
     mixed = sorted(kind.__name__ for kind in kinds | ({type(None)} if missing else set()))
     raise ValueError(f"column {name} mixes {' and '.join(mixed)}: give it values of one kind")
-
-
-def _csv_text(columns: Sequence[Column], arrays: Mapping[str, AnyArray]) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([column.name if column.unit == "1" else f"{column.name} [{column.unit}]" for column in columns])
-    for row in zip(*(arrays[column.name].tolist() for column in columns)):
-        writer.writerow([spelled(value) for value in row])
-    return text.getvalue()
-
-
-def spelled(value: Cell | None) -> str:
-    """Return a cell of a CSV file, "" for a missing value; a number has all digits, and comes back bit for bit."""
-    if value is None:
-        return ""
-    if isinstance(value, bool):
-        return str(int(value))
-    if isinstance(value, float):
-        return "" if value != value else repr(value)
-    return str(value)

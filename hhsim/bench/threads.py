@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
-from hhsim.bench.table import Column
 from hhsim.errors import InputError, check_known
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
@@ -30,6 +29,7 @@ from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.method import methods_that
 from hhsim.solver.options import SolverOptions
 from hhsim.system.progress import Progress, silent
+from hhsim.table.table import Column
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 

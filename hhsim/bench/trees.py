@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.bench.table import Column
 from hhsim.errors import HhsimError, InputError
 from hhsim.mesh.catalogue import load_object
 from hhsim.mesh.file import read_own_ply
 from hhsim.mesh.mesh import Mesh
 from hhsim.system.progress import Progress, silent
+from hhsim.table.table import Column
 from hhsim.trees.builder import build_sphere_tree
 from hhsim.trees.options import MOST_LEVEL, TreeOptions
 from hhsim.trees.published_results import BARS, EXTENT, LEAST_GAP, REFERENCES

@@ -1,14 +1,16 @@
-"""The board's tables as people read them: in a terminal, in Markdown, on a page."""
+"""The board's tables as people read them: in a terminal, in a document, on a page."""
 
 import json
+import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from hhsim.board.collect import Board
 from hhsim.board.entry import Entry, shown_options
 from hhsim.board.standings import Standing
 from hhsim.replay.repeated_times import digits_with
-from hhsim.system.shown_number import number
+from hhsim.table.table import Table, number, shown, words
 
 MARK = "●"
 """Of what is on the frontier."""
@@ -20,71 +22,64 @@ LEGEND = (
 )
 
 
-def standing_cells(board: Board) -> dict[str, Callable[[Standing], str]]:
-    """Each column of the standings by its heading."""
-    cells: dict[str, Callable[[Standing], str]] = {
-        "": lambda row: MARK if row.first else "",
-        "method": lambda row: row.method,
-        "surface": lambda row: row.surface,
-        "options": lambda row: row.options,
-        "machine": lambda row: board.machines[row.machine],
-        "scenes": lambda row: f"{row.scenes:,}",
-        "touched": lambda row: f"{row.touched:,}",
-        "limits missed": lambda row: f"{row.missed:,}",
-        "failed": lambda row: f"{row.failed:,}",
-        "depth [µm]": lambda row: number(row.depth, 3, 1e6),
-        "off the mesh [mm]": lambda row: number(row.off_mesh, 3, 1e3),
-        "over optimum [%]": lambda row: number(row.tracking, 2),
-        "stuck": lambda row: f"{row.stuck:,}",
-        "p50 [µs]": lambda row: _time(row.p50, row.p50_std, row.comparable),
-        "p99 [µs]": lambda row: _time(row.p99, row.p99_std, row.comparable),
-    }
-    return cells
+def standing_table(board: Board, standings: Sequence[Standing]) -> Table:
+    """Return the standings as a table; its notes are all that there is to say of it."""
+    columns = (
+        words("", lambda row: MARK if row.first else ""),
+        words("method"),
+        words("surface"),
+        words("options"),
+        words("machine", lambda row: board.machines[row.machine]),
+        number("scenes"),
+        number("touched"),
+        number("limits missed", "missed"),
+        number("failed"),
+        number("depth", "depth", "µm", 3),
+        number("off the mesh", "off_mesh", "mm", 3),
+        number("over optimum", "tracking", "%", 2),
+        number("stuck"),
+        number("p50", lambda row: _time(row.p50, row.p50_std, row.comparable), "µs"),
+        number("p99", lambda row: _time(row.p99, row.p99_std, row.comparable), "µs"),
+    )
+    return Table(columns, standings, notes=(LEGEND, *said_of(board)))
 
 
-def entry_cells(board: Board) -> dict[str, Callable[[Entry], str]]:
-    """Each column of the single runs by its heading."""
-
-    def figure(name: str, digits: int, scale: float = 1.0) -> Callable[[Entry], str]:
-        return lambda row: number(row.figures.get(name, float("nan")), digits, scale)
+def entry_table(board: Board) -> Table:
+    """Return each run, failed ones too, as a table."""
 
     def time(name: str) -> Callable[[Entry], str]:
-        return lambda row: _time(
-            row.figures.get(name, float("nan")), row.deviations.get(name, float("nan")), row.own_core
-        )
+        return lambda row: _time(row.figures.get(name, math.nan), row.deviations.get(name, math.nan), row.own_core)
 
-    return {
-        "object": lambda row: row.object,
-        "motion": lambda row: row.motion,
-        "method": lambda row: row.method,
-        "surface": lambda row: row.surface,
-        "options": lambda row: shown_options(row.option_set, row.options),
-        "machine": lambda row: board.machines.get(row.machine, ""),
-        "verdict": lambda row: f"{row.verdict}: {row.reason}" if row.reason else row.verdict,
-        "depth [µm]": figure("penetration_max", 3, 1e6),
-        "off the mesh [mm]": figure("contact_error_max", 3, 1e3),
-        "over optimum [%]": figure("tracking_excess", 2),
-        "force [N]": figure("force_contact_mean", 2),
-        "stuck": figure("stuck_ticks", 0),
-        "p50 [µs]": time("tick_cpu_p50"),
-        "p99 [µs]": time("tick_cpu_p99"),
-    }
-
-
-WORDS = ("", "object", "motion", "method", "surface", "options", "machine", "verdict")
-"""Columns that hold no numbers."""
+    columns = (
+        words("object"),
+        words("motion"),
+        words("method"),
+        words("surface"),
+        words("options", lambda row: shown_options(row.option_set, row.options)),
+        words("machine", lambda row: board.machines.get(row.machine, "")),
+        words("verdict", lambda row: f"{row.verdict}: {row.reason}" if row.reason else row.verdict),
+        number("depth", lambda row: row.figures.get("penetration_max"), "µm", 3),
+        number("off the mesh", lambda row: row.figures.get("contact_error_max"), "mm", 3),
+        number("over optimum", lambda row: row.figures.get("tracking_excess"), "%", 2),
+        number("force", lambda row: row.figures.get("force_contact_mean"), "N", 2),
+        number("stuck", lambda row: row.figures.get("stuck_ticks")),
+        number("p50", time("tick_cpu_p50"), "µs"),
+        number("p99", time("tick_cpu_p99"), "µs"),
+    )
+    return Table(columns, (*board.entries, *board.failed))
 
 
-def shown_standings(board: Board, standings: Sequence[Standing]) -> tuple[list[str], list[list[str]], list[str]]:
-    """Headings and cells of the standings as a document has them, and what there is to say below.
+def document_table(board: Board, standings: Sequence[Standing]) -> Table:
+    """Return the standings as a document has them.
 
-    A column that is the same in several rows, all of them, is said below instead; the name of a method stays.
+    A column that is the same in several rows, all of them, is told in a note instead; the name of a method stays.
     """
-    shown = {heading: [cell(row) for row in standings] for heading, cell in standing_cells(board).items()}
-    alike = [heading for heading, cells in shown.items() if heading != "method" and len(cells) > 1 == len(set(cells))]
-    same = [f"{heading} {shown.pop(heading)[0]}".strip() for heading in alike]
-    told = [f"the same in every row: {'; '.join(filter(None, same))}"] if any(same) else []
-    return list(shown), [list(row) for row in zip(*shown.values())], [*told, LEGEND, *said_of(board)]
+    whole = standing_table(board, standings)
+    cells = {column: {column.shown(row) for row in standings} for column in whole.columns}
+    alike = [column for column in cells if column.name != "method" and len(standings) > 1 == len(cells[column])]
+    same = "; ".join(filter(None, (f"{column.heading} {cells[column].pop()}".strip() for column in alike)))
+    told = [f"the same in every row: {same}"] if same else []
+    return replace(whole, columns=[each for each in cells if each not in alike], notes=[*told, *whole.notes])
 
 
 def said_of(board: Board) -> list[str]:
@@ -103,6 +98,6 @@ def machine_line(machine: Mapping[str, Any]) -> str:
 def _time(seconds: float, deviation: float, comparable: bool) -> str:
     """In µs, with ± standard deviation where there is one."""
     digits = digits_with(1e6 * deviation, 1)
-    shown = number(seconds, digits, 1e6)
-    shown += f" ± {number(deviation, digits, 1e6)}" if deviation == deviation else ""
-    return shown if comparable or seconds != seconds else f"~{shown}"
+    text = shown(1e6 * seconds, digits)
+    text += f" ± {shown(1e6 * deviation, digits)}" if deviation == deviation else ""
+    return text if comparable or seconds != seconds else f"~{text}"

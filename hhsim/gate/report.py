@@ -9,29 +9,22 @@ from xml.etree import ElementTree
 from hhsim.gate.gate import GateReport
 from hhsim.gate.time_comparison import NOT_COMPARABLE, SAME, WORSE
 from hhsim.gate.verdict import UNJUDGED, WORSE_WITHIN, GateRow
+from hhsim.table.table import Table, markdown_text, number, shown, unit_size, words
 
-HEADINGS = ("scene", "figure", "head", "base", "limit", "unit", "verdict", "outcome")
-NUMBERS = ("head", "base", "limit")
 OK, MISSED = "ok", "MISSED"
 LIMIT_ONLY = "limit only"
 """Stands for the word against a base where a figure has none and is within, or over, its limit."""
 
 
+def number_text(value: float, unit: str = "") -> str:
+    """Return a number of a stored unit as tables show it in `unit`; "—" for none."""
+    shown_value = value / unit_size(unit)
+    return "0.000" if 0.0 < abs(shown_value) < 1e-9 else shown(shown_value)
+
+
 def cells(row: GateRow) -> tuple[str, ...]:
-    """One row under `HEADINGS`."""
-    numbers = (number(getattr(row, name) / row.scale) for name in NUMBERS)
-    return (row.scene, row.label, *numbers, row.unit, _word(row), _state(row))
-
-
-def number(value: float) -> str:
-    """A number as tables show it: whole ones in full, others with four digits; "—" for none."""
-    if not math.isfinite(value):
-        return "—" if math.isnan(value) else str(value)
-    if value == round(value) and abs(value) < 1e12:
-        return f"{round(value):,}"
-    if abs(value) < 1e-9:
-        return "0.000"
-    return f"{value:.4g}"
+    """Return a row under the headings of `COLUMNS`."""
+    return tuple(column.shown(row) for column in COLUMNS)
 
 
 def headline(report: GateReport) -> str:
@@ -74,7 +67,8 @@ def _has_no_value(row: GateRow) -> bool:
 def _how_far(row: GateRow) -> str:
     if row.passed or math.isnan(row.head) or math.isnan(row.limit):
         return ""
-    return f" ({number(row.head / row.scale)}, limit {number(row.limit / row.scale)}{row.unit and ' '}{row.unit})"
+    head, limit = (number_text(value, row.unit) for value in (row.head, row.limit))
+    return f" ({head}, limit {limit}{row.unit and ' '}{row.unit})"
 
 
 def worth_showing(report: GateReport) -> list[GateRow]:
@@ -95,15 +89,15 @@ def left_out(report: GateReport) -> str:
 def markdown(report: GateReport) -> str:
     """A summary for a pull request: what changed or was missed in a table, all the rest folded away."""
     sign = {0: "✅", 3: "⚠️"}.get(report.exit_code, "❌")
-    lines = [f"## {sign} hhsim gate", "", _escaped(headline(report)), ""]
+    lines = [f"## {sign} hhsim gate", "", markdown_text(headline(report)), ""]
     shown = worth_showing(report)
     if shown:
-        lines += [*_table(shown), ""]
-    lines += [f"- {_escaped(reason)}" for reason in [*reasons(report.rows), *not_judged(report), *report.notes]]
+        lines += [Table(COLUMNS, shown).markdown(), ""]
+    lines += [f"- {markdown_text(reason)}" for reason in [*reasons(report.rows), *not_judged(report), *report.notes]]
     folded = [row for row in report.rows if row not in shown]
     if folded:
         rest = left_out(report) or "not judged"
-        lines += ["", f"<details><summary>{rest}</summary>", "", *_table(folded), "", "</details>"]
+        lines += ["", f"<details><summary>{rest}</summary>", "", Table(COLUMNS, folded).markdown(), "", "</details>"]
     return "\n".join(lines) + "\n"
 
 
@@ -149,13 +143,14 @@ def _word(row: GateRow) -> str:
     return row.verdict or (LIMIT_ONLY if _state(row) and math.isnan(row.base) and not math.isnan(row.limit) else "")
 
 
-def _table(rows: Sequence[GateRow]) -> list[str]:
-    align = ["---:" if heading in NUMBERS else "---" for heading in HEADINGS]
-    head = [f"| {' | '.join(HEADINGS)} |", f"|{'|'.join(align)}|"]
-    return head + [f"| {' | '.join(_escaped(cell) for cell in cells(row))} |" for row in rows]
-
-
-def _escaped(text: str) -> str:
-    """Text that Markdown shows as it is."""
-    kept = text.replace("&", "&amp;").replace("<", "&lt;").replace("|", "\\|").replace("\n", " ")
-    return kept.replace("_", "\\_").replace("*", "\\*").replace("`", "'")
+COLUMNS = (
+    words("scene"),
+    words("figure", "label"),
+    number("head", lambda row: number_text(row.head, row.unit)),
+    number("base", lambda row: number_text(row.base, row.unit)),
+    number("limit", lambda row: number_text(row.limit, row.unit)),
+    words("unit"),
+    words("verdict", _word),
+    words("outcome", _state),
+)
+"""Of the gate's rows."""

@@ -36,8 +36,7 @@ class GateRow:
         scene, kind, name: Which; `kind` is run, inputs, error, counter, time, or limit of a figure that is judged only
             where the suite limits it.
         label: For people.
-        unit: Of the three numbers as `scale` makes them.
-        scale: From `unit` to SI.
+        unit: In which people read the three numbers.
         head, base, limit: SI, or % where the metric is so; NaN where there is none.
         verdict: One of the words against the base; "" where there is no base.
         passed: False where a limit was missed.
@@ -49,7 +48,6 @@ class GateRow:
     name: str
     label: str
     unit: str = ""
-    scale: float = 1.0
     head: float = math.nan
     base: float = math.nan
     limit: float = math.nan
@@ -206,7 +204,7 @@ def overall(rows: Sequence[GateRow]) -> tuple[str, int]:
 
 
 def _row(scene: str, kind: str, name: str, figure: Figure, *judged: Any) -> GateRow:
-    return GateRow(scene, kind, name, figure.label, figure.unit, figure.scale, *judged)
+    return GateRow(scene, kind, name, figure.label, figure.unit, *judged)
 
 
 def _word(value: float, before: float, slack: float, rounding: float = 0.0) -> str:

@@ -1,10 +1,10 @@
 """What a figure of a run is: its names, how it is shown, how it is judged, and how it is computed."""
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
 from hhsim.metrics.run_ticks import RunTicks
+from hhsim.table.table import shown, stored_unit, unit_size
 
 PAPER_RATE = 1000.0
 """Ticks per second of the paper's haptic loop [Hz]."""
@@ -45,19 +45,18 @@ class Figure:
     paper: str = ""
 
     @property
-    def stored_unit(self) -> str:
-        """Of the value itself: SI, % where the figure is defined so, "1" for counts."""
-        return STORED.get(self.unit, (self.unit, 1.0))[0]
+    def scale(self) -> float:
+        """Return what a shown value is multiplied by to be the value itself."""
+        return unit_size(self.unit)
 
     @property
-    def scale(self) -> float:
-        """The unit of what is shown, in the unit of the value itself."""
-        return STORED.get(self.unit, (self.unit, 1.0))[1]
+    def stored_unit(self) -> str:
+        """Of the value itself: SI, % where the figure is defined so, "1" for counts."""
+        return stored_unit(self.unit)
 
     def shown(self, value: float) -> str:
         """A value, SI or % where the figure is defined so, as the table shows it; "—" where it is undefined."""
-        # Rounded first: what rounds to nothing has no sign.
-        return "—" if math.isnan(value) else f"{round(value / self.scale, self.digits) + 0.0:,.{self.digits}f}"
+        return shown(value / self.scale, self.digits)
 
 
 @dataclass(frozen=True)

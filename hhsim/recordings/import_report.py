@@ -10,6 +10,7 @@ from hhsim.motion.sample_flags import FLAG_MEANINGS, SampleFlag, marked
 from hhsim.recordings.recorded_bones import RecordedBones
 from hhsim.recordings.recording import Finding, Recording
 from hhsim.recordings.repair import Repaired
+from hhsim.table.table import number, words
 
 
 @dataclass(frozen=True)
@@ -56,30 +57,24 @@ class ImportReport:
             "findings": [vars(finding) for finding in self.findings],
         }
 
-    def rows(self) -> list[tuple[str, str, str, str]]:
-        """Rows of the table: finding, samples, first at [s], what was done."""
-        return [
-            (
-                finding.kind.replace("_", " "),
-                f"{finding.samples:,}" if finding.samples else "",
-                "" if finding.first_time is None else f"{finding.first_time:.3f}",
-                finding.text,
-            )
-            for finding in self.findings
-        ]
-
-    def fit_rows(self) -> list[tuple[str, ...]]:
-        """Rows of the fit: finger, its error [mm], its bones [mm]; none without bones."""
-        if self.fit is None:
-            return []
-        return [
-            (finger, *(f"{1e3 * value:.2f}" for value in (rms, largest)), *(f"{1e3 * bone:.1f}" for bone in length))
-            for finger, rms, largest, length in zip(FINGERS, self.fit.rms, self.fit.largest, self.fit.length)
-        ]
+    def fit_rows(self) -> list[tuple[Any, ...]]:
+        """Rows of the fit: finger, its error [m], RMS and largest, its bones [m]; none without bones."""
+        fit = self.fit
+        return [] if fit is None else list(zip(FINGERS, fit.rms, fit.largest, *fit.length.T))
 
 
-COLUMNS = ("finding", "samples", "first at [s]", "what, and what was done")
-FIT_COLUMNS = ("finger", "fit, rms [mm]", "fit, max [mm]", "bone 1 [mm]", "bone 2 [mm]", "bone 3 [mm]")
+COLUMNS = (
+    words("finding", lambda finding: finding.kind.replace("_", " ")),
+    number("samples", lambda finding: finding.samples or ""),
+    number("first at", "first_time", "s", 3, missing=""),
+    words("what, and what was done", "text"),
+)
+FIT_COLUMNS = (
+    words("finger", 0),
+    number("fit, rms", 1, "mm", 2),
+    number("fit, max", 2, "mm", 2),
+    *(number(f"bone {i}", 2 + i, "mm", 1) for i in (1, 2, 3)),
+)
 
 
 def make_report(recording: Recording, repaired: Repaired) -> ImportReport:

@@ -21,7 +21,7 @@ from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import known_figures, needed_columns, tick_figures
 from hhsim.metrics.run_ticks import RunTicks
 from hhsim.motion.object_motion import ObjectMotion
-from hhsim.replay.summary_table import SummaryRow, short_table, summary_rows
+from hhsim.replay.summary_table import SummaryRow, figure_table, short_table, summary_rows
 from hhsim.replay.tremor_hold import tremor_variation
 from hhsim.replay.verdict import Verdict, run_verdict
 from hhsim.scene.scene import Scene
@@ -103,11 +103,10 @@ class ReplaySummary:
         """The short table, for a notebook."""
         from html import escape
 
-        rows = "".join(
-            f"<tr><td>{escape(row.label)}</td><td>{escape(row.shown)} {escape(row.unit)}</td></tr>"
-            for row in short_table(self.rows, self.verdict.missed)
-        )
-        return f"<p>{escape(self.verdict.line)}</p><table>{rows}</table>"
+        from hhsim.table.html import table_html
+
+        table = figure_table(short_table(self.rows, self.verdict.missed), promises=self.promises)
+        return f"<p>{escape(self.verdict.line)}</p>{table_html(table)}"
 
     @property
     def verdict(self) -> Verdict:

@@ -9,6 +9,7 @@ from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.metrics.run_metric import PAPER_RATE, Figure
 from hhsim.replay.limits import promised
+from hhsim.table.table import Table, number, words
 
 
 @dataclass(frozen=True)
@@ -57,6 +58,25 @@ class SummaryRow:
         if not promised(self.name, promises):
             return "not promised"
         return f"{metric.judged.limit / self.figure.scale:g}"
+
+
+def figure_table(
+    rows: Sequence[SummaryRow], title: str = "", *, name: str = "", promises: Collection[str] | None = None
+) -> Table:
+    """Return figures as a table: label, value, unit, and the paper's figure where there is one.
+
+    Args:
+        rows: Of the table, one a figure.
+        title: Of the table.
+        name: Heading of the labels.
+        promises: As of `SummaryRow.limit`, where the default limits are to stand beside.
+    """
+    columns = [words(name, "label"), number("hhsim", "shown"), words("unit")]
+    if promises is not None:
+        columns.append(number("limit", lambda row: row.limit(promises)))
+    if any(row.paper for row in rows):
+        columns.append(number("paper"))
+    return Table(columns, rows, title)
 
 
 def summary_rows(figures: Mapping[str, float], rate: float, *, of_paper: bool = False) -> tuple[SummaryRow, ...]:

@@ -6,10 +6,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from hhsim.bench.table import Cell, Table
+from hhsim.bench.table import BenchTable, Cell
 from hhsim.report.bench_units import shown_unit
 from hhsim.report.figure import GRID, LIMIT, SOFT, Drawing, ReportFigure, drawn_figure, panel_title, run_style
 from hhsim.system.counted import counted
+from hhsim.table.table import unit_size
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -109,7 +110,7 @@ CHARTS: Mapping[str, Chart] = {
 """What is drawn of each suite."""
 
 
-def bench_figure(found: Table) -> ReportFigure | None:
+def bench_figure(found: BenchTable) -> ReportFigure | None:
     """The chart of a table; None where its suite has none, or no row has the numbers."""
     chart = CHARTS.get(found.suite)
     names = {column.name for column in found.columns}
@@ -157,27 +158,27 @@ def _title(chart: Chart, width: float) -> tuple[str, float]:
 
 
 def _draw_points(
-    axes: "Axes", found: Table, chart: Chart, rows: Sequence[Row], series: Sequence[str], labels: Sequence[str]
+    axes: "Axes", found: BenchTable, chart: Chart, rows: Sequence[Row], series: Sequence[str], labels: Sequence[str]
 ) -> None:
     units = {name: shown_unit(found, name) for name in (chart.x, chart.y)}
     for number, name in enumerate(series):
         of = [row for row in rows if _series(chart, row) == name]
-        x, y = ([float(row[column]) / units[column].factor for row in of] for column in (chart.x, chart.y))
+        x, y = ([float(row[column]) / unit_size(units[column]) for row in of] for column in (chart.x, chart.y))
         axes.plot(x, y, MARKS[number % len(MARKS)], color=run_style(number)[0], markersize=4.0, alpha=0.75)
     for axis, column in (("x", chart.x), ("y", chart.y)):
         if _is_wide([float(row[column]) for row in rows]):
             _make_logarithmic(axes, axis)
-        unit = units[column].name
+        unit = units[column]
         text = f"{column.replace('_', ' ')}{f' [{unit}]' if unit else ''}"
         (axes.set_xlabel if axis == "x" else axes.set_ylabel)(text)
     axes.grid()
 
 
 def _draw_lines(
-    axes: "Axes", found: Table, chart: Chart, rows: Sequence[Row], series: Sequence[str], labels: Sequence[str]
+    axes: "Axes", found: BenchTable, chart: Chart, rows: Sequence[Row], series: Sequence[str], labels: Sequence[str]
 ) -> None:
-    unit = shown_unit(found, chart.x) if chart.x else None
-    factor = unit.factor if unit else 1.0
+    unit = shown_unit(found, chart.x) if chart.x else ""
+    factor = unit_size(unit)
     values = []
     for number, name in enumerate(series):
         of = [row for row in rows if _series(chart, row) == name and _label(chart, row) in labels]
@@ -195,7 +196,7 @@ def _draw_lines(
         axes.set_xlim(left=min(0.0, *values))
     if chart.mark is not None:
         axes.axvline(chart.mark, color=LIMIT, linewidth=1.0)
-    text = chart.axis or (chart.x.replace("_", " ") + (f" [{unit.name}]" if unit and unit.name else ""))
+    text = chart.axis or (chart.x.replace("_", " ") + (f" [{unit}]" if unit else ""))
     axes.set_xlabel(text, color=SOFT)
 
 

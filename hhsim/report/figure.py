@@ -11,8 +11,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from hhsim.report import html
-
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -98,6 +96,22 @@ class ReportFigure:
         return self.png
 
 
+@dataclass(frozen=True)
+class PageFigure:
+    """A figure as a page has it.
+
+    Attributes:
+        name: Of its anchor and its file.
+        title: In the place of its own, without a caption; "" for its own with its caption.
+        aside: Whether it stands beside another one, where the screen is wide.
+    """
+
+    name: str
+    figure: ReportFigure
+    title: str
+    aside: bool
+
+
 class Album:
     """The figures of a page: keeps what it shows, for the files beside it."""
 
@@ -108,19 +122,11 @@ class Album:
         """Nothing is shown yet."""
         self.pictures = {}
 
-    def shown(self, what: ReportFigure, prefix: str = "", title: str = "", *, aside: bool = False) -> html.Html:
-        """A figure of the page.
-
-        Args:
-            prefix: Goes before its name.
-            title: In the place of its own, without a caption; "" for its own with its caption.
-            aside: Whether it stands beside another one, where the screen is wide.
-        """
+    def shown(self, what: ReportFigure, prefix: str = "", title: str = "", *, aside: bool = False) -> PageFigure:
+        """Keep a figure, and return it as the page has it; `prefix` goes before its name."""
         name = prefix + what.name
         self.pictures[name] = what.png
-        media = html.ASIDE if aside else html.PHONE
-        image = html.picture(what.png, what.alt, what.width_px, what.height_px, what.phone_png, media)
-        return html.figure(f"figure-{name}", image, title or what.title, "" if title else what.caption)
+        return PageFigure(name, what, title, aside)
 
 
 def run_style(number: int) -> tuple[str, str]:

@@ -5,11 +5,9 @@ from collections.abc import Mapping, Sequence
 
 from hhsim.gate.time_comparison import BETTER, NOT_COMPARABLE, WITHIN, WORSE
 from hhsim.metrics.run.force import TREMBLING
-from hhsim.replay.summary_table import SummaryRow
-from hhsim.replay.verdict import MISSED, OK
 from hhsim.report.compare import Comparison, compared
-from hhsim.report.html import Html, element, joined, table
 from hhsim.report.run import ReportRun
+from hhsim.table.table import MISSING, Marked, Table
 
 KEY_FIGURES: Sequence[Mapping[str, str]] = (
     {"penetration_max": "depth, max"},
@@ -30,11 +28,9 @@ KEY_FIGURES: Sequence[Mapping[str, str]] = (
 have."""
 SHOWN_WORDS = (BETTER, WORSE, WITHIN, NOT_COMPARABLE)
 """Words that stand below a figure; where both are the same there is nothing to say."""
-MOODS = {OK: "good", MISSED: "bad"}
-"""Class of a verdict by its word."""
 
 
-def key_table(runs: Sequence[ReportRun], comparisons: Sequence[Comparison]) -> Html:
+def key_table(runs: Sequence[ReportRun], comparisons: Sequence[Comparison]) -> Table:
     """A line for each result; of the others than the first each figure has a word where it is better or worse.
 
     Args:
@@ -51,32 +47,27 @@ def key_table(runs: Sequence[ReportRun], comparisons: Sequence[Comparison]) -> H
     )
     if len(runs) > 1:
         caption += f" Below a figure: beside that of {runs[0].letter}, where both were fed with the same."
-    return table(caption, headings, rows, numbers=range(2, len(headings)))
+    return Table.of_cells(headings, rows, caption, numbers=headings[2:])
 
 
 def _heading(runs: Sequence[ReportRun], name: str, heading: str) -> str:
-    row = next(row for run in runs if (row := _row(run, name)) is not None)
+    row = next(row for run in runs if (row := run.row(name)) is not None)
     return f"{heading} [{row.unit}]" if row.unit else heading
 
 
-def _verdict(run: ReportRun, shown: Sequence[str]) -> Html:
+def _verdict(run: ReportRun, shown: Sequence[str]) -> Marked:
     """The word, and below it the figures over their limits that have no column to be red in."""
-    word = element("b", run.verdict.word, class_=MOODS.get(run.verdict.word, "note"))
-    rows = [row for name in run.verdict.missed if name not in shown and (row := _row(run, name)) is not None]
+    rows = [row for name in run.verdict.missed if name not in shown and (row := run.row(name)) is not None]
     missed = (f"{row.label} {row.shown} {row.unit}".strip() for row in rows)
-    return joined([word, element("small", "; ".join(missed))]) if rows else word
+    return Marked(run.verdict.word, run.mood, "; ".join(missed))
 
 
-def _cell(run: ReportRun, name: str, first: ReportRun, comparison: Comparison | None) -> Html:
-    row = _row(run, name)
+def _cell(run: ReportRun, name: str, first: ReportRun, comparison: Comparison | None) -> str:
+    row, base = run.row(name), first.row(name)
     if row is None:
-        return Html("—")
-    shown = element("b", row.shown, class_="bad") if name in run.verdict.missed else Html(row.shown)
-    base = _row(first, name)
-    if comparison is None or base is None:
-        return shown
-    word = compared(base, row, comparison).word
-    return joined([shown, element("small", word)]) if word in SHOWN_WORDS else shown
+        return MISSING
+    word = "" if comparison is None or base is None else compared(base, row, comparison).word
+    return Marked(row.shown, "bad" if name in run.verdict.missed else "", word if word in SHOWN_WORDS else "")
 
 
 def _chosen(runs: Sequence[ReportRun], names: Sequence[str]) -> str:
@@ -85,9 +76,5 @@ def _chosen(runs: Sequence[ReportRun], names: Sequence[str]) -> str:
 
 
 def _known(run: ReportRun, name: str) -> bool:
-    row = _row(run, name)
+    row = run.row(name)
     return row is not None and math.isfinite(row.value)
-
-
-def _row(run: ReportRun, name: str) -> SummaryRow | None:
-    return next((row for row in run.rows if row.name == name), None)

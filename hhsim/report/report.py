@@ -4,46 +4,34 @@ The page holds its pictures and its style, asks no server for anything, and need
 same bytes.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from hhsim import __version__
 from hhsim.bench import table as bench_file
 from hhsim.errors import InputError, OutputError
 from hhsim.report.bench_section import bench_section
 from hhsim.report.compare import Comparison, compare
-from hhsim.report.figure import Album
+from hhsim.report.figure import Album, PageFigure
 from hhsim.report.histogram import histogram_figure
-from hhsim.report.html import Html, element, folded, joined, paragraph, section
-from hhsim.report.page import GENERATOR, report_page, title_of
 from hhsim.report.pictures import CUT, held_picture, overview_picture, overview_view
-from hhsim.report.provenance import machine_facts
 from hhsim.report.run import ReportRun, report_runs
-from hhsim.report.sections import (
-    difference_section,
-    facts_table,
-    figures_section,
-    finger_section,
-    key_section,
-    origin_section,
-    phase_section,
-    run_section,
-    session_section,
-    settings_section,
-    verdict_section,
-)
+from hhsim.report.sections import result_tables
 from hhsim.report.speed_error import speed_error_figure
 from hhsim.report.time_series import series_figure
-from hhsim.report.worst_ticks_section import worst_section
+from hhsim.report.title import subtitle_of, title_of
+from hhsim.report.worst_ticks_section import worst_cards
 from hhsim.result.reader import load_result
 from hhsim.system.atomic_write import write_together
 from hhsim.system.input_file import open_input
 from hhsim.system.output_path import check_output_path
 from hhsim.system.progress import Progress, silent
+from hhsim.table.html import render
 
-Sections = list[tuple[str, str, Html]]
-
+GENERATOR = "hhsim report"
+"""What the page says it was made by; files that do not are not replaced."""
 PAGE = "report.html"
 """Name of the page in a folder of its own."""
 HEAD_BYTES = 2048
@@ -142,13 +130,16 @@ def make_report(paths: Sequence[Path], *, progress: Progress = silent) -> Report
     runs = report_runs(results)
     comparisons = [compare(results[0], other) for other in results[1:]]
     album = Album()
-    sections = _result_sections(runs, comparisons, album, steps) if runs else []
-    for i, (path, found) in enumerate(tables.items()):
-        name = f"bench-{i + 1}"
-        markup = bench_section(found, path.name, album, f"{name}-" if len(tables) > 1 else "")
-        sections.append(_part(name, f"hhsim bench {found.suite}", markup))
+    parts = _result_parts(runs, comparisons, album, steps) if runs else {}
+    benches = {
+        f"bench-{i}": bench_section(found, path.name, album, f"bench-{i}-" if len(tables) > 1 else "")
+        for i, (path, found) in enumerate(tables.items(), 1)
+    }
     title = title_of(runs, [found.suite for found in tables.values()])
-    html = report_page(title, runs, sections)
+    html = render(
+        "report/report.html", title=title, generator=GENERATOR, version=__version__,
+        runs=runs, several=len(runs) > 1, benches=benches, **parts,
+    )  # fmt: skip
     return Report(title, html, album.pictures, tuple(runs), tuple(comparisons))
 
 
@@ -209,70 +200,57 @@ def write_report(report: Report, output_path: Path) -> ReportFiles:
     return ReportFiles(page, tuple(files))
 
 
-def _result_sections(
+def _result_parts(
     runs: Sequence[ReportRun], comparisons: Sequence[Comparison], album: Album, steps: "_Steps"
-) -> Sections:
+) -> dict[str, Any]:
+    """Return all that the page shows of results, by the names of its template."""
     several = len(runs) > 1
     results = {run.label: run.result for run in runs}
     steps("the hand")
-    hands = list(_overviews(runs, album))
-    overview = element("div", *hands, class_="hands") if several else joined(hands)
-    shown: dict[str, Html] = {}
+    hands = _hands(runs, album)
+    cut = any(isinstance(hand, PageFigure) and CUT in hand.figure.caption for hand in hands)
+    # The one beside the curves says most of several results, the other of one.
+    beside, below = ("speed-error", "ticks") if several else ("ticks", "speed-error")
+    figures, headings = {}, {}
     for name, heading, make in FIGURES:
         steps(heading.lower())
-        # The one beside the curves says most of several results, the other of one.
-        shown[name] = album.shown(make(results), aside=name == ("speed-error" if several else "ticks"))
+        figures[name], headings[name] = album.shown(make(results), aside=name == beside), heading
     steps("worst ticks")
-    worst = worst_section(runs, album)
-
-    sections = [_part("figures", "Key figures", key_section(runs, comparisons))]
-    sections.append(_part("run", "The hands" if several else "The hand", run_section(runs, overview)))
-    beside, below = ("speed-error", "ticks") if several else ("ticks", "speed-error")
-    curves = element("div", element("div", shown["time"]), element("div", shown[beside]), class_="beside")
-    sections.append(_part("time", "Over time", curves))
-    if several:
-        sections.append(_folded("verdicts", "Verdicts", verdict_section(runs)))
-        sections.append(_folded("differences", "What differs", difference_section(runs, comparisons)))
-    if any(run.result.live is not None for run in runs):
-        sections.append(_folded("session", "The session", session_section(runs)))
-    sections.append(_folded("all-figures", "All figures", figures_section(runs, comparisons)))
-    sections.append(_folded("settings", "What was run", settings_section(runs)))
-    heading = next(heading for name, heading, _ in FIGURES if name == below)
-    sections.append(_folded(below, heading, shown[below]))
-    sections.append(_folded("phases", "Phases", phase_section(runs)))
-    sections.append(_folded("fingers", "Fingers", finger_section(runs)))
-    sections.append(_folded("worst", "Worst ticks", worst))
-    sections.append(_folded("machine", "What it ran on", facts_table("Machine and versions", runs, machine_facts)))
-    sections.append(_folded("origin", "Where it comes from", origin_section(runs)))
-    return sections
+    return {
+        "subtitle": subtitle_of(runs),
+        "figures": figures,
+        "beside": beside,
+        "below": below,
+        "below_heading": headings[below],
+        "hands": hands,
+        "hands_note": f"{HANDS} {CUT_OBJECT}" if cut else HANDS,
+        "worst": [(run, worst_cards(run, album)) for run in runs],
+        **result_tables(runs, comparisons),
+    }
 
 
-def _overviews(runs: Sequence[ReportRun], album: Album) -> Iterator[Html]:
-    """The hand of one result in two halves; of several the half that says more, all from the same side."""
-    several, view, cut = len(runs) > 1, None, False
+def _hands(runs: Sequence[ReportRun], album: Album) -> list[PageFigure | str]:
+    """Return the hand of one result in two halves; of several the half that says more, all from the same side.
+
+    A sentence stands for a picture that cannot be made.
+    """
+    several, view = len(runs) > 1, None
+    found: list[PageFigure | str] = []
     for run in runs:
-        label = run.label if several else ""
         try:
             if several:
                 view = view or overview_view(run.result)
-                shown = held_picture(run.result, view)
+                made = held_picture(run.result, view)
             else:
-                shown = overview_picture(run.result)
+                made = overview_picture(run.result)
         except InputError as error:
-            yield paragraph(f"{label}: " if label else "", f"No picture of the hand: {error}")
+            found.append(
+                f"{run.label}: No picture of the hand: {error}" if several else f"No picture of the hand: {error}"
+            )
         else:
-            cut = cut or CUT in shown.caption
-            yield album.shown(shown, run.prefix, f"{label}, {shown.title[0].lower()}{shown.title[1:]}" if label else "")
-    if several:
-        yield paragraph(f"{HANDS} {CUT_OBJECT}" if cut else HANDS, class_="soft")
-
-
-def _part(name: str, heading: str, markup: Html) -> tuple[str, str, Html]:
-    return name, heading, section(name, heading, markup)
-
-
-def _folded(name: str, heading: str, markup: Html) -> tuple[str, str, Html]:
-    return name, heading, folded(name, heading, markup)
+            title = f"{run.label}, {made.title[0].lower()}{made.title[1:]}" if several else ""
+            found.append(album.shown(made, run.prefix, title))
+    return found
 
 
 def _head(page: Path) -> str:

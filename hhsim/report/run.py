@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from hhsim.live.session.summary_table import session_rows
 from hhsim.metrics.session_faults import broken_off
 from hhsim.replay.summary_table import SummaryRow
-from hhsim.replay.verdict import Verdict, verdict
+from hhsim.replay.verdict import MISSED, OK, Verdict, verdict
 from hhsim.report.labels import UNNAMED, result_labels
 from hhsim.report.posed_result import PosedResult, posed_result
 from hhsim.report.provenance import motion_name, object_name
@@ -52,6 +52,15 @@ class ReportRun:
         """How a session ended that was not brought to its end in order, in a few words; else ""."""
         why = broken_off(self.result)
         return f"ended: {why}" if why else ""
+
+    @property
+    def mood(self) -> str:
+        """Class of its verdict: good, bad or note."""
+        return {OK: "good", MISSED: "bad"}.get(self.verdict.word, "note")
+
+    def row(self, name: str) -> SummaryRow | None:
+        """Return a line of the table by its figure's name."""
+        return next((row for row in self.rows if row.name == name), None)
 
     @property
     def letter(self) -> str:

@@ -2,18 +2,18 @@
 
 import shlex
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from hhsim.errors import InputError
 from hhsim.render.viewpoint import View
-from hhsim.report.figure import Album
-from hhsim.report.html import Html, code, element, joined, paragraph, table
+from hhsim.report.figure import Album, PageFigure
 from hhsim.report.pictures import hand_picture, overview_view
 from hhsim.report.run import ReportRun
 from hhsim.report.worst_ticks import WorstTick, worst_ticks
 from hhsim.result.reader import Result
-from hhsim.system.shown_number import number
+from hhsim.table.table import Table, number, shown, words
 from hhsim.view.status_text import status_words
 
 KINDS = {"slowest": "slowest", "deepest": "deepest", "force-step": "largest step of the force", "lag": "largest lag"}
@@ -37,21 +37,13 @@ FACTS = {
 """Datasets of a tick: what people call them, the unit, the scale to it, and digits."""
 
 
-def worst_section(runs: Sequence[ReportRun], album: Album) -> Html:
-    """The worst ticks of each result, one card a tick."""
-    parts: list[str] = []
-    for run in runs:
-        if len(runs) > 1:
-            parts.append(element("h3", run.label))
-        found: dict[int, list[WorstTick]] = {}
-        for worst in worst_ticks(run.result):
-            found.setdefault(worst.tick, []).append(worst)
-        if not found:
-            parts.append(paragraph("No tick."))
-        usual = _usual_view(run.result) if found else None
-        for tick, worsts in found.items():
-            parts.append(_card(run, tick, worsts, "h3" if len(runs) == 1 else "h4", usual, album))
-    return joined(parts)
+def worst_cards(run: ReportRun, album: Album) -> list[dict[str, Any]]:
+    """Return the worst ticks of a result by the names that the template has: one card a tick."""
+    found: dict[int, list[WorstTick]] = {}
+    for worst in worst_ticks(run.result):
+        found.setdefault(worst.tick, []).append(worst)
+    usual = _usual_view(run.result) if found else None
+    return [_card(run, tick, worsts, usual, album) for tick, worsts in found.items()]
 
 
 def _usual_view(result: Result) -> View | None:
@@ -71,24 +63,24 @@ def tick_facts(result: Result, tick: int) -> list[tuple[str, str, str]]:
         ("how it ended", status_words(int(values["status"])), ""),
     ]
     for name, (label, unit, scale, digits) in FACTS.items():
-        rows.append((label, number(scale * float(values[name]), digits), unit))
+        rows.append((label, shown(scale * float(values[name]), digits), unit))
         if name == "penetration_depth":
-            rows.append(("force", number(float(np.linalg.norm(values["force/total"])), 3), "N"))
+            rows.append(("force", shown(float(np.linalg.norm(values["force/total"])), 3), "N"))
     return rows
 
 
-def _card(
-    run: ReportRun, tick: int, worsts: Sequence[WorstTick], heading: str, usual: View | None, album: Album
-) -> Html:
+def _card(run: ReportRun, tick: int, worsts: Sequence[WorstTick], usual: View | None, album: Album) -> dict[str, Any]:
+    picture: PageFigure | str
     try:
-        image = album.shown(hand_picture(run.result, tick, usual=usual), run.prefix)
+        picture = album.shown(hand_picture(run.result, tick, usual=usual), run.prefix)
     except InputError as error:
-        image = paragraph(f"No picture: {error}")
-    title = f"Tick {tick:,}: {', '.join(KINDS[worst.kind] for worst in worsts)}"
-    facts = table(f"Tick {tick:,} in figures", ("figure", "hhsim", "unit"), tick_facts(run.result, tick), numbers=(1,))
-    how = paragraph(
-        code(f"hhsim view {shlex.quote(run.result.path.name)}"), f" shows it, at {tick:,} on the timeline “tick”."
-    )
-    body = element("div", element("div", image), element("div", facts, how), class_="pair")
-    sentences = (paragraph(worst.sentence) for worst in worsts)
-    return element("article", element(heading, title), *sentences, body)
+        picture = f"No picture: {error}"
+    columns = words("figure", 0), number("hhsim", 1), words("unit", 2)
+    return {
+        "title": f"Tick {tick:,}: {', '.join(KINDS[worst.kind] for worst in worsts)}",
+        "sentences": [worst.sentence for worst in worsts],
+        "picture": picture,
+        "facts": Table(columns, tick_facts(run.result, tick), f"Tick {tick:,} in figures"),
+        "command": f"hhsim view {shlex.quote(run.result.path.name)}",
+        "tick": f"{tick:,}",
+    }

@@ -1,11 +1,8 @@
 """A scene as a folder that any software reads: mesh, spheres, motion, hand, and an example of what to send back."""
 
-import csv
-import io
 import json
 import os
 import shutil
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +20,7 @@ from hhsim.motion.trajectory import Phase, Trajectory
 from hhsim.scene.scene import Scene
 from hhsim.submissions.pose_file import Submission, format_poses
 from hhsim.submissions.scene_file import scene_content, scene_digest, scene_names, scene_title
+from hhsim.table.table import Table
 
 SCENE_FILE = "scene.h5"
 EXAMPLE = "example-submission.csv"
@@ -146,15 +144,7 @@ def _obj(scene: Scene) -> str:
 
 def _spheres(scene: Scene) -> str:
     rows = np.column_stack([scene.tree.leaf_center, scene.tree.leaf_radius])
-    return _table(("x [m]", "y [m]", "z [m]", "radius [m]"), rows.tolist())
-
-
-def _table(header: Iterable[str], rows: Iterable[Iterable[float]]) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows([*map(repr, row)] for row in rows)
-    return text.getvalue()
+    return Table.of_cells(("x [m]", "y [m]", "z [m]", "radius [m]"), rows.tolist()).csv()
 
 
 def _numbers(hand: HandModel) -> dict[str, Any]:

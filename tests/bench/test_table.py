@@ -12,8 +12,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hhsim.bench.table import Column, check_table_path, csv_path, load_table, write_table
+from hhsim.bench.table import check_table_path, csv_path, load_table, write_table
 from hhsim.errors import InputError, OutputError
+from hhsim.table.table import Column
 
 COLUMNS = (
     Column("method", "method of the solver"),
@@ -59,7 +60,7 @@ def test_the_file_says_what_a_result_says_of_its_origin(tmp_path: Path) -> None:
         assert set(file) == {column.name for column in COLUMNS}
         for column in COLUMNS:
             found = file[column.name].attrs
-            assert (found["units"], found["long_name"]) == (column.unit, column.long_name)
+            assert (found["units"], found["long_name"]) == (column.unit or "1", column.says)
 
 
 def test_the_csv_says_the_same(tmp_path: Path) -> None:

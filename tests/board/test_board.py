@@ -11,16 +11,16 @@ import pytest
 from sealed_change import changed
 from short_grasp import short_result
 
-from hhsim.board.collect import collect, merged
+from hhsim.board.collect import Board, collect, merged
 from hhsim.board.entry import FAILED, Entry, entry_of_result, option_words
-from hhsim.board.latex import latex_text
-from hhsim.board.shown import entry_cells, shown_standings, standing_cells
+from hhsim.board.shown import document_table, entry_table, standing_table
 from hhsim.board.standings import standings
-from hhsim.board.table_file import content_of, csv_text, markdown_text, parquet_bytes
+from hhsim.board.table_file import content_of, parquet_bytes
 from hhsim.errors import InputError, OutputError
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.replay.verdict import OK, UNTOUCHED
 from hhsim.result.reader import Result
+from hhsim.table.table import Table
 
 A, B = (json.dumps({"cpu": name, "cores": 2, "system": "Linux", "python": "3.12"}) for name in ("one", "other"))
 USUAL = {
@@ -53,6 +53,16 @@ def marked(*entries: Entry) -> set[tuple[str, str]]:
     return {(one.method, board.machines[one.machine]) for one in standings(board) if one.first}
 
 
+def shown(table: Table, heading: str) -> list[str]:
+    """The cells of a column."""
+    return [row[table.headings.index(heading)] for row in table.cells]
+
+
+def text_of(board: Board, kind: str) -> str:
+    """What a file of this kind holds."""
+    return content_of(Path(f"board{kind}"), board, standings(board)).decode()
+
+
 @pytest.fixture(scope="module")
 def result(tmp_path_factory: pytest.TempPathFactory) -> Result:
     return short_result(tmp_path_factory.mktemp("board") / "short.h5", linearisations=3)
@@ -69,11 +79,14 @@ def test_of_a_run_that_is_done_again_the_last_one_counts() -> None:
 def test_the_name_of_a_set_of_options_and_what_touched_nothing_are_told() -> None:
     bare = replace(entry(), option_set="coarse", options="level=2", verdict=UNTOUCHED)
     board = merged([bare, replace(entry(motion="pinch"), option_set="coarse", options="level=2"), entry()])
-    shown = standing_cells(board)["options"]
-    assert [shown(one) for one in standings(board)] == ["coarse: level=2", "usual"]
-    assert entry_cells(board)["options"](board.entries[1]) == "coarse: level=2"
+    assert shown(standing_table(board, standings(board)), "options") == ["coarse: level=2", "usual"]
+    assert shown(entry_table(board), "options")[1] == "coarse: level=2"
     assert board.notes == ("nothing touched in 1 run, of which depth, contacts and forces say nothing",)
-    assert [row["option_set"] for row in csv.DictReader(io.StringIO(csv_text(board)))] == ["", "coarse", "coarse"]
+    assert [row["option_set"] for row in csv.DictReader(io.StringIO(text_of(board, ".csv")))] == [
+        "",
+        "coarse",
+        "coarse",
+    ]
 
 
 def test_a_result_of_two_sets_of_options_counts_in_the_row_of_each() -> None:
@@ -98,17 +111,17 @@ def test_a_result_of_two_sets_of_options_counts_in_the_row_of_each() -> None:
 
 def test_a_document_says_once_what_is_the_same_in_every_row() -> None:
     board = merged([entry(), entry("paper", tick_cpu_p50=2e-5)])
-    headings, rows, said = shown_standings(board, standings(board))
-    assert headings == ["", "method", "p50 [µs]"] and [row[2] for row in rows] == ["10.0", "20.0"]
-    assert said[0].startswith("the same in every row: surface spheres; options usual; machine A; scenes 1")
-    assert "| depth" not in markdown_text(board, standings(board))
+    table = document_table(board, standings(board))
+    assert table.headings == ["", "method", "p50 [µs]"] and [row[2] for row in table.cells] == ["10.0", "20.0"]
+    assert table.notes[0].startswith("the same in every row: surface spheres; options usual; machine A; scenes 1")
+    assert "| depth" not in text_of(board, ".md")
 
 
 def test_a_failure_counts_until_it_worked() -> None:
     failed = replace(entry("paper"), verdict=FAILED, figures={}, reason="no way")
     board = merged([entry(), failed, replace(failed, method="coupled")])
     assert [one.method for one in board.failed] == ["paper"]
-    assert "no way" in csv_text(board)
+    assert "no way" in text_of(board, ".csv")
     assert board.notes[-1].endswith("count in no figure: 1, first: cube, grasp, paper, spheres: no way")
 
 
@@ -143,10 +156,10 @@ def test_the_worst_scene_counts_and_missing_figures_are_missing() -> None:
     (one,) = standings(board)
     assert (one.scenes, one.depth, one.p50, one.off_mesh) == (2, 9e-6, 2e-5, 1e-4)
     bare = merged([replace(entry(), figures={}, own_core=False)])
-    shown = {heading: cell(standings(bare)[0]) for heading, cell in standing_cells(bare).items()}
-    assert shown["depth [µm]"] == shown["p50 [µs]"] == "—"
+    unknown = standing_table(bare, standings(bare))
+    assert shown(unknown, "depth [µm]") == shown(unknown, "p50 [µs]") == ["—"]
     rough = merged([replace(entry(), own_core=False)])
-    assert standing_cells(rough)["p50 [µs]"](standings(rough)[0]) == "~10.0"
+    assert shown(standing_table(rough, standings(rough)), "p50 [µs]") == ["~10.0"]
 
 
 def test_a_result_is_told_by_what_is_not_as_usual(result: Result) -> None:
@@ -192,7 +205,7 @@ def test_a_folder_of_results_is_read_and_what_is_none_is_told(result: Result, tm
 
 def test_every_file_has_the_same_runs(tmp_path: Path) -> None:
     board = merged([entry(), entry("paper|er", machine=B, force_hold_mean=1.25)])
-    rows = list(csv.DictReader(io.StringIO(csv_text(board))))
+    rows = list(csv.DictReader(io.StringIO(text_of(board, ".csv"))))
     assert [row["method"] for row in rows] == ["coupled", "paper|er"]
     assert float(rows[0]["tick_cpu_p50 [s]"]) == 1e-5 and rows[0]["force_hold_mean [N]"] == ""
     assert rows[0]["times_comparable"] == "1" and rows[1]["machine"] == "B"
@@ -202,10 +215,10 @@ def test_every_file_has_the_same_runs(tmp_path: Path) -> None:
     assert table["tick_cpu_p50"].to_pylist() == [1e-5, 1e-5]
     assert table["force_hold_mean"].to_pylist() == [None, 1.25]
     assert table.schema.field("tick_cpu_p50").metadata == {b"unit": b"s"}
-    text = markdown_text(board, standings(board))
+    text = text_of(board, ".md")
     assert "| paper\\|er |" in text and "- A: one, 2 cores, Linux, Python 3.12" in text
-    page = content_of(Path("board.html"), board, standings(board)).decode()
-    assert "paper|er" in page and "script-src &#x27;sha256-" in page
+    page = text_of(board, ".html")
+    assert "paper|er" in page and "script-src 'sha256-" in page
 
 
 def timed(p50: float, std: float, **changes: object) -> Entry:
@@ -219,21 +232,21 @@ def test_every_table_has_mean_and_deviation_of_cells_that_ran_repeatedly() -> No
     assert (one.p50, one.p50_std, one.p99, one.p99_std) == (3e-5, 4e-7, 3e-5, 2e-6)
     (even,) = standings(merged(board.entries[:2]))
     assert even.p50 == pytest.approx(2e-5) and even.p50_std == pytest.approx(2.5e-7)
-    assert standing_cells(board)["p50 [µs]"](one) == "30.00 ± 0.40"
-    assert entry_cells(board)["p50 [µs]"](board.entries[0]) == "10.00 ± 0.30"
+    assert shown(standing_table(board, [one]), "p50 [µs]") == ["30.00 ± 0.40"]
+    assert shown(entry_table(board), "p50 [µs]")[0] == "10.00 ± 0.30"
     assert board.notes[-1].startswith("times of 3 of 3 results are means over 5 runs; ± is")
-    rows = list(csv.DictReader(io.StringIO(csv_text(board))))
+    rows = list(csv.DictReader(io.StringIO(text_of(board, ".csv"))))
     assert (float(rows[0]["tick_cpu_p50_std [s]"]), rows[0]["runs"]) == (3e-7, "5")
-    for kind, shown in ((".md", "30.00 ± 0.40"), (".html", "30.00 ± 0.40"), (".tex", r"30.00 $\pm$ 0.40")):
-        assert shown in content_of(Path(f"board{kind}"), board, standings(board)).decode()
+    for kind, time in ((".md", "30.00 ± 0.40"), (".html", "30.00 ± 0.40"), (".tex", r"30.00 $\pm$ 0.40")):
+        assert time in text_of(board, kind)
     mixed = merged([timed(1e-5, 3e-7), entry(motion="pinch", tick_cpu_p50=3e-5)])
-    assert "±" not in standing_cells(mixed)["p50 [µs]"](standings(mixed)[0])
+    assert "±" not in shown(standing_table(mixed, standings(mixed)), "p50 [µs]")[0]
 
 
 def test_a_latex_table_is_balanced_and_everything_in_it_escaped() -> None:
     nasty = 'a_b & 50% of $x$ #1 {y} ~^<|>\\end{tabular} "q" --dash [z] *'
     board = merged([entry(nasty, machine=json.dumps({"cpu": "a\n\\b"})), entry(tracking_excess=-0.5)], ["50 %\nof it"])
-    text = latex_text(board, standings(board))
+    text = text_of(board, ".tex")
     lines = [line for line in text.splitlines() if not line.startswith("%")]
     assert "% note: 50 % of it" in text and r"% A: a \b" in text and "% ●: none that did" in text
     assert lines[0].startswith(r"\begin{tabular}{") and lines[-1] == r"\end{tabular}" and "toprule" not in text
@@ -242,7 +255,7 @@ def test_a_latex_table_is_balanced_and_everything_in_it_escaped() -> None:
     assert (
         len(rows) == 3
         and set(columns) == {"l", "r"}
-        and len(columns) == len(shown_standings(board, standings(board))[0])
+        and len(columns) == len(document_table(board, standings(board)).columns)
     )
     for row in rows:
         cells = re.split(r"(?<!\\) & ", row.removesuffix(r" \\"))

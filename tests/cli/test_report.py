@@ -14,7 +14,7 @@ from short_grasp import short_result
 
 from hhsim.errors import InputError
 from hhsim.report.run import report_runs
-from hhsim.report.sections import settings_section
+from hhsim.report.sections import result_tables
 from hhsim.result.reader import load_result
 
 Run = Callable[..., Any]
@@ -115,15 +115,15 @@ def test_the_command_that_made_a_result_is_told_as_it_was_typed(run: Run, tmp_pa
     assert answer.code == 0, answer.err
     result = load_result(tmp_path / "x.h5")
     assert list(result.command) == shlex.split(typed)
-    page = read_page(settings_section(report_runs([result])))
-    commands = [line for block in page.all("pre") for line in block.text.splitlines()]
-    assert commands == [typed, "hhsim view x.h5", "hhsim verify x.h5", "hhsim replay x.h5"]
+    told = result_tables(report_runs([result]), [])
+    assert told["typed"] == [typed]
+    assert told["again"] == ["hhsim view x.h5", "hhsim verify x.h5", "hhsim replay x.h5"]
 
 
 def test_a_result_of_the_library_has_no_command(tmp_path: Path) -> None:
     result = short_result(tmp_path / "x.h5")
     assert result.command == ()
-    assert "there is no command" in settings_section(report_runs([result]))
+    assert result_tables(report_runs([result]), [])["typed"] == []
 
 
 def test_a_figure_is_a_file_of_its_own(run: Run, tmp_path: Path) -> None:

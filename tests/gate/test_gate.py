@@ -19,7 +19,7 @@ from hhsim.gate.baseline import RecordedScene, load_baseline, write_baseline
 from hhsim.gate.gate import GateReport, gate_result
 from hhsim.gate.input_hash import TOLERANCE, differences
 from hhsim.gate.metrics import COUNTERS, RunFigures, run_figures
-from hhsim.gate.report import cells, headline, junit, left_out, markdown, not_judged, number, worth_showing
+from hhsim.gate.report import cells, headline, junit, left_out, markdown, not_judged, number_text, worth_showing
 from hhsim.gate.run import RunFailed, Side
 from hhsim.gate.suite import GateScene, GateSuite, default_suite, default_suite_text, load_suite, parse_suite
 from hhsim.gate.verdict import GateRow, judge_counters, judge_errors, judge_others, judge_time, overall
@@ -474,7 +474,7 @@ def test_a_suite_limits_any_figure_and_times_by_whose_clock_it_runs(result: Path
     assert (missed(report), report.exit_code) == (["force_contact_max", "tick_cpu_p99"], 1)
     row = report.missed[1]
     assert (row.head, row.limit) == pytest.approx((cpu, 0.9 * cpu))
-    assert cells(row)[3:] == ("—", number(0.9e6 * cpu), "µs", "limit only", "MISSED")
+    assert cells(row)[3:] == ("—", number_text(0.9e6 * cpu), "µs", "limit only", "MISSED")
     assert missed(gate_result(found, close, None, timed=False)) == ["force_contact_max"]
     wide = gate_result(found, limited(f"tick_cpu_p99 = {1.1 * cpu!r}"), None)
     assert [cells(row)[-1] for row in wide.rows if row.name == "tick_cpu_p99"] == ["ok"]
@@ -551,7 +551,7 @@ def test_the_docs_show_the_suites_own_names(repository: Path) -> None:
     [(1234567.0, "1,234,567"), (0.0, "0"), (1e-14, "0.000"), (1.23456, "1.235"), (math.nan, "—"), (math.inf, "inf")],
 )
 def test_numbers_are_shown_short(value: float, shown: str) -> None:
-    assert number(value) == shown
+    assert number_text(value) == shown
 
 
 def report_of(*rows: GateRow) -> GateReport:
@@ -580,7 +580,7 @@ def test_what_has_no_limit_or_is_undefined_is_not_within_its_limit() -> None:
 
 
 def test_markdown_shows_what_changed_and_folds_the_rest() -> None:
-    bad = GateRow("s|x", "error", "n", "a_label", "µm", 1e-6, 5e-6, 0.0, 1e-6, "worse", False, "over the limit")
+    bad = GateRow("s|x", "error", "n", "a_label", "µm", 5e-6, 0.0, 1e-6, "worse", False, "over the limit")
     text = markdown(report_of(bad, row("same")))
     assert text.startswith("## ❌ hhsim gate\n\nworse: 1 of 2 figures missed their limit, against base\n")
     shown, folded = text.split("<details>")
@@ -593,7 +593,7 @@ def test_markdown_shows_what_changed_and_folds_the_rest() -> None:
 
 
 def test_junit_has_a_case_for_each_figure() -> None:
-    bad = GateRow("a", "error", "n", 'label <&">', "µm", 1e-6, 5e-6, 0.0, 1e-6, "worse", False, 'over <the> "limit"')
+    bad = GateRow("a", "error", "n", 'label <&">', "µm", 5e-6, 0.0, 1e-6, "worse", False, 'over <the> "limit"')
     root = ElementTree.fromstring(junit(report_of(bad, row("same"), row("not comparable"))))
     counts = [(suite.get("name"), suite.get("tests"), suite.get("failures"), suite.get("errors")) for suite in root]
     assert counts == [("a", "1", "1", "0"), ("s", "2", "0", "1")]

@@ -17,7 +17,7 @@ import sealed_change
 from report_reader import Page, read_page
 from short_grasp import short_grasp, short_scene
 
-from hhsim.bench.table import Column, write_table
+from hhsim.bench.table import write_table
 from hhsim.errors import InputError, OutputError
 from hhsim.hand.fingers import FINGERS
 from hhsim.mesh.catalogue import load_object
@@ -29,13 +29,13 @@ from hhsim.replay.summary import ReplaySummary
 from hhsim.replay.summary_table import stored_rows
 from hhsim.report.compare import SEEDED_NOISE, compared
 from hhsim.report.figure import ReportFigure
-from hhsim.report.html import LONGEST_WORD, NO_TEXT
 from hhsim.report.report import FIGURES, check_report_path, make_report, write_report
-from hhsim.report.style import STYLE
 from hhsim.report.tick_table import figure_table, report_ticks
 from hhsim.result.reader import load_result
 from hhsim.result.schema import TICK_COLUMNS
 from hhsim.solver.options import SolverOptions
+from hhsim.table.html import LONGEST_WORD, NO_TEXT, render
+from hhsim.table.table import Column
 
 PIXEL = base64.b64decode(
     "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNk+M9QDwADhgGAWjR9awAAAABJRU5ErkJggg=="
@@ -165,6 +165,7 @@ def test_the_same_results_give_the_same_bytes(coupled: Path, progressive: Path, 
     assert {"a-overview", "b-overview"} <= first.pictures.keys()
     # The slowest tick, a matter of chance, may be one of the others too.
     assert len(read_page(first.html).all("article")) >= 2
+    assert "there is no command" in first.html
 
 
 def test_worst_ticks_are_told_with_their_figures(coupled: Path, dots: None) -> None:
@@ -483,8 +484,9 @@ def test_a_page_of_eight_results_fits_the_smallest_screen(coupled: Path, tmp_pat
         for i in range(7)
     ]
     page = page_of(coupled, *others)
-    assert wide_lengths(STYLE) == []
-    assert wide_lengths("p { min-width: 40rem; }" + STYLE) == ["40rem"]
+    style = render("report/style.css")
+    assert wide_lengths(style) == []
+    assert wide_lengths("p { min-width: 40rem; }" + style) == ["40rem"]
     assert wide_lengths(".x { grid-template-columns: repeat(2, minmax(30rem, 1fr)); }") == ["30rem"]
     assert not [e for e in page.elements if "style" in e.attributes]
     # Pictures shrink with the page: `max-width` holds for each.

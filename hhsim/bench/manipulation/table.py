@@ -12,8 +12,8 @@ from hhsim.bench.manipulation.gripped import own_outcome
 from hhsim.bench.manipulation.mujoco_block import CONFIGURATIONS, mujoco_pinch, mujoco_rest
 from hhsim.bench.manipulation.pinch import Pinch, PinchOutcome
 from hhsim.bench.manipulation.rest import Rest
-from hhsim.bench.table import Column
 from hhsim.errors import InputError, check_known
+from hhsim.table.table import Column
 
 Progress = Callable[[str, int, int], None]
 Row = Mapping[str, Any]

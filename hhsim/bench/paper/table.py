@@ -7,16 +7,18 @@ from typing import Any
 
 import numpy as np
 
+from hhsim.arrays import AnyArray
 from hhsim.bench.paper.bench import CONTACTS, PaperOptions, PaperRuns, percentile
 from hhsim.bench.paper.run import NOISES, SceneRun
 from hhsim.bench.paper.scenarios import CASES, SLIDING
 from hhsim.bench.paper.scene import held_ticks
-from hhsim.bench.table import Column, metric_column
+from hhsim.bench.table import metric_column
 from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FINGERS, DURATION_FORCE, DURATION_PALM
 from hhsim.mesh.catalogue import object_names
 from hhsim.metrics.run.registry import run_figure
 from hhsim.solver.method import never_penetrates
 from hhsim.system.counted import counted
+from hhsim.table.table import Column, Table
 
 SIMPLE_MEAN = {
     "sphere": 0.41e-3,
@@ -72,12 +74,11 @@ class PaperRow:
 
     def to_json(self) -> dict[str, Any]:
         """As a row of ROW_COLUMNS."""
-        names = {column.name: column.name for column in ROW_COLUMNS} | {"row": "name"}
-        return {name: getattr(self, attribute) for name, attribute in names.items()}
+        return Table(ROW_COLUMNS, [self]).records[0]
 
 
 ROW_COLUMNS = (
-    Column("row", "name of the figure"),
+    Column("row", "name of the figure", of="name"),
     Column("figure", "of the paper, or its section"),
     Column("label", "what it is"),
     Column("method", "method of the solver"),
@@ -269,70 +270,68 @@ def _median(values: Any) -> Any:
 
 
 SCENE_COLUMNS = (
-    Column("figure", "of the paper"),
-    Column("object", "object of the catalogue"),
-    Column("motion", "motion of the catalogue"),
-    Column("case", "of Fig. 15: SF single finger, TF two fingers, FF five fingers, WH whole hand"),
-    Column("method", "method of the solver"),
-    Column("spheres", "leaves of the object's tree"),
-    Column("instances", "motions, each with the hand a little elsewhere"),
-    Column("ticks", "in all"),
-    Column("ticks_in_contact", "with candidate pairs, while fingers close, hold or slide; the times are theirs"),
-    Column("contacts_mean", "candidate pairs in the holds, mean"),
-    metric_column("candidates_max", "contacts_max"),
-    metric_column("touching_max"),
-    Column("cpu_mean", "tick, thread time, mean", "s"),
-    Column("cpu_p50", "tick, thread time, median", "s"),
-    Column("cpu_p99", "tick, thread time, p99", "s"),
-    Column("cpu_max", "longest of all ticks, thread time", "s"),
-    Column("wall_mean", "tick, wall time, mean", "s"),
-    Column("detection", "contact detection, wall time, mean of ticks that were not interrupted", "s"),
-    Column("response", "collision response: palm, fingers and forces, wall time, mean of the same ticks", "s"),
-    metric_column("penetration_max", "depth_max"),
-    Column("index_variation", "index force in the hold, glove's sensors, mean", "%"),
-    Column("index_variation_trembling", "index force in the hold, glove's sensors and trembling palm, mean", "%"),
-    Column("touches", "demanded touches"),
-    Column("touches_missed", "demanded touches that did not happen"),
-    metric_column("stuck_ticks"),
-    metric_column("lag_ticks"),
-)
+    Column("figure", "of the paper", of="scenario.figure"),
+    Column("object", "object of the catalogue", of="scenario.object_name"),
+    Column("motion", "motion of the catalogue", of="scenario.motion"),
+    Column(
+        "case", "of Fig. 15: SF single finger, TF two fingers, FF five fingers, WH whole hand", of="scenario.case"
+    ),
+    Column("method", "method of the solver", of="options.method"),
+    Column("spheres", "leaves of the object's tree", of="stage.tree.leaf_count"),
+    Column("instances", "motions, each with the hand a little elsewhere", of=lambda run: len(run.stage.motions)),
+    Column("ticks", "in all", of=lambda run: len(run.depth)),
+    Column(
+        "ticks_in_contact", "with candidate pairs, while fingers close, hold or slide; the times are theirs",
+        of=lambda run: int(run.contact.sum()),
+    ),
+    Column(
+        "contacts_mean", "candidate pairs in the holds, mean",
+        of=lambda run: _mean(run.candidates[held_ticks(run.stage)]),
+    ),
+    metric_column("candidates_max", "contacts_max", lambda run: int(run_figure("candidates_max", run.ticks))),
+    metric_column("touching_max", of=lambda run: int(run_figure("touching_max", run.ticks))),
+    Column("cpu_mean", "tick, thread time, mean", "s", lambda run: _mean(run.tick_cpu[run.contact])),
+    Column("cpu_p50", "tick, thread time, median", "s", lambda run: percentile(run, 50.0)),
+    Column("cpu_p99", "tick, thread time, p99", "s", lambda run: percentile(run, 99.0)),
+    Column("cpu_max", "longest of all ticks, thread time", "s", lambda run: float(run.tick_cpu.max())),
+    Column("wall_mean", "tick, wall time, mean", "s", lambda run: _mean(run.tick_wall[run.contact])),
+    Column(
+        "detection", "contact detection, wall time, mean of ticks that were not interrupted", "s",
+        lambda run: _mean_of_parts(run, DURATION_DETECT),
+    ),
+    Column(
+        "response", "collision response: palm, fingers and forces, wall time, mean of the same ticks", "s",
+        lambda run: _mean_of_parts(run, DURATION_PALM, DURATION_FINGERS, DURATION_FORCE),
+    ),
+    metric_column("penetration_max", "depth_max", lambda run: run_figure("penetration_max", run.ticks)),
+    Column(
+        "index_variation", "index force in the hold, glove's sensors, mean", "%",
+        lambda run: _index_variation(run, "glove"),
+    ),
+    Column(
+        "index_variation_trembling", "index force in the hold, glove's sensors and trembling palm, mean", "%",
+        lambda run: _index_variation(run, "trembling"),
+    ),
+    Column("touches", "demanded touches", of=lambda run: len(run.touches)),
+    Column("touches_missed", "demanded touches that did not happen", of=lambda run: len(run.missed)),
+    metric_column("stuck_ticks", of=lambda run: int(run_figure("stuck_ticks", run.ticks))),
+    metric_column("lag_ticks", of=lambda run: int(run_figure("lag_ticks", run.ticks))),
+)  # fmt: skip
 
 
 def scene_rows(runs: PaperRuns) -> list[dict[str, Any]]:
     """A row for each scene and method, by the names of SCENE_COLUMNS."""
-    return [_scene_row(run) for run in runs.scenes]
+    return Table(SCENE_COLUMNS, runs.scenes).records
 
 
-def _scene_row(run: SceneRun) -> dict[str, Any]:
-    scenario, contact = run.scenario, run.contact
-    held = held_ticks(run.stage)
-    times, parts = run.tick_cpu[contact], run.tick_parts[run.undisturbed]
-    mean = parts.mean(axis=0) if len(parts) else np.full(4, np.nan)
-    return {
-        "figure": scenario.figure,
-        "object": scenario.object_name,
-        "motion": scenario.motion,
-        "case": scenario.case,
-        "method": run.options.method,
-        "spheres": run.stage.tree.leaf_count,
-        "instances": len(run.stage.motions),
-        "ticks": len(run.depth),
-        "ticks_in_contact": int(contact.sum()),
-        "contacts_mean": float(run.candidates[held].mean()) if held.any() else math.nan,
-        "contacts_max": int(run_figure("candidates_max", run.ticks)),
-        "touching_max": int(run_figure("touching_max", run.ticks)),
-        "cpu_mean": float(times.mean()) if times.size else math.nan,
-        "cpu_p50": percentile(run, 50.0),
-        "cpu_p99": percentile(run, 99.0),
-        "cpu_max": float(run.tick_cpu.max()),
-        "wall_mean": float(run.tick_wall[contact].mean()) if times.size else math.nan,
-        "detection": float(mean[DURATION_DETECT]),
-        "response": float(mean[[DURATION_PALM, DURATION_FINGERS, DURATION_FORCE]].sum()),
-        "depth_max": run_figure("penetration_max", run.ticks),
-        "index_variation": float(run.variation["glove"].size[0]) if run.variation else math.nan,
-        "index_variation_trembling": float(run.variation["trembling"].size[0]) if run.variation else math.nan,
-        "touches": len(run.touches),
-        "touches_missed": len(run.missed),
-        "stuck_ticks": int(run_figure("stuck_ticks", run.ticks)),
-        "lag_ticks": int(run_figure("lag_ticks", run.ticks)),
-    }
+def _mean(values: AnyArray) -> float:
+    return float(values.mean()) if values.size else math.nan
+
+
+def _mean_of_parts(run: SceneRun, *parts: int) -> float:
+    times = run.tick_parts[run.undisturbed]
+    return float(times.mean(axis=0)[[*parts]].sum()) if len(times) else math.nan
+
+
+def _index_variation(run: SceneRun, noise: str) -> float:
+    return float(run.variation[noise].size[0]) if run.variation else math.nan

@@ -22,9 +22,9 @@ from hhsim.bench.qp.kkt_check import CERTIFIED_RADIUS, certified_radius, residua
 from hhsim.bench.qp.problem_file import written
 from hhsim.bench.qp.program import Program
 from hhsim.bench.qp.recorded_problems import QpBenchOptions, harvest
-from hhsim.bench.table import Column
 from hhsim.solver.qp import ACTIVE_SET
 from hhsim.system.progress import Progress, silent
+from hhsim.table.table import Column
 
 SAMPLE = 100
 """Programs of a kind that every solver solves."""

@@ -4,7 +4,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,7 +18,6 @@ from hhsim.bench.robustness.acceptance import (
 )
 from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome
 from hhsim.bench.robustness.pieces import pieces_of
-from hhsim.bench.table import Column
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.block import TickRecord
@@ -27,6 +26,7 @@ from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.method import never_penetrates
 from hhsim.solver.options import SolverOptions
 from hhsim.system.progress import Progress, silent
+from hhsim.table.table import Column, Table
 
 
 @dataclass(frozen=True)
@@ -185,51 +185,36 @@ def resident_memory() -> float:
 
 
 COLUMNS = (
-    Column("case", "hard case"),
-    Column("method", "method of the solver"),
-    Column("surface", "what of the objects the hand touched"),
-    Column("case_passed", "whether the method kept every bar of the case"),
-    Column("figure", "what was measured; empty where the case ended before"),
-    Column("value", "measured value, in the unit of the column `unit`"),
-    Column("bar", "what it is held to, in the same unit"),
-    Column("at_least", "whether the bar is a lower one"),
-    Column("unit", "SI unit of value and bar; 1 for counts and ratios"),
-    Column("passed", "whether the bar was kept"),
-    Column("ticks", "ticks of all runs of the case"),
-    Column("stuck", "ticks that kept the last feasible hand"),
-    Column("unexplained", "of those, the ones from where a hand could move"),
-    Column("lagging", "ticks with distance still to go"),
-    Column("lag", "most distance still to go", "m"),
-    Column("reason", "the refusal or the exception that ended the case"),
+    Column("case", "hard case", of="result.case"),
+    Column("method", "method of the solver", of="result.method"),
+    Column("surface", "what of the objects the hand touched", of="result.surface"),
+    Column("case_passed", "whether the method kept every bar of the case", of="result.passed"),
+    Column("figure", "what was measured; empty where the case ended before", of="figure.name"),
+    Column("value", "measured value, in the unit of the column `unit`", of=lambda row: float(row.figure.value)),
+    Column("bar", "what it is held to, in the same unit", of=lambda row: float(row.figure.bar)),
+    Column("at_least", "whether the bar is a lower one", of="figure.at_least"),
+    Column("unit", "SI unit of value and bar; 1 for counts and ratios", of=lambda row: row.figure.unit or "1"),
+    Column("passed", "whether the bar was kept", of=lambda row: bool(row.figure.passed)),
+    Column("ticks", "ticks of all runs of the case", of="result.ticks"),
+    Column("stuck", "ticks that kept the last feasible hand", of="result.stuck"),
+    Column("unexplained", "of those, the ones from where a hand could move", of="result.unexplained"),
+    Column("lagging", "ticks with distance still to go", of="result.lagging"),
+    Column("lag", "most distance still to go", "m", "result.lag"),
+    Column("reason", "the refusal or the exception that ended the case", of="result.reason"),
 )
 """Of the suite's table: a row for every figure of every case and method."""
+
+
+class _Row(NamedTuple):
+    result: CaseResult
+    figure: Figure
 
 
 def table_rows(results: Sequence[CaseResult]) -> list[dict[str, Any]]:
     """The rows of `COLUMNS`."""
     nothing = Figure("", float("nan"), float("nan"))
-    return [
-        {
-            "case": result.case,
-            "method": result.method,
-            "surface": result.surface,
-            "case_passed": result.passed,
-            "figure": figure.name,
-            "value": float(figure.value),
-            "bar": float(figure.bar),
-            "at_least": figure.at_least,
-            "unit": figure.unit or "1",
-            "passed": bool(figure.passed),
-            "ticks": result.ticks,
-            "stuck": result.stuck,
-            "unexplained": result.unexplained,
-            "lagging": result.lagging,
-            "lag": result.lag,
-            "reason": result.reason,
-        }
-        for result in results
-        for figure in (result.figures or (nothing,))
-    ]
+    rows = [_Row(result, figure) for result in results for figure in (result.figures or (nothing,))]
+    return Table(COLUMNS, rows).records
 
 
 def missed(results: Sequence[CaseResult]) -> list[CaseResult]:

@@ -8,11 +8,12 @@ import numpy as np
 
 from hhsim.arrays import BoolArray
 from hhsim.bench.robustness.failure import SAFE_DEPTH
-from hhsim.bench.table import Column, metric_column
+from hhsim.bench.table import metric_column
 from hhsim.metrics.contact_error import MOST_CONTACT_ERROR
 from hhsim.metrics.metrics import statistics
 from hhsim.solver.method import never_penetrates
 from hhsim.system.log_histogram import CpuTimes, LogHistogram
+from hhsim.table.table import Column
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,11 +111,6 @@ COLUMNS = (
     Column("safe", "ran within 1 um, finite, and no stuck tick had a way out"),
 )
 """Of the suite's table: a row a run, or one for a recording that could not be run."""
-
-
-def table_row(figures: RecordedFigures) -> dict[str, Any]:
-    """The figures as a row of `COLUMNS`."""
-    return {column.name: getattr(figures, column.name) for column in COLUMNS}
 
 
 def longest_run(where: BoolArray) -> int:

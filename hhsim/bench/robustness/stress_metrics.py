@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 from hhsim.bench.robustness.failure import SAFE_DEPTH
-from hhsim.bench.table import Column, metric_column
+from hhsim.bench.table import metric_column
 from hhsim.solver.method import never_penetrates
 from hhsim.system.log_histogram import CpuTimes, LogHistogram
+from hhsim.table.table import Column
 
 
 @dataclass(frozen=True)
@@ -139,8 +139,3 @@ def total(rows: Sequence[StressFigures]) -> StressFigures:
         **{name: sum(getattr(row, name) for row in rows) for name in _ADDED},
         **{name: max(getattr(row, name) for row in rows) for name in _LARGEST},
     )
-
-
-def table_row(figures: StressFigures) -> dict[str, Any]:
-    """The figures as a row of `COLUMNS`."""
-    return {column.name: getattr(figures, column.name) for column in COLUMNS}

@@ -15,7 +15,7 @@ from recording_samples import smooth_recording
 
 from hhsim.bench.robustness import recorded
 from hhsim.bench.robustness.recorded import BenchObject, RecordedOptions, bench_recorded, recording_files
-from hhsim.bench.robustness.recorded_metrics import COLUMNS, RecordedFigures, longest_run, table_row, totals
+from hhsim.bench.robustness.recorded_metrics import COLUMNS, RecordedFigures, longest_run, totals
 from hhsim.bench.table import load_table
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
@@ -31,6 +31,7 @@ from hhsim.scene.recorded_grasp_pose import place_at_grasp
 from hhsim.scene.scene import make_scene
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
+from hhsim.table.table import Table
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 
@@ -136,7 +137,7 @@ def test_what_cannot_be_run_is_a_row_with_the_reason(folder: Path) -> None:
     assert whole.recording == "all 2" and whole.ticks == 100
     assert whole.touching == rows[0].touching + rows[1].touching
     assert whole.fastest == max(rows[0].fastest, rows[1].fastest)
-    assert set(table_row(rows[2])) == {column.name for column in COLUMNS}
+    assert Table(COLUMNS, [rows[2]]).records[0].keys() == {column.name for column in COLUMNS}
 
 
 def test_a_method_that_penetrates_or_stands_still_for_nothing_misses_its_bar() -> None:
@@ -201,7 +202,7 @@ def test_the_command(run: Run, folder: Path, tmp_path: Path, monkeypatch: pytest
     assert answer.out.count("progressive") == 3, "a row a recording and the total"
     table = load_table(tmp_path / "t.h5")
     assert table.suite == "recorded" and len(table.rows) == 4 and (tmp_path / "t.csv").exists()
-    assert all(row["penetration"] <= LARGEST for row in table.rows)  # type: ignore[operator]
+    assert all(row["penetration"] <= LARGEST for row in table.rows)
     (folder / "c.npz").write_bytes(b"nothing")
     answer = run(*where, "--json", "--method", "coupled", "--place-object", "recorded")
     document = json.loads(answer.out)

@@ -18,7 +18,7 @@ from hhsim.bench.robustness.failure import recorded_penetration
 from hhsim.bench.robustness.random_targets import StressOptions
 from hhsim.bench.robustness.stress import BLOCK, STRETCH_BLOCKS, run_case, run_stress
 from hhsim.bench.robustness.stress_case import StressCase
-from hhsim.bench.robustness.stress_metrics import COLUMNS, StressFigures, table_row, total
+from hhsim.bench.robustness.stress_metrics import COLUMNS, StressFigures, total
 from hhsim.bench.robustness.triangle_objects import coarse_ball_mesh
 from hhsim.bench.table import load_table
 from hhsim.hand.model import HandModel
@@ -27,6 +27,7 @@ from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK, WORK_TOUCHING
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions
+from hhsim.table.table import Table
 
 pytestmark = pytest.mark.slow
 
@@ -90,7 +91,7 @@ class Lazy(HandSolver):
 
 
 def without_times(figures: StressFigures) -> dict[str, Any]:
-    return {name: value for name, value in table_row(figures).items() if name not in TIMES}
+    return {name: value for name, value in Table(COLUMNS, [figures]).records[0].items() if name not in TIMES}
 
 
 @pytest.mark.parametrize("method", sampled(["coupled", "progressive"], lambda _, method: method == "coupled"))
@@ -266,7 +267,7 @@ def test_a_total_adds_what_adds_up() -> None:
     assert both.force_max == max(row.force_max for row in rows)
     assert both.cpu.count == 1200
     assert both.cpu_max == max(row.cpu_max for row in rows)
-    assert set(table_row(both)) == {column.name for column in COLUMNS}
+    assert Table(COLUMNS, [both]).records[0].keys() == {column.name for column in COLUMNS}
 
 
 def test_the_command_writes_its_table_and_prints_it(run: Any, tmp_path: Path) -> None:

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from markdown_pages import Page
-from report_reader import read_page
 from short_grasp import short_grasp, short_scene
 
 import hhsim.metrics.run
@@ -23,7 +22,7 @@ from hhsim.motion.trajectory import TickPhase
 from hhsim.replay.replay import replay_scene
 from hhsim.replay.summary import ReplaySummary
 from hhsim.report.run import report_runs
-from hhsim.report.sections import figures_section
+from hhsim.report.sections import all_figures
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import TICK_COLUMNS
 from hhsim.solver.options import SolverOptions
@@ -92,7 +91,7 @@ def test_one_more_file_is_in_the_report_and_its_verdict(replayed: tuple[ReplaySu
     summary, result = replayed
     (run,) = report_runs([result])
     assert "lag_mean" in run.verdict.missed
-    assert read_page(figures_section([run], [])).rows("Figures")[-1] == ["lag, mean", summary.rows[-1].shown, "mm"]
+    assert all_figures([run], []).cells[-1] == ["lag, mean", summary.rows[-1].shown, "mm"]
     (cut,) = report_runs([dataclasses.replace(result, complete=False)])
     assert cut.rows[-1].value == summary.rows[-1].value
 

@@ -9,8 +9,10 @@ from typing import Any
 
 import pytest
 
+from hhsim.table import terminal as layout
+from hhsim.table.table import Table
+
 console = importlib.import_module("hhsim.cli.console")
-layout = importlib.import_module("hhsim.system.table_layout")
 
 COLUMNS = ("figure", "hhsim", "unit", "paper")
 ROWS = [
@@ -26,20 +28,20 @@ class Terminal(io.StringIO):
         return True
 
 
-def shown(monkeypatch: pytest.MonkeyPatch, width: int, *table: Any, **more: Any) -> str:
+def shown(monkeypatch: pytest.MonkeyPatch, width: int, table: Table, **more: Any) -> str:
     """A table as a terminal of a width has it."""
     terminal = Terminal()
     with monkeypatch.context() as patched:
         patched.setattr(sys, "stdout", terminal)
         patched.setenv("TERM", "xterm")
         patched.setenv("COLUMNS", str(width))
-        console.print_table(*table, **more)
+        console.print_table(table, **more)
     return re.sub(r"\x1b\[[0-9;]*m", "", terminal.getvalue())
 
 
 @pytest.mark.parametrize("width", [20, 30, 40, 60, 80, 100, 160])
 def test_no_number_is_broken_and_no_line_too_long(width: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    text = shown(monkeypatch, width, COLUMNS, ROWS, numbers=("hhsim", "paper"), optional=("paper",))
+    text = shown(monkeypatch, width, Table.of_cells(COLUMNS, ROWS, numbers=("hhsim", "paper")), optional=("paper",))
     assert "1,234.0570" in text
     assert ("310 to ≈ 1,000" in text) == (width >= 60)
     assert all(len(line) <= max(width, 26) for line in text.splitlines())
@@ -50,7 +52,7 @@ def test_no_number_is_broken_and_no_line_too_long(width: int, monkeypatch: pytes
 def test_a_row_that_would_be_many_lines_is_a_card(monkeypatch: pytest.MonkeyPatch) -> None:
     long = "what it stresses, at length, " * 12
     rows = [("cube", long, "3", ""), ("cup", long, "4", "x")]
-    lines = shown(monkeypatch, 40, ("name", "stresses", "level", "note"), rows).splitlines()
+    lines = shown(monkeypatch, 40, Table.of_cells(("name", "stresses", "level", "note"), rows)).splitlines()
     assert lines[0] == "cube" and lines.count("") == 1
     assert lines[lines.index("") + 1] == "cup"
     assert "  level     3" in lines
@@ -60,14 +62,18 @@ def test_a_row_that_would_be_many_lines_is_a_card(monkeypatch: pytest.MonkeyPatc
 
 def test_a_pipe_has_no_width(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setenv("COLUMNS", "30")
-    console.print_table(COLUMNS, ROWS, numbers=("hhsim",))
+    console.print_table(Table.of_cells(COLUMNS, ROWS, numbers=("hhsim",)))
     assert len(capsys.readouterr().out.splitlines()) == 4
 
 
 def test_the_room_is_shared_and_never_exceeded() -> None:
     texts = ["a", "some words that fold", "x" * 60, ""]
     for first, second, number, width in itertools.product(texts, texts, ("1.5", "310 to 1,000"), range(20, 120, 7)):
-        columns = [layout.Column("one", [first]), layout.Column("n", [number], True), layout.Column("two", [second])]
+        columns = [
+            layout.LaidColumn("one", [first]),
+            layout.LaidColumn("n", [number], True),
+            layout.LaidColumn("two", [second]),
+        ]
         if layout.fits(columns, width):
             found = layout.widths(columns, width)
             assert sum(found) + 2 * layout.GAP <= width

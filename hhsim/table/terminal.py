@@ -1,9 +1,11 @@
-"""How a table gets into the width of a terminal: columns go, text is folded at words, or rows turn into cards."""
+"""Text of a table for the width of a terminal: columns go, text is folded at words, or rows turn into cards."""
 
 import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
+from hhsim.table.table import Table
 
 if TYPE_CHECKING:
     from rich.text import Text
@@ -16,9 +18,13 @@ MOST_LINES = 4
 """Rows of more lines than this are cards."""
 
 
+PIPE_WIDTH = 1_000
+"""Letters of a line where there is no terminal: nothing is folded, so that lines can be searched."""
+
+
 @dataclass(frozen=True)
-class Column:
-    """A column of a table.
+class LaidColumn:
+    """A column as it is laid out.
 
     Attributes:
         heading: Its head.
@@ -43,17 +49,50 @@ class Column:
         return max(1, min(LONGEST_WORD, _longest_word([self.heading, *self.cells])))
 
 
-def fitting_columns(columns: Sequence[Column], width: int, optional: Sequence[str]) -> list[Column]:
-    """The columns, without as many of the `optional` ones, the first one first, as keep them from fitting `width`."""
-    shown = list(columns)
-    for heading in optional:
-        if fits(shown, width):
-            break
-        shown = [column for column in shown if column.heading != heading]
-    return shown
+def terminal_text(table: Table, *, in_terminal: bool, optional: Sequence[str] = ()) -> str:
+    """Return a table as a terminal shows it; without any heading it has no rule either.
+
+    Where it is too wide, columns that may be missing go, then text is folded at words; where that would be many lines
+    a row, each row becomes a card. A number is never broken.
+
+    Args:
+        table: Its title is a line above it; its notes are left out.
+        in_terminal: Whether it is as wide as the terminal allows; else lines are as long as they need to be.
+        optional: Headings of the columns that a narrow terminal does without, the first to go first.
+    """
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table as RichTable
+    from rich.text import Text
+
+    console = Console(highlight=False, width=None if in_terminal else PIPE_WIDTH)
+    title, rows = Text(table.title, style="bold") if table.title else None, table.cells
+    columns = [
+        LaidColumn(column.heading, [row[i] for row in rows], column.is_number) for i, column in enumerate(table.columns)
+    ]
+    for thin in optional if in_terminal else ():
+        if not fits(columns, console.width):
+            columns = [column for column in columns if column.heading != thin]
+    with console.capture() as captured:
+        if in_terminal and not fits(columns, console.width):
+            for line in ([title, Text()] if title else []) + cards(columns, console.width):
+                console.print(line, soft_wrap=True)
+        else:
+            laid = RichTable(
+                box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, show_header=any(table.headings),
+                title=title, title_justify="left", title_style="bold",
+            )  # fmt: skip
+            for column, width in zip(columns, widths(columns, console.width)):
+                # As Text: a unit in square brackets is not markup.
+                heading = Text(column.heading)
+                laid.add_column(heading, justify="right" if column.number else "left", overflow="fold", width=width)
+            for cells in zip(*(column.cells for column in columns)):
+                laid.add_row(*map(Text, cells))
+            console.print(laid)
+    return "\n".join(line.rstrip() for line in captured.get().splitlines())
 
 
-def fits(columns: Sequence[Column], width: int) -> bool:
+def fits(columns: Sequence[LaidColumn], width: int) -> bool:
     """Whether a table of a terminal's width breaks no word and no number, and makes no row many lines high."""
     gaps = GAP * (len(columns) - 1)
     if gaps + sum(column.least for column in columns) > width:
@@ -63,7 +102,7 @@ def fits(columns: Sequence[Column], width: int) -> bool:
     return sum(column.width for column in words) <= MOST_LINES * room
 
 
-def widths(columns: Sequence[Column], width: int) -> list[int]:
+def widths(columns: Sequence[LaidColumn], width: int) -> list[int]:
     """Width of each column: whole where there is room, else text gives way, the widest first."""
     found = [column.least for column in columns]
     room = width - GAP * (len(columns) - 1) - sum(found)
@@ -78,7 +117,7 @@ def widths(columns: Sequence[Column], width: int) -> list[int]:
     return found
 
 
-def cards(columns: Sequence[Column], width: int) -> "list[Text]":
+def cards(columns: Sequence[LaidColumn], width: int) -> "list[Text]":
     """The rows as cards: the first cell in bold, under it a line for each other cell that says something."""
     from rich.text import Text
 

@@ -1,0 +1,1 @@
+"""Tables of figures: columns with units, and their text for a terminal and for files."""

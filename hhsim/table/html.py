@@ -1,0 +1,72 @@
+"""HTML pages from Jinja2 templates, which lie beside the modules that fill them; all text in them is escaped."""
+
+import base64
+import hashlib
+import re
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hhsim.table.table import Table
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+
+TEMPLATES = Path(__file__).parents[1]
+"""Folder of the packages that hold templates."""
+LONGEST_WORD = 32
+"""Letters of a word that is not broken in a table."""
+NO_TEXT = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff\ufdd0-\ufdef\ufffe\uffff]")
+"""What no HTML document may hold, not even as a reference."""
+
+
+def render(template: str, **values: Any) -> str:
+    """Return a page.
+
+    Args:
+        template: Its file under hhsim/, such as "report/report.html".
+        values: By the names that the template has for them.
+    """
+    return environment().get_template(template).render(values)
+
+
+def table_html(table: Table) -> str:
+    """Return a table as HTML, in a box that scrolls where it is too wide."""
+    return str(environment().get_template("table/parts.html").module.table(table))  # type: ignore[attr-defined]
+
+
+@cache
+def environment() -> "Environment":
+    """Return what compiles the templates."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    made = Environment(
+        loader=FileSystemLoader(TEMPLATES), autoescape=True, finalize=_legal, undefined=StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True,
+    )  # fmt: skip
+    made.filters |= {"base64": _base64, "png_size": _png_size, "sha256": _sha256}
+    made.tests["long"] = is_long
+    return made
+
+
+def is_long(cell: str) -> bool:
+    """Return whether a word of a cell, such as a checksum, has to be broken to fit a page."""
+    return max(map(len, cell.split()), default=0) > LONGEST_WORD
+
+
+def _legal(value: Any) -> Any:
+    if not isinstance(value, str) or hasattr(value, "__html__"):
+        return value
+    return NO_TEXT.sub("\N{REPLACEMENT CHARACTER}", value)
+
+
+def _base64(data: bytes) -> str:
+    return base64.b64encode(data).decode("ascii")
+
+
+def _sha256(text: str) -> str:
+    return _base64(hashlib.sha256(text.encode()).digest())
+
+
+def _png_size(png: bytes) -> tuple[int, ...]:
+    return tuple(int.from_bytes(png[at : at + 4]) for at in (16, 20))

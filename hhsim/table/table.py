@@ -1,0 +1,228 @@
+"""A table of figures: columns that know their unit and digits, rows, and its text as CSV, Markdown and LaTeX."""
+
+import csv
+import io
+import math
+import re
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
+from numbers import Real
+from operator import attrgetter
+from typing import Any
+
+MISSING = "—"
+"""Stands for a figure that is not known."""
+UNITS = {
+    "": ("1", 1.0), "units": ("1", 1.0), "% of hold": ("%", 1.0), "µJ": ("J", 1e-6), "g": ("kg", 1e-3),
+    "MB": ("B", 1e6), "ms": ("s", 1e-3), "µs": ("s", 1e-6), "ns": ("s", 1e-9), "mm": ("m", 1e-3), "µm": ("m", 1e-6),
+    "µm/s": ("m/s", 1e-6), "mm/tick": ("m/tick", 1e-3),
+}  # fmt: skip
+"""Units that people read: the unit in which files hold such a value, and the size of the one in the other."""
+BARE = ("", "1")
+"""Units that no heading names."""
+LETTERS = str.maketrans(
+    {
+        **{letter: f"\\{letter}" for letter in "{}$&#_%"},
+        # After a line's end a star or a bracket would belong to it.
+        **{letter: f"{{{letter}}}" for letter in "*["},
+        "\\": r"\textbackslash{}",
+        "~": r"\textasciitilde{}",
+        "^": r"\textasciicircum{}",
+        "<": r"\textless{}",
+        ">": r"\textgreater{}",
+        "|": r"\textbar{}",
+        '"': "''",
+        "µ": r"$\mu$",
+        "±": r"$\pm$",
+        "—": r"\textemdash{}",
+        "●": r"$\bullet$",
+    }
+)
+"""What LaTeX prints as each letter that it would not print as it is."""
+
+
+def stored_unit(unit: str) -> str:
+    """Return the unit in which files hold what is shown in `unit`: SI, "%", or "1" for counts and ratios."""
+    return UNITS.get(unit, (unit, 1.0))[0]
+
+
+def unit_size(unit: str) -> float:
+    """Return the size of a shown unit in the stored one."""
+    return UNITS.get(unit, (unit, 1.0))[1]
+
+
+def shown(value: Any, digits: int | None = None, missing: str = MISSING) -> str:
+    """Return a value as people read it.
+
+    Args:
+        value: Text is returned as it is; None and NaN are missing.
+        digits: Behind the point of a number; None for four significant ones, and all of a whole number.
+        missing: What stands for a missing value.
+    """
+    if isinstance(value, str):
+        return value
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if value is None or math.isnan(value):
+        return missing
+    if digits is not None:
+        # Rounded first: what rounds to nothing has no sign.
+        return f"{round(float(value), digits) + 0.0:,.{digits}f}"
+    if isinstance(value, int) or (math.isfinite(value) and value == round(value) and abs(value) < 1e12):
+        return f"{round(value):,}"
+    return f"{value:.4g}"
+
+
+class Marked(str):
+    """A cell with a mood, "good", "bad" or "note", and words that a page shows below it; elsewhere it is its text."""
+
+    mood: str
+    below: str
+
+    def __new__(cls, text: str, mood: str = "", below: str = "") -> "Marked":
+        """Return the cell."""
+        cell = super().__new__(cls, text)
+        cell.mood, cell.below = mood, below
+        return cell
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of a table.
+
+    Attributes:
+        name: Of the figure; with the unit it is the heading. Where `of` is not given, the key or attribute of a row.
+        says: What the column means, for people.
+        unit: Of what is shown; the values of rows are in its `stored_unit`.
+        of: Where a row has the value: a key, a position, an attribute or its path with dots, or a function of the row.
+        digits: Behind the point; None as for `shown`.
+        missing: What stands for a missing value.
+        is_number: Whether its cells are aligned right and never broken.
+    """
+
+    name: str
+    says: str = ""
+    unit: str = ""
+    of: str | int | Callable[[Any], Any] = ""
+    digits: int | None = None
+    missing: str = MISSING
+    is_number: bool = True
+
+    @property
+    def heading(self) -> str:
+        """Name and unit of what is shown."""
+        return self.name if self.unit in BARE else f"{self.name} [{self.unit}]"
+
+    @property
+    def stored_heading(self) -> str:
+        """Name and unit of the values."""
+        unit = stored_unit(self.unit)
+        return self.name if unit in BARE else f"{self.name} [{unit}]"
+
+    def value(self, row: Any) -> Any:
+        """Return the value of a row, in the stored unit."""
+        key = self.name if self.of == "" else self.of
+        if callable(key):
+            return key(row)
+        return row[key] if isinstance(key, int) or isinstance(row, Mapping) else attrgetter(key)(row)
+
+    def shown(self, row: Any) -> str:
+        """Return the cell of a row as people read it."""
+        value, size = self.value(row), unit_size(self.unit)
+        if size != 1.0 and isinstance(value, Real):
+            value = float(value) / size
+        return shown(value, self.digits, self.missing)
+
+
+def words(name: str, of: str | int | Callable[[Any], Any] = "") -> Column:
+    """Return a column of text."""
+    return Column(name, of=of, is_number=False)
+
+
+def number(
+    name: str, of: str | int | Callable[[Any], Any] = "", unit: str = "", digits: int = 0, missing: str = MISSING
+) -> Column:
+    """Return a column of numbers with so many digits behind the point; text in it stays as it is."""
+    return Column(name, unit=unit, of=of, digits=digits, missing=missing)
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table.
+
+    Attributes:
+        columns: In their order.
+        rows: Whatever the columns take their values of.
+        title: A line above it, or "".
+        notes: What there is to say of it, a sentence each.
+    """
+
+    columns: Sequence[Column]
+    rows: Sequence[Any]
+    title: str = ""
+    notes: Sequence[str] = ()
+
+    @classmethod
+    def of_cells(
+        cls, headings: Sequence[str], rows: Sequence[Sequence[Any]], title: str = "", *, numbers: Collection[str] = ()
+    ) -> "Table":
+        """Return the table of rows of cells; `numbers` are the headings of the columns of numbers."""
+        columns = [Column(heading, of=i, is_number=heading in numbers) for i, heading in enumerate(headings)]
+        return cls(columns, rows, title)
+
+    @property
+    def headings(self) -> list[str]:
+        """Return the heading of each column."""
+        return [column.heading for column in self.columns]
+
+    @property
+    def cells(self) -> list[list[str]]:
+        """Return the rows as people read them."""
+        return [[column.shown(row) for column in self.columns] for row in self.rows]
+
+    @property
+    def records(self) -> list[dict[str, Any]]:
+        """Return the values of each row by the names of the columns."""
+        return [{column.name: column.value(row) for column in self.columns} for row in self.rows]
+
+    def csv(self) -> str:
+        """Return it as CSV: stored units in the headings, missing values empty, numbers that come back bit for bit."""
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow([column.stored_heading for column in self.columns])
+        writer.writerows([_spelled(column.value(row)) for column in self.columns] for row in self.rows)
+        return text.getvalue()
+
+    def markdown(self) -> str:
+        """Return it as a table of Markdown, without title and notes."""
+        rule = "|".join("---:" if column.is_number else "---" for column in self.columns)
+        rows = [f"| {' | '.join(map(markdown_text, row))} |" for row in (self.headings, *self.cells)]
+        return "\n".join([rows[0], f"|{rule}|", *rows[1:]])
+
+    def latex(self) -> str:
+        r"""Return it as a tabular with \hline that needs no package; the notes stand above, as comments."""
+        align = "".join("r" if column.is_number else "l" for column in self.columns)
+        head, *body = [" & ".join(map(_latex_cell, row)) + r" \\" for row in (self.headings, *self.cells)]
+        notes = [f"% {' '.join(note.split())}" for note in self.notes]
+        begin = [f"\\begin{{tabular}}{{{align}}}", r"\hline", head, r"\hline"]
+        return "\n".join([*notes, *begin, *body, r"\hline", r"\end{tabular}", ""])
+
+
+def markdown_text(text: str) -> str:
+    """Return text that Markdown shows as it is."""
+    kept = text.replace("&", "&amp;").replace("<", "&lt;").replace("|", "\\|").replace("\n", " ")
+    return kept.replace("_", "\\_").replace("*", "\\*").replace("`", "'")
+
+
+def _latex_cell(text: str) -> str:
+    # Hyphens that follow each other would become a dash; a number's hyphen is a minus.
+    letters = re.sub("-(?=-)", "-{}", " ".join(text.split()).translate(LETTERS))
+    return re.sub(r"^-(?=\d)", "$-$", letters)
+
+
+def _spelled(value: Any) -> str:
+    if value is None or value != value:
+        return ""
+    if isinstance(value, bool):
+        return str(int(value))
+    return repr(value) if isinstance(value, float) else str(value)

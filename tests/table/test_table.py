@@ -1,0 +1,68 @@
+"""Tables: where a column has its values, how they are shown, and what the files say of units."""
+
+import csv
+import io
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hhsim.metrics.run.registry import run_metrics
+from hhsim.table.table import UNITS, Column, Table, number, shown, stored_unit, unit_size, words
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "text"),
+    [
+        ("as it is", 2, "as it is"),
+        (True, None, "yes"),
+        (None, 1, "—"),
+        (math.nan, None, "—"),
+        (1234.567, 1, "1,234.6"),
+        (-1e-9, 2, "0.00"),
+        (1234567, None, "1,234,567"),
+        (20000.0, None, "20,000"),
+        (1.23456, None, "1.235"),
+        (math.inf, None, "inf"),
+        (np.float64(0.5), 2, "0.50"),
+        (np.int64(7), None, "7"),
+    ],
+)
+def test_a_value_is_shown_short(value: Any, digits: int | None, text: str) -> None:
+    assert shown(value, digits) == text
+
+
+def test_a_column_finds_its_value_in_any_row() -> None:
+    row = SimpleNamespace(tick=SimpleNamespace(p50=2.5e-6))
+    assert Column("p50", unit="µs", of="tick.p50", digits=1).shown(row) == "2.5"
+    assert number("p50", "time", "µs").value({"time": 1.0}) == 1.0
+    assert words("second", 1).shown(("a", "b")) == "b"
+    assert number("twice", lambda row: 2 * row, digits=1).shown(1.5) == "3.0"
+    assert number("none", missing="").shown({"none": None}) == ""
+
+
+def test_headings_have_the_unit_that_is_shown_and_files_the_stored_one() -> None:
+    table = Table((words("name"), number("time", "time", "µs", 1), number("count")), [])
+    assert table.headings == ["name", "time [µs]", "count"]
+    assert table.csv() == "name,time [s],count\n"
+    assert (stored_unit("mm"), unit_size("mm"), stored_unit("N"), stored_unit("")) == ("m", 1e-3, "N", "1")
+
+
+def test_every_unit_of_a_run_metric_is_an_si_unit_or_one_that_is_known() -> None:
+    assert {metric.unit for metric in run_metrics().values()} <= UNITS.keys() | {"N", "%", "s"}
+
+
+def test_numbers_of_a_csv_file_come_back_bit_for_bit() -> None:
+    rows = [{"name": 'a, "b"', "value": 0.1 + 0.2, "flag": True}, {"name": "", "value": math.nan, "flag": None}]
+    table = Table((words("name"), number("value", digits=1), Column("flag")), rows)
+    first, second = csv.DictReader(io.StringIO(table.csv()))
+    assert (first["name"], float(first["value"]), first["flag"]) == ('a, "b"', 0.1 + 0.2, "1")
+    assert second == {"name": "", "value": "", "flag": ""}
+    assert table.records[0] == rows[0]
+
+
+def test_a_table_of_markdown_aligns_numbers_and_escapes_the_rest() -> None:
+    table = Table((words("na|me"), number("n")), [{"na|me": "a_b <c>", "n": 1234}])
+    assert table.markdown() == "| na\\|me | n |\n|---|---:|\n| a\\_b &lt;c> | 1,234 |"
