@@ -8,12 +8,8 @@ with each step. The last line of defence is the returned radius, which is measur
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hhsim.kernels.jit import jit, jit_allocating
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from hhsim.kernels.jit import Array, Indices, jit, jit_allocating
 
 _TOLERANCE = 1e-12
 _STEPS = 100

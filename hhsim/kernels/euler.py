@@ -6,12 +6,7 @@ axis; nothing here hides that.
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
-from hhsim.kernels.jit import jit
-
-Array = NDArray[np.float64]
+from hhsim.kernels.jit import Array, jit
 
 LOCKED = 1e-9
 """Below this cos β only the sum or the difference of α and γ is defined."""

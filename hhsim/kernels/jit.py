@@ -18,6 +18,9 @@ from numpy.typing import ArrayLike, NDArray
 from hhsim.kernels.callee import Kernel
 from hhsim.kernels.kernel_cache import implementing_kernels, source_of
 
+Array: TypeAlias = NDArray[np.float64]
+Indices: TypeAlias = NDArray[np.int64]
+
 Record: TypeAlias = Any
 """One record of a structured array; its fields are read and written as attributes."""
 

@@ -7,12 +7,8 @@ node i is i + 1, its right child `right[i]` (−1 for a leaf), its points `order
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hhsim.kernels.jit import jit, jit_allocating
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from hhsim.kernels.jit import Array, Indices, jit, jit_allocating
 
 STACK = 128
 """Room for the stack of any walk down a median tree: halving int64 counts gives at most 64 levels."""

@@ -6,12 +6,7 @@ exp(δφ) q. Euler angles, which the paper uses, lock at β = ±90° and weigh t
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
-from hhsim.kernels.jit import jit
-
-Array = NDArray[np.float64]
+from hhsim.kernels.jit import Array, jit
 
 SMALL_ANGLE = 1e-8
 """Below this angle [rad] the series of sin(x)/x to second order is exact in double precision."""

@@ -14,12 +14,7 @@ A signed distance is negative inside; distances are in metres.
 import math
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from hhsim.kernels.jit import jit, jit_inline, jit_vector
-
-Array = NDArray[np.float64]
+from hhsim.kernels.jit import Array, jit, jit_inline, jit_vector
 
 
 class RoundCone(NamedTuple):

@@ -3,12 +3,8 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hhsim.kernels.jit import jit
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from hhsim.kernels.jit import Array, Indices, jit
 
 
 @jit

@@ -8,13 +8,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hhsim.kernels.jit import as_int64, jit, jit_inline, jit_vector
+from hhsim.kernels.jit import Array, Indices, as_int64, jit, jit_inline, jit_vector
 from hhsim.kernels.round_cone_distance import RoundCone, round_cone_parameter
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 MOST_WAITING = 1024
 """A depth-first walk holds at most (branching - 1) · depth + 1 nodes; trees have at most 5 levels."""

@@ -26,7 +26,7 @@ def coupled_problem(state: Any) -> tuple[QpProblem, IntArray]:
     """The coupled program at the present linearisation and the kernels' row of each of its rows.
 
     Args:
-        state: A tick's state after `hhsim.kernels.tick.tick.prepare` has found contacts.
+        state: A tick's state after `hhsim.kernels.tick.linearisation.build_program` has found contacts.
     """
     problem, start = state.problem, state.contacts.start
     rows = [np.arange(start[0], start[1])]

@@ -12,16 +12,13 @@ from numpy.typing import NDArray
 from hhsim.kernels.contact.surface import ContactPoints, Walk, cone_contacts
 from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
-from hhsim.kernels.jit import jit, jit_allocating
+from hhsim.kernels.jit import Array, Indices, jit, jit_allocating
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.round_cone_distance import RoundCone, cone_slope
 from hhsim.kernels.sphere_tree import STACK_SIZE
 
 SURE = 1e-12
 """Distances are computed to a small part of this [m]."""
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 
 @jit_allocating

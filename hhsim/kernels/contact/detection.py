@@ -15,14 +15,10 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.kernels.contact.surface import Walk, gather_pairs, measure_pairs, pairs_within, record_pairs
 from hhsim.kernels.hand.kinematics import BODY_COUNT, BOX_CORNERS, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
-from hhsim.kernels.jit import Record, as_int64, jit, jit_inline, jit_once
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from hhsim.kernels.jit import Indices, Record, as_int64, jit, jit_inline, jit_once
 
 COUNT_NODE_TESTS = 0
 COUNT_PAIR_TESTS = 1

@@ -15,14 +15,10 @@ multipliers come out in N for contacts and N·m for joint limits.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.kernels.contact.detection import CONTACT_ROWS
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays
-from hhsim.kernels.jit import Record, jit, jit_once, jit_vector
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from hhsim.kernels.jit import Array, Indices, Record, jit, jit_once, jit_vector
 
 LIMIT_ROWS = 2 * FINGER_COUNT * PHALANX_COUNT
 """Rows behind the contacts: a lower and an upper joint limit for each of 15 joints."""

@@ -9,15 +9,11 @@ would have to shrink by.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT
-from hhsim.kernels.jit import jit, jit_allocating
+from hhsim.kernels.jit import Array, Indices, jit, jit_allocating
 from hhsim.kernels.kd_tree import STACK
 from hhsim.kernels.mesh.bvh import MeshBvh, beyond, closest_on_mesh, outside
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 DEEPEST_INTERVAL = 60
 """Halvings of an axis that its stack has room for."""

@@ -2,13 +2,10 @@
 
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from hhsim.kernels.contact.detection import choose_gathers, evaluate_range, follow_motion, part_cost
 from hhsim.kernels.contact.surface import Walk
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT, HandArrays
-from hhsim.kernels.jit import Record, as_int64, jit, jit_once
+from hhsim.kernels.jit import Indices, Record, as_int64, jit, jit_once
 from hhsim.kernels.parallel.thread_team import (
     NOTHING,
     PARTS,
@@ -19,8 +16,6 @@ from hhsim.kernels.parallel.thread_team import (
     sort_parts,
     take_item,
 )
-
-Indices = NDArray[np.int64]
 
 
 @jit_once

@@ -8,15 +8,12 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.kernels.contact.surface import cone_distance
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT
-from hhsim.kernels.jit import jit_allocating
+from hhsim.kernels.jit import Array, jit_allocating
 from hhsim.kernels.round_cone_distance import RoundCone, cone_slope, sphere_cone
 from hhsim.kernels.sphere_tree import STACK_SIZE
-
-Array = NDArray[np.float64]
 
 
 class HandSurface(NamedTuple):

@@ -19,14 +19,8 @@ nearest of those that do not follow from it, and so on.
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
-from hhsim.kernels.jit import Record, as_int64, jit, jit_inline, jit_vector
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from hhsim.kernels.jit import Array, Record, as_int64, jit, jit_inline, jit_vector
 
 REFERENCES = 3
 """Contacts of a body that the others are held against: most that can follow from any do so from the first ones."""

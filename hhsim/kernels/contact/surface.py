@@ -11,10 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.hand.kinematics import BODY_COUNT, BOX_CORNERS, HandArrays
-from hhsim.kernels.jit import Record, generic
+from hhsim.kernels.jit import Indices, Record, generic
 from hhsim.kernels.round_cone_distance import RoundCone
-
-Indices = NDArray[np.int64]
 
 SHARED_CANDIDATES = [
     ("count", np.int64, (BODY_COUNT,)),

@@ -12,11 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.cover.micro_triangle import CUT_STACK
-from hhsim.kernels.jit import jit_allocating
+from hhsim.kernels.jit import Array, Indices, jit_allocating
 from hhsim.kernels.triangle import longest_edge
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 Codes = NDArray[np.int32]
 
 

@@ -6,9 +6,8 @@ Apart from the builder and from what made the proof: it shares no code with them
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.jit import jit_allocating
+from hhsim.kernels.jit import Array, jit_allocating
 
-Array = NDArray[np.float64]
 Codes = NDArray[np.int32]
 
 HOLDS, NO_SUCH_SPHERE, CORNER_OUTSIDE, NO_SUCH_CODE, TOO_SHORT, TOO_LONG, TOO_DEEP = range(7)
@@ -19,7 +18,7 @@ _DEEPEST = 512
 
 @jit_allocating
 def check_proof(corner: Array, center: Array, radius: Array, room: float, proof: Codes) -> tuple[int, int, int]:
-    """Walk along the codes of a proof; see `cover_certificate` for what they mean.
+    """Walk along the codes of a proof; see `certify_cover` for what they mean.
 
     Args:
         corner: a, b, c of the faces [m], shape (F, 9).

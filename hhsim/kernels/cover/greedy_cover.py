@@ -9,18 +9,14 @@ the largest cost over the micro-triangles, each under its best sphere, bounds th
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.kernels.cover.inscribed_sphere import far_corner2, place_sphere
 from hhsim.kernels.cover.micro_triangle import MicroTriangles
 from hhsim.kernels.cover.sphere_descent import WORK, descend_sphere
-from hhsim.kernels.jit import jit, jit_allocating, jit_inline
+from hhsim.kernels.jit import Array, Indices, jit, jit_allocating, jit_inline
 from hhsim.kernels.kd_tree import STACK
 from hhsim.kernels.mesh.bvh import MeshBvh
 from hhsim.kernels.triangle import longest_edge
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 _GAIN = 1e-3
 

@@ -3,14 +3,10 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.kernels.cover.micro_triangle import MicroTriangles
-from hhsim.kernels.jit import jit
+from hhsim.kernels.jit import Array, Indices, jit
 from hhsim.kernels.mesh.bvh import MeshBvh, closest_on_mesh, outside
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 _SHRINKS = 40
 _STRETCHES = 8

@@ -5,12 +5,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.jit import jit, jit_allocating
+from hhsim.kernels.jit import Array, Indices, jit, jit_allocating
 from hhsim.kernels.kd_tree import build_median_tree
 from hhsim.kernels.triangle import longest_edge
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 CUT_STACK = 256
 """Room for the stack of `cut_faces`: a halved triangle leaves one waiting, and 256 halvings end below any float."""

@@ -5,12 +5,10 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.cover.micro_triangle import MicroTriangles
 from hhsim.kernels.cover.sphere_descent import WORK, descend_sphere
-from hhsim.kernels.jit import jit, jit_allocating
+from hhsim.kernels.jit import Array, Indices, jit, jit_allocating
 from hhsim.kernels.kd_tree import STACK
 from hhsim.kernels.mesh.bvh import MeshBvh
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 

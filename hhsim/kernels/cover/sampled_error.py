@@ -5,10 +5,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.jit import as_int64, jit, jit_inline, jit_vector
+from hhsim.kernels.jit import Array, Indices, as_int64, jit, jit_inline, jit_vector
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 _CHUNK = 64

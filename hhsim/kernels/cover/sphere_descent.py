@@ -11,15 +11,11 @@ less than the model foresaw adds cuts and makes the next step shorter.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.kernels.cover.inscribed_sphere import depth_at
 from hhsim.kernels.cover.micro_triangle import MicroTriangles
-from hhsim.kernels.jit import as_int64, jit, jit_allocating, jit_inline
+from hhsim.kernels.jit import Array, Indices, as_int64, jit, jit_allocating, jit_inline
 from hhsim.kernels.mesh.bvh import MeshBvh
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 _FAR = 10
 """Most corners in the model, the first rows of the workspace: position, unit vector from it to the centre, distance

@@ -12,13 +12,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.kernels.copy import copy_values
-from hhsim.kernels.jit import Record, jit, jit_once
+from hhsim.kernels.jit import Array, Record, jit, jit_once
 from hhsim.kernels.rotation import quaternion_to_matrix, rotate_quaternion, rotation_vector_between
-
-Array = NDArray[np.float64]
 
 OBJECT_DOF = 6
 """Translation of the centre of mass [m], then the rotation vector about the principal axes [rad]."""

@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.kernels.free.rows import (
     COMMON,
@@ -17,8 +16,6 @@ from hhsim.kernels.free.rows import (
 )
 from hhsim.kernels.hand.kinematics import PHALANX_COUNT
 from hhsim.kernels.jit import Record, jit, jit_once
-
-Array = NDArray[np.float64]
 
 RANK = 1e-10
 """Share of the trace of Jᵀ J that is added to it: contacts do not tell all directions apart."""

@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.kernels.free.body import as_object_moves
 from hhsim.kernels.free.leanings import find_leanings, turn_contacts
@@ -20,14 +19,11 @@ from hhsim.kernels.free.rows import (
 )
 from hhsim.kernels.free.slips import NO_LOAD, foresee_slips, keep_slips, lower_slips, return_to_slips
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT
-from hhsim.kernels.jit import Record, as_bool, as_int64, jit, jit_once
+from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_once
 from hhsim.kernels.qp.active_set import OPTIMAL, RESUMES, QpWork, solve
 from hhsim.kernels.qp.row_scan import WideRows
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 ROUNDS = 6
 """Most solutions of a tick's first program with one Γ after another; then Γ stands, and what is left is convex."""

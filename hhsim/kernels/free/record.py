@@ -4,7 +4,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.free.body import from_axes, turn_in, turn_out
@@ -16,11 +15,8 @@ from hhsim.kernels.free.rows import (
     relative_turn,
     torsion_radius,
 )
-from hhsim.kernels.jit import Record, as_int64, jit, jit_once
+from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit, jit_once
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 STICKS = 1e-9
 """A contact that slips by no more than this in a tick [m] sticks."""

@@ -21,15 +21,11 @@ sphere of the object's hull with a plane, and has columns of the object alone.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.kernels.contact.linearise import ROW_CAPACITY, limit_start
 from hhsim.kernels.free.body import OBJECT_DOF, Support, along_axes, from_axes
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
-from hhsim.kernels.jit import Record, as_bool, as_int64, jit, jit_once, jit_vector
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_once, jit_vector
 
 FREE_DOF = DOF + OBJECT_DOF
 COMMON = 6 + OBJECT_DOF

@@ -13,7 +13,6 @@ then to be at most is another such system, of the loads of the plain rows.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.kernels.free.rows import (
     COMMON,
@@ -27,11 +26,9 @@ from hhsim.kernels.free.rows import (
     write_row,
 )
 from hhsim.kernels.hand.kinematics import PHALANX_COUNT
-from hhsim.kernels.jit import Record, as_int64, jit, jit_once
+from hhsim.kernels.jit import Array, Record, as_int64, jit, jit_once
 from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.qp.qr_update import back_substitute
-
-Array = NDArray[np.float64]
 
 NO_LOAD = 1e-3
 """A contact whose normal row bears no more than this share of its load rubs with all of it."""

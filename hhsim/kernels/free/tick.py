@@ -75,8 +75,6 @@ from hhsim.kernels.tick.tick import (
     follow_step,
 )
 
-Array = NDArray[np.float64]
-
 CLOSE = 20.0
 FLOATS = 2.0
 """A contact up to so many offsets apart, and this many residuals of the tick before, has friction."""

@@ -8,15 +8,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays, forward_kinematics
-from hhsim.kernels.jit import jit, jit_allocating
+from hhsim.kernels.jit import Array, Indices, jit, jit_allocating
 from hhsim.kernels.round_cone_distance import RoundCone, round_cone_parameter
 from hhsim.kernels.sphere_tree import TreeArrays, nearest_leaf_round_cone
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 CONTACT = 2e-5
 """A body this close [m] counts as touching: the advancement stops there."""

@@ -1,8 +1,9 @@
 """Sphere against cone frustum as in the paper's Eq. 4 to 7 and 10.
 
-The frustum of a phalanx is the conical part of its round cone (`kernels.distance`): its bottoms are the circles along
-which the joint spheres touch it, so that frustum and spheres together are the body that every other method has, and
-that penetration is measured of. With l, r_a >= r_b the round cone's length and radii and sin φ = (r_a - r_b) / l:
+The frustum of a phalanx is the conical part of its round cone (`kernels.round_cone_distance`). Its bottoms are the
+circles along which the joint spheres touch it, so that frustum and spheres together are the body that every other
+method has, and that penetration is measured of. With l, r_a >= r_b the round cone's length and radii and
+sin φ = (r_a - r_b) / l:
 
     D = joint + r_a sin φ u,   E = end + r_b sin φ u,   r₁ = r_a cos φ,   r₂ = r_b cos φ,   |DE| = l cos² φ,
 
@@ -13,12 +14,9 @@ on the axis, k = CE / DE (Eq. 6) is 0 at E and 1 at D. Here `along` is k |DE|, s
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT, HandArrays
-from hhsim.kernels.jit import Record, jit, jit_inline
-
-Array = NDArray[np.float64]
+from hhsim.kernels.jit import Array, Record, jit, jit_inline
 
 FRUSTUM = np.dtype(
     [

@@ -2,10 +2,7 @@
 
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
+from hhsim.kernels.jit import Array
 
 
 class HandShape(NamedTuple):

@@ -11,9 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.jit import Record, jit
-
-Array = NDArray[np.float64]
+from hhsim.kernels.jit import Array, Record, jit
 
 FINGER_COUNT = 5
 PHALANX_COUNT = 3
@@ -36,7 +34,7 @@ class HandArrays(NamedTuple):
     | abduction_sign | +1 where a positive turn about dorsal goes towards the thumb side (right hand), -1 left | (1,) |
     | length | distance between joint centres, the last one to the tip sphere's centre [m] | (5, 3) |
     | radius | radius at each joint and at the tip, not growing towards the tip [m] | (5, 4) |
-    | tan_slope, inverse_length | of each round cone, see `kernels.distance.cone_slope` | (5, 3) |
+    | tan_slope, inverse_length | of each round cone, see `kernels.round_cone_distance.cone_slope` | (5, 3) |
     | flexion_min, flexion_max | joint limits [rad] | (5, 3) |
     | reach | farthest that an axis point of the phalanx can be from the palm's origin [m] | (5, 3) |
     | lever | farthest that an axis point of phalanx k can be from joint i [m], 0 for i > k | (5, 3, 3) |

@@ -1,12 +1,9 @@
 """Many hands placed in one compiled call."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT, HandArrays, forward_kinematics
-from hhsim.kernels.jit import jit_allocating
-
-Array = NDArray[np.float64]
+from hhsim.kernels.jit import Array, jit_allocating
 
 
 @jit_allocating

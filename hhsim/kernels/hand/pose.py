@@ -7,15 +7,11 @@ pass, and count references to, every array in it on every call.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT, HandArrays, forward_kinematics
-from hhsim.kernels.jit import Record, jit, jit_once
+from hhsim.kernels.jit import Array, Record, jit, jit_once
 from hhsim.kernels.rotation import quaternion_to_matrix, rotate_quaternion
-
-Array = NDArray[np.float64]
-
 
 HAND_POSE = np.dtype(
     [

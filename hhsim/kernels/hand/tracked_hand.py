@@ -7,13 +7,8 @@ knuckles, the same plane that a finger's three bones lie nearest to, the same an
 import math
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT
-from hhsim.kernels.jit import jit
-
-Array = NDArray[np.float64]
+from hhsim.kernels.jit import Array, jit
 
 STRAIGHT = 0.05
 """Weight of "no abduction" against three unit bones that were measured: it decides where they decide nothing."""

@@ -12,11 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.hand.kinematics import FINGER_COUNT
-from hhsim.kernels.jit import Record, jit
+from hhsim.kernels.jit import Array, Record, jit
 from hhsim.kernels.live.interlock import SOLVER_FAILED
 from hhsim.kernels.rotation import quaternion_to_matrix
-
-Array = NDArray[np.float64]
 
 COMMANDER = np.dtype(
     [

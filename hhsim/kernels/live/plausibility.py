@@ -11,14 +11,11 @@ samples have been plausible for `TRUST`: the next sample alone lifts no doubt.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.hand.kinematics import FINGER_COUNT
-from hhsim.kernels.jit import Record, as_int64, jit
+from hhsim.kernels.jit import Array, Record, as_int64, jit
 from hhsim.kernels.live.notes import JUMP_FOLLOWED, JUMPED, JUMPED_BACK, MOVES_AGAIN, STUCK, note
-
-Array = NDArray[np.float64]
 
 JOINT_SPEED = 35.0
 """Fastest joint that is believed [rad/s]."""

@@ -7,10 +7,9 @@ while the command is being written; the palm's pose that the driver writes has o
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.kernels.copy import copy_values
-from hhsim.kernels.jit import as_int64, jit
+from hhsim.kernels.jit import Indices, as_int64, jit
 from hhsim.kernels.live.accounts import CAUSES
 from hhsim.kernels.live.deadlines import NOTHING
 from hhsim.kernels.live.finger_command import ease_fingers, free_fingers, update_command
@@ -35,8 +34,6 @@ from hhsim.kernels.tick.state import (
     STATUS_START_INSIDE,
     WORK_TOUCHING,
 )
-
-Indices = NDArray[np.int64]
 
 MOST_SAMPLES = 64
 """Used in one tick; what is left waits for the next one."""

@@ -8,14 +8,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hhsim.kernels.jit import jit, jit_allocating, jit_inline
+from hhsim.kernels.jit import Array, Indices, jit, jit_allocating, jit_inline
 from hhsim.kernels.kd_tree import STACK, build_median_tree
 from hhsim.kernels.triangle import Triangle, closest_on_triangle
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 _LEAF_TRIANGLES = 4
 

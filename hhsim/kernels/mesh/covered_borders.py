@@ -8,14 +8,12 @@ over the floor.
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.jit import jit, jit_allocating
+from hhsim.kernels.jit import Array, Indices, jit, jit_allocating
 from hhsim.kernels.mesh.feature_distance import ON, above
 from hhsim.kernels.mesh.features import BRANCHING, FaceSpheres, gather_faces
 from hhsim.kernels.round_cone_distance import RoundCone, sphere_cone
 from hhsim.kernels.sphere_tree import STACK_SIZE
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 BEYOND = 10.0 * ON

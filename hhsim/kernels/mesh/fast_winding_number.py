@@ -9,16 +9,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hhsim.kernels.jit import jit, jit_allocating
+from hhsim.kernels.jit import Array, Indices, jit, jit_allocating
 from hhsim.kernels.kd_tree import STACK
 from hhsim.kernels.mesh.bvh import MeshBvh
 from hhsim.kernels.mesh.winding_number import turned_by
 from hhsim.kernels.triangle import Triangle
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 FAR = 2.5
 """Distance [radii of the node] from which a node is expanded: right to 0.05, and to 0.01 on average."""

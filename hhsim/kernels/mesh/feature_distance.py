@@ -18,13 +18,10 @@ Where a body's witness lies on none of them the distance is `ELSEWHERE`.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hhsim.kernels.jit import jit, jit_inline, jit_vector
+from hhsim.kernels.jit import Array, jit, jit_inline, jit_vector
 from hhsim.kernels.mesh.features import FACE_FIELDS
 from hhsim.kernels.round_cone_distance import RoundCone
-
-Array = NDArray[np.float64]
 
 ELSEWHERE = 1e300
 """Stands for a feature whose nearest point belongs to another one [m]."""

@@ -13,13 +13,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.jit import jit, jit_allocating, jit_inline, jit_vector
+from hhsim.kernels.jit import Array, Indices, jit, jit_allocating, jit_inline, jit_vector
 from hhsim.kernels.kd_tree import select
 from hhsim.kernels.prefetch import prefetch
 from hhsim.kernels.round_cone_distance import RoundCone
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 BRANCHING = 8
 GROUP_TESTS = 6

@@ -8,14 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.jit import as_int64, jit, jit_allocating, jit_inline
+from hhsim.kernels.jit import Array, Indices, as_int64, jit, jit_allocating, jit_inline
 from hhsim.kernels.kd_tree import STACK
 from hhsim.kernels.mesh.bvh import MeshBvh, closest_on_mesh
 from hhsim.kernels.mesh.fast_winding_number import WindingMoments, winding_at
 
-Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
-Indices = NDArray[np.int64]
 
 _MOST_HITS = 16
 _HALVINGS = 12

@@ -7,15 +7,9 @@ cut through each other (Bærentzen and Aanæs, 2005). A ray that meets an edge c
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
-from hhsim.kernels.jit import jit, jit_inline
+from hhsim.kernels.jit import Array, Indices, jit, jit_inline
 from hhsim.kernels.mesh.features import BRANCHING, NOWHERE, FaceSpheres, block_distance
 from hhsim.kernels.round_cone_distance import RoundCone
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 DIRECTIONS = ((9 / 25, 12 / 25, 20 / 25), (-96 / 125, 75 / 125, 28 / 125), (2 / 7, -6 / 7, -3 / 7))
 """Unit vectors, along no axis and in no plane of two."""

@@ -1,16 +1,12 @@
 """Triangles that touch or cross others than their neighbours."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hhsim.kernels.jit import jit, jit_allocating
+from hhsim.kernels.jit import Array, Indices, jit, jit_allocating
 from hhsim.kernels.mesh.feature_distance import ON, triangle_distance
 from hhsim.kernels.mesh.features import ALONG, BRANCHING, FaceSpheres, gather_faces
 from hhsim.kernels.round_cone_distance import RoundCone
 from hhsim.kernels.sphere_tree import STACK_SIZE
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 
 @jit

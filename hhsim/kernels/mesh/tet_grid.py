@@ -8,12 +8,8 @@ the middle of its edge x₀x_k (Maubach, "Local bisection refinement for n-simpl
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hhsim.kernels.jit import jit, jit_allocating, jit_inline
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from hhsim.kernels.jit import Array, Indices, jit, jit_allocating, jit_inline
 
 _BITS = 20
 MOST_COORDINATE = (1 << _BITS) - 1

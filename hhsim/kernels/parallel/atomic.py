@@ -10,16 +10,12 @@ import platform
 from collections.abc import Callable
 from typing import Any, cast
 
-import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
-from numpy.typing import NDArray
 
-from hhsim.kernels.jit import JIT_ENABLED, jit_inline
-
-Indices = NDArray[np.int64]
+from hhsim.kernels.jit import JIT_ENABLED, Indices, jit_inline
 
 WORD_BYTES = 8
 PAUSES = {"x86_64": "llvm.x86.sse2.pause", "AMD64": "llvm.x86.sse2.pause"}

@@ -1,9 +1,9 @@
 """A thread team: threads that share the work of one tick, item by item.
 
-The tick's own thread posts a task of a few items; it and its helpers, which wait in `kernels.helper.help_out` for as
-long as a block of ticks lasts, take one item after another until none is left. A tick takes some ten microseconds, so
-the helpers do not sleep: they watch one word of memory, and a task costs half a microsecond more than its longest
-share.
+The tick's own thread posts a task of a few items. It and its helpers, which wait in `kernels.tick.thread_team_worker`
+for as long as a block of ticks lasts, take one item after another until none is left. A tick takes some ten
+microseconds, so the helpers do not sleep: they watch one word of memory, and a task costs half a microsecond more than
+its longest share.
 
 One 64-bit *ticket* names the task at hand, how many items it has and which one is next. It is taken by
 compare-and-exchange, and every task has a new number in it, so that a helper which comes too late takes nothing. An
@@ -12,11 +12,10 @@ what, and when.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.kernels.clock import cpu_ns, thread_cpu_ns
 from hhsim.kernels.hand.kinematics import FINGER_COUNT
-from hhsim.kernels.jit import Record, as_int64, jit
+from hhsim.kernels.jit import Indices, Record, as_int64, jit
 from hhsim.kernels.parallel.atomic import (
     compare_exchange,
     fetch_add,
@@ -25,8 +24,6 @@ from hhsim.kernels.parallel.atomic import (
     store_release,
     yield_processor,
 )
-
-Indices = NDArray[np.int64]
 
 PARTS = FINGER_COUNT + 1
 """Items of the longest task: the five fingers and the palm. More members than that would find nothing to do."""

@@ -20,9 +20,8 @@ import math
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hhsim.kernels.jit import Record, as_int64, generic, jit, jit_inline, jit_once
+from hhsim.kernels.jit import Array, Indices, Record, as_int64, generic, jit, jit_inline, jit_once
 from hhsim.kernels.qp.qr_update import LANES, append, back_substitute, project, remove, resolve, work_dtype
 from hhsim.kernels.qp.row_scan import (
     ROWS_NAN,
@@ -35,9 +34,6 @@ from hhsim.kernels.qp.row_scan import (
     row_violations,
     unsound_rows,
 )
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 QpWork: TypeAlias = Any
 """Workspace and result of a solve: a record of `qr_update.work_dtype`, made by `new_work`."""

@@ -7,11 +7,8 @@ arithmetic, and the sums are taken in the same order on every machine.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hhsim.kernels.jit import jit
-
-Array = NDArray[np.float64]
+from hhsim.kernels.jit import Array, jit
 
 NOT_POSITIVE = 1
 """A pivot is not positive, or not finite: the matrix is not positive definite to working precision."""

@@ -12,11 +12,8 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hhsim.kernels.jit import Record, jit, jit_vector
-
-Array = NDArray[np.float64]
+from hhsim.kernels.jit import Array, Record, jit, jit_vector
 
 LANES = 8
 """Numbers that one vector instruction may hold."""

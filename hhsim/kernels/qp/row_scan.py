@@ -12,12 +12,8 @@ import math
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hhsim.kernels.jit import as_int64, generic, jit, jit_inline, jit_once, jit_vector
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from hhsim.kernels.jit import Array, Indices, as_int64, generic, jit, jit_inline, jit_once, jit_vector
 
 ROWS_NAN = 1
 """A row or its right-hand side holds NaN."""

@@ -1,14 +1,11 @@
 """A program by itself, apart from the tick that built it: to be solved again, and timed."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.kernels.clock import monotonic_ns
-from hhsim.kernels.jit import Record, jit
+from hhsim.kernels.jit import Indices, Record, jit
 from hhsim.kernels.qp.active_set import CAPACITY, N_MAX, solve
 from hhsim.kernels.qp.row_scan import ProgramRows
-
-Indices = NDArray[np.int64]
 
 PROGRAM_GROUPS = 11
 PROGRAM_GUESSES = 64

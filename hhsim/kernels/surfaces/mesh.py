@@ -9,7 +9,6 @@ end: that of the nearer one says nothing of the other.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.kernels.contact.detection import COUNT_NODE_TESTS
 from hhsim.kernels.contact.surface import (
@@ -25,7 +24,7 @@ from hhsim.kernels.contact.surface import (
     record_pairs,
 )
 from hhsim.kernels.hand.kinematics import PALM_BODY, PHALANX_COUNT, HandArrays
-from hhsim.kernels.jit import Record, as_int64, jit, jit_inline, jit_once, jit_vector
+from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit, jit_inline, jit_once, jit_vector
 from hhsim.kernels.mesh.feature_distance import (
     ELSEWHERE,
     ON,
@@ -54,9 +53,6 @@ from hhsim.kernels.prefetch import prefetch
 from hhsim.kernels.round_cone_distance import RoundCone, sphere_cone
 from hhsim.kernels.sphere_tree import STACK_SIZE
 from hhsim.kernels.triangle import Triangle, closest_on_triangle
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 PALM_SPHERES = 1024
 PARTS = PALM_BODY + PALM_SPHERES

@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.kernels.contact.detection import COUNT_NODE_TESTS
 from hhsim.kernels.contact.surface import (
@@ -19,7 +18,7 @@ from hhsim.kernels.contact.surface import (
     record_pairs,
 )
 from hhsim.kernels.hand.kinematics import PALM_BODY, PHALANX_COUNT, HandArrays
-from hhsim.kernels.jit import Record, as_int64, jit, jit_inline, jit_once, jit_vector
+from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit, jit_inline, jit_once, jit_vector
 from hhsim.kernels.round_cone_distance import (
     RoundCone,
     Spheres,
@@ -29,9 +28,6 @@ from hhsim.kernels.round_cone_distance import (
     sphere_pair_distances,
 )
 from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays, gather_round_cone, nearest_leaf_round_cone
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 PHALANX_PAIRS = 4088
 PALM_SLOTS = 8

@@ -8,15 +8,12 @@ from numpy.typing import NDArray
 from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.hand.kinematics import HandArrays
-from hhsim.kernels.jit import Record, jit, jit_inline
+from hhsim.kernels.jit import Array, Indices, Record, jit, jit_inline
 from hhsim.kernels.parallel.thread_team import thread_team_cpu_ns
 from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.tick.haptic_input import set_haptic
 from hhsim.kernels.tick.method import tick
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 
 class HapticBlock(NamedTuple):

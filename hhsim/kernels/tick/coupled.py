@@ -5,20 +5,16 @@ and since standing still is always feasible, so is the program.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.contact.linearise import limit_start
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT
-from hhsim.kernels.jit import Record, as_int64, jit, jit_once
+from hhsim.kernels.jit import Indices, Record, as_int64, jit, jit_once
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork, solve
 from hhsim.kernels.qp.row_scan import ProgramRows
 from hhsim.kernels.tick.method import Coupled, is_stalled, is_strained, solve_program
 from hhsim.kernels.tick.second_order import Lagrangian, correct_for_curvature
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY, DURATION_PALM, guess_rows
-
-Indices = NDArray[np.int64]
-
 
 COUPLED_WORK = np.dtype(
     [
@@ -43,7 +39,7 @@ def coupled_groups(contacts: Record, group_start: Indices, group_stop: Indices, 
         group_stop[g] = contacts.start[g + 1]
         group_block[g] = 6 + 3 * (g - 1) if g > 0 else -1
     for f in range(FINGER_COUNT):
-        # Without a contact a finger's limits bind it alone: its target has been clamped, see `kernels.tick.prepare`.
+        # Without a contact a finger's limits bind it alone: its target is clamped, see `kernels.tick.linearisation`.
         touched = contacts.start[f + 2] > contacts.start[f + 1]
         group_start[6 + f] = limit_start(contacts, f)
         group_stop[6 + f] = limit_start(contacts, f + 1 if touched else f)

@@ -10,14 +10,8 @@ Where the nearest point slides along a phalanx (axis parameter 0 < s < 1), d = m
 Schur complement D_qq - D_qs D_sq / D_ss. Only products with a vector are needed.
 """
 
-import numpy as np
-from numpy.typing import NDArray
-
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
-from hhsim.kernels.jit import Record, jit
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from hhsim.kernels.jit import Array, Indices, Record, jit
 
 
 @jit

@@ -15,14 +15,11 @@ is the coupling's whether anything touches or not: while the graphic hand lags b
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
-from hhsim.kernels.jit import Record, jit, jit_once
+from hhsim.kernels.jit import Array, Record, jit, jit_once
 from hhsim.kernels.rotation import rotation_vector_between
 from hhsim.kernels.tick.options import TickOptions
-
-Array = NDArray[np.float64]
 
 FORCE_KKT = 0
 FORCE_PAPER = 1

@@ -2,16 +2,11 @@
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT, HandArrays
 from hhsim.kernels.hand.pose import farthest_joint, is_finite_configuration, update_kinematics
-from hhsim.kernels.jit import Record, jit_inline
+from hhsim.kernels.jit import Array, Record, jit_inline
 from hhsim.kernels.tick.state import STATUS_INPUT_INVALID
-
-Array = NDArray[np.float64]
 
 
 @jit_inline

@@ -2,7 +2,7 @@
 
 One tick (their Fig. 3, Section IV):
 
-1. find the pairs of the graphic hand of t - 1, grown by Δr, and the object (`kernels.paper_detection`);
+1. find the pairs of the graphic hand of t - 1, grown by Δr, and the object (`kernels.tick.paper_detection`);
 2. palm: minimise ½ (q - q_h)ᵀ G (q - q_h), q = (x, y, z, α, β, γ), under its pairs' constraints, linearised once;
 3. each finger on that palm: minimise ½ (θ - θ_h)ᵀ G_r (θ - θ_h) under its own pairs' constraints and its joint limits;
    the abduction is the haptic hand's;
@@ -67,8 +67,6 @@ from hhsim.kernels.tick.state import (
     WORK_UNITS,
 )
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY, DURATION_DETECT, DURATION_FINGERS, DURATION_FORCE, DURATION_PALM
-
-Array = NDArray[np.float64]
 
 PAPER_STATE = np.dtype(
     [

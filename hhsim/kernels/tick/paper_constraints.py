@@ -22,11 +22,8 @@ from numpy.typing import NDArray
 from hhsim.kernels.contact.detection import CONTACT_ROWS
 from hhsim.kernels.hand.frustum import foot, in_range, threshold
 from hhsim.kernels.hand.kinematics import PALM_BODY, PHALANX_COUNT
-from hhsim.kernels.jit import Record, as_int64, jit, jit_once
+from hhsim.kernels.jit import Array, Record, as_int64, jit, jit_once
 from hhsim.kernels.tick.paper_detection import ON_FRUSTUM, ON_SPHERE
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 LIMITS = 2 * PHALANX_COUNT
 """Rows of a finger's joint limits, which follow its contacts."""

@@ -16,13 +16,10 @@ from numpy.typing import NDArray
 from hhsim.kernels.contact.detection import COUNT_NODE_TESTS
 from hhsim.kernels.hand.frustum import foot, in_range, place_frustum, threshold
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
-from hhsim.kernels.jit import Record, as_bool, as_int64, jit, jit_once
+from hhsim.kernels.jit import Array, Indices, Record, as_bool, as_int64, jit, jit_once
 from hhsim.kernels.round_cone_distance import sphere_cone
 from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays, gather_round_cone
 from hhsim.kernels.surfaces.spheres import PALM_PAIRS, PHALANX_PAIRS
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 ON_FRUSTUM = 1
 ON_SPHERE = 2

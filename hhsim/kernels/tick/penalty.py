@@ -8,17 +8,17 @@ normal. One backward Euler step a tick, linearised once at the tick's beginning 
     M (δ / h - v) / h = G (δ* - δ) - D δ / h + Σ a_i f_i,   f_i = max(0, k depth_i + b closing_i),
 
 depth_i = -(d_i + a_i · δ) and closing_i = -a_i · δ / h those at the *end* of the step, d_i and a_i the signed distance
-of a pair and its gradient, the same as in `kernels.linearise`. A pair that is still free at the beginning of the tick
-has no damper: its closing speed would push before it touches.
+of a pair and its gradient, the same as in `kernels.contact.linearise`. A pair that is still free at the beginning of
+the tick has no damper: its closing speed would push before it touches.
 
 M = G τ² and D = 2 G τ: every degree of freedom is critically damped and follows its target with the time constant τ,
 whatever its stiffness. The damper is tied to the world and not to the haptic hand, so that a sensor's steps do not kick
-the hand; the price is a delay of 2 τ. In the scaled variables y = √G δ (`kernels.linearise`) all three matrices become
-multiples of the identity, and the step is the minimum of a convex, piecewise quadratic function,
+the hand; the price is a delay of 2 τ. In the scaled variables y = √G δ (`kernels.contact.linearise`) all three
+matrices become multiples of the identity, and the step is the minimum of a convex, piecewise quadratic function,
 
     ½ α |y|² - y · (y* + τ²/h √G v) + Σ ½ w_i max(0, r_i - a_i · y)²,   α = 1 + 2τ/h + τ²/h²,
 
-which a Newton iteration finds in a few rounds: which contacts push, one Cholesky factorisation (`kernels.cholesky`),
+which a Newton iteration finds in a few rounds: which contacts push, one Cholesky factorisation (`kernels.qp.cholesky`),
 and again until the set stays as it is. Joint limits are one more such spring, `LIMIT_WEIGHT` times as stiff as the
 joint's.
 
@@ -70,7 +70,7 @@ from hhsim.kernels.hand.kinematics import (
     HandArrays,
 )
 from hhsim.kernels.hand.pose import move, update_kinematics
-from hhsim.kernels.jit import Record, as_int64, jit, jit_once, jit_vector
+from hhsim.kernels.jit import Array, Record, as_int64, jit, jit_once, jit_vector
 from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.qp.cholesky import factorise, solve_factorised
 from hhsim.kernels.rotation import rotation_vector_between
@@ -93,9 +93,6 @@ from hhsim.kernels.tick.state import (
 )
 from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FORCE, DURATION_PALM
 from hhsim.kernels.tick.tick import begin_tick
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 LIMIT_WEIGHT = 1e10
 """Stiffness of a joint's limit, in units of the joint's coupling."""

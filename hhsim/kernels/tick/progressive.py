@@ -13,12 +13,11 @@ no acceptable step goes on with the coupled program, see `kernels.tick`.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.contact.linearise import ROW_CAPACITY, limit_start
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT
-from hhsim.kernels.jit import Record, as_int64, jit, jit_once
+from hhsim.kernels.jit import Array, Record, as_int64, jit, jit_once
 from hhsim.kernels.parallel.thread_team import NOTHING, TASK_FINGERS, await_done, item_done, post, sort_parts, take_item
 from hhsim.kernels.qp.active_set import INFEASIBLE, OPTIMAL, QpWork, solve
 from hhsim.kernels.qp.row_scan import ProgramRows
@@ -27,9 +26,6 @@ from hhsim.kernels.tick.method import Coupled, Progressive, is_strained, solve_p
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.second_order import CORRECTION_WORK, Lagrangian, correct_for_curvature
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY, DURATION_FINGERS, DURATION_PALM, guess_rows
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 YIELD_WEIGHT = 1e-4
 """Share of its stiffness that a joint keeps in the palm's program."""
@@ -311,7 +307,7 @@ def _solve_fingers(options: TickOptions, state: Record, qp: QpWork) -> None:
             thread_team.cost[touched] = contact_count
             touched += 1
         else:
-            # Nothing but its limits binds it, and to those its target has been clamped, see `kernels.tick.prepare`.
+            # Nothing but its limits binds it, and to those its target is clamped, see `kernels.tick.linearisation`.
             offset = 6 + PHALANX_COUNT * f
             for j in range(offset, offset + PHALANX_COUNT):
                 step.delta[j] = problem.target[j] * problem.inverse_root[j]

@@ -16,16 +16,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.kernels.hand.kinematics import DOF
-from hhsim.kernels.jit import Record, jit, jit_once
+from hhsim.kernels.jit import Array, Indices, Record, jit, jit_once
 from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.qp.row_scan import ProgramRows, row_violations
 from hhsim.kernels.tick.curvature import curvature_product
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 CORRECTION_WORK = np.dtype(
     [

@@ -1,14 +1,10 @@
 """The step that a method proposes, and the contacts that carry force: what every method hands to the tick."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.kernels.contact.linearise import LIMIT_ROWS, limit_start
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
-from hhsim.kernels.jit import Record, as_int64, jit, jit_inline
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from hhsim.kernels.jit import Indices, Record, as_int64, jit, jit_inline
 
 ACTIVE_CAPACITY = 64
 

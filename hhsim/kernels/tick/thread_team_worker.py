@@ -14,8 +14,6 @@ from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.progressive import solve_items
 
-Indices = NDArray[np.int64]
-
 
 @jit
 def help_out(
