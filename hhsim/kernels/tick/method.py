@@ -44,10 +44,8 @@ def may_end(method: Any, state: Record) -> bool:
 
 
 @generic
-def solve_linearisation(
-    method: Any, hand: HandArrays, surface: Any, done: int, state: Record, qp: QpWork
-) -> tuple[int, float]:
-    """Build and solve the program at the present configuration, after `done` others of this tick.
+def solve_linearisation(method: Any, hand: HandArrays, surface: Any, state: Record, qp: QpWork) -> tuple[int, float]:
+    """Build and solve the program at the present configuration.
 
     Returns a status, and the motion of the step before its target was brought nearer [m], see `clip_target`.
     """

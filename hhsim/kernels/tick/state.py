@@ -146,19 +146,6 @@ PROGRAM = np.dtype(
 | is_coupled | palm and fingers are solved in one program, whatever the method |
 """
 
-FIRST_STEP = np.dtype(
-    [("delta", np.float64, (DOF,)), ("abduction", np.float64, (FINGER_COUNT,)), ("free_share", np.float64)],
-    align=True,
-)
-"""The step that led from the last pose without penetration into the object.
-
-| field | meaning |
-|---|---|
-| delta, abduction | of the step that was made [m, rad, rad], [rad] |
-| free_share | estimated share of it that does not enter the object; 0 where there is no such step |
-"""
-
-
 DECOUPLING = np.dtype([("is_suspended", np.bool_), ("suspended_joints", np.float64, JOINTS)], align=True)
 """Where palm and fingers share a program, see `kernels.tick.decoupling`.
 
@@ -178,7 +165,7 @@ def tick_state_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
     | pose | the graphic hand |
     | safe | the last configuration without penetration |
     | haptic | the haptic hand: the last good input |
-    | input, prediction, trust, progress, program, first_step | see the records above |
+    | input, prediction, trust, progress, program | see the records above |
     | decoupling | see `kernels.tick.decoupling` |
     | candidates, contacts | near pairs and contact records |
     | problem, step | the program and the step that solves it |
@@ -206,7 +193,6 @@ def tick_state_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
             ("trust", TRUST),
             ("progress", PROGRESS),
             ("program", PROGRAM),
-            ("first_step", FIRST_STEP),
             ("decoupling", DECOUPLING),
             ("candidates", candidates),
             ("contacts", CONTACTS),

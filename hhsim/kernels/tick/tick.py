@@ -12,9 +12,8 @@
      9      pose ← pose + t d;  reach ← what t d lets expect                                     advance
     10      where no true distance is negative:  safe ← pose;  end if t = 1 and d is short       accept
     11      else, where pose was predicted:  pose ← safe without prediction                      forget_prediction
-    12      else, the fourth time in a row:  pose ← safe + the free share of the first step;
-                trust radius ← a quarter                                                         take_free_share
-    13  where pose is not safe:  pose ← safe + the free share of the first step
+    12      else, the fourth time in a row:  pose ← safe;  trust radius ← a quarter              take_back
+    13  where pose is not safe:  pose ← safe
     14  keep the trust radius for the next tick where this one was not finished                  end_progress
     15  forces ← multipliers of the last step; of what touches, where pose is not its optimum    finish_tick
 
@@ -62,7 +61,7 @@ from hhsim.kernels.tick.method import (
 )
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.prediction import forget_prediction, judge_last_tick
-from hhsim.kernels.tick.restoration import LEAST_TRUST, TRUST_DECAY, keep_first_step, only_leaves, take_free_share
+from hhsim.kernels.tick.restoration import LEAST_TRUST, TRUST_DECAY, take_back
 from hhsim.kernels.tick.settled_forces import settle_forces
 from hhsim.kernels.tick.state import (
     STATUS_ABDUCTION_HELD,
@@ -119,7 +118,6 @@ def begin_tick(options: TickOptions, state: Record) -> None:
     progress.is_accepted = False
     progress.is_full = False
     progress.failed_steps = 0
-    state.first_step.free_share = 0.0
     state.step.duration[:] = 0
     state.step.iterations = 0
     state.trust.reach = usual_reach(options, state)
@@ -140,10 +138,9 @@ def may_hand_end(method: Any, state: Record) -> bool:
 @solve_linearisation.of(Coupled)
 @solve_linearisation.of(Progressive)
 @jit
-def solve_hand(method: Any, hand: HandArrays, surface: Any, done: int, state: Record, qp: QpWork) -> tuple[int, float]:
+def solve_hand(method: Any, hand: HandArrays, surface: Any, state: Record, qp: QpWork) -> tuple[int, float]:
     """Solve a program of whole lists of pairs, whose target is near enough for its step."""
     options, work = method.options, state.work
-    only_leave = only_leaves(options, state, done)
     units, status, unclipped = work[WORK_UNITS], as_int64(OPTIMAL), WHOLE_TARGET
     contacts = as_int64(0)
     for attempt in range(2):
@@ -158,7 +155,7 @@ def solve_hand(method: Any, hand: HandArrays, surface: Any, done: int, state: Re
         work[WORK_UNITS] = units
         work[WORK_LINEARISATIONS] -= 1
     if status == OPTIMAL and contacts > 0:
-        unclipped = clip_target(hand, options, only_leave, state)
+        unclipped = clip_target(hand, options, state)
         if unclipped != WHOLE_TARGET:
             status = solve_program(method, state, qp)
     return status, unclipped
@@ -226,7 +223,6 @@ def advance_hand(method: Any, hand: HandArrays, surface: Any, unclipped: float, 
     # million times stiffer than a joint that adds up.
     for f in range(FINGER_COUNT):
         clamp_to_limits(hand, state.pose, f, step.delta[:])
-    clearance = least_distance(state.candidates)
     fraction, longest = vouched_share(hand, options, state)
     move(state.pose, step.delta, state.problem.abduction_step, fraction)
     # The next step may be the longer one, where contacts change; cut short by the reach, it would make that grow again.
@@ -242,25 +238,23 @@ def advance_hand(method: Any, hand: HandArrays, surface: Any, unclipped: float, 
     else:
         if progress.failed_steps == 0:
             progress.lag = max(unclipped, longest)
-            keep_first_step(options, fraction, clearance, -least_distance(state.candidates), state)
         progress.failed_steps += 1
         if progress.failed_steps > MOST_FAILED_STEPS:
             if not state.program.is_coupled:
                 suspend_decoupling(state)
-            take_free_share(hand, surface, options, state)
+            take_back(state)
             state.trust.radius *= TRUST_DECAY
-            done = progress.is_full
+            done = not evaluate_pose(hand, surface, options, state)
     step.duration[DURATION_DETECT] += monotonic_ns() - began
     return done
 
 
 @jit
-def end_progress(cut_short: bool, made_part: bool, state: Record) -> int:
+def end_progress(cut_short: bool, state: Record) -> int:
     """Judge how far the tick has come; returns status bits.
 
     Args:
         cut_short: The work budget has ended it.
-        made_part: It ends at a part of a step.
     """
     progress, status = state.progress, 0
     progress.idle_ticks = 0 if progress.is_accepted else progress.idle_ticks + 1
@@ -270,7 +264,7 @@ def end_progress(cut_short: bool, made_part: bool, state: Record) -> int:
         progress.lag = np.inf
     elif progress.lag > 0.0:
         status |= STATUS_LAG
-    progress.is_unfinished = not progress.is_accepted or made_part or (progress.is_unfinished and progress.lag > 0.0)
+    progress.is_unfinished = not progress.is_accepted or (progress.is_unfinished and progress.lag > 0.0)
     if progress.is_accepted and state.program.holds_abduction:
         status |= STATUS_ABDUCTION_HELD
     if status & (STATUS_STUCK | STATUS_LAG):
@@ -290,18 +284,13 @@ def finish_hand(method: Any, hand: HandArrays, surface: Any, state: Record, qp: 
     unsafe = 0.0
     for body in range(BODY_COUNT):
         unsafe += progress.since_safe[body]
-    is_full, made_part = progress.is_full, False
+    is_full = progress.is_full
     if unsafe > 0.0:
-        if progress.is_accepted or is_full:
-            state.first_step.free_share = 0.0
         failed_steps = progress.failed_steps
-        made_part = take_free_share(hand, surface, options, state)
+        take_back(state)
         progress.failed_steps = failed_steps
-        is_full = is_full or progress.is_full
-    if made_part:
-        # What is not free in one program may be in several.
-        state.trust.radius = max(TRUST_DECAY, state.first_step.free_share) * min(state.trust.reach, state.trust.radius)
-    status = end_progress(cut_short, made_part, state)
+        is_full = not evaluate_pose(hand, surface, options, state) or is_full
+    status = end_progress(cut_short, state)
     if progress.is_accepted and status & STATUS_LAG and is_stalled(method, state):
         suspend_decoupling(state)
     if is_full:
@@ -334,7 +323,7 @@ def converge(method: Any, hand: HandArrays, surface: Any, state: Record, qp: QpW
         # With lists that are not whole a program could miss a pair.
         solved, unclipped = as_int64(UNFIT), WHOLE_TARGET
         if not progress.is_full:
-            solved, unclipped = solve_linearisation(method, hand, surface, done, state, qp)
+            solved, unclipped = solve_linearisation(method, hand, surface, state, qp)
         if solved == UNFIT:
             status |= STATUS_CAPACITY_EXCEEDED
             break
