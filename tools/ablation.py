@@ -177,7 +177,7 @@ SAFEGUARDS = (
     ),
     Safeguard("reach", "a program holds only the pairs that the last steps let expect", {"REACH_FLOOR": np.inf}),
     Safeguard("reach-growth", "a step that was cut short lets the next one reach farther", {"REACH_GROWTH": 1.0}),
-    Safeguard("trust-memory", "a tick that came nowhere hands on its trust radius", {"_hand_on_trust": _new_trust}),
+    Safeguard("trust-memory", "a tick that came nowhere hands on its trust radius", {"_carry_over_trust": _new_trust}),
     Safeguard("trust-growth", "the trust radius handed on grows by steps", {"TRUST_GROWTH": 1e30}),
     Safeguard(
         "stay-suspended", "palm and fingers share a program near where apart they failed", {"SUSPENSION_MARGINS": -1.0}
@@ -192,6 +192,7 @@ SAFEGUARDS = (
     ),
     Safeguard("clip", "a far target is brought nearer", {"clip_target": _no_clipping, "_clip_target": _no_clipping}),
     Safeguard("clip-clear", "a hand with its clearance goes a part of a step", {"CLEAR": np.inf}),
+    Safeguard("free-share", "a tick ends at the free share of a step that penetrates", {"FREE_SHARE": 0.0}),
     Safeguard("recovery", "a program without solution is made easier", _of_hand("recover", _no_recovery)),
     Safeguard("take-back", "of it: going back with a smaller trust radius", _of_hand("recover", _only_relax)),
     Safeguard("hold-abduction", "of it: keeping the abduction", _of_hand("recover", _without_holding)),

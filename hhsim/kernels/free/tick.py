@@ -48,7 +48,7 @@ from hhsim.kernels.tick.evaluation import (
     REACH_FLOOR,
     end_work,
     evaluate_pose,
-    is_cut_short,
+    is_budget_spent,
     least_distance,
     rebuild_candidates,
 )
@@ -362,12 +362,12 @@ def _finish_tick(method: Free, hand: HandArrays, surface: Any, state: Record, qp
     """Return to the last poses without penetration, take the velocities and the forces; returns status bits."""
     began = monotonic_ns()
     options, progress, borne = method.options, state.progress, state.borne
-    cut_short, is_full = is_cut_short(options, state), progress.is_full
-    if progress.failed_steps > 0:
+    cut_short, is_full = is_budget_spent(options, state), progress.is_full
+    if progress.failed_steps > 0 or is_full:
         _take_back(state)
         is_full = not evaluate_pose(hand, surface, options, state) or is_full
     _see_haptic(hand, state)
-    status = end_progress(cut_short, state)
+    status = end_progress(cut_short, as_bool(False), state)
     if is_full:
         status |= STATUS_CAPACITY_EXCEEDED
     if progress.is_accepted:

@@ -78,8 +78,8 @@ def spent_units(state: Record) -> int:
 
 
 @jit
-def is_cut_short(options: TickOptions, state: Record) -> bool:
-    """Return whether the work budget has ended the tick."""
+def is_budget_spent(options: TickOptions, state: Record) -> bool:
+    """Return whether the work budget is spent before the last linearisation."""
     return state.work[WORK_LINEARISATIONS] < options.linearisations and spent_units(state) >= options.budget
 
 

@@ -120,6 +120,7 @@ def complete_lists(hand: HandArrays, surface: Any, options: TickOptions, state: 
     motion_bounds(hand, state.pose, state.step.delta, state.problem.abduction_step, 0.0, motion)
     beyond = False
     for body in range(BODY_COUNT):
+        # A pair that is missing is then still an offset away, so that its row holds.
         slack = candidates.slack[body]
         beyond = beyond or (state.modelled[body] == 1 and slack < reach and motion[body] > slack - options.offset)
     if not beyond:

@@ -1,17 +1,21 @@
 """What a tick does about steps that end inside the object and programs without solution."""
 
+import math
 from typing import Any
 
-from hhsim.kernels.hand.kinematics import BODY_COUNT, HandArrays
-from hhsim.kernels.hand.pose import copy_configuration
+from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, HandArrays
+from hhsim.kernels.hand.pose import copy_configuration, move
 from hhsim.kernels.jit import Record, jit
-from hhsim.kernels.tick.evaluation import evaluate_pose
+from hhsim.kernels.tick.evaluation import evaluate_pose, least_distance
 from hhsim.kernels.tick.method import Coupled, Progressive, recover
+from hhsim.kernels.tick.options import TickOptions
 
 TRUST_DECAY = 0.25
 """Share of the trust radius that is left when a step has been taken back."""
 LEAST_TRUST = 1e-6
-"""Share of the margin that is not worth a step."""
+"""Share of the margin, or of a step, that is not worth a step."""
+FREE_SHARE = 0.8
+"""Share that is made of the part of a step whose second order is estimated to use up the clearance."""
 
 
 @jit
@@ -21,6 +25,45 @@ def take_back(state: Record) -> None:
     for body in range(BODY_COUNT):
         state.progress.since_safe[body] = 0.0
     state.progress.failed_steps = 0
+
+
+@jit
+def keep_first_step(options: TickOptions, fraction: float, clearance: float, depth: float, state: Record) -> None:
+    """Keep the step that has led into the object, and estimate the share of it that would not have.
+
+    A row that is kept is violated by the second order alone, which grows with the square of the step.
+
+    Args:
+        fraction: Share of the program's step that was made.
+        clearance: Distance to the object before it [m].
+        depth: Penetration after it [m].
+    """
+    first = state.first_step
+    for j in range(DOF):
+        first.delta[j] = fraction * state.step.delta[j]
+    for f in range(FINGER_COUNT):
+        first.abduction[f] = fraction * state.problem.abduction_step[f]
+    first.free_share = FREE_SHARE * math.sqrt(min(max(clearance, 0.0), options.offset) / (depth + options.offset))
+
+
+@jit
+def take_free_share(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> bool:
+    """Return to the last feasible configuration, and make the free share of its first step; returns whether it is free.
+
+    A hand that is faster than the tick's work would else stand still in every other tick. The pose is evaluated in
+    either case.
+    """
+    take_back(state)
+    first = state.first_step
+    if first.free_share >= LEAST_TRUST:
+        move(state.pose, first.delta, first.abduction, first.free_share)
+        if evaluate_pose(hand, surface, options, state) and least_distance(state.candidates) >= 0.0:
+            copy_configuration(state.pose, state.safe)
+            state.progress.is_accepted = True
+            return True
+        copy_configuration(state.safe, state.pose)
+    evaluate_pose(hand, surface, options, state)
+    return False
 
 
 @recover.of(Coupled)

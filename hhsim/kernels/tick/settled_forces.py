@@ -29,9 +29,9 @@ def settle_forces(hand: HandArrays, surface: Any, options: TickOptions, state: R
     duration = state.step.duration
     palm, fingers = duration[DURATION_PALM], duration[DURATION_FINGERS]
     near = max(options.touch, ON_THE_WAY * options.offset) if state.progress.lag > 0.0 else options.touch
-    contacts = find_contacts(surface, hand, state.pose, state.candidates, near, state.contacts)
+    status = find_contacts(surface, hand, state.pose, state.candidates, near, state.contacts)
     state.active.count = 0
-    if contacts == 0 and state.contacts.start[FINGER_COUNT + 1] > 0:
+    if status == 0 and state.contacts.start[FINGER_COUNT + 1] > 0:
         set_target(state)
         for f in range(FINGER_COUNT):
             state.problem.abduction_step[f] = 0.0

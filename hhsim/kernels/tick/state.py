@@ -19,7 +19,7 @@ from hhsim.kernels.tick.step import ACTIVE_CONTACTS, STEP
 STATUS_STUCK = 1
 """The tick kept the last feasible configuration although the haptic hand asked for a motion."""
 STATUS_LAG = 2
-"""The work budget ended with a shortened step, or before a step was found: there is distance still to go."""
+"""Linearisations or work budget ended before the hand had arrived: there is distance still to go."""
 STATUS_INPUT_INVALID = 4
 """The input was not finite; the last good one was used."""
 STATUS_START_INSIDE = 8
@@ -86,7 +86,7 @@ PREDICTION = np.dtype(
 
 | field | meaning |
 |---|---|
-| start | the graphic hand where the last tick began |
+| start | the graphic hand where this tick began; before `begin_motion`, where the last one did |
 | is_predicted | the hand stands where it was predicted, and no step has been accepted from there |
 | is_steady | the last tick converged, and its path was not much longer than that of the tick before |
 | previous_path | `path` of the last tick [m] |
@@ -121,10 +121,10 @@ PROGRESS = np.dtype(
 |---|---|
 | is_accepted | a step has been accepted in this tick |
 | is_full | the pairs at the present configuration do not fit into the arrays |
-| is_unfinished | the last tick made no whole step: trust and program are handed on to this one |
+| is_unfinished | a tick has accepted no step, or a part of one, and the hand has not arrived since |
 | failed_steps | steps in a row that ended inside the object |
 | idle_ticks | ticks in a row that accepted no step |
-| path | bound of how far the farthest point of the hand has moved in this tick [m] |
+| path | sum of the motion bounds of all steps tried in this tick [m] |
 | lag | distance still to go [m] |
 | motion, since_safe | motion bound of each body in the last step, and summed since the last accepted one [m] |
 """
@@ -146,6 +146,19 @@ PROGRAM = np.dtype(
 | is_coupled | palm and fingers are solved in one program, whatever the method |
 """
 
+FIRST_STEP = np.dtype(
+    [("delta", np.float64, (DOF,)), ("abduction", np.float64, (FINGER_COUNT,)), ("free_share", np.float64)],
+    align=True,
+)
+"""The step that led from the last pose without penetration into the object.
+
+| field | meaning |
+|---|---|
+| delta, abduction | of the step that was made [m, rad, rad], [rad] |
+| free_share | estimated share of it that does not enter the object; 0 where there is no such step |
+"""
+
+
 DECOUPLING = np.dtype([("is_suspended", np.bool_), ("suspended_joints", np.float64, JOINTS)], align=True)
 """Where palm and fingers share a program, see `kernels.tick.decoupling`.
 
@@ -165,7 +178,7 @@ def tick_state_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
     | pose | the graphic hand |
     | safe | the last configuration without penetration |
     | haptic | the haptic hand: the last good input |
-    | input, prediction, trust, progress, program | see the records above |
+    | input, prediction, trust, progress, program, first_step | see the records above |
     | decoupling | see `kernels.tick.decoupling` |
     | candidates, contacts | near pairs and contact records |
     | problem, step | the program and the step that solves it |
@@ -193,6 +206,7 @@ def tick_state_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
             ("trust", TRUST),
             ("progress", PROGRESS),
             ("program", PROGRAM),
+            ("first_step", FIRST_STEP),
             ("decoupling", DECOUPLING),
             ("candidates", candidates),
             ("contacts", CONTACTS),

@@ -1,24 +1,26 @@
 """One tick: from the last graphic hand and the new haptic hand to the new graphic hand and its forces (paper, Fig. 3).
 
-     1  safe ← pose;  pose ← pose moved on as in the last tick                                   begin_motion
-     2  repeat, until the work budget is spent:
-     3      find the contacts within min(reach, trust radius);  drop those that others imply     build_program
-     4      d ← the step of the quadratic program, corrected to second order                     solve_program
-     5      where the lists of pairs do not reach as far as d: complete them, and go to 3        complete_lists
-     6      where too little of d is vouched for: bring the target nearer, and solve anew     clip_target
-     7      where there is no solution: relax, or return to safe with a smaller radius,
-                or hold the abduction, and go to 2; end where all three have failed              recover
-     8      t ← the share of d in which no point moves farther than its pairs vouch for          vouched_share
-     9      pose ← pose + t d;  reach ← what t d lets expect                                     advance
-    10      where no true distance is negative:  safe ← pose;  end if t = 1 and d is short       accept
-    11      else, where pose was predicted:  pose ← safe without prediction                      forget_prediction
-    12      else, the fourth time in a row:  pose ← safe;  trust radius ← a quarter              take_back
-    13  where pose is not safe:  pose ← safe
-    14  keep the trust radius for the next tick where this one was not finished                  end_progress
-    15  forces ← multipliers of the last step; of what touches, where pose is not its optimum    finish_tick
+     1  safe ← pose;  pose ← pose moved on as in the last tick, in contact                       begin_motion
+     2  at most 12 times, after the first only within the work budget:                           converge
+     3      find the contacts within ρ = min(reach, trust radius);  drop those that others imply build_program
+     4      δ ← the step of the quadratic program, corrected to second order                     solve_program
+     5      where the lists of pairs do not reach as far as δ: complete them, and go to 3        complete_lists
+     6      where too little of δ is vouched for: scale the target by it, and solve again        clip_target
+     7      where there is no solution: relax and solve all fingers with the palm, or return
+                to safe with a quarter of the radius, or hold the abduction, and go to 2         recover
+     8      t ← the share of δ in which no body moves farther than its pairs vouch for           vouched_share
+     9      pose ← pose + t δ;  reach ← what t δ lets expect                                     advance
+    10      where no true distance is negative:  safe ← pose;
+                end if t = 1, the target is whole, and δ is short or met no contact              accept
+    11      else, where pose was predicted:  pose ← safe                                         forget_prediction
+    12      else, the fourth time in a row:  pose ← safe + the free share of the first step;
+                trust radius ← a quarter                                                         take_free_share
+    13  where pose is not safe:  the same as in 12;  without an accepted step, and until the
+            hand has arrived, the next tick goes on with this one's radius and relaxations       finish_tick
+    14  forces ← multipliers of the last accepted step; of a program of what touches, where
+            the tick lags or the palm has yielded                                                settle_forces
 
-A configuration becomes the safe one by its true distances alone, and a tick ends at a safe one, so that the graphic
-hand never penetrates. docs/methods.md has the proof sketch.
+A pose becomes the safe one by its true distances alone, and a tick ends at a safe one: see docs/methods.md.
 """
 
 from typing import Any
@@ -37,7 +39,7 @@ from hhsim.kernels.tick.evaluation import (
     REACH_FLOOR,
     end_work,
     evaluate_pose,
-    is_cut_short,
+    is_budget_spent,
     least_distance,
     spent_units,
     usual_reach,
@@ -61,7 +63,7 @@ from hhsim.kernels.tick.method import (
 )
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.prediction import forget_prediction, judge_last_tick
-from hhsim.kernels.tick.restoration import LEAST_TRUST, TRUST_DECAY, take_back
+from hhsim.kernels.tick.restoration import LEAST_TRUST, TRUST_DECAY, keep_first_step, take_free_share
 from hhsim.kernels.tick.settled_forces import settle_forces
 from hhsim.kernels.tick.state import (
     STATUS_ABDUCTION_HELD,
@@ -86,7 +88,7 @@ MOST_IDLE_TICKS = 10
 
 
 @jit_once
-def _hand_on_trust(options: TickOptions, state: Record) -> None:
+def _carry_over_trust(options: TickOptions, state: Record) -> None:
     """Keep the trust radius and the kind of program of a tick that was not finished, or begin with the whole margin.
 
     A tick whose work ran out before it accepted a step would else begin the next one as it began, for ever.
@@ -113,11 +115,12 @@ def begin_tick(options: TickOptions, state: Record) -> None:
     for body in range(BODY_COUNT):
         progress.since_safe[body] = 0.0
     state.decoupling.is_suspended = stays_suspended(options, state)
-    _hand_on_trust(options, state)
+    _carry_over_trust(options, state)
     state.progressive.variables = 6
     progress.is_accepted = False
     progress.is_full = False
     progress.failed_steps = 0
+    state.first_step.free_share = 0.0
     state.step.duration[:] = 0
     state.step.iterations = 0
     state.trust.reach = usual_reach(options, state)
@@ -130,7 +133,7 @@ def begin_tick(options: TickOptions, state: Record) -> None:
 @may_end.of(Coupled)
 @may_end.of(Progressive)
 @jit
-def may_hand_end(method: Any, state: Record) -> bool:
+def hand_may_end(method: Any, state: Record) -> bool:
     """Return True: the hand stays where it is."""
     return True
 
@@ -154,6 +157,8 @@ def solve_hand(method: Any, hand: HandArrays, surface: Any, state: Record, qp: Q
         # Of a program that is built anew only what was walked and solved for counts.
         work[WORK_UNITS] = units
         work[WORK_LINEARISATIONS] -= 1
+    if state.progress.is_full:
+        return as_int64(UNFIT), unclipped
     if status == OPTIMAL and contacts > 0:
         unclipped = clip_target(hand, options, state)
         if unclipped != WHOLE_TARGET:
@@ -223,6 +228,7 @@ def advance_hand(method: Any, hand: HandArrays, surface: Any, unclipped: float, 
     # million times stiffer than a joint that adds up.
     for f in range(FINGER_COUNT):
         clamp_to_limits(hand, state.pose, f, step.delta[:])
+    clearance = least_distance(state.candidates)
     fraction, longest = vouched_share(hand, options, state)
     move(state.pose, step.delta, state.problem.abduction_step, fraction)
     # The next step may be the longer one, where contacts change; cut short by the reach, it would make that grow again.
@@ -238,23 +244,25 @@ def advance_hand(method: Any, hand: HandArrays, surface: Any, unclipped: float, 
     else:
         if progress.failed_steps == 0:
             progress.lag = max(unclipped, longest)
+            keep_first_step(options, fraction, clearance, -least_distance(state.candidates), state)
         progress.failed_steps += 1
         if progress.failed_steps > MOST_FAILED_STEPS:
             if not state.program.is_coupled:
                 suspend_decoupling(state)
-            take_back(state)
+            take_free_share(hand, surface, options, state)
             state.trust.radius *= TRUST_DECAY
-            done = not evaluate_pose(hand, surface, options, state)
+            done = progress.is_full
     step.duration[DURATION_DETECT] += monotonic_ns() - began
     return done
 
 
 @jit
-def end_progress(cut_short: bool, state: Record) -> int:
+def end_progress(cut_short: bool, made_part: bool, state: Record) -> int:
     """Judge how far the tick has come; returns status bits.
 
     Args:
         cut_short: The work budget has ended it.
+        made_part: It ends at a part of a step.
     """
     progress, status = state.progress, 0
     progress.idle_ticks = 0 if progress.is_accepted else progress.idle_ticks + 1
@@ -264,7 +272,7 @@ def end_progress(cut_short: bool, state: Record) -> int:
         progress.lag = np.inf
     elif progress.lag > 0.0:
         status |= STATUS_LAG
-    progress.is_unfinished = not progress.is_accepted or (progress.is_unfinished and progress.lag > 0.0)
+    progress.is_unfinished = not progress.is_accepted or made_part or (progress.is_unfinished and progress.lag > 0.0)
     if progress.is_accepted and state.program.holds_abduction:
         status |= STATUS_ABDUCTION_HELD
     if status & (STATUS_STUCK | STATUS_LAG):
@@ -280,17 +288,22 @@ def finish_hand(method: Any, hand: HandArrays, surface: Any, state: Record, qp: 
     """Return to the last feasible configuration, count what touches, compute the forces; returns status bits."""
     began = monotonic_ns()
     options, progress = method.options, state.progress
-    cut_short = is_cut_short(options, state)
+    cut_short = is_budget_spent(options, state)
     unsafe = 0.0
     for body in range(BODY_COUNT):
         unsafe += progress.since_safe[body]
-    is_full = progress.is_full
+    is_full, made_part = progress.is_full, False
     if unsafe > 0.0:
+        if progress.is_accepted or is_full:
+            state.first_step.free_share = 0.0
         failed_steps = progress.failed_steps
-        take_back(state)
+        made_part = take_free_share(hand, surface, options, state)
         progress.failed_steps = failed_steps
-        is_full = not evaluate_pose(hand, surface, options, state) or is_full
-    status = end_progress(cut_short, state)
+        is_full = is_full or progress.is_full
+    if made_part:
+        # What is not free in one program may be in several.
+        state.trust.radius = max(TRUST_DECAY, state.first_step.free_share) * min(state.trust.reach, state.trust.radius)
+    status = end_progress(cut_short, made_part, state)
     if progress.is_accepted and status & STATUS_LAG and is_stalled(method, state):
         suspend_decoupling(state)
     if is_full:
