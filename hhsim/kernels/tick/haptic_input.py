@@ -2,7 +2,6 @@
 
 import math
 
-from hhsim.kernels.copy import copy_values
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT, HandArrays
 from hhsim.kernels.hand.pose import farthest_joint, is_finite_configuration, update_kinematics
 from hhsim.kernels.jit import Array, Record, jit_inline
@@ -34,7 +33,11 @@ def set_haptic(
         haptic.abduction[f] = abduction[f]
         for k in range(PHALANX_COUNT):
             haptic.flexion[f, k] = flexion[f, k]
-    copy_values(haptic.joints[:], sample.joints[:])
+    # Not by `copy_values`: its one loop over three axes takes 4 µs beside the arrays of a mesh, a third of a tick.
+    for f in range(FINGER_COUNT):
+        for k in range(PHALANX_COUNT + 1):
+            for i in range(3):
+                sample.joints[f, k, i] = haptic.joints[f, k, i]
     update_kinematics(hand, haptic)
     sample.motion = farthest_joint(sample.joints, haptic.joints)
     return 0

@@ -10,7 +10,7 @@ from typing import Any
 from hhsim.kernels.contact.linearise import clamp_to_limits
 from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, PHALANX_COUNT, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration, move
-from hhsim.kernels.jit import Record, jit, jit_once
+from hhsim.kernels.jit import Record, jit_inline, jit_once
 from hhsim.kernels.rotation import rotation_vector_between
 from hhsim.kernels.tick.evaluation import REACH_FLOOR, evaluate_pose
 from hhsim.kernels.tick.linearisation import complete_lists
@@ -52,7 +52,7 @@ def _last_motion(hand: HandArrays, share: float, state: Record) -> None:
 
 @begin_motion.of(Coupled)
 @begin_motion.of(Progressive)
-@jit
+@jit_inline
 def predict_pose(method: Any, hand: HandArrays, surface: Any, state: Record) -> None:
     """Move a hand in contact on as the last tick moved it, and as the user's hand slows down."""
     options = method.options
@@ -81,7 +81,7 @@ def predict_pose(method: Any, hand: HandArrays, surface: Any, state: Record) -> 
     evaluate_pose(hand, surface, options, state)
 
 
-@jit
+@jit_inline
 def forget_prediction(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> bool:
     """Return to where the tick began if its hand is there by prediction alone; returns whether it was."""
     if not state.prediction.is_predicted:

@@ -5,7 +5,7 @@ from typing import Any
 
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration, move
-from hhsim.kernels.jit import Record, jit
+from hhsim.kernels.jit import Record, jit, jit_inline
 from hhsim.kernels.tick.evaluation import evaluate_pose, least_distance
 from hhsim.kernels.tick.method import Coupled, Progressive, recover
 from hhsim.kernels.tick.options import TickOptions
@@ -68,7 +68,7 @@ def take_free_share(hand: HandArrays, surface: Any, options: TickOptions, state:
 
 @recover.of(Coupled)
 @recover.of(Progressive)
-@jit
+@jit_inline
 def make_easier(method: Any, hand: HandArrays, surface: Any, state: Record) -> bool:
     """Make the next program easier after one without solution; returns False where nothing is left to try.
 

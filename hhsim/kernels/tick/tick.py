@@ -32,7 +32,7 @@ from hhsim.kernels.contact.detection import find_contacts, pairs_near
 from hhsim.kernels.contact.linearise import clamp_to_limits
 from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration, farthest_joint, move
-from hhsim.kernels.jit import Record, as_int64, jit, jit_once
+from hhsim.kernels.jit import Record, as_int64, jit, jit_inline, jit_once
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
 from hhsim.kernels.tick.decoupling import stays_suspended, suspend_decoupling
 from hhsim.kernels.tick.evaluation import (
@@ -140,7 +140,7 @@ def hand_may_end(method: Any, state: Record) -> bool:
 
 @solve_linearisation.of(Coupled)
 @solve_linearisation.of(Progressive)
-@jit
+@jit_inline
 def solve_hand(method: Any, hand: HandArrays, surface: Any, state: Record, qp: QpWork) -> tuple[int, float]:
     """Solve a program of whole lists of pairs, whose target is near enough for its step."""
     options, work = method.options, state.work
@@ -218,7 +218,7 @@ def follow_step(
 
 @advance.of(Coupled)
 @advance.of(Progressive)
-@jit
+@jit_inline
 def advance_hand(method: Any, hand: HandArrays, surface: Any, unclipped: float, state: Record) -> bool:
     """Make the step as far as the pairs at hand vouch for, and judge it by the true distances."""
     began = monotonic_ns()
@@ -283,7 +283,7 @@ def end_progress(cut_short: bool, made_part: bool, state: Record) -> int:
 
 @finish_tick.of(Coupled)
 @finish_tick.of(Progressive)
-@jit
+@jit_inline
 def finish_hand(method: Any, hand: HandArrays, surface: Any, state: Record, qp: QpWork) -> int:
     """Return to the last feasible configuration, count what touches, compute the forces; returns status bits."""
     began = monotonic_ns()
