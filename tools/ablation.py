@@ -65,7 +65,7 @@ JUDGED = 8
 
 
 @jit
-def _no_clipping(hand: Any, options: Any, state: Any) -> float:
+def _no_clipping(hand: Any, options: Any, only_leave: bool, state: Any) -> float:
     return WHOLE_TARGET
 
 
@@ -73,6 +73,11 @@ def _no_clipping(hand: Any, options: Any, state: Any) -> float:
 def _no_prediction(method: Any, hand: Any, surface: Any, state: Any) -> None:
     state.prediction.is_predicted = False
     copy_configuration(state.pose, state.prediction.start)
+
+
+@jit
+def _never_only_leaves(options: Any, state: Any, done: int) -> bool:
+    return False
 
 
 @jit
@@ -193,6 +198,7 @@ SAFEGUARDS = (
     Safeguard("clip", "a far target is brought nearer", {"clip_target": _no_clipping, "_clip_target": _no_clipping}),
     Safeguard("clip-clear", "a hand with its clearance goes a part of a step", {"CLEAR": np.inf}),
     Safeguard("free-share", "a tick ends at the free share of a step that penetrates", {"FREE_SHARE": 0.0}),
+    Safeguard("only-leaves", "the last step of a tick only leaves the object", {"only_leaves": _never_only_leaves}),
     Safeguard("recovery", "a program without solution is made easier", _of_hand("recover", _no_recovery)),
     Safeguard("take-back", "of it: going back with a smaller trust radius", _of_hand("recover", _only_relax)),
     Safeguard("hold-abduction", "of it: keeping the abduction", _of_hand("recover", _without_holding)),

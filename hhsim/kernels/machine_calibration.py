@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.clock import thread_cpu_ns
-from hhsim.kernels.jit import Array, jit
+from hhsim.kernels.jit import jit
+
+Array = NDArray[np.float64]
 
 REFERENCE_VERSION = 1
 SPHERES = 512

@@ -64,7 +64,7 @@ from hhsim.kernels.tick.method import (
     solve_linearisation,
 )
 from hhsim.kernels.tick.options import TickOptions
-from hhsim.kernels.tick.restoration import TRUST_DECAY, take_back
+from hhsim.kernels.tick.restoration import TRUST_DECAY, only_leaves, take_back
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, WORK_LINEARISATIONS, WORK_TOUCHING
 from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FORCE, DURATION_PALM
 from hhsim.kernels.tick.step_length import WHOLE_TARGET, vouched_share
@@ -224,7 +224,7 @@ def _recover(method: Free, hand: HandArrays, surface: Any, state: Record) -> boo
 
 
 @jit_once
-def _clip_target(hand: HandArrays, method: Free, state: Record) -> float:
+def _clip_target(hand: HandArrays, method: Free, only_leave: bool, state: Record) -> float:
     """Bring a far target nearer, see `kernels.tick.step_length.clip_target`.
 
     The motions of hand and object are shortened alike: a hand that was short of its motion past the object alone would
@@ -234,7 +234,9 @@ def _clip_target(hand: HandArrays, method: Free, state: Record) -> float:
     options, problem = method.options, state.free_problem
     copy_values(problem.abduction_step[:], state.problem.abduction_step[:])
     fraction, longest = vouched_share(hand, options, state)
-    if fraction >= 0.5:
+    if only_leave:
+        fraction = 0.0
+    elif fraction >= 0.5:
         return WHOLE_TARGET
     off = 1.0 - fraction
     for j in range(6):
@@ -253,13 +255,15 @@ def _clip_target(hand: HandArrays, method: Free, state: Record) -> float:
 
 @solve_linearisation.of(Free)
 @jit
-def _solve_linearisation(method: Free, hand: HandArrays, surface: Any, state: Record, qp: QpWork) -> tuple[int, float]:
+def _solve_linearisation(
+    method: Free, hand: HandArrays, surface: Any, done: int, state: Record, qp: QpWork
+) -> tuple[int, float]:
     count, unclipped = _prepare(hand, method, surface, state), WHOLE_TARGET
     if count < 0:
         return as_int64(UNFIT), unclipped
     status = _solve(method, count, as_bool(False), state, qp)
     if status == OPTIMAL and count > 0:
-        unclipped = _clip_target(hand, method, state)
+        unclipped = _clip_target(hand, method, only_leaves(method.options, state, done), state)
         if unclipped != WHOLE_TARGET:
             status = _solve(method, count, as_bool(True), state, qp)
     return status, unclipped

@@ -44,8 +44,10 @@ def may_end(method: Any, state: Record) -> bool:
 
 
 @generic
-def solve_linearisation(method: Any, hand: HandArrays, surface: Any, state: Record, qp: QpWork) -> tuple[int, float]:
-    """Build and solve the program at the present configuration.
+def solve_linearisation(
+    method: Any, hand: HandArrays, surface: Any, done: int, state: Record, qp: QpWork
+) -> tuple[int, float]:
+    """Build and solve the program at the present configuration, after `done` others of this tick.
 
     Returns a status, and the motion of the step before its target was brought nearer [m], see `clip_target`.
     """

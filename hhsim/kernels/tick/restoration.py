@@ -93,3 +93,20 @@ def make_easier(method: Any, hand: HandArrays, surface: Any, state: Record) -> b
         program.holds_abduction = True
         return True
     return False
+
+
+@jit
+def only_leaves(options: TickOptions, state: Record, done: int) -> bool:
+    """Return whether the tick's next step, its last, only leaves the object.
+
+    Where an axis lies along an edge its nearest place runs along it as it turns, and each step that goes on towards
+    the user brings as much penetration as it mends. A tick that has taken steps back for that, and stands inside
+    before its last linearisation, has come somewhere by the step that leaves the object and does no more. A hand that
+    is faster than its few linearisations would else be left behind.
+
+    Args:
+        done: Linearisations of this tick so far.
+    """
+    progress = state.progress
+    is_last = done == options.linearisations - 1
+    return is_last and state.trust.radius < options.margin and progress.failed_steps > 0 and not progress.is_accepted

@@ -44,7 +44,7 @@ def vouched_share(hand: HandArrays, options: TickOptions, state: Record) -> tupl
 
 
 @jit_once
-def clip_target(hand: HandArrays, options: TickOptions, state: Record) -> float:
+def clip_target(hand: HandArrays, options: TickOptions, only_leave: bool, state: Record) -> float:
     """Bring a far target nearer where less than half of the step is vouched for and it has a clearance to mend.
 
     Shortening a step also shortens what it does to mend a penetration or to keep a clearance; a program with a nearer
@@ -52,10 +52,16 @@ def clip_target(hand: HandArrays, options: TickOptions, state: Record) -> float:
     where contacts bend: a third of the target brings a third of the multipliers, with which a hand that slips off what
     held it would creep by hundredths of what the pairs at hand vouch for.
 
-    Returns the motion of the unclipped step [m], where the program is to be solved anew, else `WHOLE_TARGET`.
+    Args:
+        only_leave: The target is brought to where the hand is: the step only leaves the object.
+
+    Returns:
+        The motion of the unclipped step [m], where the program is to be solved anew, else `WHOLE_TARGET`.
     """
     fraction, longest = vouched_share(hand, options, state)
-    if fraction >= (LEAST_SHARE if least_distance(state.candidates) >= CLEAR * options.offset else 0.5):
+    if only_leave:
+        fraction = 0.0
+    elif fraction >= (LEAST_SHARE if least_distance(state.candidates) >= CLEAR * options.offset else 0.5):
         return WHOLE_TARGET
     problem = state.problem
     for j in range(DOF):

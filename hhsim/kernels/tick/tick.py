@@ -63,7 +63,7 @@ from hhsim.kernels.tick.method import (
 )
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.prediction import forget_prediction, judge_last_tick
-from hhsim.kernels.tick.restoration import LEAST_TRUST, TRUST_DECAY, keep_first_step, take_free_share
+from hhsim.kernels.tick.restoration import LEAST_TRUST, TRUST_DECAY, keep_first_step, only_leaves, take_free_share
 from hhsim.kernels.tick.settled_forces import settle_forces
 from hhsim.kernels.tick.state import (
     STATUS_ABDUCTION_HELD,
@@ -141,7 +141,7 @@ def hand_may_end(method: Any, state: Record) -> bool:
 @solve_linearisation.of(Coupled)
 @solve_linearisation.of(Progressive)
 @jit_inline
-def solve_hand(method: Any, hand: HandArrays, surface: Any, state: Record, qp: QpWork) -> tuple[int, float]:
+def solve_hand(method: Any, hand: HandArrays, surface: Any, done: int, state: Record, qp: QpWork) -> tuple[int, float]:
     """Solve a program of whole lists of pairs, whose target is near enough for its step."""
     options, work = method.options, state.work
     units, status, unclipped = work[WORK_UNITS], as_int64(OPTIMAL), WHOLE_TARGET
@@ -160,7 +160,7 @@ def solve_hand(method: Any, hand: HandArrays, surface: Any, state: Record, qp: Q
     if state.progress.is_full:
         return as_int64(UNFIT), unclipped
     if status == OPTIMAL and contacts > 0:
-        unclipped = clip_target(hand, options, state)
+        unclipped = clip_target(hand, options, only_leaves(options, state, done), state)
         if unclipped != WHOLE_TARGET:
             status = solve_program(method, state, qp)
     return status, unclipped
@@ -336,7 +336,7 @@ def converge(method: Any, hand: HandArrays, surface: Any, state: Record, qp: QpW
         # With lists that are not whole a program could miss a pair.
         solved, unclipped = as_int64(UNFIT), WHOLE_TARGET
         if not progress.is_full:
-            solved, unclipped = solve_linearisation(method, hand, surface, state, qp)
+            solved, unclipped = solve_linearisation(method, hand, surface, done, state, qp)
         if solved == UNFIT:
             status |= STATUS_CAPACITY_EXCEEDED
             break
