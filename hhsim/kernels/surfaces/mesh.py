@@ -23,6 +23,7 @@ from hhsim.kernels.contact.surface import (
     pairs_within,
     record_pairs,
 )
+from hhsim.kernels.contact.tiers import TIERS, next_tier, start_tiers, tier_depth, tier_of
 from hhsim.kernels.hand.kinematics import PALM_BODY, PHALANX_COUNT, HandArrays
 from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit, jit_inline, jit_once, jit_vector
 from hhsim.kernels.mesh.feature_distance import (
@@ -98,9 +99,6 @@ CROWD_FACES = 2 * CROWD
 """Faces whose spheres are near are so many at most where their features are no crowd; beyond, the walk is left off."""
 LAST_SHARES = (0.25, 0.06, 0.015)
 """Of what is needed, where even that is more than there is room for: the steps are as short then."""
-TIERS = 8
-"""Lists are in the order of how far a part must move before it touches a feature, in so many steps: what cannot be
-within reach yet is not measured."""
 KINDS = 3
 """Faces, edges, vertices."""
 MOST_ACROSS = 64
@@ -300,7 +298,7 @@ def _list_features(
             vertex_out[vertices], vertex_near[vertices] = vertex, near
             vertices += 1 if listed else 0
             slack = min(slack, np.inf if listed else near)
-    depth = reach / TIERS
+    depth = tier_depth(reach)
     ends = candidates.tier_end[part]
     _put_in_order(start, faces, depth, face_near[:], ends[0], found, mesh.face, face_out[:], candidates.face_plane[:].T)
     _put_in_order(start, edges, depth, edge_near[:], ends[1], found, mesh.edge, edge_out[:], candidates.edge_line[:].T)
@@ -327,29 +325,16 @@ def _put_in_order(
     fields_out: Array,
 ) -> None:
     # Sorts the features [start, stop) by tier, and copies their fields.
-    for t in range(TIERS):
-        end_out[t] = 0
+    start_tiers(near[start:stop], stop - start, depth, end_out)
     for i in range(start, stop):
         scratch[i - start] = index[i]
-        end_out[_tier(near[i], depth)] += 1
-    before = start
-    for t in range(TIERS):
-        before += end_out[t]
-        end_out[t] = before - end_out[t]
     for i in range(start, stop):
-        t = _tier(near[i], depth)
-        place, feature = end_out[t], scratch[i - start]
-        end_out[t] = place + 1
+        t = tier_of(near[i], depth)
+        place, feature = start + end_out[t], scratch[i - start]
+        end_out[t] += 1
         index[place] = feature
         for m in range(features.shape[1]):
             fields_out[place, m] = features[feature, m]
-    for t in range(TIERS):
-        end_out[t] -= start
-
-
-@jit_inline
-def _tier(near: float, depth: float) -> int:
-    return int(min(max(near / depth, 0.0), TIERS - 0.5))
 
 
 @jit
@@ -508,13 +493,11 @@ def _measure_part(
     for kind in range(KINDS):
         measured[kind] = 0
     least, tier = ELSEWHERE, as_int64(0)
-    while tier < TIERS:
-        left = tier * depth - moved
-        if left > needed and left >= least:
+    while True:
+        after = next_tier(tier, depth, moved, needed, least)
+        if after == tier:
             break
-        tier += 1
-        while tier < TIERS and tier * depth - moved <= needed:
-            tier += 1
+        tier = after
         first, stop = start + measured[0], start + ends[0, tier - 1]
         if first < stop:
             face_distances(candidates.face_plane[:].T, first, stop, cone, face_distance[:])

@@ -17,6 +17,7 @@ from hhsim.kernels.contact.surface import (
     pairs_within,
     record_pairs,
 )
+from hhsim.kernels.contact.tiers import TIERS, moved_since, next_tier, start_tiers, tier_depth, tier_of
 from hhsim.kernels.hand.kinematics import PALM_BODY, PHALANX_COUNT, HandArrays
 from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit, jit_inline, jit_once, jit_vector
 from hhsim.kernels.round_cone_distance import (
@@ -27,7 +28,7 @@ from hhsim.kernels.round_cone_distance import (
     sphere_cone,
     sphere_pair_distances,
 )
-from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays, gather_round_cone, nearest_leaf_round_cone
+from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays, gather_round_cone, nearest_leaf_round_cone, node_distance
 
 PHALANX_PAIRS = 4088
 PALM_SLOTS = 8
@@ -38,11 +39,15 @@ PALM_PAIRS = PALM_SLOTS * SLOT_PAIRS
 The palm's spheres are gathered by slots, each when its own slack is used up: all of them at once would take many times
 another tick.
 """
+LISTS = PALM_BODY + PALM_SLOTS
+"""Lists of pairs: the phalanges', then those of the palm's slots."""
 CROWD = 1024
 SHARES = (1.0, 0.5, 0.25, 0.0)
 """Where more pairs of a slot than a crowd are within the reach, those up to the next share of the way from what is
 needed to that reach are listed: a crowd takes long to measure. From the last but one on there may be as many as there
 is room for: what reaches no further than what is needed is used up by the next tick."""
+NODES = 1 << 32
+"""More than the nodes of any tree: a pair's sphere and node are one number while its slot is gathered."""
 FEW = 4
 """A slot with no more pairs than this part of a crowd may reach further the next time."""
 
@@ -66,8 +71,12 @@ CANDIDATES = np.dtype(
         ("palm_sphere", np.int64, (PALM_PAIRS,)),
         ("palm_leaf", np.int64, (PALM_PAIRS,)),
         ("palm_distance", np.float64, (PALM_PAIRS,)),
-        ("palm_count", np.int64, (PALM_SLOTS,)),
+        ("tier_end", np.int64, (LISTS, TIERS)),
+        ("tier_depth", np.float64, (LISTS,)),
+        ("measured", np.int64, (LISTS,)),
+        ("palm_own", np.float64, (PALM_SLOTS,)),
         ("palm_spare", np.float64, (PALM_SLOTS,)),
+        ("palm_least", np.float64, (PALM_SLOTS,)),
         ("palm_share", np.int64, (PALM_SLOTS,)),
         *SHARED_CANDIDATES,
         ("scratch", np.int64, (PHALANX_PAIRS,)),
@@ -86,8 +95,11 @@ CANDIDATES = np.dtype(
 | object_x, object_y, object_z, object_radius | object sphere of each palm pair [m], world |
 | palm_sphere, palm_leaf | their indices |
 | palm_distance | signed distance [m] |
-| palm_count | pairs of each slot of the palm; each has its own stretch of the room |
+| tier_end, tier_depth | where each tier of a list ends, and how deep its tiers are [m] |
+| measured | pairs of each list that are measured: the first ones |
+| palm_own | slack of each slot of the palm when it was gathered [m]; each slot has its own stretch of the room |
 | palm_spare | slack of each slot beyond that of the palm [m] |
+| palm_least | least distance of each slot [m] |
 | palm_share | which of `SHARES` each slot was last gathered with |
 | scratch, stack | of a walk |
 """
@@ -110,6 +122,12 @@ def _phalanx(hand: HandArrays, pose: Record, f: int, k: int) -> RoundCone:
     )
 
 
+@jit_vector
+def _leaf_distances(tree: TreeArrays, cone: RoundCone, leaves: Indices, count: int, distance_out: Array) -> None:
+    for i in range(count):
+        distance_out[i] = node_distance(tree, cone, np.uint64(leaves[i]))
+
+
 @jit_once
 def _gather_phalanx(
     tree: TreeArrays,
@@ -122,17 +140,24 @@ def _gather_phalanx(
     work: Indices,
 ) -> bool:
     f, k = body // PHALANX_COUNT, body % PHALANX_COUNT
-    count, clearance, tests = gather_round_cone(tree, _phalanx(hand, pose, f, k), reach, walk.stack, walk.scratch)
+    cone = _phalanx(hand, pose, f, k)
+    count, clearance, tests = gather_round_cone(tree, cone, reach, walk.stack, walk.scratch)
     work[COUNT_NODE_TESTS] += tests
     if count < 0:
         return False
+    near, depth, ends = candidates.distance[body], tier_depth(reach), candidates.tier_end[body]
+    _leaf_distances(tree, cone, walk.scratch, count, near)
+    start_tiers(near, count, depth, ends)
     for i in range(count):
-        node = walk.scratch[i]
-        candidates.leaf[body, i] = node
-        candidates.x[body, i] = tree.x[node]
-        candidates.y[body, i] = tree.y[node]
-        candidates.z[body, i] = tree.z[node]
-        candidates.radius[body, i] = tree.radius[node]
+        node, tier = walk.scratch[i], tier_of(near[i], depth)
+        place = ends[tier]
+        ends[tier] += 1
+        candidates.leaf[body, place] = node
+        candidates.x[body, place] = tree.x[node]
+        candidates.y[body, place] = tree.y[node]
+        candidates.z[body, place] = tree.z[node]
+        candidates.radius[body, place] = tree.radius[node]
+    candidates.tier_depth[body] = depth
     candidates.count[body] = count
     candidates.slack[body] = clearance
     return True
@@ -153,7 +178,8 @@ def _gather_slot_up_to(
     # Returns the slot's slack; a negative infinity where there is no room.
     rotation, position = pose.rotation, pose.position
     spheres, start = hand.palm_radius.shape[0], slot * SLOT_PAIRS
-    place, slack = start, np.inf
+    near, pair = candidates.palm_distance[start : start + SLOT_PAIRS], candidates.palm_leaf[start : start + SLOT_PAIRS]
+    total, slack = as_int64(0), np.inf
     for sphere in range(slot * spheres // PALM_SLOTS, (slot + 1) * spheres // PALM_SLOTS):
         hx, hy, hz = hand.palm_x[sphere], hand.palm_y[sphere], hand.palm_z[sphere]
         cone = sphere_cone(
@@ -165,23 +191,53 @@ def _gather_slot_up_to(
         count, clearance, tests = gather_round_cone(tree, cone, reach, walk.stack, walk.scratch)
         work[COUNT_NODE_TESTS] += tests
         slack = min(slack, clearance)
-        if count < 0 or place + count > start + room:
+        if count < 0 or total + count > room:
             return -np.inf
+        _leaf_distances(tree, cone, walk.scratch, count, near[total:])
         for i in range(count):
-            node = walk.scratch[i]
-            candidates.hand_x[place] = hx
-            candidates.hand_y[place] = hy
-            candidates.hand_z[place] = hz
-            candidates.hand_radius[place] = hand.palm_radius[sphere]
-            candidates.object_x[place] = tree.x[node]
-            candidates.object_y[place] = tree.y[node]
-            candidates.object_z[place] = tree.z[node]
-            candidates.object_radius[place] = tree.radius[node]
-            candidates.palm_sphere[place] = sphere
-            candidates.palm_leaf[place] = node
-            place += 1
-    candidates.palm_count[slot] = place - start
+            pair[total + i] = sphere * NODES + walk.scratch[i]
+        total += count
+    _list_slot(tree, hand, slot, total, tier_depth(reach), near, pair, candidates, walk.scratch)
     return slack
+
+
+@jit_once
+def _list_slot(
+    tree: TreeArrays,
+    hand: HandArrays,
+    slot: int,
+    total: int,
+    depth: float,
+    near: Array,
+    pair: Indices,
+    candidates: Record,
+    scratch: Indices,
+) -> None:
+    # Writes the pairs in the order of their tiers.
+    ends = candidates.tier_end[PALM_BODY + slot]
+    start_tiers(near, total, depth, ends)
+    for i in range(total):
+        scratch[i] = pair[i]
+    for i in range(total):
+        sphere, node, tier = scratch[i] // NODES, scratch[i] % NODES, tier_of(near[i], depth)
+        place = slot * SLOT_PAIRS + ends[tier]
+        ends[tier] += 1
+        candidates.hand_x[place] = hand.palm_x[sphere]
+        candidates.hand_y[place] = hand.palm_y[sphere]
+        candidates.hand_z[place] = hand.palm_z[sphere]
+        candidates.hand_radius[place] = hand.palm_radius[sphere]
+        candidates.object_x[place] = tree.x[node]
+        candidates.object_y[place] = tree.y[node]
+        candidates.object_z[place] = tree.z[node]
+        candidates.object_radius[place] = tree.radius[node]
+        candidates.palm_sphere[place] = sphere
+        candidates.palm_leaf[place] = node
+    candidates.tier_depth[PALM_BODY + slot] = depth
+
+
+@jit_inline
+def _listed(candidates: Record, which: int) -> int:
+    return int(candidates.tier_end[which, TIERS - 1])
 
 
 @jit_once
@@ -201,7 +257,8 @@ def _gather_slot(
         own = least + SHARES[k] * (reach - least)
         slack = _gather_slot_up_to(tree, hand, pose, slot, own, room, candidates, walk, work)
         if slack > -np.inf:
-            share[slot] = max(k - 1, 0) if FEW * candidates.palm_count[slot] <= CROWD else k
+            share[slot] = max(k - 1, 0) if FEW * _listed(candidates, PALM_BODY + slot) <= CROWD else k
+            candidates.palm_own[slot] = slack
             break
     return slack
 
@@ -230,7 +287,7 @@ def _gather_palm(
                 return False
         spare[slot] = own
         slack = min(slack, own)
-        total += candidates.palm_count[slot]
+        total += _listed(candidates, PALM_BODY + slot)
     for slot in range(PALM_SLOTS):
         spare[slot] = spare[slot] - slack if spare[slot] < np.inf else np.inf
     candidates.count[PALM_BODY] = total
@@ -272,36 +329,63 @@ def _count_within(distance: Array, count: int, limit: float) -> int:
     return within
 
 
+@jit_once
+def _measure_phalanx(hand: HandArrays, pose: Record, body: int, candidates: Record) -> float:
+    cone = _phalanx(hand, pose, body // PHALANX_COUNT, body % PHALANX_COUNT)
+    x, y, z, radius = candidates.x[body], candidates.y[body], candidates.z[body], candidates.radius[body]
+    distance, parameter = candidates.distance[body], candidates.parameter[body]
+    moved = moved_since(candidates.fresh[body], candidates.slack[body])
+    first, tier, least = as_int64(0), as_int64(0), np.inf
+    while True:
+        after = next_tier(tier, candidates.tier_depth[body], moved, candidates.needed, least)
+        if after == tier:
+            break
+        tier, stop = after, candidates.tier_end[body, after - 1]
+        if first < stop:
+            near = Spheres(x[first:stop], y[first:stop], z[first:stop], radius[first:stop])
+            round_cone_distances(near, stop - first, cone, distance[first:stop], parameter[first:stop])
+            least = min(least, _least(distance[first:stop], stop - first))
+        first = stop
+    candidates.measured[body] = candidates.count[body] = first
+    return least
+
+
+@jit_once
+def _measure_slot(pose: Record, slot: int, slack: float, candidates: Record) -> float:
+    which, start = PALM_BODY + slot, slot * SLOT_PAIRS
+    moved = moved_since(candidates.palm_own[slot], slack)
+    first, tier, least = as_int64(0), as_int64(0), np.inf
+    while True:
+        after = next_tier(tier, candidates.tier_depth[which], moved, candidates.needed, least)
+        if after == tier:
+            break
+        tier, stop = after, candidates.tier_end[which, after - 1]
+        if first < stop:
+            a, b = start + first, start + stop
+            x, y, z = candidates.hand_x[a:b], candidates.hand_y[a:b], candidates.hand_z[a:b]
+            palm = Spheres(x, y, z, candidates.hand_radius[a:b])
+            x, y, z = candidates.object_x[a:b], candidates.object_y[a:b], candidates.object_z[a:b]
+            leaves = Spheres(x, y, z, candidates.object_radius[a:b])
+            distance = candidates.palm_distance[a:b]
+            sphere_pair_distances(palm, leaves, stop - first, pose.position[:], pose.rotation[:], distance)
+            least = min(least, _least(distance, stop - first))
+        first = stop
+    candidates.measured[which] = first
+    candidates.palm_least[slot] = least
+    return least
+
+
 @measure_pairs.of(TreeArrays)
 @jit
 def _measure(tree: TreeArrays, hand: HandArrays, pose: Record, body: int, candidates: Record) -> float:
-    count = candidates.count[body]
     if body < PALM_BODY:
-        near = Spheres(candidates.x[body], candidates.y[body], candidates.z[body], candidates.radius[body])
-        cone = _phalanx(hand, pose, body // PHALANX_COUNT, body % PHALANX_COUNT)
-        round_cone_distances(near, count, cone, candidates.distance[body], candidates.parameter[body])
-        return _least(candidates.distance[body], count)
-    least = np.inf
+        return _measure_phalanx(hand, pose, body, candidates)
+    least, count = np.inf, as_int64(0)
     for slot in range(PALM_SLOTS):
-        start, count = slot * SLOT_PAIRS, candidates.palm_count[slot]
-        if count == 0:
-            continue
-        stop = start + count
-        palm = Spheres(
-            candidates.hand_x[start:stop],
-            candidates.hand_y[start:stop],
-            candidates.hand_z[start:stop],
-            candidates.hand_radius[start:stop],
-        )
-        leaves = Spheres(
-            candidates.object_x[start:stop],
-            candidates.object_y[start:stop],
-            candidates.object_z[start:stop],
-            candidates.object_radius[start:stop],
-        )
-        distance = candidates.palm_distance[start:stop]
-        sphere_pair_distances(palm, leaves, count, pose.position[:], pose.rotation[:], distance)
-        least = min(least, _least(distance, count))
+        slack = candidates.slack[PALM_BODY] + candidates.palm_spare[slot]
+        least = min(least, _measure_slot(pose, slot, slack, candidates))
+        count += candidates.measured[PALM_BODY + slot]
+    candidates.count[PALM_BODY] = count
     return least
 
 
@@ -309,11 +393,12 @@ def _measure(tree: TreeArrays, hand: HandArrays, pose: Record, body: int, candid
 @jit
 def _within(tree: TreeArrays, hand: HandArrays, candidates: Record, body: int, limit: float) -> int:
     if body < PALM_BODY:
-        return _count_within(candidates.distance[body], candidates.count[body], limit)
+        return _count_within(candidates.distance[body], candidates.measured[body], limit)
     within = 0
     for slot in range(PALM_SLOTS):
-        start, count = slot * SLOT_PAIRS, candidates.palm_count[slot]
-        within += _count_within(candidates.palm_distance[start : start + count], count, limit)
+        if candidates.palm_least[slot] <= limit:
+            start, count = slot * SLOT_PAIRS, candidates.measured[PALM_BODY + slot]
+            within += _count_within(candidates.palm_distance[start : start + count], count, limit)
     return within
 
 
@@ -336,7 +421,7 @@ def _palm_contacts(
     r20, r21, r22 = rotation[2, 0], rotation[2, 1], rotation[2, 2]
     capacity = body_out.shape[0]
     start = slot * SLOT_PAIRS
-    for i in range(start, start + candidates.palm_count[slot]):
+    for i in range(start, start + candidates.measured[PALM_BODY + slot]):
         d = distance[i]
         if d > margin:
             continue
@@ -399,7 +484,7 @@ def _phalanx_contacts(
     jx, jy, jz = joint[0], joint[1], joint[2]
     ux, uy, uz = length * direction[0], length * direction[1], length * direction[2]
     capacity = body_out.shape[0]
-    for i in range(candidates.count[body]):
+    for i in range(candidates.measured[body]):
         d = distance[i]
         if d > margin:
             continue
@@ -447,9 +532,10 @@ def _record(
     if body < PALM_BODY:
         return _phalanx_contacts(tree, hand, pose, body, candidates, limit, row, contacts)
     for slot in range(PALM_SLOTS):
-        row = _palm_contacts(tree, pose, slot, candidates, limit, row, contacts)
-        if row < 0:
-            return -1
+        if candidates.palm_least[slot] <= limit:
+            row = _palm_contacts(tree, pose, slot, candidates, limit, row, contacts)
+            if row < 0:
+                return -1
     return row
 
 
