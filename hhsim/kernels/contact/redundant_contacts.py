@@ -17,21 +17,31 @@ The first row of a body to be held against is its nearest contact's, which a ste
 nearest of those that do not follow from it, and so on.
 """
 
-import math
+import numpy as np
 
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
-from hhsim.kernels.jit import Array, Record, as_int64, jit, jit_inline, jit_vector
+from hhsim.kernels.jit import Array, Record, jit, jit_inline, jit_vector
 
 REFERENCES = 3
 """Contacts of a body that the others are held against: most that can follow from any do so from the first ones."""
+REFERENCE = -np.inf
+"""Marks a contact that others are held against; infinity one that follows. Any other is open, by its distance [m]."""
 FEWEST = 8
 """A body with fewer contacts is left alone: its rows cost less than looking."""
-KEPT = 2.0
-"""Marks a contact that others are held against."""
 
 
 @jit_vector
-def _excess(
+def _open_all(start: int, stop: int, distance: Array, open_out: Array) -> float:
+    # Returns the least distance.
+    least = np.inf
+    for i in range(np.uint64(start), np.uint64(stop)):
+        open_out[i] = distance[i]
+        least = distance[i] if distance[i] < least else least
+    return least
+
+
+@jit_vector
+def _drop_implied(
     start: int,
     stop: int,
     reference: int,
@@ -41,23 +51,28 @@ def _excess(
     normal: Array,
     distance: Array,
     hand_radius: Array,
-    excess_out: Array,
-) -> None:
-    # How far d_i is from following, negative where it follows.
+    open_out: Array,
+) -> float:
+    # Returns the least distance of the contacts that are still open.
     r = hand_radius[reference]
     ax, ay, az = normal[0, reference], normal[1, reference], normal[2, reference]
     bx, by, bz = point[0, reference] + r * ax, point[1, reference] + r * ay, point[2, reference] + r * az
-    d = distance[reference]
-    for i in range(start, stop):
+    d, lever, turn = distance[reference], per_metre * per_metre, reach * reach
+    least = np.inf
+    for i in range(np.uint64(start), np.uint64(stop)):
         nx, ny, nz = normal[0, i], normal[1, i], normal[2, i]
         ri = hand_radius[i]
         x, y, z = point[0, i] + ri * nx - bx, point[1, i] + ri * ny - by, point[2, i] + ri * nz - bz
         nx, ny, nz = nx - ax, ny - ay, nz - az
-        apart = math.sqrt(x * x + y * y + z * z)
-        turned = math.sqrt(nx * nx + ny * ny + nz * nz)
-        needed = per_metre * apart + reach * turned - (distance[i] - d)
-        before = excess_out[i]
-        excess_out[i] = needed if needed < before < KEPT else before
+        # √p + √q <= gap, without the roots.
+        p, q, gap = lever * (x * x + y * y + z * z), turn * (nx * nx + ny * ny + nz * nz), distance[i] - d
+        rest = gap * gap - p - q
+        before = open_out[i]
+        implied = (gap >= 0.0) & (rest >= 0.0) & (4.0 * p * q <= rest * rest) & (before > REFERENCE)
+        after = np.inf if implied else before
+        open_out[i] = after
+        least = after if (after < least) & (after > REFERENCE) else least
+    return least
 
 
 @jit
@@ -75,34 +90,23 @@ def _move(contacts: Record, source: int, target: int) -> None:
 
 
 @jit
-def _thin(start: int, stop: int, row: int, lever: float, reach: float, contacts: Record, excess: Array) -> int:
+def _thin(start: int, stop: int, row: int, lever: float, reach: float, contacts: Record, is_open: Array) -> int:
     # Keep what does not follow of the contacts [start, stop), moved to `row` and on; returns the row behind them.
     if stop - start >= FEWEST:
-        distance = contacts.distance
-        for i in range(start, stop):
-            excess[i] = 1.0
+        point, normal, distance, hand_radius = contacts.point, contacts.normal, contacts.distance, contacts.hand_radius
+        least = _open_all(start, stop, distance, is_open)
         for _ in range(REFERENCES):
-            nearest = as_int64(-1)
-            for i in range(start, stop):
-                if 0.0 < excess[i] < KEPT and (nearest < 0 or distance[i] < distance[nearest]):
-                    nearest = i
-            if nearest < 0:
+            if least == np.inf:
                 break
-            _excess(
-                start,
-                stop,
-                nearest,
-                reach / lever,
-                reach,
-                contacts.point,
-                contacts.normal,
-                distance,
-                contacts.hand_radius,
-                excess,
+            nearest = start
+            while is_open[nearest] != least:
+                nearest += 1
+            least = _drop_implied(
+                start, stop, nearest, reach / lever, reach, point, normal, distance, hand_radius, is_open
             )
-            excess[nearest] = KEPT
+            is_open[nearest] = REFERENCE
         for i in range(start, stop):
-            if excess[i] > 0.0:
+            if is_open[i] < np.inf:
                 if row < i:
                     _move(contacts, i, row)
                 row += 1
