@@ -36,7 +36,7 @@ BY_METHOD: Any = None
 BY_SURFACE: Any = None
 """The same of the surface."""
 DEFAULTS_OF_SURFACE = {"mesh": {"skin": 5e-4, "touch": 1e-6}}
-USUAL_OF_SURFACE = {"skin": 3e-3, "touch": TOUCH}
+USUAL_OF_SURFACE = {"skin": 2e-3, "touch": TOUCH}
 """Skin and touch [m] of a surface. Triangles are many where they are small: a wide skin lists more than it saves; and a
 contact that bears a force is an `offset` away from them, with none of the spheres' error to hide in."""
 
@@ -95,7 +95,7 @@ class SolverOptions:
             `linearisations` bounds a tick.
         margin: Pairs up to this far enter the QP; near the object no step is longer. Default: 1 mm. Of method `paper`
             this is Δr, 0.5 mm unless told, and no bound on a step.
-        skin: Pairs up to this much farther are kept at hand between ticks. Default: 3 mm; 0.5 mm with surface `mesh`.
+        skin: Pairs up to this much farther are kept at hand between ticks. Default: 2 mm; 0.5 mm with surface `mesh`.
         offset: Clearance that contacts keep, so that second-order errors of small steps do not penetrate.
         step_tolerance: A step shorter than this ends the tick.
         tolerance: Largest violation of a program's row that counts as satisfied, as a share of the margin.

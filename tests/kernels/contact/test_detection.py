@@ -146,6 +146,7 @@ def listed_pairs(state: Any, hand: HandModel, tree: SphereTree) -> NDArray[np.bo
     """Which pairs (row of `brute_pairs`, leaf) the lists hold, however far apart they are now."""
     arrays, nodes, candidates = hand.arrays(), tree.arrays(), state.candidates
     candidates.due[:] = 0
+    candidates.needed = np.inf
     walk = Walk(candidates.stack, candidates.scratch)
     assert evaluate_range(arrays, state.pose, nodes, 0.0, 0.0, 0, BODY_COUNT, candidates, walk, state.work) == 0
     assert find_contacts(nodes, arrays, state.pose, candidates, np.inf, state.contacts) == 0
