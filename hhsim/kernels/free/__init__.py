@@ -1,1 +1,1 @@
-"""The tick of an object that is free: hand and object in one program, with friction and a table."""
+"""Tick of a free object: hand and object in one program, with friction and a table."""

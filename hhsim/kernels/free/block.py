@@ -19,7 +19,7 @@ from hhsim.kernels.tick.tick import converge
 
 
 class FreeBlock(NamedTuple):
-    """What `run_free_block` is given, in its order, for a loop that calls its machine code."""
+    """Arguments of `run_free_block`, in its order, for a loop that calls its machine code."""
 
     method: Free
     hand: HandArrays

@@ -22,7 +22,7 @@ OBJECT_DOF = 6
 
 
 class Support(NamedTuple):
-    """What of the object can stand on a plane: spheres, or points, on its convex hull, in the object's frame.
+    """Parts of the object that can stand on a plane: spheres, or points, on its convex hull, in the object's frame.
 
     | field | meaning | shape |
     |---|---|---|
@@ -70,7 +70,7 @@ BODY = np.dtype(
     ],
     align=True,
 )
-"""The body; world frame unless said otherwise.
+"""Free body; world frame unless said otherwise.
 
 | field | meaning |
 |---|---|
@@ -174,7 +174,7 @@ def turn_body(body: Record, orientation: Array, x: float, y: float, z: float, or
 
 @jit_once
 def predict(body: Record) -> None:
-    """Where the body would be at the end of the tick without contacts."""
+    """Compute the body's pose at the end of the tick without contacts."""
     period = body.period
     kept = 1.0 / (1.0 + body.damping * period)
     body.left[:] = 0.0
@@ -216,7 +216,7 @@ def take_body_back(body: Record) -> None:
 
 @jit_once
 def body_target(body: Record, target_out: Array) -> None:
-    """The step to where the body would go by itself, shape (6,): object's frame [m], principal axes [rad]."""
+    """Compute the step to the body's pose without contacts, shape (6,): object's frame [m], principal axes [rad]."""
     goal, position = body.goal_position, body.position
     x, y, z = turn_in(body, goal[0] - position[0], goal[1] - position[1], goal[2] - position[2])
     target_out[0], target_out[1], target_out[2] = x, y, z
@@ -245,7 +245,7 @@ def move_body(body: Record, step: Array, fraction: float) -> None:
 
 @jit_once
 def take_velocity(body: Record) -> None:
-    """The velocities of the tick that ends.
+    """Compute the velocities of the tick that ends.
 
     Of a whole step they are what was moved over the period. A tick that lags has made a share of its last program's
     whole way, and is that share of a tick: the velocities change by as much of what the way would have changed them by.
@@ -300,7 +300,7 @@ def turn_back(body: Record, step: Array, fraction: float, vector: Array) -> None
 
 @jit
 def as_object_moves(body: Record, origin: Array, hand: Array, step: Array, relative_out: Array) -> None:
-    """The palm's step as the object sees it after its own.
+    """Compute the palm's step in the object's frame after the object's own step.
 
     Args:
         body: The object.

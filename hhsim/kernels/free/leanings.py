@@ -1,4 +1,4 @@
-"""Which way the contacts of a program are to rub: against what they bear and slip, by the least friction that does."""
+"""Directions of friction of the contacts of a program: against load and slip, by the least friction that suffices."""
 
 import math
 
@@ -31,7 +31,7 @@ LEANINGS = np.dtype(
     ],
     align=True,
 )
-"""What finds directions.
+"""Workspace for directions of friction.
 
 | field | meaning |
 |---|---|

@@ -1,4 +1,4 @@
-"""The program of hand and free object, solved until friction opposes the slip that comes out of it."""
+"""Program of hand and free object, solved until friction opposes the resulting slip."""
 
 import math
 
@@ -34,7 +34,7 @@ SEARCH = 20
 REPAIRS = 8
 """Most solutions more of a program with a Γ that turned out too large made smaller; the last time all are 0."""
 PART_REPAIRS = 2
-"""The same of a program for a part of the way, which the tick goes on from."""
+"""The same for a program with a clipped target, from which the tick goes on."""
 MOST_WAIT = 3
 """After each search for Γ that came to nothing in a row twice as many ticks go without one, up to this power of 2."""
 LET_FLOAT = 0.5
@@ -87,7 +87,7 @@ def _guess(problem: Record, loaded: Record) -> int:
 
 @jit
 def scale_target(body: Record, problem: Record) -> None:
-    """The program's target, scaled and in its order."""
+    """Write the program's target, scaled and in its order."""
     hand, target, weight = problem.hand_target, problem.target, problem.inverse_root
     for j in range(6):
         target[j] = hand[j] / weight[j]
@@ -98,7 +98,7 @@ def scale_target(body: Record, problem: Record) -> None:
 
 @jit
 def take_step(pose: Record, body: Record, problem: Record, step_out: Array) -> None:
-    """The hand's step as the object sees it, shape (21,), of the program's."""
+    """Compute the hand's step in the object's frame, shape (21,), from the program's."""
     delta = problem.delta
     as_object_moves(body, pose.position[:], delta[0:6], delta[6:12], step_out[0:6])
     for j in range(6, DOF):

@@ -1,4 +1,4 @@
-"""What a free object's ticks leave: its motion, the forces on it, and the contacts that bear them."""
+"""Record of a free object's ticks: its motion, the forces on it, and the contacts that bear them."""
 
 import math
 from typing import NamedTuple
@@ -40,7 +40,7 @@ BORNE = np.dtype(
     ],
     align=True,
 )
-"""The contacts that bear a force; object's frame.
+"""Contacts that bear a force; object's frame.
 
 | field | meaning |
 |---|---|
@@ -56,7 +56,7 @@ BORNE = np.dtype(
 
 
 class ObjectRecord(NamedTuple):
-    """Where a block of ticks writes what became of the object; first axis the tick, world unless said otherwise.
+    """Results of a block of ticks for the object; first axis the tick, world unless said otherwise.
 
     | field | meaning | shape |
     |---|---|---|
@@ -100,7 +100,7 @@ def find_borne(
     active: Record,
     borne: Record,
 ) -> None:
-    """What the loaded rows bear: as forces on the hand in `active`, and contact by contact in `borne`."""
+    """Write the loads of the rows: as forces on the hand in `active`, and contact by contact in `borne`."""
     borne.hand_wrench[:] = 0.0
     borne.table_wrench[:] = 0.0
     count = as_int64(0)

@@ -1,4 +1,4 @@
-"""The rows of a program of hand and free object: non-penetration, friction, torsion, and the table.
+"""Rows of a program of hand and free object: non-penetration, friction, torsion, and the table.
 
 The program has 27 variables: the palm's 6, the object's 6, then 3 of each finger. With Δ the displacement of a contact
 point of the hand relative to the object's in this step, n the normal, t_k four directions around it and φ the
@@ -60,7 +60,7 @@ ENTRIES = 7
 """Room for the points of the hull that entered the table in a tick: what TABLE_CONTACTS leaves."""
 
 STANDS_BACK = 0.5
-"""The normal row of a contact that rubs asks for less than its clearance, by this share of it.
+"""Share of its clearance that the normal row of a contact with friction does not ask for.
 
 So much may Γ be too large and the rows of friction still bear the load. Were it not so, the normal row would bear it
 with any Γ that is too large, nothing would rub, and what slips would be right about its Γ.
@@ -179,7 +179,7 @@ HELD = np.dtype(
     ],
     align=True,
 )
-"""The contacts with friction of the last program, object's frame: Γ [m], e_1, and a vector along what e_1 is better."""
+"""Contacts with friction of the last program, object's frame: Γ [m], e_1, and the better direction for e_1."""
 
 
 @jit_vector
@@ -206,7 +206,7 @@ def _object_columns(
 
 @jit_once
 def object_columns(body: Record, contacts: Record, problem: Record) -> None:
-    """The object's columns of the hand's normal rows and of the joint limits, and the keys of both."""
+    """Write the object's columns of the hand's normal rows and of the joint limits, and the keys of both."""
     total = contacts.start[FINGER_COUNT + 1]
     _object_columns(
         as_int64(0),
@@ -235,7 +235,7 @@ def object_columns(body: Record, contacts: Record, problem: Record) -> None:
 def displacement(
     pose: Record, body: Record, abduction_step: Array, step: Array, of: int, px: float, py: float, pz: float
 ) -> tuple[float, float, float]:
-    """How a point of a body of the hand, or of the object on the table, moves in a step relative to what it touches.
+    """Compute the displacement of a point of a hand body, or of the object on the table, relative to what it touches.
 
     Object's frame [m]; the step is unscaled, in the program's order, shape (27,).
     """
@@ -274,7 +274,7 @@ def displacement(
 def relative_turn(
     pose: Record, body: Record, abduction_step: Array, step: Array, of: int, nx: float, ny: float, nz: float
 ) -> float:
-    """The turn about a direction [rad] of what `displacement` takes, relative to what it touches."""
+    """Compute the relative rotation about a direction [rad], of the bodies as in `displacement`."""
     wx, wy, wz = from_axes(body, step[9], step[10], step[11])
     if of == ON_TABLE:
         return wx * nx + wy * ny + wz * nz
@@ -537,7 +537,7 @@ def orient(friction: Record, i: int, x: float, y: float, z: float, spin: float) 
 
 @jit
 def own_columns(of: int) -> int:
-    """Where the variables of the finger of a body of the hand begin; -1 for the palm and the table."""
+    """Return the first variable of the finger of a hand body; -1 for the palm and the table."""
     return COMMON + PHALANX_COUNT * (of // PHALANX_COUNT) if 0 <= of < PALM_BODY else -1
 
 

@@ -1,4 +1,4 @@
-"""How far each contact slips: Newton's method for the Γ that de Saxcé's correction asks for.
+"""Slip of each contact: Newton's method for the Γ of de Saxcé's correction.
 
 Γ, which the rows of friction of a contact are given, is to be |s| of the solution, where it bears a force; here it is
 to be |s| - φ, with φ what a contact may float, and 0 where it slips by less. While the same rows bear it, the solution
@@ -52,7 +52,7 @@ COULOMB = np.dtype(
     ],
     align=True,
 )
-"""What a step of Newton's method needs; the first axis is that of the contacts it is about.
+"""Workspace of a step of Newton's method; the first axis is that of its contacts.
 
 | field | meaning |
 |---|---|

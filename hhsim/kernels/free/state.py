@@ -1,4 +1,4 @@
-"""What a tick with a free object keeps from one to the next: the hand's state as ever, and the object's."""
+"""State from tick to tick with a free object: the hand's, and the object's."""
 
 from functools import cache
 from typing import Any
@@ -17,7 +17,7 @@ from hhsim.kernels.tick.state import tick_state_dtype
 
 @cache
 def free_state_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
-    """The fields of `tick_state_dtype`, the hand in the object's frame but `haptic` between ticks, and the object's.
+    """Build the dtype of the hand's state, in the object's frame but for `haptic` between ticks, and of the object's.
 
     | field | meaning |
     |---|---|

@@ -79,11 +79,11 @@ CLOSE = 20.0
 FLOATS = 2.0
 """A contact up to so many offsets apart, and this many residuals of the tick before, has friction."""
 SEARCHED = 2
-"""In so many programs of a tick Γ and directions are sought; in the others they stand."""
+"""Programs of a tick in which Γ and directions are sought; in the later ones they stand."""
 
 
 class Free(NamedTuple):
-    """How hand and free object are solved for together, and what of the object can stand on a table."""
+    """Method that solves hand and free object together, with the parts of the object that can stand on a table."""
 
     options: TickOptions
     support: Support

@@ -17,7 +17,7 @@ from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED
 
 
 class HapticBlock(NamedTuple):
-    """The user's hand at each tick of a block, world: [m] (B, 3), (w, x, y, z) (B, 4), [rad] (B, 5, 3) and (B, 5)."""
+    """Haptic hand at each tick of a block, world: [m] (B, 3), (w, x, y, z) (B, 4), [rad] (B, 5, 3) and (B, 5)."""
 
     position: Array
     orientation: Array
@@ -26,7 +26,7 @@ class HapticBlock(NamedTuple):
 
 
 class TickRecord(NamedTuple):
-    """Where a block of ticks writes its results; names, units and shapes as in the result file, first axis the tick."""
+    """Results of a block of ticks; names, units and shapes as in the result file, first axis the tick."""
 
     status: Indices
     position: Array
@@ -46,7 +46,7 @@ class TickRecord(NamedTuple):
 
 
 class TickBlock(NamedTuple):
-    """What `run_block` is given, in its order, for a loop that calls its machine code."""
+    """Arguments of `run_block`, in its order, for a loop that calls its machine code."""
 
     method: Any
     hand: HandArrays

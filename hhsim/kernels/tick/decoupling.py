@@ -1,4 +1,4 @@
-"""When palm and fingers that are solved apart share a program: where apart they make no progress.
+"""Suspension of decoupling: palm and fingers share one program where apart they make no progress.
 
 A palm that yields to a finger and is pulled back by the next program can do so for ever, without one step that fails.
 The energy of the coupling tells, which the step of a shared program brings down. So a tick that lags and has not
@@ -15,7 +15,7 @@ from hhsim.kernels.tick.method import Progressive, is_stalled
 from hhsim.kernels.tick.options import TickOptions
 
 SUSPENSION_MARGINS = 10.0
-"""How far the user's hand goes before palm and fingers are solved apart again, in margins."""
+"""Motion of the haptic hand after which palm and fingers are solved apart again, in margins."""
 PROGRESS = 0.9
 """Share of the coupling's energy to which a lagging tick must at least bring it down."""
 

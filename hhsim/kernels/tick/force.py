@@ -136,12 +136,10 @@ def proxy_forces(
 
 @jit
 def fingertip_normal_forces(pose: Record, haptic: Record, contact_stiffness: float, forces: Record) -> None:
-    """The normal force at each fingertip that Fig. 9 draws.
+    """Compute the normal force at each fingertip that Fig. 9 draws, for fingers whose phalanges bear a force.
 
     It is k |E E₁| along the part of E₁E perpendicular to the graphic distal phalanx; E and E₁ are the tips of the
-    graphic and the haptic finger.
-
-    Only for fingers whose phalanges bear a force; contact_stiffness in N/m.
+    graphic and the haptic finger, k the contact stiffness [N/m].
     """
     for f in range(FINGER_COUNT):
         bears = 0.0
@@ -176,7 +174,7 @@ def palm_wrench(pose: Record, haptic: Record, stiffness: Array, scratch: Array, 
 
 @jit
 def hand_forces(options: TickOptions, state: Record) -> None:
-    """All forces of a tick; for FORCE_PAPER the state's contacts must be those of the final configuration."""
+    """Compute all forces of a tick; for FORCE_PAPER the state's contacts must be those of the final configuration."""
     pose, haptic, forces, contact_stiffness = state.pose, state.haptic, state.forces, options.contact_stiffness
     clear_forces(forces)
     if options.force_model == FORCE_PAPER:

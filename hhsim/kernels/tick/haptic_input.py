@@ -1,4 +1,4 @@
-"""The user's hand as a tick takes it."""
+"""Input of a tick: the haptic hand."""
 
 import math
 

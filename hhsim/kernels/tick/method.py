@@ -1,4 +1,4 @@
-"""Which method a tick follows: a method is the type of its options, and what it does is declared for that type.
+"""Dispatch by method: a method is the type of its options, and its kernels are declared for that type.
 
 `tick` is what every method has. Those that go from linearisation to linearisation share the loop of `kernels.tick.tick`
 and declare its parts: those of a hand alone are in that file, those of a hand and a free object in `kernels.free.tick`.
@@ -13,7 +13,7 @@ from hhsim.kernels.tick.options import TickOptions
 
 
 class Coupled(NamedTuple):
-    """All 21 degrees of freedom in one program, see `kernels.tick.coupled`."""
+    """Method that solves all 21 degrees of freedom in one program, see `kernels.tick.coupled`."""
 
     options: TickOptions
 

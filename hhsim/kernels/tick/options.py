@@ -1,10 +1,10 @@
-"""What steers a tick: its lengths and tolerances."""
+"""Lengths and tolerances of a tick."""
 
 from typing import NamedTuple
 
 
 class TickOptions(NamedTuple):
-    """How a tick works; lengths in metres.
+    """Options of a tick; lengths in metres.
 
     | field | meaning |
     |---|---|

@@ -92,7 +92,7 @@ PAPER_STATE = np.dtype(
     ],
     align=True,
 )
-"""What the method keeps besides TICK_STATE, of which it uses the poses, the arrays of pairs and rows, and the outcome.
+"""State of the method besides TICK_STATE, of which it uses the poses, the arrays of pairs and rows, and the outcome.
 
 | field | meaning |
 |---|---|
@@ -262,7 +262,7 @@ def _solve_finger(
 
 
 class Paper(NamedTuple):
-    """The method as printed.
+    """Method as printed in the paper.
 
     | field | meaning |
     |---|---|

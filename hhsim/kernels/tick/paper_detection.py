@@ -214,7 +214,7 @@ def gather_phalanx(
 
 @jit_once
 def detect(hand: HandArrays, palm: TreeArrays, tree: TreeArrays, growth: float, state: Record, paper: Record) -> None:
-    """All pairs of the graphic hand grown by `growth` [m], into the state's candidates.
+    """Find all pairs of the graphic hand grown by `growth` [m], into the state's candidates.
 
     paper.full says which parts have more than there is room for: the palm, then the fingers.
     """
@@ -258,7 +258,7 @@ def detect(hand: HandArrays, palm: TreeArrays, tree: TreeArrays, growth: float, 
 def palm_is_free(
     hand: HandArrays, palm: TreeArrays, tree: TreeArrays, pose: Record, state: Record, paper: Record
 ) -> bool:
-    """Whether the palm and the knuckles of `pose` touch nothing."""
+    """Return True if the palm and the knuckles of `pose` touch nothing."""
     count = gather_palm(
         palm, tree, pose.position, pose.rotation, 0.0, as_int64(0), paper.stack, state.candidates, state.work
     )
@@ -272,7 +272,7 @@ def palm_is_free(
 
 @jit_once
 def finger_is_free(hand: HandArrays, tree: TreeArrays, pose: Record, finger: int, state: Record, paper: Record) -> bool:
-    """Whether the phalanges of a finger of `pose` touch nothing."""
+    """Return True if the phalanges of a finger of `pose` touch nothing."""
     for k in range(PHALANX_COUNT):
         place_frustum(paper.shapes, pose, finger, k, paper.frustum)
         body = PHALANX_COUNT * finger + k

@@ -26,30 +26,10 @@ Every sphere in touch has its own spring: a patch of many spheres is stiffer tha
 stable at any stiffness, so nothing asks for dividing by their number or for keeping the deepest alone, and both would
 make the force jump where a sphere joins or takes over; as it is, a contact enters and leaves with no force.
 
-**What it is tuned by**: pinch, grasp and whole hand on the ten objects of the catalogue, 3,000 ticks at 1 kHz with
-τ = b / k = 1 ms. Worst penetration; largest force step while moving, relative to the hold (median, worst of the
-thirty); most rounds in a tick.
+docs/methods.md tells how stiffness and damping were chosen.
 
-| k [N/m] | up to 12 rounds: penetration [µm] | step [%] | rounds | one round: penetration [µm] | step [%] |
-|---|---|---|---|---|---|
-| 1e3 | 1578 | 2.6, 7.2 | 5 | 1578 | 10, 66 |
-| 3e3 | 1007 | 3.4, 7.7 | 5 | 1007 | 24, 207 |
-| 1e4 | 534 | 3.9, 7.5 | 6 | 534 | 87, 703 |
-| 3e4 | 257 | 4.2, 7.6 | 5 | 257 | 188, 2000 |
-| **1e5** | 103 | 4.2, 12 | 6 | 246 | 660, 5368 |
-| 3e5 | 35 | 4.2, 13 | 9 | 6506 | 3341, 825758 |
-| 1e6 | 10 | 4.3, 521 | 12 | | |
-| 1e7 | 1543 | 1505, 27471 | 12 | | |
-
-1e5 N/m is the stiffest whose worst step is in line with the softer ones' and that leaves rounds to spare: with touch
-and slide too, at 250 Hz to 2 kHz and with samples held for ten ticks it takes 8 to 12 of the 12. At 1e6 ticks run out
-of rounds in the middle of a grasp. One round is what a plain spring-damper engine does, where a contact is felt a tick
-after it is run into: `linearisations=1`, to be used with k near 1e3. Slower coupling makes larger force steps (9 % at
-τ = 2 ms, 33 % at 5 ms) and a longer delay, faster coupling smaller ones (2.7 % at 0.5 ms) for more rounds; 1 ms is one
-tick. b hardly matters (0 to 5 ms tried): the backward step damps a stiff contact by itself.
-
-What the method cannot do is what it is here to show: it penetrates wherever it pushes, by force / k for each contact;
-and a hand that moves further in a tick than pairs are looked for ends up inside, or comes out on the other side.
+The method penetrates wherever it pushes, by force / k for each contact, and a hand that moves farther in a tick than
+pairs are looked for ends up inside, or comes out on the other side.
 """
 
 from typing import Any, NamedTuple
@@ -97,11 +77,11 @@ from hhsim.kernels.tick.tick import begin_tick
 LIMIT_WEIGHT = 1e10
 """Stiffness of a joint's limit, in units of the joint's coupling."""
 DEPTHS = 12
-"""How often the depth from which pairs are taken is doubled before a hand is too deep inside for the arrays."""
+"""Number of times the depth from which pairs are taken is doubled before a hand is too deep inside for the arrays."""
 
 
 class PenaltyOptions(NamedTuple):
-    """The dynamics of a tick.
+    """Dynamics of a tick.
 
     | field | meaning |
     |---|---|
@@ -136,7 +116,7 @@ PENALTY_STATE = np.dtype(
     ],
     align=True,
 )
-"""What lives from tick to tick, and the workspace, besides TICK_STATE.
+"""State from tick to tick, and workspace, besides TICK_STATE.
 
 | field | meaning |
 |---|---|

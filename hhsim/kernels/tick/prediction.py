@@ -1,4 +1,4 @@
-"""Where a tick begins: where the last tick's motion would take the hand.
+"""Prediction of the pose that a tick begins with: the last one, moved on as in the last tick.
 
 A hand that slides needs two linearisations from where it stands, and one from where it is going, since the step from
 there is short and its contacts are the right ones. Nothing is accepted by a prediction: a tick that finds no step from

@@ -1,4 +1,4 @@
-"""What a tick does about steps that end inside the object and programs without solution."""
+"""Restoration after steps that end inside the object and programs without a solution."""
 
 import math
 from typing import Any

@@ -37,9 +37,9 @@ CORRECTION_WORK = np.dtype(
 """Vectors of the conjugate gradients; the first two hold all 21 variables, the others those of the program."""
 
 STRETCH = 20.0
-"""Where the Lagrangian curves by less than 1 / STRETCH of the coupling, a direction is stretched by this instead."""
+"""Most that a direction is stretched by, where the Lagrangian curves by less than 1 / STRETCH of the coupling."""
 REDUCTION = 1e-4
-"""The squared residual's reduction at which the correction is good enough: the next linearisation starts from there."""
+"""Reduction of the squared residual at which the correction ends: the next linearisation starts from there."""
 
 ROUNDING = 1.0
 """Share of the program's tolerance by which a row may be violated at the corrected step and still be called kept."""
@@ -56,7 +56,7 @@ def _project_out(n: int, k: int, basis: Array, vector: Array) -> None:
 
 
 class Lagrangian(NamedTuple):
-    """What curves in a program: its contacts that carry a multiplier, and which of the hand's variables it has.
+    """Curved part of a program: its contacts that carry a multiplier, and the hand's variables that it has.
 
     | field | meaning |
     |---|---|

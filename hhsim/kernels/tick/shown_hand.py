@@ -1,4 +1,4 @@
-"""What there is to know of a shown hand that came from elsewhere: its joints, what it touches, how it is pulled."""
+"""Joints, contacts and coupling wrench of a shown hand that was not solved for here."""
 
 from typing import Any
 

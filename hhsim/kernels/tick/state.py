@@ -1,4 +1,4 @@
-"""What a tick keeps from one to the next, its status bits and work counters."""
+"""State from tick to tick, status bits and work counters."""
 
 from functools import cache
 from typing import Any
@@ -17,17 +17,17 @@ from hhsim.kernels.tick.second_order import CORRECTION_WORK
 from hhsim.kernels.tick.step import ACTIVE_CONTACTS, STEP
 
 STATUS_STUCK = 1
-"""The tick kept the last feasible configuration although the haptic hand asked for a motion."""
+"""Set where the tick kept the last feasible configuration although the haptic hand asked for a motion."""
 STATUS_LAG = 2
 """Linearisations or work budget ended before the hand had arrived: there is distance still to go."""
 STATUS_INPUT_INVALID = 4
-"""The input was not finite; the last good one was used."""
+"""Set where the input was not finite; the last good one was used."""
 STATUS_START_INSIDE = 8
-"""The haptic hand began inside the object; the graphic hand began at a free place nearby."""
+"""Set where the haptic hand began inside the object; the graphic hand began at a free place nearby."""
 STATUS_CAPACITY_EXCEEDED = 16
 """More pairs were near than the arrays hold."""
 STATUS_ABDUCTION_HELD = 32
-"""The abduction of the haptic hand was not followed, since that left no feasible step."""
+"""Set where the abduction of the haptic hand was not followed, since that left no feasible step."""
 
 WORK_LINEARISATIONS = 3
 WORK_QP_ITERATIONS = 4
@@ -46,8 +46,8 @@ UNITS_PAIR_TEST = 2
 UNITS_CONTACT = 60
 UNITS_ROW = 100
 UNITS_QP_ITERATION = 1500
-"""What each piece of work counts in work units: about a nanosecond each on a 2.6 GHz core with AVX-512. A contact is a
-pair within reach as it is found, a row one that is kept.
+"""Work units of each piece of work: a unit is about a nanosecond on a 2.6 GHz core with AVX-512. A contact is a pair
+within reach as it is found, a row one that is kept.
 
 Only their ratios matter: the same input takes the same units on any machine.
 """
@@ -64,7 +64,7 @@ HAPTIC_INPUT = np.dtype(
     ],
     align=True,
 )
-"""What the prediction needs of the user's hand.
+"""Motion of the haptic hand, for the prediction.
 
 | field | meaning |
 |---|---|
@@ -82,7 +82,7 @@ PREDICTION = np.dtype(
     ],
     align=True,
 )
-"""Where the last tick's motion would take the hand, see `kernels.tick.prediction`.
+"""Prediction of the pose, see `kernels.tick.prediction`.
 
 | field | meaning |
 |---|---|
@@ -115,7 +115,7 @@ PROGRESS = np.dtype(
     ],
     align=True,
 )
-"""How far a tick has come.
+"""Progress of a tick.
 
 | field | meaning |
 |---|---|
@@ -137,7 +137,7 @@ PROGRAM = np.dtype(
     ],
     align=True,
 )
-"""What this tick's programs ask for, made easier by each program without solution.
+"""Kind of this tick's programs, made easier after each program without a solution.
 
 | field | meaning |
 |---|---|
@@ -150,7 +150,7 @@ FIRST_STEP = np.dtype(
     [("delta", np.float64, (DOF,)), ("abduction", np.float64, (FINGER_COUNT,)), ("free_share", np.float64)],
     align=True,
 )
-"""The step that led from the last pose without penetration into the object.
+"""First step that led from the last pose without penetration into the object.
 
 | field | meaning |
 |---|---|
@@ -160,7 +160,7 @@ FIRST_STEP = np.dtype(
 
 
 DECOUPLING = np.dtype([("is_suspended", np.bool_), ("suspended_joints", np.float64, JOINTS)], align=True)
-"""Where palm and fingers share a program, see `kernels.tick.decoupling`.
+"""Suspension of decoupling, see `kernels.tick.decoupling`.
 
 | field | meaning |
 |---|---|

@@ -1,4 +1,4 @@
-"""The step that a method proposes, and the contacts that carry force: what every method hands to the tick."""
+"""Step that a method proposes, and the contacts that carry force."""
 
 import numpy as np
 
@@ -49,7 +49,7 @@ ACTIVE_CONTACTS = np.dtype(
     ],
     align=True,
 )
-"""The contacts with a multiplier at some step.
+"""Contacts with a multiplier at some step.
 
 | field | meaning |
 |---|---|

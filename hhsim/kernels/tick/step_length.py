@@ -1,4 +1,4 @@
-"""How much of a program's step is made: the share that the pairs at hand vouch for, or a step to a nearer target."""
+"""Length of a step: the share that the known pairs allow, or a step to a nearer target."""
 
 from hhsim.kernels.contact.linearise import build_rows
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, HandArrays, motion_bounds
@@ -12,7 +12,7 @@ LEAST_SHARE = 0.05
 """Least share of a step that such a hand goes; below it the target is brought nearer."""
 
 WHOLE_TARGET = -1.0
-"""In the place of the motion of the unclipped step: the program has the true target."""
+"""Stands for the motion of the unclipped step where the program has the true target."""
 
 
 @jit

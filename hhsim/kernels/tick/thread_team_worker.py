@@ -1,4 +1,4 @@
-"""What the helpers of a thread team do while a block of ticks runs in another thread."""
+"""Work of the helpers of a thread team while a block of ticks runs in another thread."""
 
 from typing import Any
 
