@@ -100,10 +100,8 @@ def _without_holding(method: Any, hand: Any, surface: Any, state: Any) -> bool:
         state.program.is_relaxed = True
         state.program.is_coupled = True
         return True
-    moved = 0.0
-    for body in range(BODY_COUNT):
-        moved += state.progress.since_safe[body]
-    if moved > 0.0:
+    if state.progress.is_untested:
+        state.progress.failed_steps = 0
         restoration.take_back(state)
         state.trust.radius *= restoration.TRUST_DECAY
         return evaluate_pose(hand, surface, method.options, state)

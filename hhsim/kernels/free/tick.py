@@ -202,6 +202,7 @@ def _solve_rows(method: Free, clipped: bool, state: Record, qp: QpWork) -> int:
 def _take_back(state: Record) -> None:
     """Return to the last poses without penetration."""
     take_back(state)
+    state.progress.failed_steps = 0
     take_body_back(state.body)
     copy_values(state.body_safe_total[:], state.free_problem.total[:])
     copy_values(state.body_safe_abduction[:], state.free_problem.abduction_total[:])

@@ -8,7 +8,7 @@ there returns to where it began. No decision depends on what the lists of pairs 
 from typing import Any
 
 from hhsim.kernels.contact.linearise import clamp_to_limits
-from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, PHALANX_COUNT, HandArrays
+from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration, move
 from hhsim.kernels.jit import Record, jit_inline, jit_once
 from hhsim.kernels.rotation import rotation_vector_between
@@ -74,8 +74,7 @@ def predict_pose(method: Any, hand: HandArrays, surface: Any, state: Record) -> 
         return
     prediction.is_predicted = True
     move(state.pose, state.step.delta, state.problem.abduction_step, 1.0)
-    for body in range(BODY_COUNT):
-        progress.since_safe[body] += progress.motion[body]
+    progress.is_untested = True
     progress.path += longest
     state.trust.reach = min(state.trust.reach, max(REACH_FLOOR * options.step_tolerance, UNFORESEEN * longest))
     evaluate_pose(hand, surface, options, state)

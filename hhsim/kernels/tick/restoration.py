@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, HandArrays
+from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration, move
 from hhsim.kernels.jit import Record, jit, jit_inline
 from hhsim.kernels.tick.evaluation import evaluate_pose, least_distance
@@ -22,9 +22,7 @@ FREE_SHARE = 0.8
 def take_back(state: Record) -> None:
     """Return to the last configuration without penetration."""
     copy_configuration(state.safe, state.pose)
-    for body in range(BODY_COUNT):
-        state.progress.since_safe[body] = 0.0
-    state.progress.failed_steps = 0
+    state.progress.is_untested = False
 
 
 @jit
@@ -75,19 +73,17 @@ def make_easier(method: Any, hand: HandArrays, surface: Any, state: Record) -> b
     First contacts nearer than the offset may stay as near as they are, then the hand returns to the last feasible
     configuration with a smaller trust radius, then the abduction stays as it is.
     """
-    program = state.program
+    program, progress = state.program, state.progress
     if not program.is_relaxed:
         program.is_relaxed = True
         program.is_coupled = True
         return True
-    moved = 0.0
-    for body in range(BODY_COUNT):
-        moved += state.progress.since_safe[body]
-    if moved > 0.0:
+    if progress.is_untested:
         if not state.prediction.is_predicted:
             state.trust.radius *= TRUST_DECAY
         state.prediction.is_predicted = False
         take_back(state)
+        progress.failed_steps = 0
         return evaluate_pose(hand, surface, method.options, state)
     if not program.holds_abduction:
         program.holds_abduction = True

@@ -24,14 +24,16 @@ def settle_forces(hand: HandArrays, surface: Any, options: TickOptions, state: R
     A lagging tick's last program was made for another configuration. A palm that has yielded to a finger stands at the
     edge of what the finger's own program allows, where that program's multipliers grow without bound. In both cases one
     more program, of the touching contacts alone, gives them. Standing still satisfies it, so that the forces stay
-    within the coupling's own. Its time counts as that of the forces.
+    within the coupling's own. Where it has no solution the forces stay those of the last accepted step. Its time counts
+    as that of the forces.
     """
     duration = state.step.duration
     palm, fingers = duration[DURATION_PALM], duration[DURATION_FINGERS]
     near = max(options.touch, ON_THE_WAY * options.offset) if state.progress.lag > 0.0 else options.touch
     status = find_contacts(surface, hand, state.pose, state.candidates, near, state.contacts)
-    state.active.count = 0
-    if status == 0 and state.contacts.start[FINGER_COUNT + 1] > 0:
+    if status == 0 and state.contacts.start[FINGER_COUNT + 1] == 0:
+        state.active.count = 0
+    elif status == 0:
         set_target(state)
         for f in range(FINGER_COUNT):
             state.problem.abduction_step[f] = 0.0

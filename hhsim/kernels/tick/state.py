@@ -105,13 +105,13 @@ PROGRESS = np.dtype(
     [
         ("is_accepted", np.bool_),
         ("is_full", np.bool_),
+        ("is_untested", np.bool_),
         ("is_unfinished", np.bool_),
         ("failed_steps", np.int64),
         ("idle_ticks", np.int64),
         ("path", np.float64),
         ("lag", np.float64),
         ("motion", np.float64, (BODY_COUNT,)),
-        ("since_safe", np.float64, (BODY_COUNT,)),
     ],
     align=True,
 )
@@ -121,12 +121,13 @@ PROGRESS = np.dtype(
 |---|---|
 | is_accepted | a step has been accepted in this tick |
 | is_full | the pairs at the present configuration do not fit into the arrays |
+| is_untested | the hand has moved from its last safe configuration, and the present one is not accepted |
 | is_unfinished | a tick has accepted no step, or a part of one, and the hand has not arrived since |
 | failed_steps | steps in a row that ended inside the object |
 | idle_ticks | ticks in a row that accepted no step |
 | path | sum of the motion bounds of all steps tried in this tick [m] |
 | lag | distance still to go [m] |
-| motion, since_safe | motion bound of each body in the last step, and summed since the last accepted one [m] |
+| motion | motion bound of each body in the last step [m] |
 """
 
 PROGRAM = np.dtype(

@@ -112,8 +112,7 @@ def begin_tick(options: TickOptions, state: Record) -> None:
     """Reset what belongs to one tick; the present configuration, evaluated and free of penetration, is the safe one."""
     progress = state.progress
     copy_configuration(state.pose, state.safe)
-    for body in range(BODY_COUNT):
-        progress.since_safe[body] = 0.0
+    progress.is_untested = False
     state.decoupling.is_suspended = stays_suspended(options, state)
     _carry_over_trust(options, state)
     state.progressive.variables = 6
@@ -177,8 +176,7 @@ def accept(options: TickOptions, fraction: float, longest: float, unclipped: flo
     """
     progress = state.progress
     copy_configuration(state.pose, state.safe)
-    for body in range(BODY_COUNT):
-        progress.since_safe[body] = 0.0
+    progress.is_untested = False
     copy_active(state.warm, state.active)
     progress.is_accepted = True
     state.prediction.is_predicted = False
@@ -207,7 +205,7 @@ def follow_step(
     """
     progress, trust = state.progress, state.trust
     for body in range(BODY_COUNT):
-        progress.since_safe[body] += fraction * progress.motion[body]
+        progress.is_untested = progress.is_untested or fraction * progress.motion[body] > 0.0
     progress.path += fraction * longest
     if fraction < 1.0 or unclipped != WHOLE_TARGET:
         trust.reach = min(options.margin, REACH_GROWTH * trust.reach)
@@ -250,6 +248,7 @@ def advance_hand(method: Any, hand: HandArrays, surface: Any, unclipped: float, 
             if not state.program.is_coupled:
                 suspend_decoupling(state)
             take_free_share(hand, surface, options, state)
+            progress.failed_steps = 0
             state.trust.radius *= TRUST_DECAY
             done = progress.is_full
     step.duration[DURATION_DETECT] += monotonic_ns() - began
@@ -289,16 +288,11 @@ def finish_hand(method: Any, hand: HandArrays, surface: Any, state: Record, qp: 
     began = monotonic_ns()
     options, progress = method.options, state.progress
     cut_short = is_budget_spent(options, state)
-    unsafe = 0.0
-    for body in range(BODY_COUNT):
-        unsafe += progress.since_safe[body]
     is_full, made_part = progress.is_full, False
-    if unsafe > 0.0:
+    if progress.is_untested:
         if progress.is_accepted or is_full:
             state.first_step.free_share = 0.0
-        failed_steps = progress.failed_steps
         made_part = take_free_share(hand, surface, options, state)
-        progress.failed_steps = failed_steps
         is_full = is_full or progress.is_full
     if made_part:
         # What is not free in one program may be in several.
@@ -312,7 +306,7 @@ def finish_hand(method: Any, hand: HandArrays, surface: Any, state: Record, qp: 
     detected = monotonic_ns()
     if options.force_model == FORCE_PAPER:
         find_contacts(surface, hand, state.pose, state.candidates, options.touch, state.contacts)
-    elif status & STATUS_LAG or is_strained(method, state):
+    elif status & (STATUS_LAG | STATUS_STUCK) or is_strained(method, state):
         settle_forces(hand, surface, options, state, qp)
     hand_forces(options, state)
     end_work(state)
