@@ -33,7 +33,6 @@ from hhsim.bench.robustness.hard import bench_hard
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.kernels.hand.kinematics import BODY_COUNT
 from hhsim.kernels.hand.pose import copy_configuration
 from hhsim.kernels.jit import jit
 from hhsim.kernels.kernel_cache import KERNEL_CACHE, PACKAGE, kernel_closure, module_cache
