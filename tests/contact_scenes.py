@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from sphere_scenes import Motion, cloud, set_pose
+from sphere_scenes import Motion, cloud, random_hand, set_pose
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.model import HandModel
@@ -35,12 +35,7 @@ def scene(seed: int) -> tuple[HandModel, SphereTree, Motion, Any]:
     random = np.random.default_rng(seed)
     hand = RIGHT if seed % 2 else LEFT
     tree = cloud(random, 120, spread=0.1)
-    at = Motion(
-        random.normal(0.0, 0.03, (1, 3)),
-        Rotation.random(1, rng=random).as_quat(scalar_first=True),
-        random.uniform(hand.flexion_min, hand.flexion_max, (1, 5, 3)),
-        random.uniform(hand.abduction_min, hand.abduction_max, (1, 5)),
-    )
+    at = random_hand(random, hand, 0.03)
     state = tick_state(ROOT**2)[0]
     set_pose(hand, state.pose, at)
     arrays = hand.arrays()

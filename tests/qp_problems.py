@@ -1,4 +1,4 @@
-"""Programs that tests solve: any rows in the kernels' layout, degenerate sets, contacts at random; and a referee."""
+"""Programs for tests: rows in the kernels' layout, degenerate sets, random contacts; and a referee."""
 
 from collections.abc import Callable, Iterator
 
@@ -9,6 +9,7 @@ from hhsim.bench.qp.program import Program
 
 Rows = tuple[FloatArray, FloatArray, FloatArray]
 """Matrix (m, n), right-hand side (m,), target (n,)."""
+Maker = Callable[[np.random.Generator, int, int], Rows]
 
 VARIABLES = (3, 6, 21)
 LEAST_ROWS, MOST_ROWS = 50, 100
@@ -27,28 +28,28 @@ def _hand_rows(rng: np.random.Generator, n: int, m: int) -> FloatArray:
     return matrix
 
 
-def _around(rng: np.random.Generator, n: int, m: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+def rows_around(rng: np.random.Generator, n: int, m: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Rows that a point inside satisfies with some slack, about half of them violated by the target; and the point."""
     matrix, inside = _hand_rows(rng, n, m), rng.normal(size=n)
     return matrix, matrix @ inside - rng.exponential(0.3, size=m), inside + 2.0 * rng.normal(size=n), inside
 
 
-def _duplicates(rng: np.random.Generator, n: int, m: int) -> Rows:
-    matrix, rhs, target, _ = _around(rng, n, m)
+def duplicates(rng: np.random.Generator, n: int, m: int) -> Rows:
+    matrix, rhs, target, _ = rows_around(rng, n, m)
     half = m // 2
     matrix[half : 2 * half], rhs[half : 2 * half] = matrix[:half], rhs[:half]
     return matrix, rhs, target
 
 
 def _rank_one(rng: np.random.Generator, n: int, m: int) -> Rows:
-    matrix, _, target, inside = _around(rng, n, m)
+    matrix, _, target, inside = rows_around(rng, n, m)
     matrix = np.outer(rng.uniform(0.1, 2.0, size=m), matrix[0])
     return matrix, matrix @ inside - rng.exponential(0.3, size=m), target
 
 
-def _parallel(angle: float) -> Callable[[np.random.Generator, int, int], Rows]:
+def parallel(angle: float) -> Maker:
     def make(rng: np.random.Generator, n: int, m: int) -> Rows:
-        matrix, rhs, target, inside = _around(rng, n, m)
+        matrix, rhs, target, inside = rows_around(rng, n, m)
         half = m // 2
         # Where the first of a pair has none, the second has no finger's column either.
         tilt = angle * rng.normal(size=(half, n)) * (matrix[:half] != 0.0)
@@ -60,9 +61,9 @@ def _parallel(angle: float) -> Callable[[np.random.Generator, int, int], Rows]:
     return make
 
 
-def _zero_rows(rhs_of_zero: float) -> Callable[[np.random.Generator, int, int], Rows]:
+def zero_rows(rhs_of_zero: float) -> Maker:
     def make(rng: np.random.Generator, n: int, m: int) -> Rows:
-        matrix, rhs, target, _ = _around(rng, n, m)
+        matrix, rhs, target, _ = rows_around(rng, n, m)
         zero = rng.random(m) < 0.2
         zero[0] = True
         matrix[zero], rhs[zero] = 0.0, rhs_of_zero
@@ -72,7 +73,7 @@ def _zero_rows(rhs_of_zero: float) -> Callable[[np.random.Generator, int, int], 
 
 
 def _boundary(rng: np.random.Generator, n: int, m: int) -> Rows:
-    matrix, rhs, _, inside = _around(rng, n, m)
+    matrix, rhs, _, inside = rows_around(rng, n, m)
     # The target is feasible, and several rows hold there with equality: nothing is to be done.
     touching = rng.random(m) < 0.2
     touching[0] = True
@@ -80,13 +81,13 @@ def _boundary(rng: np.random.Generator, n: int, m: int) -> Rows:
 
 
 def _scaled(rng: np.random.Generator, n: int, m: int) -> Rows:
-    matrix, rhs, target, _ = _around(rng, n, m)
+    matrix, rhs, target, _ = rows_around(rng, n, m)
     factor = 10.0 ** rng.uniform(-6.0, 6.0, size=m)
     return matrix * factor[:, None], rhs * factor, target
 
 
 def _mixed_units(rng: np.random.Generator, n: int, m: int) -> Rows:
-    matrix, rhs, target, _ = _around(rng, n, m)
+    matrix, rhs, target, _ = rows_around(rng, n, m)
     # As if some variables were in metres and others in millimetres or milliradians.
     unit = np.where(np.arange(n) % 3 == 0, 1e3, np.where(np.arange(n) % 3 == 1, 1.0, 1e-1))
     return matrix / unit, rhs, target * unit
@@ -94,14 +95,14 @@ def _mixed_units(rng: np.random.Generator, n: int, m: int) -> Rows:
 
 def _vertex(rng: np.random.Generator, n: int, m: int) -> Rows:
     # All rows meet in one point and push: more than n are active there.
-    matrix, _, _, tip = _around(rng, n, m)
+    matrix, _, _, tip = rows_around(rng, n, m)
     matrix *= np.where(matrix @ matrix[0] < 0.0, -1.0, 1.0)[:, None]
     return matrix, matrix @ tip, tip - matrix.T @ rng.exponential(1.0, size=m)
 
 
-def _contradiction(gap: float) -> Callable[[np.random.Generator, int, int], Rows]:
+def _contradiction(gap: float) -> Maker:
     def make(rng: np.random.Generator, n: int, m: int) -> Rows:
-        matrix, rhs, target, inside = _around(rng, n, m)
+        matrix, rhs, target, inside = rows_around(rng, n, m)
         if rng.random() < 0.5:
             # Two opposed walls.
             matrix[1] = -matrix[0]
@@ -119,25 +120,23 @@ def _contradiction(gap: float) -> Callable[[np.random.Generator, int, int], Rows
     return make
 
 
-FEASIBLE_SETS: dict[str, Callable[[np.random.Generator, int, int], Rows]] = {
-    "duplicate rows": _duplicates,
+FEASIBLE_SETS: dict[str, Maker] = {
+    "duplicate rows": duplicates,
     "all rows of rank 1": _rank_one,
-    "pairs parallel to 1e-9": _parallel(1e-9),
-    "pairs parallel to 1e-5": _parallel(1e-5),
-    "zero rows, rhs 0": _zero_rows(0.0),
-    "zero rows, rhs -1": _zero_rows(-1.0),
+    "pairs parallel to 1e-9": parallel(1e-9),
+    "pairs parallel to 1e-5": parallel(1e-5),
+    "zero rows, rhs 0": zero_rows(0.0),
+    "zero rows, rhs -1": zero_rows(-1.0),
     "start on the boundary": _boundary,
     "rows scaled 1e-6 to 1e6": _scaled,
     "mm and rad mixed": _mixed_units,
     "more than n active": _vertex,
 }
-"""Each has a solution."""
 
-INFEASIBLE_SETS: dict[str, Callable[[np.random.Generator, int, int], Rows]] = {
+INFEASIBLE_SETS: dict[str, Maker] = {
     "infeasible by 1": _contradiction(1.0),
     "infeasible by 1e-9": _contradiction(1e-9),
 }
-"""None has a solution."""
 
 
 def degenerate_set(name: str, variables: int, count: int, seed: int) -> Iterator[Program]:
@@ -161,11 +160,7 @@ CONTACT_TOLERANCE = 3e-12
 
 
 def contact_programs(variables: int, rows: int, count: int, seed: int) -> Iterator[Program]:
-    """`count` programs of one size.
-
-    Raises:
-        ValueError: For other than 3, 6 or 21 variables.
-    """
+    """`count` programs of one size, of 3, 6 or 21 variables."""
     rng = np.random.default_rng([seed, variables, rows])
     kind = f"{variables}×{rows}"
     for _ in range(count):
@@ -192,8 +187,6 @@ def _contacts(rng: np.random.Generator, kind: str, n: int, m: int) -> Program:
         matrix, root, reach = lever, root[6:9], reach[6:9]
     elif n == 6:
         matrix, root, reach = matrix[:, :6], root[:6], reach[:6]
-    elif n != 21:
-        raise ValueError(f"{n} variables are no finger, palm or hand")
     matrix = matrix / root
     inside = 0.1 * reach * rng.normal(size=n)
     rhs = matrix @ inside - rng.exponential(3e-4, size=m)
@@ -203,26 +196,16 @@ def _contacts(rng: np.random.Generator, kind: str, n: int, m: int) -> Program:
 def dense_program(
     kind: str, matrix: FloatArray, rhs: FloatArray, target: FloatArray, tolerance: float, relaxation: float = 0.0
 ) -> Program:
-    """A program of any rows (m, n), n = 3, 6, or 6 with blocks of 3 behind of which a row uses at most one.
-
-    Rows of one block come to lie together: the order changes.
-
-    Raises:
-        ValueError: For other shapes.
-    """
+    """A program of rows (m, n), n = 3, 6, or 6 and blocks of 3 of which a row uses at most one; rows are reordered."""
     m, n = matrix.shape
     if n == 3:
         owner, first = np.zeros(m, dtype=np.int64), np.zeros(1, dtype=np.int64)
         common = np.zeros((0, m))
-    elif n >= 6 and n % 3 == 0:
+    else:
         used = (matrix[:, 6:].reshape(m, -1, 3) != 0.0).any(axis=2)
-        if used.sum(axis=1).max(initial=0) > 1:
-            raise ValueError("a row uses more than one block")
         owner = np.where(used.any(axis=1), 1 + used.argmax(axis=1) if used.shape[1] else 0, 0)
         first = np.concatenate([[-1], np.arange(6, n, 3)])
         common = matrix[:, :6].T
-    else:
-        raise ValueError(f"{n} variables are no palm, finger or hand")
     order = np.argsort(owner, kind="stable")
     owner, matrix = owner[order], matrix[order]
     block = np.zeros((3, m))
@@ -244,11 +227,7 @@ def dense_program(
 
 
 def least_violation(program: Program) -> float:
-    """Least t for which some x violates no normalised row by more than t, in sizes of the program; by linear program.
-
-    Positive: the rows contradict each other. An independent look at what `certified_radius` proves; good to about
-    1e-9.
-    """
+    """Least t, to 1e-9, for which some x violates no normalised row by more than t, in sizes of the program."""
     from scipy.optimize import linprog
 
     matrix, norm = program.unit_rows()

@@ -1,7 +1,7 @@
-"""Scenes made of spheres, motions that provoke, and distances by brute force: what the tests of the solver share.
+"""Scenes of spheres, demanding motions, and distances by brute force for the tests of the solver.
 
-The distances use no tree query and no distance of the kernels: the round cone's is the case table of Quilez ("Round
-cone", 2018), not the kernels' clamped parameter; `test_kernel_contact` holds it against a dense sampling of the axis.
+The distances use no code of the kernels: the round cone's is the case table of Quilez ("Round cone", 2018), not the
+kernels' clamped parameter; `test_detection` compares it with a dense sampling of the axis.
 """
 
 import math
@@ -109,6 +109,21 @@ def random_targets(hand: HandModel, ticks: int, seed: int, hold: int = 60, sweep
     return Motion(
         *(np.ascontiguousarray(np.repeat(v, hold, axis=0)[:ticks]) for v in (position, orientation, flexion, abduction))
     )
+
+
+def random_hand(random: np.random.Generator, hand: HandModel, spread: float) -> Motion:
+    """One hand within its joint limits, the palm σ `spread` [m] about the origin."""
+    return Motion(
+        random.normal(0.0, spread, (1, 3)),
+        Rotation.random(1, rng=random).as_quat(scalar_first=True),
+        random.uniform(hand.flexion_min, hand.flexion_max, (1, 5, 3)),
+        random.uniform(hand.abduction_min, hand.abduction_max, (1, 5)),
+    )
+
+
+def pose_of(state: Any) -> Motion:
+    """The graphic hand of a tick's state."""
+    return Motion(*(np.array(state.pose[name])[None] for name in Motion._fields))
 
 
 def still(ticks: int, position: Any, orientation: Any = None, flexion: Any = None, abduction: Any = None) -> Motion:
@@ -282,17 +297,8 @@ def brute_clearance(
     """
     x, y, z = (np.ascontiguousarray(leaf_center[:, i]) for i in range(3))
     out = np.empty((len(joints), 16))
-    _all_least(
-        x,
-        y,
-        z,
-        np.ascontiguousarray(leaf_radius),
-        np.ascontiguousarray(joints),
-        np.ascontiguousarray(phalanx_radius),
-        palm_spheres(palm_center, position, orientation),
-        np.ascontiguousarray(palm_radius),
-        out,
-    )
+    radius, placed, sizes, small = map(np.ascontiguousarray, (leaf_radius, joints, phalanx_radius, palm_radius))
+    _all_least(x, y, z, radius, placed, sizes, palm_spheres(palm_center, position, orientation), small, out)
     lost = ~(np.isfinite(joints).all(axis=(1, 2, 3)) & np.isfinite(position).all(axis=1))
     out[lost] = np.nan
     return out
@@ -300,13 +306,6 @@ def brute_clearance(
 
 def record_clearance(hand: HandModel, tree: SphereTree, record: TickRecord) -> FloatArray:
     """`brute_clearance` of a block of ticks, shape (T, 16)."""
-    return brute_clearance(
-        tree.leaf_center,
-        tree.leaf_radius,
-        hand.radius,
-        hand.palm_tree.leaf_center,
-        hand.palm_tree.leaf_radius,
-        record.joints,
-        record.position,
-        record.orientation,
-    )
+    palm, shown = hand.palm_tree, (record.joints, record.position, record.orientation)
+    sizes = (hand.radius, palm.leaf_center, palm.leaf_radius)
+    return brute_clearance(tree.leaf_center, tree.leaf_radius, *sizes, *shown)

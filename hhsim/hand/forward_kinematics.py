@@ -10,7 +10,7 @@ from hhsim.arrays import FloatArray, IntArray
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.hand.hand_shape import HandShape
-from hhsim.kernels.hand.placed_hands import place_hands
+from hhsim.kernels.hand.kinematics import place_hands
 from hhsim.kernels.jit import as_argument
 
 

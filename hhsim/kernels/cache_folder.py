@@ -1,7 +1,4 @@
-"""Which folder keeps what hhsim may delete and make again: one that nobody else can write.
-
-Machine code is run as it is found there.
-"""
+"""Folder of what hhsim may delete and make again, machine code included: only its user can write it."""
 
 import grp
 import os
@@ -14,19 +11,18 @@ from pathlib import Path
 
 NAMED = "HHSIM_CACHE_DIR"
 TRUSTED = (0,)
-"""Users that may own the folder besides the one who runs hhsim: root can change the programs too."""
+"""Users that may own the folder besides the one who runs hhsim: root can change programs anyway."""
 
 
 class CacheFolderWarning(UserWarning):
-    """Another folder than the one that was named is used."""
+    """A cache folder is used in place of the named one."""
 
 
 def cache_root() -> Path:
-    """Folder for everything hhsim may delete and make again.
+    """Return the first usable of `HHSIM_CACHE_DIR`, `XDG_CACHE_HOME`/hhsim or ~/.cache/hhsim, and a temporary folder.
 
-    `HHSIM_CACHE_DIR` wins, then `XDG_CACHE_HOME`/hhsim, then ~/.cache/hhsim, then a folder of the user's in the
-    system's temporary directory. One that cannot be written, or that others can write, is passed over with a warning,
-    and this process and its children keep to the one that is used instead.
+    One that cannot be written, or that others can write, is passed over with a warning; this process and its children
+    then keep to the one that is used instead.
     """
     refused = ""
     for root in _candidates():
@@ -51,7 +47,7 @@ def _candidates() -> Iterator[Path]:
 
 
 def _fault(root: Path) -> str:
-    """Why a folder cannot be the cache, in words; "" where it can. It is made where it is missing."""
+    """Return why a folder cannot be the cache, "" if it can. A missing one is made."""
     try:
         root.mkdir(mode=0o700, parents=True, exist_ok=True)
         if not os.access(root, os.W_OK | os.X_OK):
@@ -71,7 +67,7 @@ def _fault(root: Path) -> str:
 
 
 def _others_write(state: os.stat_result) -> bool:
-    """Whether others than the owner can write a folder; a group of the owner's alone is no others."""
+    """Return True if others than the owner can write a folder; a group of the owner alone does not count."""
     if not state.st_mode & stat.S_IWGRP or state.st_mode & stat.S_IWOTH:
         return bool(state.st_mode & stat.S_IWOTH)
     try:

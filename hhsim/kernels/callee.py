@@ -1,11 +1,11 @@
-"""A kernel as other kernels call it: code that is optimised and translated as part of its caller, and nowhere else.
+"""Kernels whose code is optimised and translated once, as part of the kernel that Python calls.
 
-numba optimises and translates every function with all that it calls, so that what lies ten calls deep is done ten times
-over. That was half of the time to compile a tick. Only what Python calls has to be machine code: a `Kernel` is that,
-and its `Callee` is what numba finds where another kernel names it. The machine code comes out the same.
+numba optimises and translates every function with all that it calls, so that a function ten calls deep is translated
+ten times: half of the time to compile a tick. Only a `Kernel`, which Python calls, becomes machine code; its `Callee`
+is what numba finds where another kernel names it. The machine code is the same.
 
-Customised as numba's documentation describes it (a compiler pipeline of one's own); what goes beyond are the two steps
-that `_CalleeLibrary` leaves out, and what a cache file of a callee holds.
+A compiler pipeline as numba's documentation describes it, except for the two steps that `_CalleeLibrary` leaves out and
+the content of a callee's cache file.
 """
 
 import functools
@@ -24,10 +24,10 @@ from hhsim.kernels.kernel_cache import KernelCache, Stored
 
 
 class _CalleeLibrary(JITCodeLibrary):  # type: ignore[misc]
-    """The code of a callee and of what it calls, linked."""
+    """Linked code of a callee and of what it calls."""
 
     def _optimize_final_module(self) -> None:
-        """Left to the caller's library."""
+        """Leave it to the caller's library."""
 
     def _finalize_final_module(self) -> None:
         self._finalize_dynamic_globals()
@@ -35,23 +35,23 @@ class _CalleeLibrary(JITCodeLibrary):  # type: ignore[misc]
 
 
 class _CalleeCompiler(Compiler):  # type: ignore[misc]
-    """numba's compiler, up to the code before it is optimised."""
+    """Compiler that ends before optimisation."""
 
     def __init__(
         self, typingctx: Any, targetctx: Any, library: Any, args: Any, return_type: Any, flags: Any, locals: Any
     ) -> None:
         flags.no_compile = True
-        library = _CalleeLibrary(targetctx.codegen(), "callee")
-        super().__init__(typingctx, targetctx, library, args, return_type, flags, locals)
+        own = _CalleeLibrary(targetctx.codegen(), "callee")
+        super().__init__(typingctx, targetctx, own, args, return_type, flags, locals)
 
 
 class _StoredCallee(Stored):
-    """A callee in the cache, as LLVM's bitcode: a new caller need not type and lower it again."""
+    """A callee in the cache as LLVM bitcode, which a new caller need not type and lower again."""
 
     prefix = "callee-"
 
     def reduce(self, data: Any) -> Any:
-        """What is written."""
+        """Return what is written to the cache."""
         data.library._ensure_finalized()
         description = data.fndesc
         description.typemap = description.calltypes = None  # as numba does: they need not be kept, and may not pickle
@@ -59,7 +59,7 @@ class _StoredCallee(Stored):
         return data.library.name, code, description, data.environment, data.signature
 
     def rebuild(self, target_context: Any, payload: Any) -> Any:
-        """What was written, as numba's result of a compilation."""
+        """Return what was written as the result of a compilation."""
         name, code, description, environment, signature = payload
         library = _CalleeLibrary(target_context.codegen(), name)
         library._final_module = library._shared_module = llvm.parse_bitcode(code)
@@ -83,16 +83,13 @@ class _StoredCallee(Stored):
 
 
 class Callee(CPUDispatcher):  # type: ignore[misc]
-    """What numba calls where a kernel names another one; Python cannot call it."""
+    """A kernel as other kernels call it; Python cannot."""
 
     def __init__(self, function: Callable[..., Any], options: dict[str, Any]) -> None:
         super().__init__(function, targetoptions=options, pipeline_class=_CalleeCompiler)
 
     def add_overload(self, cres: Any) -> None:
-        """Keep what was compiled for one signature, and tell numba that callers may link it.
-
-        Where machine code would begin there is a mere object, by which numba finds the signature's code again.
-        """
+        """Keep the code for one signature for callers to link; an object stands for the entry of machine code."""
         if cres.entry_point is None:
             cres = cres._replace(entry_point=object())
             self.targetctx.insert_user_function(cres.entry_point, cres.fndesc, [cres.library])
@@ -100,14 +97,14 @@ class Callee(CPUDispatcher):  # type: ignore[misc]
 
 
 class _EntryCompiler(Compiler):  # type: ignore[misc]
-    """numba's compiler of what Python calls; what was compiled for other kernels is neither typed nor lowered again."""
+    """Compiler of what Python calls, which reuses what was compiled for other kernels."""
 
     def __init__(self, stored: Callable[[Any], Any], *state: Any) -> None:
         self._stored = stored
         super().__init__(*state)
 
     def compile_extra(self, func: Callable[..., Any]) -> Any:
-        """Machine code of the function."""
+        """Compile machine code of the function."""
         state = self.state
         callee = self._stored(tuple(state.args))
         if callee is None:
@@ -116,7 +113,7 @@ class _EntryCompiler(Compiler):  # type: ignore[misc]
         library = context.codegen().create_library(callee.library.name)
         library.enable_object_caching()
         code = callee.library._get_module_for_linking().clone()
-        # As it is for callers it would be gone when the wrapper has taken it in.
+        # With a callee's linkage it would be dropped once it is inlined in the wrapper.
         code.get_function(description.llvm_func_name).linkage = "external"
         library._final_module.link_in(code)
         with context.push_code_library(library):
@@ -128,21 +125,18 @@ class _EntryCompiler(Compiler):  # type: ignore[misc]
 
 @contextmanager
 def collector_at_rest() -> Iterator[None]:
-    """Without Python's garbage collector, which takes a third of a compilation to look through what is still in use."""
-    at_work = gc.isenabled()
+    """Suspend the garbage collector, which takes a third of a compilation's time and frees nothing."""
+    was_enabled = gc.isenabled()
     gc.disable()
     try:
         yield
     finally:
-        if at_work:
+        if was_enabled:
             gc.enable()
 
 
 class Kernel(CPUDispatcher):  # type: ignore[misc]
-    """A compiled function that Python calls.
-
-    `options` are numba's; `cached` says whether machine code is kept in the folder of the function's module.
-    """
+    """A compiled function that Python calls, by numba's options; if cached, in the folder of the function's module."""
 
     def __init__(self, function: Callable[..., Any], options: dict[str, Any], cached: bool) -> None:
         super().__init__(
@@ -155,13 +149,13 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
             self._cache = KernelCache(function)
 
     def compile(self, sig: Any) -> Any:
-        """Machine code for a signature, from the cache or new."""
+        """Load machine code for a signature from the cache, or compile it."""
         with collector_at_rest():
             return super().compile(sig)
 
     @functools.cached_property
     def callee(self) -> Callee:
-        """The same function for other kernels."""
+        """The function for other kernels."""
         options = {**self.targetoptions, "no_cpython_wrapper": True}
         callee = Callee(self.py_func, options)
         if self._cached:
@@ -169,19 +163,18 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
         return callee
 
     def _stored_callee(self, kinds: tuple[Any, ...]) -> Any:
-        """What was compiled of it for other kernels, None where nothing was."""
+        """Return what was compiled of it for other kernels, None if nothing was."""
         return self.callee.overloads.get(kinds) or self.callee._cache.load_overload(kinds, self.targetctx)
 
     def address(self, *arguments: Any) -> int:
-        """Where the machine code for arguments of these types begins; compiled, or loaded, if need be."""
+        """Return the address of the machine code for arguments of these types, compiled or loaded if need be."""
         found = self._compiled_for(arguments)
         return int(found.library.get_pointer_to_function(found.fndesc.llvm_func_name))
 
     def entry(self, *arguments: Any) -> Callable[..., Any]:
-        """The machine code for arguments of these types, to be called with such arguments and nothing else.
+        """Return the machine code for arguments of these types, to be called with such arguments only.
 
-        Which code is meant is known beforehand: a call of the kernel itself looks at the types of its arguments, which
-        takes milliseconds where they are many.
+        It skips the look at the arguments' types, which takes milliseconds where they are many.
         """
         found: Callable[..., Any] = self._compiled_for(arguments).entry_point
         return found
@@ -197,5 +190,5 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
 
     @property
     def signatures(self) -> tuple[Any, ...]:
-        """The types it was compiled for, for Python and for other kernels."""
+        """Signatures it was compiled for, for Python and for other kernels."""
         return tuple(dict.fromkeys([*self.overloads, *self.callee.overloads]))

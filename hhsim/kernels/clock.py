@@ -1,7 +1,4 @@
-"""Clocks that a kernel can read.
-
-With them whole blocks of ticks run inside one compiled call and are still timed tick by tick.
-"""
+"""Clocks that a kernel can read, so that a block of ticks in one compiled call is timed tick by tick."""
 
 import time
 from collections.abc import Callable
@@ -43,17 +40,17 @@ else:
 
 @jit
 def monotonic_ns() -> int:
-    """Wall clock [ns], monotonic."""
+    """Return the monotonic wall clock [ns]."""
     return _read(as_int64(CLOCK_MONOTONIC))
 
 
 @jit
 def cpu_ns(clock: int) -> int:
-    """CPU time [ns] on a thread's clock, by the number that `time.pthread_getcpuclockid` gives."""
+    """Return CPU time [ns] on a thread's clock, a number of `time.pthread_getcpuclockid`."""
     return _read(clock)
 
 
 @jit
 def thread_cpu_ns() -> int:
-    """CPU time of the calling thread [ns]."""
+    """Return the CPU time of the calling thread [ns]."""
     return _read(as_int64(CLOCK_THREAD_CPU))

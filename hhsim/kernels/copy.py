@@ -1,4 +1,4 @@
-"""Copying arrays where nothing may be allocated: numba's own `target[:] = source` guards itself against overlap."""
+"""Copy of arrays without allocation: numba's own `target[:] = source` guards against overlap."""
 
 from typing import Any
 
@@ -10,6 +10,6 @@ from hhsim.kernels.jit import jit
 
 @jit
 def copy_values(source: NDArray[Any], target_out: NDArray[Any]) -> None:
-    """Write every value of `source` to the same place of an array of its shape, which is not the same memory."""
+    """Copy `source` to an array of the same shape in other memory."""
     for index in np.ndindex(source.shape):
         target_out[index] = source[index]

@@ -1,8 +1,8 @@
-"""The smallest sphere that encloses a set of spheres.
+"""Smallest sphere that encloses a set of spheres.
 
 The problem is LP-type with at most four spheres in its basis (Fischer and Gärtner, 2003). The sphere that sticks out
 farthest joins the basis, and the basis of those at most five is found by trying every subset, so that the radius grows
-with each step. The last line of defence is the returned radius, which is measured against every sphere.
+with each step. The returned radius is measured against every sphere.
 """
 
 import math
@@ -17,10 +17,10 @@ _STEPS = 100
 
 @jit_allocating
 def _tangent_sphere(center: Array, radius: Array, chosen: Indices, sphere_out: Array) -> bool:
-    """Smallest sphere (x, y, z, r) that the chosen spheres touch from inside, its centre in the affine hull of theirs.
+    """Compute the smallest sphere (x, y, z, r) that the chosen ones touch from inside, centred in their affine hull.
 
-    With p the way from the first centre and s = R − r₁, each other sphere gives u·p = (|u|² − δ²)/2 − s δ, δ = r₁ − r;
-    so p = a + s b, and |p| = s leaves a quadratic. Returns False where the centres span no simplex or no such sphere
+    With p the offset from the first centre and s = R − r₁, each other sphere gives u·p = (|u|² − δ²)/2 − s δ with
+    δ = r₁ − r; so p = a + s b, and |p| = s leaves a quadratic. False if the centres span no simplex or no such sphere
     exists.
     """
     first = chosen[0]
@@ -97,14 +97,9 @@ def _reach(center: Array, radius: Array, i: int, sphere: Array) -> float:
 
 @jit_allocating
 def enclosing_sphere(center: Array, radius: Array, members: Indices, sphere_out: Array) -> None:
-    """Smallest sphere around the spheres `members`.
+    """Compute the smallest sphere (x, y, z, r) [m] around the spheres `members`, at least one, of n.
 
-    Args:
-        center: [m], shape (n, 3).
-        radius: [m], shape (n,).
-        members: Indices, shape (m,), m ≥ 1.
-        sphere_out: x, y, z, r [m], shape (4,). It encloses every member whatever the rounding: 1e-12 is added
-            (relative).
+    It encloses every member whatever the rounding: its radius is larger by 1e-12 (relative).
     """
     basis = np.empty(5, np.int64)
     chosen = np.empty(4, np.int64)
@@ -145,22 +140,16 @@ def enclosing_sphere(center: Array, radius: Array, members: Indices, sphere_out:
                 continue
             encloses = True
             for i in range(size + 1):
-                if _reach(center, radius, basis[i], trial) > trial[3] * (1.0 + 1e-10):
-                    encloses = False
-                    break
+                encloses = encloses and not _reach(center, radius, basis[i], trial) > trial[3] * (1.0 + 1e-10)
             if encloses:
-                for k in range(4):
-                    best[k] = trial[k]
-                for i in range(count):
-                    best_basis[i] = chosen[i]
+                best[:] = trial
+                best_basis[:count] = chosen[:count]
                 best_size = count
         if best_size == 0 or best[3] <= sphere_out[3]:
             break
-        for k in range(4):
-            sphere_out[k] = best[k]
+        sphere_out[:] = best
         size = best_size
-        for i in range(size):
-            basis[i] = best_basis[i]
+        basis[:size] = best_basis[:size]
 
     needed = 0.0
     for i in members:

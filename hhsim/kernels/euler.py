@@ -1,20 +1,20 @@
-"""Euler angles as the paper has them: R = R_z(γ) R_y(β) R_x(α), its R_L^W (Section IV-B1).
+"""Euler angles as in the paper: R = R_z(γ) R_y(β) R_x(α), its R_L^W (Section IV-B1).
 
-Angles are kept in the order (α, β, γ) [rad], about X, Y and Z. They lock at β = ±90°, where α and γ turn about the same
-axis; nothing here hides that.
+Arrays hold (α, β, γ) [rad], about X, Y and Z. At β = ±90° they lock: α and γ turn about the same axis.
 """
 
 import math
 
 from hhsim.kernels.jit import Array, jit
+from hhsim.kernels.rotation import write_unit_quaternion
 
 LOCKED = 1e-9
-"""Below this cos β only the sum or the difference of α and γ is defined."""
+"""cos β below which only the sum or the difference of α and γ is defined."""
 
 
 @jit
 def euler_quaternion(euler: Array, quaternion_out: Array) -> None:
-    """Unit quaternion (w, x, y, z), shape (4,), of angles, shape (3,)."""
+    """Compute the unit quaternion (w, x, y, z), shape (4,), of angles, shape (3,)."""
     ca, sa = math.cos(0.5 * euler[0]), math.sin(0.5 * euler[0])
     cb, sb = math.cos(0.5 * euler[1]), math.sin(0.5 * euler[1])
     cc, sc = math.cos(0.5 * euler[2]), math.sin(0.5 * euler[2])
@@ -22,27 +22,17 @@ def euler_quaternion(euler: Array, quaternion_out: Array) -> None:
     x = cc * cb * sa - sc * sb * ca
     y = cc * sb * ca + sc * cb * sa
     z = sc * cb * ca - cc * sb * sa
-    scale = 1.0 / math.sqrt(w * w + x * x + y * y + z * z)
-    quaternion_out[0] = w * scale
-    quaternion_out[1] = x * scale
-    quaternion_out[2] = y * scale
-    quaternion_out[3] = z * scale
+    write_unit_quaternion(quaternion_out, w, x, y, z)
 
 
 @jit
 def euler_axes(euler: Array, axes_out: Array) -> None:
-    """World axes about which a change of α, β and γ turns the body, rows of shape (3, 3)."""
+    """Compute the world axes about which a change of α, β and γ turns the body, rows of shape (3, 3)."""
     cb, sb = math.cos(euler[1]), math.sin(euler[1])
     cc, sc = math.cos(euler[2]), math.sin(euler[2])
-    axes_out[0, 0] = cc * cb
-    axes_out[0, 1] = sc * cb
-    axes_out[0, 2] = -sb
-    axes_out[1, 0] = -sc
-    axes_out[1, 1] = cc
-    axes_out[1, 2] = 0.0
-    axes_out[2, 0] = 0.0
-    axes_out[2, 1] = 0.0
-    axes_out[2, 2] = 1.0
+    axes_out[0, 0], axes_out[0, 1], axes_out[0, 2] = cc * cb, sc * cb, -sb
+    axes_out[1, 0], axes_out[1, 1], axes_out[1, 2] = -sc, cc, 0.0
+    axes_out[2, 0], axes_out[2, 1], axes_out[2, 2] = 0.0, 0.0, 1.0
 
 
 @jit
@@ -52,9 +42,9 @@ def _unwrapped(angle: float, near: float) -> float:
 
 @jit
 def nearest_euler(rotation: Array, near: Array, euler_out: Array) -> None:
-    """Angles of a rotation matrix, shape (3, 3), of the branch nearest to the angles `near`, shape (3,).
+    """Compute angles of a rotation matrix, shape (3, 3), of the branch nearest to the angles `near`, shape (3,).
 
-    (α, β, γ) and (α + π, π - β, γ + π) are the same rotation, and each angle may be off by whole turns: without this
+    (α, β, γ) and (α + π, π - β, γ + π) are the same rotation, and each angle may be off by full turns: without this
     choice a hand that turns through β = 90° or γ = 180° would be sent all the way round.
     """
     cosine = math.hypot(rotation[0, 0], rotation[1, 0])
@@ -76,6 +66,4 @@ def nearest_euler(rotation: Array, near: Array, euler_out: Array) -> None:
     second = (a1 - near[0]) ** 2 + (b1 - near[1]) ** 2 + (c1 - near[2]) ** 2
     if second < first:
         a0, b0, c0 = a1, b1, c1
-    euler_out[0] = a0
-    euler_out[1] = b0
-    euler_out[2] = c0
+    euler_out[0], euler_out[1], euler_out[2] = a0, b0, c0

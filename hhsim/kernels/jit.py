@@ -1,8 +1,4 @@
-"""The one jit factory of the kernels.
-
-A `generic` kernel has one implementation for each type of its first argument: so does a tick know its method, and
-detection the surface, and only what a run uses is compiled.
-"""
+"""Decorators that compile the kernels, one for each kind of kernel, and the types of their arguments."""
 
 import functools
 import importlib
@@ -25,30 +21,27 @@ Record: TypeAlias = Any
 """One record of a structured array; its fields are read and written as attributes."""
 
 as_int64 = cast(Callable[[int], int], np.int64)
-"""Takes an integer literal to a plain integer, so that numba does not compile a callee once more for it."""
-
 as_bool = cast(Callable[[bool], bool], np.bool_)
-"""The same for a truth value."""
-
-
-def as_argument(values: ArrayLike) -> NDArray[np.float64]:
-    """An array as kernels are compiled for: of floats, C-contiguous, and writable, whether it is written to or not.
-
-    What is read-only, as in a stored result, is another type to numba, which compiles what takes it once more.
-    """
-    return np.require(values, np.float64, ["C", "W"])
-
+"""Convert a literal to a plain value, so that numba does not compile a callee once more for that literal."""
 
 F = TypeVar("F", bound=Callable[..., Any])
 
 JIT_ENABLED = not numba.config.DISABLE_JIT
 
 
+def as_argument(values: ArrayLike) -> NDArray[np.float64]:
+    """Return an array as kernels are compiled for: of floats, C-contiguous and writable.
+
+    A read-only array, as in a stored result, is another type to numba, which compiles the kernel once more for it.
+    """
+    return np.require(values, np.float64, ["C", "W"])
+
+
 def _compile(function: F, allocates: bool = False, **options: Any) -> F:
     # Without numba's runtime no reference is counted: atomic, once for every array at every call, that was 13 to 62 %
-    # of a tick and a fifth of its compilation. What is given to a kernel is held by its caller.
+    # of a tick and a fifth of its compilation. The caller of a kernel holds the arrays that it passes.
     options = {"nopython": True, "error_model": "numpy", "nogil": True, "_nrt": allocates, **options}
-    # A kernel of somebody else's is compiled in every process: what it calls cannot be followed from here.
+    # A kernel of another package is compiled in every process: the digest cannot cover what it calls.
     cached = source_of(function.__module__) is not None
     return cast(F, Kernel(function, options, cached)) if JIT_ENABLED else function
 
@@ -56,19 +49,19 @@ def _compile(function: F, allocates: bool = False, **options: Any) -> F:
 def jit(function: F) -> F:
     """Compile with strict IEEE arithmetic, no exceptions, no memory of its own, cached.
 
-    numba compiles a callee once more for every literal it is given, and for every shape of a structured array's field.
+    numba compiles a callee once more for every literal argument, and for every shape of a structured array's field.
     Callers therefore wrap literals in `as_int64` or `as_bool` and pass such fields as `field[:]`.
     """
     return _compile(function)
 
 
 def jit_allocating(function: F) -> F:
-    """The same for a kernel that makes arrays: none that a tick runs."""
+    """Compile a kernel that makes arrays: none that a tick runs."""
     return _compile(function, allocates=True)
 
 
 def jit_inline(function: F) -> F:
-    """Compile a small function that callers should absorb."""
+    """Compile a small function that is always inlined in machine code."""
     return _compile(function, inline="never", forceinline=True)
 
 
@@ -82,12 +75,12 @@ def jit_vector(function: F) -> F:
 
 
 def jit_once(function: F) -> F:
-    """Make a kernel that has one caller part of it, before it is even lowered."""
+    """Compile a kernel as part of its only caller, before that is lowered."""
     return _compile(function, inline="always")
 
 
 class GenericKernel(Protocol):
-    """A kernel that `generic` has made, for numba and for Python."""
+    """A kernel made by `generic`, for numba and for Python."""
 
     def __call__(self, first: Any, *others: Any) -> Any:
         """Call the implementation for the type of the first argument."""
@@ -96,58 +89,44 @@ class GenericKernel(Protocol):
         """Declare the kernel below as the implementation for a NamedTuple as first argument."""
 
 
-class Generic:
-    """How the implementations of a `generic` kernel are declared and found."""
+def generic(function: Callable[..., Any]) -> GenericKernel:
+    """Return a kernel with an implementation for each type of its first argument, declared by `@name.of(Type)`.
 
-    def __init__(self, module: str) -> None:
-        self.module = module
-        self.implementations: dict[type, Callable[..., Any]] = {}
+    The function has no body. A caller gets its implementation when it is compiled: a tick knows its method, and
+    detection the surface, and only what a run uses is compiled. Modules with implementations are imported when one is
+    missing.
+    """
+    implementations: dict[type, Callable[..., Any]] = {}
 
-    def find(self, kind: type) -> Callable[..., Any] | None:
-        """The implementation for a type; the modules that hold some are imported when one is missed."""
-        if kind not in self.implementations:
-            for module in implementing_kernels().get(self.module, ()):
+    def find(kind: type) -> Callable[..., Any] | None:
+        if kind not in implementations:
+            for module in implementing_kernels().get(function.__module__, ()):
                 importlib.import_module(module)
-        return self.implementations.get(kind)
+        return implementations.get(kind)
 
-    def of(self, kind: type) -> Callable[[F], F]:
-        """Declare the kernel below as the implementation for a NamedTuple as first argument."""
+    @functools.wraps(function)
+    def choose(first: Any, *others: Any) -> Any:
+        found = find(type(first))
+        if found is None:
+            raise TypeError(f"a kernel of {function.__module__} is not implemented for {type(first).__name__}")
+        return found(first, *others)
 
-        def declare(function: F) -> F:
-            self.implementations[kind] = function
-            return function
+    def of(kind: type) -> Callable[[F], F]:
+        def declare(implementation: F) -> F:
+            implementations[kind] = implementation
+            return implementation
 
         return declare
 
-    def __call__(self, first: Any, *others: Any) -> Any:
-        """Call the implementation from Python."""
-        found = self.find(type(first))
-        if found is None:
-            raise TypeError(f"a kernel of {self.module} is not implemented for {type(first).__name__}")
-        return found(first, *others)
-
-
-def generic(function: Callable[..., Any]) -> GenericKernel:
-    """A kernel with an implementation for each type of its first argument, declared by `@name.of(Type)`.
-
-    The function below says what it takes and gives, and has no body. Which implementation a caller gets is known when
-    the caller is compiled, so that none but those in use are.
-    """
-    table = Generic(function.__module__)
-
-    @functools.wraps(function)
-    def choose(*arguments: Any) -> Any:
-        return table(*arguments)
-
-    choose.of = table.of  # type: ignore[attr-defined]
+    choose.of = of  # type: ignore[attr-defined]
 
     class Chosen(AbstractTemplate):  # type: ignore[misc]
-        """How numba types a call: as one of the implementation, without a function in between to compile."""
+        """Type of a call: that of the implementation, without a function in between to compile."""
 
         key = choose
 
         def _target(self, kind: types.Type) -> types.Dispatcher | None:
-            found = table.find(getattr(kind, "instance_class", type(None)))
+            found = find(getattr(kind, "instance_class", type(None)))
             return None if found is None else numba.typeof(found)
 
         def generic(self, args: Any, kws: Any) -> Any:

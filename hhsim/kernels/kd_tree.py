@@ -11,7 +11,7 @@ import numpy as np
 from hhsim.kernels.jit import Array, Indices, jit, jit_allocating
 
 STACK = 128
-"""Room for the stack of any walk down a median tree: halving int64 counts gives at most 64 levels."""
+"""Size of the stack of any walk down a median tree: halving int64 counts gives at most 64 levels."""
 
 
 class MedianTree(NamedTuple):
@@ -47,17 +47,27 @@ def select(keys: Array, order: Indices, low: int, high: int, middle: int) -> Non
             return
 
 
+@jit
+def split_widest(keys: Array, order: Indices, start: int, end: int, middle: int) -> None:
+    """Split order[start:end] at `middle` along the widest of the axes, the rows of `keys`, shape (3, n)."""
+    axis, widest = 0, -1.0
+    for k in range(3):
+        low = high = keys[k, order[start]]
+        for i in range(start + 1, end):
+            value = keys[k, order[i]]
+            low, high = min(low, value), max(high, value)
+        if high - low > widest:
+            axis, widest = k, high - low
+    select(keys[axis], order, start, end, middle)
+
+
 @jit_allocating
 def _split(
-    points: Array, leaf_size: int, order: Indices, start_out: Indices, end_out: Indices, right_out: Indices
+    keys: Array, leaf_size: int, order: Indices, start_out: Indices, end_out: Indices, right_out: Indices
 ) -> int:
-    """Fill the nodes; return how many there are."""
-    keys = np.empty((3, points.shape[0]))
-    for i in range(points.shape[0]):
-        for k in range(3):
-            keys[k, i] = points[i, k]
+    """Fill the nodes; return their number."""
     stack = np.empty((STACK, 3), np.int64)
-    stack[0, 0], stack[0, 1], stack[0, 2] = 0, points.shape[0], -1
+    stack[0, 0], stack[0, 1], stack[0, 2] = 0, keys.shape[1], -1
     top = 1
     node = 0
     while top > 0:
@@ -67,17 +77,8 @@ def _split(
             right_out[waiting] = node
         start_out[node], end_out[node], right_out[node] = start, end, -1
         if end - start > leaf_size:
-            axis, widest = 0, -1.0
-            for k in range(3):
-                low = high = keys[k, order[start]]
-                for i in range(start + 1, end):
-                    value = keys[k, order[i]]
-                    low = min(low, value)
-                    high = max(high, value)
-                if high - low > widest:
-                    axis, widest = k, high - low
             middle = (start + end) // 2
-            select(keys[axis], order, start, end, middle)
+            split_widest(keys, order, start, end, middle)
             stack[top, 0], stack[top, 1], stack[top, 2] = middle, end, node
             stack[top + 1, 0], stack[top + 1, 1], stack[top + 1, 2] = start, middle, -1
             top += 2
@@ -89,14 +90,14 @@ def build_median_tree(points: Array, leaf_size: int) -> MedianTree:
     """Build the tree over points, shape (n, 3), n ≥ 1, with at most `leaf_size` points a leaf."""
     count = len(points)
     order = np.arange(count, dtype=np.int64)
-    room = 4 * count // leaf_size + 3
-    start, end, right = (np.empty(room, np.int64) for _ in range(3))
-    nodes = _split(np.ascontiguousarray(points, np.float64), leaf_size, order, start, end, right)
+    capacity = 4 * count // leaf_size + 3
+    start, end, right = (np.empty(capacity, np.int64) for _ in range(3))
+    nodes = _split(np.ascontiguousarray(points.T, np.float64), leaf_size, order, start, end, right)
     return MedianTree(order, start[:nodes].copy(), end[:nodes].copy(), right[:nodes].copy())
 
 
 def subtrees(right: Indices, depth: int) -> list[int]:
-    """Nodes of a tree that lie at a depth, and the leaves above it: together they hold every point once."""
+    """Return the nodes at a depth, and the leaves above it: together they hold every point once."""
     nodes = [0]
     for _ in range(depth):
         nodes = [child for node in nodes for child in ([node] if right[node] < 0 else [node + 1, int(right[node])])]

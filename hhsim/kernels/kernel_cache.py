@@ -1,9 +1,8 @@
-"""Where compiled kernels are kept, and what makes them stale.
+"""Cache of compiled kernels.
 
-numba's file cache sees edits of the file that holds a function but not of the functions it calls, and would then return
-yesterday's callee. The kernels of a module therefore lie in a folder named by a digest of that module's source, of the
-sources of all kernel modules that it imports, directly or not, of the numba version and of the CPU. Nothing else
-counts: another checkout of the same sources, or the same one installed anew, runs what is there.
+numba's file cache sees edits of the file that holds a function but not of the functions that it calls. The kernels of a
+module therefore lie in a folder named by a digest of that module's source, of the sources of all kernel modules that it
+imports, directly or not, of the numba version and of the CPU. Every checkout of the same sources shares it.
 """
 
 import ast
@@ -22,13 +21,11 @@ from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLoca
 from hhsim.kernels.cache_folder import cache_root
 
 PACKAGE = __name__.rpartition(".")[0]
-"""Whose modules a digest covers."""
-
 SOURCES = Path(__file__).parent
 
 
 def source_of(module: str) -> Path | None:
-    """File of a module or package of the kernels by its dotted name; None for what is neither."""
+    """Return the file of a module or package of the kernels by its dotted name; None if it is neither."""
     if module != PACKAGE and not module.startswith(f"{PACKAGE}."):
         return None
     path = SOURCES.joinpath(*module.split(".")[PACKAGE.count(".") + 1 :])
@@ -37,7 +34,7 @@ def source_of(module: str) -> Path | None:
 
 
 def _import_statements(source: str) -> Iterator[ast.stmt]:
-    # The statements alone are parsed: whole modules would cost every start a tenth of a second and more.
+    # Parsing whole modules would cost every start a tenth of a second and more.
     for found in re.finditer(r"^[ \t]*((?:from|import)[ \t][^\n(]*(?:\([^)]*\))?[^\n]*)", source, re.MULTILINE):
         try:
             yield from ast.parse(found.group(1).strip()).body
@@ -47,7 +44,7 @@ def _import_statements(source: str) -> Iterator[ast.stmt]:
 
 @functools.cache
 def imported_kernels(module: str) -> tuple[str, ...]:
-    """Modules of the kernels that a module of them imports, in whatever form and wherever in the file."""
+    """Return the kernel modules that a kernel module imports, in any form and anywhere in the file."""
     source = source_of(module)
     if source is None:
         return ()
@@ -65,7 +62,7 @@ def imported_kernels(module: str) -> tuple[str, ...]:
 
 @functools.cache
 def implementing_kernels() -> dict[str, tuple[str, ...]]:
-    """For each module that declares `generic` kernels, the modules that implement them."""
+    """Return, for each module that declares `generic` kernels, the modules that implement them."""
     found: dict[str, list[str]] = {}
     for path in sorted(SOURCES.rglob("*.py")):
         source = path.read_text(encoding="utf-8")
@@ -79,7 +76,7 @@ def implementing_kernels() -> dict[str, tuple[str, ...]]:
 
 
 def kernel_closure(module: str) -> set[str]:
-    """Return the kernel modules that a module of them depends on, itself included."""
+    """Return the kernel modules that a kernel module depends on, itself included."""
     closure: set[str] = set()
     waiting = [module]
     while waiting:
@@ -93,7 +90,7 @@ def kernel_closure(module: str) -> set[str]:
 
 @functools.cache
 def module_digest(module: str) -> str:
-    """Digest of all that the compiled kernels of a module depend on."""
+    """Return a digest of all that the compiled kernels of a module depend on."""
     digest = _machine_digest()
     for name in sorted(kernel_closure(module)):
         source = source_of(name)
@@ -118,18 +115,18 @@ def _host_cpu() -> str:
 
 
 KERNEL_CACHE: Path = cache_root() / "kernels"
-"""Where compiled kernels lie, each module's in its own folder."""
+"""Folder of compiled kernels, with a folder for each module."""
 
 _folders: set[Path] = set()
 
 
 def module_cache(module: str) -> Path:
-    """Folder of the compiled kernels of exactly this source of a module, by its dotted name."""
+    """Return the folder of the compiled kernels of this source of a module, by its dotted name."""
     return KERNEL_CACHE / f"{module.removeprefix(f'{PACKAGE}.')}-{module_digest(module)}"
 
 
 class _Folder(_CacheLocator):  # type: ignore[misc]
-    """A folder whose name says what its kernels were made of: numba's own stamps, path and time, are not needed."""
+    """A folder whose name identifies the sources, in place of numba's stamps, path and time."""
 
     def __init__(self, folder: Path, function: Callable[..., Any]) -> None:
         self._folder = folder
@@ -147,7 +144,7 @@ class _Folder(_CacheLocator):  # type: ignore[misc]
 
 
 class Stored(CompileResultCacheImpl):  # type: ignore[misc]
-    """How a kernel is written and read, and the names of its files in its folder."""
+    """Reader and writer of one kernel's files in its folder."""
 
     prefix = ""
 
@@ -167,10 +164,10 @@ class _FolderCache(FunctionCache):  # type: ignore[misc]
 
 
 class KernelCache(_FolderCache):
-    """The file cache of one kernel, in numba's place for it.
+    """The file cache of one kernel.
 
-    What was compiled for a type that is declared outside of the kernels lies apart, in a folder named by that type's
-    source: its edits are seen, and other programs, which do not know the type, never meet it.
+    Code for a type that is declared outside of the kernels lies in a folder named by that type's source, so that edits
+    are seen and other programs, which do not know the type, never read it.
     """
 
     def __init__(self, function: Callable[..., Any], stored: type[Stored] = Stored) -> None:
@@ -178,7 +175,7 @@ class KernelCache(_FolderCache):
         _folders.add(Path(self.cache_path))
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Compiled code for a signature, None where there is none."""
+        """Return compiled code for a signature, None if there is none."""
         foreign = self._foreign(sig)
         return foreign.load_overload(sig, target_context) if foreign else super().load_overload(sig, target_context)
 
@@ -201,7 +198,7 @@ class KernelCache(_FolderCache):
 
 
 def _foreign_sources(argument: types.Type) -> Iterator[str]:
-    """Files outside of the kernels that declare the NamedTuple that a type is, or those in it."""
+    """Yield the files outside of the kernels that declare a NamedTuple type, or those in it."""
     if isinstance(argument, types.NamedTuple | types.NamedUniTuple):
         module = argument.instance_class.__module__
         if source_of(module) is None:
@@ -211,11 +208,11 @@ def _foreign_sources(argument: types.Type) -> Iterator[str]:
 
 
 def cached_kernels() -> int:
-    """How many compiled kernels of the modules imported so far lie in the cache."""
+    """Return the number of compiled kernels in the cache, of the modules imported so far."""
     return sum(1 for folder in _folders for _ in folder.rglob("*.nbc"))
 
 
 def is_cached() -> bool:
-    """Whether compiled ticks of exactly these sources lie in the cache; if not, the first run compiles."""
+    """Return True if compiled ticks of these sources lie in the cache; if not, the first run compiles."""
     folder = module_cache(f"{PACKAGE}.tick.tick")
     return folder.is_dir() and any(folder.rglob("*.nbi"))

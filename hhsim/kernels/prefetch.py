@@ -1,10 +1,6 @@
-"""Asking the processor for memory before it is needed.
+"""Requests for memory before it is needed, so that a walk through a hierarchy does not wait at each node.
 
-A walk through a hierarchy goes from place to place in memory, and waits at each. What it will look at next is known a
-little before, and can be on its way meanwhile. Nothing is read: a place that turns out not to be needed costs a line of
-the cache, and no result depends on it.
-
-With the compiler disabled nothing happens.
+No result depends on them. With the compiler disabled they do nothing.
 """
 
 from collections.abc import Callable
@@ -19,9 +15,9 @@ from numpy.typing import NDArray
 from hhsim.kernels.jit import JIT_ENABLED, jit_inline
 
 CACHE_LINE = 64
-"""Bytes that come at once."""
+"""Bytes that are fetched together."""
 READ, KEEP, DATA = 0, 3, 1
-"""What `llvm.prefetch` is told: that it is read, that it stays in all caches, that it is no code."""
+"""Arguments of `llvm.prefetch`: for reading, kept in all caches, data."""
 
 
 def _prefetch_line(typing: Any, array: Any, index: Any, offset: Any) -> Any:
@@ -41,16 +37,16 @@ def _prefetch_line(typing: Any, array: Any, index: Any, offset: Any) -> Any:
 
 
 if JIT_ENABLED:
-    _ask = cast(Callable[[NDArray[Any], int, int], None], intrinsic(_prefetch_line))
+    _prefetch = cast(Callable[[NDArray[Any], int, int], None], intrinsic(_prefetch_line))
 
 else:
 
-    def _ask(array: NDArray[Any], index: int, offset: int) -> None:
+    def _prefetch(array: NDArray[Any], index: int, offset: int) -> None:
         pass
 
 
 @jit_inline
 def prefetch(array: NDArray[Any], index: int, size: int) -> None:
-    """Ask for the first `size` bytes of array[index], to within a cache line."""
+    """Request the first `size` bytes of array[index], to within a cache line."""
     for offset in range(0, size, CACHE_LINE):
-        _ask(array, index, offset)
+        _prefetch(array, index, offset)

@@ -5,53 +5,43 @@ two spheres with centres a, b and radii r_a >= r_b a length l apart. It is the u
 x(s) = a + s (b - a) and radius r(s) = r_a - s (r_a - r_b), 0 <= s <= 1, so its distance to a sphere is the least of the
 sphere-to-sphere distances over s. With t and h the axial and radial coordinates of the other centre and
 sin φ = (r_a - r_b) / l that minimum lies at s = clamp((t - h tan φ) / l, 0, 1): one formula for all the cases of
-the paper's Eq. 4 to 7 and 13. Where one sphere holds the other (l <= r_a - r_b), the round cone is the larger sphere: s
-= 0.
-
-A signed distance is negative inside; distances are in metres.
+the paper's Eq. 4 to 7 and 13. Where one sphere holds the other (l <= r_a - r_b), the round cone is the larger sphere,
+and s = 0. A signed distance is negative inside.
 """
 
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from hhsim.kernels.jit import Array, jit, jit_inline, jit_vector
 
 
 class RoundCone(NamedTuple):
-    """A round cone as the queries take it; a sphere is one of length 0.
+    """A round cone as the queries take it; a sphere is one of length 0."""
 
-    | field | meaning |
-    |---|---|
-    | x, y, z | a, centre of the larger sphere [m] |
-    | ux, uy, uz | unit axis from a to b |
-    | length | [m] |
-    | tan_slope, inverse_length | see `cone_slope` |
-    | radius | of the larger sphere [m] |
-    | drop | by how much the smaller one is smaller [m] |
-    """
-
-    x: float
+    x: float  # a, centre of the larger sphere [m]
     y: float
     z: float
-    ux: float
+    ux: float  # unit axis from a to b
     uy: float
     uz: float
-    length: float
-    tan_slope: float
+    length: float  # [m]
+    tan_slope: float  # with the next as of `cone_slope`
     inverse_length: float
-    radius: float
-    drop: float
+    radius: float  # of the larger sphere [m]
+    drop: float  # radius less that of the smaller sphere [m]
 
 
 @jit_inline
 def sphere_cone(x: float, y: float, z: float, radius: float) -> RoundCone:
-    """A sphere as a round cone."""
+    """Return a sphere as a round cone."""
     return RoundCone(x, y, z, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, radius, 0.0)
 
 
 @jit
 def cone_slope(length: float, radius_a: float, radius_b: float) -> tuple[float, float]:
-    """(tan φ, 1 / length) of a round cone with radius_a >= radius_b; (0, 0) where it is the larger sphere alone."""
+    """Compute (tan φ, 1 / length) of a round cone with radius_a >= radius_b; (0, 0) if it is the larger sphere."""
     drop = radius_a - radius_b
     if length <= drop or length <= 0.0:
         return 0.0, 0.0
@@ -63,10 +53,7 @@ def cone_slope(length: float, radius_a: float, radius_b: float) -> tuple[float, 
 def round_cone_parameter(
     dx: float, dy: float, dz: float, ux: float, uy: float, uz: float, tan_slope: float, inverse_length: float
 ) -> float:
-    """Axis parameter s in [0, 1] of the sphere of a round cone that is nearest to the point a + (dx, dy, dz).
-
-    u is the unit axis from a to b.
-    """
+    """Compute the axis parameter s in [0, 1] of the sphere of a round cone nearest to the point a + (dx, dy, dz)."""
     t = dx * ux + dy * uy + dz * uz
     px, py, pz = dx - t * ux, dy - t * uy, dz - t * uz
     h = math.sqrt(px * px + py * py + pz * pz)
@@ -77,10 +64,7 @@ def round_cone_parameter(
 def sphere_round_cone_distance(
     center: Array, radius: float, a: Array, b: Array, radius_a: float, radius_b: float
 ) -> tuple[float, float]:
-    """Signed distance [m] between a sphere and a round cone (radius_a >= radius_b).
-
-    Returned with the axis parameter s of the round cone's nearest sphere.
-    """
+    """Compute signed distance [m] and axis parameter s of a sphere and a round cone (radius_a >= radius_b)."""
     ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     length = math.sqrt(ux * ux + uy * uy + uz * uz)
     tan_slope, inverse_length = cone_slope(length, radius_a, radius_b)
@@ -93,7 +77,7 @@ def sphere_round_cone_distance(
 
 
 class Spheres(NamedTuple):
-    """Centres and radii [m], structure of arrays, each of shape (n,)."""
+    """Centres and radii [m], each of shape (n,)."""
 
     x: Array
     y: Array
@@ -105,20 +89,13 @@ class Spheres(NamedTuple):
 def round_cone_distances(
     spheres: Spheres, count: int, cone: RoundCone, distance_out: Array, parameter_out: Array
 ) -> None:
-    """Signed distances [m] and axis parameters of `count` spheres against one round cone.
-
-    Branch-free, so that it runs on the vector unit.
-    """
+    """Compute signed distances [m] and axis parameters of `count` spheres and a round cone, on the vector unit."""
     ax, ay, az, ux, uy, uz, length, tan_slope, inverse_length, radius_a, radius_drop = cone
     x, y, z, radius = spheres
     for i in range(count):
-        dx = x[i] - ax
-        dy = y[i] - ay
-        dz = z[i] - az
+        dx, dy, dz = x[i] - ax, y[i] - ay, z[i] - az
         t = dx * ux + dy * uy + dz * uz
-        px = dx - t * ux
-        py = dy - t * uy
-        pz = dz - t * uz
+        px, py, pz = dx - t * ux, dy - t * uy, dz - t * uz
         h2 = px * px + py * py + pz * pz
         s = (t - math.sqrt(h2) * tan_slope) * inverse_length
         s = 0.0 if s < 0.0 else s
@@ -132,10 +109,7 @@ def round_cone_distances(
 def sphere_pair_distances(
     hand: Spheres, others: Spheres, count: int, position: Array, rotation: Array, distance_out: Array
 ) -> None:
-    """Signed distances [m] of sphere pairs.
-
-    The hand's centres in the palm frame (position (3,), rotation (3, 3)), the others' in the world.
-    """
+    """Compute signed distances [m] of sphere pairs, the hand's in the palm frame (position, rotation), others world."""
     hand_x, hand_y, hand_z, hand_radius = hand
     object_x, object_y, object_z, object_radius = others
     px, py, pz = position[0], position[1], position[2]
@@ -147,3 +121,21 @@ def sphere_pair_distances(
         dy = py + r10 * hand_x[i] + r11 * hand_y[i] + r12 * hand_z[i] - object_y[i]
         dz = pz + r20 * hand_x[i] + r21 * hand_y[i] + r22 * hand_z[i] - object_z[i]
         distance_out[i] = math.sqrt(dx * dx + dy * dy + dz * dz) - hand_radius[i] - object_radius[i]
+
+
+@jit_vector
+def least_distance(distance: Array, start: int, stop: int) -> float:
+    """Return the least of distance[start:stop], 1e300 if there is none."""
+    least = 1e300
+    for i in range(np.uint64(start), np.uint64(stop)):
+        least = distance[i] if distance[i] < least else least
+    return least
+
+
+@jit_vector
+def count_within(distance: Array, start: int, stop: int, limit: float) -> int:
+    """Count the values of distance[start:stop] up to a limit."""
+    within = 0
+    for i in range(np.uint64(start), np.uint64(stop)):
+        within += 1 if distance[i] <= limit else 0
+    return within

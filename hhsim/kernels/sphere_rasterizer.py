@@ -1,4 +1,4 @@
-"""Spheres as a viewer far away sees them, pixel by pixel and exact."""
+"""Depth image of spheres in orthographic projection, exact at each pixel."""
 
 import math
 
@@ -9,14 +9,10 @@ from hhsim.kernels.jit import Array, Indices, jit
 
 @jit
 def nearest_spheres(center: Array, radius: Array, depth_out: Array, owner_out: Indices) -> None:
-    """Find the sphere that is nearest to the viewer at each pixel.
+    """Find the sphere nearest to the viewer at each pixel.
 
-    Args:
-        center: Column, row and coordinate towards the viewer of each sphere, all in pixels, shape (n, 3).
-        radius: [pixels], shape (n,).
-        depth_out: Coordinate of the sphere's surface towards the viewer [pixels], minus infinity where there is none,
-            shape (rows, columns).
-        owner_out: The sphere or −1, shape (rows, columns).
+    Spheres are given by column, row and coordinate towards the viewer, shape (n, 3), and radius, all in pixels.
+    `depth_out` is the coordinate of the surface, minus infinity for none; `owner_out` the sphere or −1.
     """
     rows, columns = depth_out.shape
     depth_out[:] = -np.inf

@@ -1,7 +1,7 @@
-"""Sphere trees and the queries on them: which leaves lie within a margin, and how deep is the deepest.
+"""Sphere trees, and queries for the leaves within a margin and for the nearest leaf.
 
 Every inner node encloses the balls of its descendant leaves, so the distance of a query body to a node is a lower bound
-of its distance to every leaf below: a node farther than the margin is left out with all that is under it.
+of its distance to every leaf below.
 """
 
 import math
@@ -15,35 +15,26 @@ from hhsim.kernels.round_cone_distance import RoundCone, round_cone_parameter
 MOST_WAITING = 1024
 """A depth-first walk holds at most (branching - 1) · depth + 1 nodes; trees have at most 5 levels."""
 MOST_AT_ONCE = 64
-"""Children whose distances the vector unit computes at once, where a node has no more."""
+"""Largest number of children whose distances the vector unit computes at once."""
 STACK_SIZE = MOST_WAITING + MOST_AT_ONCE
-"""Behind the nodes that wait, a walk's stack has room for these distances."""
+"""Size of a walk's stack: the nodes that wait, then those distances."""
 
 
 class TreeArrays(NamedTuple):
-    """A sphere tree, breadth first: node 0 is the root, the children of a node are contiguous, the leaves come last.
+    """A sphere tree of N nodes, breadth first: node 0 is the root, children are contiguous, the leaves come last."""
 
-    | field | meaning | shape |
-    |---|---|---|
-    | x, y, z | sphere centres [m] | (N,) |
-    | radius | [m] | (N,) |
-    | first_child | index of the first child, -1 for a leaf | (N,) |
-    | child_count | 0 for a leaf | (N,) |
-    | leaf_start | index of the first leaf; leaf i of the tree is node leaf_start + i | int |
-    """
-
-    x: Array
+    x: Array  # centres [m], (N,)
     y: Array
     z: Array
-    radius: Array
-    first_child: Indices
-    child_count: Indices
-    leaf_start: int
+    radius: Array  # [m], (N,)
+    first_child: Indices  # (N,), -1 for a leaf
+    child_count: Indices  # (N,), 0 for a leaf
+    leaf_start: int  # leaf i of the tree is node leaf_start + i
 
 
 @jit_inline
 def node_distance(tree: TreeArrays, cone: RoundCone, node: int) -> float:
-    """Signed distance [m] of a round cone to a node's sphere."""
+    """Compute the signed distance [m] of a round cone to a node's sphere."""
     ax, ay, az, ux, uy, uz, length, tan_slope, inverse_length, radius_a, radius_drop = cone
     dx, dy, dz = tree.x[node] - ax, tree.y[node] - ay, tree.z[node] - az
     s = round_cone_parameter(dx, dy, dz, ux, uy, uz, tan_slope, inverse_length)
@@ -53,7 +44,7 @@ def node_distance(tree: TreeArrays, cone: RoundCone, node: int) -> float:
 
 @jit_vector
 def _child_distances(tree: TreeArrays, cone: RoundCone, first: int, last: int, distance_out: Array) -> None:
-    # An index that might be negative is looked at first, and the vector unit left out.
+    # Signed indices would be checked for negative values, which keeps the loop off the vector unit.
     for i in range(np.uint64(first), np.uint64(last)):
         distance_out[i - np.uint64(first)] = node_distance(tree, cone, i)
 
@@ -62,19 +53,11 @@ def _child_distances(tree: TreeArrays, cone: RoundCone, first: int, last: int, d
 def gather_round_cone(
     tree: TreeArrays, cone: RoundCone, margin: float, stack: Indices, index_out: Indices
 ) -> tuple[int, float, int]:
-    """Leaves whose signed distance to a round cone is at most `margin` [m].
+    """Gather the nodes of the leaves whose signed distance to a round cone is at most `margin` [m].
 
-    Args:
-        tree: The tree.
-        cone: The body.
-        margin: [m].
-        stack: Workspace, shape (>= STACK_SIZE,).
-        index_out: The leaves; as many as there is room for.
-
-    Returns:
-        (count, clearance, node tests): `index_out[:count]` holds the node indices of the leaves; every leaf left out is
-        at least `clearance` [m] away (more than the margin; infinite when none was left out). count is -1 where
-        `index_out` is too small.
+    The stack has STACK_SIZE places. Returns (count, clearance, node tests): `index_out[:count]` are the leaves; every
+    other leaf is at least `clearance` [m] away (more than the margin; infinite if there is no other). The count is -1
+    where `index_out` is too small.
     """
     clearance = np.inf
     count = 0
@@ -100,7 +83,7 @@ def gather_round_cone(
         at_once = last - first <= MOST_AT_ONCE
         if at_once:
             _child_distances(tree, cone, first, last, away)
-        # Leaves are listed at once where there is room for all. Which child is near is no branch: nobody can guess it.
+        # Leaves are listed at once where there is room for all. Without a branch, which could not be predicted.
         leaves = first >= tree.leaf_start and count + last - first <= index_out.shape[0]
         for i in range(last - first):
             child = first + i if leaves else last - 1 - i
@@ -118,9 +101,9 @@ def gather_round_cone(
 
 @jit
 def nearest_leaf_round_cone(tree: TreeArrays, cone: RoundCone, limit: float, stack: Indices) -> tuple[float, int]:
-    """Least signed distance [m] of a round cone to the leaves, and that leaf's node index.
+    """Compute the least signed distance [m] of a round cone to the leaves, and that leaf's node.
 
-    Only distances below `limit` are looked for; (limit, -1) where there is none.
+    (limit, -1) if no distance is below `limit`.
     """
     best = limit
     best_leaf = -1
@@ -132,7 +115,7 @@ def nearest_leaf_round_cone(tree: TreeArrays, cone: RoundCone, limit: float, sta
         distance = node_distance(tree, cone, node)
         first = tree.first_child[node]
         if first < 0:
-            # Of leaves as near the last one, in whatever order they are met.
+            # Among equally near leaves the last one, in whatever order they are visited.
             if distance < best or (distance == best and 0 <= best_leaf < node):
                 best = distance
                 best_leaf = node
@@ -146,7 +129,7 @@ def nearest_leaf_round_cone(tree: TreeArrays, cone: RoundCone, limit: float, sta
                 continue
             stack[top] = child
             if nearest < distance:
-                # The nearest stays on top and is looked at first: the others may then be too far.
+                # The nearest stays on top and is visited first: the others may then be too far.
                 stack[top], stack[top - 1] = stack[top - 1], stack[top]
             else:
                 nearest = distance

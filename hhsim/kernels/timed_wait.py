@@ -1,4 +1,4 @@
-"""Sleeping inside compiled code, so that no interpreter takes part in a wait."""
+"""Waits inside compiled code, without the interpreter."""
 
 import time
 from collections.abc import Callable
@@ -30,7 +30,7 @@ def _clock_nanosleep(typing: Any, time_ns: Any) -> Any:
 
 
 def _timespec(builder: Any, time_ns: Any) -> Any:
-    """A struct timespec on the stack."""
+    """Make a struct timespec on the stack."""
     integer = ir.IntType(64)
     spec = cgutils.alloca_once(builder, ir.ArrayType(integer, 2))
     for i, part in enumerate((builder.sdiv, builder.srem)):
@@ -41,15 +41,15 @@ def _timespec(builder: Any, time_ns: Any) -> Any:
 def _ppoll(typing: Any, descriptor: Any, timeout_ns: Any) -> Any:
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         integer, number, short = ir.IntType(64), ir.IntType(32), ir.IntType(16)
-        # struct pollfd: descriptor, events, what came of them.
-        looked_for = cgutils.alloca_once(builder, ir.LiteralStructType((number, short, short)))
+        # struct pollfd: descriptor, requested events, returned events.
+        request = cgutils.alloca_once(builder, ir.LiteralStructType((number, short, short)))
         for i, value in enumerate((builder.trunc(arguments[0], number), short(_POLLIN), short(0))):
-            builder.store(value, cgutils.gep_inbounds(builder, looked_for, 0, i))
+            builder.store(value, cgutils.gep_inbounds(builder, request, 0, i))
         timeout = _timespec(builder, arguments[1])
         signals = ir.IntType(8).as_pointer()
-        kind = ir.FunctionType(number, (looked_for.type, integer, timeout.type, signals))
+        kind = ir.FunctionType(number, (request.type, integer, timeout.type, signals))
         function = cgutils.get_or_insert_function(builder.module, kind, "ppoll")
-        answer = builder.call(function, (looked_for, integer(1), timeout, signals(None)))
+        answer = builder.call(function, (request, integer(1), timeout, signals(None)))
         return builder.sext(answer, integer)
 
     return types.int64(types.int64, types.int64), generate
@@ -67,7 +67,7 @@ def _read_event(typing: Any, descriptor: Any) -> Any:
 
 
 if JIT_ENABLED:
-    # An external symbol, as in `clock`: a kernel with a function pointer in it could not be kept.
+    # External symbols, as in `clock`: a kernel with a function pointer in it cannot be cached.
     _sleep = cast(Callable[[int], int], intrinsic(_clock_nanosleep))
     _poll = cast(Callable[[int, int], int], intrinsic(_ppoll))
     _clear = cast(Callable[[int], int], intrinsic(_read_event))
@@ -88,22 +88,18 @@ else:
 
 @jit
 def sleep_until(time_ns: int) -> int:
-    """Sleep until CLOCK_MONOTONIC is `time_ns`, or until a signal came; 0, or the system's error."""
+    """Sleep until CLOCK_MONOTONIC is `time_ns` or a signal arrives; return 0, or the system's error."""
     return _sleep(time_ns)
 
 
 @jit
 def await_event(descriptor: int, time_ns: int) -> int:
-    """Sleep until an event comes, which is then taken, or until CLOCK_MONOTONIC is `time_ns`, or until a signal came.
+    """Sleep until an event arrives, CLOCK_MONOTONIC is `time_ns`, or a signal arrives; a past time only polls.
 
-    Args:
-        descriptor: Of the event (eventfd), which does not block.
-        time_ns: In CLOCK_MONOTONIC [ns]; in the past, it is only looked.
-
-    Returns:
-        1 where the event came, 0 or the system's -1 where it did not.
+    The descriptor is a non-blocking eventfd. Returns 1 if the event arrived, which is then taken, else 0 or the
+    system's -1.
     """
-    came = _poll(descriptor, max(0, time_ns - monotonic_ns()))
-    if came > 0:
+    arrived = _poll(descriptor, max(0, time_ns - monotonic_ns()))
+    if arrived > 0:
         _clear(descriptor)
-    return came
+    return arrived

@@ -1,21 +1,13 @@
-"""Closest point of a triangle, with the feature it lies on; and the cut of a triangle across its longest edge."""
+"""Triangles: closest point with its feature, crossing with a ray, longest edge and the halving across it."""
 
 from typing import NamedTuple
 
-from hhsim.kernels.jit import jit_inline
-
-FEATURE_FACE = 0
-FEATURE_VERTEX = 1
-"""Codes 1, 2, 3: the corners a, b, c."""
-FEATURE_EDGE = 4
-"""Codes 4, 5, 6: the edges ab, bc, ca."""
+from hhsim.kernels.jit import Array, jit_inline
 
 _SLIVER = 1e-12
 """Squared sine of an angle under which a triangle counts as its three edges: its barycentric weights are noise."""
-
-
 _EQUAL = 1.0 - 1e-6
-"""Ratio of squared lengths from which on edges count as equal: a turned triangle is halved like the triangle."""
+"""Ratio of squared lengths from which edges count as equal, so that a rotated triangle is halved like the triangle."""
 
 
 class Triangle(NamedTuple):
@@ -33,10 +25,17 @@ class Triangle(NamedTuple):
 
 
 @jit_inline
+def triangle_at(corner: Array, i: int) -> Triangle:
+    """Return triangle i of corners [m], shape (·, 9)."""
+    t = corner[i]
+    return Triangle(t[0], t[1], t[2], t[3], t[4], t[5], t[6], t[7], t[8])
+
+
+@jit_inline
 def _closest_on_segment(
     px: float, py: float, pz: float, ax: float, ay: float, az: float, bx: float, by: float, bz: float
 ) -> tuple[float, float, float, float, int]:
-    """Return (x, y, z, distance², end): the closest point of ab; end is 0 at a, 1 at b, 2 between."""
+    """Return the closest point of ab as (x, y, z, distance², end): end is 0 at a, 1 at b, 2 between."""
     ux, uy, uz = bx - ax, by - ay, bz - az
     along = ux * (px - ax) + uy * (py - ay) + uz * (pz - az)
     length2 = ux * ux + uy * uy + uz * uz
@@ -53,7 +52,7 @@ def _closest_on_segment(
 
 @jit_inline
 def _closest_on_edges(px: float, py: float, pz: float, triangle: Triangle) -> tuple[float, float, float, float, int]:
-    """The same as `closest_on_triangle` for a triangle without area."""
+    """Return what `closest_on_triangle` does, for a triangle without area."""
     ax, ay, az, bx, by, bz, cx, cy, cz = triangle
     x, y, z, best, end = _closest_on_segment(px, py, pz, ax, ay, az, bx, by, bz)
     feature = 4 if end == 2 else 1 + end
@@ -70,13 +69,11 @@ def _closest_on_edges(px: float, py: float, pz: float, triangle: Triangle) -> tu
 
 @jit_inline
 def closest_on_triangle(px: float, py: float, pz: float, triangle: Triangle) -> tuple[float, float, float, float, int]:
-    """Closest point of a triangle to the point p.
+    """Return the closest point of a triangle to the point p as (x, y, z, distance², feature).
 
-    By Voronoi regions (Ericson, Real-Time Collision Detection, 5.1.5); the returned point always lies on the triangle,
-    so that a distance is never too small. Slivers and triangles without area are treated as their three edges.
-
-    Returns:
-        (x, y, z, distance², feature), feature as `FEATURE_FACE`, `FEATURE_VERTEX` + corner, `FEATURE_EDGE` + edge.
+    The feature is 0 for the face, 1, 2, 3 for the corners a, b, c, and 4, 5, 6 for the edges ab, bc, ca. By Voronoi
+    regions (Ericson, Real-Time Collision Detection, 5.1.5); the point always lies on the triangle, so that a distance
+    is never too small. Slivers and triangles without area are treated as their three edges.
     """
     ax, ay, az, bx, by, bz, cx, cy, cz = triangle
     abx, aby, abz = bx - ax, by - ay, bz - az
@@ -124,10 +121,30 @@ def closest_on_triangle(px: float, py: float, pz: float, triangle: Triangle) -> 
 
 
 @jit_inline
-def longest_edge(
-    ax: float, ay: float, az: float, bx: float, by: float, bz: float, cx: float, cy: float, cz: float
-) -> tuple[int, float]:
+def ray_crossing(t: Array, px: float, py: float, pz: float, dx: float, dy: float, dz: float) -> tuple[float, float]:
+    """Return s where p + s·d meets a triangle, shape (9,), −1 if it does not, and a number < 0 if from behind.
+
+    Möller and Trumbore, 1997.
+    """
+    ux, uy, uz = t[3] - t[0], t[4] - t[1], t[5] - t[2]
+    vx, vy, vz = t[6] - t[0], t[7] - t[1], t[8] - t[2]
+    hx, hy, hz = dy * vz - dz * vy, dz * vx - dx * vz, dx * vy - dy * vx
+    det = ux * hx + uy * hy + uz * hz
+    if det == 0.0:
+        return -1.0, det
+    sx, sy, sz = px - t[0], py - t[1], pz - t[2]
+    a = (sx * hx + sy * hy + sz * hz) / det
+    qx, qy, qz = sy * uz - sz * uy, sz * ux - sx * uz, sx * uy - sy * ux
+    b = (dx * qx + dy * qy + dz * qz) / det
+    if not (a >= 0.0 and b >= 0.0 and a + b <= 1.0):
+        return -1.0, det
+    return (vx * qx + vy * qy + vz * qz) / det, det
+
+
+@jit_inline
+def longest_edge(triangle: Triangle) -> tuple[int, float]:
     """Return (edge, longest length²): 0 is ab, 1 bc, 2 ca; the first of equals, whatever their rounding."""
+    ax, ay, az, bx, by, bz, cx, cy, cz = triangle
     ab = (bx - ax) * (bx - ax) + (by - ay) * (by - ay) + (bz - az) * (bz - az)
     bc = (cx - bx) * (cx - bx) + (cy - by) * (cy - by) + (cz - bz) * (cz - bz)
     ca = (ax - cx) * (ax - cx) + (ay - cy) * (ay - cy) + (az - cz) * (az - cz)
@@ -137,3 +154,19 @@ def longest_edge(
     if bc >= _EQUAL * most:
         return 1, most
     return 2, most
+
+
+@jit_inline
+def halve_triangle(triangle: Triangle, edge: int, halves_out: Array) -> None:
+    """Write the halves across an edge a b, shape (2, 9): with its middle m, (m, b, c) and (a, m, c)."""
+    ax, ay, az, bx, by, bz, cx, cy, cz = triangle
+    if edge == 1:
+        ax, ay, az, bx, by, bz, cx, cy, cz = bx, by, bz, cx, cy, cz, ax, ay, az
+    elif edge == 2:
+        ax, ay, az, bx, by, bz, cx, cy, cz = cx, cy, cz, ax, ay, az, bx, by, bz
+    mx, my, mz = 0.5 * (ax + bx), 0.5 * (ay + by), 0.5 * (az + bz)
+    first, second = halves_out[0], halves_out[1]
+    first[0], first[1], first[2], first[3], first[4], first[5] = mx, my, mz, bx, by, bz
+    second[0], second[1], second[2], second[3], second[4], second[5] = ax, ay, az, mx, my, mz
+    first[6], first[7], first[8] = cx, cy, cz
+    second[6], second[7], second[8] = cx, cy, cz

@@ -13,7 +13,7 @@ import numpy as np
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import MeshError
 from hhsim.kernels.mesh.bvh import pseudonormals
-from hhsim.kernels.mesh.covered_borders import covered_corners, covered_edges
+from hhsim.kernels.mesh.covered_borders import covered_corners, covered_edges, touches_itself
 from hhsim.kernels.mesh.feature_distance import ON
 from hhsim.kernels.mesh.features import (
     EDGE_FIELDS,
@@ -23,7 +23,6 @@ from hhsim.kernels.mesh.features import (
     face_spheres,
     touchable_vertices,
 )
-from hhsim.kernels.mesh.self_contact import touches_itself
 from hhsim.mesh.one_sided import has_solid_behind
 from hhsim.mesh.topology import distinct_rows, merged_vertices
 

@@ -11,8 +11,8 @@ import numpy as np
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import MeshError
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, face_normals, mesh_signed_distance
-from hhsim.kernels.mesh.fast_winding_number import fast_winding_numbers, winding_moments
 from hhsim.kernels.mesh.inside_field import SolidField
+from hhsim.kernels.mesh.winding_number import fast_winding_numbers, winding_moments
 from hhsim.mesh.isosurface import border_distances, is_inside, simplified, solid_mesh
 from hhsim.mesh.orientation import turned_outward
 from hhsim.mesh.repair import CAP_AREA, closed_surface, merge_and_clean

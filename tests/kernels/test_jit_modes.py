@@ -1,11 +1,8 @@
 """The kernels give the same results compiled, compiled with bounds checks, and as plain Python; each is compiled once.
 
-Bounds checks change no arithmetic, but keep loops off the vector unit, where sums are taken in another order; plain
-Python also fuses no multiplication with an addition. Hence results agree to rounding and not to the bit, and counters,
-which are whole numbers, exactly.
-
-With bounds checks they are compiled in a cache of their own: a kernel that comes from a cache does not tell what its
-callees were compiled for. Nothing there has to be fast, and what is compiled does not depend on it.
+Bounds checks keep loops off the vector unit, and plain Python fuses no multiplication with an addition: floats agree to
+rounding, integers exactly. With bounds checks the cache is a new one: a kernel from a cache does not tell what its
+callees were compiled for.
 """
 
 import json
@@ -17,14 +14,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sphere_scenes import Motion, bumpy_ball, still, straight_line
+from sphere_scenes import bumpy_ball, still, straight_line
 
 from hhsim.arrays import AnyArray
 from hhsim.kernels.cache_folder import cache_root
 from hhsim.kernels.tick.state import STATUS_START_INSIDE
 from hhsim.solver.method import METHODS
 from hhsim.trees.file import save_tree
-from hhsim.trees.sphere_tree import SphereTree
 
 TICKS = 24
 SCRIPT = textwrap.dedent(
@@ -86,21 +82,15 @@ MODES = {
 }
 
 
-def scene() -> tuple[SphereTree, Motion]:
-    """A short grasp that begins in free space and ends pressed on the ball."""
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of what each mode computes of a short grasp, from free space to pressed on the ball."""
+    folder = tmp_path_factory.mktemp("modes")
     curl = np.array([[0.3, 0.5, 0.4], [0.6, 0.7, 0.5], [0.7, 0.7, 0.5], [0.6, 0.7, 0.5], [0.5, 0.7, 0.4]])
     start = still(1, [0.0, -0.045, 0.08], flexion=0.3 * curl)
     end = still(1, [0.001, -0.046, 0.052], flexion=curl, abduction=np.full(5, 0.05))
     motion = straight_line(start, end, TICKS - 6).then(still(6, *(values[0] for values in end)))
-    return bumpy_ball(60), motion
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Where each mode has left what it computed."""
-    folder = tmp_path_factory.mktemp("modes")
-    tree, motion = scene()
-    save_tree(tree, folder / "tree.h5")
+    save_tree(bumpy_ball(60), folder / "tree.h5")
     np.savez(folder / "motion.npz", **motion._asdict())
     return folder
 

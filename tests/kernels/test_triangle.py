@@ -1,6 +1,5 @@
 """Closest point of a triangle against the optimality condition of a projection, and against trimesh."""
 
-import numba
 import numpy as np
 import pytest
 import trimesh
@@ -11,23 +10,13 @@ from hhsim.arrays import FloatArray
 from hhsim.kernels.triangle import Triangle, closest_on_triangle, longest_edge
 
 
-@numba.njit(error_model="numpy")  # type: ignore[untyped-decorator]
-def _closest(p: FloatArray, t: FloatArray, out: FloatArray) -> int:
-    corners = Triangle(t[0, 0], t[0, 1], t[0, 2], t[1, 0], t[1, 1], t[1, 2], t[2, 0], t[2, 1], t[2, 2])
-    x, y, z, d2, feature = closest_on_triangle(p[0], p[1], p[2], corners)
-    out[0], out[1], out[2], out[3] = x, y, z, d2
-    return feature
-
-
-@numba.njit(error_model="numpy")  # type: ignore[untyped-decorator]
-def _longest(t: FloatArray) -> tuple[int, float]:
-    return longest_edge(t[0, 0], t[0, 1], t[0, 2], t[1, 0], t[1, 1], t[1, 2], t[2, 0], t[2, 1], t[2, 2])
+def corners(t: FloatArray) -> Triangle:
+    return Triangle(*t.ravel().tolist())
 
 
 def closest(p: FloatArray, t: FloatArray) -> tuple[FloatArray, float, int]:
-    out = np.empty(4)
-    feature = _closest(np.asarray(p, float), np.asarray(t, float), out)
-    return out[:3], float(np.sqrt(out[3])), feature
+    x, y, z, square, feature = closest_on_triangle(float(p[0]), float(p[1]), float(p[2]), corners(t))
+    return np.array([x, y, z]), float(np.sqrt(square)), feature
 
 
 coordinate = st.floats(-1.0, 1.0, width=32)
@@ -35,7 +24,6 @@ point = st.tuples(coordinate, coordinate, coordinate).map(np.array)
 
 
 def on_feature(q: FloatArray, t: FloatArray, feature: int) -> float:
-    """Distance of q from the feature that it is said to lie on."""
     if feature == 0:
         return 0.0
     if feature <= 3:
@@ -92,6 +80,6 @@ def test_every_feature_is_named() -> None:
 
 def test_longest_edge_takes_the_first_of_equals() -> None:
     t = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-    assert _longest(t) == (1, 2.0)
-    assert _longest(np.roll(t, 1, axis=0)) == (2, 2.0)
-    assert _longest(np.zeros((3, 3))) == (0, 0.0)
+    assert longest_edge(corners(t)) == (1, 2.0)
+    assert longest_edge(corners(np.roll(t, 1, axis=0))) == (2, 2.0)
+    assert longest_edge(corners(np.zeros((3, 3)))) == (0, 0.0)

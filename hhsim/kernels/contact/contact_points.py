@@ -1,7 +1,4 @@
-"""Which parts of a stored hand touch the object, where and which way: pairs of a hand body and a piece of its surface.
-
-Many ticks in one call; from the stored poses alone, nothing is taken from the solver.
-"""
+"""Contact points of stored hands: pairs of a hand body and a piece of the object's surface, from the poses alone."""
 
 import math
 from typing import Any
@@ -18,7 +15,7 @@ from hhsim.kernels.round_cone_distance import RoundCone, cone_slope
 from hhsim.kernels.sphere_tree import STACK_SIZE
 
 SURE = 1e-12
-"""Distances are computed to a small part of this [m]."""
+"""Tolerance of distances, well above their rounding [m]."""
 
 
 @jit_allocating
@@ -33,24 +30,12 @@ def find_contact_pairs(
     touch: float,
     pairs_out: ContactPoints,
 ) -> int:
-    """Pairs of a hand body and a piece of the surface no more than `touch` [m] apart, or inside each other.
+    """Find the pairs of a hand body and a piece of the surface no more than `touch` [m] apart, or inside each other.
 
-    A body whose place is not finite has none. One that was away from every piece by more than `touch` is not looked at
-    again before its ends have moved by what it was away more: nothing of the hull of two spheres moves further.
-
-    Args:
-        shape: Of the hand.
-        surface: The object's, world.
-        chosen: The ticks to look at, in order.
-        joints: [m], world, shape (T, 5, 4, 3).
-        position: Of the palm [m], world, shape (T, 3).
-        orientation: Palm to world, unit (w, x, y, z), shape (T, 4).
-        fingers: Which fingers count, shape (5,); the palm always does.
-        touch: [m].
-        pairs_out: Where the pairs go; its arrays have more room than pairs are expected.
-
-    Returns:
-        The number of pairs; -1 where there is no room for them or for the walk.
+    Ticks are `chosen` in order, and `fingers`, shape (5,), besides the palm. Poses are joints [m], shape (T, 5, 4, 3),
+    and the palm's position [m] and orientation (w, x, y, z), world; a body that is not finite has no pair. A body that
+    was farther than `touch` from every piece is tested again after its ends have moved by the excess: no point of the
+    hull of two spheres moves further. Returns the number of pairs, -1 if they or the walk do not fit.
     """
     phalanx_radius, palm_center, palm_radius = shape
     walk = Walk(np.empty(STACK_SIZE, np.int64), np.empty(pairs_out.tick.shape[0], np.int64))
@@ -104,7 +89,7 @@ def find_contact_pairs(
 
 @jit
 def _farthest_moved(ends: tuple[float, float, float, float, float, float], seen: Array) -> float:
-    """How far the end of a body that moved most is from where it was seen [m]."""
+    """Compute the larger distance [m] of the ends of a body from where they were last tested."""
     first = (ends[0] - seen[0]) ** 2 + (ends[1] - seen[1]) ** 2 + (ends[2] - seen[2]) ** 2
     last = (ends[3] - seen[3]) ** 2 + (ends[4] - seen[4]) ** 2 + (ends[5] - seen[5]) ** 2
     return math.sqrt(max(first, last))

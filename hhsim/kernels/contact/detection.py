@@ -1,14 +1,12 @@
-"""Contact detection: which pairs of hand body and piece of the object are near, and how near.
+"""Contact detection: near pairs of a hand body and a piece of the object, and their distances.
 
-Two stages. *Gathering* walks the object's hierarchy once for a body with a margin plus a skin and copies what it finds
-into contiguous arrays. *Evaluation* computes the signed distances of all gathered pairs on the vector unit, every time
-the hand moves.
+*Gathering* walks the object's hierarchy for a body with a margin plus a skin and copies what it finds into contiguous
+arrays. *Evaluation* computes the signed distances of all gathered pairs on the vector unit, every time the hand moves.
 
-No pair is missed. When a body is gathered, every piece left out is at least `clearance` away. A point of the body is
-now no further from where it then was than an end of its axis is, or a corner of a box around the palm: points between
-are means of them, in both places by the same shares. So every piece left out is still at least
-slack = clearance - that way away. A body is gathered anew before its slack falls below the margin that the next step
-may use up; hence all pairs within the margin are among the gathered ones, at every step.
+No pair is missed. When a body is gathered, every other piece is at least `clearance` away. No point of the body then
+moves further than an end of its axis, or a corner of a box around the palm: points between are means of them. So every
+other piece is still at least slack = clearance - that distance away. A body is gathered anew before its slack falls
+below the margin that the next step may use up; hence all pairs within the margin are gathered, at every step.
 """
 
 import math
@@ -23,59 +21,44 @@ from hhsim.kernels.jit import Indices, Record, as_int64, jit, jit_inline, jit_on
 COUNT_NODE_TESTS = 0
 COUNT_PAIR_TESTS = 1
 COUNT_GATHERS = 2
-"""Places in the work counters."""
+"""Indices of the work counters."""
 
 CONTACT_ROWS = 4088
-"""Room for contacts; the paper's heaviest scenes have a few hundred.
+"""Most contacts; the paper's heaviest scenes have a few hundred.
 
-An odd number of cache lines, as every room for lists is: columns that lie whole pages apart would share a few of a
-cache's lines, and push each other out.
+An odd number of cache lines, as the size of every list: columns whole pages apart would evict each other in the cache.
 """
 
 FULL = 1
-"""More pairs are near than the arrays hold, even with no skin."""
+"""Status: more pairs are near than the arrays hold, even without a skin."""
 
 
 CONTACTS = np.dtype(
     [
-        ("body", np.int64, (CONTACT_ROWS,)),
-        ("key", np.int64, (CONTACT_ROWS,)),
-        ("point", np.float64, (3, CONTACT_ROWS)),
-        ("normal", np.float64, (3, CONTACT_ROWS)),
-        ("straight", np.float64, (3, CONTACT_ROWS)),
-        ("distance", np.float64, (CONTACT_ROWS,)),
-        ("hand_radius", np.float64, (CONTACT_ROWS,)),
+        ("body", np.int64, (CONTACT_ROWS,)),  # 0 to 14 phalanx, 15 palm
+        ("key", np.int64, (CONTACT_ROWS,)),  # identifies a pair across ticks, for warm starts
+        ("point", np.float64, (3, CONTACT_ROWS)),  # on the hand's surface [m], world
+        ("normal", np.float64, (3, CONTACT_ROWS)),  # unit, from the object to the hand, world
+        ("straight", np.float64, (3, CONTACT_ROWS)),  # unit vector along which the object is straight; zero for none
+        ("distance", np.float64, (CONTACT_ROWS,)),  # signed [m], negative inside
+        ("hand_radius", np.float64, (CONTACT_ROWS,)),  # of curvature at the contact [m], infinite on a face
         ("object_radius", np.float64, (CONTACT_ROWS,)),
-        ("slides", np.int8, (CONTACT_ROWS,)),
-        ("start", np.int64, (FINGER_COUNT + 2,)),
-        ("phalanx_end", np.int64, (FINGER_COUNT, PHALANX_COUNT)),
+        ("slides", np.int8, (CONTACT_ROWS,)),  # 1 if the phalanx's nearest point can slide along its axis
+        ("start", np.int64, (FINGER_COUNT + 2,)),  # first record of the palm, of each finger, and the end
+        ("phalanx_end", np.int64, (FINGER_COUNT, PHALANX_COUNT)),  # end of the records of each phalanx
     ],
     align=True,
 )
-"""Contact records: what the solver knows of the object, whatever its surface is made of.
-
-| field | meaning |
-|---|---|
-| body | 0 to 14 phalanx, 15 palm |
-| key | names the same pair at every tick, for warm starts |
-| point | contact point on the hand's surface [m], world |
-| normal | unit vector from the object to the hand, world |
-| straight | unit vector along which the object is straight there, as an edge is; zero where it is not |
-| distance | signed [m], negative inside |
-| hand_radius, object_radius | radii of curvature of the two surfaces at the contact [m]; infinite on a face |
-| slides | 1 where the nearest point of the phalanx can slide along its axis, else 0 |
-| start | first record of the palm, of each finger, and the end |
-| phalanx_end | where the records of each phalanx end |
-"""
+"""Contact records: the solver's view of the object, for every kind of surface."""
 
 
 FAR = 4.0
-"""A body whose clearance is this many times the reach of a walk has no lists to lose by another walk."""
+"""Multiple of the reach of a walk beyond which a body has no lists that another walk would discard."""
 
 
 @jit_inline
 def _point(hand: HandArrays, pose: Record, body: int, i: int) -> tuple[float, float, float]:
-    # End i of a phalanx, corner i of the palm's box [m], world.
+    """Return end i of a phalanx, or corner i of the palm's box [m], world."""
     if body < PALM_BODY:
         joint = pose.joints[body // PHALANX_COUNT, body % PHALANX_COUNT + i]
         return (joint[0], joint[1], joint[2])
@@ -90,7 +73,7 @@ def _point(hand: HandArrays, pose: Record, body: int, i: int) -> tuple[float, fl
 
 @jit
 def follow_motion(hand: HandArrays, pose: Record, candidates: Record) -> None:
-    """Take from the slack of each body how far it is from where it was gathered."""
+    """Reduce the slack of each body by its distance from where it was gathered."""
     for body in range(BODY_COUNT):
         fresh, before = candidates.fresh[body], candidates.slack[body]
         candidates.pace[body] = np.inf
@@ -116,21 +99,20 @@ def _set_anchor(hand: HandArrays, pose: Record, body: int, candidates: Record) -
 
 
 AHEAD = 0.5
-"""A body whose slack is within this share of the skin of what it must be, or of all that it had beyond that, may be
-gathered ahead of need."""
+"""Share of the skin, or of its slack beyond what is needed, within which a body may be gathered ahead of need."""
 LONG = 128.0
 STALE = 0.5
 LASTS = 50.0
-"""So may one with more pairs to measure than this that has moved by more than this share of what is needed, where it is
-so slow that it will not do so again in so many evaluations: a list from nearby measures less."""
+"""A body may also be gathered ahead with more than LONG pairs, after a motion by more than STALE of what is needed, if
+it is so slow that this lasts for LASTS evaluations: a list from nearby measures less."""
 
 
 @jit
 def choose_gathers(needed: float, margin: float, skin: float, candidates: Record, work: Indices) -> None:
-    """Say which bodies are to be gathered: those that must be, and where none must, the one that will soonest.
+    """Mark the bodies to gather: those that must be, or if none must, the one that will soonest.
 
-    Bodies that move together would else be gathered together, and their tick take many times another's. A tick that has
-    gathered already gathers nothing ahead of need.
+    Otherwise bodies that move together would be gathered in one tick, which would take many times another. A tick that
+    has gathered already gathers nothing ahead of need.
     """
     candidates.needed = needed
     must = needed - candidates.leeway
@@ -169,10 +151,7 @@ def evaluate_range(
     walk: Walk,
     work: Indices,
 ) -> int:
-    """As `evaluate`, for the bodies first to last - 1; absorbed by its callers, to which the many arrays are at hand.
-
-    Writes what belongs to these bodies, the counters and the `walk`, and nothing else.
-    """
+    """Evaluate the bodies first to last - 1 as `evaluate` does; writes only their data, the counters and the `walk`."""
     status = 0
     for body in range(first, last):
         if candidates.due[body] == 0:
@@ -185,7 +164,7 @@ def evaluate_range(
         if gathered:
             _set_anchor(hand, pose, body, candidates)
         else:
-            # The others go on, so that what is left behind does not hang on who came first.
+            # The others continue, so that the outcome does not depend on the order.
             candidates.fresh[body] = -np.inf
             status = FULL
     for body in range(first, last):
@@ -198,12 +177,12 @@ def evaluate_range(
 
 
 WALK_COST = 2000
-"""What gathering a phalanx costs, in distances that the vector unit computes in that time; the palm's, ten times."""
+"""Cost of gathering a phalanx, in distances that the vector unit computes in that time; the palm's is ten times."""
 
 
 @jit_once
 def part_cost(part: int, candidates: Record) -> int:
-    """What `evaluate_range` will cost for a finger (0 to 4) or the palm (5), roughly, in distances."""
+    """Estimate the cost of `evaluate_range` for a finger (0 to 4) or the palm (5), in distances."""
     if part == FINGER_COUNT:
         walk = 10 * WALK_COST if candidates.due[PALM_BODY] > 0 else 0
         return walk + candidates.count[PALM_BODY]
@@ -226,22 +205,11 @@ def evaluate(
     candidates: Record,
     work: Indices,
 ) -> int:
-    """Distances of all near pairs at `pose`, whose kinematics are up to date.
+    """Compute the distances of all near pairs at `pose`, whose kinematics are up to date; return 0, or FULL.
 
-    Gathers the bodies whose slack is used up.
-
-    Args:
-        hand: The hand.
-        pose: The configuration.
-        surface: The object's, world frame.
-        needed: Every pair up to this far [m] is to be known, but for `candidates.leeway`.
-        margin: The most that is ever needed [m].
-        skin: Gathered in excess of the margin [m], so that lists last for several ticks.
-        candidates: The lists, brought up to date.
-        work: Counters of node tests, pair tests and gathers, added to, shape (>= 3,).
-
-    Returns:
-        0, or FULL.
+    Bodies whose slack is used up are gathered. Every pair up to `needed` [m], less `candidates.leeway`, is known;
+    `margin` is the most that is ever needed [m], and `skin` [m] is added to it so that lists last for several ticks.
+    Node tests, pair tests and gathers are counted in `work`.
     """
     follow_motion(hand, pose, candidates)
     choose_gathers(needed, margin, skin, candidates, work[:])
@@ -252,7 +220,7 @@ def evaluate(
 
 @jit
 def pairs_near(surface: Any, hand: HandArrays, candidates: Record, limit: float) -> tuple[int, int]:
-    """How many bodies, and how many pairs, are at most `limit` [m] from the object."""
+    """Count the bodies and the pairs that are at most `limit` [m] from the object."""
     bodies, pairs = 0, 0
     for body in range(BODY_COUNT):
         if candidates.nearest[body] <= limit:
@@ -265,11 +233,7 @@ def pairs_near(surface: Any, hand: HandArrays, candidates: Record, limit: float)
 def find_contacts(
     surface: Any, hand: HandArrays, pose: Record, candidates: Record, margin: float, contacts: Record
 ) -> int:
-    """Contact records of all evaluated pairs within `margin` [m], palm first, then finger by finger.
-
-    Returns:
-        0, or FULL.
-    """
+    """Write contact records of all evaluated pairs within `margin` [m], palm first; return 0, or FULL."""
     row = as_int64(0)
     contacts.start[0] = 0
     if candidates.nearest[PALM_BODY] <= margin:

@@ -1,4 +1,4 @@
-"""The quadratic program of one linearisation, from contact records and joint limits.
+"""Quadratic program of one linearisation, from contact records and joint limits.
 
 Around the graphic configuration q_g the step δ = (δp, δφ, δθ) [m, rad, rad] minimises the coupling energy of the
 paper's Eq. 2,
@@ -7,7 +7,7 @@ paper's Eq. 2,
 
 subject to d_i + ∇d_i · δ >= ε for every contact and to the joint limits. The distances are true signed distances, not
 the squared ones of Eq. 10: they are convex in a translation of the hand, so that a step which satisfies the linearised
-row cannot penetrate by translation; what is left is second order in the rotation.
+row cannot penetrate by translation; the remainder is second order in the rotation.
 
 With P the contact point, n the normal, p the palm's origin, J_k and a the centre and axis of a joint,
 ∇d = (n, (P - p) × n, n · (a × (P - J_k))). Columns are divided by √G, which makes the Hessian the identity, so that
@@ -21,39 +21,28 @@ from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT, Hand
 from hhsim.kernels.jit import Array, Indices, Record, jit, jit_once, jit_vector
 
 LIMIT_ROWS = 2 * FINGER_COUNT * PHALANX_COUNT
-"""Rows behind the contacts: a lower and an upper joint limit for each of 15 joints."""
+"""Number of rows after the contacts: a lower and an upper joint limit for each of 15 joints."""
 
 
 LEVER_FLOOR = 2e-5
-"""A joint that moves a contact by less than this share of the finger's first phalanx per radian does not move it.
+"""Share of the finger's first phalanx below which a joint's lever of a contact counts as zero.
 
-What the arithmetic leaves at a joint's own contacts is noise, and normalising such a row would ask the finger for any
-angle whatever.
+The levers of contacts at the joint itself are rounding, and normalising such a row would demand any angle.
 """
 ROW_CAPACITY = CONTACT_ROWS + LIMIT_ROWS
 
 PROBLEM = np.dtype(
     [
-        ("common", np.float64, (6, ROW_CAPACITY)),
-        ("block", np.float64, (3, ROW_CAPACITY)),
-        ("rhs", np.float64, (ROW_CAPACITY,)),
-        ("target", np.float64, (DOF,)),
-        ("abduction_step", np.float64, (FINGER_COUNT,)),
-        ("inverse_root", np.float64, (DOF,)),
+        ("common", np.float64, (6, ROW_CAPACITY)),  # palm columns, divided by √G
+        ("block", np.float64, (3, ROW_CAPACITY)),  # columns of the row's own finger, divided by √G
+        ("rhs", np.float64, (ROW_CAPACITY,)),  # [m] for contacts, [rad] for limits
+        ("target", np.float64, (DOF,)),  # √G δ*: the step to the haptic hand
+        ("abduction_step", np.float64, (FINGER_COUNT,)),  # not optimised [rad]
+        ("inverse_root", np.float64, (DOF,)),  # 1 / √G of each variable
     ],
     align=True,
 )
-"""Rows in the layout of `kernels.qp.active_set`; contact i is row i, then 30 joint limits.
-
-| field | meaning |
-|---|---|
-| common | palm columns, divided by √G |
-| block | columns of the row's own finger, divided by √G |
-| rhs | [m] for contacts, [rad] for limits |
-| target | √G δ*: the step to the haptic hand |
-| abduction_step | step of the abduction, not optimised [rad] |
-| inverse_root | 1 / √G of each variable |
-"""
+"""Rows in the layout of `kernels.qp.active_set`; contact i is row i, then 30 joint limits."""
 
 
 @jit_vector
@@ -69,7 +58,7 @@ def contact_rows(
     common: Array,
     rhs: Array,
 ) -> None:
-    """Palm columns of contacts start … stop - 1, scaled, and their right-hand sides offset - distance."""
+    """Compute scaled palm columns of contacts start … stop - 1 and their right-hand sides offset - distance."""
     px, py, pz = position[0], position[1], position[2]
     translation, rotation = inverse_root[0], inverse_root[3]
     for i in range(start, stop):
@@ -97,10 +86,9 @@ def finger_columns(
     floor: float,
     block: Array,
 ) -> None:
-    """Columns of one finger's contacts start … stop - 1 in its three joints, scaled; levers up to `floor` [m] are none.
+    """Compute scaled columns of one finger's contacts start … stop - 1; levers up to `floor` [m] count as zero.
 
-    `phalanx_end` (3,) is where the contacts of each phalanx end: a joint does not move the phalanges before it. joints
-    (4, 3), axis (3,), inverse_root (3,) are the finger's.
+    `phalanx_end`, shape (3,), is the end of each phalanx's contacts: a joint does not move the phalanges before it.
     """
     ax, ay, az = axis[0], axis[1], axis[2]
     for k in range(PHALANX_COUNT):
@@ -121,7 +109,7 @@ def finger_columns(
 def follow_abduction(
     start: int, stop: int, point: Array, normal: Array, base: Array, axis: Array, step: float, rhs: Array
 ) -> None:
-    """Take from the right-hand sides what an abduction step [rad] about `axis` through `base` adds to the distances."""
+    """Subtract from the right-hand sides what an abduction step [rad] about an axis adds to the distances."""
     bx, by, bz = axis[0], axis[1], axis[2]
     for i in range(start, stop):
         rx, ry, rz = point[0, i] - base[0], point[1, i] - base[1], point[2, i] - base[2]
@@ -148,7 +136,7 @@ def _limit_rows(
                 common[j, row] = 0.0
             for j in range(PHALANX_COUNT):
                 block[j, row] = 0.0
-            # A joint beyond its limit may stay there but go no further, so that standing still is allowed.
+            # A joint beyond its limit may stay there but go no further, so that the zero step is feasible.
             if side == 0:
                 block[k, row] = scale[k]
                 rhs[row] = min(lowest[k] - flexion[k], 0.0)
@@ -160,18 +148,10 @@ def _limit_rows(
 
 @jit
 def build_rows(hand: HandArrays, pose: Record, contacts: Record, offset: float, relaxed: bool, problem: Record) -> None:
-    """Fill rows and right-hand sides for the contacts and joint limits at `pose`.
+    """Fill rows and right-hand sides for the contacts and joint limits at `pose`; the target is set before.
 
-    Target and abduction step are set before.
-
-    Args:
-        hand: The hand.
-        pose: The configuration about which to linearise.
-        contacts: Records at that configuration.
-        offset: ε, the clearance [m] that active contacts are to keep.
-        relaxed: Ask nothing of contacts nearer than ε but not to come nearer, so that standing still is allowed
-            wherever nothing penetrates.
-        problem: The rows, written.
+    `offset` is ε, the clearance [m] of active contacts. If `relaxed`, contacts nearer than ε only may not come nearer,
+    so that the zero step is feasible wherever nothing penetrates.
     """
     start, total = contacts.start, contacts.start[FINGER_COUNT + 1]
     point, normal, distance = contacts.point, contacts.normal, contacts.distance
@@ -203,16 +183,13 @@ def build_rows(hand: HandArrays, pose: Record, contacts: Record, offset: float, 
 
 @jit
 def limit_start(contacts: Record, finger: int) -> int:
-    """First joint-limit row of a finger; `finger` 5 gives the row after the last."""
+    """Return the first joint-limit row of a finger; `finger` 5 gives the row after the last."""
     return contacts.start[FINGER_COUNT + 1] + 2 * PHALANX_COUNT * finger
 
 
 @jit
 def clamp_to_limits(hand: HandArrays, pose: Record, finger: int, step: Array) -> None:
-    """Shorten one finger's flexion in a step, shape (21,), to stay within its joint limits.
-
-    Its optimum without contacts.
-    """
+    """Clamp one finger's flexion in a step, shape (21,), to its joint limits: its optimum without contacts."""
     for k in range(PHALANX_COUNT):
         j = 6 + PHALANX_COUNT * finger + k
         low = min(hand.flexion_min[finger, k] - pose.flexion[finger, k], 0.0)

@@ -1,9 +1,8 @@
-"""The graphic hand against the true mesh: how near or how deep.
+"""Signed distance of the graphic hand to the true mesh.
 
 A round cone is the union of the balls with centre x(s) on its axis and radius r(s), 0 <= s <= 1, so its signed distance
 to the mesh is the least of f(s) = d(x(s)) - r(s), with d the mesh's signed distance. For a hand not deeper than the
-object is thin, -f is the depth of its deepest point; beyond the object's medial axis it is more, namely what the hand
-would have to shrink by.
+object's medial axis, -f is the depth of its deepest point; beyond it, what the hand would have to shrink by.
 """
 
 import math
@@ -16,14 +15,14 @@ from hhsim.kernels.kd_tree import STACK
 from hhsim.kernels.mesh.bvh import MeshBvh, beyond, closest_on_mesh, outside
 
 DEEPEST_INTERVAL = 60
-"""Halvings of an axis that its stack has room for."""
+"""Most halvings of an axis."""
 FINEST = 2.0**-52
-"""Share of an axis that is not halved: the middles of its halves are the same number."""
+"""Share of an axis that is not halved: the middles of its halves coincide in double precision."""
 
 
 @jit
 def _signed_distance(bvh: MeshBvh, x: float, y: float, z: float, stack: Indices, stack_distance2: Array) -> float:
-    """Signed distance [m] of one point, negative inside."""
+    """Compute the signed distance [m] of one point, negative inside."""
     triangle, cx, cy, cz, d2, feature = closest_on_mesh(bvh, x, y, z, np.inf, stack, stack_distance2)
     distance = math.sqrt(d2)
     if triangle >= 0 and not outside(bvh, triangle, feature, x - cx, y - cy, z - cz) and not beyond(bvh, x, y, z):
@@ -44,26 +43,14 @@ def round_cone_mesh_distance(
     stack_distance2: Array,
     interval: Array,
 ) -> float:
-    """Signed distance [m] of a round cone to the mesh, if it is below `limit`.
+    """Compute the signed distance [m] of a round cone, of axis ab, to the mesh, `limit` if it is not below that.
 
     The axis is halved where the minimum may be: f changes by no more than its length and its drop of radius together.
     Pieces of `resolution` [m] are not halved any more. Outside, d is the least of the distances to the triangles, each
     convex along the axis and with no more curvature than 1/d; so the best midpoint is no more than
     (resolution / 2)² / (2 d) above the minimum, where d is the axis's distance to the mesh: 0.3 µm for 0.1 mm at 4 mm.
     Where the axis itself is inside, or nearer than that, it is no more than resolution / 2 by f's slope of at most
-    1 + drop / length.
-
-    Args:
-        bvh: Of the mesh.
-        a: One end of the axis [m], world, shape (3,).
-        b: The other end, shape (3,).
-        radius_a: At a [m].
-        radius_b: At b [m].
-        limit: Returned where nothing is nearer [m].
-        resolution: Length of the pieces [m].
-        stack: Workspace, shape (STACK,).
-        stack_distance2: Workspace, shape (STACK,).
-        interval: Workspace, shape (2, DEEPEST_INTERVAL).
+    1 + drop / length. Workspace has the shapes (STACK,) and (2, DEEPEST_INTERVAL).
     """
     ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     length = math.sqrt(ux * ux + uy * uy + uz * uz)
@@ -81,7 +68,7 @@ def round_cone_mesh_distance(
         x, y, z = a[0] + middle * ux, a[1] + middle * uy, a[2] + middle * uz
         value = _signed_distance(bvh, x, y, z, stack, stack_distance2) - (radius_a - middle * drop)
         best = min(best, value)
-        # So said that an axis too long for its square has no piece worth a look: nothing of it is a number.
+        # With NaN, as of an axis too long for its square, no piece is halved.
         below = value - 0.5 * width * slope < best
         if not below or width * length <= resolution or width <= FINEST:
             continue
@@ -104,19 +91,10 @@ def hand_mesh_distances(
     resolution: float,
     distance_out: Array,
 ) -> None:
-    """Least signed distance [m] of the whole hand to the mesh, tick by tick, negative inside.
+    """Compute the least signed distance [m] of the hand to the mesh at each tick, at most `limit`; NaN if its pose is.
 
-    Args:
-        phalanx_radius: [m], shape (5, 4).
-        palm_center: Of the palm's spheres [m], palm frame, shape (P, 3).
-        palm_radius: [m], shape (P,).
-        bvh: Of the mesh, world.
-        joints: [m], world, shape (T, 5, 4, 3).
-        position: Of the palm [m], world, shape (T, 3).
-        rotation: Palm to world, shape (T, 3, 3).
-        limit: Stands for everything from here on [m].
-        resolution: See `round_cone_mesh_distance` [m].
-        distance_out: Shape (T,) [m]; NaN where the pose is.
+    The palm's spheres are in the palm frame; joints [m], shape (T, 5, 4, 3), and the palm's position and rotation are
+    in the world. `resolution` [m] is as in `round_cone_mesh_distance`.
     """
     stack = np.empty(STACK, np.int64)
     stack_distance2 = np.empty(STACK)

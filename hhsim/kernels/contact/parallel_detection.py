@@ -1,4 +1,4 @@
-"""Detection by the whole thread team: as `evaluate`, each finger and the palm by whoever is free."""
+"""Detection as of `evaluate` by the whole thread team: each finger and the palm is one item."""
 
 from typing import Any
 
@@ -29,7 +29,7 @@ def worth_sharing(
     thread_team: Record,
     work: Indices,
 ) -> bool:
-    """Whether the coming evaluation is long enough to be shared; if so, its parts are put in order."""
+    """Return True if the coming evaluation is long enough to share; its parts are then in order."""
     follow_motion(hand, pose, candidates)
     choose_gathers(needed, margin, skin, candidates, work[:])
     thread_team.parts = 0
@@ -57,7 +57,7 @@ def evaluate_in_parallel(
     thread_team: Record,
     work: Indices,
 ) -> int:
-    """As `kernels.contact.detection.evaluate`, the same to the bit, of the parts that `worth_sharing` found."""
+    """Evaluate the parts found by `worth_sharing`, bit for bit as `kernels.contact.detection.evaluate` does."""
     for i in range(thread_team.parts):
         thread_team.status[i] = 0
         thread_team.work[i, :] = 0
@@ -95,7 +95,7 @@ def evaluate_items(
     walk: Walk,
     counted: Indices,
 ) -> None:
-    """Do items of the task TASK_DISTANCES until none is left; `walk` is the thread's own."""
+    """Process items of the task TASK_DISTANCES until none is left, with the thread's own `walk`."""
     word = thread_team.word[:]
     while True:
         item = take_item(word, as_int64(TASK_DISTANCES))

@@ -1,7 +1,7 @@
-"""How deep the graphic hand is in the object, tick by tick, from what a result stores and not from the solver.
+"""Penetration depth of stored hands at each tick, independent of the solver.
 
-The paper (Section V-D) defines the penetration depth as the biggest penetration between the graphic finger and the
-object's spheres in a cycle; here the palm counts too. Phalanges are placed by their stored joints.
+The paper (Section V-D) defines it as the biggest penetration between the graphic finger and the object's spheres in a
+cycle; here the palm counts too. Phalanges are placed by their stored joints.
 """
 
 import math
@@ -17,50 +17,30 @@ from hhsim.kernels.sphere_tree import STACK_SIZE
 
 
 class HandSurface(NamedTuple):
-    """What the hand's surface is made of.
+    """Surface of the hand."""
 
-    | field | meaning | shape |
-    |---|---|---|
-    | phalanx_radius | at each joint and at the tip, not growing towards the tip [m] | (5, 4) |
-    | palm_x, palm_y, palm_z | centres of the palm's spheres [m], palm frame | (P,) |
-    | palm_radius | [m] | (P,) |
-    """
-
-    phalanx_radius: Array
-    palm_x: Array
+    phalanx_radius: Array  # at each joint and at the tip, not growing towards the tip [m], (5, 4)
+    palm_x: Array  # centres of the palm's spheres [m], palm frame, (P,)
     palm_y: Array
     palm_z: Array
-    palm_radius: Array
+    palm_radius: Array  # [m], (P,)
 
 
 class PlacedHands(NamedTuple):
-    """Where hands are, tick by tick, world.
+    """Poses of hands at each tick, world."""
 
-    | field | meaning | shape |
-    |---|---|---|
-    | joints | joint centres and tip sphere centre [m] | (T, 5, 4, 3) |
-    | position | palm origin [m] | (T, 3) |
-    | rotation | palm to world | (T, 3, 3) |
-    """
-
-    joints: Array
-    position: Array
-    rotation: Array
+    joints: Array  # joint centres and tip sphere centre [m], (T, 5, 4, 3)
+    position: Array  # palm origin [m], (T, 3)
+    rotation: Array  # palm to world, (T, 3, 3)
 
 
 @jit_allocating
 def clearances(
     surface: Any, shape: HandSurface, placed: PlacedHands, limit: float, palm_out: Array, finger_out: Array
 ) -> None:
-    """Least signed distance [m] of the palm and of each finger to the object's surface, negative inside.
+    """Compute the least signed distance [m] of the palm, (T,), and of each finger, (T, 5), to the object's surface.
 
-    Args:
-        surface: The object's, world.
-        shape: The hand.
-        placed: Its ticks.
-        limit: Distances from here on [m] are not looked for; `limit` stands for them.
-        palm_out: Shape (T,) [m]; NaN where the palm's pose is.
-        finger_out: Shape (T, 5) [m]; NaN where a joint is.
+    Negative inside, `limit` [m] from there on, NaN if the palm's pose or a joint is.
     """
     joints, palm_x, palm_y, palm_z = placed.joints, shape.palm_x, shape.palm_y, shape.palm_z
     stack = np.empty(STACK_SIZE, dtype=np.int64)

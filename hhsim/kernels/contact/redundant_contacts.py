@@ -1,4 +1,4 @@
-"""Contacts that follow from another one and need no row of their own.
+"""Removal of contacts whose rows follow from another one.
 
 A patch of a sphere tree brings many contacts with nearly the same normal, one above the other. Let contact j be on the
 same rigid body as contact i, x the points of the body's axis (or of the palm's sphere) that are nearest to the two
@@ -13,8 +13,8 @@ the body's turning lever, of a phalanx across its axis, along which x_i - x_j li
 
     d_i - d_j >= reach · (|x_i - x_j| / lever + |n_i - n_j|).
 
-The first row of a body to be held against is its nearest contact's, which a step is most likely to meet; then the
-nearest of those that do not follow from it, and so on.
+The first reference is the body's nearest contact, which a step is most likely to meet; then the nearest of those that
+do not follow from it, and so on.
 """
 
 import numpy as np
@@ -23,11 +23,11 @@ from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.jit import Array, Record, jit, jit_inline, jit_vector
 
 REFERENCES = 3
-"""Contacts of a body that the others are held against: most that can follow from any do so from the first ones."""
+"""Number of reference contacts of a body: most that follow from any do so from the first ones."""
 REFERENCE = -np.inf
-"""Marks a contact that others are held against; infinity one that follows. Any other is open, by its distance [m]."""
+"""Mark of a reference contact; infinity marks one that follows, and any other number, its distance [m], an open one."""
 FEWEST = 8
-"""A body with fewer contacts is left alone: its rows cost less than looking."""
+"""Least number of contacts of a body to thin: fewer rows cost less than the search."""
 
 
 @jit_vector
@@ -91,7 +91,7 @@ def _move(contacts: Record, source: int, target: int) -> None:
 
 @jit
 def _thin(start: int, stop: int, row: int, lever: float, reach: float, contacts: Record, is_open: Array) -> int:
-    # Keep what does not follow of the contacts [start, stop), moved to `row` and on; returns the row behind them.
+    """Move those of the contacts [start, stop) that do not follow to `row` and on; return the row after them."""
     if stop - start >= FEWEST:
         point, normal, distance, hand_radius = contacts.point, contacts.normal, contacts.distance, contacts.hand_radius
         least = _open_all(start, stop, distance, is_open)
@@ -120,13 +120,10 @@ def _thin(start: int, stop: int, row: int, lever: float, reach: float, contacts:
 
 @jit_inline
 def drop_redundant_contacts(hand: HandArrays, reach: float, contacts: Record, excess: Array) -> None:
-    """Leave only the contacts that do not follow from others of their body.
+    """Keep only the contacts, in their order, that do not follow from others of their body.
 
-    Args:
-        hand: The hand.
-        reach: No axis point of a body with contacts moves farther in the step [m].
-        contacts: Records as `kernels.contact.detection.find_contacts` leaves them; thinned, in their order.
-        excess: Workspace, shape (CONTACT_ROWS,).
+    No axis point of a body with contacts moves farther than `reach` [m] in the step; `excess` is workspace, shape
+    (CONTACT_ROWS,).
     """
     start = contacts.start[0]
     stop = contacts.start[1]

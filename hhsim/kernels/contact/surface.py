@@ -1,7 +1,7 @@
-"""What the surface of an object is to a tick: six kernels, declared for the type of its arrays.
+"""Interface of an object's surface: six kernels, declared for the type of its arrays.
 
-A surface keeps its near pairs with each hand body in a record of its own type, its candidates; what detection needs of
-them all is in `SHARED_CANDIDATES`. A pair is one body and one piece of the surface: a leaf sphere, a triangle.
+A surface keeps its near pairs with each hand body in a record of its own type, its candidates, with the fields
+`SHARED_CANDIDATES`. A pair is one body and one piece of the surface: a leaf sphere, a triangle.
 """
 
 from collections.abc import Callable
@@ -15,80 +15,55 @@ from hhsim.kernels.jit import Indices, Record, generic
 from hhsim.kernels.round_cone_distance import RoundCone
 
 SHARED_CANDIDATES = [
-    ("count", np.int64, (BODY_COUNT,)),
-    ("slack", np.float64, (BODY_COUNT,)),
-    ("fresh", np.float64, (BODY_COUNT,)),
-    ("pace", np.float64, (BODY_COUNT,)),
-    ("anchor", np.float64, (BODY_COUNT, BOX_CORNERS, 3)),
-    ("nearest", np.float64, (BODY_COUNT,)),
-    ("due", np.int64, (BODY_COUNT,)),
-    ("needed", np.float64),
-    ("leeway", np.float64),
+    ("count", np.int64, (BODY_COUNT,)),  # pairs of each body, or those measured
+    ("slack", np.float64, (BODY_COUNT,)),  # least distance of a piece not listed [m]; -inf: to be gathered
+    ("fresh", np.float64, (BODY_COUNT,)),  # slack when it was gathered [m]; -inf before, inf if it never is
+    ("pace", np.float64, (BODY_COUNT,)),  # change of the slack since the last evaluation [m]
+    ("anchor", np.float64, (BODY_COUNT, BOX_CORNERS, 3)),  # ends of its axis, or corners of the palm's box then [m]
+    ("nearest", np.float64, (BODY_COUNT,)),  # least signed distance, infinite without a pair [m]
+    ("due", np.int64, (BODY_COUNT,)),  # 1 to gather now, 2 ahead of need, else 0
+    ("needed", np.float64),  # slack that no body should have less of now [m]
+    ("leeway", np.float64),  # slack missing before a body must be gathered: it bounds the step then [m]
 ]
-"""Fields of the candidates of every surface.
-
-| field | meaning |
-|---|---|
-| count | pairs of each body; where not all of them had to be measured, those that were |
-| slack | least distance that any piece left out can still have [m]; negative infinity: to be gathered |
-| fresh | slack when the body was gathered [m]; negative infinity before that, infinity where it never is |
-| pace | by how much the slack has changed since the last evaluation [m] |
-| anchor | where the body was then: the ends of its axis, or the corners of a box around the palm's centres [m] |
-| due | 1 where the body is to be gathered now, 2 where ahead of need, else 0 |
-| needed | slack that no body should have less of now [m] |
-| leeway | by how much a body may have less before it must be gathered: its step is then bounded by its slack [m] |
-| nearest | least signed distance of each body, infinite where it has no pair [m] |
-
-And two of the surface's own size, int64: `scratch` and `stack`, for a walk.
-"""
+"""Fields of the candidates of every surface, besides two of its own size for a walk, int64: `scratch` and `stack`."""
 
 
 class Walk(NamedTuple):
-    """What a walk through a hierarchy works in; each thread has its own."""
+    """Workspace of a walk through a hierarchy; each thread has its own."""
 
     stack: Indices
     scratch: Indices
 
 
 class Surface(NamedTuple):
-    """A surface that objects can have; a module of `hhsim.kernels.surfaces` declares one as `SURFACE`.
+    """A kind of surface; a module of `hhsim.kernels.surfaces` declares one as `SURFACE`."""
 
-    | field | meaning |
-    |---|---|
-    | summary | one line for help texts |
-    | arrays | the NamedTuple that its kernels are declared for |
-    | candidates | dtype of its candidates |
-    | center | a point [m] (3,) that a hand inside gets away from, of such arrays |
-    | coarser | what has fewer pieces, for messages |
-    | lists_margin | whether pairs up to the whole margin are listed in every tick, as the paper counts them |
-    """
-
-    summary: str
-    arrays: type
+    summary: str  # one line for help texts
+    arrays: type  # NamedTuple that its kernels are declared for
     candidates: "np.dtype[Any]"
-    center: Callable[[Any], NDArray[np.float64]]
-    coarser: str = "a coarser object"
-    lists_margin: bool = True
+    center: Callable[[Any], NDArray[np.float64]]  # of its arrays, a point [m] (3,) from which a hand inside escapes
+    coarser: str = "a coarser object"  # name of one with fewer pieces, for messages
+    lists_margin: bool = True  # True if pairs up to the whole margin are listed in every tick, as the paper counts
 
 
 @generic
 def gather_pairs(
     surface: Any, hand: HandArrays, pose: Record, body: int, reach: float, candidates: Record, walk: Walk, work: Indices
 ) -> bool:
-    """List the pairs of one body up to `reach` [m], and set its count and slack; False where there is no room."""
+    """List the pairs of one body up to `reach` [m], and set its count and slack; False if there is no room."""
 
 
 @generic
 def measure_pairs(surface: Any, hand: HandArrays, pose: Record, body: int, candidates: Record) -> float:
-    """Signed distances of the listed pairs of a body, which has at least one; returns the least [m].
+    """Compute signed distances of the listed pairs of a body, at least one, and return the least [m].
 
-    At least of those up to `candidates.needed`: what is not measured is farther than that, and than the least.
+    Pairs that are not measured are farther than `candidates.needed` and than the least.
     """
 
 
 @generic
 def pairs_within(surface: Any, hand: HandArrays, candidates: Record, body: int, limit: float) -> int:
-    """How many measured pairs of a body are at most `limit` [m] apart."""
+    """Count the measured pairs of a body that are at most `limit` [m] apart."""
 
 
 @generic
@@ -102,40 +77,28 @@ def record_pairs(
     row: int,
     contacts: Record,
 ) -> int:
-    """Write contact records of a body's measured pairs up to `limit` [m], from `row` on.
-
-    Returns the row after the last, -1 where there is no room.
-    """
+    """Write contact records of a body's measured pairs up to `limit` [m] from `row` on; return the row after, or -1."""
 
 
 class ContactPoints(NamedTuple):
-    """Touching pairs of a hand body and a piece of the surface, in the order of the ticks.
+    """Touching pairs of a hand body and a piece of the surface, in the order of the ticks."""
 
-    | field | meaning | shape |
-    |---|---|---|
-    | tick | of each pair, from 0 | (N,) |
-    | body | 0 to 14 the phalanges, finger by finger, proximal first; 15 the palm | (N,) |
-    | point | the body's nearest point to the piece [m], world | (N, 3) |
-    | normal | unit, from the object to the hand; zero where it has no direction | (N, 3) |
-    """
-
-    tick: Indices
-    body: Indices
-    point: NDArray[np.float64]
-    normal: NDArray[np.float64]
+    tick: Indices  # of each pair, from 0, (N,)
+    body: Indices  # 0 to 14 the phalanges, finger by finger, proximal first; 15 the palm, (N,)
+    point: NDArray[np.float64]  # the body's nearest point to the piece [m], world, (N, 3)
+    normal: NDArray[np.float64]  # unit, from the object to the hand; zero if it has no direction, (N, 3)
 
 
 @generic
 def cone_contacts(
     surface: Any, cone: RoundCone, limit: float, walk: Walk, row: int, pairs_out: ContactPoints
 ) -> tuple[int, float]:
-    """Where a round cone is no more than `limit` [m] from pieces of the surface, or inside of them.
+    """Write point and normal of each pair of a round cone and a piece up to `limit` [m], from `row` on.
 
-    Writes point and normal of each pair, from `row` on. Returns the row after the last, -1 where there is no room, and
-    a distance [m] that no piece without a pair is nearer than.
+    Returns the row after the last, -1 if there is no room, and a lower bound [m] on the distance of other pieces.
     """
 
 
 @generic
 def cone_distance(surface: Any, cone: RoundCone, limit: float, stack: Indices) -> float:
-    """Least signed distance [m] between a round cone and the surface; `limit` where none is below it."""
+    """Compute the least signed distance [m] between a round cone and the surface; `limit` if none is below it."""

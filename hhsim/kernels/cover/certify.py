@@ -1,8 +1,8 @@
-"""Proof that spheres cover a mesh, made from nothing but the mesh and the spheres.
+"""Proof that spheres cover a mesh.
 
-The proof is a row of codes, face after face. Each face is a binary tree of triangles in preorder. A code j ≥ 0 ends a
+The proof is a list of codes, face after face. Each face is a binary tree of triangles in preorder. A code j ≥ 0 ends a
 branch: the three corners of that triangle lie in sphere j. A code −1 − k halves it at the middle m of the edge from its
-corner k to the next one. With the corners turned so that this is the edge a b, the halves follow: (a, m, c), whole,
+corner k to the next one. With the corners rotated so that this is the edge a b, the halves follow: (a, m, c), whole,
 then (m, b, c).
 """
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.cover.micro_triangle import CUT_STACK
 from hhsim.kernels.jit import Array, Indices, jit_allocating
-from hhsim.kernels.triangle import longest_edge
+from hhsim.kernels.triangle import halve_triangle, longest_edge, triangle_at
 
 Codes = NDArray[np.int32]
 
@@ -27,18 +27,9 @@ def certify_cover(
     A triangle whose three corners lie in one sphere lies in it, since spheres are convex. Any other is halved across
     its longest edge and both halves are proved. Only spheres that reach the triangle are handed down to its halves.
 
-    Args:
-        corner: a, b, c of the faces [m], shape (F, 9).
-        center: Sphere centres [m], shape (spheres, 3).
-        radius: [m], shape (spheres,).
-        slack: How far inside a sphere a corner must lie to count [m]; covers the rounding.
-        finest: Edge length [m] below which an unproved triangle is given up, and its face counts as uncovered.
-        uncovered_out: Faces without a proof, shape (F,); only the first of them, up to the returned number, are set.
-        proof_out: Codes of the proof, shape (room,); those beyond the room are counted but not stored. Not a proof
-            unless every face has one.
-
-    Returns:
-        (faces without a proof, codes of the proof).
+    Corners are a, b, c of the faces [m], shape (F, 9). A corner must lie `slack` [m] inside a sphere, which covers the
+    rounding; below the edge length `finest` [m] a triangle is given up and its face uncovered. Returns the number of
+    faces without a proof, the first of `uncovered_out`, and of codes; codes that do not fit are counted but not stored.
     """
     spheres = radius.shape[0]
     triangle = np.empty((CUT_STACK, 9))
@@ -58,8 +49,8 @@ def certify_cover(
         proved = True
         while top > 0 and proved:
             top -= 1
-            t = triangle[top]
-            ax, ay, az, bx, by, bz, cx, cy, cz = t[0], t[1], t[2], t[3], t[4], t[5], t[6], t[7], t[8]
+            t, corners = triangle[top], triangle_at(triangle, top)
+            ax, ay, az, bx, by, bz, cx, cy, cz = corners
             depth = level[top]
             mx, my, mz = (ax + bx + cx) / 3.0, (ay + by + cy) / 3.0, (az + bz + cz) / 3.0
             extent = 0.0
@@ -82,7 +73,7 @@ def certify_cover(
                     break
                 lists[depth, count] = j
                 count += 1
-            longest, length2 = longest_edge(ax, ay, az, bx, by, bz, cx, cy, cz)
+            longest, length2 = longest_edge(corners)
             if codes < proof_out.shape[0]:
                 proof_out[codes] = owner if owner >= 0 else -1 - longest
             codes += 1
@@ -92,19 +83,8 @@ def certify_cover(
             if count == 0 or length2 < finest * finest or depth + 1 >= CUT_STACK:
                 proved = False
                 continue
-            if longest == 1:
-                ax, ay, az, bx, by, bz, cx, cy, cz = bx, by, bz, cx, cy, cz, ax, ay, az
-            elif longest == 2:
-                ax, ay, az, bx, by, bz, cx, cy, cz = cx, cy, cz, ax, ay, az, bx, by, bz
-            mx, my, mz = 0.5 * (ax + bx), 0.5 * (ay + by), 0.5 * (az + bz)
-            for half in range(2):
-                s = triangle[top + half]
-                if half == 0:
-                    s[0], s[1], s[2], s[3], s[4], s[5] = mx, my, mz, bx, by, bz
-                else:
-                    s[0], s[1], s[2], s[3], s[4], s[5] = ax, ay, az, mx, my, mz
-                s[6], s[7], s[8] = cx, cy, cz
-                level[top + half] = depth + 1
+            halve_triangle(corners, longest, triangle[top : top + 2])
+            level[top] = level[top + 1] = depth + 1
             top += 2
         if not proved:
             uncovered_out[unproved] = face

@@ -1,7 +1,4 @@
-"""Checks the proof that spheres cover a mesh: once along its codes, nothing is searched.
-
-Apart from the builder and from what made the proof: it shares no code with them.
-"""
+"""Check of the proof that spheres cover a mesh, in one pass and without code of its maker or of the tree builder."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,24 +8,17 @@ from hhsim.kernels.jit import Array, jit_allocating
 Codes = NDArray[np.int32]
 
 HOLDS, NO_SUCH_SPHERE, CORNER_OUTSIDE, NO_SUCH_CODE, TOO_SHORT, TOO_LONG, TOO_DEEP = range(7)
-"""What a check finds: the proof holds, or what is wrong with it first."""
+"""Findings of a check: the proof holds, or its first fault."""
 
 _DEEPEST = 512
 
 
 @jit_allocating
 def check_proof(corner: Array, center: Array, radius: Array, room: float, proof: Codes) -> tuple[int, int, int]:
-    """Walk along the codes of a proof; see `certify_cover` for what they mean.
+    """Walk along the codes of a proof as of `certify_cover`; return the finding, and its face and code.
 
-    Args:
-        corner: a, b, c of the faces [m], shape (F, 9).
-        center: Sphere centres [m], shape (spheres, 3).
-        radius: [m], shape (spheres,).
-        room: How far inside its sphere a corner must lie [m]: what the arithmetic of the check may be wrong by.
-        proof: The codes, shape (n,).
-
-    Returns:
-        (what was found, face, code): where in the mesh and in the proof; the numbers of both if the proof holds.
+    Face and code are the numbers of both if the proof holds. A corner must lie `room` [m] inside its sphere: the
+    largest error of the arithmetic here.
     """
     waiting = np.empty((_DEEPEST, 3, 3))
     place = 0

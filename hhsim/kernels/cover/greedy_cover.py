@@ -1,4 +1,4 @@
-"""A cover of a mesh by few spheres that protrude little: greedy inner spheres, assignment, radii.
+"""Cover of a mesh by few spheres that protrude little: greedy inner spheres, assignment, radii.
 
 A sphere with its centre c at the depth d inside the solid and the radius r protrudes at most r − d (triangle
 inequality). Each micro-triangle goes whole to one sphere that contains its three corners; spheres are convex, so it
@@ -16,16 +16,27 @@ from hhsim.kernels.cover.sphere_descent import WORK, descend_sphere
 from hhsim.kernels.jit import Array, Indices, jit, jit_allocating, jit_inline
 from hhsim.kernels.kd_tree import STACK
 from hhsim.kernels.mesh.bvh import MeshBvh
-from hhsim.kernels.triangle import longest_edge
+from hhsim.kernels.triangle import longest_edge, triangle_at
 
 _GAIN = 1e-3
 
 
 @jit_inline
 def _gap(micro: MicroTriangles, node: int, x: float, y: float, z: float) -> float:
-    """Distance [m] from (x, y, z) to the centre of a node's sphere."""
+    """Compute the distance [m] from (x, y, z) to the centre of a node's sphere."""
     dx, dy, dz = micro.center[node, 0] - x, micro.center[node, 1] - y, micro.center[node, 2] - z
     return math.sqrt(dx * dx + dy * dy + dz * dz)
+
+
+@jit_inline
+def _worst_below(micro: MicroTriangles, node: int, cost: Array, worst: Array) -> float:
+    """Compute the largest cost [m] below a node, from its children's or its micro-triangles'."""
+    if micro.right[node] >= 0:
+        return max(worst[node + 1], worst[micro.right[node]])
+    most = -np.inf
+    for i in range(micro.start[node], micro.end[node]):
+        most = max(most, cost[i])
+    return most
 
 
 @jit
@@ -40,7 +51,7 @@ def _offer_sphere(
     stack: Indices,
     touched: Indices,
 ) -> None:
-    """Give the sphere every micro-triangle that costs less under it, and keep the nodes' largest costs right."""
+    """Give the sphere every micro-triangle that costs less under it, and update the nodes' largest costs."""
     x, y, z = center[0], center[1], center[2]
     stack[0] = 0
     top, count = 1, 0
@@ -64,14 +75,7 @@ def _offer_sphere(
             top += 2
     # Nodes were touched in preorder: backwards, children come before their parents.
     for j in range(count - 1, -1, -1):
-        node = touched[j]
-        if micro.right[node] < 0:
-            most = -np.inf
-            for i in range(micro.start[node], micro.end[node]):
-                most = max(most, cost[i])
-            worst[node] = most
-        else:
-            worst[node] = max(worst[node + 1], worst[micro.right[node]])
+        worst[touched[j]] = _worst_below(micro, touched[j], cost, worst)
 
 
 @jit_allocating
@@ -87,25 +91,14 @@ def greedy_cover(
     owner_out: Indices,
     cost_out: Array,
 ) -> int:
-    """Place spheres one after another where the cover costs most (k-centre).
+    """Place spheres from number `begin` on, 0 for a new cover, one after another where it costs most (k-centre).
 
-    Args:
-        bvh: Over the mesh.
-        micro: Micro-triangles of the same mesh.
-        largest: Radius [m] from which inner spheres shrink.
-        reach: Share [-] of the largest cost that a new sphere may cost its own micro-triangle.
-        trials: Steps of descent for a sphere that an inner sphere cannot replace.
-        begin: Number of spheres to place now; the call goes on from sphere `begin`, 0 for a new cover.
-        center_out: Centres [m], shape (spheres, 3).
-        depth_out: Their depths [m], shape (spheres,); negative for a centre outside.
-        owner_out: Sphere of each micro-triangle, shape (M,).
-        cost_out: Cost of each micro-triangle [m], shape (M,).
-
-    Returns:
-        Number of spheres placed in all; less than there is room for, when another one would gain nothing.
+    Inner spheres shrink from the radius `largest` [m]; a new sphere may cost its own micro-triangle the share `reach`
+    of the largest cost; a sphere that no inner sphere can replace descends by `trials` steps. Writes the spheres'
+    centres [m] and depths [m], negative outside, and each micro-triangle's sphere and cost [m]. Returns the number of
+    spheres in all, fewer than fit when another one would gain nothing.
     """
-    stack = np.empty(2 * STACK, np.int64)
-    stack_distance2 = np.empty(2 * STACK)
+    stack, stack_distance2 = np.empty(2 * STACK, np.int64), np.empty(2 * STACK)
     touched = np.empty(micro.start.shape[0], np.int64)
     work = np.empty((WORK, 8))
     one = np.empty(1, np.int64)
@@ -114,12 +107,7 @@ def greedy_cover(
         owner_out[:] = -1
         cost_out[:] = np.inf
     for node in range(worst.shape[0] - 1, -1, -1):
-        if micro.right[node] < 0:
-            worst[node] = -np.inf
-            for i in range(micro.start[node], micro.end[node]):
-                worst[node] = max(worst[node], cost_out[i])
-        else:
-            worst[node] = max(worst[node + 1], worst[micro.right[node]])
+        worst[node] = _worst_below(micro, node, cost_out, worst)
 
     for sphere in range(begin, depth_out.shape[0]):
         node = 0
@@ -140,7 +128,7 @@ def greedy_cover(
                 after = math.sqrt(far_corner2(micro.corner, chosen, x, y, z)) - depth
                 allowed = 0.0
             else:
-                # At a sharp edge an inner sphere may be too small to help: start from the sphere that is there.
+                # At a sharp edge an inner sphere may be too small to help: start from the present owner.
                 one[0] = chosen
                 for k in range(3):
                     center_out[sphere, k] = center_out[owner_out[chosen], k]
@@ -158,17 +146,11 @@ def greedy_cover(
 
 @jit_inline
 def _stays_behind(dx: float, dy: float, dz: float, lag: float, far: float, radius: float) -> bool:
-    """Whether a sphere costs more than another within `radius` [m] of a point, as it does there.
+    """Return True if a sphere that costs `lag` [m] more than another at a point does so within `radius` [m] of it.
 
-    The gradient of the difference of the distances to both is the difference of two unit vectors, at most
-    2 |c₁ − c₂| / (sum of the distances) long (Dunkl and Williams, 1964), and never longer than 2. Without branches:
-    which way they would go cannot be foreseen.
-
-    Args:
-        dx, dy, dz: From the centre of one to that of the other [m].
-        lag: How much more the one costs at the point [m].
-        far: Sum of the distances of the two from the point [m].
-        radius: [m].
+    (dx, dy, dz) leads from one centre to the other, and `far` is the sum of their distances from the point [m]. The
+    gradient of the difference of the distances is the difference of two unit vectors, at most 2 |c₁ − c₂| / far long
+    (Dunkl and Williams, 1964), and never longer than 2. Without branches, which could not be predicted.
     """
     margin = max(lag - 1e-12 * far, 0.0)
     reach = margin * max(far - 2.0 * radius, 0.0)
@@ -187,15 +169,9 @@ def assign(
     second_owner_out: Indices,
     second_cost_out: Array,
 ) -> None:
-    """Find for every micro-triangle the two spheres under which it costs least: exact, by bounds on the nodes.
+    """Find for every micro-triangle below a node the two spheres under which it costs least [m], exactly.
 
-    Args:
-        micro: The micro-triangles.
-        root: Node below which to assign; 0 for all.
-        center: Sphere centres [m], shape (spheres, 3).
-        depth: Their depths [m], shape (spheres,).
-        owner_out, cost_out: Best sphere and its cost [m], shape (M,).
-        second_owner_out, second_cost_out: The next best, shape (M,); −1 and infinity if there is only one sphere.
+    The second owner and cost are −1 and infinity if there is only one sphere.
     """
     spheres = depth.shape[0]
     levels = 4
@@ -242,13 +218,8 @@ def assign(
         last = end
         for front in (first_of, second_of):
             if keep[front - begin]:
-                sphere[last], cx[last], cy[last], cz[last], deep[last] = (
-                    sphere[front],
-                    cx[front],
-                    cy[front],
-                    cz[front],
-                    deep[front],
-                )
+                sphere[last], deep[last] = sphere[front], deep[front]
+                cx[last], cy[last], cz[last] = cx[front], cy[front], cz[front]
                 keep[front - begin] = False
                 last += 1
         for k in range(begin, end):
@@ -283,7 +254,7 @@ def assign(
 
 @jit
 def covering_radius(micro: MicroTriangles, center: Array, owner: Indices, radius_out: Array) -> None:
-    """Least radius [m] of each sphere, shape (spheres,), that reaches all its micro-triangles; −1 where it has none."""
+    """Compute the least radius [m] of each sphere that reaches all its micro-triangles; −1 if it has none."""
     radius_out[:] = -1.0
     for i in range(owner.shape[0]):
         j = owner[i]
@@ -293,7 +264,7 @@ def covering_radius(micro: MicroTriangles, center: Array, owner: Indices, radius
 
 @jit
 def owner_cost(micro: MicroTriangles, center: Array, depth: Array, owner: Indices, cost_out: Array) -> None:
-    """Cost of each micro-triangle under its owner [m], shape (M,); infinite where the owner is −1."""
+    """Compute the cost [m] of each micro-triangle under its owner; infinite if the owner is −1."""
     for i in range(owner.shape[0]):
         j = owner[i]
         if j < 0:
@@ -305,8 +276,6 @@ def owner_cost(micro: MicroTriangles, center: Array, depth: Array, owner: Indice
 
 @jit
 def longest_edges(corner: Array, longest_out: Array) -> None:
-    """Longest edge [m], shape (M,), of triangles a, b, c [m], shape (M, 9)."""
+    """Compute the longest edge [m] of each triangle, shape (M, 9)."""
     for i in range(corner.shape[0]):
-        t = corner[i]
-        _, length2 = longest_edge(t[0], t[1], t[2], t[3], t[4], t[5], t[6], t[7], t[8])
-        longest_out[i] = math.sqrt(length2)
+        longest_out[i] = math.sqrt(longest_edge(triangle_at(corner, i))[1])

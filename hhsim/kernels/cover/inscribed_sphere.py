@@ -1,4 +1,4 @@
-"""Spheres inside a mesh: the depth of a centre, the largest one that touches a point, a good one to cover a place."""
+"""Spheres inside a mesh: depth of a centre, largest sphere that touches a point, sphere to cover a micro-triangle."""
 
 import math
 
@@ -14,7 +14,7 @@ _STRETCHES = 8
 
 @jit
 def far_corner2(corner: Array, i: int, x: float, y: float, z: float) -> float:
-    """Squared distance [m²] of (x, y, z) from the farthest corner of micro-triangle i."""
+    """Compute the squared distance [m²] of (x, y, z) from the farthest corner of micro-triangle i."""
     farthest2 = 0.0
     for v in range(0, 9, 3):
         dx, dy, dz = corner[i, v] - x, corner[i, v + 1] - y, corner[i, v + 2] - z
@@ -26,7 +26,7 @@ def far_corner2(corner: Array, i: int, x: float, y: float, z: float) -> float:
 def depth_at(
     bvh: MeshBvh, x: float, y: float, z: float, limit2: float, stack: Indices, stack_distance2: Array
 ) -> tuple[float, float, float, float]:
-    """Depth [m] below the surface, negative outside, and the closest surface point; −inf beyond the limit."""
+    """Compute the depth [m], negative outside, −inf beyond the limit, and the closest surface point."""
     triangle, qx, qy, qz, d2, feature = closest_on_mesh(bvh, x, y, z, limit2, stack, stack_distance2)
     if triangle < 0:
         return -np.inf, qx, qy, qz
@@ -49,12 +49,10 @@ def inscribed_sphere(
     stack: Indices,
     stack_distance2: Array,
 ) -> tuple[float, float, float, float]:
-    """Largest sphere inside the solid that touches the surface at p with outward normal n.
+    """Compute the radius [m] of the largest inner sphere that touches the surface at p with outward normal n.
 
-    Shrinks from `radius` [m] until no surface point lies inside (Ma, Bae and Choi, 2012).
-
-    Returns:
-        (radius [m], and the surface point that stopped it).
+    It shrinks from `radius` [m] until no surface point lies inside (Ma, Bae and Choi, 2012). Returned with the surface
+    point that stopped it.
     """
     sx, sy, sz = px, py, pz
     for _ in range(_SHRINKS):
@@ -86,10 +84,11 @@ def place_sphere(
     stack_distance2: Array,
     center_out: Array,
 ) -> float:
-    """Place a sphere for micro-triangle i; return its depth.
+    """Place a sphere for micro-triangle i; return its depth [m].
 
-    It starts as the largest inner sphere that touches there, and then goes deeper along the medial axis, away from both
-    points that it touches, while its cost for i stays within `allowed` [m]: a deeper sphere covers more around i.
+    It starts as the largest inner sphere that touches there, of at most `largest` [m], and then goes deeper along the
+    medial axis, away from both points that it touches, while its cost for i stays within `allowed` [m]: a deeper sphere
+    covers more around i.
     """
     t = micro.corner[i]
     px, py, pz = (t[0] + t[3] + t[6]) / 3.0, (t[1] + t[4] + t[7]) / 3.0, (t[2] + t[5] + t[8]) / 3.0

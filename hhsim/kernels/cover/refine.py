@@ -1,4 +1,4 @@
-"""Improvement of a cover: spheres move to where their micro-triangles cost less; those hardly missed are found."""
+"""Improvement of a cover: descent of its spheres, and a choice of spheres that can be removed."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,13 +14,7 @@ Flags = NDArray[np.bool_]
 
 @jit
 def group_by_owner(owner: Indices, first_out: Indices, order_out: Indices) -> None:
-    """Sort micro-triangles by sphere: those of sphere j are order_out[first_out[j]:first_out[j + 1]].
-
-    Args:
-        owner: Sphere of each micro-triangle, shape (M,).
-        first_out: Shape (spheres + 1,).
-        order_out: Shape (M,).
-    """
+    """Sort micro-triangles by owner: those of sphere j are order_out[first_out[j]:first_out[j + 1]]."""
     first_out[:] = 0
     for i in range(owner.shape[0]):
         first_out[owner[i] + 1] += 1
@@ -46,22 +40,12 @@ def move_spheres(
     depth: Array,
     step: Array,
 ) -> int:
-    """Move every sphere that has micro-triangles, by at most `trials` steps; in place.
+    """Move every sphere that has micro-triangles, grouped by owner, by at most `trials` steps; in place.
 
-    Args:
-        bvh: Over the mesh.
-        micro: The micro-triangles.
-        first, order: Which are whose, as `group_by_owner` gives.
-        trials: Steps tried for each sphere.
-        center: Sphere centres [m], shape (spheres, 3).
-        depth: Their depths [m], shape (spheres,).
-        step: Step lengths [m], shape (spheres,); not positive for a sphere that is new.
-
-    Returns:
-        Number of steps that were good.
+    Centres, depths and step lengths are in metres; a new sphere's step is not positive. Returns the number of good
+    steps.
     """
-    stack = np.empty(STACK, np.int64)
-    stack_distance2 = np.empty(STACK)
+    stack, stack_distance2 = np.empty(STACK, np.int64), np.empty(STACK)
     work = np.empty((WORK, 8))
     total = 0
     for j in range(depth.shape[0]):
@@ -76,12 +60,9 @@ def move_spheres(
 
 @jit
 def removal_cost(owner: Indices, second_cost: Array, cost_out: Array) -> None:
-    """What the cover costs without each sphere [m]: the largest cost of its micro-triangles under their next best.
+    """Compute the cost [m] of the cover without each sphere: the largest of its micro-triangles' second costs.
 
-    Args:
-        owner: Sphere of each micro-triangle, shape (M,).
-        second_cost: Cost of each under its next best sphere [m], shape (M,).
-        cost_out: Shape (spheres,); −inf for a sphere without micro-triangles.
+    −inf for a sphere without micro-triangles.
     """
     cost_out[:] = -np.inf
     for i in range(owner.shape[0]):
@@ -92,17 +73,9 @@ def removal_cost(owner: Indices, second_cost: Array, cost_out: Array) -> None:
 def spare_spheres(
     candidates: Indices, first: Indices, order: Indices, second_owner: Indices, most: int, spared_out: Flags
 ) -> int:
-    """Choose spheres to take away, such that no micro-triangle loses both its best and its second.
+    """Mark at most `most` spheres to remove, such that no micro-triangle loses both its best and its second.
 
-    Args:
-        candidates: Spheres, those to be taken first in front, shape (n,).
-        first, order: Which micro-triangles are whose, as `group_by_owner` gives.
-        second_owner: Next best sphere of each micro-triangle, shape (M,).
-        most: How many spheres to choose at most.
-        spared_out: Whether each sphere was chosen, shape (spheres,).
-
-    Returns:
-        How many were chosen.
+    Candidates are in order of preference; first and order are as of `group_by_owner`. Returns the number of spheres.
     """
     needed = np.zeros(spared_out.shape[0], np.bool_)
     spared_out[:] = False

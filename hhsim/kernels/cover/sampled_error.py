@@ -1,4 +1,4 @@
-"""Sampling of the gap and the protrusion of a union of spheres: by brute force over them, apart from the builder."""
+"""Sampled gap and protrusion of a union of spheres, by brute force and independent of the tree builder."""
 
 import math
 
@@ -14,7 +14,7 @@ _CHUNK = 64
 
 @jit_vector
 def _nearest_surface(px: float, py: float, pz: float, x: Array, y: Array, z: Array, radius: Array) -> float:
-    """Least signed distance [m] from p to the spheres."""
+    """Compute the least signed distance [m] from p to the spheres."""
     least = np.inf
     for j in range(radius.shape[0]):
         dx, dy, dz = x[j] - px, y[j] - py, z[j] - pz
@@ -30,12 +30,12 @@ def _chunk(x: Array, y: Array, z: Array, radius: Array, begin: int) -> tuple[Arr
 
 @jit
 def union_distance(points: Array, x: Array, y: Array, z: Array, radius: Array, distance_out: Array) -> None:
-    """Distance [m] from points, shape (n, 3), to a union of spheres: 0 inside, shape (n,)."""
+    """Compute the distance [m] from points, shape (n, 3), to a union of spheres: 0 inside, shape (n,)."""
     spheres = radius.shape[0]
     latest = as_int64(0)
     for i in range(points.shape[0]):
         px, py, pz = points[i, 0], points[i, 1], points[i, 2]
-        # Neighbouring samples tend to lie in the same spheres: look there first.
+        # Neighbouring samples tend to lie in the same spheres.
         least = _nearest_surface(px, py, pz, *_chunk(x, y, z, radius, latest))
         begin = as_int64(0)
         while begin < spheres and least > 0.0:
@@ -48,14 +48,7 @@ def union_distance(points: Array, x: Array, y: Array, z: Array, radius: Array, d
 
 @jit
 def exposed(points: Array, owner: Indices, x: Array, y: Array, z: Array, radius: Array, exposed_out: Flags) -> None:
-    """Whether points on the surface of spheres lie in no other sphere.
-
-    Args:
-        points: [m], shape (n, 3).
-        owner: The sphere on whose surface each lies, shape (n,).
-        x, y, z, radius: The spheres [m], shape (spheres,).
-        exposed_out: Shape (n,).
-    """
+    """Mark the points [m], shape (n, 3), each on the surface of its sphere `owner`, that lie in no other sphere."""
     spheres = radius.shape[0]
     latest = -1
     for i in range(points.shape[0]):

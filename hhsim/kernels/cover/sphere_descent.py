@@ -1,11 +1,11 @@
-"""Descent of one sphere: it moves to where the micro-triangles that it has to cover cost it less.
+"""Descent of one sphere to where the micro-triangles that it has to cover cost it less.
 
 Its cost as a function of its centre c is (distance of the farthest corner) − depth(c). Both terms have kinks where good
 spheres lie: several corners equally far, several places of the surface equally near (the medial axis). So both are
-modelled by cuts, planes that touch them: the corners and the nearest places that were met on the way. Each step goes to
-the minimum of the model plus a proximal term (a bundle method: Lemaréchal, 1975; Kiwiel, 1990), found in its dual,
-whose variables are the weights of the corners and those of the places, each with the sum 1. A step that is worth much
-less than the model foresaw adds cuts and makes the next step shorter.
+modelled by cuts, planes that touch them: the corners and the nearest places found so far. Each step goes to the minimum
+of the model plus a proximal term (a bundle method: Lemaréchal, 1975; Kiwiel, 1990), found in its dual, whose variables
+are the weights of the corners and those of the places, each with the sum 1. A step that gains much less than the model
+foresaw adds cuts and makes the next step shorter.
 """
 
 import math
@@ -37,7 +37,7 @@ WORK = _FAR + _NEAR
 
 @jit
 def _farthest(micro: MicroTriangles, members: Indices, x: float, y: float, z: float) -> tuple[float, int, int]:
-    """Squared distance [m²] of the farthest corner from (x, y, z), its micro-triangle and its first column."""
+    """Find the farthest corner from (x, y, z): squared distance [m²], micro-triangle and first column."""
     far2, which, column = -1.0, 0, 0
     for i in members:
         t = micro.corner[i]
@@ -50,8 +50,8 @@ def _farthest(micro: MicroTriangles, members: Indices, x: float, y: float, z: fl
 
 
 @jit_inline
-def _room_in(work: Array, begin: int, count: int, most: int, weight: int) -> int:
-    """Row for a new cut: the next free one, or that of the cut with the least weight."""
+def _free_row(work: Array, begin: int, count: int, most: int, weight: int) -> int:
+    """Return the row for a new cut: the next free one, or that of the cut with the least weight."""
     if count < most:
         return begin + count
     least = begin
@@ -61,9 +61,30 @@ def _room_in(work: Array, begin: int, count: int, most: int, weight: int) -> int
     return least
 
 
+@jit_inline
+def _normalise(work: Array, begin: int, count: int, row: int, weight: int) -> None:
+    """Scale the weights of one group to the sum 1, that of `row` being 1 if all are 0."""
+    total = 0.0
+    for i in range(begin, begin + count):
+        total += work[i, weight]
+    if total <= 0.0:
+        work[row, weight] = total = 1.0
+    for i in range(begin, begin + count):
+        work[i, weight] /= total
+
+
+@jit_inline
+def _set_corner(cut: Array, x: float, y: float, z: float, far: float) -> None:
+    """Compute slope and value of a corner's cut at the centre."""
+    dx, dy, dz = x - cut[0], y - cut[1], z - cut[2]
+    distance = math.sqrt(dx * dx + dy * dy + dz * dz)
+    inverse = 1.0 / distance if distance > 0.0 else 0.0
+    cut[3], cut[4], cut[5], cut[6] = dx * inverse, dy * inverse, dz * inverse, distance - far
+
+
 @jit
 def _aim(work: Array, begin: int, count: int, value: int, weight: int, sign: float, t: float, w: Array) -> float:
-    """Shift weight from the worst to the best cut of one group; return how far from the optimum they were."""
+    """Shift weight from the worst to the best cut of one group; return their difference from the optimum."""
     best, worst = -1, -1
     least, most = np.inf, -np.inf
     for i in range(begin, begin + count):
@@ -90,6 +111,34 @@ def _aim(work: Array, begin: int, count: int, value: int, weight: int, sign: flo
     return most - least
 
 
+@jit
+def _minimise_model(work: Array, fars: int, nears: int, step: float, tolerance: float, w_out: Array) -> None:
+    """Find the weights of the minimum of the model plus the proximal term, and the model's slope there."""
+    w_out[:] = 0.0
+    for i in range(fars):
+        for k in range(3):
+            w_out[k] += work[i, 7] * work[i, 3 + k]
+    for i in range(_FAR, _FAR + nears):
+        for k in range(3):
+            w_out[k] -= work[i, 5] * work[i, k]
+    for _ in range(_MODEL_STEPS):
+        off = _aim(work, as_int64(0), fars, as_int64(6), as_int64(7), 1.0, step, w_out)
+        off += _aim(work, as_int64(_FAR), nears, as_int64(3), as_int64(5), -1.0, step, w_out)
+        if off <= tolerance:
+            return
+
+
+@jit
+def _model_values(work: Array, fars: int, nears: int, sx: float, sy: float, sz: float) -> tuple[float, float]:
+    """Compute the model's changes of the farthest distance and of minus the depth after a step."""
+    high, low = -np.inf, -np.inf
+    for i in range(fars):
+        high = max(high, work[i, 6] + work[i, 3] * sx + work[i, 4] * sy + work[i, 5] * sz)
+    for i in range(_FAR, _FAR + nears):
+        low = max(low, work[i, 4] - work[i, 0] * sx - work[i, 1] * sy - work[i, 2] * sz)
+    return high, low
+
+
 @jit_allocating
 def descend_sphere(
     bvh: MeshBvh,
@@ -102,20 +151,11 @@ def descend_sphere(
     stack: Indices,
     stack_distance2: Array,
 ) -> tuple[float, float, float, int]:
-    """Move a sphere by at most `trials` steps.
+    """Move a sphere that has to cover the micro-triangles `members`, at least one, by at most `trials` steps.
 
-    Args:
-        bvh: Over the mesh.
-        micro: The micro-triangles.
-        members: Those that the sphere has to cover, at least one.
-        trials: Steps to try.
-        step: Proximal length of the first [m]; not positive for a guess.
-        center: Of the sphere [m], shape (3,); moved in place, never out of the solid.
-        work: Workspace, shape (WORK, 8).
-        stack, stack_distance2: Workspace, shape (STACK,).
-
-    Returns:
-        (cost [m], depth [m], proximal length of the next step [m], number of good steps).
+    `step` is the first proximal length [m], not positive for a guess. The centre [m], shape (3,), moves in place, never
+    out of the solid. Workspace has the shapes (WORK, 8) and (STACK,). Returns cost [m], depth [m], the next proximal
+    length [m] and the number of good steps.
     """
     x, y, z = center[0], center[1], center[2]
     far2, which, column = _farthest(micro, members, x, y, z)
@@ -136,39 +176,19 @@ def descend_sphere(
     fars, nears, good = as_int64(1), as_int64(1), 0
     w = np.empty(3)
     for _ in range(trials):
-        # Values and slopes of the cuts at the centre.
         for i in range(fars):
-            cut = work[i]
-            dx, dy, dz = x - cut[0], y - cut[1], z - cut[2]
-            distance = math.sqrt(dx * dx + dy * dy + dz * dz)
-            inverse = 1.0 / distance if distance > 0.0 else 0.0
-            cut[3], cut[4], cut[5], cut[6] = dx * inverse, dy * inverse, dz * inverse, distance - far
+            _set_corner(work[i], x, y, z, far)
         for i in range(_FAR, _FAR + nears):
             cut = work[i]
             # Depth is not concave: a cut that is off at the centre counts as if it were off to the safe side.
             cut[4] = -abs(cut[3] + cut[0] * x + cut[1] * y + cut[2] * z - depth)
         tx = ty = tz = trial_far = foreseen = 0.0
         for corner_round in range(_CORNER_ROUNDS):
-            w[:] = 0.0
-            for i in range(fars):
-                for k in range(3):
-                    w[k] += work[i, 7] * work[i, 3 + k]
-            for i in range(_FAR, _FAR + nears):
-                for k in range(3):
-                    w[k] -= work[i, 5] * work[i, k]
-            for _ in range(_MODEL_STEPS):
-                off = _aim(work, as_int64(0), fars, as_int64(6), as_int64(7), 1.0, step, w)
-                off += _aim(work, as_int64(_FAR), nears, as_int64(3), as_int64(5), -1.0, step, w)
-                if off <= 1e-3 * _STATIONARY * abs(cost):
-                    break
+            _minimise_model(work, fars, nears, step, 1e-3 * _STATIONARY * abs(cost), w)
             length = step * math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
             scale = step if length <= _LONGEST * depth else step * _LONGEST * depth / length
             sx, sy, sz = -scale * w[0], -scale * w[1], -scale * w[2]
-            high, low = -np.inf, -np.inf
-            for i in range(fars):
-                high = max(high, work[i, 6] + work[i, 3] * sx + work[i, 4] * sy + work[i, 5] * sz)
-            for i in range(_FAR, _FAR + nears):
-                low = max(low, work[i, 4] - work[i, 0] * sx - work[i, 1] * sy - work[i, 2] * sz)
+            high, low = _model_values(work, fars, nears, sx, sy, sz)
             foreseen = -(high + low)
             if foreseen <= _STATIONARY * abs(cost):
                 break
@@ -177,27 +197,14 @@ def descend_sphere(
             trial_far = math.sqrt(far2)
             if trial_far - far <= high + 0.25 * foreseen or corner_round + 1 == _CORNER_ROUNDS:
                 break
-            # A corner that the model did not know is farther: with it, before the surface is asked.
-            row = _room_in(work, as_int64(0), fars, as_int64(_FAR), as_int64(7))
-            if row == fars:
-                fars += 1
-            else:
-                work[row, 7] = 0.0
-            cut = work[row]
+            # A corner that the model did not know is farther: it enters before the depth is computed.
+            row = _free_row(work, as_int64(0), fars, as_int64(_FAR), as_int64(7))
+            fars = max(fars, row + 1)
             for k in range(3):
-                cut[k] = micro.corner[which, column + k]
-            dx, dy, dz = x - cut[0], y - cut[1], z - cut[2]
-            distance = math.sqrt(dx * dx + dy * dy + dz * dz)
-            inverse = 1.0 / distance if distance > 0.0 else 0.0
-            cut[3], cut[4], cut[5], cut[6], cut[7] = dx * inverse, dy * inverse, dz * inverse, distance - far, 0.0
-            total = 0.0
-            for i in range(fars):
-                total += work[i, 7]
-            if total <= 0.0:
-                cut[7] = 1.0
-            else:
-                for i in range(fars):
-                    work[i, 7] /= total
+                work[row, k] = micro.corner[which, column + k]
+            _set_corner(work[row], x, y, z, far)
+            work[row, 7] = 0.0
+            _normalise(work, as_int64(0), fars, row, as_int64(7))
         if foreseen <= _STATIONARY * abs(cost):
             break
         dx, dy, dz = tx - qx, ty - qy, tz - qz
@@ -206,20 +213,14 @@ def descend_sphere(
         if not trial_depth > 0.0:
             step *= 0.3
             continue
-        row = _room_in(work, as_int64(_FAR), nears, as_int64(_NEAR), as_int64(5))
+        row = _free_row(work, as_int64(_FAR), nears, as_int64(_NEAR), as_int64(5))
         if row == _FAR + nears:
             nears += 1
             work[row, 5] = 0.0
         cut = work[row]
         cut[0], cut[1], cut[2] = (tx - ux) / trial_depth, (ty - uy) / trial_depth, (tz - uz) / trial_depth
         cut[3] = trial_depth - (cut[0] * tx + cut[1] * ty + cut[2] * tz)
-        total = 0.0
-        for i in range(_FAR, _FAR + nears):
-            total += work[i, 5]
-        if total <= 0.0:
-            cut[5] = total = 1.0
-        for i in range(_FAR, _FAR + nears):
-            work[i, 5] /= total
+        _normalise(work, as_int64(_FAR), nears, row, as_int64(5))
         gain = cost - (trial_far - trial_depth)
         if gain >= _GOOD * foreseen:
             x, y, z, far, depth = tx, ty, tz, trial_far, trial_depth

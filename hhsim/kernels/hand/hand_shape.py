@@ -1,4 +1,4 @@
-"""Sizes of a hand whose places are stored."""
+"""Sizes of a hand of which positions are stored."""
 
 from typing import NamedTuple
 

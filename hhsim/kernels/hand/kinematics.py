@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.jit import Array, Record, jit
+from hhsim.kernels.jit import Array, Record, jit, jit_allocating, jit_inline
+from hhsim.kernels.round_cone_distance import RoundCone, sphere_cone
 
 FINGER_COUNT = 5
 PHALANX_COUNT = 3
@@ -24,49 +25,50 @@ DOF = 21
 
 
 class HandArrays(NamedTuple):
-    """The hand as the kernels see it; palm frame.
+    """The hand as the kernels see it; palm frame."""
 
-    | field | meaning | shape |
-    |---|---|---|
-    | base | first joint of each finger [m] | (5, 3) |
-    | distal | unit direction of the straight finger at zero abduction | (5, 3) |
-    | dorsal | unit direction out of the finger's back, perpendicular to distal | (5, 3) |
-    | abduction_sign | +1 where a positive turn about dorsal goes towards the thumb side (right hand), -1 left | (1,) |
-    | length | distance between joint centres, the last one to the tip sphere's centre [m] | (5, 3) |
-    | radius | radius at each joint and at the tip, not growing towards the tip [m] | (5, 4) |
-    | tan_slope, inverse_length | of each round cone, see `kernels.round_cone_distance.cone_slope` | (5, 3) |
-    | flexion_min, flexion_max | joint limits [rad] | (5, 3) |
-    | reach | farthest that an axis point of the phalanx can be from the palm's origin [m] | (5, 3) |
-    | lever | farthest that an axis point of phalanx k can be from joint i [m], 0 for i > k | (5, 3, 3) |
-    | turning_lever | a body whose points move by d at most turns, across its axis, by d over this at most [m] | (16,) |
-    | palm_x, palm_y, palm_z, palm_radius | leaf spheres of the palm's tree [m] | (P,) |
-    | palm_group | spheres around groups of the palm's: centres (3 rows) and radii [m] | (4, G) |
-    | palm_group_start | first sphere of each group, and the end | (G + 1,) |
-    | palm_box | corners of the box around the centres of the palm's spheres [m] | (8, 3) |
-    | palm_reach | farthest palm sphere centre from the palm's origin [m] | (1,) |
-    """
-
-    base: Array
-    distal: Array
-    dorsal: Array
-    abduction_sign: Array
-    length: Array
-    radius: Array
-    tan_slope: Array
-    inverse_length: Array
-    flexion_min: Array
+    base: Array  # first joint of each finger [m], (5, 3)
+    distal: Array  # unit direction of the straight finger at zero abduction, (5, 3)
+    dorsal: Array  # unit direction out of the finger's back, perpendicular to distal, (5, 3)
+    abduction_sign: Array  # +1 if a positive turn about dorsal is towards the thumb (right hand), -1 left, (1,)
+    length: Array  # distance between joint centres, the last one to the tip sphere's centre [m], (5, 3)
+    radius: Array  # at each joint and at the tip, not growing towards the tip [m], (5, 4)
+    tan_slope: Array  # with the next as of `kernels.round_cone_distance.cone_slope`, (5, 3)
+    inverse_length: Array  # (5, 3)
+    flexion_min: Array  # joint limits [rad], (5, 3)
     flexion_max: Array
-    reach: Array
-    lever: Array
-    turning_lever: Array
-    palm_x: Array
+    reach: Array  # largest distance of an axis point of the phalanx from the palm's origin [m], (5, 3)
+    lever: Array  # largest distance of an axis point of phalanx k from joint i [m], 0 for i > k, (5, 3, 3)
+    turning_lever: Array  # [m], (16,): a body whose points move by d turns, across its axis, by d over this at most
+    palm_x: Array  # centres of the leaf spheres of the palm's tree [m], (P,)
     palm_y: Array
     palm_z: Array
-    palm_radius: Array
-    palm_group: Array
-    palm_group_start: NDArray[np.int64]
-    palm_box: Array
-    palm_reach: Array
+    palm_radius: Array  # [m], (P,)
+    palm_group: Array  # spheres around groups of them: centres (3 rows) and radii [m], (4, G)
+    palm_group_start: NDArray[np.int64]  # first sphere of each group, and the end, (G + 1,)
+    palm_box: Array  # corners of the box around the centres [m], (8, 3)
+    palm_reach: Array  # largest distance of a centre from the palm's origin [m], (1,)
+
+
+@jit_inline
+def phalanx_cone(hand: HandArrays, joints: Array, direction: Array, finger: int, phalanx: int) -> RoundCone:
+    """Return a phalanx as a round cone, from joints [m], shape (5, 4, 3), and directions, (5, 3, 3), world."""
+    a, u = joints[finger, phalanx], direction[finger, phalanx]
+    length, radius = hand.length[finger, phalanx], hand.radius[finger, phalanx]
+    slope, inverse = hand.tan_slope[finger, phalanx], hand.inverse_length[finger, phalanx]
+    drop = radius - hand.radius[finger, phalanx + 1]
+    return RoundCone(a[0], a[1], a[2], u[0], u[1], u[2], length, slope, inverse, radius, drop)
+
+
+@jit_inline
+def placed_sphere(position: Array, rotation: Array, x: float, y: float, z: float, radius: float) -> RoundCone:
+    """Return a sphere of the palm frame [m] as a round cone, world."""
+    return sphere_cone(
+        position[0] + rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z,
+        position[1] + rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z,
+        position[2] + rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z,
+        radius,
+    )
 
 
 @jit
@@ -81,18 +83,12 @@ def forward_kinematics(
     axis_out: Array,
     abduction_axis_out: Array,
 ) -> None:
-    """World positions of the hand's joints.
+    """Compute the joints and axes of a hand, world.
 
-    Args:
-        hand: The hand.
-        position: Palm origin [m], shape (3,), world.
-        rotation: Palm orientation, shape (3, 3), palm to world.
-        flexion: Joint angles [rad], shape (5, 3).
-        abduction: [rad], shape (5,).
-        joints_out: Joint centres and tip sphere centre [m], shape (5, 4, 3), world.
-        direction_out: Unit axis of each phalanx, shape (5, 3, 3), world.
-        axis_out: Unit flexion axis of each finger, about which a positive angle flexes, shape (5, 3), world.
-        abduction_axis_out: Unit axis about which a positive abduction turns the finger, shape (5, 3), world.
+    The palm has its origin at `position` [m] and turns palm to world by `rotation`, shape (3, 3); flexion [rad] has
+    shape (5, 3), abduction (5,). Written are the joint centres and tip sphere centre [m], shape (5, 4, 3), and unit
+    vectors: the axis of each phalanx, (5, 3, 3), the axis about which a positive angle flexes, and the one about which
+    a positive abduction turns the finger, (5, 3).
     """
     sign = hand.abduction_sign[0]
     for f in range(FINGER_COUNT):
@@ -102,14 +98,9 @@ def forward_kinematics(
         ax, ay, az = wy * uz - wz * uy, wz * ux - wx * uz, wx * uy - wy * ux
         cosine = math.cos(abduction[f])
         sine = sign * math.sin(abduction[f])
-        ux, uy, uz, ax, ay, az = (
-            cosine * ux + sine * ax,
-            cosine * uy + sine * ay,
-            cosine * uz + sine * az,
-            cosine * ax - sine * ux,
-            cosine * ay - sine * uy,
-            cosine * az - sine * uz,
-        )
+        ux, ax = cosine * ux + sine * ax, cosine * ax - sine * ux
+        uy, ay = cosine * uy + sine * ay, cosine * ay - sine * uy
+        uz, az = cosine * uz + sine * az, cosine * az - sine * uz
         for i in range(3):
             r0, r1, r2 = rotation[i, 0], rotation[i, 1], rotation[i, 2]
             axis_out[f, i] = r0 * ax + r1 * ay + r2 * az
@@ -129,7 +120,7 @@ def forward_kinematics(
 
 @jit
 def _coarse_bounds(hand: HandArrays, step: Array, abduction_step: Array, motion_out: Array) -> float:
-    # As if all of a body's turns were at their greatest and in one direction; returns the largest.
+    """Compute bounds as if all of a body's rotations were in one direction; return the largest."""
     shift = math.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2)
     turn = math.sqrt(step[3] ** 2 + step[4] ** 2 + step[5] ** 2)
     longest = motion_out[PALM_BODY] = shift + turn * hand.palm_reach[0]
@@ -147,20 +138,13 @@ def _coarse_bounds(hand: HandArrays, step: Array, abduction_step: Array, motion_
 def motion_bounds(
     hand: HandArrays, pose: Record, step: Array, abduction_step: Array, enough: float, motion_out: Array
 ) -> None:
-    """Upper bound [m] on how far any axis point of each body moves in a step, shape (16,).
+    """Compute upper bounds [m] on the motion of any axis point of each body in a step, shape (16,).
 
-    It holds at every instant of the motion, and of a share of it by that share. With all of a body's turns at their
-    greatest and in one direction a point would move by |δp| + Σ ω_i l_i, of angles ω and levers l. Where they work
-    against each other it moves by less: to first order by what the ends of the axis do, of which all between them are
-    means, and beyond that by half the greatest acceleration, Σ ω_i l_i (ω_i + 2 Σ_{j<i} ω_j), joint by joint outwards.
-
-    Args:
-        hand: The hand.
-        pose: Of `HAND_POSE`, up to date, where the step begins.
-        step: (δp, δφ, δθ), shape (21,).
-        abduction_step: [rad], shape (5,).
-        enough: Where the coarse bound of no body is more than this [m], it is taken.
-        motion_out: Of phalanges and palm.
+    They hold at every instant of the motion, and in proportion for a share of the step (δp, δφ, δθ), shape (21,), and
+    abduction step [rad], shape (5,). The pose at its start is up to date. With all rotations of a body in one direction
+    a point moves by |δp| + Σ ω_i l_i, of angles ω and levers l: the coarse bound, kept if none exceeds `enough` [m].
+    Otherwise a point moves, to first order, by no more than the ends of the axis, and beyond that by half the greatest
+    acceleration, Σ ω_i l_i (ω_i + 2 Σ_{j<i} ω_j), joint by joint outwards.
     """
     if _coarse_bounds(hand, step, abduction_step, motion_out) <= enough:
         return
@@ -197,3 +181,15 @@ def motion_bounds(
             motion = math.sqrt(max(before, after)) + 0.5 * bend
             motion_out[3 * f + k] = min(motion_out[3 * f + k], motion)
             before = after
+
+
+@jit_allocating
+def place_hands(
+    hand: HandArrays, position: Array, rotation: Array, flexion: Array, abduction: Array, joints_out: Array
+) -> None:
+    """Compute the joint and tip positions [m], shape (T, 5, 4, 3), of T configurations as of `forward_kinematics`."""
+    direction = np.empty((FINGER_COUNT, PHALANX_COUNT, 3))
+    axis, spread = np.empty((FINGER_COUNT, 3)), np.empty((FINGER_COUNT, 3))
+    for t in range(position.shape[0]):
+        joints = joints_out[t]
+        forward_kinematics(hand, position[t], rotation[t], flexion[t], abduction[t], joints, direction, axis, spread)

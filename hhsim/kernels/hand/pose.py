@@ -1,7 +1,7 @@
-"""A hand configuration together with the kinematics that follow from it.
+"""A hand configuration together with its kinematics.
 
-What lives from tick to tick is kept in one structured array: a kernel gets a single pointer, where a NamedTuple would
-pass, and count references to, every array in it on every call.
+State that lives from tick to tick is one structured array: a kernel gets a single pointer, where a NamedTuple would
+pass every array in it on every call.
 """
 
 import math
@@ -15,32 +15,19 @@ from hhsim.kernels.rotation import quaternion_to_matrix, rotate_quaternion
 
 HAND_POSE = np.dtype(
     [
-        ("position", np.float64, (3,)),
-        ("orientation", np.float64, (4,)),
-        ("flexion", np.float64, (5, 3)),
-        ("abduction", np.float64, (5,)),
-        ("rotation", np.float64, (3, 3)),
-        ("joints", np.float64, (5, 4, 3)),
-        ("direction", np.float64, (5, 3, 3)),
-        ("axis", np.float64, (5, 3)),
-        ("abduction_axis", np.float64, (5, 3)),
+        ("position", np.float64, (3,)),  # palm origin [m]
+        ("orientation", np.float64, (4,)),  # palm quaternion (w, x, y, z)
+        ("flexion", np.float64, (5, 3)),  # joint angles [rad]
+        ("abduction", np.float64, (5,)),  # [rad]
+        ("rotation", np.float64, (3, 3)),  # palm to world, from orientation
+        ("joints", np.float64, (5, 4, 3)),  # joint and tip sphere centres [m]
+        ("direction", np.float64, (5, 3, 3)),  # unit axis of each phalanx
+        ("axis", np.float64, (5, 3)),  # unit flexion axis of each finger
+        ("abduction_axis", np.float64, (5, 3)),  # unit abduction axis of each finger
     ],
     align=True,
 )
-"""One configuration of the hand; world frame.
-
-| field | meaning | shape |
-|---|---|---|
-| position | palm origin [m] | (3,) |
-| orientation | palm quaternion (w, x, y, z) | (4,) |
-| flexion | joint angles [rad] | (5, 3) |
-| abduction | [rad] | (5,) |
-| rotation | palm to world, from orientation | (3, 3) |
-| joints | joint and tip sphere centres [m] | (5, 4, 3) |
-| direction | unit axis of each phalanx | (5, 3, 3) |
-| axis | unit flexion axis of each finger | (5, 3) |
-| abduction_axis | unit abduction axis of each finger | (5, 3) |
-"""
+"""One configuration of the hand, world."""
 
 
 @jit
@@ -62,7 +49,7 @@ def update_kinematics(hand: HandArrays, pose: Record) -> None:
 
 @jit
 def copy_configuration(source: Record, target: Record) -> None:
-    """Copy position, orientation, flexion and abduction; the derived fields of `target` are then out of date."""
+    """Copy position, orientation, flexion and abduction, not the derived fields."""
     copy_values(source.position[:], target.position[:])
     copy_values(source.orientation[:], target.orientation[:])
     copy_values(source.flexion[:], target.flexion[:])
@@ -82,12 +69,12 @@ def move(pose: Record, step: Array, abduction_step: Array, fraction: float) -> N
 
 
 LARGEST = 1e6
-"""Metres and radians beyond this are no reading of a hand: their squares would not stay finite for long."""
+"""Metres and radians beyond this are no reading of a hand, and their squares soon overflow."""
 
 
 @jit_once
 def is_finite_configuration(position: Array, orientation: Array, flexion: Array, abduction: Array) -> bool:
-    """Whether every number is one that a hand can have: finite, not absurdly large, and no zero quaternion."""
+    """Return True if every number is finite and not absurdly large, and the quaternion is not zero."""
     square = 0.0
     total = 0.0
     for i in range(3):
@@ -103,7 +90,7 @@ def is_finite_configuration(position: Array, orientation: Array, flexion: Array,
 
 @jit
 def farthest_joint(joints: Array, others: Array) -> float:
-    """Greatest distance [m] between a joint or tip of one hand, shape (5, 4, 3), and the same one of another."""
+    """Compute the greatest distance [m] between corresponding joints and tips of two hands, shapes (5, 4, 3)."""
     far = 0.0
     for f in range(FINGER_COUNT):
         for k in range(PHALANX_COUNT + 1):

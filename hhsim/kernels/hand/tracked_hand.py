@@ -1,7 +1,7 @@
-"""Our hand in the joints of a hand that is tracked: its palm, and the angles that bring our bones nearest.
+"""Fit of our hand to the joints of a tracked hand, within a tick.
 
-What `hhsim.recordings.finger_ik` does for whole recordings, for one hand within a tick: the same frame of wrist and
-knuckles, the same plane that a finger's three bones lie nearest to, the same angles in it.
+The same as `hhsim.recordings.finger_ik` for whole recordings: the same frame of wrist and knuckles, the same plane
+nearest to a finger's three bones, the same angles in it.
 """
 
 import math
@@ -11,30 +11,21 @@ from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.jit import Array, jit
 
 STRAIGHT = 0.05
-"""Weight of "no abduction" against three unit bones that were measured: it decides where they decide nothing."""
+"""Weight of zero abduction against three measured unit bones: it decides if they are parallel."""
 EXACT = 1e-8
-"""Bones that lie off their plane by less than this, squared, were not measured: they need no such weight."""
+"""Squared distance from their plane below which bones were not measured and need no such weight."""
 LEAST = 1e-15
-"""What is left of that weight for them: below what an angle can show."""
+"""Remainder of that weight for them, below an angle's resolution."""
 
 
 class OurHand(NamedTuple):
-    """What of our own hand the joints are fitted with.
+    """Our own hand, to which the joints are fitted."""
 
-    | field | meaning | shape |
-    |---|---|---|
-    | axes | of each straight finger: distal, dorsal, towards the thumb's side; palm frame | (5, 3, 3) |
-    | palm | palm frame in that of wrist and knuckles, a rotation matrix | (3, 3) |
-    | middle | of the knuckles of index to little finger [m], palm frame | (3,) |
-    | world | from the tracker's world to ours, a rotation matrix | (3, 3) |
-    | mirror | 1 for a right hand, -1 for a left one | (1,) |
-    """
-
-    axes: Array
-    palm: Array
-    middle: Array
-    world: Array
-    mirror: Array
+    axes: Array  # of each straight finger: distal, dorsal, towards the thumb's side; palm frame, (5, 3, 3)
+    palm: Array  # palm frame in that of wrist and knuckles, a rotation matrix, (3, 3)
+    middle: Array  # mean of the knuckles of index to little finger [m], palm frame, (3,)
+    world: Array  # from the tracker's world to ours, a rotation matrix, (3, 3)
+    mirror: Array  # 1 for a right hand, -1 for a left one, (1,)
 
 
 @jit
@@ -47,20 +38,11 @@ def fit_tracked_hand(
     flexion_out: Array,
     abduction_out: Array,
 ) -> float:
-    """Palm and angles of our hand.
+    """Compute palm position [m], orientation (w, x, y, z), flexion and abduction [rad] of our hand, our world.
 
-    Args:
-        joints: Wrist, then four of each finger from base to tip [m], tracker's world, shape (21, 3).
-        ours: Of the same side.
-        rotation_out: Scratch, shape (3, 3).
-        position_out: Palm origin [m], our world, shape (3,).
-        orientation_out: Palm, unit (w, x, y, z), our world, shape (4,).
-        flexion_out: [rad], shape (5, 3).
-        abduction_out: [rad], shape (5,).
-
-    Returns:
-        From the wrist along the bones to the tip of the middle finger [m]; NaN where something of the hand is not
-        finite.
+    Joints are the wrist, then four of each finger from base to tip [m], tracker's world, shape (21, 3), of a hand of
+    the same side; `rotation_out`, shape (3, 3), is scratch. Returns the length from the wrist along the bones to the
+    tip of the middle finger [m]; NaN if anything of the hand is not finite.
     """
     mx = 0.25 * (joints[5, 0] + joints[9, 0] + joints[13, 0] + joints[17, 0])
     my = 0.25 * (joints[5, 1] + joints[9, 1] + joints[13, 1] + joints[17, 1])
@@ -69,7 +51,7 @@ def fit_tracked_hand(
     whole = 0.0
     for f in range(FINGER_COUNT):
         whole += _fit_finger(joints, ours.axes, rotation_out, f, flexion_out, abduction_out)
-    # Where our knuckles meet the tracked ones, in our world.
+    # Our knuckles lie on the tracked ones.
     middle, world = ours.middle, ours.world
     x = mx - _dot_row(rotation_out, 0, middle[0], middle[1], middle[2])
     y = my - _dot_row(rotation_out, 1, middle[0], middle[1], middle[2])
@@ -85,13 +67,13 @@ def fit_tracked_hand(
     for i in range(4):
         whole += orientation_out[i]
     length = _distance(joints, 0, 9) + _distance(joints, 9, 10) + _distance(joints, 10, 11) + _distance(joints, 11, 12)
-    # What is not finite makes the sum so.
+    # A value that is not finite makes the sum NaN.
     return length + 0.0 * whole
 
 
 @jit
 def _lay_palm(joints: Array, ours: OurHand, mx: float, my: float, mz: float, rotation_out: Array) -> None:
-    """Our palm frame, a rotation matrix, from the wrist, the knuckles and their middle."""
+    """Compute our palm frame, a rotation matrix, from the wrist, the knuckles and their mean."""
     yx, yy, yz = mx - joints[0, 0], my - joints[0, 1], mz - joints[0, 2]
     size = math.sqrt(yx * yx + yy * yy + yz * yz)
     yx, yy, yz = yx / size, yy / size, yz / size
@@ -112,7 +94,7 @@ def _lay_palm(joints: Array, ours: OurHand, mx: float, my: float, mz: float, rot
 
 @jit
 def _fit_finger(joints: Array, axes: Array, rotation: Array, f: int, flexion_out: Array, abduction_out: Array) -> float:
-    """Angles of one finger; their sum."""
+    """Compute the angles of one finger; return their sum."""
     first = 1 + 4 * f
     pp = pq = qq = 0.0
     for k in range(PHALANX_COUNT):
@@ -131,7 +113,7 @@ def _fit_finger(joints: Array, axes: Array, rotation: Array, f: int, flexion_out
         total = math.atan2(-above, cosine * along + sine * aside)
         turn = total - before
         if k > 0:
-            # A finger that curls past straight back has turned further, not less.
+            # A finger that curls past straight back has flexed further, not less.
             turn = (turn + 0.5 * math.pi) % (2.0 * math.pi) - 0.5 * math.pi
         flexion_out[f, k] = turn
         whole += turn
@@ -141,7 +123,7 @@ def _fit_finger(joints: Array, axes: Array, rotation: Array, f: int, flexion_out
 
 @jit
 def _bone(joints: Array, k: int, rotation: Array, axes: Array, f: int) -> tuple[float, float, float]:
-    """Of the unit bone from joint k on: towards the thumb's side, along the finger, out of its back."""
+    """Return the components of unit bone k: towards the thumb's side, along the finger, out of its back."""
     bx, by, bz = joints[k + 1, 0] - joints[k, 0], joints[k + 1, 1] - joints[k, 1], joints[k + 1, 2] - joints[k, 2]
     size = math.sqrt(bx * bx + by * by + bz * bz)
     px = (rotation[0, 0] * bx + rotation[1, 0] * by + rotation[2, 0] * bz) / size
@@ -155,7 +137,6 @@ def _bone(joints: Array, k: int, rotation: Array, axes: Array, f: int) -> tuple[
 
 @jit
 def _dot_row(matrix: Array, i: int, x: float, y: float, z: float) -> float:
-    """Row i of a matrix times a vector."""
     return matrix[i, 0] * x + matrix[i, 1] * y + matrix[i, 2] * z
 
 
@@ -167,7 +148,7 @@ def _distance(joints: Array, a: int, b: int) -> float:
 
 @jit
 def _to_quaternion(matrix: Array, quaternion_out: Array) -> None:
-    """Unit quaternion with w >= 0, shape (4,), of a rotation matrix, shape (3, 3); NaN of NaN."""
+    """Compute the unit quaternion with w >= 0 of a rotation matrix, NaN of NaN."""
     a, b, c = matrix[0, 0], matrix[1, 1], matrix[2, 2]
     wx, wy, wz = matrix[2, 1] - matrix[1, 2], matrix[0, 2] - matrix[2, 0], matrix[1, 0] - matrix[0, 1]
     xy, xz, yz = matrix[0, 1] + matrix[1, 0], matrix[0, 2] + matrix[2, 0], matrix[1, 2] + matrix[2, 1]
@@ -184,7 +165,4 @@ def _to_quaternion(matrix: Array, quaternion_out: Array) -> None:
     size = math.sqrt(w * w + x * x + y * y + z * z)
     if w < 0.0:
         size = -size
-    quaternion_out[0] = w / size
-    quaternion_out[1] = x / size
-    quaternion_out[2] = y / size
-    quaternion_out[3] = z / size
+    quaternion_out[0], quaternion_out[1], quaternion_out[2], quaternion_out[3] = w / size, x / size, y / size, z / size

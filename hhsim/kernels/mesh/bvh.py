@@ -1,7 +1,7 @@
 """Bounding-volume hierarchy over the triangles of a mesh: exact closest point and signed distance.
 
-The sign comes from the angle-weighted pseudonormal of the closest feature (Bærentzen and Aanæs, 2005), which is exact
-for a watertight mesh that does not intersect itself. A signed distance is negative inside.
+The sign, negative inside, is that of the angle-weighted pseudonormal of the closest feature (Bærentzen and Aanæs,
+2005): exact for a watertight mesh that does not intersect itself.
 """
 
 import math
@@ -11,31 +11,29 @@ import numpy as np
 
 from hhsim.kernels.jit import Array, Indices, jit, jit_allocating, jit_inline
 from hhsim.kernels.kd_tree import STACK, build_median_tree
-from hhsim.kernels.triangle import Triangle, closest_on_triangle
+from hhsim.kernels.triangle import closest_on_triangle, triangle_at
 
 _LEAF_TRIANGLES = 4
 
 
 class MeshBvh(NamedTuple):
-    """Triangles in tree order, and the tree over them.
+    """F triangles in tree order, and the tree of N nodes over them.
 
-    corner: (F, 9) a, b, c of each triangle [m]; pseudonormal: (F, 7, 3) outward, one for each feature code of
-    `closest_on_triangle` (not normalised: only the sign of a product is used); face: (F,) index in the mesh;
-    bound: (N, 11) the lowest and the highest corner of a box [m], and a slab: its unit normal n, the mean of the faces'
-    (zero where they have none), and the least and largest n · x [m]; start, end, right: (N,) as in `MedianTree`.
+    A node's bound is the lowest and the highest corner of a box [m], and a slab: its unit normal n, the mean of the
+    faces' (zero if they have none), and the least and largest n · x [m].
     """
 
-    corner: Array
-    pseudonormal: Array
-    face: Indices
-    bound: Array
-    start: Indices
+    corner: Array  # a, b, c of each triangle [m], (F, 9)
+    pseudonormal: Array  # outward, by feature of `closest_on_triangle`, not of unit length, (F, 7, 3)
+    face: Indices  # index in the mesh, (F,)
+    bound: Array  # (N, 11)
+    start: Indices  # with the next two as in `MedianTree`, (N,)
     end: Indices
     right: Indices
 
 
 def face_normals(vertices: Array, faces: Indices) -> Array:
-    """Outward unit normals, shape (F, 3); zero for a face without area."""
+    """Compute outward unit normals, shape (F, 3); zero for a face without area."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     normal = np.cross(b - a, c - a)
     length = np.linalg.norm(normal, axis=1)
@@ -43,7 +41,7 @@ def face_normals(vertices: Array, faces: Indices) -> Array:
 
 
 def pseudonormals(vertices: Array, faces: Indices) -> Array:
-    """Outward angle-weighted normals by the features of `closest_on_triangle`, not of unit length, shape (F, 7, 3)."""
+    """Compute outward angle-weighted normals, not of unit length, by feature, shape (F, 7, 3)."""
     normal = face_normals(vertices, faces)
     result = np.empty((len(faces), 7, 3))
     result[:, 0] = normal
@@ -65,28 +63,23 @@ def pseudonormals(vertices: Array, faces: Indices) -> Array:
 
 
 def build_mesh_bvh(vertices: Array, faces: Indices, signed: bool = True) -> MeshBvh:
-    """Build the hierarchy.
+    """Build the hierarchy over vertices [m], shape (V, 3), and faces, outward by the right hand, shape (F, 3), F ≥ 1.
 
-    Args:
-        vertices: [m], shape (V, 3).
-        faces: Vertex indices, outward by the right hand, shape (F, 3), F ≥ 1.
-        signed: False leaves the pseudonormals 0, which saves most of the time: nothing is then outside.
+    Unless `signed` the pseudonormals are 0, which saves most of the time: nothing is then outside.
     """
     corners = np.ascontiguousarray(vertices[faces], np.float64)
     tree = build_median_tree(corners.mean(axis=1), _LEAF_TRIANGLES)
     corners = corners[tree.order]
-    nodes = len(tree.start)
-    bound = np.empty((nodes, 11))
+    bound = np.empty((len(tree.start), 11))
     corner = np.ascontiguousarray(corners.reshape(-1, 9))
     _bound(corner, tree.start, tree.end, tree.right, bound)
     normal = pseudonormals(vertices, faces)[tree.order] if signed else np.zeros((len(faces), 7, 3))
-    pseudonormal = np.ascontiguousarray(normal)
-    return MeshBvh(corner, pseudonormal, tree.order, bound, tree.start, tree.end, tree.right)
+    return MeshBvh(corner, np.ascontiguousarray(normal), tree.order, bound, tree.start, tree.end, tree.right)
 
 
 @jit_allocating
 def _bound(corner: Array, start: Indices, end: Indices, right: Indices, bound_out: Array) -> None:
-    """Bounds of the nodes; children follow their parents in preorder, so walk backwards."""
+    """Compute the bounds of the nodes; backwards, since children follow their parents in preorder."""
     normal = np.zeros((start.shape[0], 3))
     for node in range(start.shape[0] - 1, -1, -1):
         b, n = bound_out[node], normal[node]
@@ -120,10 +113,10 @@ def _bound(corner: Array, start: Indices, end: Indices, right: Indices, bound_ou
 
 @jit_inline
 def _least_distance2(bound: Array, node: int, px: float, py: float, pz: float) -> float:
-    """Squared distance [m²] of p from a node's box or slab, the larger of them: nothing in the node is nearer.
+    """Compute the larger squared distance [m²] of p from a node's box and slab.
 
-    A face across the way out of a sphere reaches into the sphere by its slab's thickness, which shrinks with the square
-    of its size, but its box by its size: on fine meshes the slab refuses what the box lets through.
+    A tangential face reaches into a sphere by its slab's thickness, which shrinks with the square of its size, but its
+    box by its size: on fine meshes the slab refuses what the box lets through.
     """
     b = bound[node]
     dx = max(max(b[0] - px, px - b[3]), 0.0)
@@ -138,16 +131,10 @@ def _least_distance2(bound: Array, node: int, px: float, py: float, pz: float) -
 def closest_on_mesh(
     bvh: MeshBvh, px: float, py: float, pz: float, limit2: float, stack: Indices, stack_distance2: Array
 ) -> tuple[int, float, float, float, float, int]:
-    """Closest point of the mesh to p, if it is nearer than √limit2.
+    """Compute the closest point of the mesh to p [m], if it is nearer than √limit2.
 
-    Args:
-        bvh: The `MeshBvh`.
-        px, py, pz: The point [m].
-        limit2: Squared distance [m²] at and beyond which nothing is looked for; infinity for none.
-        stack, stack_distance2: Workspace, int64 and float64, shape (STACK,).
-
-    Returns:
-        (triangle, x, y, z, distance², feature): triangle in the order of the BVH, −1 if none is nearer than the limit.
+    The stacks are workspace of shape (STACK,). Returns (triangle, x, y, z, distance², feature), the triangle in the
+    order of the BVH, −1 if none is nearer than the limit.
     """
     best = limit2
     triangle, feature = -1, 0
@@ -163,9 +150,7 @@ def closest_on_mesh(
         right = bvh.right[node]
         if right < 0:
             for i in range(bvh.start[node], bvh.end[node]):
-                t = bvh.corner[i]
-                corners = Triangle(t[0], t[1], t[2], t[3], t[4], t[5], t[6], t[7], t[8])
-                qx, qy, qz, d2, f = closest_on_triangle(px, py, pz, corners)
+                qx, qy, qz, d2, f = closest_on_triangle(px, py, pz, triangle_at(bvh.corner, i))
                 if d2 < best:
                     best = d2
                     x, y, z, triangle, feature = qx, qy, qz, i, f
@@ -186,16 +171,16 @@ def closest_on_mesh(
 
 @jit_inline
 def outside(bvh: MeshBvh, triangle: int, feature: int, dx: float, dy: float, dz: float) -> bool:
-    """Whether a point lies outside; (dx, dy, dz) leads to it from its closest point on `triangle`."""
+    """Return True if a point lies outside, (dx, dy, dz) from its closest point on `triangle`."""
     n = bvh.pseudonormal[triangle, feature]
     return bool(n[0] * dx + n[1] * dy + n[2] * dz > 0.0)
 
 
 @jit
 def beyond(bvh: MeshBvh, x: float, y: float, z: float) -> bool:
-    """Whether a point lies beyond the box around all triangles: it is outside, also of a mesh that cuts through itself.
+    """Return True if a point lies beyond the box of all triangles: outside also of a mesh that intersects itself.
 
-    Of such a mesh the nearest triangle may look the other way.
+    The nearest triangle of such a mesh may face the other way.
     """
     b = bvh.bound[0]
     return bool(x < b[0] or x > b[3] or y < b[1] or y > b[4] or z < b[2] or z > b[5])
@@ -203,9 +188,8 @@ def beyond(bvh: MeshBvh, x: float, y: float, z: float) -> bool:
 
 @jit_allocating
 def closest_points(bvh: MeshBvh, points: Array, closest_out: Array, signed_distance_out: Array) -> None:
-    """Closest points on the mesh [m], shape (n, 3), and signed distances [m], shape (n,), of points, shape (n, 3)."""
-    stack = np.empty(STACK, np.int64)
-    stack_distance2 = np.empty(STACK)
+    """Compute closest points on the mesh [m], shape (n, 3), and signed distances [m] of points, shape (n, 3)."""
+    stack, stack_distance2 = np.empty(STACK, np.int64), np.empty(STACK)
     for i in range(points.shape[0]):
         px, py, pz = points[i, 0], points[i, 1], points[i, 2]
         triangle, x, y, z, d2, feature = closest_on_mesh(bvh, px, py, pz, np.inf, stack, stack_distance2)
@@ -218,7 +202,7 @@ def closest_points(bvh: MeshBvh, points: Array, closest_out: Array, signed_dista
 
 
 def mesh_signed_distance(bvh: MeshBvh, points: Array) -> Array:
-    """Signed distances [m] of points to the mesh, shape (n,); negative inside."""
+    """Compute signed distances [m] of points, shape (n, 3), to the mesh; negative inside."""
     points = np.ascontiguousarray(points, np.float64)
     closest, signed = np.empty((len(points), 3)), np.empty(len(points))
     closest_points(bvh, points, closest, signed)

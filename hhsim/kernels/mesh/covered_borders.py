@@ -1,30 +1,29 @@
-"""Borders of triangles that lie in the plane of others: where that plane goes on beyond a border, it is none.
+"""Neighbourhood of triangles: self-contact, and borders and corners beyond which others continue their plane.
 
 A loose triangle in a floor, or a floor of triangles that do not share their corners, has borders and corners by its
-list of faces and none in space. Rows of theirs would allow half of the way to them only, and hold back what slides
-over the floor.
+list of faces and none in space. Contact rows of them would hold back what slides over the floor.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.jit import Array, Indices, jit, jit_allocating
-from hhsim.kernels.mesh.feature_distance import ON, above
-from hhsim.kernels.mesh.features import BRANCHING, FaceSpheres, gather_faces
+from hhsim.kernels.mesh.feature_distance import ON, above, triangle_distance
+from hhsim.kernels.mesh.features import ALONG, BRANCHING, FaceSpheres, gather_faces
 from hhsim.kernels.round_cone_distance import RoundCone, sphere_cone
 from hhsim.kernels.sphere_tree import STACK_SIZE
 
 Flags = NDArray[np.bool_]
 
 BEYOND = 10.0 * ON
-"""How far beyond a border its plane must go on [m]: more than faces reach beyond their own sides."""
+"""Distance that a plane must continue beyond a border [m]: more than faces reach beyond their own sides."""
 DIRECTIONS = 16
-"""In which the plane is looked for around a corner."""
+"""Number of directions around a corner in which the plane is searched."""
 
 
 @jit
 def _in_plane(face: Array, f: int, normal: Array, flat: float, x: float, y: float, z: float) -> bool:
-    # Whether face f lies in the plane through a point with this normal: `flat` is the sine that two may differ by.
+    """Return True if face f lies in the plane through a point with this normal, within the sine `flat`."""
     n = face[f]
     cx = n[1] * normal[2] - n[2] * normal[1]
     cy = n[2] * normal[0] - n[0] * normal[2]
@@ -35,7 +34,7 @@ def _in_plane(face: Array, f: int, normal: Array, flat: float, x: float, y: floa
 
 @jit
 def _stretch_over(face: Array, f: int, line: Array, x: float, y: float, z: float) -> tuple[float, float]:
-    # The part of a line from (x, y, z) along line[3:6] that is over face f; (infinity, minus infinity) where none is.
+    """Return the stretch of a line from (x, y, z) along line[3:6] over face f; (inf, -inf) if there is none."""
     low, high = 0.0, line[6]
     for k in range(3):
         i = 4 + 4 * k
@@ -52,7 +51,7 @@ def _stretch_over(face: Array, f: int, line: Array, x: float, y: float, z: float
 
 @jit
 def _is_covered(low: Array, high: Array, count: int, length: float) -> bool:
-    # Whether stretches together are all of 0 to length.
+    """Return True if the stretches together cover 0 to length."""
     done = 0.0
     while done < length:
         farthest = done
@@ -69,16 +68,10 @@ def _is_covered(low: Array, high: Array, count: int, length: float) -> bool:
 def covered_edges(
     spheres: FaceSpheres, face: Array, line: Array, inward: Array, own: Indices, flat: float, covered_out: Flags
 ) -> None:
-    """Which borders have other faces in their plane beyond all of their length.
+    """Mark the borders, shape (B, 7), beyond which other faces continue the plane along all of their length.
 
-    Args:
-        spheres: Around the faces.
-        face: As in `MeshFeatures`, shape (F, 16).
-        line: The borders, as edges in `MeshFeatures`, shape (B, 7).
-        inward: Unit vector into the one face of each, across it, shape (B, 3).
-        own: That face, shape (B,).
-        flat: Sine of an angle between planes that is none.
-        covered_out: Shape (B,).
+    Faces and borders are as `face` and `edge` of `MeshFeatures`; `inward` are unit vectors into the one face `own` of
+    each, across it, shape (B, 3); `flat` is the sine of an angle below which planes are the same.
     """
     found = np.empty(face.shape[0] + BRANCHING, np.int64)
     low, high = np.empty(found.shape[0]), np.empty(found.shape[0])
@@ -101,14 +94,7 @@ def covered_edges(
 def covered_corners(
     spheres: FaceSpheres, face: Array, corner: Array, own: Indices, flat: float, covered_out: Flags
 ) -> None:
-    """Which corners have faces in their plane all around.
-
-    Args:
-        spheres, face, flat: As in `covered_edges`.
-        corner: [m], shape (C, 3).
-        own: A face at each, shape (C,).
-        covered_out: Shape (C,).
-    """
+    """Mark the corners [m], shape (C, 3), around which faces continue the plane of a face `own` at each."""
     found = np.empty(face.shape[0] + BRANCHING, np.int64)
     stack, near = np.empty(STACK_SIZE, np.int64), np.empty(BRANCHING)
     for c in range(corner.shape[0]):
@@ -132,3 +118,49 @@ def covered_corners(
                 over = over or above(face, found[i], px, py, pz)
             covered = covered and over
         covered_out[c] = covered
+
+
+@jit
+def _leads_into(face: Array, f: int, k: int, ux: float, uy: float, uz: float) -> bool:
+    """Return True if a direction from corner k of face f leads along the face, between its two sides or on one."""
+    n = face[f]
+    along = abs(n[0] * ux + n[1] * uy + n[2] * uz) <= ALONG
+    for side in (k, (k + 2) % 3):
+        i = 4 + 4 * side
+        along = along and n[i] * ux + n[i + 1] * uy + n[i + 2] * uz >= -ALONG
+    return along
+
+
+@jit_allocating
+def touches_itself(
+    spheres: FaceSpheres, corner: Array, face: Array, corners: Indices, line: Array, ends: Indices
+) -> bool:
+    """Return True if any edge comes within `ON` of a triangle other than those that it is a side of.
+
+    Closed triangles that cut through each other, or lie on each other, do so along an edge of at least one of them.
+    Corners, faces and lines are as `corner`, `face` and `edge` of `MeshFeatures`; `corners`, shape (F, 3), are the
+    vertices of each triangle, and `ends`, shape (E, 2), of each line; vertices at one place are one.
+    """
+    found = np.empty(face.shape[0] + BRANCHING, np.int64)
+    stack, near = np.empty(STACK_SIZE, np.int64), np.empty(BRANCHING)
+    for e in range(line.shape[0]):
+        x, y, z, ux, uy, uz, length = line[e]
+        cone = RoundCone(x, y, z, ux, uy, uz, length, 0.0, 1.0 / length, 0.0, 0.0)
+        count, _, _ = gather_faces(spheres, cone, ON, ON, stack, near, found)
+        for i in range(count):
+            f = found[i]
+            first, second = -1, -1
+            for k in range(3):
+                first = k if corners[f, k] == ends[e, 0] else first
+                second = k if corners[f, k] == ends[e, 1] else second
+            if first >= 0 and second >= 0:
+                continue
+            if first >= 0:
+                meets = _leads_into(face, f, first, ux, uy, uz)
+            elif second >= 0:
+                meets = _leads_into(face, f, second, -ux, -uy, -uz)
+            else:
+                meets = triangle_distance(corner, face, f, cone)[0] <= ON
+            if meets:
+                return True
+    return False

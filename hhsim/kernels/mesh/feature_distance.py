@@ -1,4 +1,4 @@
-"""Signed distances in closed form: round cone to vertices, edges and faces of a mesh.
+"""Signed distances of a round cone to vertices, edges and faces of a mesh, in closed form.
 
 A round cone is the union of the spheres with centre x(s) on its axis and radius r(s) = r_a - k s, 0 <= s <= l, here
 with s in metres. Its distance to a convex piece of the mesh is convex in s, so that there is one minimum.
@@ -10,9 +10,7 @@ a straight line q(s) = q_0 + s q_1 in a plane, and |q(s)| + k s is least at
 
 or, where q <= k², at the large end. The minimum counts where its foot lies on the edge; beyond it, it is a vertex's.
 Face: along its normal the distance is linear in s, so that an end is nearest; it counts where the end lies above the
-inside of the face.
-
-Where a body's witness lies on none of them the distance is `ELSEWHERE`.
+inside of the face. If a body's witness does not lie on the feature the distance is `ELSEWHERE`.
 """
 
 import math
@@ -20,22 +18,21 @@ import math
 import numpy as np
 
 from hhsim.kernels.jit import Array, jit, jit_inline, jit_vector
-from hhsim.kernels.mesh.features import FACE_FIELDS
+from hhsim.kernels.mesh.features import FACE_FIELDS, MeshFeatures
 from hhsim.kernels.round_cone_distance import RoundCone
 
 ELSEWHERE = 1e300
-"""Stands for a feature whose nearest point belongs to another one [m]."""
+"""Distance to a feature whose nearest point belongs to another one [m]."""
 ON = 1e-9
-"""A foot this far beyond the end of an edge, or at most so far beyond the side of a face, still lies on it [m]: between
-two features of a surface there is no gap."""
+"""Distance beyond the end of an edge, or at most the side of a face, at which a foot still lies on it [m]: there are
+no gaps between features."""
 PARALLEL = 1e-25
-"""Squared sine of an angle under which axis and edge are parallel: where on the axis the distance is least is rounding,
-and it is less by 1e-14 m at most."""
+"""Squared sine of an angle under which axis and edge are parallel: the minimum on the axis is rounding, of 1e-14 m."""
 
 
 @jit_inline
 def vertex_witness(cone: RoundCone, dx: float, dy: float, dz: float) -> tuple[float, float]:
-    """(distance, s) [m] of a round cone and the vertex at a + (dx, dy, dz)."""
+    """Compute (distance, s) [m] of a round cone and the vertex at a + (dx, dy, dz)."""
     if cone.length == 0.0:
         return math.sqrt(dx * dx + dy * dy + dz * dz) - cone.radius, 0.0
     t = dx * cone.ux + dy * cone.uy + dz * cone.uz
@@ -51,7 +48,7 @@ def vertex_witness(cone: RoundCone, dx: float, dy: float, dz: float) -> tuple[fl
 def line_witness(
     cone: RoundCone, dx: float, dy: float, dz: float, wx: float, wy: float, wz: float
 ) -> tuple[float, float, float]:
-    """(distance, s, foot) [m] of a round cone and the line along w through a - (dx, dy, dz), where its foot is 0."""
+    """Compute (distance, s, foot) [m] of a round cone and the line along w through a - (dx, dy, dz), the foot's 0."""
     dw = dx * wx + dy * wy + dz * wz
     px, py, pz = dx - dw * wx, dy - dw * wy, dz - dw * wz
     if cone.length == 0.0:
@@ -76,27 +73,27 @@ def line_witness(
 def edge_witness(
     cone: RoundCone, dx: float, dy: float, dz: float, wx: float, wy: float, wz: float, extent: float
 ) -> tuple[float, float]:
-    """(distance, s) [m] of a round cone and the edge along w whose first end is at a - (dx, dy, dz)."""
+    """Compute (distance, s) [m] of a round cone and the edge along w whose first end is at a - (dx, dy, dz)."""
     distance, s, foot = line_witness(cone, dx, dy, dz, wx, wy, wz)
     return distance if foot >= -ON and foot <= extent + ON else ELSEWHERE, s
 
 
 @jit_inline
 def vertex_distance(vertex: Array, i: int, cone: RoundCone) -> tuple[float, float]:
-    """(distance, s) [m] of vertex i, shape (·, 3)."""
+    """Compute (distance, s) [m] of vertex i, shape (·, 3)."""
     return vertex_witness(cone, vertex[i, 0] - cone.x, vertex[i, 1] - cone.y, vertex[i, 2] - cone.z)
 
 
 @jit_inline
 def edge_distance(edge: Array, i: int, cone: RoundCone) -> tuple[float, float]:
-    """(distance, s) [m] of edge i, shape (·, 7), in the order of `EDGE_FIELDS`."""
+    """Compute (distance, s) [m] of edge i, as of `EDGE_FIELDS`."""
     dx, dy, dz = cone.x - edge[i, 0], cone.y - edge[i, 1], cone.z - edge[i, 2]
     return edge_witness(cone, dx, dy, dz, edge[i, 3], edge[i, 4], edge[i, 5], edge[i, 6])
 
 
 @jit_inline
 def above(face: Array, i: int, x: float, y: float, z: float) -> bool:
-    """Whether a point lies above or below the inside of face i, shape (·, 16), in the order of `FACE_FIELDS`."""
+    """Return True if a point lies above or below the inside of face i, as of `FACE_FIELDS`."""
     return bool(
         min(
             min(
@@ -110,35 +107,34 @@ def above(face: Array, i: int, x: float, y: float, z: float) -> bool:
 
 
 @jit_inline
+def _height(face: Array, i: int, x: float, y: float, z: float) -> float:
+    """Compute the distance [m] of a point from face i, `ELSEWHERE` unless it is above or below its inside."""
+    height = abs(face[i, 0] * x + face[i, 1] * y + face[i, 2] * z - face[i, 3])
+    return height if above(face, i, x, y, z) else ELSEWHERE
+
+
+@jit_inline
 def face_distance(face: Array, i: int, cone: RoundCone) -> float:
-    """Distance [m] of the inside of face i, shape (·, 16): of the nearer end of the axis that is above it."""
-    nx, ny, nz, height = face[i, 0], face[i, 1], face[i, 2], face[i, 3]
+    """Compute the distance [m] of the inside of face i: of the nearer end of the axis that is above it."""
     ax, ay, az = cone.x, cone.y, cone.z
-    first = abs(nx * ax + ny * ay + nz * az - height) - cone.radius
-    first = first if above(face, i, ax, ay, az) else ELSEWHERE
     bx, by, bz = ax + cone.length * cone.ux, ay + cone.length * cone.uy, az + cone.length * cone.uz
-    second = abs(nx * bx + ny * by + nz * bz - height) - cone.radius + cone.drop
-    second = second if above(face, i, bx, by, bz) else ELSEWHERE
-    return min(first, second)
+    first = _height(face, i, ax, ay, az) - cone.radius
+    return min(first, _height(face, i, bx, by, bz) - cone.radius + cone.drop)
 
 
 @jit
 def triangle_distance(corner: Array, face: Array, i: int, cone: RoundCone) -> tuple[float, float]:
-    """Distance [m] of a round cone to triangle i with its sides and corners, and where on the axis it is least, s [m].
+    """Compute the distance [m] of a round cone to triangle i with its sides and corners, and s [m] on the axis.
 
-    Unsigned but for the radius: where the axis goes through the triangle, minus the radius there.
-
-    Args:
-        corner: a, b, c of each triangle [m], shape (F, 9).
-        face: In the order of `FACE_FIELDS`, shape (F, 16).
-        i: Which.
-        cone: The body.
+    Unsigned but for the radius: where the axis goes through the triangle, minus the radius there. Corners are a, b, c
+    [m], shape (F, 9), faces as of `FACE_FIELDS`.
     """
     place, plane = corner[i], face[i]
     best, parameter = ELSEWHERE, 0.0
     for k in range(3):
         p, q = 3 * k, 3 * ((k + 1) % 3)
-        distance, s = vertex_witness(cone, place[p] - cone.x, place[p + 1] - cone.y, place[p + 2] - cone.z)
+        dx, dy, dz = cone.x - place[p], cone.y - place[p + 1], cone.z - place[p + 2]
+        distance, s = vertex_witness(cone, -dx, -dy, -dz)
         if distance < best:
             best, parameter = distance, s
         wx, wy, wz = place[q] - place[p], place[q + 1] - place[p + 1], place[q + 2] - place[p + 2]
@@ -146,16 +142,7 @@ def triangle_distance(corner: Array, face: Array, i: int, cone: RoundCone) -> tu
         if extent == 0.0:
             continue
         scale = 1.0 / extent
-        distance, s = edge_witness(
-            cone,
-            cone.x - place[p],
-            cone.y - place[p + 1],
-            cone.z - place[p + 2],
-            wx * scale,
-            wy * scale,
-            wz * scale,
-            extent,
-        )
+        distance, s = edge_witness(cone, dx, dy, dz, wx * scale, wy * scale, wz * scale, extent)
         if distance < best:
             best, parameter = distance, s
     slope = cone.drop * cone.inverse_length
@@ -179,26 +166,28 @@ def triangle_distance(corner: Array, face: Array, i: int, cone: RoundCone) -> tu
 
 
 @jit_inline
+def _beside(edge: Array, i: int, dx: float, dy: float, dz: float) -> float:
+    """Compute the distance [m] of a point (dx, dy, dz) from the start of edge i, `ELSEWHERE` beyond its ends."""
+    wx, wy, wz = edge[i, 3], edge[i, 4], edge[i, 5]
+    foot = dx * wx + dy * wy + dz * wz
+    px, py, pz = dx - foot * wx, dy - foot * wy, dz - foot * wz
+    away = math.sqrt(px * px + py * py + pz * pz)
+    return away if foot >= -ON and foot <= edge[i, 6] + ON else ELSEWHERE
+
+
+@jit_inline
 def edge_end_distance(edge: Array, i: int, cone: RoundCone) -> float:
-    """Distance [m] of edge i, shape (·, 7), from the nearer end of a phalanx's axis that is over it."""
-    wx, wy, wz, extent = edge[i, 3], edge[i, 4], edge[i, 5], edge[i, 6]
+    """Compute the distance [m] of edge i from the nearer end of a phalanx's axis that is over it."""
     dx, dy, dz = cone.x - edge[i, 0], cone.y - edge[i, 1], cone.z - edge[i, 2]
-    foot = dx * wx + dy * wy + dz * wz
-    px, py, pz = dx - foot * wx, dy - foot * wy, dz - foot * wz
-    first = math.sqrt(px * px + py * py + pz * pz) - cone.radius
-    first = first if foot >= -ON and foot <= extent + ON else ELSEWHERE
+    first = _beside(edge, i, dx, dy, dz) - cone.radius
     dx, dy, dz = dx + cone.length * cone.ux, dy + cone.length * cone.uy, dz + cone.length * cone.uz
-    foot = dx * wx + dy * wy + dz * wz
-    px, py, pz = dx - foot * wx, dy - foot * wy, dz - foot * wz
-    second = math.sqrt(px * px + py * py + pz * pz) - cone.radius + cone.drop
-    second = second if foot >= -ON and foot <= extent + ON else ELSEWHERE
-    return min(first, second)
+    return min(first, _beside(edge, i, dx, dy, dz) - cone.radius + cone.drop)
 
 
 @jit_vector
 def face_distances(face: Array, start: int, stop: int, cone: RoundCone, distance_out: Array) -> None:
-    """`face_distance` of faces start to stop - 1, shape (·, 16), for the vector unit: each field lies in one piece."""
-    # An index that might be negative is looked at first, and the vector unit left out.
+    """Compute `face_distance` of faces start to stop - 1 on the vector unit: each field is contiguous."""
+    # Signed indices would be checked for negative values, which keeps the loop off the vector unit.
     for i in range(np.uint64(start), np.uint64(stop)):
         distance_out[i] = face_distance(face, i, cone)
 
@@ -207,7 +196,7 @@ def face_distances(face: Array, start: int, stop: int, cone: RoundCone, distance
 def edge_distances(
     edge: Array, start: int, stop: int, cone: RoundCone, distance_out: Array, parameter_out: Array, end_out: Array
 ) -> None:
-    """The same of edges, shape (·, 7): `edge_distance` and `edge_end_distance`."""
+    """Compute `edge_distance` and `edge_end_distance` of edges start to stop - 1."""
     for i in range(np.uint64(start), np.uint64(stop)):
         distance_out[i], parameter_out[i] = edge_distance(edge, i, cone)
         end_out[i] = edge_end_distance(edge, i, cone)
@@ -217,24 +206,17 @@ def edge_distances(
 def vertex_distances(
     vertex: Array, start: int, stop: int, cone: RoundCone, distance_out: Array, parameter_out: Array
 ) -> None:
-    """The same of vertices, shape (·, 3): `vertex_distance`."""
+    """Compute `vertex_distance` of vertices start to stop - 1."""
     for i in range(np.uint64(start), np.uint64(stop)):
         distance_out[i], parameter_out[i] = vertex_distance(vertex, i, cone)
 
 
 @jit_inline
 def face_bounds(face: Array, i: int, cone: RoundCone, one_sided: bool) -> tuple[float, float]:
-    """How far a round cone must move at least, before it touches triangle i, shape (·, 16) [m].
+    """Compute the least motions [m] by which a round cone can touch triangle i, and the inside of its face.
 
-    Args:
-        face: In the order of `FACE_FIELDS`.
-        i: Which.
-        cone: The body.
-        one_sided: Behind a face is inside, and the body is not: it must come round first.
-
-    Returns:
-        For the whole triangle, by its plane and sides; and for the inside of the face: besides, an end of the axis must
-        come above it. (Its sides and corners are met from behind too, by way of the faces that they share.)
+    The first by plane and sides; for the second an end of the axis must also come above the face, and from outside if
+    `one_sided`. (Sides and corners are met from behind too, through the faces that share them.)
     """
     nx, ny, nz, height = face[i, 0], face[i, 1], face[i, 2], face[i, 3]
     ax, ay, az, radius, drop = cone.x, cone.y, cone.z, cone.radius, cone.drop
@@ -255,49 +237,31 @@ def face_bounds(face: Array, i: int, cone: RoundCone, one_sided: bool) -> tuple[
 
 
 @jit_inline
-def outside_cone(
-    directions: Array,
-    start: int,
-    stop: int,
-    length: float,
-    dx: float,
-    dy: float,
-    dz: float,
-    ux: float,
-    uy: float,
-    uz: float,
+def _outside_normals(
+    directions: Array, start: int, stop: int, cone: RoundCone, dx: float, dy: float, dz: float
 ) -> float:
-    """How far an axis must move at least, before a point of it lies in the normal cone of an edge or vertex [m].
+    """Compute the least motion [m] that brings a point of an axis into the normal cone of an edge or vertex.
 
     `directions[start:stop]` lead from the feature into its faces or along its edges; the axis begins at (dx, dy, dz)
-    from it and goes along u.
+    from it.
     """
     most = -ELSEWHERE
     for w in range(start, stop):
         first = dx * directions[w, 0] + dy * directions[w, 1] + dz * directions[w, 2]
-        rise = length * (ux * directions[w, 0] + uy * directions[w, 1] + uz * directions[w, 2])
+        rise = cone.length * (cone.ux * directions[w, 0] + cone.uy * directions[w, 1] + cone.uz * directions[w, 2])
         most = max(most, first + min(0.0, rise))
     return most
 
 
 @jit_inline
-def edge_bound(
-    edge: Array,
-    i: int,
-    cone: RoundCone,
-    wing: Array,
-    wing_start: int,
-    wing_stop: int,
-    tolerance: float,
-    reach: float,
-) -> float:
-    """How far a round cone must move at least, before it touches the inside of edge i, shape (·, 7) [m].
+def edge_bound(mesh: MeshFeatures, i: int, cone: RoundCone, tolerance: float, reach: float) -> float:
+    """Compute the least motion [m] by which a round cone can touch the inside of edge i.
 
-    By its normal cone, which counts only by what is more than `tolerance` [m], and, where that is not beyond `reach`
-    [m], by its line and its ends.
+    By its normal cone, widened by `tolerance` [m], and, unless that is beyond `reach` [m], by its line and its ends.
     """
+    edge, start, stop = mesh.edge, mesh.wing_start[i], mesh.wing_start[i + 1]
     dx, dy, dz = cone.x - edge[i, 0], cone.y - edge[i, 1], cone.z - edge[i, 2]
-    out = outside_cone(wing, wing_start, wing_stop, cone.length, dx, dy, dz, cone.ux, cone.uy, cone.uz) - tolerance
+    out = _outside_normals(mesh.wing, start, stop, cone, dx, dy, dz) - tolerance
     if out > reach:
         return out
     wx, wy, wz, extent = edge[i, 3], edge[i, 4], edge[i, 5], edge[i, 6]
@@ -309,14 +273,12 @@ def edge_bound(
 
 
 @jit_inline
-def vertex_bound(
-    vertex: Array, i: int, cone: RoundCone, spoke: Array, spoke_start: int, spoke_stop: int, tolerance: float
-) -> float:
-    """How far a round cone must move at least, before it touches vertex i, shape (·, 3) [m].
+def vertex_bound(mesh: MeshFeatures, i: int, cone: RoundCone, tolerance: float) -> float:
+    """Compute the least motion [m] by which a round cone can touch vertex i.
 
-    By its distance, and by its normal cone, which counts only by what is more than `tolerance` [m].
+    By its distance, and by its normal cone, widened by `tolerance` [m].
     """
+    vertex, start, stop = mesh.vertex, mesh.spoke_start[i], mesh.spoke_start[i + 1]
     distance, _ = vertex_distance(vertex, i, cone)
     dx, dy, dz = cone.x - vertex[i, 0], cone.y - vertex[i, 1], cone.z - vertex[i, 2]
-    out = outside_cone(spoke, spoke_start, spoke_stop, cone.length, dx, dy, dz, cone.ux, cone.uy, cone.uz)
-    return max(distance, out - tolerance)
+    return max(distance, _outside_normals(mesh.spoke, start, stop, cone, dx, dy, dz) - tolerance)

@@ -1,4 +1,4 @@
-"""The corners, edges and faces of a mesh as contacts meet them, and the spheres that find them.
+"""Corners, edges and faces of a mesh for contacts, and the spheres that find them.
 
 A body touches a mesh at its *features*: the inside of a face, the inside of an edge, a vertex. The least distance of a
 body to the mesh is the least of its distances to the features, each where its witness lies on the feature itself, and
@@ -14,87 +14,62 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.jit import Array, Indices, jit, jit_allocating, jit_inline, jit_vector
-from hhsim.kernels.kd_tree import select
+from hhsim.kernels.kd_tree import split_widest
 from hhsim.kernels.prefetch import prefetch
 from hhsim.kernels.round_cone_distance import RoundCone
 
 BRANCHING = 8
 GROUP_TESTS = 6
-"""Node tests that a group counts as: the vector unit looks at all of it at once."""
+"""Node tests that a group counts as, of eight on the vector unit."""
 BLOCK_BYTES, CHILD_BYTES = 8 * 4 * BRANCHING, 8 * BRANCHING
-"""Of a group in `FaceSpheres`."""
+"""Sizes of a group in `FaceSpheres`."""
 ALONG = 1e-9
-"""Sine of an angle that is none."""
+"""Sine below which an angle counts as zero."""
 NOWHERE = 1e150
-"""Centre of the spheres that fill up a block [m]: no walk gets there."""
+"""Centre of the spheres that fill up a block [m], which no walk reaches."""
 FACE_FIELDS = 16
-"""Of a face: its unit normal n and n · x on it, then for each side the unit normal m in the plane, inward, and the
-least m · x that counts as inside [m]: a little less than on the side itself."""
+"""Number of values of a face: its unit normal n and n · x on it, then for each side the unit normal m in the plane,
+inward, and the least m · x that counts as inside [m]: a little less than on the side itself."""
 EDGE_FIELDS = 7
-"""Of an edge: its first end [m], the unit vector along it, its length [m]."""
+"""Number of values of an edge: its first end [m], the unit vector along it, its length [m]."""
 
 
 class FaceSpheres(NamedTuple):
-    """Spheres around faces, in groups of eight of eight: block 0 is the root's.
+    """Spheres around faces, in a hierarchy of groups of eight; block 0 is the root's."""
 
-    | field | meaning | shape |
-    |---|---|---|
-    | block | x, y, z and radius of the eight spheres of each group [m] | (N, 4, 8) |
-    | child | each one's own block, or -1 - face | (N, 8) |
-    """
-
-    block: Array
-    child: Indices
+    block: Array  # x, y, z and radius of the eight spheres of each group [m], (N, 4, 8)
+    child: Indices  # each one's own block, or -1 - face, (N, 8)
 
 
 class MeshFeatures(NamedTuple):
     """A mesh of F faces, E edges and V vertices that can be touched, world.
 
     Each edge and each vertex belongs to one of its faces, so that a walk that finds the faces finds it once. Edges
-    between coplanar faces are none.
-
-    | field | meaning | shape |
-    |---|---|---|
-    | spheres | around the faces and around groups of them | |
-    | corner | a, b, c of each face [m] | (F, 9) |
-    | face | see `FACE_FIELDS` | (F, 16) |
-    | face_edge | edges that belong to the face, -1 for none | (F, 3) |
-    | face_vertex | vertices that belong to the face, -1 for none | (F, 3) |
-    | face_across | face that goes on in the same plane beyond each side, -1 for none | (F, 3) |
-    | edge | see `EDGE_FIELDS` | (E, 7) |
-    | wing_start | first wing of each edge, and the end | (E + 1,) |
-    | wing | unit vectors from an edge into its faces, across the edge | (·, 3) |
-    | wing_face | the face of each wing | (·,) |
-    | vertex | [m] | (V, 3) |
-    | spoke_start | first spoke of each vertex, and the end | (V + 1,) |
-    | spoke | unit vectors from a vertex along its edges | (·, 3) |
-    | spoke_edge | the edge of each spoke | (·,) |
-    | multiplicity | times that a face is there, less those wound the other way; no rows: no inside | (F,) |
-    | pseudonormal | outward, by the features of `closest_on_triangle`; no rows: both sides touched | (F, 7, 3) |
+    between coplanar faces are left out. Two arrays may have no rows: `multiplicity`, if there is no inside, and
+    `pseudonormal`, if both sides are touched.
     """
 
-    spheres: FaceSpheres
-    corner: Array
-    face: Array
-    face_edge: Indices
-    face_vertex: Indices
-    face_across: Indices
-    edge: Array
-    wing_start: Indices
-    wing: Array
-    wing_face: Indices
-    vertex: Array
-    spoke_start: Indices
-    spoke: Array
-    spoke_edge: Indices
-    multiplicity: Indices
-    pseudonormal: Array
+    spheres: FaceSpheres  # around the faces and around groups of them
+    corner: Array  # a, b, c of each face [m], (F, 9)
+    face: Array  # see `FACE_FIELDS`, (F, 16)
+    face_edge: Indices  # edges that belong to the face, -1 for none, (F, 3)
+    face_vertex: Indices  # vertices that belong to the face, -1 for none, (F, 3)
+    face_across: Indices  # face that continues the plane beyond each side, -1 for none, (F, 3)
+    edge: Array  # see `EDGE_FIELDS`, (E, 7)
+    wing_start: Indices  # first wing of each edge, and the end, (E + 1,)
+    wing: Array  # unit vectors from an edge into its faces, across the edge, (·, 3)
+    wing_face: Indices  # the face of each wing, (·,)
+    vertex: Array  # [m], (V, 3)
+    spoke_start: Indices  # first spoke of each vertex, and the end, (V + 1,)
+    spoke: Array  # unit vectors from a vertex along its edges, (·, 3)
+    spoke_edge: Indices  # the edge of each spoke, (·,)
+    multiplicity: Indices  # number of copies of a face, less those wound the other way, (F,)
+    pseudonormal: Array  # outward, by feature of `closest_on_triangle`, (F, 7, 3)
 
 
 @jit
 def _triangle_sphere(corner: Array, center_out: Array) -> None:
-    # The least sphere around a triangle: over its longest side where the angle there is not acute, else the
-    # circumscribed one.
+    """Compute the least sphere around a triangle: over its longest side, or if it is acute the circumscribed one."""
     best, first = -1.0, 0
     for k in range(3):
         i, j = 3 * k, 3 * ((k + 1) % 3)
@@ -123,7 +98,7 @@ def _triangle_sphere(corner: Array, center_out: Array) -> None:
 
 @jit
 def _reach(corner: Array, order: Indices, start: int, end: int, center: Array) -> float:
-    # Radius of the sphere about a centre around the corners of faces.
+    """Compute the radius of the sphere about a centre around the corners of faces."""
     most = 0.0
     for i in range(start, end):
         c = corner[order[i]]
@@ -145,23 +120,9 @@ def _middle_of_box(corner: Array, order: Indices, start: int, end: int, center_o
 
 
 @jit
-def _split(middle: Array, order: Indices, start: int, end: int, place: int) -> None:
-    # Splits a range at a place in the order along its widest axis.
-    widest, axis = -1.0, 0
-    for m in range(3):
-        low, high = np.inf, -np.inf
-        for i in range(start, end):
-            low = min(low, middle[m, order[i]])
-            high = max(high, middle[m, order[i]])
-        if high - low > widest:
-            widest, axis = high - low, m
-    select(middle[axis], order, start, end, place)
-
-
-@jit
 def _children(faces: int) -> int:
-    # As few as hold that many faces in full groups: halved three times at every level, most of the last groups would be
-    # of two or three.
+    # The fewest that hold the faces in full groups: halved three times at every level, most of the last groups would
+    # have two or three.
     most = 1
     while most * BRANCHING < faces:
         most *= BRANCHING
@@ -170,9 +131,9 @@ def _children(faces: int) -> int:
 
 @jit_allocating
 def face_spheres(corner: Array) -> FaceSpheres:
-    """Spheres around faces, shape (F, 9), in groups of up to eight, split across the widest axis.
+    """Build spheres around faces, shape (F, 9), in groups of up to eight, split across the widest axis.
 
-    The groups of faces themselves are nearly full, whatever F is; those at the top need not be.
+    The groups of faces are nearly full for any F; those at the top need not be.
     """
     faces = corner.shape[0]
     middle = np.empty((3, faces))
@@ -180,7 +141,7 @@ def face_spheres(corner: Array) -> FaceSpheres:
         for m in range(3):
             middle[m, i] = (corner[i, m] + corner[i, 3 + m] + corner[i, 6 + m]) / 3.0
     order = np.arange(faces)
-    # A node of nodes has two at least, and one of faces four, where it is not the only one.
+    # A node of nodes has at least two, and one of faces four, unless it is the only one.
     most = faces // 2 + 1
     block, child = np.full((most, 4, BRANCHING), NOWHERE), np.full((most, BRANCHING), -1)
     block[:, 3] = 0.0
@@ -195,13 +156,13 @@ def face_spheres(corner: Array) -> FaceSpheres:
         share[0] = _children(end[node] - start[node])
         i = 0
         while i < pieces:
-            # A piece of several children is split, and its first part looked at again; the pieces stay in order.
+            # A piece of several children is split, and its first half visited again; the pieces stay in order.
             if share[i] == 1:
                 i += 1
                 continue
             low, high, first = bound[i], bound[i + 1], share[i] // 2
             place = low + (high - low) * first // share[i]
-            _split(middle, order, low, high, place)
+            split_widest(middle, order, low, high, place)
             for j in range(pieces, i, -1):
                 bound[j + 1] = bound[j]
             for j in range(pieces - 1, i, -1):
@@ -228,7 +189,7 @@ def face_spheres(corner: Array) -> FaceSpheres:
 
 @jit_inline
 def block_distance(block: Array, node: int, i: int, cone: RoundCone) -> float:
-    """Signed distance [m] of a round cone to sphere i of a block."""
+    """Compute the signed distance [m] of a round cone to sphere i of a block."""
     dx, dy, dz = block[node, 0, i] - cone.x, block[node, 1, i] - cone.y, block[node, 2, i] - cone.z
     t = dx * cone.ux + dy * cone.uy + dz * cone.uz
     px, py, pz = dx - t * cone.ux, dy - t * cone.uy, dz - t * cone.uz
@@ -242,56 +203,37 @@ def block_distance(block: Array, node: int, i: int, cone: RoundCone) -> float:
 
 @jit_vector
 def _block_distances(block: Array, node: int, cone: RoundCone, distance_out: Array) -> None:
-    # A loop whose length the compiler knows it unrolls, before it thinks of the vector unit; and an index that might be
-    # negative is looked at first.
+    # A loop of known length would be unrolled before it is vectorised, and signed indices checked.
     for i in range(np.uint64(0), np.uint64(block.shape[2])):
         distance_out[i] = block_distance(block, node, i, cone)
 
 
 @jit
 def gather_faces(
-    spheres: FaceSpheres,
-    cone: RoundCone,
-    reach: float,
-    look_out: float,
-    stack: Indices,
-    near: Array,
-    face_out: Indices,
+    spheres: FaceSpheres, cone: RoundCone, reach: float, look_out: float, stack: Indices, near: Array, face_out: Indices
 ) -> tuple[int, float, int]:
-    """Faces whose spheres are within `reach` [m] of a round cone.
+    """Gather the faces whose spheres are within `reach` [m] of a round cone.
 
-    Args:
-        spheres: Around the faces.
-        cone: The body.
-        reach: [m].
-        look_out: How far groups of faces are looked into, at least `reach`, for a clearance that is not theirs [m].
-        stack: Workspace, shape (STACK_SIZE,).
-        near: Workspace, shape (8,).
-        face_out: The faces; as many as there is room for.
-
-    Returns:
-        (count, clearance, tests) as `kernels.sphere_tree.gather_round_cone`.
+    Groups up to `look_out` [m], at least `reach`, are visited for a clearance that is not their own. Stack, shape
+    (STACK_SIZE,), and `near`, shape (8,), are workspace. Returns (count, clearance, tests) as
+    `kernels.sphere_tree.gather_round_cone`.
     """
-    clearance = np.inf
-    count, tests = 0, 0
+    clearance, count, tests = np.inf, 0, 0
     stack[0] = 0
     top = 1
     while top > 0:
         top -= 1
         node = stack[top]
         _block_distances(spheres.block, node, cone, near)
+        spare = count + BRANCHING <= face_out.shape[0]
         tests += GROUP_TESTS
-        if count + BRANCHING > face_out.shape[0]:
-            # There may not be room for all of them.
+        if not spare:
             faces = 0
             for i in range(BRANCHING):
                 faces += 1 if spheres.child[node, i] < 0 and near[i] <= reach else 0
             if count + faces > face_out.shape[0]:
                 return -1, 0.0, tests
-            spare = False
-        else:
-            spare = True
-        # A group farther than the clearance has nothing to tell. Which child is near is no branch: nobody can guess it.
+        # A group farther than the clearance cannot change it. Without branches, which could not be predicted.
         far = max(reach, min(look_out, clearance))
         waiting = top
         for i in range(BRANCHING):
@@ -312,15 +254,10 @@ def gather_faces(
 
 @jit
 def touchable_vertices(spoke_start: Indices, spoke: Array, outward: Array, touchable_out: NDArray[np.bool_]) -> None:
-    """Which vertices have a normal cone: some direction that leads away from all of their edges.
+    """Mark the vertices that have a normal cone: a direction that leads away from all of their edges.
 
-    A cone that is not empty has a direction across two of the edges, or is a half space or a wedge.
-
-    Args:
-        spoke_start: As in `MeshFeatures`.
-        spoke: As in `MeshFeatures`.
-        outward: Normals of the vertices where only the outside counts, shape (V, 3); no rows where both sides do.
-        touchable_out: Shape (V,).
+    A cone that is not empty has a direction across two of the edges, or is a half space or a wedge. `outward` are the
+    vertices' normals, shape (V, 3), if only the outside is touched, else it has no rows.
     """
     for v in range(spoke_start.shape[0] - 1):
         first, last = spoke_start[v], spoke_start[v + 1]
@@ -331,7 +268,7 @@ def touchable_vertices(spoke_start: Indices, spoke: Array, outward: Array, touch
                 y = spoke[i, 2] * spoke[j, 0] - spoke[i, 0] * spoke[j, 2]
                 z = spoke[i, 0] * spoke[j, 1] - spoke[i, 1] * spoke[j, 0]
                 size = math.sqrt(x * x + y * y + z * z)
-                # Along one line: what is across both is not one direction.
+                # Parallel edges have no single direction across both.
                 found = found or size < ALONG
                 for side in (-1.0, 1.0):
                     if found or (

@@ -1,6 +1,6 @@
-"""The inside of what may be no closed surface: where the winding number exceeds ½, or a sheet is near.
+"""Inside of a surface that need not be closed: where the winding number exceeds ½, or a sheet is near.
 
-Also the walks along straight lines through its triangles: where a line leaves the inside, and how many it meets.
+Also crossings of segments with its triangles.
 """
 
 from typing import NamedTuple
@@ -11,43 +11,38 @@ from numpy.typing import NDArray
 from hhsim.kernels.jit import Array, Indices, as_int64, jit, jit_allocating, jit_inline
 from hhsim.kernels.kd_tree import STACK
 from hhsim.kernels.mesh.bvh import MeshBvh, closest_on_mesh
-from hhsim.kernels.mesh.fast_winding_number import WindingMoments, winding_at
+from hhsim.kernels.mesh.winding_number import WindingMoments, winding_at
+from hhsim.kernels.triangle import ray_crossing
 
 Bools = NDArray[np.bool_]
 
 _MOST_HITS = 16
 _HALVINGS = 12
 _STEP = 1e-6
-"""Before and behind a triangle the inside is looked up this share of a segment away from it."""
+"""Share of a segment before and behind a triangle at which the inside is evaluated."""
 
 
 class SolidField(NamedTuple):
-    """What has an inside.
-
-    bvh, moments: triangles that enclose, wound outward, and their moments; sheet: triangles of sheets; half: half their
-    thickness [m], negative for no sheets.
-    """
+    """A solid: enclosing triangles, wound outward, and sheets with a thickness."""
 
     bvh: MeshBvh
-    moments: WindingMoments
-    sheet: MeshBvh
-    half: float
+    moments: WindingMoments  # of `bvh`
+    sheet: MeshBvh  # triangles of sheets
+    half: float  # half their thickness [m], negative for no sheets
 
 
 @jit
 def inside_at(field: SolidField, x: float, y: float, z: float, stack: Indices, stack_distance2: Array) -> bool:
-    """Whether a point [m] lies inside."""
-    if field.half > 0.0:
-        limit2 = field.half * field.half
-        triangle, _, _, _, _, _ = closest_on_mesh(field.sheet, x, y, z, limit2, stack, stack_distance2)
-        if triangle >= 0:
-            return True
+    """Return True if a point [m] lies inside."""
+    half2 = field.half * field.half
+    if field.half > 0.0 and closest_on_mesh(field.sheet, x, y, z, half2, stack, stack_distance2)[0] >= 0:
+        return True
     return bool(winding_at(field.bvh, field.moments, x, y, z, stack) > 0.5)
 
 
 @jit_allocating
 def inside(field: SolidField, points: Array, inside_out: Bools) -> None:
-    """Which points [m], shape (n, 3), lie inside, shape (n,)."""
+    """Mark the points [m], shape (n, 3), that lie inside."""
     stack, stack_distance2 = np.empty(STACK, np.int64), np.empty(STACK)
     for i in range(points.shape[0]):
         inside_out[i] = inside_at(field, points[i, 0], points[i, 1], points[i, 2], stack, stack_distance2)
@@ -55,39 +50,16 @@ def inside(field: SolidField, points: Array, inside_out: Bools) -> None:
 
 @jit_allocating
 def near(bvh: MeshBvh, points: Array, distance: float, near_out: Bools) -> None:
-    """Which points [m], shape (n, 3), have a triangle within a distance [m], shape (n,)."""
+    """Mark the points [m], shape (n, 3), that have a triangle within a distance [m]."""
     stack, stack_distance2 = np.empty(STACK, np.int64), np.empty(STACK)
     for i in range(points.shape[0]):
-        triangle, _, _, _, _, _ = closest_on_mesh(
-            bvh, points[i, 0], points[i, 1], points[i, 2], distance * distance, stack, stack_distance2
-        )
-        near_out[i] = triangle >= 0
-
-
-@jit_inline
-def _hit(t: Array, px: float, py: float, pz: float, dx: float, dy: float, dz: float) -> float:
-    """Where p + s·d meets the triangle t (9,), as s; −1 if not within 0 to 1 (Möller and Trumbore, 1997)."""
-    ux, uy, uz = t[3] - t[0], t[4] - t[1], t[5] - t[2]
-    vx, vy, vz = t[6] - t[0], t[7] - t[1], t[8] - t[2]
-    hx, hy, hz = dy * vz - dz * vy, dz * vx - dx * vz, dx * vy - dy * vx
-    det = ux * hx + uy * hy + uz * hz
-    if det == 0.0:
-        return -1.0
-    sx, sy, sz = px - t[0], py - t[1], pz - t[2]
-    a = (sx * hx + sy * hy + sz * hz) / det
-    if not 0.0 <= a <= 1.0:
-        return -1.0
-    qx, qy, qz = sy * uz - sz * uy, sz * ux - sx * uz, sx * uy - sy * ux
-    b = (dx * qx + dy * qy + dz * qz) / det
-    if not (b >= 0.0 and a + b <= 1.0):
-        return -1.0
-    s = (vx * qx + vy * qy + vz * qz) / det
-    return s if 0.0 < s < 1.0 else -1.0
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        near_out[i] = closest_on_mesh(bvh, x, y, z, distance * distance, stack, stack_distance2)[0] >= 0
 
 
 @jit_inline
 def _meets_box(box: Array, p: Array, d: Array) -> bool:
-    """Whether the segment from p along d meets the box with the lowest and the highest corner box[:6]."""
+    """Return True if the segment from p along d meets the box with the lowest and the highest corner box[:6]."""
     near, far = 0.0, 1.0
     for k in range(3):
         if d[k] == 0.0:
@@ -98,7 +70,7 @@ def _meets_box(box: Array, p: Array, d: Array) -> bool:
             if first > second:
                 first, second = second, first
             near, far = max(near, first), min(far, second)
-            # A little room, so that rounding loses no hit in a flat box.
+            # A tolerance, so that rounding loses no hit in a flat box.
             if near > far + 1e-12:
                 return False
     return True
@@ -106,10 +78,7 @@ def _meets_box(box: Array, p: Array, d: Array) -> bool:
 
 @jit
 def segment_hits(bvh: MeshBvh, p: Array, d: Array, stack: Indices, hits: Array) -> int:
-    """Where the segment from p along d (both (3,)) meets triangles, sorted, shares of d; how many in all.
-
-    No more are noted than `hits` has room for.
-    """
+    """Find the sorted shares of d at which the segment from p along d meets triangles, as many as fit; count all."""
     count = 0
     stack[0] = 0
     top = 1
@@ -120,8 +89,8 @@ def segment_hits(bvh: MeshBvh, p: Array, d: Array, stack: Indices, hits: Array) 
             continue
         if bvh.right[node] < 0:
             for i in range(bvh.start[node], bvh.end[node]):
-                s = _hit(bvh.corner[i], p[0], p[1], p[2], d[0], d[1], d[2])
-                if s >= 0.0:
+                s, _ = ray_crossing(bvh.corner[i], p[0], p[1], p[2], d[0], d[1], d[2])
+                if 0.0 < s < 1.0:
                     if count < hits.shape[0]:
                         j = count
                         while j > 0 and hits[j - 1] > s:
@@ -137,7 +106,7 @@ def segment_hits(bvh: MeshBvh, p: Array, d: Array, stack: Indices, hits: Array) 
 
 @jit_allocating
 def count_hits(bvh: MeshBvh, start: Array, along: Array, count_out: Indices) -> None:
-    """How many triangles each segment meets, (n,): from `start` along `along` [m], shapes (n, 3)."""
+    """Count the triangles that each segment meets, from `start` along `along` [m], shapes (n, 3)."""
     stack, hits = np.empty(STACK, np.int64), np.empty(1)
     for i in range(start.shape[0]):
         count_out[i] = segment_hits(bvh, start[i], along[i], stack, hits)
@@ -150,15 +119,9 @@ def _inside_on(field: SolidField, p: Array, d: Array, s: float, stack: Indices, 
 
 @jit_allocating
 def leave_inside(field: SolidField, start: Array, end: Array, share_out: Array) -> None:
-    """Where each segment from inside to outside first leaves the inside: a share of it, shape (n,).
+    """Compute the share, between 0 and 1, at which each segment from inside to outside [m] first leaves the inside.
 
-    It is where it meets a triangle, exactly, or, where the inside ends without one, found by halving.
-
-    Args:
-        field: The solid.
-        start: Points inside [m], shape (n, 3).
-        end: Points outside [m], shape (n, 3).
-        share_out: Shares [-], shape (n,), strictly between 0 and 1.
+    Exact where it meets a triangle, and by bisection where the inside ends without one.
     """
     stack, stack_distance2 = np.empty(STACK, np.int64), np.empty(STACK)
     hits = np.empty(_MOST_HITS)
@@ -169,7 +132,7 @@ def leave_inside(field: SolidField, start: Array, end: Array, share_out: Array) 
             d[k] = end[i, k] - p[k]
         count = min(segment_hits(field.bvh, p, d, stack, hits), as_int64(_MOST_HITS))
         low, high = 0.0, 1.0
-        # Mostly there is one hit, and the inside ends there.
+        # Most segments have one hit, where the inside ends.
         at = hits[0] if count == 1 else -1.0
         if count > 1:
             for j in range(count + 1):

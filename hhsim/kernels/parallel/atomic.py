@@ -1,9 +1,7 @@
-"""Atomic operations on elements of int64 arrays, by which kernels in several threads agree on who does what.
+"""Atomic operations on elements of aligned int64 arrays, as numpy's own are.
 
-What a thread wrote before `store_release` or `fetch_add` is seen by a thread that has read the new value by
-`load_acquire`, `fetch_add` or `compare_exchange`. The arrays must be aligned, as numpy's own are.
-
-With the compiler disabled these are plain reads and writes: a kernel is then meant to run in one thread.
+Values written before `store_release` or `fetch_add` are seen by a thread that has read the new value by `load_acquire`,
+`fetch_add` or `compare_exchange`. With the compiler disabled these are plain reads and writes, for one thread.
 """
 
 import platform
@@ -19,7 +17,7 @@ from hhsim.kernels.jit import JIT_ENABLED, Indices, jit_inline
 
 WORD_BYTES = 8
 PAUSES = {"x86_64": "llvm.x86.sse2.pause", "AMD64": "llvm.x86.sse2.pause"}
-"""The instruction that tells a processor that a loop waits, by machine; others just go round."""
+"""Instruction for a waiting loop, by machine; there is none on others."""
 
 
 def _pointer(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -107,35 +105,35 @@ else:
 
 @jit_inline
 def load_acquire(array: Indices, index: int) -> int:
-    """array[index], and all that was written before its store."""
+    """Return array[index]; all that was written before its store is seen."""
     return _load(array, index)
 
 
 @jit_inline
 def store_release(array: Indices, index: int, value: int) -> None:
-    """Set array[index]; all written before is seen by whoever reads it."""
+    """Set array[index]; all that was written before is seen by its readers."""
     _store(array, index, value)
 
 
 @jit_inline
 def fetch_add(array: Indices, index: int, value: int) -> int:
-    """Add to array[index]; returns what it was."""
+    """Add to array[index]; return the value before."""
     return _add(array, index, value)
 
 
 @jit_inline
 def compare_exchange(array: Indices, index: int, expected: int, value: int) -> bool:
-    """Set array[index] if it is `expected`; returns whether it was."""
+    """Set array[index] if it is `expected`; return True if it was."""
     return _exchange(array, index, expected, value)
 
 
 @jit_inline
 def pause() -> None:
-    """Tell the processor that this loop waits."""
+    """Execute the processor's instruction for a waiting loop."""
     _wait()
 
 
 @jit_inline
 def yield_processor() -> None:
-    """Let another thread that is ready have this processor."""
+    """Yield the processor to another ready thread."""
     _yield_processor()

@@ -1,14 +1,13 @@
-"""A thread team: threads that share the work of one tick, item by item.
+"""Threads that share the work of one tick, item by item.
 
 The tick's own thread posts a task of a few items. It and its helpers, which wait in `kernels.tick.thread_team_worker`
 for as long as a block of ticks lasts, take one item after another until none is left. A tick takes some ten
-microseconds, so the helpers do not sleep: they watch one word of memory, and a task costs half a microsecond more than
-its longest share.
+microseconds, so the helpers do not sleep but poll one word of memory: a task costs half a microsecond more than its
+longest item.
 
-One 64-bit *ticket* names the task at hand, how many items it has and which one is next. It is taken by
-compare-and-exchange, and every task has a new number in it, so that a helper which comes too late takes nothing. An
-item writes nothing that another item of its task reads or writes; what comes out is therefore the same whoever does
-what, and when.
+One 64-bit *ticket* holds the task, its number of items and the next one. It is taken by compare-and-exchange, and every
+task has a new number in it, so that a late helper takes nothing. An item writes nothing that another item of its task
+reads or writes: results do not depend on who computes what, and when.
 """
 
 import numpy as np
@@ -26,7 +25,7 @@ from hhsim.kernels.parallel.atomic import (
 )
 
 PARTS = FINGER_COUNT + 1
-"""Items of the longest task: the five fingers and the palm. More members than that would find nothing to do."""
+"""Most items of a task, and members of a team: the five fingers and the palm."""
 
 TASK_DISTANCES = 1
 TASK_FINGERS = 2
@@ -34,7 +33,7 @@ TASK_STOP = 3
 
 TICKET = 0
 DONE = 16
-"""Places of the two words that the threads share, far enough apart not to lie in one cache line."""
+"""Indices of the two shared words, in different cache lines."""
 WORDS = 32
 
 ITEM_BITS = 8
@@ -47,43 +46,31 @@ NUMBER_SHIFT = 2 * ITEM_BITS + TASK_BITS
 NOTHING = -1
 
 PATIENCE = 1000
-"""Looks at a word, some 60 µs, before a thread that waits lets others have its processor between two looks."""
+"""Polls of a word, some 60 µs, after which a waiting thread yields its processor between two polls."""
 
 THREAD_TEAM = np.dtype(
     [
-        ("members", np.int64),
-        ("worth", np.int64),
-        ("clocks", np.int64),
-        ("clock", np.int64, (PARTS,)),
-        ("parts", np.int64),
-        ("part", np.int64, (PARTS,)),
-        ("cost", np.int64, (PARTS,)),
-        ("status", np.int64, (PARTS,)),
-        ("work", np.int64, (PARTS, 3)),
-        ("before", np.int64, (DONE,)),
-        ("word", np.int64, (WORDS,)),
+        ("members", np.int64),  # threads, the tick's own included; 0 or 1: the tick does everything itself
+        ("worth", np.int64),  # distances outside of the largest part from which detection is shared
+        ("clocks", np.int64),  # number of helpers
+        ("clock", np.int64, (PARTS,)),  # CPU clock of each helper as `clock_gettime` knows it
+        ("parts", np.int64),  # items of the task
+        ("part", np.int64, (PARTS,)),  # what each item is: a finger's number or FINGER_COUNT for the palm
+        ("cost", np.int64, (PARTS,)),  # estimates by which the parts are put in order, longest first
+        ("status", np.int64, (PARTS,)),  # what each part returned
+        ("work", np.int64, (PARTS, 3)),  # what each part counted
+        ("before", np.int64, (DONE,)),  # keeps other data out of the cache lines of `word`, as `behind` does
+        ("word", np.int64, (WORDS,)),  # the ticket and the number of items done
         ("behind", np.int64, (DONE,)),
     ],
     align=True,
 )
-"""What a thread team shares.
-
-| field | meaning |
-|---|---|
-| members | threads, the tick's own included; 0 or 1: the tick does everything itself |
-| worth | distances outside of the largest part from which on detection is shared |
-| clocks, clock | how many helpers there are, and the CPU clock of each as `clock_gettime` knows it |
-| parts, part | of the task at hand: how many items, and what each is, a finger's number or FINGER_COUNT for the palm |
-| cost | estimates by which the parts are put in order, longest first |
-| status, work | what each part returned and counted |
-| word | the ticket and the number of items done |
-| before, behind | keep other data out of their cache lines |
-"""
+"""Data that a thread team shares."""
 
 
 @jit
 def sort_parts(thread_team: Record, count: int) -> None:
-    """Put the first `count` parts in order of their cost, longest first: the last to end then ends soonest."""
+    """Sort the first `count` parts by cost, longest first, so that the task ends soonest."""
     part, cost = thread_team.part, thread_team.cost
     for i in range(1, count):
         p, c = part[i], cost[i]
@@ -96,7 +83,7 @@ def sort_parts(thread_team: Record, count: int) -> None:
 
 @jit
 def post(word: Indices, task: int, items: int) -> None:
-    """Let the thread team begin with a task; the one before has been completed."""
+    """Post a task to the thread team; the previous one has been completed."""
     number = (word[TICKET] >> NUMBER_SHIFT) + 1
     word[DONE] = 0
     store_release(word, as_int64(TICKET), (number << NUMBER_SHIFT) | (task << 2 * ITEM_BITS) | (items << ITEM_BITS))
@@ -104,19 +91,19 @@ def post(word: Indices, task: int, items: int) -> None:
 
 @jit
 def dismiss(word: Indices) -> None:
-    """Send the helpers home."""
+    """End the helpers."""
     post(word, as_int64(TASK_STOP), as_int64(0))
 
 
 @jit
 def assemble(word: Indices) -> None:
-    """Take back what sent an earlier thread team home."""
+    """Take back a dismissal of an earlier thread team."""
     post(word, as_int64(TASK_DISTANCES), as_int64(0))
 
 
 @jit
 def waiting_task(word: Indices) -> int:
-    """The task that has an item left, TASK_STOP where the thread team is dismissed, or NOTHING."""
+    """Return the task that has an item left, TASK_STOP if the thread team is dismissed, or NOTHING."""
     ticket = load_acquire(word, as_int64(TICKET))
     task = (ticket >> 2 * ITEM_BITS) & TASK_MASK
     if task == TASK_STOP or ticket & ITEM_MASK < (ticket >> ITEM_BITS) & ITEM_MASK:
@@ -126,7 +113,7 @@ def waiting_task(word: Indices) -> int:
 
 @jit
 def take_item(word: Indices, task: int) -> int:
-    """The next item of a task, or NOTHING where none is left or the task at hand is another one."""
+    """Take the next item of a task; NOTHING if none is left or another task is posted."""
     while True:
         ticket = load_acquire(word, as_int64(TICKET))
         item = ticket & ITEM_MASK
@@ -138,14 +125,14 @@ def take_item(word: Indices, task: int) -> int:
 
 @jit
 def item_done(word: Indices) -> None:
-    """Report an item that was taken as done."""
+    """Report a taken item as done."""
     fetch_add(word, as_int64(DONE), as_int64(1))
 
 
 @jit
-def rest(looks: int) -> None:
-    """Wait a moment after `looks` looks in vain."""
-    if looks < PATIENCE:
+def rest(polls: int) -> None:
+    """Wait a moment after a number of polls."""
+    if polls < PATIENCE:
         pause()
     else:
         yield_processor()
@@ -154,18 +141,15 @@ def rest(looks: int) -> None:
 @jit
 def await_done(word: Indices, items: int) -> None:
     """Wait until all items of the task are done."""
-    looks = as_int64(0)
+    polls = as_int64(0)
     while load_acquire(word, as_int64(DONE)) < items:
-        rest(looks)
-        looks += 1
+        rest(polls)
+        polls += 1
 
 
 @jit
 def thread_team_cpu_ns(thread_team: Record) -> int:
-    """CPU time of all members [ns], waiting for work included.
-
-    Each thread's own clock is read: the process's lags behind, by up to some milliseconds, what other threads take.
-    """
+    """Return the CPU time of all members [ns], waiting included, by each thread's clock: the process's lags by ms."""
     total = thread_cpu_ns()
     for i in range(thread_team.clocks):
         total += cpu_ns(thread_team.clock[i])

@@ -44,30 +44,27 @@ ITERATION_LIMIT = 2
 NOT_FINITE = 3
 
 RANK_TOLERANCE = 1e-10
-"""A unit row whose part outside the span of the active rows is shorter than this counts as dependent on them."""
+"""Distance of a unit row from the span of the active rows below which it counts as dependent."""
 WARM_RANK_TOLERANCE = 1e-6
-"""Stricter for guessed rows: a guess that is nearly dependent costs more than it saves."""
+"""The same for guessed rows: a guess that is nearly dependent costs more than it saves."""
 MULTIPLIER_TOLERANCE = 1e-13
 """Entries of the dual step direction up to this size, relative to its largest or to 1, are rounding."""
 
 RESUMES = -1
-"""As a number of guessed rows: those that were active at the end of the last solve, with their factors."""
+"""Number of guessed rows that stands for those active at the end of the last solve, with their factors."""
 
 DRIFT = 1e-3
-"""Share of the tolerance by which steps may have carried the active rows off, for x to be taken as it is."""
+"""Largest violation of active rows by rounding, as a share of the tolerance, at which x is not recomputed."""
 
 N_MAX = 24
 CAPACITY = 4160
-"""Variables and rows that the workspace of a hand's programs has room for."""
+"""Most variables and rows of a hand's programs."""
 
 
 def new_work(n_max: int, capacity: int) -> QpWork:
-    """Workspace for problems of up to `n_max` variables and `capacity` rows: a record, see `qr_update.work_dtype`.
-
-    All that a hand's programs need is of one type; for a larger one the kernels compile once more.
-    """
+    """Make a workspace for up to `n_max` variables and `capacity` rows; kernels compile anew for more than a hand's."""
     dtype = work_dtype(max(n_max, N_MAX), max(capacity, CAPACITY))
-    # Written, and not only asked for: the system would else hand out the pages in the solves that are timed.
+    # Written, so that the system allocates the pages now and not in the solves that are timed.
     memory = np.empty(1, dtype)
     memory.view(np.uint8)[:] = 0
     return memory.view(np.recarray)[0]
@@ -75,7 +72,7 @@ def new_work(n_max: int, capacity: int) -> QpWork:
 
 @jit
 def _load_normal(row: int, n: int, rows: Rows, work: Record) -> float:
-    # The row's unit normal, padded; returns its scale.
+    """Load the row's unit normal, padded; return its scale."""
     scale, normal = work.inverse_norm[row], work.normal
     for j in range(LANES * ((n + LANES - 1) // LANES)):
         normal[j] = 0.0
@@ -93,7 +90,7 @@ def _load_normal(row: int, n: int, rows: Rows, work: Record) -> float:
 
 @jit
 def _rest(n: int, rhs: float, scale: float, target: Array, work: Record) -> float:
-    # b - a · x₀ of the loaded row, normalised.
+    """Compute b - a · x₀ of the loaded row, normalised."""
     total = rhs * scale
     for j in range(n):
         total -= work.normal[j] * target[j]
@@ -102,10 +99,7 @@ def _rest(n: int, rhs: float, scale: float, target: Array, work: Record) -> floa
 
 @jit
 def _drop_negative(n: int, k: int, target: Array, work: Record) -> int:
-    """Drop active rows until no multiplier is negative; each counts as an iteration. Returns the number that is left.
-
-    Equations are a valid start then. Dropping one may turn others negative.
-    """
+    """Drop active rows until no multiplier is negative, each an iteration; return the number left, a valid start."""
     while True:
         resolve(n, k, target, work)
         worst, position = 0.0, as_int64(-1)
@@ -121,7 +115,7 @@ def _drop_negative(n: int, k: int, target: Array, work: Record) -> int:
 
 @jit_once
 def _settle(n: int, k: int, target: Array, work: Record) -> float:
-    """Rid x of the rounding of its steps; returns how far that moved it."""
+    """Remove the rounding of its steps from x; return the distance that moved it."""
     for j in range(n):
         work.direction[j] = work.x[j]
     resolve(n, k, target, work)
@@ -133,7 +127,7 @@ def _settle(n: int, k: int, target: Array, work: Record) -> float:
 
 @generic
 def _resumed(rows: Rows, guess_count: int, work: Record) -> int:
-    """How many rows of the last solve are active from the first."""
+    """Return the number of rows of the last solve that are active at the start."""
 
 
 @_resumed.of(ProgramRows)
@@ -150,7 +144,7 @@ def _goes_on(rows: WideRows, guess_count: int, work: Record) -> int:
 
 @jit_once
 def _load_resumed(n: int, k: int, rows: Rows, target: Array, work: Record) -> None:
-    """Compute the right-hand sides of the rows that are active from the first."""
+    """Compute the right-hand sides of the rows that are active at the start."""
     for j in range(k):
         row = work.active[j]
         scale = _load_normal(row, n, rows, work)
@@ -159,7 +153,7 @@ def _load_resumed(n: int, k: int, rows: Rows, target: Array, work: Record) -> No
 
 @jit_once
 def _take_guess(n: int, k: int, rows: Rows, target: Array, guess: Indices, guess_count: int, work: Record) -> int:
-    """Add the guessed rows that are independent of the active ones; returns the number of active rows."""
+    """Add the guessed rows that are independent of the active ones; return the number of active rows."""
     for g in range(guess_count):
         row = guess[g]
         held = False
@@ -177,7 +171,7 @@ def _take_guess(n: int, k: int, rows: Rows, target: Array, guess: Indices, guess
 
 @jit_once
 def _leave_out_active(k: int, shift: float, work: Record) -> float:
-    """Set the violations of the active rows to 0; returns the largest, which is rounding."""
+    """Set the violations of the active rows to 0; return the largest, which is rounding."""
     drift = 0.0
     for j in range(k):
         drift = max(drift, abs(work.violation[work.active[j]] - shift))
@@ -196,10 +190,7 @@ def _iteration_limit(n: int, rows: Rows) -> int:
 
 @jit_once
 def _ratio_test(k: int, work: Record) -> tuple[float, int, float]:
-    """Find the active row whose multiplier first falls to 0 along the dual step.
-
-    Returns the step's length there, the row's place (-1: none does), and 1 + Σ |dual step|.
-    """
+    """Find the active row whose multiplier first falls to 0: step length, index (-1: none), 1 + Σ |dual step|."""
     largest, total = 1.0, 1.0
     for j in range(k):
         largest = max(largest, abs(work.dual_step[j]))
@@ -220,7 +211,7 @@ def _add_row(
 ) -> tuple[int, int, float]:
     """Make a violated row active by primal and dual steps, and drop the rows that it makes inactive.
 
-    Returns a status, the number of active rows, and how far all rows are moved back by now.
+    Returns a status, the number of active rows, and the shift by which all rows are moved back.
     """
     violation = work.violation[row] - shift
     multiplier, dual_step = work.multiplier, work.dual_step
@@ -240,7 +231,7 @@ def _add_row(
         independent = length > RANK_TOLERANCE and k < n
         primal_limit = violation / square if independent else np.inf
         if not independent and blocking < 0:
-            # Wherever x is, some row of a Farkas certificate y is violated by yᵀb / Σy or more.
+            # For any x some row of a Farkas certificate y is violated by yᵀb / Σy or more.
             if shift == 0.0 and violation <= relaxation * total:
                 shift = relaxation
                 for j in range(k):
@@ -270,7 +261,7 @@ def _add_row(
 
 @jit_once
 def _judge_unsound(n: int, k: int, rows: Rows, relaxation: float, unsound: int, status: int, work: Record) -> int:
-    """Judge rows of length 0 and what is not a number, and bring the multipliers to the rows' own length."""
+    """Judge rows of length 0 and NaN, and scale the multipliers to the rows' own length."""
     if unsound & ROWS_ZERO and status == OPTIMAL:
         for g in range(rows.group_start.shape[0]):
             for i in range(rows.group_start[g], rows.group_stop[g]):
@@ -302,20 +293,15 @@ def solve(
     guess_count: int,
     work: QpWork,
 ) -> int:
-    """Nearest point x to `target` that satisfies all rows.
+    """Compute the point x nearest to `target`, x₀ of n variables, that satisfies all rows; the result is in `work`.
 
     Args:
-        n: Number of variables.
-        rows: The rows.
-        target: x₀, shape (n,).
         tolerance: Largest violation, in units of x, that counts as satisfied.
-        relaxation: Where rows contradict each other, and moving each of them by no more than this, in units of x, would
-            reconcile them, all are moved by this much; a zero row short by no more than this, in units of b, counts
-            as satisfied.
-        guess: Rows expected to be active, shape (>= guess_count,); duplicates and rows that no group holds are ignored.
-        guess_count: How many; 0 for a cold start. RESUMES, of `WideRows`, where the last solve was of the same rows,
-            but for b, and of the same target, and ended OPTIMAL.
-        work: Workspace and result.
+        relaxation: Shift, in units of x, by which all rows are moved back if they contradict each other and that would
+            reconcile them; a zero row short by no more than this, in units of b, counts as satisfied.
+        guess: Rows expected to be active; duplicates and rows that no group holds are ignored.
+        guess_count: Number of guesses, 0 for a cold start, or RESUMES, of `WideRows`, if the last solve was of the
+            same rows, but for b, and of the same target, and ended OPTIMAL.
 
     Returns:
         OPTIMAL, INFEASIBLE, ITERATION_LIMIT, or NOT_FINITE for NaN in a row or in the target. When INFEASIBLE,
@@ -342,7 +328,7 @@ def solve(
         row = most_violated(violations, rows)
         worst = violations[row] - shift if row >= 0 else -np.inf
         if worst <= tolerance:
-            # Rows are of unit length: none is violated by more than x has moved.
+            # Rows are of unit length: no violation changes by more than x moves.
             if settled or drift <= DRIFT * tolerance or worst + _settle(n, k, target, work) <= tolerance:
                 break
             settled = True

@@ -11,14 +11,14 @@ import numpy as np
 from hhsim.kernels.jit import Array, jit
 
 NOT_POSITIVE = 1
-"""A pivot is not positive, or not finite: the matrix is not positive definite to working precision."""
+"""Status: a pivot is not positive and finite; the matrix is not positive definite to working precision."""
 
 
 @jit
 def factorise(matrix: Array, count: int) -> int:
-    """Replace the upper triangle of the leading `count` rows and columns by U; the lower one is neither read nor set.
+    """Replace the upper triangle of the leading `count` rows and columns by U; return 0, or NOT_POSITIVE.
 
-    Returns 0, or NOT_POSITIVE; the matrix is then half overwritten.
+    The lower triangle is neither read nor set; a matrix that is not positive definite is partly overwritten.
     """
     for k in range(count):
         pivot = matrix[k, k]

@@ -1,4 +1,4 @@
-"""Orthogonal factors of the active rows' normals, kept up to date while rows come and go.
+"""Orthogonal factors of the active rows' normals, updated as rows are added and removed.
 
 The normals are N = Rᵀ Q, Q with orthonormal rows by Gram-Schmidt, done a second time where the first leaves little of
 the new normal (Daniel, Gragg, Kaufman & Stewart 1976): contact patches bring duplicate and near-parallel rows, and the
@@ -16,53 +16,37 @@ import numpy as np
 from hhsim.kernels.jit import Array, Record, jit, jit_vector
 
 LANES = 8
-"""Numbers that one vector instruction may hold."""
+"""Numbers in one vector instruction."""
 
 SECOND_PASS = 0.25
-"""Squared share of a unit normal that the first pass must leave, for its rounding not to need a second one."""
+"""Squared length of a unit normal after the first pass below which its rounding needs a second one."""
 
 
 def work_dtype(n_max: int, capacity: int) -> np.dtype[Any]:
-    """Record of workspace and result of one solve, for up to `n_max` variables and `capacity` rows.
-
-    With p for n_max rounded up to whole lanes:
-
-    | field | meaning | shape |
-    |---|---|---|
-    | x | solution | (p,) |
-    | active | rows of the active set | (p + 1,) |
-    | multiplier | their multipliers, >= 0, for rows as given (not normalised) | (p + 1,) |
-    | counts | [size of the active set, iterations, row that proves it infeasible or -1] | (3,) |
-    | basis | Q: orthonormal rows, of which the active normals are combinations | (p, p) |
-    | column | Rᵀ: active normal j = Σ_i column[j, i] basis[i], i <= j | (p, p) |
-    | inverse_diagonal | 1 / column[j, j] | (p,) |
-    | active_rhs | b - a · x₀ of the active rows, normalised | (p,) |
-    | normal, direction | the row being added, and its part outside the span | (p,) |
-    | coefficient, dual_step | its coordinates in the basis, and the dual direction | (p,) |
-    | share | scratch | (p,) |
-    | violation | b - a · x of every row, normalised | (capacity,) |
-    | inverse_norm | 1 / |a|, 0 for a zero row | (capacity,) |
-    | slack | room for a second look at the rows, see `kernels.tick.second_order` | (capacity,) |
-    """
+    """Return the dtype of workspace and result of a solve, for up to `n_max` variables and `capacity` rows."""
     padded = -(-n_max // LANES) * LANES
     return np.dtype(
         [
-            ("x", np.float64, (padded,)),
-            ("active", np.int64, (padded + 1,)),
-            ("multiplier", np.float64, (padded + 1,)),
-            ("counts", np.int64, (3,)),
-            ("basis", np.float64, (padded, padded)),
-            ("column", np.float64, (padded, padded)),
-            ("inverse_diagonal", np.float64, (padded,)),
-            ("active_rhs", np.float64, (padded,)),
-            ("normal", np.float64, (padded,)),
-            ("direction", np.float64, (padded,)),
-            ("coefficient", np.float64, (padded,)),
-            ("dual_step", np.float64, (padded,)),
-            ("share", np.float64, (padded,)),
-            ("violation", np.float64, (capacity,)),
-            ("inverse_norm", np.float64, (capacity,)),
-            ("slack", np.float64, (capacity,)),
+            ("x", np.float64, (padded,)),  # solution
+            ("active", np.int64, (padded + 1,)),  # rows of the active set
+            ("multiplier", np.float64, (padded + 1,)),  # theirs, >= 0, for rows as given (not normalised)
+            ("counts", np.int64, (3,)),  # size of the active set, iterations, row that proves infeasibility or -1
+            (
+                "basis",
+                np.float64,
+                (padded, padded),
+            ),  # Q: orthonormal rows that span the active normals
+            ("column", np.float64, (padded, padded)),  # Rᵀ: active normal j = Σ_i column[j, i] basis[i], i <= j
+            ("inverse_diagonal", np.float64, (padded,)),  # 1 / column[j, j]
+            ("active_rhs", np.float64, (padded,)),  # b - a · x₀ of the active rows, normalised
+            ("normal", np.float64, (padded,)),  # the row being added
+            ("direction", np.float64, (padded,)),  # its part outside the span
+            ("coefficient", np.float64, (padded,)),  # its coordinates in the basis
+            ("dual_step", np.float64, (padded,)),  # dual direction
+            ("share", np.float64, (padded,)),  # scratch
+            ("violation", np.float64, (capacity,)),  # b - a · x of every row, normalised
+            ("inverse_norm", np.float64, (capacity,)),  # 1 / |a|, 0 for a zero row
+            ("slack", np.float64, (capacity,)),  # of a second scan of the rows, see `kernels.tick.second_order`
         ],
         align=True,
     )
@@ -79,7 +63,7 @@ def _square(vector: Array, chunks: int) -> float:
 
 @jit_vector
 def _split(chunks: int, k: int, work: Record) -> None:
-    # Take from `direction` its part in the span of the first k rows of the basis, and add that to `coefficient`.
+    """Subtract from `direction` its part in the span of k basis rows, and add that to `coefficient`."""
     basis, direction, share = work.basis, work.direction, work.share
     for i in range(k):
         total = 0.0
@@ -107,9 +91,9 @@ def _split(chunks: int, k: int, work: Record) -> None:
 
 @jit
 def project(n: int, k: int, work: Record) -> float:
-    """Split work.normal, a unit vector, into coordinates in the basis and the rest.
+    """Split work.normal, a unit vector, into work.coefficient, coordinates in the basis, and work.direction.
 
-    Writes work.coefficient (its first k, zeros behind) and work.direction; returns the squared length of the latter.
+    Returns the squared length of the direction.
     """
     chunks = (n + LANES - 1) // LANES
     for j in range(LANES * chunks):
@@ -127,7 +111,7 @@ def project(n: int, k: int, work: Record) -> float:
 
 @jit_vector
 def back_substitute(k: int, work: Record, rhs: Array, solution: Array) -> None:
-    """Solve R · solution = rhs for the first k entries; rhs and solution may be one array. Zeros are left behind."""
+    """Solve R · solution = rhs for the first k entries, followed by zeros; rhs and solution may be one array."""
     column = work.column
     chunks = (k + LANES - 1) // LANES
     for i in range(LANES * chunks):
@@ -156,7 +140,7 @@ def _coordinates(k: int, work: Record, y: Array) -> None:
 
 @jit_vector
 def resolve(n: int, k: int, target: Array, work: Record) -> None:
-    """The optimum with the active rows as equations, straight from the factors, so that no rounding is carried along.
+    """Compute the optimum with the active rows as equations, from the factors, without the rounding of steps.
 
     x = x₀ + Qᵀ y with Rᵀ y = b - N x₀, and the multipliers from R u = y.
     """
@@ -177,7 +161,7 @@ def resolve(n: int, k: int, target: Array, work: Record) -> None:
 
 @jit
 def append(n: int, k: int, row: int, rhs: float, length: float, work: Record) -> None:
-    """Make the projected row, whose `direction` has this length, the active set's last; it had k."""
+    """Append the projected row, whose `direction` has this length, to an active set of k."""
     inverse = 1.0 / length
     for j in range(LANES * ((n + LANES - 1) // LANES)):
         work.basis[k, j] = work.direction[j] * inverse
@@ -190,7 +174,7 @@ def append(n: int, k: int, row: int, rhs: float, length: float, work: Record) ->
 
 @jit
 def remove(n: int, k: int, position: int, work: Record) -> None:
-    """Take the row at this position out of an active set of k, with its multiplier."""
+    """Remove the row at a position, with its multiplier, from an active set of k."""
     column, basis, inverse_diagonal = work.column, work.basis, work.inverse_diagonal
     chunks = (n + LANES - 1) // LANES
     for j in range(position, k - 1):

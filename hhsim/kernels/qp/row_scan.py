@@ -1,11 +1,11 @@
-"""Passes over the rows of a program a_i · x >= b_i: their lengths, how far each is violated, and which one most.
+"""Passes over the rows of a program a_i · x >= b_i: lengths, violations and the most violated row.
 
 Rows are stored as a structure of arrays in groups: all rows share `common` columns 0 … n_common - 1; the rows of group
 g have three more in `block`, which stand for the variables group_block[g] … + 2 (none where it is negative). A contact
 of the coupled problem thus takes 9 numbers, not 21. The widths that a hand's programs have (6 and 6 + 3 in the palm's
-and the coupled one, 3 in a finger's) are read in one go, any other in strips of six columns, three and one, group by
-group. `WideRows`, as a free object's are, have many groups of a few rows, and to begin one takes as long as to read it:
-what all share is read over all groups at once, and over what lies between them.
+and the coupled one, 3 in a finger's) are read in one loop, any other in strips of six columns, three and one, group by
+group. `WideRows`, as a free object's are, have many groups of a few rows, and starting one takes as long as reading it:
+the common columns are read over all groups at once, and over the rows between them.
 """
 
 import math
@@ -21,30 +21,19 @@ ROWS_ZERO = 2
 """A row is all zeros."""
 
 STRETCH_ROWS = 64
-"""Rows among which the most violated one is looked for at a time."""
+"""Number of rows of which the largest violation is computed at a time."""
 
 
 class ProgramRows(NamedTuple):
-    """Rows a_i · x >= b_i of a program.
+    """Rows a_i · x >= b_i of a program; no row is in two groups."""
 
-    | field | meaning |
-    |---|---|
-    | n_common | number of columns that all rows share |
-    | common | shape (>= n_common, capacity) |
-    | block | the rows' own three columns, shape (3, capacity) |
-    | rhs | b, shape (capacity,) |
-    | group_start | first row of each group, shape (groups,) |
-    | group_stop | row after the last of each group, shape (groups,); no row may be in two groups |
-    | group_block | first variable of each group's block, -1 for none, shape (groups,) |
-    """
-
-    n_common: int
-    common: Array
-    block: Array
-    rhs: Array
-    group_start: Indices
-    group_stop: Indices
-    group_block: Indices
+    n_common: int  # number of columns that all rows share
+    common: Array  # (>= n_common, capacity)
+    block: Array  # the rows' own three columns, (3, capacity)
+    rhs: Array  # b, (capacity,)
+    group_start: Indices  # first row of each group, (groups,)
+    group_stop: Indices  # row after the last of each group, (groups,)
+    group_block: Indices  # first variable of each group's block, -1 for none, (groups,)
 
 
 class WideRows(NamedTuple):
@@ -62,8 +51,8 @@ class WideRows(NamedTuple):
 Rows: TypeAlias = ProgramRows | WideRows
 
 
-# Plain loops over slices, few arrays in each and no name used for two of them: for an index that might be negative, and
-# for more arrays than a few comparisons can tell apart, the compiler gives up the vector unit.
+# Plain loops over slices, few arrays in each and no name used for two of them: the compiler gives up the vector unit
+# for an index that might be negative, and for more arrays than a few comparisons can tell apart.
 
 
 @jit_vector
@@ -110,7 +99,7 @@ def _invert_root(start: int, stop: int, square_out: Array) -> None:
 
 @jit
 def _row_range(rows: WideRows) -> tuple[int, int]:
-    # From the first row that a group holds to the one behind the last.
+    """Return the first row of any group, and the row after the last."""
     first, last = as_int64(0), as_int64(0)
     for g in range(rows.group_start.shape[0]):
         if rows.group_start[g] < rows.group_stop[g]:
@@ -121,7 +110,7 @@ def _row_range(rows: WideRows) -> tuple[int, int]:
 
 @generic
 def row_lengths(rows: Rows, inverse_norm_out: Array) -> None:
-    """1 / |a| of every row, 0 for a zero row, shape (capacity,)."""
+    """Compute 1 / |a| of every row, 0 for a zero row, shape (capacity,)."""
 
 
 @row_lengths.of(WideRows)
@@ -261,7 +250,7 @@ def _scale(start: int, stop: int, source: Array, factor: Array, out: Array) -> N
 
 @generic
 def row_violations(rows: Rows, x: Array, inverse_norm: Array, violation: Array) -> None:
-    """Normalised violation (b - a · x) / |a| of every row, shape (capacity,)."""
+    """Compute the normalised violation (b - a · x) / |a| of every row, shape (capacity,)."""
 
 
 @row_violations.of(WideRows)
@@ -337,7 +326,7 @@ def _unsound(start: int, stop: int, inverse_norm: Array, violation: Array) -> tu
 
 @jit_once
 def unsound_rows(rows: Rows, inverse_norm: Array, violation: Array) -> int:
-    """ROWS_NAN and ROWS_ZERO bits of what `row_lengths` and `row_violations` found."""
+    """Return the ROWS_NAN and ROWS_ZERO bits of the results of `row_lengths` and `row_violations`."""
     nans, zeros = 0, 0
     for g in range(rows.group_start.shape[0]):
         nan, zero = _unsound(rows.group_start[g], rows.group_stop[g], inverse_norm, violation)
@@ -376,7 +365,7 @@ def _largest(values: Array, start: int, stop: int) -> float:
 
 @jit_once
 def most_violated(violation: Array, rows: Rows) -> int:
-    """First row with the largest violation; -1 where there is none to compare (no row, or NaN only)."""
+    """Return the first row with the largest violation; -1 if there is no row, or NaN only."""
     best, place = -np.inf, as_int64(-1)
     for g in range(rows.group_start.shape[0]):
         start, stop = rows.group_start[g], rows.group_stop[g]

@@ -1,4 +1,4 @@
-"""A program by itself, apart from the tick that built it: to be solved again, and timed."""
+"""Program apart from the tick that built it, to solve again and time."""
 
 import numpy as np
 
@@ -34,9 +34,9 @@ PROGRAM = np.dtype(
 
 @jit
 def solve_repeatedly(program: Record, duration_out: Indices, work: Record) -> int:
-    """Solve a program once for each entry of `duration_out`, where the wall time of each solve goes [ns].
+    """Solve a program once for each entry of `duration_out`, the wall time [ns] with two readings of the clock.
 
-    The two readings of the clock are part of it. Returns the status of `active_set.solve`; the result is in `work`.
+    Returns the status of `active_set.solve`; the result is in `work`.
     """
     groups, target = program.groups, program.target[: program.variables]
     rows = ProgramRows(

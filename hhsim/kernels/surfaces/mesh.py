@@ -1,12 +1,12 @@
-"""The triangles of the object's mesh themselves: faces, edges and vertices, in closed form.
+"""Contacts with the triangles of the object's mesh: faces, edges and vertices, in closed form.
 
 A row is kept where a feature's witness is a local minimum of the distance, in its normal cone: a row of a neighbour
-would allow half of the way to it only, and lift a finger that slides over a fine mesh. What is left out is nearer to
-nothing, its distance counts, and the true distances after the step decide. A phalanx that lies flat has a row at each
-end: that of the nearer one says nothing of the other.
+would allow half of the way to it only, and lift a finger that slides over a fine mesh. The distances of all features
+count, and the true distances after the step decide. A phalanx that lies flat has a row at each end.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,8 +24,8 @@ from hhsim.kernels.contact.surface import (
     record_pairs,
 )
 from hhsim.kernels.contact.tiers import TIERS, next_tier, start_tiers, tier_depth, tier_of
-from hhsim.kernels.hand.kinematics import PALM_BODY, PHALANX_COUNT, HandArrays
-from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit, jit_inline, jit_once, jit_vector
+from hhsim.kernels.hand.kinematics import PALM_BODY, PHALANX_COUNT, HandArrays, phalanx_cone, placed_sphere
+from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit, jit_inline, jit_once
 from hhsim.kernels.mesh.feature_distance import (
     ELSEWHERE,
     ON,
@@ -51,117 +51,101 @@ from hhsim.kernels.mesh.features import (
 )
 from hhsim.kernels.mesh.ray_winding import is_surrounded
 from hhsim.kernels.prefetch import prefetch
-from hhsim.kernels.round_cone_distance import RoundCone, sphere_cone
+from hhsim.kernels.round_cone_distance import RoundCone, count_within, least_distance
 from hhsim.kernels.sphere_tree import STACK_SIZE
-from hhsim.kernels.triangle import Triangle, closest_on_triangle
+from hhsim.kernels.triangle import Triangle, closest_on_triangle, triangle_at
 
 PALM_SPHERES = 1024
-PARTS = PALM_BODY + PALM_SPHERES
-"""What is walked for: the phalanges, then the palm's spheres."""
+PROBES = PALM_BODY + PALM_SPHERES
+"""Number of bodies with lists of their own: the phalanges, then the palm's spheres."""
 PHALANX_ROOM = 4088
 PALM_ROOM = 32768
+ROOM = PALM_BODY * PHALANX_ROOM + PALM_ROOM
+"""Most faces near a phalanx, near the palm, and in all; as many edges, as many vertices. Odd numbers of cache lines,
+see `CONTACT_ROWS`."""
+FOUND_ROOM = 4 * PHALANX_ROOM
+"""Most faces whose spheres are near a probe: more than faces that are near, if they are small."""
 LINE = 8
-"""Numbers in a cache line."""
+"""Values in a cache line."""
 BATCH = 32
 OWNED = 3 * BATCH
-"""Faces that are listed together, and their edges: memory for the next ones is on its way meanwhile."""
+"""Faces that are listed together, and their edges, while memory for the next batch is fetched."""
 FACE_BYTES, EDGE_BYTES, VERTEX_BYTES, OWN_BYTES = 8 * FACE_FIELDS, 8 * EDGE_FIELDS, 24, 24
 WING_BYTES, SPOKE_BYTES = 48, 128
-"""Of a face, an edge, a vertex, what belongs to a face, the two wings of an edge and the first spokes of a vertex."""
-FOUND_ROOM = 4 * PHALANX_ROOM
-"""Faces whose spheres are near a part: more than those that are near themselves, where they are small."""
-ROOM = PALM_BODY * PHALANX_ROOM + PALM_ROOM
-"""Faces near a phalanx and near the palm, and in all; as many edges, as many vertices. Odd numbers of cache lines, see
-`CONTACT_ROWS`."""
+"""Sizes of a face, an edge, a vertex, what belongs to a face, two wings of an edge and the first spokes of a vertex."""
 NEAR_CONE = 0.03
 """Sine of the angle by which a witness may lie outside of its feature's normal cone and still have a row, whose normal
 is the cone's nearest.
 
-Two edges of a face that a phalanx lies on take turns in being the nearest. With the witness's own normal a row would
+Two edges of a face that a phalanx lies on alternate in being the nearest. With the witness's own normal a row would
 hold back what slides towards it. The row is then one of the face or edge that the witness leans to, and there is none
 where that does not reach so far, or where an edge is touched at another place of the axis.
 """
 LOOK_OUT = 3.0
-"""A part that is near nothing looks so many times as far as its reach, for a slack that lasts."""
+"""Multiple of its reach up to which a probe that is near nothing searches, for a slack that lasts."""
 FINDING, LISTING = 1, 2
-"""Node tests that a face near a part counts as, and one of its features that is listed."""
+"""Node tests that a face near a probe counts as, and one of its features that is listed."""
 SOON = 0.7
 AHEAD_SPHERES = 2
-"""In a tick that has nothing else to gather, up to so many of the palm's spheres are gathered ahead of need: of those
-whose slack exceeds what is needed by less than this share of the way to the reach."""
+"""Number of the palm's spheres that a tick with nothing else to gather gathers ahead of need: of those whose slack
+exceeds what is needed by less than this share of the way to the reach."""
 PACE = 2.5
-"""A list reaches at least so many times as far as what is needed: that of a fast hand must last for some ticks too."""
+"""Least reach of a list as a multiple of what is needed, so that a fast hand's lasts for some ticks too."""
 CROWD = 512
 SHARES = (1.0, 0.3, 0.1, 0.03, 0.01)
-"""Where more features than a crowd are within the reach of a part, the next share of the way from what is needed to
-that reach is tried: a list must not take long to gather, however fine the mesh."""
+"""With more features than this within the reach of a probe, the next share of the way from what is needed to that reach
+is tried, so that gathering is fast however fine the mesh is."""
 CROWD_FACES = 2 * CROWD
-"""Faces whose spheres are near are so many at most where their features are no crowd; beyond, the walk is left off."""
+"""Largest number of faces whose spheres are near for which the walk goes on to its end."""
 LAST_SHARES = (0.25, 0.06, 0.015)
-"""Of what is needed, where even that is more than there is room for: the steps are as short then."""
+"""Shares of what is needed, tried if even that does not fit; the steps are then as short."""
 KINDS = 3
 """Faces, edges, vertices."""
 MOST_ACROSS = 64
-"""Faces of one plane that are gone through, before a place is taken to be on one of them."""
+"""Largest number of faces of one plane that are searched before a point is taken to be on one of them."""
 FLAT = np.inf
 """Radius of curvature of a face [m]."""
 
 CANDIDATES = np.dtype(
     [
-        ("face", np.int64, (ROOM,)),
+        ("face", np.int64, (ROOM,)),  # features near the probes, by index in `MeshFeatures`
         ("edge", np.int64, (ROOM,)),
         ("vertex", np.int64, (ROOM,)),
-        ("face_distance", np.float64, (ROOM,)),
+        ("face_distance", np.float64, (ROOM,)),  # signed distances [m]
         ("edge_distance", np.float64, (ROOM,)),
         ("vertex_distance", np.float64, (ROOM,)),
-        ("face_plane", np.float64, (FACE_FIELDS, ROOM)),
+        ("face_plane", np.float64, (FACE_FIELDS, ROOM)),  # copies of the features, field by field
         ("edge_line", np.float64, (EDGE_FIELDS, ROOM)),
         ("vertex_point", np.float64, (3, ROOM)),
-        ("edge_end", np.float64, (ROOM,)),
-        ("edge_parameter", np.float64, (ROOM,)),
+        ("edge_end", np.float64, (ROOM,)),  # signed distance of the nearer end of a phalanx that is over the edge [m]
+        ("edge_parameter", np.float64, (ROOM,)),  # s of the witness on the axis [m]
         ("vertex_parameter", np.float64, (ROOM,)),
-        ("faces", np.int64, (PARTS,)),
-        ("edges", np.int64, (PARTS,)),
-        ("vertices", np.int64, (PARTS,)),
-        ("tier_end", np.int64, (PARTS, KINDS, TIERS)),
-        ("tier_depth", np.float64, (PARTS,)),
-        ("measured", np.int64, (PARTS, KINDS)),
-        ("own", np.float64, (PARTS,)),
-        ("spare", np.float64, (PARTS,)),
-        ("least", np.float64, (PARTS,)),
-        ("share", np.int64, (PARTS,)),
-        ("near", np.float64, (PARTS, BRANCHING)),
+        ("faces", np.int64, (PROBES,)),  # number of features of each probe
+        ("edges", np.int64, (PROBES,)),
+        ("vertices", np.int64, (PROBES,)),
+        ("tier_end", np.int64, (PROBES, KINDS, TIERS)),  # number of features up to each tier's end
+        ("tier_depth", np.float64, (PROBES,)),  # depth of a tier [m]
+        ("measured", np.int64, (PROBES, KINDS)),  # number of features measured: the first ones
+        ("own", np.float64, (PROBES,)),  # slack of each probe when it was gathered [m]
+        ("spare", np.float64, (PROBES,)),  # slack of each of the palm's spheres beyond that of the palm [m]
+        ("least", np.float64, (PROBES,)),  # least distance of each probe [m]
+        ("share", np.int64, (PROBES,)),  # index in `SHARES` of each probe's last gathering
+        ("near", np.float64, (PROBES, BRANCHING)),  # workspace of a walk, as the last two
         *SHARED_CANDIDATES,
         ("scratch", np.int64, (FOUND_ROOM + 2 * OWNED,)),
         ("stack", np.int64, (STACK_SIZE,)),
     ],
     align=True,
 )
-"""Gathered features and their distances; each part of the hand has its own stretch of the room.
-
-| field | meaning |
-|---|---|
-| face, edge, vertex | features near the parts, by their place in `MeshFeatures` |
-| face_distance, … | signed distances [m] |
-| face_plane, edge_line, vertex_point | the features once more, field by field |
-| edge_end | signed distance of the nearer end of a phalanx that is over the edge [m] |
-| edge_parameter, vertex_parameter | s of the witness on the axis [m] |
-| faces, edges, vertices | how many each part has |
-| tier_end, tier_depth | how many of each kind the tiers hold up to each one's end, and how deep a tier is [m] |
-| measured | how many of each kind have been measured: the first ones |
-| own | slack of each part when it was gathered [m] |
-| spare | slack of each of the palm's spheres beyond that of the palm [m] |
-| least | least distance of each part [m] |
-| share | which of `SHARES` each part was last gathered with |
-| near, scratch, stack | of a walk |
-"""
+"""Gathered features and their distances; each probe has its own stretch of the arrays."""
 
 
-@jit_inline
-def _start(hand: HandArrays, part: int) -> int:
-    if part < PALM_BODY:
-        return part * PHALANX_ROOM
-    return PALM_BODY * PHALANX_ROOM + (part - PALM_BODY) * _palm_room(hand)
+class Probe(NamedTuple):
+    """A phalanx or a sphere of the palm, for which features are listed."""
+
+    index: int
+    cone: RoundCone
+    start: int  # of its stretch of the candidates
 
 
 @jit_inline
@@ -170,51 +154,40 @@ def _palm_room(hand: HandArrays) -> int:
 
 
 @jit_inline
-def _cone(hand: HandArrays, pose: Record, part: int) -> RoundCone:
-    if part < PALM_BODY:
-        f, k = part // PHALANX_COUNT, part % PHALANX_COUNT
-        joint, direction = pose.joints[f, k], pose.direction[f, k]
-        return RoundCone(
-            joint[0],
-            joint[1],
-            joint[2],
-            direction[0],
-            direction[1],
-            direction[2],
-            hand.length[f, k] if hand.inverse_length[f, k] > 0.0 else 0.0,
-            hand.tan_slope[f, k],
-            hand.inverse_length[f, k],
-            hand.radius[f, k],
-            hand.radius[f, k] - hand.radius[f, k + 1] if hand.inverse_length[f, k] > 0.0 else 0.0,
-        )
-    i = part - PALM_BODY
-    position, rotation = pose.position, pose.rotation
-    x, y, z = hand.palm_x[i], hand.palm_y[i], hand.palm_z[i]
-    return sphere_cone(
-        position[0] + rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z,
-        position[1] + rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z,
-        position[2] + rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z,
-        hand.palm_radius[i],
-    )
+def _start(hand: HandArrays, probe: int) -> int:
+    if probe < PALM_BODY:
+        return probe * PHALANX_ROOM
+    return PALM_BODY * PHALANX_ROOM + (probe - PALM_BODY) * _palm_room(hand)
+
+
+@jit_inline
+def _probe(hand: HandArrays, pose: Record, index: int) -> Probe:
+    start = _start(hand, index)
+    if index < PALM_BODY:
+        cone = phalanx_cone(hand, pose.joints[:], pose.direction[:], index // PHALANX_COUNT, index % PHALANX_COUNT)
+        x, y, z, ux, uy, uz, length, slope, inverse, radius, drop = cone
+        length, drop = length if inverse > 0.0 else 0.0, drop if inverse > 0.0 else 0.0
+        return Probe(index, RoundCone(x, y, z, ux, uy, uz, length, slope, inverse, radius, drop), start)
+    i = index - PALM_BODY
+    x, y, z, radius = hand.palm_x[i], hand.palm_y[i], hand.palm_z[i], hand.palm_radius[i]
+    return Probe(index, placed_sphere(pose.position[:], pose.rotation[:], x, y, z, radius), start)
 
 
 @jit
-def _pair_count(candidates: Record, part: int) -> int:
-    return candidates.faces[part] + candidates.edges[part] + candidates.vertices[part]
+def _pair_count(candidates: Record, which: int) -> int:
+    return candidates.faces[which] + candidates.edges[which] + candidates.vertices[which]
 
 
 @jit
-def _measured_count(candidates: Record, part: int) -> int:
-    measured = candidates.measured[part]
+def _measured_count(candidates: Record, which: int) -> int:
+    measured = candidates.measured[which]
     return measured[0] + measured[1] + measured[2]
 
 
 @jit
 def _list_features(
     mesh: MeshFeatures,
-    cone: RoundCone,
-    part: int,
-    start: int,
+    probe: Probe,
     room: int,
     most_faces: int,
     reach: float,
@@ -222,24 +195,22 @@ def _list_features(
     walk: Walk,
     work: Indices,
 ) -> float:
-    # Returns the part's slack; a negative infinity where there is no room.
-    far = _pair_count(candidates, part) == 0 and candidates.own[part] > reach
+    """List the features of a probe; return its slack [m], a negative infinity if there is no room."""
+    which, cone, start = probe
+    far = _pair_count(candidates, which) == 0 and candidates.own[which] > reach
     look_out = LOOK_OUT * reach if far else reach
     found = walk.scratch[: walk.scratch.shape[0] - 2 * OWNED]
     batch_edges, batch_vertices = walk.scratch[-2 * OWNED : -OWNED], walk.scratch[-OWNED:]
-    stack, block = walk.stack, candidates.near[part]
+    stack, block = walk.stack, candidates.near[which]
     count, slack, tests = gather_faces(mesh.spheres, cone, reach, look_out, stack, block, found[:most_faces])
     work[COUNT_NODE_TESTS] += tests + FINDING * max(count, 0)
     if count < 0:
         return -np.inf
     one_sided = mesh.pseudonormal.shape[0] > 0
     face_out, edge_out, vertex_out = candidates.face, candidates.edge, candidates.vertex
-    # Until they are in order, the distances hold how far the part must move.
-    face_near, edge_near, vertex_near = (
-        candidates.face_distance,
-        candidates.edge_distance,
-        candidates.vertex_distance,
-    )
+    # Until the lists are sorted, the distances hold the least motion to each feature.
+    face_near, edge_near = candidates.face_distance, candidates.edge_distance
+    vertex_near = candidates.vertex_distance
     face_edge, face_vertex = mesh.face_edge, mesh.face_vertex
     wing_start, spoke_start = mesh.wing_start, mesh.spoke_start
     tolerance = NEAR_CONE * (cone.radius + reach)
@@ -250,7 +221,7 @@ def _list_features(
             prefetch(mesh.face, found[i], FACE_BYTES)
             prefetch(face_edge, found[i], OWN_BYTES)
             prefetch(face_vertex, found[i], OWN_BYTES)
-        # What is kept of a batch, its edges and its vertices: which they are nobody can guess, and no branch tells.
+        # Without branches, which could not be predicted.
         own_edges, own_vertices = 0, 0
         for i in range(first, stop):
             face = found[i]
@@ -280,9 +251,7 @@ def _list_features(
             if edges >= start + room:
                 return -np.inf
             edge = batch_edges[i]
-            near = edge_bound(
-                mesh.edge, edge, cone, mesh.wing, wing_start[edge], wing_start[edge + 1], tolerance, reach
-            )
+            near = edge_bound(mesh, edge, cone, tolerance, reach)
             listed = near <= reach
             edge_out[edges], edge_near[edges] = edge, near
             edges += 1 if listed else 0
@@ -291,24 +260,22 @@ def _list_features(
             if vertices >= start + room:
                 return -np.inf
             vertex = batch_vertices[i]
-            near = vertex_bound(
-                mesh.vertex, vertex, cone, mesh.spoke, spoke_start[vertex], spoke_start[vertex + 1], tolerance
-            )
+            near = vertex_bound(mesh, vertex, cone, tolerance)
             listed = near <= reach
             vertex_out[vertices], vertex_near[vertices] = vertex, near
             vertices += 1 if listed else 0
             slack = min(slack, np.inf if listed else near)
     depth = tier_depth(reach)
-    ends = candidates.tier_end[part]
+    ends = candidates.tier_end[which]
     _put_in_order(start, faces, depth, face_near[:], ends[0], found, mesh.face, face_out[:], candidates.face_plane[:].T)
     _put_in_order(start, edges, depth, edge_near[:], ends[1], found, mesh.edge, edge_out[:], candidates.edge_line[:].T)
     points = candidates.vertex_point[:].T
     _put_in_order(start, vertices, depth, vertex_near[:], ends[2], found, mesh.vertex, vertex_out[:], points)
-    candidates.tier_depth[part] = depth
-    candidates.faces[part] = faces - start
-    candidates.edges[part] = edges - start
-    candidates.vertices[part] = vertices - start
-    work[COUNT_NODE_TESTS] += LISTING * _pair_count(candidates, part)
+    candidates.tier_depth[which] = depth
+    candidates.faces[which] = faces - start
+    candidates.edges[which] = edges - start
+    candidates.vertices[which] = vertices - start
+    work[COUNT_NODE_TESTS] += LISTING * _pair_count(candidates, which)
     return slack
 
 
@@ -324,7 +291,7 @@ def _put_in_order(
     index: Indices,
     fields_out: Array,
 ) -> None:
-    # Sorts the features [start, stop) by tier, and copies their fields.
+    """Sort the features [start, stop) by tier, and copy their fields."""
     start_tiers(near[start:stop], stop - start, depth, end_out)
     for i in range(start, stop):
         scratch[i - start] = index[i]
@@ -338,105 +305,36 @@ def _put_in_order(
 
 
 @jit
-def _gather_part(
+def _gather_probe(
     mesh: MeshFeatures,
     hand: HandArrays,
     pose: Record,
-    part: int,
+    which: int,
     reach: float,
     candidates: Record,
     walk: Walk,
     work: Indices,
 ) -> float:
-    # Returns the part's slack; a negative infinity where there is no room.
-    cone, start = _cone(hand, pose, part), _start(hand, part)
-    room = PHALANX_ROOM if part < PALM_BODY else _palm_room(hand)
+    """List the features of a probe as far as they fit; return its slack [m], a negative infinity if none do."""
+    probe = _probe(hand, pose, which)
+    room = PHALANX_ROOM if which < PALM_BODY else _palm_room(hand)
     needed, last = candidates.needed, len(SHARES) - 1
     reach = max(reach, PACE * needed)
     slack = -np.inf
-    for k in range(candidates.share[part], len(SHARES) + len(LAST_SHARES)):
+    for k in range(candidates.share[which], len(SHARES) + len(LAST_SHARES)):
         if k <= last:
             least = needed + SHARES[k] * max(reach - needed, 0.0)
         else:
             least = LAST_SHARES[k - len(SHARES)] * needed
         most, most_faces = (min(CROWD, room), CROWD_FACES) if k < last else (room, FOUND_ROOM)
-        slack = _list_features(mesh, cone, part, start, most, most_faces, least, candidates, walk, work)
+        slack = _list_features(mesh, probe, most, most_faces, least, candidates, walk, work)
         if slack > -np.inf:
-            # Where few are left, more may be looked for the next time.
-            few = 8 * _pair_count(candidates, part) < CROWD
-            candidates.share[part] = max(k - 1, 0) if few else k
-            candidates.own[part] = slack
+            # After a short list the reach may be longer the next time.
+            few = 8 * _pair_count(candidates, which) < CROWD
+            candidates.share[which] = max(k - 1, 0) if few else k
+            candidates.own[which] = slack
             break
     return slack
-
-
-@jit_inline
-def _group_cone(hand: HandArrays, pose: Record, group: int) -> RoundCone:
-    position, rotation, sphere = pose.position, pose.rotation, hand.palm_group
-    x, y, z = sphere[0, group], sphere[1, group], sphere[2, group]
-    return sphere_cone(
-        position[0] + rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z,
-        position[1] + rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z,
-        position[2] + rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z,
-        sphere[3, group],
-    )
-
-
-@jit
-def _gather_palm_spheres(
-    mesh: MeshFeatures, hand: HandArrays, pose: Record, reach: float, candidates: Record, walk: Walk, work: Indices
-) -> bool:
-    # Only the spheres whose own slack is used up, and a few that soon will be: the others' lists are as good as they
-    # were, and all of them at once would take many times another tick.
-    spheres = hand.palm_radius.shape[0]
-    if spheres > PALM_SPHERES:
-        return False
-    spare, used = candidates.spare, candidates.slack[PALM_BODY]
-    needed = candidates.needed
-    must = needed - candidates.leeway
-    soon = needed + SOON * (reach - needed)
-    ahead = AHEAD_SPHERES if candidates.due[PALM_BODY] == 2 else 0
-    total = 0
-    slack = np.inf
-    for group in range(hand.palm_group_start.shape[0] - 1):
-        first, last = PALM_BODY + hand.palm_group_start[group], PALM_BODY + hand.palm_group_start[group + 1]
-        due, listed = 0, 0
-        for part in range(first, last):
-            due += 0 if used + spare[part] > (soon if ahead > 0 else must) else 1
-            listed += _pair_count(candidates, part)
-        if due > 1 and listed == 0:
-            # Where the sphere around a group is near nothing, nor is any of them.
-            count, clearance, tests = gather_faces(
-                mesh.spheres,
-                _group_cone(hand, pose, group),
-                reach,
-                LOOK_OUT * reach,
-                walk.stack,
-                candidates.near[PALM_BODY],
-                # Without room for a face the walk ends at the first one.
-                walk.scratch[:0],
-            )
-            work[COUNT_NODE_TESTS] += tests
-            if count == 0:
-                for part in range(first, last):
-                    spare[part] = max(used + spare[part], clearance) - used
-        for part in range(first, last):
-            own = used + spare[part]
-            if not own > (soon if ahead > 0 else must):
-                ahead -= 1 if own > must else 0
-                own = _gather_part(mesh, hand, pose, part, reach, candidates, walk, work)
-                if own == -np.inf:
-                    # What has been gathered anew has no common measure with what has not.
-                    candidates.slack[PALM_BODY] = -np.inf
-                    return False
-            spare[part] = own
-            slack = min(slack, own)
-            total += _pair_count(candidates, part)
-    for part in range(PALM_BODY, PALM_BODY + spheres):
-        spare[part] = spare[part] - slack if spare[part] < np.inf else np.inf
-    candidates.count[PALM_BODY] = total
-    candidates.slack[PALM_BODY] = slack
-    return True
 
 
 @gather_pairs.of(MeshFeatures)
@@ -452,44 +350,69 @@ def _gather(
     work: Indices,
 ) -> bool:
     if body < PALM_BODY:
-        slack = _gather_part(mesh, hand, pose, body, reach, candidates, walk, work)
+        slack = _gather_probe(mesh, hand, pose, body, reach, candidates, walk, work)
         if slack == -np.inf:
             return False
         candidates.count[body] = _pair_count(candidates, body)
         candidates.slack[body] = slack
         return True
-    return _gather_palm_spheres(mesh, hand, pose, reach, candidates, walk, work)
-
-
-@jit_vector
-def _count_within(distance: Array, start: int, stop: int, limit: float) -> int:
-    within = 0
-    for i in range(np.uint64(start), np.uint64(stop)):
-        within += 1 if distance[i] <= limit else 0
-    return within
-
-
-@jit_vector
-def _least(distance: Array, start: int, stop: int) -> float:
-    least = ELSEWHERE
-    for i in range(np.uint64(start), np.uint64(stop)):
-        least = distance[i] if distance[i] < least else least
-    return least
+    # Of the palm's spheres those whose slack is used up, and a few that soon will be: the others' lists stay valid, and
+    # all of them at once would take many times another tick.
+    spheres = hand.palm_radius.shape[0]
+    if spheres > PALM_SPHERES:
+        return False
+    palm, spare, used = hand.palm_group, candidates.spare, candidates.slack[PALM_BODY]
+    needed = candidates.needed
+    must = needed - candidates.leeway
+    soon = needed + SOON * (reach - needed)
+    ahead = AHEAD_SPHERES if candidates.due[PALM_BODY] == 2 else 0
+    total = 0
+    slack = np.inf
+    for group in range(hand.palm_group_start.shape[0] - 1):
+        first, last = PALM_BODY + hand.palm_group_start[group], PALM_BODY + hand.palm_group_start[group + 1]
+        due, listed = 0, 0
+        for which in range(first, last):
+            due += 0 if used + spare[which] > (soon if ahead > 0 else must) else 1
+            listed += _pair_count(candidates, which)
+        if due > 1 and listed == 0:
+            # If the sphere around a group is near nothing, nor is any of them; the walk ends at the first face.
+            x, y, z, radius = palm[0, group], palm[1, group], palm[2, group], palm[3, group]
+            cone = placed_sphere(pose.position[:], pose.rotation[:], x, y, z, radius)
+            near, none = candidates.near[PALM_BODY], walk.scratch[:0]
+            count, clearance, tests = gather_faces(mesh.spheres, cone, reach, LOOK_OUT * reach, walk.stack, near, none)
+            work[COUNT_NODE_TESTS] += tests
+            if count == 0:
+                for which in range(first, last):
+                    spare[which] = max(used + spare[which], clearance) - used
+        for which in range(first, last):
+            own = used + spare[which]
+            if not own > (soon if ahead > 0 else must):
+                ahead -= 1 if own > must else 0
+                own = _gather_probe(mesh, hand, pose, which, reach, candidates, walk, work)
+                if own == -np.inf:
+                    # Slacks of spheres gathered anew and before are relative to different references.
+                    candidates.slack[PALM_BODY] = -np.inf
+                    return False
+            spare[which] = own
+            slack = min(slack, own)
+            total += _pair_count(candidates, which)
+    for which in range(PALM_BODY, PALM_BODY + spheres):
+        spare[which] = spare[which] - slack if spare[which] < np.inf else np.inf
+    candidates.count[PALM_BODY] = total
+    candidates.slack[PALM_BODY] = slack
+    return True
 
 
 @jit
-def _measure_part(
-    mesh: MeshFeatures, hand: HandArrays, pose: Record, part: int, candidates: Record, slack: float
+def _measure_probe(
+    mesh: MeshFeatures, hand: HandArrays, pose: Record, which: int, candidates: Record, slack: float
 ) -> float:
-    # Tier by tier: those that what is needed may reach, and on until nothing that is left can be nearer.
-    start, cone = _start(hand, part), _cone(hand, pose, part)
-    moved, needed, depth = candidates.own[part] - slack, candidates.needed, candidates.tier_depth[part]
-    ends, measured = candidates.tier_end[part], candidates.measured[part]
-    face_distance, edge_distance, vertex_distance = (
-        candidates.face_distance,
-        candidates.edge_distance,
-        candidates.vertex_distance,
-    )
+    """Measure tier by tier what may be within what is needed, until nothing else can be nearer; return the least."""
+    _, cone, start = _probe(hand, pose, which)
+    moved, needed, depth = candidates.own[which] - slack, candidates.needed, candidates.tier_depth[which]
+    ends, measured = candidates.tier_end[which], candidates.measured[which]
+    face_distance, edge_distance = candidates.face_distance, candidates.edge_distance
+    vertex_distance = candidates.vertex_distance
     for kind in range(KINDS):
         measured[kind] = 0
     least, tier = ELSEWHERE, as_int64(0)
@@ -501,17 +424,17 @@ def _measure_part(
         first, stop = start + measured[0], start + ends[0, tier - 1]
         if first < stop:
             face_distances(candidates.face_plane[:].T, first, stop, cone, face_distance[:])
-            least = min(least, _least(face_distance[:], first, stop))
+            least = min(least, least_distance(face_distance[:], first, stop))
         first, stop = start + measured[1], start + ends[1, tier - 1]
         if first < stop:
             parameter, end = candidates.edge_parameter[:], candidates.edge_end[:]
             edge_distances(candidates.edge_line[:].T, first, stop, cone, edge_distance[:], parameter, end)
-            least = min(least, _least(edge_distance[:], first, stop))
+            least = min(least, least_distance(edge_distance[:], first, stop))
         first, stop = start + measured[2], start + ends[2, tier - 1]
         if first < stop:
             parameter = candidates.vertex_parameter[:]
             vertex_distances(candidates.vertex_point[:].T, first, stop, cone, vertex_distance[:], parameter)
-            least = min(least, _least(vertex_distance[:], first, stop))
+            least = min(least, least_distance(vertex_distance[:], first, stop))
         for kind in range(KINDS):
             measured[kind] = ends[kind, tier - 1]
     return least
@@ -522,37 +445,39 @@ def _measure_part(
 def _measure(mesh: MeshFeatures, hand: HandArrays, pose: Record, body: int, candidates: Record) -> float:
     slack = candidates.slack[body]
     if body < PALM_BODY:
-        candidates.least[body] = _measure_part(mesh, hand, pose, body, candidates, slack)
+        candidates.least[body] = _measure_probe(mesh, hand, pose, body, candidates, slack)
         candidates.count[body] = _measured_count(candidates, body)
         return float(candidates.least[body])
     least, count = np.inf, 0
-    for part in range(PALM_BODY, PALM_BODY + hand.palm_radius.shape[0]):
-        candidates.least[part] = np.inf
-        if _pair_count(candidates, part) > 0:
-            candidates.least[part] = _measure_part(mesh, hand, pose, part, candidates, slack + candidates.spare[part])
-            count += _measured_count(candidates, part)
-            least = min(least, candidates.least[part])
+    for which in range(PALM_BODY, PALM_BODY + hand.palm_radius.shape[0]):
+        candidates.least[which] = np.inf
+        if _pair_count(candidates, which) > 0:
+            candidates.least[which] = _measure_probe(
+                mesh, hand, pose, which, candidates, slack + candidates.spare[which]
+            )
+            count += _measured_count(candidates, which)
+            least = min(least, candidates.least[which])
     candidates.count[PALM_BODY] = count
     return least
 
 
-@jit
-def _within_part(hand: HandArrays, candidates: Record, part: int, limit: float) -> int:
-    start, measured = _start(hand, part), candidates.measured[part]
-    within = _count_within(candidates.face_distance[:], start, start + measured[0], limit)
-    within += _count_within(candidates.edge_distance[:], start, start + measured[1], limit)
-    return within + _count_within(candidates.vertex_distance[:], start, start + measured[2], limit)
+@jit_inline
+def _probes(hand: HandArrays, body: int) -> tuple[int, int]:
+    """Return the first probe of a body, and the one after its last."""
+    return body, (body + 1 if body < PALM_BODY else PALM_BODY + hand.palm_radius.shape[0])
 
 
 @pairs_within.of(MeshFeatures)
 @jit
 def _within(mesh: MeshFeatures, hand: HandArrays, candidates: Record, body: int, limit: float) -> int:
-    if body < PALM_BODY:
-        return _within_part(hand, candidates, body, limit)
     within = 0
-    for part in range(PALM_BODY, PALM_BODY + hand.palm_radius.shape[0]):
-        if candidates.least[part] <= limit:
-            within += _within_part(hand, candidates, part, limit)
+    first, last = _probes(hand, body)
+    for which in range(first, last):
+        if candidates.least[which] <= limit:
+            start, measured = _start(hand, which), candidates.measured[which]
+            within += count_within(candidates.face_distance[:], start, start + measured[0], limit)
+            within += count_within(candidates.edge_distance[:], start, start + measured[1], limit)
+            within += count_within(candidates.vertex_distance[:], start, start + measured[2], limit)
     return within
 
 
@@ -567,7 +492,7 @@ def _write(
     object_radius: float,
     key: int,
 ) -> None:
-    # What all rows of a part share is written once, in `_record_part`.
+    # The rows' body is written once, in `_record`.
     contacts.key[row] = key
     for j in range(3):
         contacts.normal[j, row] = normal[j]
@@ -579,21 +504,18 @@ def _write(
     contacts.slides[row] = 0
 
 
+@jit_inline
+def _first_key(mesh: MeshFeatures, which: int) -> int:
+    return 3 * (mesh.face.shape[0] + mesh.edge.shape[0] + mesh.vertex.shape[0]) * which
+
+
 @jit_once
-def _face_rows(
-    mesh: MeshFeatures,
-    candidates: Record,
-    start: int,
-    stop: int,
-    cone: RoundCone,
-    limit: float,
-    first_key: int,
-    row: int,
-    contacts: Record,
-) -> int:
+def _face_rows(mesh: MeshFeatures, candidates: Record, probe: Probe, limit: float, row: int, contacts: Record) -> int:
+    _, cone, start = probe
     ends = 2 if cone.length > 0.0 else 1
     face, index, distance = mesh.face, candidates.face, candidates.face_distance
-    for i in range(start, stop):
+    first_key = _first_key(mesh, probe.index)
+    for i in range(start, start + candidates.measured[probe.index, 0]):
         if distance[i] > limit:
             continue
         f = index[i]
@@ -603,9 +525,7 @@ def _face_rows(
             x, y, z = cone.x + s * cone.ux, cone.y + s * cone.uy, cone.z + s * cone.uz
             radius = cone.radius - end * cone.drop
             height = nx * x + ny * y + nz * z - face[f, 3]
-            if abs(height) - radius > limit:
-                continue
-            if not above(face, f, x, y, z):
+            if abs(height) - radius > limit or not above(face, f, x, y, z):
                 continue
             if row >= contacts.key.shape[0]:
                 return -1
@@ -620,14 +540,16 @@ def _face_rows(
 def _into_cone(
     directions: Array, start: int, stop: int, nx: float, ny: float, nz: float
 ) -> tuple[bool, int, tuple[float, float, float]]:
-    # Brings a unit vector that is a little beyond one side of a normal cone into it: whether it is in now, the side
-    # that it was beyond, -1 for none, and the vector.
+    """Bring a unit vector that is a little beyond one side of a normal cone into it.
+
+    Returns True if it is in now, the side that it was beyond, -1 for none, and the vector.
+    """
     side, over = -1, 0.0
     for w in range(start, stop):
         lean = nx * directions[w, 0] + ny * directions[w, 1] + nz * directions[w, 2]
         if lean > NEAR_CONE or (lean > ALONG and side >= 0):
             return False, side, (nx, ny, nz)
-        # What was brought to the border by the last step stays there: rounding must not choose its curvature.
+        # A normal brought to the border by the last step stays there: rounding must not choose its curvature.
         if lean > ALONG:
             side, over = w, lean
     if side >= 0:
@@ -642,7 +564,7 @@ def _into_cone(
 
 @jit
 def _goes_on(mesh: MeshFeatures, first: int, x: float, y: float, z: float) -> bool:
-    # Whether a place is above or below a face, or one of those that go on in its plane.
+    """Return True if a point is above or below a face, or one of those that continue its plane."""
     face, f = mesh.face, first
     for _ in range(MOST_ACROSS):
         if above(face, f, x, y, z):
@@ -660,28 +582,15 @@ def _goes_on(mesh: MeshFeatures, first: int, x: float, y: float, z: float) -> bo
 
 
 @jit_once
-def _edge_rows(
-    mesh: MeshFeatures,
-    candidates: Record,
-    start: int,
-    stop: int,
-    cone: RoundCone,
-    limit: float,
-    first_key: int,
-    row: int,
-    contacts: Record,
-) -> int:
+def _edge_rows(mesh: MeshFeatures, candidates: Record, probe: Probe, limit: float, row: int, contacts: Record) -> int:
+    _, cone, start = probe
     tries = 3 if cone.length > 0.0 else 1
-    edge, index, distance, parameter = (
-        mesh.edge,
-        candidates.edge,
-        candidates.edge_distance,
-        candidates.edge_parameter,
-    )
-    end_distance = candidates.edge_end
+    edge, index, distance = mesh.edge, candidates.edge, candidates.edge_distance
+    parameter, end_distance = candidates.edge_parameter, candidates.edge_end
     slope = cone.drop * cone.inverse_length
-    for i in range(start, stop):
-        # Where the nearest point of the axis is beyond the edge, an end of it may still be over it.
+    first_key = _first_key(mesh, probe.index) + 3 * mesh.face.shape[0]
+    for i in range(start, start + candidates.measured[probe.index, 1]):
+        # If the nearest point of the axis is beyond the edge, an end of the axis may still be over it.
         if distance[i] > limit and end_distance[i] > limit:
             continue
         e = index[i]
@@ -720,7 +629,7 @@ def _edge_rows(
             if row >= contacts.key.shape[0]:
                 return -1
             away = size if side < 0 else dx * normal[0] + dy * normal[1] + dz * normal[2]
-            key = first_key + 3 * (mesh.face.shape[0] + e) + which
+            key = first_key + 3 * e + which
             _write(contacts, row, (x, y, z), normal, radius, away - radius, 0.0 if side < 0 else FLAT, key)
             if side < 0:
                 contacts.straight[0, row] = wx
@@ -733,7 +642,7 @@ def _edge_rows(
 
 @jit
 def _across(wx: float, wy: float, wz: float) -> tuple[float, float, float]:
-    # Some unit vector across w: where an axis meets an edge every direction is as good.
+    """Return a unit vector across w: where an axis meets an edge every direction is as good."""
     if abs(wx) <= abs(wy):
         scale = 1.0 / math.sqrt(wy * wy + wz * wz)
         return (0.0, wz * scale, -wy * scale)
@@ -743,8 +652,10 @@ def _across(wx: float, wy: float, wz: float) -> tuple[float, float, float]:
 
 @jit
 def _is_of_edge(mesh: MeshFeatures, e: int, cone: RoundCone, x: float, y: float, z: float) -> bool:
-    # Whether a place of an axis is beside an edge, and no other place is nearest to it that lies between the ends of
-    # both: the axis would touch there alone, and the edge has a row of its own for it.
+    """Return True if a point of an axis is beside an edge, and none between the ends of both is nearer to it.
+
+    Otherwise the axis would touch there alone, and the edge has a row of its own for it.
+    """
     edge = mesh.edge
     wx, wy, wz, extent = edge[e, 3], edge[e, 4], edge[e, 5], edge[e, 6]
     bx, by, bz = edge[e, 0], edge[e, 1], edge[e, 2]
@@ -755,26 +666,13 @@ def _is_of_edge(mesh: MeshFeatures, e: int, cone: RoundCone, x: float, y: float,
 
 
 @jit_once
-def _vertex_rows(
-    mesh: MeshFeatures,
-    candidates: Record,
-    start: int,
-    stop: int,
-    cone: RoundCone,
-    limit: float,
-    first_key: int,
-    row: int,
-    contacts: Record,
-) -> int:
-    vertex, index, distance, parameter = (
-        mesh.vertex,
-        candidates.vertex,
-        candidates.vertex_distance,
-        candidates.vertex_parameter,
-    )
+def _vertex_rows(mesh: MeshFeatures, candidates: Record, probe: Probe, limit: float, row: int, contacts: Record) -> int:
+    _, cone, start = probe
+    vertex, index = mesh.vertex, candidates.vertex
+    distance, parameter = candidates.vertex_distance, candidates.vertex_parameter
     slope = cone.drop * cone.inverse_length
-    before = mesh.face.shape[0] + mesh.edge.shape[0]
-    for i in range(start, stop):
+    first_key = _first_key(mesh, probe.index) + 3 * (mesh.face.shape[0] + mesh.edge.shape[0])
+    for i in range(start, start + candidates.measured[probe.index, 2]):
         if distance[i] > limit:
             continue
         s, v = parameter[i], index[i]
@@ -795,8 +693,7 @@ def _vertex_rows(
             return -1
         radius = cone.radius - slope * s
         away = size if side < 0 else dx * normal[0] + dy * normal[1] + dz * normal[2]
-        key = first_key + 3 * (before + v)
-        _write(contacts, row, (x, y, z), normal, radius, away - radius, 0.0, key)
+        _write(contacts, row, (x, y, z), normal, radius, away - radius, 0.0, first_key + 3 * v)
         if side < 0:
             contacts.slides[row] = 1 if 0.0 < s < cone.length else 0
         else:
@@ -804,31 +701,6 @@ def _vertex_rows(
             for j in range(3):
                 contacts.straight[j, row] = mesh.spoke[side, j]
         row += 1
-    return row
-
-
-@jit
-def _record_part(
-    mesh: MeshFeatures,
-    hand: HandArrays,
-    pose: Record,
-    part: int,
-    candidates: Record,
-    limit: float,
-    row: int,
-    contacts: Record,
-) -> int:
-    start, cone = _start(hand, part), _cone(hand, pose, part)
-    features = mesh.face.shape[0] + mesh.edge.shape[0] + mesh.vertex.shape[0]
-    key = 3 * features * part
-    first, measured = row, candidates.measured[part]
-    row = _face_rows(mesh, candidates, start, start + measured[0], cone, limit, key, row, contacts)
-    if row >= 0:
-        row = _edge_rows(mesh, candidates, start, start + measured[1], cone, limit, key, row, contacts)
-    if row >= 0:
-        row = _vertex_rows(mesh, candidates, start, start + measured[2], cone, limit, key, row, contacts)
-    for i in range(first, row):
-        contacts.body[i] = min(part, PALM_BODY)
     return row
 
 
@@ -844,19 +716,26 @@ def _record(
     row: int,
     contacts: Record,
 ) -> int:
-    if body < PALM_BODY:
-        return _record_part(mesh, hand, pose, body, candidates, limit, row, contacts)
-    for part in range(PALM_BODY, PALM_BODY + hand.palm_radius.shape[0]):
-        if candidates.least[part] <= limit:
-            row = _record_part(mesh, hand, pose, part, candidates, limit, row, contacts)
-            if row < 0:
-                return -1
+    first, last = _probes(hand, body)
+    for which in range(first, last):
+        if candidates.least[which] > limit:
+            continue
+        probe, begin = _probe(hand, pose, which), row
+        row = _face_rows(mesh, candidates, probe, limit, row, contacts)
+        if row >= 0:
+            row = _edge_rows(mesh, candidates, probe, limit, row, contacts)
+        if row >= 0:
+            row = _vertex_rows(mesh, candidates, probe, limit, row, contacts)
+        if row < 0:
+            return -1
+        for i in range(begin, row):
+            contacts.body[i] = body
     return row
 
 
 @jit
 def _contact(triangle: Triangle, cone: RoundCone, s: float, limit: float, row: int, pairs_out: ContactPoints) -> int:
-    # The pair of a triangle and the ball at s of the axis.
+    """Write the pair of a triangle and the ball at s of the axis; return the row after it, -1 if there is no room."""
     x, y, z = cone.x + s * cone.ux, cone.y + s * cone.uy, cone.z + s * cone.uz
     px, py, pz, square, _ = closest_on_triangle(x, y, z, triangle)
     radius, away = cone.radius - cone.drop * cone.inverse_length * s, math.sqrt(square)
@@ -877,7 +756,7 @@ def _contact(triangle: Triangle, cone: RoundCone, s: float, limit: float, row: i
 def _cone_contacts(
     mesh: MeshFeatures, cone: RoundCone, limit: float, walk: Walk, row: int, pairs_out: ContactPoints
 ) -> tuple[int, float]:
-    # Of each triangle where it is nearest to the axis, and at the ends of a phalanx, which may lie flat on it.
+    # Each triangle counts where it is nearest to the axis, and at the ends of a phalanx, which may lie flat on it.
     spheres, stack = mesh.spheres, walk.stack
     clearance = np.inf
     stack[0] = 0
@@ -899,8 +778,7 @@ def _cone_contacts(
             if distance > limit:
                 clearance = min(clearance, distance)
                 continue
-            c = mesh.corner[face]
-            triangle = Triangle(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8])
+            triangle = triangle_at(mesh.corner, face)
             row = _contact(triangle, cone, s, limit, row, pairs_out)
             for end in (0.0, cone.length):
                 if row >= 0 and end != s and cone.length > 0.0:
@@ -913,7 +791,7 @@ def _cone_contacts(
 @cone_distance.of(MeshFeatures)
 @jit
 def _cone_distance(mesh: MeshFeatures, cone: RoundCone, limit: float, stack: Indices) -> float:
-    # Where something can be inside the nearest triangle is looked for however far it is: its side decides.
+    # If there is an inside, the nearest triangle is searched at any distance: its side decides.
     spheres, signed = mesh.spheres, mesh.multiplicity.shape[0] > 0
     best = np.inf if signed else limit
     found, parameter = -1, 0.0
@@ -934,18 +812,16 @@ def _cone_distance(mesh: MeshFeatures, cone: RoundCone, limit: float, stack: Ind
                 continue
             stack[top] = child
             if nearest < away:
-                # The nearest stays on top and is looked at first: the others may then be too far.
+                # The nearest stays on top and is visited first: the others may then be too far.
                 stack[top], stack[top - 1] = stack[top - 1], stack[top]
             else:
                 nearest = away
             top += 1
     if signed and found >= 0:
-        c = mesh.corner[found]
         x, y, z = cone.x + parameter * cone.ux, cone.y + parameter * cone.uy, cone.z + parameter * cone.uz
-        triangle = Triangle(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8])
-        px, py, pz, square, feature = closest_on_triangle(x, y, z, triangle)
+        px, py, pz, square, feature = closest_on_triangle(x, y, z, triangle_at(mesh.corner, found))
         behind = True
-        # Only of the boundary of a solid does the nearest triangle tell the side.
+        # The nearest triangle tells the side only on the boundary of a solid.
         if mesh.pseudonormal.shape[0] > 0:
             n = mesh.pseudonormal[found, feature]
             behind = n[0] * (x - px) + n[1] * (y - py) + n[2] * (z - pz) < 0.0

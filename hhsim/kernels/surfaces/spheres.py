@@ -1,6 +1,7 @@
-"""The leaf spheres of the object's sphere tree, as in the paper."""
+"""Contacts with the leaf spheres of the object's sphere tree, as in the paper."""
 
 import math
+from typing import TypeAlias
 
 import numpy as np
 
@@ -18,108 +19,76 @@ from hhsim.kernels.contact.surface import (
     record_pairs,
 )
 from hhsim.kernels.contact.tiers import TIERS, moved_since, next_tier, start_tiers, tier_depth, tier_of
-from hhsim.kernels.hand.kinematics import PALM_BODY, PHALANX_COUNT, HandArrays
+from hhsim.kernels.hand.kinematics import PALM_BODY, PHALANX_COUNT, HandArrays, phalanx_cone, placed_sphere
 from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit, jit_inline, jit_once, jit_vector
 from hhsim.kernels.round_cone_distance import (
     RoundCone,
     Spheres,
+    count_within,
+    least_distance,
     round_cone_distances,
     round_cone_parameter,
-    sphere_cone,
     sphere_pair_distances,
 )
 from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays, gather_round_cone, nearest_leaf_round_cone, node_distance
+
+Triple: TypeAlias = tuple[float, float, float]
 
 PHALANX_PAIRS = 4088
 PALM_SLOTS = 8
 SLOT_PAIRS = 4088
 PALM_PAIRS = PALM_SLOTS * SLOT_PAIRS
-"""Room for the near pairs of a phalanx, and of the palm; the paper's heaviest scenes have a few hundred.
+"""Most near pairs of a phalanx, and of the palm; the paper's heaviest scenes have a few hundred.
 
 The palm's spheres are gathered by slots, each when its own slack is used up: all of them at once would take many times
 another tick.
 """
 LISTS = PALM_BODY + PALM_SLOTS
-"""Lists of pairs: the phalanges', then those of the palm's slots."""
+"""Number of lists of pairs: of the phalanges, then of the palm's slots, each with its own stretch of the arrays."""
+NODES = 1 << 32
+"""More than the nodes of any tree: sphere and node of a palm pair are one integer while its slot is gathered."""
 CROWD = 1024
 SHARES = (1.0, 0.5, 0.25, 0.0)
-"""Where more pairs of a slot than a crowd are within the reach, those up to the next share of the way from what is
-needed to that reach are listed: a crowd takes long to measure. From the last but one on there may be as many as there
-is room for: what reaches no further than what is needed is used up by the next tick."""
-NODES = 1 << 32
-"""More than the nodes of any tree: a pair's sphere and node are one number while its slot is gathered."""
+"""With more pairs of a slot than this within the reach, those up to the next share of the way from what is needed to
+that reach are listed: long lists take long to measure. From the last share but one there may be as many as fit: a list
+that reaches no further than what is needed is used up by the next tick."""
 FEW = 4
-"""A slot with no more pairs than this part of a crowd may reach further the next time."""
+"""Divisor of that number for a slot whose list may reach further the next time."""
 
 CANDIDATES = np.dtype(
     [
-        ("x", np.float64, (PALM_BODY, PHALANX_PAIRS)),
+        ("x", np.float64, (PALM_BODY, PHALANX_PAIRS)),  # object spheres near each phalanx [m], world
         ("y", np.float64, (PALM_BODY, PHALANX_PAIRS)),
         ("z", np.float64, (PALM_BODY, PHALANX_PAIRS)),
         ("radius", np.float64, (PALM_BODY, PHALANX_PAIRS)),
-        ("leaf", np.int64, (PALM_BODY, PHALANX_PAIRS)),
-        ("distance", np.float64, (PALM_BODY, PHALANX_PAIRS)),
-        ("parameter", np.float64, (PALM_BODY, PHALANX_PAIRS)),
-        ("hand_x", np.float64, (PALM_PAIRS,)),
+        ("leaf", np.int64, (PALM_BODY, PHALANX_PAIRS)),  # their node in the tree
+        ("distance", np.float64, (PALM_BODY, PHALANX_PAIRS)),  # signed [m]
+        ("parameter", np.float64, (PALM_BODY, PHALANX_PAIRS)),  # on the axis, of the nearest sphere
+        ("hand_x", np.float64, (PALM_PAIRS,)),  # palm sphere of each palm pair [m], palm frame
         ("hand_y", np.float64, (PALM_PAIRS,)),
         ("hand_z", np.float64, (PALM_PAIRS,)),
         ("hand_radius", np.float64, (PALM_PAIRS,)),
-        ("object_x", np.float64, (PALM_PAIRS,)),
+        ("object_x", np.float64, (PALM_PAIRS,)),  # object sphere of each palm pair [m], world
         ("object_y", np.float64, (PALM_PAIRS,)),
         ("object_z", np.float64, (PALM_PAIRS,)),
         ("object_radius", np.float64, (PALM_PAIRS,)),
-        ("palm_sphere", np.int64, (PALM_PAIRS,)),
+        ("palm_sphere", np.int64, (PALM_PAIRS,)),  # their indices
         ("palm_leaf", np.int64, (PALM_PAIRS,)),
-        ("palm_distance", np.float64, (PALM_PAIRS,)),
-        ("tier_end", np.int64, (LISTS, TIERS)),
-        ("tier_depth", np.float64, (LISTS,)),
-        ("measured", np.int64, (LISTS,)),
-        ("palm_own", np.float64, (PALM_SLOTS,)),
-        ("palm_spare", np.float64, (PALM_SLOTS,)),
-        ("palm_least", np.float64, (PALM_SLOTS,)),
-        ("palm_share", np.int64, (PALM_SLOTS,)),
+        ("palm_distance", np.float64, (PALM_PAIRS,)),  # signed [m]
+        ("tier_end", np.int64, (LISTS, TIERS)),  # number of pairs up to each tier's end
+        ("tier_depth", np.float64, (LISTS,)),  # depth of a tier [m]
+        ("measured", np.int64, (LISTS,)),  # number of pairs measured: the first ones
+        ("palm_own", np.float64, (PALM_SLOTS,)),  # slack of each slot when it was gathered [m]
+        ("palm_spare", np.float64, (PALM_SLOTS,)),  # slack of each slot beyond that of the palm [m]
+        ("palm_least", np.float64, (PALM_SLOTS,)),  # least distance of each slot [m]
+        ("palm_share", np.int64, (PALM_SLOTS,)),  # index in `SHARES` of each slot's last gathering
         *SHARED_CANDIDATES,
-        ("scratch", np.int64, (PHALANX_PAIRS,)),
+        ("scratch", np.int64, (PHALANX_PAIRS,)),  # workspace of a walk, as the next
         ("stack", np.int64, (STACK_SIZE,)),
     ],
     align=True,
 )
-"""Gathered pairs and their distances.
-
-| field | meaning |
-|---|---|
-| x, y, z, radius | object spheres near each phalanx [m], world |
-| leaf | their node in the tree |
-| distance, parameter | signed distance [m] and axis parameter of the nearest sphere |
-| hand_x, hand_y, hand_z, hand_radius | palm sphere of each palm pair [m], palm frame |
-| object_x, object_y, object_z, object_radius | object sphere of each palm pair [m], world |
-| palm_sphere, palm_leaf | their indices |
-| palm_distance | signed distance [m] |
-| tier_end, tier_depth | where each tier of a list ends, and how deep its tiers are [m] |
-| measured | pairs of each list that are measured: the first ones |
-| palm_own | slack of each slot of the palm when it was gathered [m]; each slot has its own stretch of the room |
-| palm_spare | slack of each slot beyond that of the palm [m] |
-| palm_least | least distance of each slot [m] |
-| palm_share | which of `SHARES` each slot was last gathered with |
-| scratch, stack | of a walk |
-"""
-
-
-@jit_inline
-def _phalanx(hand: HandArrays, pose: Record, f: int, k: int) -> RoundCone:
-    return RoundCone(
-        pose.joints[f, k, 0],
-        pose.joints[f, k, 1],
-        pose.joints[f, k, 2],
-        pose.direction[f, k, 0],
-        pose.direction[f, k, 1],
-        pose.direction[f, k, 2],
-        hand.length[f, k],
-        hand.tan_slope[f, k],
-        hand.inverse_length[f, k],
-        hand.radius[f, k],
-        hand.radius[f, k] - hand.radius[f, k + 1],
-    )
+"""Gathered pairs and their distances."""
 
 
 @jit_vector
@@ -128,77 +97,9 @@ def _leaf_distances(tree: TreeArrays, cone: RoundCone, leaves: Indices, count: i
         distance_out[i] = node_distance(tree, cone, np.uint64(leaves[i]))
 
 
-@jit_once
-def _gather_phalanx(
-    tree: TreeArrays,
-    hand: HandArrays,
-    pose: Record,
-    body: int,
-    reach: float,
-    candidates: Record,
-    walk: Walk,
-    work: Indices,
-) -> bool:
-    f, k = body // PHALANX_COUNT, body % PHALANX_COUNT
-    cone = _phalanx(hand, pose, f, k)
-    count, clearance, tests = gather_round_cone(tree, cone, reach, walk.stack, walk.scratch)
-    work[COUNT_NODE_TESTS] += tests
-    if count < 0:
-        return False
-    near, depth, ends = candidates.distance[body], tier_depth(reach), candidates.tier_end[body]
-    _leaf_distances(tree, cone, walk.scratch, count, near)
-    start_tiers(near, count, depth, ends)
-    for i in range(count):
-        node, tier = walk.scratch[i], tier_of(near[i], depth)
-        place = ends[tier]
-        ends[tier] += 1
-        candidates.leaf[body, place] = node
-        candidates.x[body, place] = tree.x[node]
-        candidates.y[body, place] = tree.y[node]
-        candidates.z[body, place] = tree.z[node]
-        candidates.radius[body, place] = tree.radius[node]
-    candidates.tier_depth[body] = depth
-    candidates.count[body] = count
-    candidates.slack[body] = clearance
-    return True
-
-
-@jit
-def _gather_slot_up_to(
-    tree: TreeArrays,
-    hand: HandArrays,
-    pose: Record,
-    slot: int,
-    reach: float,
-    room: int,
-    candidates: Record,
-    walk: Walk,
-    work: Indices,
-) -> float:
-    # Returns the slot's slack; a negative infinity where there is no room.
-    rotation, position = pose.rotation, pose.position
-    spheres, start = hand.palm_radius.shape[0], slot * SLOT_PAIRS
-    near, pair = candidates.palm_distance[start : start + SLOT_PAIRS], candidates.palm_leaf[start : start + SLOT_PAIRS]
-    total, slack = as_int64(0), np.inf
-    for sphere in range(slot * spheres // PALM_SLOTS, (slot + 1) * spheres // PALM_SLOTS):
-        hx, hy, hz = hand.palm_x[sphere], hand.palm_y[sphere], hand.palm_z[sphere]
-        cone = sphere_cone(
-            position[0] + rotation[0, 0] * hx + rotation[0, 1] * hy + rotation[0, 2] * hz,
-            position[1] + rotation[1, 0] * hx + rotation[1, 1] * hy + rotation[1, 2] * hz,
-            position[2] + rotation[2, 0] * hx + rotation[2, 1] * hy + rotation[2, 2] * hz,
-            hand.palm_radius[sphere],
-        )
-        count, clearance, tests = gather_round_cone(tree, cone, reach, walk.stack, walk.scratch)
-        work[COUNT_NODE_TESTS] += tests
-        slack = min(slack, clearance)
-        if count < 0 or total + count > room:
-            return -np.inf
-        _leaf_distances(tree, cone, walk.scratch, count, near[total:])
-        for i in range(count):
-            pair[total + i] = sphere * NODES + walk.scratch[i]
-        total += count
-    _list_slot(tree, hand, slot, total, tier_depth(reach), near, pair, candidates, walk.scratch)
-    return slack
+@jit_inline
+def _listed(candidates: Record, which: int) -> int:
+    return int(candidates.tier_end[which, TIERS - 1])
 
 
 @jit_once
@@ -213,7 +114,7 @@ def _list_slot(
     candidates: Record,
     scratch: Indices,
 ) -> None:
-    # Writes the pairs in the order of their tiers.
+    """Write the pairs of a slot in the order of their tiers."""
     ends = candidates.tier_end[PALM_BODY + slot]
     start_tiers(near, total, depth, ends)
     for i in range(total):
@@ -235,31 +136,35 @@ def _list_slot(
     candidates.tier_depth[PALM_BODY + slot] = depth
 
 
-@jit_inline
-def _listed(candidates: Record, which: int) -> int:
-    return int(candidates.tier_end[which, TIERS - 1])
-
-
-@jit_once
+@jit
 def _gather_slot(
     tree: TreeArrays,
     hand: HandArrays,
     pose: Record,
     slot: int,
     reach: float,
+    room: int,
     candidates: Record,
     walk: Walk,
     work: Indices,
 ) -> float:
-    least, share, slack = min(candidates.needed, reach), candidates.palm_share, -np.inf
-    for k in range(share[slot], len(SHARES)):
-        room = CROWD if k < len(SHARES) - 2 else SLOT_PAIRS
-        own = least + SHARES[k] * (reach - least)
-        slack = _gather_slot_up_to(tree, hand, pose, slot, own, room, candidates, walk, work)
-        if slack > -np.inf:
-            share[slot] = max(k - 1, 0) if FEW * _listed(candidates, PALM_BODY + slot) <= CROWD else k
-            candidates.palm_own[slot] = slack
-            break
+    """List the pairs of a slot; return its slack [m], a negative infinity if there is no room."""
+    spheres, start = hand.palm_radius.shape[0], slot * SLOT_PAIRS
+    near, pair = candidates.palm_distance[start : start + SLOT_PAIRS], candidates.palm_leaf[start : start + SLOT_PAIRS]
+    total, slack = as_int64(0), np.inf
+    for sphere in range(slot * spheres // PALM_SLOTS, (slot + 1) * spheres // PALM_SLOTS):
+        hx, hy, hz = hand.palm_x[sphere], hand.palm_y[sphere], hand.palm_z[sphere]
+        cone = placed_sphere(pose.position[:], pose.rotation[:], hx, hy, hz, hand.palm_radius[sphere])
+        count, clearance, tests = gather_round_cone(tree, cone, reach, walk.stack, walk.scratch)
+        work[COUNT_NODE_TESTS] += tests
+        slack = min(slack, clearance)
+        if count < 0 or total + count > room:
+            return -np.inf
+        _leaf_distances(tree, cone, walk.scratch, count, near[total:])
+        for i in range(count):
+            pair[total + i] = sphere * NODES + walk.scratch[i]
+        total += count
+    _list_slot(tree, hand, slot, total, tier_depth(reach), near, pair, candidates, walk.scratch)
     return slack
 
 
@@ -267,8 +172,9 @@ def _gather_slot(
 def _gather_palm(
     tree: TreeArrays, hand: HandArrays, pose: Record, reach: float, candidates: Record, walk: Walk, work: Indices
 ) -> bool:
-    # The slots that need it; far from the object, where a walk is cheap, all; ahead of need the one that soonest will.
+    """Gather the slots that need it, or that soonest will; far from the object, where a walk is cheap, all."""
     spare, used, needed = candidates.palm_spare, candidates.slack[PALM_BODY], candidates.needed - candidates.leeway
+    least, share = min(candidates.needed, reach), candidates.palm_share
     soonest = as_int64(-1)
     if candidates.due[PALM_BODY] == 2:
         soonest = as_int64(0)
@@ -280,9 +186,17 @@ def _gather_palm(
     for slot in range(PALM_SLOTS):
         own = used + spare[slot]
         if every or slot == soonest or not own >= needed:
-            own = _gather_slot(tree, hand, pose, slot, reach, candidates, walk, work)
+            own = -np.inf
+            for k in range(share[slot], len(SHARES)):
+                room = CROWD if k < len(SHARES) - 2 else SLOT_PAIRS
+                limit = least + SHARES[k] * (reach - least)
+                own = _gather_slot(tree, hand, pose, slot, limit, room, candidates, walk, work)
+                if own > -np.inf:
+                    share[slot] = max(k - 1, 0) if FEW * _listed(candidates, PALM_BODY + slot) <= CROWD else k
+                    candidates.palm_own[slot] = own
+                    break
             if own == -np.inf:
-                # What has been gathered anew has no common measure with what has not.
+                # Slacks of slots gathered anew and before are relative to different references.
                 candidates.slack[PALM_BODY] = -np.inf
                 return False
         spare[slot] = own
@@ -307,31 +221,34 @@ def _gather(
     walk: Walk,
     work: Indices,
 ) -> bool:
-    if body < PALM_BODY:
-        return _gather_phalanx(tree, hand, pose, body, reach, candidates, walk, work)
-    return _gather_palm(tree, hand, pose, reach, candidates, walk, work)
-
-
-@jit_vector
-def _least(values: Array, count: int) -> float:
-    least = 1e300
+    if body >= PALM_BODY:
+        return _gather_palm(tree, hand, pose, reach, candidates, walk, work)
+    cone = phalanx_cone(hand, pose.joints[:], pose.direction[:], body // PHALANX_COUNT, body % PHALANX_COUNT)
+    count, clearance, tests = gather_round_cone(tree, cone, reach, walk.stack, walk.scratch)
+    work[COUNT_NODE_TESTS] += tests
+    if count < 0:
+        return False
+    near, depth, ends = candidates.distance[body], tier_depth(reach), candidates.tier_end[body]
+    _leaf_distances(tree, cone, walk.scratch, count, near)
+    start_tiers(near, count, depth, ends)
     for i in range(count):
-        v = values[i]
-        least = v if v < least else least
-    return least
-
-
-@jit_vector
-def _count_within(distance: Array, count: int, limit: float) -> int:
-    within = 0
-    for i in range(count):
-        within += 1 if distance[i] <= limit else 0
-    return within
+        node, tier = walk.scratch[i], tier_of(near[i], depth)
+        place = ends[tier]
+        ends[tier] += 1
+        candidates.leaf[body, place] = node
+        candidates.x[body, place] = tree.x[node]
+        candidates.y[body, place] = tree.y[node]
+        candidates.z[body, place] = tree.z[node]
+        candidates.radius[body, place] = tree.radius[node]
+    candidates.tier_depth[body] = depth
+    candidates.count[body] = count
+    candidates.slack[body] = clearance
+    return True
 
 
 @jit_once
 def _measure_phalanx(hand: HandArrays, pose: Record, body: int, candidates: Record) -> float:
-    cone = _phalanx(hand, pose, body // PHALANX_COUNT, body % PHALANX_COUNT)
+    cone = phalanx_cone(hand, pose.joints[:], pose.direction[:], body // PHALANX_COUNT, body % PHALANX_COUNT)
     x, y, z, radius = candidates.x[body], candidates.y[body], candidates.z[body], candidates.radius[body]
     distance, parameter = candidates.distance[body], candidates.parameter[body]
     moved = moved_since(candidates.fresh[body], candidates.slack[body])
@@ -344,7 +261,7 @@ def _measure_phalanx(hand: HandArrays, pose: Record, body: int, candidates: Reco
         if first < stop:
             near = Spheres(x[first:stop], y[first:stop], z[first:stop], radius[first:stop])
             round_cone_distances(near, stop - first, cone, distance[first:stop], parameter[first:stop])
-            least = min(least, _least(distance[first:stop], stop - first))
+            least = min(least, least_distance(distance, first, stop))
         first = stop
     candidates.measured[body] = candidates.count[body] = first
     return least
@@ -368,7 +285,7 @@ def _measure_slot(pose: Record, slot: int, slack: float, candidates: Record) -> 
             leaves = Spheres(x, y, z, candidates.object_radius[a:b])
             distance = candidates.palm_distance[a:b]
             sphere_pair_distances(palm, leaves, stop - first, pose.position[:], pose.rotation[:], distance)
-            least = min(least, _least(distance, stop - first))
+            least = min(least, least_distance(distance, as_int64(0), stop - first))
         first = stop
     candidates.measured[which] = first
     candidates.palm_least[slot] = least
@@ -393,39 +310,50 @@ def _measure(tree: TreeArrays, hand: HandArrays, pose: Record, body: int, candid
 @jit
 def _within(tree: TreeArrays, hand: HandArrays, candidates: Record, body: int, limit: float) -> int:
     if body < PALM_BODY:
-        return _count_within(candidates.distance[body], candidates.measured[body], limit)
+        return count_within(candidates.distance[body], as_int64(0), candidates.measured[body], limit)
     within = 0
     for slot in range(PALM_SLOTS):
         if candidates.palm_least[slot] <= limit:
-            start, count = slot * SLOT_PAIRS, candidates.measured[PALM_BODY + slot]
-            within += _count_within(candidates.palm_distance[start : start + count], count, limit)
+            start = slot * SLOT_PAIRS
+            within += count_within(
+                candidates.palm_distance[:], start, start + candidates.measured[PALM_BODY + slot], limit
+            )
     return within
+
+
+@jit_inline
+def _write(
+    contacts: Record, row: int, center: Triple, radius: float, normal: Triple, distance: float, hand_radius: float
+) -> None:
+    reach = radius + distance
+    for j in range(3):
+        contacts.normal[j, row] = normal[j]
+        contacts.point[j, row] = center[j] + reach * normal[j]
+        contacts.straight[j, row] = 0.0
+    contacts.distance[row] = distance
+    contacts.hand_radius[row] = hand_radius
+    contacts.object_radius[row] = radius
 
 
 @jit_once
 def _palm_contacts(
     tree: TreeArrays, pose: Record, slot: int, candidates: Record, margin: float, row: int, contacts: Record
 ) -> int:
-    # Arrays are read out of their records before the loop: within it that costs a reference count each time.
     hand_x, hand_y, hand_z = candidates.hand_x, candidates.hand_y, candidates.hand_z
     object_x, object_y, object_z = candidates.object_x, candidates.object_y, candidates.object_z
     hand_radius, object_radius = candidates.hand_radius, candidates.object_radius
     distance, sphere, leaf = candidates.palm_distance, candidates.palm_sphere, candidates.palm_leaf
-    body_out, key_out, point_out, normal_out = contacts.body, contacts.key, contacts.point, contacts.normal
-    distance_out, slides_out, straight_out = contacts.distance, contacts.slides, contacts.straight
-    hand_radius_out, object_radius_out = contacts.hand_radius, contacts.object_radius
     position, rotation, leaf_total = pose.position, pose.rotation, tree.radius.shape[0]
     px, py, pz = position[0], position[1], position[2]
     r00, r01, r02 = rotation[0, 0], rotation[0, 1], rotation[0, 2]
     r10, r11, r12 = rotation[1, 0], rotation[1, 1], rotation[1, 2]
     r20, r21, r22 = rotation[2, 0], rotation[2, 1], rotation[2, 2]
-    capacity = body_out.shape[0]
     start = slot * SLOT_PAIRS
     for i in range(start, start + candidates.measured[PALM_BODY + slot]):
         d = distance[i]
         if d > margin:
             continue
-        if row >= capacity:
+        if row >= contacts.key.shape[0]:
             return -1
         hx, hy, hz = hand_x[i], hand_y[i], hand_z[i]
         nx = px + r00 * hx + r01 * hy + r02 * hz - object_x[i]
@@ -436,83 +364,13 @@ def _palm_contacts(
             scale = 1.0 / length
             nx, ny, nz = nx * scale, ny * scale, nz * scale
         else:
-            # Concentric spheres: every direction is as good; out of the back of the hand is where it can retreat.
+            # Concentric spheres: any direction is as good, and the hand can retreat out of its back.
             nx, ny, nz = r02, r12, r22
-        reach = object_radius[i] + d
-        body_out[row] = PALM_BODY
-        key_out[row] = (PALM_BODY + sphere[i]) * leaf_total + leaf[i]
-        normal_out[0, row] = nx
-        normal_out[1, row] = ny
-        normal_out[2, row] = nz
-        point_out[0, row] = object_x[i] + reach * nx
-        point_out[1, row] = object_y[i] + reach * ny
-        point_out[2, row] = object_z[i] + reach * nz
-        straight_out[0, row] = straight_out[1, row] = straight_out[2, row] = 0.0
-        distance_out[row] = d
-        hand_radius_out[row] = hand_radius[i]
-        object_radius_out[row] = object_radius[i]
-        slides_out[row] = 0
-        row += 1
-    return row
-
-
-@jit_once
-def _phalanx_contacts(
-    tree: TreeArrays,
-    hand: HandArrays,
-    pose: Record,
-    body: int,
-    candidates: Record,
-    margin: float,
-    row: int,
-    contacts: Record,
-) -> int:
-    f, k = body // PHALANX_COUNT, body % PHALANX_COUNT
-    x, y, z, radius = candidates.x[body], candidates.y[body], candidates.z[body], candidates.radius[body]
-    distance, parameter, leaf = candidates.distance[body], candidates.parameter[body], candidates.leaf[body]
-    body_out, key_out, point_out, normal_out = contacts.body, contacts.key, contacts.point, contacts.normal
-    distance_out, slides_out, straight_out = contacts.distance, contacts.slides, contacts.straight
-    hand_radius_out, object_radius_out = contacts.hand_radius, contacts.object_radius
-    joint, direction, rotation, leaf_total = (
-        pose.joints[f, k],
-        pose.direction[f, k],
-        pose.rotation,
-        tree.radius.shape[0],
-    )
-    length, radius_a = hand.length[f, k], hand.radius[f, k]
-    radius_drop = hand.radius[f, k] - hand.radius[f, k + 1]
-    jx, jy, jz = joint[0], joint[1], joint[2]
-    ux, uy, uz = length * direction[0], length * direction[1], length * direction[2]
-    capacity = body_out.shape[0]
-    for i in range(candidates.measured[body]):
-        d = distance[i]
-        if d > margin:
-            continue
-        if row >= capacity:
-            return -1
-        s = parameter[i]
-        cx, cy, cz = x[i], y[i], z[i]
-        nx, ny, nz = jx + s * ux - cx, jy + s * uy - cy, jz + s * uz - cz
-        square = nx * nx + ny * ny + nz * nz
-        if square > 0.0:
-            scale = 1.0 / math.sqrt(square)
-            nx, ny, nz = nx * scale, ny * scale, nz * scale
-        else:
-            nx, ny, nz = rotation[0, 2], rotation[1, 2], rotation[2, 2]
-        reach = radius[i] + d
-        body_out[row] = body
-        key_out[row] = body * leaf_total + leaf[i]
-        normal_out[0, row] = nx
-        normal_out[1, row] = ny
-        normal_out[2, row] = nz
-        point_out[0, row] = cx + reach * nx
-        point_out[1, row] = cy + reach * ny
-        point_out[2, row] = cz + reach * nz
-        straight_out[0, row] = straight_out[1, row] = straight_out[2, row] = 0.0
-        distance_out[row] = d
-        hand_radius_out[row] = radius_a - s * radius_drop
-        object_radius_out[row] = radius[i]
-        slides_out[row] = 1 if 0.0 < s < 1.0 else 0
+        center, normal = (object_x[i], object_y[i], object_z[i]), (nx, ny, nz)
+        _write(contacts, row, center, object_radius[i], normal, d, hand_radius[i])
+        contacts.body[row] = PALM_BODY
+        contacts.key[row] = (PALM_BODY + sphere[i]) * leaf_total + leaf[i]
+        contacts.slides[row] = 0
         row += 1
     return row
 
@@ -529,13 +387,42 @@ def _record(
     row: int,
     contacts: Record,
 ) -> int:
-    if body < PALM_BODY:
-        return _phalanx_contacts(tree, hand, pose, body, candidates, limit, row, contacts)
-    for slot in range(PALM_SLOTS):
-        if candidates.palm_least[slot] <= limit:
-            row = _palm_contacts(tree, pose, slot, candidates, limit, row, contacts)
-            if row < 0:
-                return -1
+    if body == PALM_BODY:
+        for slot in range(PALM_SLOTS):
+            if candidates.palm_least[slot] <= limit:
+                row = _palm_contacts(tree, pose, slot, candidates, limit, row, contacts)
+                if row < 0:
+                    return -1
+        return row
+    f, k = body // PHALANX_COUNT, body % PHALANX_COUNT
+    x, y, z, radius = candidates.x[body], candidates.y[body], candidates.z[body], candidates.radius[body]
+    distance, parameter, leaf = candidates.distance[body], candidates.parameter[body], candidates.leaf[body]
+    joint, direction = pose.joints[f, k], pose.direction[f, k]
+    rotation, leaf_total = pose.rotation, tree.radius.shape[0]
+    length, radius_a = hand.length[f, k], hand.radius[f, k]
+    radius_drop = hand.radius[f, k] - hand.radius[f, k + 1]
+    jx, jy, jz = joint[0], joint[1], joint[2]
+    ux, uy, uz = length * direction[0], length * direction[1], length * direction[2]
+    for i in range(candidates.measured[body]):
+        d = distance[i]
+        if d > limit:
+            continue
+        if row >= contacts.key.shape[0]:
+            return -1
+        s = parameter[i]
+        cx, cy, cz = x[i], y[i], z[i]
+        nx, ny, nz = jx + s * ux - cx, jy + s * uy - cy, jz + s * uz - cz
+        square = nx * nx + ny * ny + nz * nz
+        if square > 0.0:
+            scale = 1.0 / math.sqrt(square)
+            nx, ny, nz = nx * scale, ny * scale, nz * scale
+        else:
+            nx, ny, nz = rotation[0, 2], rotation[1, 2], rotation[2, 2]
+        _write(contacts, row, (cx, cy, cz), radius[i], (nx, ny, nz), d, radius_a - s * radius_drop)
+        contacts.body[row] = body
+        contacts.key[row] = body * leaf_total + leaf[i]
+        contacts.slides[row] = 1 if 0.0 < s < 1.0 else 0
+        row += 1
     return row
 
 
@@ -553,7 +440,7 @@ def _cone_contacts(
         s = round_cone_parameter(dx, dy, dz, cone.ux, cone.uy, cone.uz, cone.tan_slope, cone.inverse_length)
         qx, qy, qz = dx - s * cone.length * cone.ux, dy - s * cone.length * cone.uy, dz - s * cone.length * cone.uz
         away = math.sqrt(qx * qx + qy * qy + qz * qz)
-        # A leaf that is centred on the axis has no nearest point; any is as good.
+        # A leaf centred on the axis has no nearest point; any is as good.
         inverse = 1.0 / away if away > 0.0 else 0.0
         share = (cone.radius - s * cone.drop) * inverse
         pairs_out.point[row, 0] = tree.x[leaf] - qx + share * qx

@@ -104,13 +104,6 @@ def test_a_program_keeps_its_rows_whatever_their_layout() -> None:
         order = np.lexsort(program.rhs[None])
         np.testing.assert_array_equal(program.rhs[order], np.sort(rhs))
         np.testing.assert_array_equal(program.matrix[order], matrix[np.argsort(rhs)])
-    for shape in ((5, 4), (5, 8)):
-        with pytest.raises(ValueError, match="no palm, finger or hand"):
-            dense_program("", np.ones(shape), np.ones(5), np.zeros(shape[1]), 1e-12)
-    with pytest.raises(ValueError, match="more than one block"):
-        dense_program("", np.ones((5, 12)), np.ones(5), np.zeros(12), 1e-12)
-    with pytest.raises(ValueError, match="no finger, palm or hand"):
-        next(contact_programs(5, 10, 1, 0))
 
 
 def test_residuals_are_in_sizes_of_the_program() -> None:

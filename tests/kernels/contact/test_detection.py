@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
-from sphere_scenes import PALM, Motion, brute_clearance, brute_pairs, cloud, set_pose, sphere_tree, still
+from sphere_scenes import PALM, Motion, brute_pairs, cloud, pose_of, random_hand, set_pose, sphere_tree, still
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.model import HandModel
@@ -34,6 +33,7 @@ from hhsim.trees.sphere_tree import SphereTree
 
 RIGHT = HandModel.default("right")
 LEFT = HandModel.default("left")
+JOINTS = RIGHT.joints(np.zeros(3), [1.0, 0.0, 0.0, 0.0], np.zeros((5, 3)), np.zeros(5))
 ROUNDING = 1e-12
 """Pairs nearer to the margin than this [m] may fall on either side."""
 
@@ -42,22 +42,13 @@ def new_state() -> Any:
     return tick_state(np.ones(DOF))[0]
 
 
-def random_pose(random: np.random.Generator, hand: HandModel) -> Motion:
-    """A hand somewhere about the origin."""
-    return Motion(
-        random.normal(0.0, 0.05, (1, 3)),
-        Rotation.random(1, rng=random).as_quat(scalar_first=True),
-        random.uniform(hand.flexion_min, hand.flexion_max, (1, 5, 3)),
-        random.uniform(hand.abduction_min, hand.abduction_max, (1, 5)),
-    )
-
-
-def pose_of(state: Any) -> Motion:
-    return Motion(*(np.array(state.pose[name])[None] for name in Motion._fields))
+def at_origin() -> Any:
+    state = new_state()
+    set_pose(RIGHT, state.pose, still(1, np.zeros(3)))
+    return state
 
 
 def found_pairs(state: Any, tree: SphereTree) -> dict[tuple[int, int], int]:
-    """Record of each pair (row of `brute_pairs`, leaf)."""
     total = len(tree.radius)
     count = state.contacts.start[-1]
     keys = state.contacts.key[:count]
@@ -85,7 +76,7 @@ def test_the_oracle_of_these_tests_is_the_union_of_spheres_along_the_axis() -> N
     random = np.random.default_rng(5)
     share = np.linspace(0.0, 1.0, 4001)
     for _ in range(40):
-        motion = random_pose(random, RIGHT)
+        motion = random_hand(random, RIGHT, 0.05)
         leaf, radius = random.normal(0.0, 0.08, (8, 3)), random.uniform(0.0, 0.01, 8)
         distance = brute_pairs(RIGHT, leaf, radius, motion)
         joints = RIGHT.joints(*(values[0] for values in motion))
@@ -106,7 +97,7 @@ def test_the_contacts_are_exactly_the_pairs_within_the_margin(seed: int, margin:
     hand = RIGHT if seed % 2 else LEFT
     tree = cloud(random, int(random.integers(1, 400)))
     state = new_state()
-    set_pose(hand, state.pose, random_pose(random, hand))
+    set_pose(hand, state.pose, random_hand(random, hand, 0.05))
     detect(state, hand, tree, margin, skin)
     distance = assert_exactly_the_near_pairs(state, hand, tree, margin)
     least = np.append(distance[:PALM].min(axis=1), distance[PALM:].min())
@@ -123,7 +114,7 @@ def test_no_pair_is_ever_missed_while_the_hand_wanders(seed: int, skin: float) -
     tree = cloud(random, 300)
     state = new_state()
     arrays = RIGHT.arrays()
-    set_pose(RIGHT, state.pose, random_pose(random, RIGHT))
+    set_pose(RIGHT, state.pose, random_hand(random, RIGHT, 0.05))
     motion = np.empty(BODY_COUNT)
     steps = 60
     for _ in range(steps):
@@ -163,7 +154,7 @@ def test_slack_bounds_what_the_lists_do_not_hold_however_the_hand_came_there(see
     tree = cloud(random, 60)
     state, arrays = new_state(), RIGHT.arrays()
     # A palm in the midst of them, so that there are pairs.
-    first = random_pose(random, RIGHT)
+    first = random_hand(random, RIGHT, 0.05)
     first.position[:] *= 0.2
     set_pose(RIGHT, state.pose, first)
     detect(state, RIGHT, tree, 1e-3, 9e-3)
@@ -195,7 +186,7 @@ def test_records_say_where_the_surfaces_are_nearest(seed: int) -> None:
     random = np.random.default_rng(seed)
     tree = cloud(random, 300)
     state = new_state()
-    set_pose(RIGHT, state.pose, random_pose(random, RIGHT))
+    set_pose(RIGHT, state.pose, random_hand(random, RIGHT, 0.05))
     detect(state, RIGHT, tree, 5e-3, 0.0)
     contacts, at = state.contacts, pose_of(state)
     distance = brute_pairs(RIGHT, tree.leaf_center, tree.leaf_radius, at)
@@ -220,7 +211,7 @@ def test_records_are_ordered_palm_first_then_finger_by_finger() -> None:
     state = new_state()
     for _ in range(20):
         tree = cloud(random, 400)
-        set_pose(RIGHT, state.pose, random_pose(random, RIGHT))
+        set_pose(RIGHT, state.pose, random_hand(random, RIGHT, 0.05))
         state.candidates.fresh[:] = -np.inf
         detect(state, RIGHT, tree, 5e-3, 0.0)
         start, body = state.contacts.start, state.contacts.body
@@ -234,11 +225,9 @@ def test_records_are_ordered_palm_first_then_finger_by_finger() -> None:
 
 
 def test_concentric_bodies_have_a_normal() -> None:
-    joints = RIGHT.joints(np.zeros(3), [1.0, 0.0, 0.0, 0.0], np.zeros((5, 3)), np.zeros(5))
-    center = np.array([joints[1, 0], 0.5 * (joints[2, 1] + joints[2, 2]), RIGHT.palm_tree.leaf_center[0]])
+    center = np.array([JOINTS[1, 0], 0.5 * (JOINTS[2, 1] + JOINTS[2, 2]), RIGHT.palm_tree.leaf_center[0]])
     tree = sphere_tree(center, np.full(3, 1e-3))
-    state = new_state()
-    set_pose(RIGHT, state.pose, still(1, np.zeros(3)))
+    state = at_origin()
     detect(state, RIGHT, tree, 1e-3, 0.0)
     count = state.contacts.start[-1]
     assert count >= 3
@@ -248,13 +237,12 @@ def test_concentric_bodies_have_a_normal() -> None:
 
 
 def test_spheres_of_no_size_and_a_thousand_times_the_hand_are_seen() -> None:
-    tip = RIGHT.joints(np.zeros(3), [1.0, 0.0, 0.0, 0.0], np.zeros((5, 3)), np.zeros(5))[1, 3]
+    tip = JOINTS[1, 3]
     tip_radius = RIGHT.radius[1, 3]
     below = np.array([0.0, 0.0, -1.0])
     for radius in (0.0, 1e-6, 200.0):
         tree = sphere_tree((tip + (tip_radius + radius + 5e-4) * below)[None], np.array([radius]))
-        state = new_state()
-        set_pose(RIGHT, state.pose, still(1, np.zeros(3)))
+        state = at_origin()
         detect(state, RIGHT, tree, 1e-3, 3e-3)
         distance = assert_exactly_the_near_pairs(state, RIGHT, tree, 1e-3)
         assert distance[5, 0] <= 5e-4 + 1e-12
@@ -263,22 +251,20 @@ def test_spheres_of_no_size_and_a_thousand_times_the_hand_are_seen() -> None:
 
 
 def crowd_under_the_index_tip(count: int, depth: float) -> tuple[FloatArray, FloatArray]:
-    tip = RIGHT.joints(np.zeros(3), [1.0, 0.0, 0.0, 0.0], np.zeros((5, 3)), np.zeros(5))[1, 3]
+    tip = JOINTS[1, 3]
     center = tip + np.array([0.0, 0.0, -(RIGHT.radius[1, 3] + 1e-3 + depth)])
     return np.repeat(center[None], count, axis=0), np.full(count, 1e-3)
 
 
 def test_more_pairs_than_there_is_room_for_are_reported() -> None:
-    state = new_state()
-    set_pose(RIGHT, state.pose, still(1, np.zeros(3)))
+    state = at_origin()
     arrays = RIGHT.arrays()
     near = sphere_tree(*crowd_under_the_index_tip(PHALANX_PAIRS + 1, 5e-4))
     assert evaluate(arrays, state.pose, near.arrays(), 1e-3, 1e-3, 3e-3, state.candidates, state.work) == FULL
     # Two bodies with room for their own pairs, but not together among the contacts.
     half = CONTACT_ROWS // 2 + 1
-    joints = RIGHT.joints(np.zeros(3), [1.0, 0.0, 0.0, 0.0], np.zeros((5, 3)), np.zeros(5))
     below = np.array([0.0, 0.0, 1e-3 + 5e-4])
-    places = [joints[f, 3] - below - [0.0, 0.0, RIGHT.radius[f, 3]] for f in (1, 3)]
+    places = [JOINTS[f, 3] - below - [0.0, 0.0, RIGHT.radius[f, 3]] for f in (1, 3)]
     two = sphere_tree(np.repeat(places, half, axis=0), np.full(2 * half, 1e-3))
     state.candidates.fresh[:] = -np.inf
     assert evaluate(arrays, state.pose, two.arrays(), 1e-3, 1e-3, 0.0, state.candidates, state.work) == 0
@@ -298,8 +284,7 @@ def test_no_two_columns_lie_whole_pages_apart() -> None:
 def test_a_skin_that_holds_too_many_pairs_is_given_up() -> None:
     near, far = crowd_under_the_index_tip(100, 5e-4), crowd_under_the_index_tip(PHALANX_PAIRS, 2e-3)
     tree = sphere_tree(np.concatenate([near[0], far[0]]), np.concatenate([near[1], far[1]]))
-    state = new_state()
-    set_pose(RIGHT, state.pose, still(1, np.zeros(3)))
+    state = at_origin()
     detect(state, RIGHT, tree, 1e-3, 3e-3)
     assert_exactly_the_near_pairs(state, RIGHT, tree, 1e-3)
 
@@ -344,21 +329,3 @@ def test_a_body_far_away_costs_one_node_and_no_pair() -> None:
     assert state.work[COUNT_NODE_TESTS] == PALM + len(RIGHT.palm_tree.leaf_radius)
     detect(state, RIGHT, tree, 1e-3, 3e-3)
     assert state.work[COUNT_NODE_TESTS] == PALM + len(RIGHT.palm_tree.leaf_radius), "far lists last"
-
-
-def test_lost_hands_have_no_clearance() -> None:
-    tree = sphere_tree(np.zeros((1, 3)), np.ones(1))
-    joints = np.zeros((2, 5, 4, 3)) + np.arange(4)[:, None]
-    joints[1, 2, 3, 0] = np.nan
-    found = brute_clearance(
-        tree.leaf_center,
-        tree.leaf_radius,
-        RIGHT.radius,
-        np.zeros((1, 3)),
-        np.ones(1),
-        joints,
-        np.full((2, 3), 9.0),
-        np.tile([1.0, 0.0, 0.0, 0.0], (2, 1)),
-    )
-    assert np.isfinite(found[0]).all()
-    assert np.isnan(found[1]).all()

@@ -1,5 +1,8 @@
 """Greedy cover, assignment, radii and certificate, each against brute force or dense sampling."""
 
+from collections.abc import Iterable
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 import trimesh
@@ -49,6 +52,31 @@ class Case:
         )
 
 
+class Assignment(NamedTuple):
+    owner: IntArray
+    cost: FloatArray
+    second: IntArray
+    second_cost: FloatArray
+
+
+def assigned(case: Case, center: FloatArray, depth: FloatArray, roots: Iterable[int] = (0,)) -> Assignment:
+    count = len(case.cost)
+    found = Assignment(np.empty(count, np.int64), np.empty(count), np.empty(count, np.int64), np.empty(count))
+    for root in roots:
+        assign(case.micro, root, center, depth, *found)
+    return found
+
+
+def check_assignment(case: Case, found: Assignment, center: FloatArray, depth: FloatArray) -> None:
+    cost = far_corner(case.micro.corner, center) - depth
+    rows = np.arange(len(cost))
+    assert found.cost == pytest.approx(cost.min(axis=1), abs=1e-15)
+    assert cost[rows, found.owner] == pytest.approx(found.cost, abs=1e-15)
+    assert found.second_cost == pytest.approx(np.sort(cost, axis=1)[:, 1], abs=1e-15)
+    assert cost[rows, found.second] == pytest.approx(found.second_cost, abs=1e-15)
+    assert (found.second != found.owner).all()
+
+
 @pytest.fixture(params=SHAPES, scope="module")
 def case(request: pytest.FixtureRequest) -> Case:
     return Case(SHAPES[request.param])
@@ -63,42 +91,18 @@ def test_depths_are_those_of_the_mesh(case: Case) -> None:
 def test_costs_and_owners_are_the_brute_force_best(case: Case) -> None:
     cost = far_corner(case.micro.corner, case.center) - case.depth
     assert case.cost == pytest.approx(cost.min(axis=1), abs=1e-15)
-    rows = np.arange(len(cost))
-    assert cost[rows, case.owner] == pytest.approx(case.cost, abs=1e-15)
-
-    owner, second = np.empty_like(case.owner), np.empty_like(case.owner)
-    again, second_cost = np.empty_like(case.cost), np.empty_like(case.cost)
-    assign(case.micro, 0, case.center, case.depth, owner, again, second, second_cost)
-    assert again == pytest.approx(case.cost, abs=1e-15)
-    assert cost[rows, owner] == pytest.approx(again, abs=1e-15)
-    assert second_cost == pytest.approx(np.sort(cost, axis=1)[:, 1], abs=1e-15)
-    assert cost[rows, second] == pytest.approx(second_cost, abs=1e-15)
-    assert (second != owner).all()
-
-
-def test_subtrees_are_assigned_like_the_whole(case: Case) -> None:
-    count = len(case.cost)
-    whole, parts = ((np.empty((2, count), np.int64), np.empty((2, count))) for _ in range(2))
-    assign(case.micro, 0, case.center, case.depth, whole[0][0], whole[1][0], whole[0][1], whole[1][1])
-    for root in subtrees(case.micro.right, 3):
-        assign(case.micro, root, case.center, case.depth, parts[0][0], parts[1][0], parts[0][1], parts[1][1])
-    assert np.array_equal(parts[1], whole[1])
+    assert cost[np.arange(len(cost)), case.owner] == pytest.approx(case.cost, abs=1e-15)
+    whole = assigned(case, case.center, case.depth)
+    check_assignment(case, whole, case.center, case.depth)
+    parts = assigned(case, case.center, case.depth, subtrees(case.micro.right, 3))
+    assert np.array_equal(parts.cost, whole.cost) and np.array_equal(parts.second_cost, whole.second_cost)
 
 
 @pytest.mark.parametrize("spread", [0.0, 1e-4, 1e-2])
 def test_assignment_among_balls_close_together(case: Case, spread: float) -> None:
-    rng = np.random.default_rng(8)
-    center = spread * rng.normal(size=(60, 3)) + case.center[0]
+    center = spread * np.random.default_rng(8).normal(size=(60, 3)) + case.center[0]
     depth = np.ascontiguousarray(-mesh_signed_distance(case.bvh, center))
-    owner, second = np.empty_like(case.owner), np.empty_like(case.owner)
-    found, second_found = np.empty_like(case.cost), np.empty_like(case.cost)
-    assign(case.micro, 0, center, depth, owner, found, second, second_found)
-    cost = far_corner(case.micro.corner, center) - depth
-    rows = np.arange(len(cost))
-    assert found == pytest.approx(cost.min(axis=1), abs=1e-15)
-    assert second_found == pytest.approx(np.sort(cost, axis=1)[:, 1], abs=1e-15)
-    assert cost[rows, owner] == pytest.approx(found, abs=1e-15)
-    assert (second != owner).all()
+    check_assignment(case, assigned(case, center, depth), center, depth)
 
 
 def test_costs_under_given_owners_are_those_of_brute_force(case: Case) -> None:
@@ -120,11 +124,9 @@ def test_longest_edges(case: Case) -> None:
 
 
 def test_a_lone_ball_has_no_second(case: Case) -> None:
-    owner, second = np.empty_like(case.owner), np.empty_like(case.owner)
-    cost, second_cost = np.empty_like(case.cost), np.empty_like(case.cost)
-    assign(case.micro, 0, case.center[:1], case.depth[:1], owner, cost, second, second_cost)
-    assert (owner == 0).all() and (second == -1).all()
-    assert np.isfinite(cost).all() and np.isinf(second_cost).all()
+    found = assigned(case, case.center[:1], case.depth[:1])
+    assert (found.owner == 0).all() and (found.second == -1).all()
+    assert np.isfinite(found.cost).all() and np.isinf(found.second_cost).all()
 
 
 def test_each_ball_reaches_its_micro_triangles_and_no_farther(case: Case) -> None:
@@ -142,14 +144,6 @@ def test_going_on_gives_what_one_call_gives(case: Case) -> None:
     assert case.place(7, count) == count
     assert np.array_equal(case.center, whole_center)
     assert np.array_equal(case.owner, whole_owner)
-
-
-def test_more_balls_cost_less(case: Case) -> None:
-    costs = [
-        np.minimum.reduce((far_corner(case.micro.corner, case.center) - case.depth)[:, :n], axis=1).max()
-        for n in (1, 5, 20)
-    ]
-    assert costs[0] > costs[1] > costs[2]
 
 
 def certify(case: Case, center: FloatArray, radius: FloatArray, slack: float = 1e-14) -> IntArray:

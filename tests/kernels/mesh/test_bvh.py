@@ -87,12 +87,6 @@ def test_limit_hides_what_is_farther() -> None:
     assert closest_on_mesh(bvh, 0.0, 0.0, 0.0, d2 * (1.0 + 1e-12), stack, distance2)[0] == triangle
 
 
-def test_one_triangle() -> None:
-    bvh = build_mesh_bvh(np.eye(3), np.array([[0, 1, 2]]))
-    assert len(bvh.start) == 1
-    assert mesh_signed_distance(bvh, np.array([[1.0, 1.0, 1.0]]))[0] == pytest.approx(2.0 / np.sqrt(3.0))
-
-
 def test_faces_without_area_do_no_harm() -> None:
     vertices, faces = arrays(SHAPES["box"])
     point = np.array([[0.0, 0.0, 0.1]])

@@ -332,8 +332,7 @@ def test_no_motion_beats_the_bounds_of_an_edge_or_a_vertex(seed: int, spokes: in
         for e in range(len(mesh.edge)):
             start, along, extent = mesh.edge[e, :3], mesh.edge[e, 3:6], float(mesh.edge[e, 6])
             wing = mesh.wing[mesh.wing_start[e] : mesh.wing_start[e + 1]]
-            first, last = int(mesh.wing_start[e]), int(mesh.wing_start[e + 1])
-            bound = edge_bound(mesh.edge, e, cones.kernel(i), mesh.wing, first, last, 0.0, np.inf)
+            bound = edge_bound(mesh, e, cones.kernel(i), 0.0, np.inf)
 
             def touched(
                 x: FloatArray, start: FloatArray = start, along: FloatArray = along, extent: float = extent
@@ -343,13 +342,13 @@ def test_no_motion_beats_the_bounds_of_an_edge_or_a_vertex(seed: int, spokes: in
 
             check_cone(random, cones, i, touched, wing, bound, start + 0.5 * extent * along)
         for v in range(len(mesh.vertex)):
-            first, last = int(mesh.spoke_start[v]), int(mesh.spoke_start[v + 1])
-            bound = vertex_bound(mesh.vertex, v, cones.kernel(i), mesh.spoke, first, last, 0.0)
+            spoke = mesh.spoke[mesh.spoke_start[v] : mesh.spoke_start[v + 1]]
+            bound = vertex_bound(mesh, v, cones.kernel(i), 0.0)
 
             def reached(x: FloatArray, at: FloatArray = mesh.vertex[v]) -> Any:
                 return x - at, np.ones(len(x), dtype=bool)
 
-            check_cone(random, cones, i, reached, mesh.spoke[first:last], bound, mesh.vertex[v])
+            check_cone(random, cones, i, reached, spoke, bound, mesh.vertex[v])
 
 
 def check_cone(
@@ -382,8 +381,7 @@ def test_bounds_of_what_can_be_touched_straight_away_are_the_distances(seed: int
     random = np.random.default_rng(seed)
     mesh, _ = mesh_features(*fan(random, 4), closed=False)
     for e in range(len(mesh.edge)):
-        first, last = int(mesh.wing_start[e]), int(mesh.wing_start[e + 1])
-        wing, along = mesh.wing[first:last], mesh.edge[e, 3:6]
+        wing, along = mesh.wing[mesh.wing_start[e] : mesh.wing_start[e + 1]], mesh.edge[e, 3:6]
         away = -wing.sum(axis=0)
         if np.linalg.norm(away) < 1e-3 or (wing @ unit(away) > -1e-3).any():
             continue
@@ -394,8 +392,7 @@ def test_bounds_of_what_can_be_touched_straight_away_are_the_distances(seed: int
         if not (wing @ (center(cone, s) - mesh.edge[e, :3]) <= -1e-6).all():
             continue
         # The axis begins in the cone and its first end is above the edge.
-        assert edge_bound(mesh.edge, e, cone, mesh.wing, first, last, 0.0, np.inf) <= value + EXACT
-        assert edge_bound(mesh.edge, e, cone, mesh.wing, first, last, 0.0, np.inf) >= value - EXACT
+        assert edge_bound(mesh, e, cone, 0.0, np.inf) == pytest.approx(value, rel=0.0, abs=EXACT)
     mesh = alone(np.array([[0.0, 0.0, 0.0], [0.04, 0.0, 0.0], [0.0, 0.04, 0.0]]))
     over = Cones(np.array([[0.01, 0.01, 0.02]]), np.array([[0.02, 0.01, 0.03]]), np.full(1, 0.007), np.full(1, 0.005))
     assert face_bounds(mesh.face, 0, over.kernel(0), True) == pytest.approx((0.013, 0.013), abs=EXACT)

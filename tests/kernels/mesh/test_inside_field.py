@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from hhsim.arrays import BoolArray, FloatArray
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, face_normals
-from hhsim.kernels.mesh.fast_winding_number import winding_moments
 from hhsim.kernels.mesh.inside_field import SolidField, count_hits, inside, leave_inside, near
+from hhsim.kernels.mesh.winding_number import winding_moments
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.surface_sampling import face_samples
 from tools.shapes.generators import cube, sphere

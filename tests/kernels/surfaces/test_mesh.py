@@ -16,7 +16,7 @@ from mesh_oracle import Cones, along_axes, from_triangles
 from numpy.typing import NDArray
 from sampled import sampled
 from scipy.spatial.transform import Rotation
-from sphere_scenes import PALM, Motion, palm_spheres, prepared, set_pose, still
+from sphere_scenes import PALM, Motion, palm_spheres, pose_of, prepared, random_hand, set_pose, still
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
@@ -339,10 +339,6 @@ def least_by_search(motion: Motion, triangles: FloatArray, tick: int = 0) -> Flo
     return np.asarray(np.concatenate([phalanges, palm]).min(axis=1))
 
 
-def pose_of(state: Any) -> Motion:
-    return Motion(*(np.array(state.pose[name])[None] for name in Motion._fields))
-
-
 def placed(motion: Motion) -> PlacedHand:
     return forward_kinematics(HAND, *motion)
 
@@ -356,12 +352,7 @@ def test_lists_hold_the_nearest_feature_of_every_body_wherever_the_hand_goes(nam
     random = np.random.default_rng(11)
     judged = near = gathers = 0
     for _ in range(4):
-        at = Motion(
-            random.normal(0.0, 0.03, (1, 3)),
-            Rotation.random(1, rng=random).as_quat(scalar_first=True),
-            random.uniform(HAND.flexion_min, HAND.flexion_max, (1, 5, 3)),
-            random.uniform(HAND.abduction_min, HAND.abduction_max, (1, 5)),
-        )
+        at = random_hand(random, HAND, 0.03)
         # Out of the object along a random way, and back until something is within a millimetre or two.
         way = random.normal(size=3)
         way /= np.linalg.norm(way)
@@ -572,12 +563,7 @@ def test_curvature_at_faces_edges_and_vertices_is_that_of_second_differences(see
     mesh, _ = mesh_features(vertices, faces, closed=False)
     kinds: set[tuple[bool, bool, bool]] = set()
     for _ in range(3):
-        at = Motion(
-            random.normal(0.0, 0.03, (1, 3)),
-            Rotation.random(1, rng=random).as_quat(scalar_first=True),
-            random.uniform(HAND.flexion_min, HAND.flexion_max, (1, 5, 3)),
-            random.uniform(HAND.abduction_min, HAND.abduction_max, (1, 5)),
-        )
+        at = random_hand(random, HAND, 0.03)
         state = new_state()
         set_pose(HAND, state.pose, at)
         assert evaluate(ARRAYS, state.pose, mesh, 2e-3, 2e-3, 0.0, state.candidates, state.work) == 0

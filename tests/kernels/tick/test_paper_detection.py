@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from paper_frustum import Frustum, frustum_excess, frustum_of
-from scipy.spatial.transform import Rotation
-from sphere_scenes import Motion, cloud, palm_spheres, set_pose
+from sphere_scenes import Motion, cloud, palm_spheres, random_hand, set_pose
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.model import HandModel
@@ -40,12 +39,7 @@ def scene(seed: int, closed: bool) -> tuple[HandModel, SphereTree, Motion, Any, 
     random = np.random.default_rng(seed)
     hand = RIGHT if seed % 2 else LEFT
     tree = cloud(random, int(random.integers(1, 400)), spread=0.12)
-    at = Motion(
-        random.normal(0.0, 0.03, (1, 3)),
-        Rotation.random(1, rng=random).as_quat(scalar_first=True),
-        random.uniform(hand.flexion_min, hand.flexion_max, (1, 5, 3)),
-        random.uniform(hand.abduction_min, hand.abduction_max, (1, 5)),
-    )
+    at = random_hand(random, hand, 0.03)
     state, paper = tick_state(Stiffness().diagonal())[0], zeroed(PAPER_STATE)[0]
     paper.closed = closed
     set_pose(hand, state.pose, at)

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from contact_scenes import moved
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -100,30 +101,11 @@ def energy(tree: SphereTree, options: SolverOptions, wanted: Motion, found: Moti
     """Potential energy [J] of coupling and contacts, by brute force over all pairs."""
     turn = Rotation.from_quat(wanted.orientation[0], scalar_first=True)
     turn *= Rotation.from_quat(found.orientation[0], scalar_first=True).inv()
-    off = np.concatenate(
-        [
-            wanted.position[0] - found.position[0],
-            turn.as_rotvec(),
-            (wanted.flexion[0] - found.flexion[0]).ravel(),
-        ]
-    )
+    bend = (wanted.flexion[0] - found.flexion[0]).ravel()
+    off = np.concatenate([wanted.position[0] - found.position[0], turn.as_rotvec(), bend])
     depth = np.maximum(0.0, -brute_pairs(HAND, tree.leaf_center, tree.leaf_radius, found))
     coupling = options.stiffness.diagonal() @ off**2
     return float(0.5 * (coupling + options.stiffness.penalty * np.sum(depth**2)))
-
-
-def moved(motion: Motion, variable: int, step: float) -> Motion:
-    """A configuration with one of the 21 variables changed."""
-    position, orientation, flexion, abduction = (values.copy() for values in motion)
-    if variable < 3:
-        position[0, variable] += step
-    elif variable < 6:
-        increment = Rotation.from_rotvec(step * np.eye(3)[variable - 3])
-        turned = increment * Rotation.from_quat(orientation[0], scalar_first=True)
-        orientation[0] = turned.as_quat(scalar_first=True)
-    else:
-        flexion[0].ravel()[variable - 6] += step
-    return Motion(position, orientation, flexion, abduction)
 
 
 @pytest.mark.parametrize("stiffness", [1e3, 1e5])
@@ -143,7 +125,9 @@ def test_at_rest_forces_balance_the_coupling_and_the_energy_is_least(stiffness: 
             continue
         # So short, since a contact may be this near to letting go, where the energy's curvature jumps.
         step = 1e-8
-        up, down = (energy(BALL, options, wanted, moved(found, variable, sign * step)) for sign in (1.0, -1.0))
+        up, down = (
+            energy(BALL, options, wanted, moved(found, sign * step * np.eye(21)[variable])) for sign in (1.0, -1.0)
+        )
         assert abs(up - down) / (2.0 * step) < 1e-5, variable
 
 
