@@ -41,8 +41,8 @@ def command(rate: float, duration: float, cpu: int | None, no_realtime: bool, as
       hhsim doctor --rate 2000 --duration 60
       hhsim doctor --no-realtime
     """
-    from hhsim.live.doctor import examine, histogram, mode_line
-    from hhsim.live.real_time import RealTimeWishes
+    from hhsim.live.doctor import examine, histogram
+    from hhsim.live.real_time import RealTimeWishes, described
     from hhsim.result.miss_cause import WORDS
 
     announce_compilation(quiet=quiet)
@@ -72,7 +72,7 @@ def command(rate: float, duration: float, cpu: int | None, no_realtime: bool, as
         print()
         system = words("system", "name"), words("value"), words("better", "advice")
         print_table(Table(system, diagnosis.facts))
-        print_line(f"granted: {mode_line(wakeups)}")
+        print_line(f"granted: {described(wakeups.mode)}")
         print_line(diagnosis.verdict)
         for line in diagnosis.advice:
             print_line(f"  - {line}")

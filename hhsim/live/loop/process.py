@@ -91,7 +91,7 @@ def run_session(setup: LiveSetup, memory: SessionMemory, ending: Ending, driver:
     memory.status["loop_ready"] = OPEN
     while not (device := memory.device.read()):
         if not driver.running:
-            raise HhsimError(driver.complaint() or f"the glove's driver {driver.how_it_ended()}")
+            raise HhsimError(driver.last_line() or f"the glove's driver {driver.how_it_ended()}")
         time.sleep(TELL_SECONDS / 10)
     loop = LiveLoop(setup, memory, glove_info(device))
     loop.prepare()
@@ -108,10 +108,10 @@ def run_session(setup: LiveSetup, memory: SessionMemory, ending: Ending, driver:
     loop.story.tell()
     if thread.failure is not None:
         raise thread.failure
-    if not driver.wait_its_time(DRIVER_PATIENCE):
+    if not driver.wait_own_time(DRIVER_PATIENCE):
         memory.log(FAULT, "the glove's driver does not end: it is killed")
         driver.send(signal.SIGKILL)
-        driver.wait_its_time(DRIVER_PATIENCE)
+        driver.wait_own_time(DRIVER_PATIENCE)
     loop.story.tell()
     counters = dict(zip(COUNTERS, map(int, memory.status["counters"]), strict=True))
     memory.write_facts(thread.facts | {"summary": loop.summary() | {"counters": counters}})
@@ -224,7 +224,7 @@ def main(arguments: Sequence[str] | None = None, start: StartDriver = start_driv
         return 1
     finally:
         memory.status["stage"] = Stage.ENDING
-        if driver is not None and not driver.wait_its_time(DRIVER_PATIENCE):
+        if driver is not None and not driver.wait_own_time(DRIVER_PATIENCE):
             driver.send(signal.SIGKILL)
         memory.status["stage"] = Stage.ENDED
     return 0

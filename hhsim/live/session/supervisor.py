@@ -312,7 +312,7 @@ class Supervisor:
         asked = starting and loop.code == -signal.SIGTERM
         if not asked and (loop.code != 0 or self.stage != Stage.ENDED):
             died = loop.code is None or loop.code <= 0
-            self._loop_failed = f"the loop {loop.how_it_ended()}" if died else loop.complaint() or loop.how_it_ended()
+            self._loop_failed = f"the loop {loop.how_it_ended()}" if died else loop.last_line() or loop.how_it_ended()
             self._reason = self._reason or self._loop_failed
             self._never_ran = not died and int(self.memory.status["ticks"]) == 0
             if not self._never_ran:
@@ -334,7 +334,7 @@ class Supervisor:
         if not self._end_child(RECORDER, RECORDER_PATIENCE, lambda: "writes the rest"):
             self._record_failed = self._record_failed or "the recorder did not end"
         if recorder.code != 0 and not self._record_failed:
-            self._record_failed = recorder.complaint() or recorder.how_it_ended()
+            self._record_failed = recorder.last_line() or recorder.how_it_ended()
 
     def _end_child(self, name: str, patience: float, does: Callable[[], str]) -> bool:
         """Wait for a process to end, so much of its own time [s] before it gets a signal, and `LOOP_PATIENCE` after.
@@ -365,7 +365,7 @@ class Supervisor:
                 level = WARNING if name == VIEWER else FAULT
                 self._notice(f"the {name} does not end: it gets {signal_.name}", level)
                 child.send(signal_)
-            if child.wait_its_time(patience if signal_ is None else min(patience, LOOP_PATIENCE), progress):
+            if child.wait_own_time(patience if signal_ is None else min(patience, LOOP_PATIENCE), progress):
                 return signal_ is None
         return False
 
