@@ -89,7 +89,7 @@ class GloveDriver:
         self._now = now
         self._status = memory.status
         self._command = FingerCommand()
-        self._version = memory.field("command_version")[0]
+        self._version = memory.status["command_version"]
         self._told = 0
         self._samples = np.zeros(MOST_SAMPLES, GLOVE_SAMPLE)
         self._position, self._orientation = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
