@@ -105,8 +105,8 @@ class _Measurement(threading.Thread):
             missed += passed
             count -= len(waits)
             before = after
-        delay, steal = (None if was < 0 or now < 0 else now - was for was, now in zip(first, before, strict=True))
-        return Wakeups(self._rate, np.concatenate(late), missed, streak, causes, delay, steal, mode)
+        run_delay, stolen = (None if was < 0 or now < 0 else now - was for was, now in zip(first, before, strict=True))
+        return Wakeups(self._rate, np.concatenate(late), missed, streak, causes, run_delay, stolen, mode)
 
 
 def _deadlines(period: int) -> Any:

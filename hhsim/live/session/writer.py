@@ -159,7 +159,7 @@ class SessionWriter:
         # A tick counts as written with its row of /live/tick: its contacts come before that.
         tables = {CONTACT: contacts, LIVE_TICK: live, LIVE_SAMPLE: samples, LIVE_EVENT: events}
         named = as_text(dict(zip(COUNTERS, map(int, counters), strict=True)))
-        attributes = {"counters": named, "ended": ended, **self._lost_attributes()}
+        attributes: dict[str, str | int] = {"counters": named, "ended": ended, **self._lost_attributes()}
         others = {group: _joined(rows) for group, rows in tables.items()}
         self._writer.append(_joined(ticks), others, {LIVE: attributes})
 

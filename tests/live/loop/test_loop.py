@@ -63,7 +63,7 @@ class Session:
 
     def stiffness_at(self, tick: int) -> FloatArray:
         """What the glove has been told when a tick is over, shape (5,)."""
-        end = self.loop.deadlines.clock.now() if tick < 0 else 10**9 + (tick + 2) * PERIOD
+        end = self.loop.clock.now() if tick < 0 else 10**9 + (tick + 2) * PERIOD
         sent = [command for command in self.glove.commands if command.time_ns < end]
         return sent[-1].stiffness
 
@@ -94,7 +94,7 @@ def early_ticks(rest: int, late: int = -1) -> list[int]:
     script = [Moment(FIST, early_ns=400_000) if i % (rest + 1) == 0 else Moment() for i in range(120)]
     session = Session(script)
     session.both.driver.take()
-    session.loop.begin()
+    session.loop.start()
     for tick in range(len(script)):
         if tick == late:
             session.loop.wait()
@@ -343,7 +343,7 @@ def test_a_driver_that_falls_silent_frees_the_fingers() -> None:
 def test_what_was_held_before_a_loss_never_comes_to_a_glove_that_is_back() -> None:
     session = Session([*HOLDING, Moment(FIST), *[Moment(FIST)] * 20])
     loop, driver, status = session.loop, session.both.driver, session.memory.status
-    loop.begin()
+    loop.start()
     for _ in range(100):
         session.both.step()
     held = len(session.glove.commands)
@@ -518,7 +518,7 @@ def test_ticks_keep_no_memory() -> None:
     session = Session(HOLDING, duration=None)
     both = InStep(session.setup, session.memory, QuietGlove(session.clock, HOLDING), session.clock)
     both.driver.take()
-    both.loop.begin()
+    both.loop.start()
     session.clock.slept = deque(maxlen=1)
 
     def run(ticks: int) -> int:

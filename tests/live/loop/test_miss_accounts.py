@@ -246,18 +246,19 @@ def test_the_table_has_a_line_for_each_cause_that_there_was() -> None:
 
 CHILD = """
 import json, time
-from hhsim.live.loop.deadlines import Deadlines
+from live_scripted import Deadlines, MonotonicClock, account_tick, name_misses
 from hhsim.live.loop.miss_accounts import MissAccounts
-deadlines = Deadlines(10_000_000)
-misses = MissAccounts(deadlines)
-deadlines.start()
-misses.begin()
+from hhsim.result.miss_cause import TimeTaken
+from hhsim.system.cpu_accounts import CpuAccounts
+deadlines, accounts = Deadlines(10_000_000, MonotonicClock()), CpuAccounts()
+misses = MissAccounts(deadlines.state)
+misses.begin(accounts)
 
 def tick(work=lambda: None):
     deadlines.wait()
-    misses.woke()
-    misses.name()
-    found = misses.taken() if deadlines.at.missed else None
+    account_tick(misses, deadlines.at, accounts)
+    name_misses(misses, deadlines.at, accounts)
+    found = TimeTaken(*map(int, misses.state[0].taken)) if deadlines.at.missed else None
     work()
     return found
 
@@ -282,7 +283,8 @@ while True:
 
 
 def test_the_systems_own_accounts_tell_what_was_planted() -> None:
-    with subprocess.Popen([sys.executable, "-c", CHILD], stdout=subprocess.PIPE, text=True) as child:
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    with subprocess.Popen([sys.executable, "-c", CHILD], stdout=subprocess.PIPE, text=True, env=environment) as child:
         assert child.stdout is not None
         computed = json.loads(child.stdout.readline())
         assert child.stdout.readline() == "stop me\n"

@@ -11,7 +11,8 @@ from hhsim.arrays import FloatArray
 from hhsim.kernels.live.notes import CAPACITY, NOTES
 from hhsim.kernels.live.plausibility import BURST, CONFIRM, JOINT_SPEED, PAUSE, STUCK_TIME, TRUST, use_sample
 from hhsim.live.device import GLOVE_SAMPLE, Capability, GloveInfo
-from hhsim.live.loop.plausibility import GloveWatch, doubts, found_in_sample
+from hhsim.live.loop.records import watch_record
+from hhsim.live.loop.story import doubts, found_in_sample
 from hhsim.solver.workspace import zeroed
 
 INFO = GloveInfo("a glove", Capability.NONE, ())
@@ -23,7 +24,7 @@ class Run:
     """A glove whose samples a test makes."""
 
     def __init__(self, info: GloveInfo = INFO) -> None:
-        self.watch = GloveWatch(info)
+        self.watch = watch_record(info)[0]
         self.now = 10**9
         self.flexion = np.full((5, 3), np.nan)
         self.abduction = np.full(5, np.nan)
@@ -38,7 +39,7 @@ class Run:
         sample["good"] = good
         sample["flexion"] = flexion
         sample["abduction"] = abduction
-        used = use_sample(self.watch.at, self.notes, sample, self.flexion, self.abduction)
+        used = use_sample(self.watch, self.notes, sample, self.flexion, self.abduction)
         while self.told < self.notes.written[0]:
             i = self.told % CAPACITY
             code, place, count = (int(getattr(self.notes, name)[i]) for name in ("code", "place", "count"))
