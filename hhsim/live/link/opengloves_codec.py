@@ -1,4 +1,4 @@
-"""The letter format of OpenGloves and LucidGloves: a line of ASCII for a sample, and one for a command.
+"""Letter format of OpenGloves and LucidGloves: a line of ASCII for a sample, and one for a command.
 
 A sample, as the firmware writes it (github.com/LucidVR/lucidgloves, Encoding.ino; github.com/senseshift/opengloves-lib,
 alpha.hpp; facts only)::
@@ -35,17 +35,11 @@ _NO_JOINTS = ((math.nan,) * 4,) * 5
 
 
 class LineError(ValueError):
-    """A line that is not of the format; the message says where."""
+    """A line that is not of the format; the message names the place."""
 
 
 class GloveLine(NamedTuple):
-    """A sample in the glove's own numbers; NaN where the glove says nothing.
-
-    Attributes:
-        curl: Of thumb to little finger.
-        splay: Of thumb to little finger.
-        joints: Four of each finger, from the wrist on.
-    """
+    """A sample in the glove's own numbers, NaN if missing: curl and splay of the fingers, four joints of each."""
 
     curl: tuple[float, ...]
     splay: tuple[float, ...]
@@ -53,10 +47,7 @@ class GloveLine(NamedTuple):
 
 
 def parse_line(line: bytes) -> GloveLine | None:
-    """Read a line, without its end.
-
-    Returns:
-        The sample, or None where the line says something else than fingers.
+    """Parse a line without its end; returns None if it holds no fingers.
 
     Raises:
         LineError: Not of the format, a key twice, or only some of the fingers.
@@ -90,29 +81,27 @@ def parse_line(line: bytes) -> GloveLine | None:
 
 
 def format_limits(limits: Sequence[int]) -> bytes:
-    """The bytes of a command: five numbers, 0 free to 1000 blocked fully extended."""
+    """Encode a command: five numbers, 0 free to 1000 blocked fully extended."""
     return ("".join(f"{key}{value:d}" for key, value in zip(FINGER_KEYS, limits)) + "\n").encode()
 
 
 class LineStream:
-    """Cuts what arrives into lines.
+    """Cuts a stream of bytes into lines.
+
+    Args:
+        whole: True if the stream begins with a line; otherwise the rest of one is skipped.
 
     Attributes:
-        overlong: Lines that were longer than `LONGEST_LINE` and are left out.
+        overlong: Number of skipped lines longer than `LONGEST_LINE`.
     """
 
     def __init__(self, *, whole: bool) -> None:
-        """Begin.
-
-        Args:
-            whole: What arrives begins with a line; else with the rest of one, which is left out.
-        """
         self.overlong = 0
         self._rest = b""
         self._skips = not whole
 
     def feed(self, data: bytes) -> list[bytes]:
-        """The lines that are whole now, without their ends; empty ones are left out."""
+        """Append what arrived; returns the lines that are whole now, without their ends and empty ones."""
         *lines, self._rest = (self._rest + data).split(b"\n")
         if lines and self._skips:
             del lines[0]

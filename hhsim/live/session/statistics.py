@@ -128,8 +128,8 @@ def session_figures(
 
     Returns:
         The figures of `LiveTally.to_json` (`wakeup_p999` is the 99.9th percentile [s]), ticks kept free by reason
-        (`kept_free_stale_input`), `missed`, the same by cause (`missed_host`), `penetration_max` [m], and
-        `lost_ticks`, `lost_samples` and `lost_events`.
+        (`kept_free_stale_input`), `missed`, the same by cause (`missed_host`), `penetration_max` [m], and the lost
+        records of each ring.
     """
     figures = tally.to_json()
     del figures["uncounted_ticks"]
