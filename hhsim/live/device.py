@@ -57,27 +57,24 @@ class DeviceError(HhsimError):
 
 
 class Capability(Flag):
-    """Abilities of a glove."""
+    """Abilities of a glove.
+
+    It takes the bend at which a finger is stopped (POSITION_LIMIT), the stiffness of that stop, 0 to 1 (STIFFNESS), a
+    force vector for each fingertip (FORCE), a vibration strength for each finger, 0 to 1 (POWER). It senses abduction
+    (SPLAY) and every joint, not only one bend a finger (JOINTS). It reports its charge (BATTERY) and the pose of the
+    palm (PALM), and stamps its samples (STAMPS).
+    """
 
     NONE = 0
     POSITION_LIMIT = auto()
-    """Takes the bend at which a finger is stopped."""
     STIFFNESS = auto()
-    """Takes the stiffness of that stop, 0 (free) to 1."""
     SPLAY = auto()
-    """Senses abduction."""
     JOINTS = auto()
-    """Senses every joint, not only one bend a finger."""
     BATTERY = auto()
-    """Reports its charge."""
     STAMPS = auto()
-    """Stamps its samples."""
     FORCE = auto()
-    """Takes a force vector for each fingertip."""
     POWER = auto()
-    """Takes a vibration strength for each finger, 0 to 1."""
     PALM = auto()
-    """Reports the pose of the palm: `GloveDevice.palm`."""
 
 
 @dataclass(frozen=True)
@@ -106,26 +103,29 @@ class GloveInfo:
 
 @dataclass
 class DeviceCounters:
-    """Counts of what came from a device; every frame is in one of them."""
+    """Counts of what came from a device; every frame is in one of them.
+
+    Attributes:
+        frames: Whole frames of the device's protocol.
+        samples: Good samples of our glove.
+        rejected: Samples of our glove with values that are not finite or far out of range.
+        other: Frames or messages for another hand or device, or without hand data.
+        malformed: Frames that could not be decoded.
+        resyncs: Losses of the framing, after which the stream was searched for the next frame or connected anew.
+        dropped: Samples without space in the output, or that the device numbered and that never came.
+        commands: Commands sent.
+        commands_refused: Commands that the device was too slow to take; they are not sent later.
+    """
 
     frames: int = 0
-    """Whole frames of the device's protocol."""
     samples: int = 0
-    """Good samples of our glove."""
     rejected: int = 0
-    """Samples of our glove with values that are not finite or far out of range."""
     other: int = 0
-    """Frames or messages for another hand or device, or without hand data."""
     malformed: int = 0
-    """Frames that could not be decoded."""
     resyncs: int = 0
-    """Losses of the framing, after which the stream was searched for the next frame or connected anew."""
     dropped: int = 0
-    """Samples without space in the output, or that the device numbered and that never came."""
     commands: int = 0
-    """Commands sent."""
     commands_refused: int = 0
-    """Commands that the device was too slow to take; they are not sent later."""
 
 
 COUNTERS = tuple(item.name for item in fields(DeviceCounters))

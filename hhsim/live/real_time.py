@@ -92,20 +92,11 @@ def become_real_time(wishes: RealTimeWishes, *, above: int = 0, interpreter: boo
         interpreter: As of `lock_memory`.
 
     Returns:
-        The mode that was achieved, as plain values:
-
-        | key | meaning |
-        |---|---|
-        | fifo | priority under SCHED_FIFO, 0 for the ordinary scheduler |
-        | memory_locked | true if the pages are locked |
-        | timer_slack_ns | timer slack of this thread |
-        | cpu | processor that it stays on, -1 for any |
-        | gc_frozen | true if garbage collection is off |
-        | awake | true if idle processors are kept awake, set by `processors_awake` |
-        | timer | system call that waits for deadlines |
-        | kernel | release of the system |
-        | throttle_us | time of a second that real-time processes may take, 0 if unknown |
-        | refused | a line for every request that was refused |
+        The achieved mode as plain values: `fifo`, the priority under SCHED_FIFO, 0 for the ordinary scheduler;
+        `memory_locked`; `timer_slack_ns` of this thread; `cpu`, the processor that it stays on, -1 for any;
+        `gc_frozen`, true if garbage collection is off; `awake`, set by `processors_awake`; `timer`, the system call
+        that waits for deadlines; `kernel`, the release of the system; `throttle_us`, the time of a second that
+        real-time processes may take, 0 if unknown; `refused`, a line for every request that was refused.
     """
     refused: list[str] = []
     mode: dict[str, Any] = {"fifo": 0, "memory_locked": False, "timer_slack_ns": 0, "cpu": -1, "gc_frozen": False}

@@ -22,20 +22,16 @@ class Stage(IntEnum):
     ENDED = 3
 
 
+def _integers(*names: str) -> list[tuple[str, type]]:
+    return [(name, np.int64) for name in names]
+
+
 LIVE_STATUS = np.dtype(
     [
         # Written by the loop.
-        ("heartbeat_ns", np.int64),
-        ("stage", np.int64),
-        ("loop_pid", np.int64),
-        ("ticks", np.int64),
-        ("missed", np.int64),
+        *_integers("heartbeat_ns", "stage", "loop_pid", "ticks", "missed"),
         ("missed_by", np.int64, (4,)),
-        ("streak", np.int64),
-        ("safety", np.int64),
-        ("contacts", np.int64),
-        ("battery", np.int64),
-        ("sample_ns", np.int64),
+        *_integers("streak", "safety", "contacts", "battery", "sample_ns"),
         ("force", np.float64, (5,)),
         ("command_bend", np.float64, (5,)),
         ("command_stiffness", np.float64, (5,)),
@@ -44,27 +40,18 @@ LIVE_STATUS = np.dtype(
         ("command_version", np.int64, (1,)),
         ("loop_ready", np.int64),
         # Written by the driver.
-        ("driver_ns", np.int64),
-        ("driver_begun", np.int64),
-        ("device_lost", np.int64),
+        *_integers("driver_ns", "driver_begun", "device_lost"),
         ("counters", np.int64, (9,)),
         ("palm_ns", np.int64),
         ("palm_position", np.float64, (3,)),
         ("palm_orientation", np.float64, (4,)),
         ("palm_version", np.int64, (1,)),
         # Written by the watchdog.
-        ("watchdog_ns", np.int64),
-        ("watchdog_armed", np.int64),
-        ("watchdog_releases", np.int64),
+        *_integers("watchdog_ns", "watchdog_armed", "watchdog_releases"),
         # Written by the recorder and by the viewer.
-        ("recorder_ns", np.int64),
-        ("recorder_ticks", np.int64),
-        ("recorder_lost", np.int64),
-        ("recorder_failed", np.int64),
-        ("viewer_ns", np.int64),
+        *_integers("recorder_ns", "recorder_ticks", "recorder_lost", "recorder_failed", "viewer_ns"),
         # Written by the supervisor.
-        ("stop_requested", np.int64),
-        ("pose_version", np.int64),
+        *_integers("stop_requested", "pose_version"),
         ("pose_position", np.float64, (3,)),
         ("pose_orientation", np.float64, (4,)),
     ],

@@ -38,7 +38,6 @@ DRIVER_PATIENCE = 2.0
 """Own time (`OwnTime`) that the driver has to release the glove and end [s]."""
 BELOW_DRIVER = -2
 DEVICE_FACTS = ("name", "hand", "channels", "unit", "capabilities", "doubtful")
-SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 COMMAND_KILLED = "the command was killed"
 
 
@@ -46,13 +45,11 @@ class Ending:
     """Signal handling: before the loop runs a signal ends the process, then it makes the next tick the last one."""
 
     loop: LiveLoop | None = None
-    _signalled = False
-    _supervisor = 0
 
-    def install(self) -> None:
-        """Install the handlers of `SIGNALS`."""
+    def __init__(self) -> None:
+        self._signalled = False
         self._supervisor = os.getppid()
-        for number in SIGNALS:
+        for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
             signal.signal(number, self._handle)
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
@@ -72,7 +69,6 @@ def run_session(setup: LiveSetup, memory: SessionMemory, ending: Ending, driver:
     The loop has its own thread, in which compiled code runs; the calling one logs its notes.
 
     Args:
-        ending: Installed signal handling.
         driver: Process that has the glove.
 
     Raises:
@@ -191,7 +187,6 @@ def main(arguments: Sequence[str] | None = None, start: StartDriver = start_driv
     """Run the loop of a session with the driver that `start` starts; returns the exit code."""
     setup, memory = session_process("loop", LiveSetup, arguments)
     ending = Ending()
-    ending.install()
     driver: ChildProcess | None = None
     memory.status["loop_pid"] = os.getpid()
     memory.status["stage"] = Stage.STARTING

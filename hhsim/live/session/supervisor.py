@@ -53,8 +53,7 @@ TOLD = 1.0
 """Longer waits than this are reported [s]."""
 RELEASE_PATIENCE = 0.25
 """Time for the watchdog to free the fingers after a loop that did not [s]: a dozen times what it needs."""
-VIEWER_PATIENCE = 5.0
-WATCHDOG_PATIENCE = 2.0
+VIEWER_PATIENCE, WATCHDOG_PATIENCE = 5.0, 2.0
 SILENCE = 0.5
 """Age of the loop's heartbeat that is reported [s]; the watchdog has freed the fingers long before."""
 RESTART_PAUSES = (0.0, 0.1, 0.5, 2.0)
@@ -68,20 +67,14 @@ class SessionOutcome:
     """Outcome of a session.
 
     Attributes:
-        reason: Reason for its end.
         seconds: Duration of the loop.
-        ticks: Number of the loop's ticks.
         missed: Periods without a tick.
+        missed_by: The same by cause.
         facts: Facts that the loop wrote (`SessionMemory.read_facts`).
-        record: File of the recording, if there is one.
-        recorded: Number of ticks in it.
-        record_lost: Number of ticks that it lacks.
-        record_failed: Failure that ended it early; "" if there was none.
-        missed_by: Periods without a tick by cause.
+        record: File of the recording, with `recorded` ticks; it lacks `record_lost`.
+        record_failed, loop_failed: Failure that ended recording or loop early; "" if there was none.
         notices: Reported events: seconds since the beginning, level, text.
-        watchdog_restarts: Number of restarts of the watchdog.
-        watchdog_releases: Number of times that it freed the fingers.
-        loop_failed: Failure of the loop; "" if there was none.
+        watchdog_releases: Number of times that the watchdog freed the fingers.
     """
 
     reason: str

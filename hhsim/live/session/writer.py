@@ -96,15 +96,9 @@ class SessionWriter:
             **self._lost_attributes(),
             "ended": "",
         }
-        self._writer = ResultWriter(
-            path,
-            scene=scene,
-            static=static,
-            tables={LIVE_TICK: LIVE_TICK_COLUMNS, LIVE_SAMPLE: self._sample_columns, LIVE_EVENT: EVENT_COLUMNS},
-            attributes={LIVE: header},
-            command=setup.command,
-            free=free is not None,
-        )
+        tables = {LIVE_TICK: LIVE_TICK_COLUMNS, LIVE_SAMPLE: self._sample_columns, LIVE_EVENT: EVENT_COLUMNS}
+        about: dict[str, Any] = {"scene": scene, "static": static, "tables": tables, "attributes": {LIVE: header}}
+        self._writer = ResultWriter(path, **about, command=setup.command, free=free is not None)
 
     def __enter__(self) -> Self:
         return self
