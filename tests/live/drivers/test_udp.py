@@ -584,7 +584,7 @@ def test_the_pose_of_a_tracker_is_the_newest_and_grows_old(bridge: Bridge) -> No
 
 
 def test_the_page_and_the_example_say_what_the_packet_is() -> None:
-    page = (BRIDGE.parent.parent / "docs" / "live.md").read_text(encoding="utf-8").replace("`HHGL`", '"HHGL"')
+    page = (BRIDGE.parent.parent / "docs" / "live-protocols.md").read_text(encoding="utf-8").replace("`HHGL`", '"HHGL"')
     rows = [line for line in (udp_packet.__doc__ or "").splitlines() if line.startswith("|")]
     assert len(rows) > 15
     assert [row for row in rows if row not in page] == []
