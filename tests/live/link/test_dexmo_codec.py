@@ -91,16 +91,6 @@ def messages_of(stream: MessageStream) -> list[bytes]:
     return found
 
 
-def test_one_byte_at_a_time_gives_the_same_messages() -> None:
-    source = random.Random(3)
-    sent = [source.randbytes(source.choice((0, 1, 3, 4, 70, 8192))) for _ in range(60)]
-    stream, found = MessageStream(), []
-    for byte in b"".join(map(framed, sent)):
-        stream.feed(bytes((byte,)))
-        found += messages_of(stream)
-    assert found == sent and len(stream) == 0
-
-
 @given(st.lists(st.binary(max_size=40), max_size=12), st.lists(st.integers(1, 60), min_size=1), st.integers(0, 60))
 def test_the_cuts_of_a_stream_do_not_matter(sent: list[bytes], cuts: list[int], missing: int) -> None:
     whole = b"".join(map(framed, sent))

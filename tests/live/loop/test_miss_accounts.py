@@ -127,15 +127,7 @@ def test_a_tick_that_was_woken_so_late_that_its_usual_work_was_too_much_is_named
         planted.accounts.delay += 800_000
 
     planted.at(AT, oversleep)
-    sound: Any = planted.loop.solver.tick
-
-    def solve(*given: Any) -> int:
-        if planted.loop.deadlines.at.tick == AT + 1:
-            takes(planted, 700_000, cpu=700_000)()
-        return int(sound(*given))
-
-    solver: Any = planted.loop.solver
-    solver.tick = solve
+    planted.at(AT + 1, takes(planted, 700_000, cpu=700_000))
     row = planted.run().only_miss()
     assert (row["tick"], row["missed"], row["cause"]) == (AT + 3, 1, MissCause.WOKEN_LATE)
     assert row["taken"][:2].tolist() == [700_000, 900_000]
@@ -144,17 +136,8 @@ def test_a_tick_that_was_woken_so_late_that_its_usual_work_was_too_much_is_named
 @pytest.mark.parametrize(("more", "missed"), [(500_000, 0), (800_000, 1)])
 def test_a_tick_that_begins_at_once_is_accounted_for_with_the_one_before(more: int, missed: int) -> None:
     planted = Planted()
-    sound: Any = planted.loop.solver.tick
-
-    def solve(*given: Any) -> int:
-        tick = planted.loop.deadlines.at.tick - AT
-        if tick in (0, 1):
-            work = (1_100_000, more)[tick]
-            takes(planted, work, cpu=work)()
-        return int(sound(*given))
-
-    solver: Any = planted.loop.solver
-    solver.tick = solve
+    planted.at(AT, takes(planted, 1_100_000, cpu=1_100_000))
+    planted.at(AT + 1, takes(planted, more, cpu=more))
     ticks = planted.run().ticks
     after = ticks[ticks["tick"] > AT]
     assert after["at_once"][:3].tolist() == [1, 0, 0]
@@ -169,16 +152,7 @@ def test_what_the_host_took_long_before_is_not_charged_to_a_miss() -> None:
     planted = Planted(ticks=150)
     planted.at(AT, takes(planted, 0, steal=50 * MS))
     planted.at(AT + 1, planted.loop.tell)
-    later = AT + 5
-    sound: Any = planted.loop.solver.tick
-
-    def solve(*given: Any) -> int:
-        if planted.loop.deadlines.at.tick == later:
-            planted.clock.oversleep.append(4 * MS)
-        return int(sound(*given))
-
-    solver: Any = planted.loop.solver
-    solver.tick = solve
+    planted.at(AT + 5, lambda: planted.clock.oversleep.append(4 * MS))
     row = planted.run().only_miss()
     assert (row["missed"], row["cause"], row["taken"][3]) == (4, MissCause.WOKEN_LATE, 0)
 
