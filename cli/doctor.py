@@ -52,7 +52,7 @@ def command(rate: float, duration: float, cpu: int | None, no_realtime: bool, as
     if as_json:
         print_json(diagnosis.to_json())
     elif not quiet:
-        rows = [(m.name, f"{m.value:,.{m.digits}f}", f"{m.limit:,.{m.digits}f}", m.unit) for m in diagnosis.measures]
+        rows = [(m.name, f"{m.value:,.0f}", f"{m.limit:,.0f}", m.unit) for m in diagnosis.measures]
         rows += [
             (f"wake-up, {name}", f"{1e6 * wakeups.percentile(percent):,.0f}", "", "µs")
             for name, percent in (("p50", 50.0), ("p99.9", 99.9), ("longest", 100.0))

@@ -35,13 +35,12 @@ NOBODY_ADVICE = (
 
 @dataclass(frozen=True)
 class Measure:
-    """A figure with its limit, in `unit` ("%", "µs" or "" for a count), and the digits that it is shown with."""
+    """A figure with its limit, in `unit`: "µs", or "" for a count."""
 
     name: str
     value: float
     limit: float
     unit: str
-    digits: int = 0
 
     @property
     def kept(self) -> bool:
@@ -50,7 +49,7 @@ class Measure:
 
     def __str__(self) -> str:
         unit = f" {self.unit}" if self.unit else ""
-        return f"{self.name} {self.value:,.{self.digits}f}{unit} (at most {self.limit:,.{self.digits}f}{unit})"
+        return f"{self.name} {self.value:,.0f}{unit} (at most {self.limit:,.0f}{unit})"
 
 
 @dataclass(frozen=True)

@@ -99,18 +99,15 @@ class LiveSetup:
     """Settings of a live session; raises InputError for a rate or a duration out of range.
 
     Attributes:
-        mesh: Surface of the object [m], world frame.
-        tree: Its sphere tree, world frame.
+        mesh, tree: The object and its sphere tree [m], world frame; of a free object, at its first pose.
         options: Options of the solver; the loop replaces their period by its own.
         device: The glove; its calibration relates bend to joint angles, and so makes the set points.
         pose: Source of the palm's pose.
-        free: Body of a free object, whose mesh and tree are then those of its first pose; None for a fixed one.
+        free: Body of a free object; None for a fixed one.
         rate: Ticks a second [Hz].
         duration: Duration [s]; None until it is stopped.
         record: File of the session; None records nothing.
         rerun: "spawn", an address or a file for the viewer; None shows nothing.
-        dry_run: True to send nothing to the glove.
-        command: Command line, for the record.
         description: Further plain values of the scene for the file; `object_position` [m] and `object_orientation`
             (w, x, y, z) are the object's pose if its own frame is not the world's.
         supervisor: Process id of the supervisor; the loop ends with it.

@@ -9,13 +9,16 @@ The supervisor makes it; every other process attaches by inherited descriptors t
 import argparse
 import json
 import os
+import sys
 import time
+import traceback
 import weakref
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple, Self
 
 import numpy as np
 
+from hhsim.errors import HhsimError
 from hhsim.live.device import GLOVE_SAMPLE
 from hhsim.live.ipc.status import LIVE_STATUS
 from hhsim.live.real_time import name_process
@@ -227,3 +230,22 @@ def session_process(
     add_memory_options(parser)
     options = parser.parse_args(arguments)
     return read_setup(options.setup, kind), attached(options)
+
+
+def exit_code(body: Callable[[], object], failed: Callable[[str], object] = lambda text: None) -> int:
+    """Run the body of a process and return its exit code: 0, that of an error, or 1 for a fault of hhsim's own.
+
+    Args:
+        failed: Called with the text of an error or fault, which is printed too.
+    """
+    try:
+        body()
+    except HhsimError as error:
+        failed(str(error))
+        print("; ".join([f"hhsim: {error}", *getattr(error, "__notes__", ())]), file=sys.stderr)
+        return error.exit_code
+    except Exception as error:
+        failed(f"a fault of hhsim's own: {type(error).__name__}: {error}")
+        traceback.print_exc()
+        return 1
+    return 0

@@ -5,16 +5,9 @@ alpha.hpp; facts only)::
 
     A1023B2047C0D0E4095F2047G2047P0JK(AB)2047(BB)2047(CB)2047(DB)2047(EB)2047
 
-| key | meaning |
-|---|---|
-| A to E | curl of thumb to little finger, 0 to full scale: 4095, or 1023 of boards with 10 bits |
-| (AB) to (EB) | splay of thumb to little finger |
-| (AAA) to (EAD) | curl of each joint of a finger, as four bones: metacarpal, proximal, middle, distal |
-| F, G, P | stick and trigger; H to O are buttons, without a number; none of them is used |
-| (ZV), (ZG), (ZH) | firmware, kind and hand; the line holds no fingers then |
-
-Keys may come in any order, each once. A command is `A%dB%dC%dD%dE%d` from 0, free, to 1000, blocked fully extended;
-negative leaves a finger as it is.
+docs/live-protocols.md has the keys. F, G and P are stick and trigger, H to O buttons without a number, all ignored;
+(ZV), (ZG) and (ZH), firmware, kind and hand, are in lines without fingers. Keys may come in any order, each once. A
+command is `A%dB%dC%dD%dE%d` from 0, free, to 1000, blocked fully extended; negative leaves a finger as it is.
 """
 
 import math

@@ -13,7 +13,6 @@ import select
 import signal
 import sys
 import time
-import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, astuple, fields, replace
 from types import FrameType
@@ -21,10 +20,9 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.errors import HhsimError
 from hhsim.live.device import GLOVE_SAMPLE, Capability, DeviceError, FingerCommand, GloveDevice, GloveInfo
 from hhsim.live.devices.registry import open_device
-from hhsim.live.ipc.session_memory import REASON, SessionMemory, session_process
+from hhsim.live.ipc.session_memory import REASON, SessionMemory, exit_code, session_process
 from hhsim.live.ipc.status import DriverSetup, Stage
 from hhsim.live.pose.registry import PoseSource, make_pose_source
 from hhsim.live.real_time import RealTimeWishes, become_ordinary, become_real_time, end_with, keep_off
@@ -273,20 +271,15 @@ def drive(driver: GloveDriver, wishes: RealTimeWishes) -> None:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Drive the glove of a session; returns the exit code."""
     setup, memory = session_process("driver", DriverSetup, arguments)
-    try:
-        if not end_with(setup.parent):
-            return 0
-        device = open_device(setup.device)
-        pose = make_pose_source(setup.pose, memory.status_block, device)
-        driver = GloveDriver(memory, device, pose, dry_run=setup.dry_run, oldest_ns=setup.oldest_ns)
-        drive(driver, setup.real_time)
-    except HhsimError as error:
-        print(f"hhsim: {error}", file=sys.stderr)
-        return error.exit_code
-    except Exception:  # the fingers are free by now
-        traceback.print_exc()
-        return 1
-    return 0
+
+    def body() -> None:
+        if end_with(setup.parent):
+            device = open_device(setup.device)
+            pose = make_pose_source(setup.pose, memory.status_block, device)
+            driver = GloveDriver(memory, device, pose, dry_run=setup.dry_run, oldest_ns=setup.oldest_ns)
+            drive(driver, setup.real_time)
+
+    return exit_code(body)
 
 
 if __name__ == "__main__":

@@ -12,7 +12,6 @@ import signal
 import sys
 import threading
 import time
-import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from types import FrameType
@@ -22,7 +21,7 @@ from hhsim.errors import HhsimError
 from hhsim.live.child_process import ChildProcess
 from hhsim.live.device import COUNTERS, Capability, GloveInfo
 from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.ipc.session_memory import SessionMemory, session_process
+from hhsim.live.ipc.session_memory import SessionMemory, exit_code, session_process
 from hhsim.live.ipc.status import DriverSetup, Stage, oldest_heartbeat
 from hhsim.live.loop.driver import BEGIN, OPEN, glove_info
 from hhsim.live.loop.loop import LiveLoop, loop_options
@@ -190,25 +189,21 @@ def main(arguments: Sequence[str] | None = None, start: StartDriver = start_driv
     driver: ChildProcess | None = None
     memory.status["loop_pid"] = os.getpid()
     memory.status["stage"] = Stage.STARTING
-    try:
+
+    def body() -> None:
+        nonlocal driver
         if not end_with(setup.supervisor):
             raise HhsimError("the loop's supervisor ended before the loop began")
         driver = start(setup, memory)
         run_session(setup, memory, ending, driver)
-    except HhsimError as error:
-        memory.log(FAULT, str(error))
-        print(f"hhsim: {error}", file=sys.stderr)
-        return error.exit_code
-    except Exception as error:  # the fingers are free by now
-        memory.log(FAULT, f"the loop ended by a fault of its own: {type(error).__name__}: {error}")
-        traceback.print_exc()
-        return 1
+
+    try:
+        return exit_code(body, lambda text: memory.log(FAULT, text))
     finally:
         memory.status["stage"] = Stage.ENDING
         if driver is not None and not driver.wait_own_time(DRIVER_PATIENCE):
             driver.send(signal.SIGKILL)
         memory.status["stage"] = Stage.ENDED
-    return 0
 
 
 if __name__ == "__main__":

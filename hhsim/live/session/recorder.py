@@ -13,14 +13,12 @@ import select
 import signal
 import sys
 import time
-import traceback
 from collections.abc import Sequence
 from dataclasses import replace
 from types import FrameType
 
-from hhsim.errors import HhsimError
 from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.ipc.session_memory import SessionMemory, session_process
+from hhsim.live.ipc.session_memory import SessionMemory, exit_code, session_process
 from hhsim.live.ipc.status import Stage
 from hhsim.live.loop.loop import loop_options
 from hhsim.live.real_time import become_ordinary, become_real_time, keep_off
@@ -156,17 +154,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for number in (signal.SIGINT, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, recorder.stop)
-    try:
-        recorder.run()
-    except HhsimError as error:
+
+    def failed(text: str) -> None:
         memory.status["recorder_failed"] = 1
-        print("; ".join([f"hhsim: {error}", *getattr(error, "__notes__", ())]), file=sys.stderr)
-        return error.exit_code
-    except Exception:
-        memory.status["recorder_failed"] = 1
-        traceback.print_exc()
-        return 1
-    return 0
+
+    return exit_code(recorder.run, failed)
 
 
 if __name__ == "__main__":

@@ -18,15 +18,7 @@ from hhsim.trees.sphere_tree import SphereTree
 
 @dataclass(frozen=True, eq=False)
 class LiveScene:
-    """Object, glove and palm of a session.
-
-    Attributes:
-        mesh: Surface of the object [m], world frame.
-        tree: Its sphere tree, world frame.
-        device: The glove, with its motion if it plays one.
-        pose: Source of the palm's pose, with its motion or first pose.
-        description: Origin of the scene as plain values.
-    """
+    """Object and sphere tree [m], world frame, glove and palm of a session, and their origin as plain values."""
 
     mesh: Mesh
     tree: SphereTree

@@ -13,7 +13,6 @@ import os
 import signal
 import sys
 import time
-import traceback
 from collections.abc import Sequence
 from contextlib import suppress
 from types import FrameType
@@ -22,10 +21,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hhsim.arrays import Records
-from hhsim.errors import HhsimError, OutputError
+from hhsim.errors import OutputError
 from hhsim.hand.fingers import FINGERS
 from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.ipc.session_memory import SessionMemory, session_process
+from hhsim.live.ipc.session_memory import SessionMemory, exit_code, session_process
 from hhsim.live.ipc.status import Stage
 from hhsim.live.real_time import keep_off
 from hhsim.live.session.tick_block import SessionColumns
@@ -180,25 +179,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
     setup, memory = session_process("viewer", LiveSetup, arguments)
     with suppress(OSError):
         os.nice(NICENESS)
+    keep_off(setup.real_time.loop_cpu)
+    return exit_code(lambda: show(setup, memory))
+
+
+def show(setup: LiveSetup, memory: SessionMemory) -> None:
+    """Show a session in this process; ends it at once if the viewer is gone."""
+    viewer = LiveViewer(setup, memory)
+    # Ctrl-C is for the session: its end is shown too.
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, viewer.stop)
     try:
-        keep_off(setup.real_time.loop_cpu)
-        viewer = LiveViewer(setup, memory)
-        # Ctrl-C is for the session: its end is shown too.
-        for number in (signal.SIGINT, signal.SIGHUP):
-            signal.signal(number, signal.SIG_IGN)
-        signal.signal(signal.SIGTERM, viewer.stop)
         viewer.run()
     except ViewerGoneError as gone:
         print(f"hhsim: {gone}", file=sys.stderr, flush=True)
         # The interpreter's own exit waits until a stalled viewer takes what is left.
         os._exit(0)
-    except HhsimError as error:
-        print(f"hhsim: {error}", file=sys.stderr)
-        return error.exit_code
-    except Exception:
-        traceback.print_exc()
-        return 1
-    return 0
 
 
 if __name__ == "__main__":

@@ -1,19 +1,7 @@
 """Writes a live session to its file: ticks as in any result, and its own tables under /live.
 
-Attributes of /live; those marked with * change while the session runs, and are those of the last block that was
-written if it was cut short:
-
-| attribute | meaning |
-|---|---|
-| device | the glove: name, hand, channels, unit, capabilities, doubtful (JSON) |
-| real_time | the mode that the loop achieved (JSON) |
-| pose | source of the palm's pose |
-| limits | limits of output and safety, requests to the system, lines from bend to joint angle (JSON) |
-| dry_run | 1: nothing was sent to the glove |
-| utc_offset | CLOCK_MONOTONIC plus this is the time since 1970, UTC [ns] |
-| counters * | of the device: frames, samples, rejected, other, malformed, resyncs, dropped, commands, … (JSON) |
-| lost_ticks, lost_samples, lost_events * | records that were overwritten before they could be written |
-| ended | reason for the end; "" while it runs, and if the recording was cut short |
+docs/files.md has the attributes of /live. `counters` and the lost records change while the session runs, and are those
+of the last block if it was cut short; `ended` is then "".
 """
 
 import json
