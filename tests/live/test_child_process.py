@@ -42,8 +42,8 @@ def test_an_error_is_told_by_its_last_line(start: Start) -> None:
     assert child.how_it_ended() == "ended with code 2: no glove here"
 
 
-def test_a_long_complaint_is_cut_and_not_lost(start: Start) -> None:
-    child = start("print('x' * 100_000)\nprint('the end')\n1 / 0")
+def test_a_long_output_is_cut_and_never_blocks_it(start: Start) -> None:
+    child = start("print('x' * 10_000_000)\nprint('the end')\n1 / 0")
     assert child.wait(60.0)
     assert child.last_line() == "ZeroDivisionError: division by zero"
 
@@ -118,12 +118,6 @@ def test_it_inherits_its_descriptors_and_leads_a_session_of_its_own(start: Start
     assert os.pread(descriptor, 100, 0) == f"{child.pid} {child.pid}".encode()
     assert os.getsid(0) != child.pid
     os.close(descriptor)
-
-
-def test_what_it_writes_never_blocks_it(start: Start) -> None:
-    child = start("print('x' * 10_000_000)")
-    assert child.wait(60.0)
-    assert child.code == 0
 
 
 def test_nothing_is_imported_from_where_the_command_was_typed(

@@ -83,6 +83,7 @@ class TcpLink(ByteLink):
                 self._abandon()
                 return False
         begun = self._begun
+        assert begun is not None
         if not ready(begun.fileno(), select.POLLOUT, 0.0):
             if now - self._begun_at > GIVE_UP:
                 self._abandon()

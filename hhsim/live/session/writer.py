@@ -149,13 +149,9 @@ class SessionWriter:
         """Write the records that were taken and the summary, and mark the file complete.
 
         Args:
-            ended: Reason for the end of the session.
-            counters: As in `write`.
+            ended, counters: As in `write`, which raises the same.
             missed: Periods without a tick since the loop began.
             missed_by: The same by cause.
-
-        Raises:
-            OutputError: As in `write`.
         """
         self.write(counters, ended)
         return self._writer.finish(session_figures(self.tally, missed, missed_by, self.penetration_max, self.lost))

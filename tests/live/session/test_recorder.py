@@ -254,15 +254,12 @@ def test_ticks_whose_solver_failed_are_told(ticks: Records, tmp_path: Path) -> N
 
 
 @contextmanager
-def recorder_process(path: Path, memory: SessionMemory, limit: int = 0) -> Iterator[subprocess.Popen[str]]:
-    """The recorder as the supervisor starts it; its files may not grow beyond `limit` bytes, if that is not 0."""
+def recorder_process(path: Path, memory: SessionMemory) -> Iterator[subprocess.Popen[str]]:
+    """The recorder as the supervisor starts it."""
     setup = write_setup(make_setup(path))
     arguments = ["--setup", str(setup), *memory.arguments()]
-    script = "import resource, sys; from hhsim.live.session.recorder import main; "
-    script += f"resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit})); " if limit else ""
-    script += "sys.exit(main(sys.argv[1:]))"
     process = subprocess.Popen(
-        [sys.executable, "-c", script, *arguments],
+        [sys.executable, "-m", "hhsim.live.session.recorder", *arguments],
         stderr=subprocess.PIPE,
         text=True,
         pass_fds=[setup, *memory.descriptors],
@@ -292,43 +289,6 @@ def started(memory: SessionMemory) -> None:
     memory.write_facts(FACTS)
     memory.status["loop_pid"] = os.getpid()
     memory.status["stage"] = Stage.RUNNING
-
-
-@pytest.mark.soak  # a drill of the whole session kills its recorder every time
-def test_killed_outright_the_file_is_readable(ticks: Records, tmp_path: Path) -> None:
-    path, memory = tmp_path / "session.h5", SessionMemory.create()
-    started(memory)
-    pour(memory.samples, numbered_samples(ticks))
-    with recorder_process(path, memory) as process:
-        feed(memory, ticks, process, 1500)
-        process.send_signal(signal.SIGKILL)
-        process.wait()
-    result = load_result(path)
-    assert not result.complete
-    assert result.ticks >= 1500
-    assert result["graphic/position"][:700].tobytes() == ticks["position"].tobytes()
-    assert len(result["live/sample/seq"]) == 140
-    assert result.live is not None
-    assert result.live["ended"] == ""
-
-
-@pytest.mark.soak  # a drill of the whole session fills its disk every time
-def test_a_full_disk_ends_the_recorder_and_nothing_else(ticks: Records, tmp_path: Path) -> None:
-    path, memory = tmp_path / "session.h5", SessionMemory.create()
-    started(memory)
-    with recorder_process(path, memory, limit=12_000_000) as process:
-        feed(memory, ticks, process, 10**9)
-        assert process.wait() == 2
-        assert process.stderr is not None
-        (line,) = process.stderr.read().splitlines()
-    assert memory.status["recorder_failed"] == 1
-    result = load_result(path)
-    assert not result.complete
-    assert result.ticks == memory.status["recorder_ticks"] > 0
-    assert line == (
-        f"hhsim: cannot write {path}: file too large; the {result.ticks:,} ticks so far are in {path} (complete = 0)"
-    )
-    assert result["graphic/position"][:500].tobytes() == ticks["position"][:500].tobytes()
 
 
 def test_a_place_that_cannot_be_written_is_told_at_once(tmp_path: Path) -> None:
