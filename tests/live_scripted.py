@@ -110,17 +110,7 @@ class FakeAccounts(CpuAccounts):
 
 @dataclass
 class Moment:
-    """What the glove does in one tick.
-
-    Attributes:
-        angles: Of every joint in a sample that comes [rad]; None: none comes.
-        good: What the driver says of it.
-        reading: Of its one channel.
-        work_ns: Time that the tick takes; the driver's, of a sample that comes early.
-        early_ns: So long before the deadline its sample is there; 0: after it.
-        gone: Reading fails.
-        send_fails: Sending fails.
-    """
+    """What the glove does in one tick; the driver's time counts in `work_ns` if its sample comes early."""
 
     angles: float | None = None
     good: bool = True
@@ -162,11 +152,7 @@ class ScriptedGlove(GloveDevice):
     def open(self, timeout: float = 5.0) -> None:
         return
 
-    def _moment(self) -> Moment:
-        return self.moment(self.tick)
-
     def moment(self, tick: int) -> Moment:
-        """What it does in a tick."""
         return self.script[min(max(tick, 0), len(self.script) - 1)]
 
     def read(self, samples_out: NDArray[np.void]) -> int:
@@ -175,7 +161,7 @@ class ScriptedGlove(GloveDevice):
             for sample in samples_out[: self.backlog]:
                 self._fill(sample, 1.0, True)
             return self.backlog
-        moment = self._moment()
+        moment = self.moment(self.tick)
         self.clock.work(moment.work_ns)
         if self.tick in self.at_tick:
             self.at_tick[self.tick]()
@@ -198,7 +184,7 @@ class ScriptedGlove(GloveDevice):
         self.counters.samples += 1
 
     def send(self, command: FingerCommand) -> bool:
-        if self._moment().send_fails:
+        if self.moment(self.tick).send_fails:
             raise DeviceError("the scripted glove takes nothing")
         told = (part.copy() for part in (command.bend, command.stiffness, command.force))
         self.commands.append(SentCommand(self.clock.now(), *told))
@@ -300,7 +286,6 @@ class InStep:
         self.loop = SteppedLoop(setup, memory, glove.info, clock, accounts or CpuAccounts())
 
     def run(self) -> str:
-        """Run until the loop is told otherwise; returns why."""
         loop, driver = self.loop, self.driver
         try:
             driver.take()
@@ -314,7 +299,6 @@ class InStep:
         return loop.stopped
 
     def step(self) -> None:
-        """A period."""
         at, glove = self.loop.deadlines.at, self.glove
         moment = glove.moment(glove.tick + 1) if isinstance(glove, ScriptedGlove) else Moment()
         if moment.early_ns:

@@ -79,11 +79,11 @@ class Recorder:
                 writer.write(status["counters"], ended)
                 return
             writer.finish(ended, status["counters"], int(status["missed"]), by_name(status["missed_by"]))
-            self._show_progress(writer)
+            status["recorder_ticks"], status["recorder_lost"] = writer.ticks, writer.lost["ticks"]
 
     def _follow(self, writer: SessionWriter) -> str:
         """Write block after block until the session has ended; returns the reason."""
-        written = time.monotonic()
+        written, status = time.monotonic(), self._memory.status
         while True:
             # Read before the rings: all records before the end are read after it.
             ended = self._end()
@@ -91,9 +91,9 @@ class Recorder:
             now = time.monotonic()
             over = not more and (bool(ended) or self._stop)
             if over or writer.waiting_ticks >= CHUNK_TICKS or now - written >= LONGEST_WAIT:
-                writer.write(self._memory.status["counters"])
+                writer.write(status["counters"])
                 written = now
-            self._show_progress(writer)
+            status["recorder_ticks"], status["recorder_lost"] = writer.ticks, writer.lost["ticks"]
             if over:
                 return ended or CUT_SHORT
             if not more:
@@ -108,11 +108,6 @@ class Recorder:
             writer.lost[ring] = reader.lost
             more = more or len(records) == BLOCK_RECORDS
         return more
-
-    def _show_progress(self, writer: SessionWriter) -> None:
-        status = self._memory.status
-        status["recorder_ticks"] = writer.ticks
-        status["recorder_lost"] = writer.lost["ticks"]
 
     def _breathe(self) -> None:
         self._memory.status["recorder_ns"] = time.monotonic_ns()

@@ -161,11 +161,6 @@ class Supervisor:
         """Stage of the session."""
         return Stage(int(self.memory.status["stage"]))
 
-    @property
-    def seconds(self) -> float:
-        """Time since the beginning [s]."""
-        return time.monotonic() - self._began
-
     def pid(self, name: str) -> int | None:
         """Return the process id of `LOOP`, `WATCHDOG`, `RECORDER` or `VIEWER`; None if it does not run."""
         child = self._children.get(name)
@@ -358,7 +353,7 @@ class Supervisor:
             self._notice(text, level, silent=level == FAULT and int(self.memory.status["ticks"]) == 0)
 
     def _notice(self, text: str, level: int, *, silent: bool = False) -> None:
-        self._notices.append((self.seconds, level, text))
+        self._notices.append((time.monotonic() - self._began, level, text))
         if silent:
             return
         try:

@@ -95,11 +95,6 @@ class SessionWriter:
         self._writer.__exit__(*error)
 
     @property
-    def path(self) -> Path:
-        """Present path of the file."""
-        return self._writer.path
-
-    @property
     def ticks(self) -> int:
         """Number of ticks written so far."""
         return self._writer.ticks
