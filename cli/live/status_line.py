@@ -21,13 +21,7 @@ Rows = list[tuple[str, str]]
 
 
 class LiveStatus:
-    """Display of a running session.
-
-    Args:
-        heading: Title.
-        keys: Names of keys and their effects; empty if no keys are read.
-        quiet: True to show nothing but warnings and faults.
-    """
+    """Display of a running session; `keys` are names and effects of keys, `quiet` shows warnings and faults only."""
 
     def __init__(self, heading: str, keys: Sequence[tuple[str, str]] = (), *, quiet: bool = False) -> None:
         self.heading = heading

@@ -21,10 +21,6 @@ class ChildProcess:
     Ctrl-C, Ctrl-Z and a lost terminal reach the supervisor alone, which ends the processes in order. Output is kept in
     memory for `last_line`.
 
-    Args:
-        name: Name for messages.
-        descriptors: File descriptors that it inherits.
-
     Attributes:
         command: Interpreter arguments before `arguments`; by default they run the module.
         reported: True if the supervisor has reported its end.

@@ -18,15 +18,14 @@ SINGLE_RATE = 200.0
 class Playback:
     """A trajectory and the instant at which it began; one object keeps fingers and palm together.
 
+    Raises InputError for a rate that is negative or not finite.
+
     Attributes:
         rate: Sample rate instead of the stamps' own [Hz]; 0 for the stamps.
         repeat: True to begin anew `RETURN_TIME` after the end; otherwise the last sample stays.
         start_ns: CLOCK_MONOTONIC of the first sample [ns]; -1 until the first call of `elapsed`.
         stamps: Times of the samples since the first one [s], shape (T,).
         period: Usual time from one sample to the next [s].
-
-    Raises:
-        InputError: A rate that is negative or not finite.
     """
 
     trajectory: Trajectory

@@ -116,13 +116,9 @@ def _deadlines(period: int) -> Any:
 
 
 def measure_wakeups(rate: float, seconds: float, wishes: RealTimeWishes) -> Wakeups:
-    """Wait for deadlines in a thread with the requests of a loop, and measure how late it wakes.
+    """Measure how late a thread with the requests of a loop wakes for deadlines, at `rate` [Hz] for `seconds`.
 
     The calling thread stays as it was, no memory stays locked, and the garbage collector is left alone.
-
-    Args:
-        rate: Deadlines a second [Hz].
-        seconds: Duration [s].
 
     Raises:
         KeyboardInterrupt: Ctrl-C; the thread has ended.

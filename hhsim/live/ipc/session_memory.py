@@ -166,13 +166,7 @@ class SessionMemory:
         return [*words, "--free"] if self.ticks.records.dtype == FREE_TICK else words
 
     def log(self, level: int, text: str, time_ns: int | None = None) -> None:
-        """Add an event, cut off between two letters if it is too long; for the loop alone.
-
-        Args:
-            level: INFORMATION, WARNING or FAULT.
-            text: One line.
-            time_ns: CLOCK_MONOTONIC [ns]; now by default.
-        """
+        """Add an event (INFORMATION, WARNING, FAULT), by default of now [ns]; for the loop alone. Long text is cut."""
         _add_line(self.events, level, text, time.monotonic_ns() if time_ns is None else time_ns)
 
     def say(self, level: int, text: str) -> None:

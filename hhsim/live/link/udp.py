@@ -44,8 +44,6 @@ class UdpPort:
     their flood costs the reader nothing. A sender that is silent for `SESSION_SILENCE_NS` is kept to no longer.
 
     Args:
-        host: Host that sends them.
-        port: Port at which they arrive.
         decode: Decodes one, raising `PacketError` if it is malformed; of open packets by default.
 
     Attributes:

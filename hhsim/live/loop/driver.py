@@ -50,9 +50,7 @@ class GloveDriver:
     """Carries samples and commands between a glove and the memory of a session.
 
     Args:
-        memory: Memory of the session, written by this driver.
-        device: The glove, not yet opened.
-        pose: Source of the palm's pose, not yet opened.
+        device, pose: The glove and the source of the palm's pose, not yet opened.
         dry_run: True to send nothing.
         oldest_ns: Age of the loop's heartbeat at which its command is void [ns].
         now: Clock, CLOCK_MONOTONIC [ns].
@@ -238,10 +236,7 @@ def glove_info(facts: dict[str, Any]) -> GloveInfo:
 
 
 def drive(driver: GloveDriver, wishes: RealTimeWishes) -> None:
-    """Run a driver in this process from when the loop is ready until it has ended.
-
-    Args:
-        wishes: Of the loop, below which the driver stands.
+    """Run a driver below a loop with these wishes, from when the loop is ready until it has ended.
 
     Raises:
         HhsimError: The glove or the pose cannot be reached.

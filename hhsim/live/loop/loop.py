@@ -89,7 +89,6 @@ class LiveLoop:
     A tick whose haptic hand is not known yet, or whose solver raised, is not published: it cannot be replayed.
 
     Args:
-        memory: Memory of the session, written by this loop.
         info: The glove, as its driver describes it.
         now: Clock of `begin` [ns].
 
@@ -233,11 +232,7 @@ class LiveLoop:
             store_release(placing, 0, NOT_PLACED)
 
     def begin(self, accounts: CpuAccounts) -> SystemFiles:
-        """Begin the first period, and skip earlier samples, whose times are too old.
-
-        Args:
-            accounts: Of the calling thread.
-        """
+        """Begin the first period with the accounts of the calling thread; earlier samples, too old, are skipped."""
         self.at.taken = self.memory.samples.written
         begin_periods(self.live.deadlines[0], self._now())
         self.misses.begin(accounts)

@@ -67,9 +67,6 @@ def run_session(setup: LiveSetup, memory: SessionMemory, ending: Ending, driver:
 
     The loop has its own thread, in which compiled code runs; the calling one logs its notes.
 
-    Args:
-        driver: Process that has the glove.
-
     Raises:
         HhsimError: The glove or the pose cannot be reached, or the driver has died.
     """

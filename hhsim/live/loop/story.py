@@ -87,9 +87,7 @@ class Story:
     """Writes the log of a session; `tell` is for one thread.
 
     Args:
-        notes: Record of `NOTES`, shape (1,), which the loop writes.
-        refused: Record of the loop's `REFUSED`, shape (1,).
-        loop: Record of `hhsim.kernels.live.tick.LOOP`, shape (1,).
+        notes, refused, loop: Records of the loop, `LiveArrays`.
 
     Attributes:
         detail: As of `SafetyLog`.

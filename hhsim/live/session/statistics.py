@@ -120,9 +120,7 @@ def session_figures(
     """Return the summary of a session over all recorded ticks, SI units.
 
     Args:
-        tally: Counts of these ticks.
-        missed: Periods without a tick since the loop began.
-        missed_by: The same by cause, `hhsim.result.miss_cause.by_name`.
+        missed, missed_by: Periods without a tick since the loop began, and by cause (`miss_cause.by_name`).
         penetration_max: Largest penetration [m].
         lost: Records that were overwritten before they could be written, by ring.
 

@@ -196,11 +196,7 @@ class Supervisor:
         self.memory.status["stop_requested"] = -NOT_BY_THE_USER.get(reason, -1)
 
     def end(self, reason: str = "") -> SessionOutcome:
-        """End all processes in order; further calls return the same outcome.
-
-        Args:
-            reason: Reason if nothing else has ended the session.
-        """
+        """End all processes in order for a reason, if nothing else has ended the session; may be called again."""
         if self._outcome is not None:
             return self._outcome
         self._reason = self._reason or reason
@@ -307,14 +303,7 @@ class Supervisor:
             self._record_failed = recorder.last_line() or recorder.how_it_ended()
 
     def _end_child(self, name: str, patience: float, activity: Callable[[], str]) -> bool:
-        """Wait for the end of a process, `patience` [s] of its own time before SIGTERM.
-
-        Args:
-            activity: Describes what the process does meanwhile.
-
-        Returns:
-            True if it ended by itself.
-        """
+        """Wait for a process that does `activity`, `patience` [s] of own time before SIGTERM; True if it just ends."""
         child = self._children.get(name)
         if child is None:
             return True

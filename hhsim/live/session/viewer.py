@@ -57,11 +57,7 @@ class ViewerGoneError(Exception):
 
 
 class LiveViewer:
-    """Shows one session and writes `viewer_ns` of its status; `stop` is a signal handler.
-
-    Args:
-        setup: Settings of the session; `rerun` names the viewer or the file.
-    """
+    """Shows one session and writes `viewer_ns` of its status; `stop` is a signal handler."""
 
     def __init__(self, setup: LiveSetup, memory: SessionMemory) -> None:
         if setup.rerun is None:

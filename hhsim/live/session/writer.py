@@ -111,11 +111,7 @@ class SessionWriter:
             self.empty = self.empty and ring == "events"
 
     def write(self, counters: AnyArray, ended: str = "") -> None:
-        """Write the records that were taken, and flush them.
-
-        Args:
-            counters: Counters of the device, in the order of `DeviceCounters`.
-            ended: Reason for the end of the recording; "" if it goes on.
+        """Write the records that were taken, with `counters` of the device and a reason if the recording ends here.
 
         Raises:
             OutputError: The disk is full or gone; the ticks before stay readable.
