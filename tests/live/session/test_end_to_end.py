@@ -113,4 +113,5 @@ def test_the_summary_is_what_the_loop_counted(session: Ran) -> None:
     # The loop may tick before the first sample: there is no hand yet, and nothing for the file.
     assert result.summary["ticks"] == result.ticks <= counted["ticks"]
     assert result.summary["wakeup_max"] <= 1e-9 * counted["wakeup"]["max"]
+    assert outcome.facts["device"]["name"] == "simulated glove"
     assert result.summary["latency_max"] == pytest.approx(1e-9 * counted["latency"]["max"])

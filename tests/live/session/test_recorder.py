@@ -21,7 +21,6 @@ from hypothesis import strategies as st
 from live_rings import BEGAN, CHANNELS, FACTS, ended, make_setup, numbered_samples, pour, solved_ticks
 from numpy.typing import NDArray
 from sampled import sampled
-from sphere_scenes import brute_clearance
 
 from hhsim.errors import InputError
 from hhsim.live.ipc.session_memory import LIVE_TICK, TICK_CAPACITY, SessionMemory
@@ -99,23 +98,6 @@ def test_every_tick_is_in_the_file(session: Result, ticks: Records) -> None:
     np.testing.assert_array_equal(session["live/tick/safety"], ticks["safety"])
     np.testing.assert_array_equal(session["live/tick/command_bend"], ticks["command_bend"])
     np.testing.assert_array_equal(session["live/tick/record"], np.arange(700))
-
-
-def test_penetration_is_measured_anew(session: Result) -> None:
-    level = session.static["object/tree/level"]
-    leaf = level == level.max()
-    clearance = brute_clearance(
-        session.static["object/tree/center"][leaf],
-        session.static["object/tree/radius"][leaf],
-        session.static["hand/phalanx_radius"],
-        session.static["hand/palm_center"],
-        session.static["hand/palm_radius"],
-        session["graphic/joints"][::50],
-        session["graphic/position"][::50],
-        session["graphic/orientation"][::50],
-    )
-    expected = np.maximum(0.0, -clearance.min(axis=1))
-    np.testing.assert_allclose(session["penetration_depth"][::50], expected, atol=1e-12)
 
 
 def test_every_sample_is_in_the_file_good_or_not(session: Result, ticks: Records) -> None:
