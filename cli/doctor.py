@@ -41,8 +41,8 @@ def command(rate: float, duration: float, cpu: int | None, no_realtime: bool, as
       hhsim doctor --rate 2000 --duration 60
       hhsim doctor --no-realtime
     """
-    from hhsim.live.doctor import examine, histogram, mode_line
-    from hhsim.live.real_time import RealTimeWishes
+    from hhsim.live.doctor import examine, histogram
+    from hhsim.live.real_time import RealTimeWishes, described
     from hhsim.result.miss_cause import WORDS
 
     announce_compilation(quiet=quiet)
@@ -52,7 +52,7 @@ def command(rate: float, duration: float, cpu: int | None, no_realtime: bool, as
     if as_json:
         print_json(diagnosis.to_json())
     elif not quiet:
-        rows = [(m.name, f"{m.value:,.{m.digits}f}", f"{m.limit:,.{m.digits}f}", m.unit) for m in diagnosis.measures]
+        rows = [(m.name, f"{m.value:,.0f}", f"{m.limit:,.0f}", m.unit) for m in diagnosis.measures]
         rows += [
             (f"wake-up, {name}", f"{1e6 * wakeups.percentile(percent):,.0f}", "", "µs")
             for name, percent in (("p50", 50.0), ("p99.9", 99.9), ("longest", 100.0))
@@ -72,7 +72,7 @@ def command(rate: float, duration: float, cpu: int | None, no_realtime: bool, as
         print()
         system = words("system", "name"), words("value"), words("better", "advice")
         print_table(Table(system, diagnosis.facts))
-        print_line(f"granted: {mode_line(wakeups)}")
+        print_line(f"granted: {described(wakeups.mode)}")
         print_line(diagnosis.verdict)
         for line in diagnosis.advice:
             print_line(f"  - {line}")

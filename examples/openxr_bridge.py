@@ -1,7 +1,7 @@
 """A bridge from an OpenXR headset, with or without MANUS gloves, to hhsim.
 
 Put your headset's calls into the two functions, run this, and then `hhsim live glove --device openxr`, or `manus`. The
-packet is described in docs/live.md; nothing but Python is needed.
+packet is described in docs/live-protocols.md; nothing but Python is needed.
 """
 
 import math

@@ -1,7 +1,7 @@
 """A bridge from any glove to hhsim.
 
 Put the glove's own calls into the two functions, run this, and then `hhsim live glove --device udp`. The packet is
-described in docs/live.md; nothing but Python is needed.
+described in docs/live-protocols.md; nothing but Python is needed.
 """
 
 import math

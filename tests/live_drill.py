@@ -58,15 +58,7 @@ def grasping_setup(port: int, record: Path | None) -> LiveSetup:
 
 
 class Fault:
-    """Something that is broken on purpose, and by when fingers are to be free.
-
-    Args:
-        breaks: Does it.
-        processes: That carry word of it, or what is told then.
-
-    Attributes:
-        before, since: Right before and after that, CLOCK_MONOTONIC [ns]: whoever breaks it may have to wait between.
-    """
+    """Something that is broken on purpose between `before` and `since` [ns]; `processes` carry word of it."""
 
     def __init__(self, breaks: Callable[[], object], *processes: int) -> None:
         self._share = MachineShare(*processes)
@@ -95,13 +87,7 @@ class Fault:
 
 
 class Drill:
-    """A session, its glove, and what both of them saw.
-
-    Args:
-        glove: The server; it runs.
-        record: File of the recording.
-        rerun: Target of the viewer.
-    """
+    """A session, its glove, and what both of them saw."""
 
     def __init__(self, glove: FakeDexmo, record: Path | None = None, rerun: str | None = None) -> None:
         self.glove = glove
@@ -193,10 +179,9 @@ class Drill:
 
         self.until(over, "command after the time in which fingers may be held")
 
-    def commands(self, client: int | None = None) -> NDArray[Any]:
+    def commands(self) -> NDArray[Any]:
         """What the glove was told so far."""
-        found = self.glove.commands
-        return found if client is None else found[found["client"] == client]
+        return self.glove.commands
 
     def loop_client(self) -> int:
         """The number of the loop's connection: it tells the glove something in every tick."""

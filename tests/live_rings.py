@@ -129,7 +129,6 @@ def pour(ring: SharedRing, records: Records) -> None:
 
 
 def ended(memory: SessionMemory, pid: int, reason: str = "duration") -> None:
-    """The session has ended in order; `pid` is a process that lives."""
     memory.status["loop_pid"] = pid
     memory.write_facts({**FACTS, "summary": {"reason": reason}})
     memory.status["stage"] = Stage.ENDED

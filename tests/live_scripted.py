@@ -1,5 +1,6 @@
 """A clock that is told the time and a glove that follows a script: what the tests of the loop run it with."""
 
+import time
 from collections.abc import Callable, MutableSequence, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -9,15 +10,23 @@ from numpy.typing import NDArray
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.model import HandModel
+from hhsim.kernels.live.accounts import account_waking, measure_miss, name_miss
+from hhsim.kernels.live.deadlines import NOTHING, due_time, next_deadline, woken
+from hhsim.kernels.live.loop import wake_driver
+from hhsim.kernels.live.tick import begin_tick, command_tick, count_work, look_for_stop, publish_tick, waiting_since
+from hhsim.kernels.timed_wait import sleep_until
 from hhsim.live.device import Capability, DeviceCounters, DeviceError, FingerCommand, GloveDevice, GloveInfo
 from hhsim.live.devices.registry import configure
 from hhsim.live.ipc.config import LiveSetup
 from hhsim.live.ipc.session_memory import SessionMemory
 from hhsim.live.loop.driver import GloveDriver
 from hhsim.live.loop.loop import LiveLoop
+from hhsim.live.loop.miss_accounts import MissAccounts
+from hhsim.live.loop.records import deadline_record
 from hhsim.live.pose.fixed import FixedPose
 from hhsim.live.pose.registry import PoseConfig, PoseSource
 from hhsim.solver.options import SolverOptions
+from hhsim.system.cpu_accounts import CpuAccounts
 from hhsim.trees.sphere_tree import SphereTree
 from tools.shapes.generators import sphere
 
@@ -70,10 +79,23 @@ class FakeClock:
         self.time_ns += duration_ns
 
 
-class FakeAccounts:
-    """What the system says of the loop's thread, as it is told to; in ns."""
+class MonotonicClock:
+    """CLOCK_MONOTONIC."""
+
+    def now(self) -> int:
+        return time.monotonic_ns()
+
+    def sleep_until(self, time_ns: int) -> None:
+        sleep_until(time_ns)
+
+
+class FakeAccounts(CpuAccounts):
+    """Planted accounts of the loop's thread [ns]."""
 
     def __init__(self, cpu_ns: int = 0, run_delay_ns: int = 0, steal_ns: int = 0) -> None:
+        self.processors = ()
+        self.schedule = self.stat = -1
+        self.stat_bytes = self.steal_step_ns = 1
         self.cpu, self.delay, self.steal = cpu_ns, run_delay_ns, steal_ns
 
     def cpu_ns(self) -> int:
@@ -88,17 +110,7 @@ class FakeAccounts:
 
 @dataclass
 class Moment:
-    """What the glove does in one tick.
-
-    Attributes:
-        angles: Of every joint in a sample that comes [rad]; None: none comes.
-        good: What the driver says of it.
-        reading: Of its one channel.
-        work_ns: Time that the tick takes; the driver's, of a sample that comes early.
-        early_ns: So long before the deadline its sample is there; 0: after it.
-        gone: Reading fails.
-        send_fails: Sending fails.
-    """
+    """What the glove does in one tick; the driver's time counts in `work_ns` if its sample comes early."""
 
     angles: float | None = None
     good: bool = True
@@ -140,11 +152,7 @@ class ScriptedGlove(GloveDevice):
     def open(self, timeout: float = 5.0) -> None:
         return
 
-    def _moment(self) -> Moment:
-        return self.moment(self.tick)
-
     def moment(self, tick: int) -> Moment:
-        """What it does in a tick."""
         return self.script[min(max(tick, 0), len(self.script) - 1)]
 
     def read(self, samples_out: NDArray[np.void]) -> int:
@@ -153,7 +161,7 @@ class ScriptedGlove(GloveDevice):
             for sample in samples_out[: self.backlog]:
                 self._fill(sample, 1.0, True)
             return self.backlog
-        moment = self._moment()
+        moment = self.moment(self.tick)
         self.clock.work(moment.work_ns)
         if self.tick in self.at_tick:
             self.at_tick[self.tick]()
@@ -176,7 +184,7 @@ class ScriptedGlove(GloveDevice):
         self.counters.samples += 1
 
     def send(self, command: FingerCommand) -> bool:
-        if self._moment().send_fails:
+        if self.moment(self.tick).send_fails:
             raise DeviceError("the scripted glove takes nothing")
         told = (part.copy() for part in (command.bend, command.stiffness, command.force))
         self.commands.append(SentCommand(self.clock.now(), *told))
@@ -192,6 +200,71 @@ class ScriptedGlove(GloveDevice):
 
     def close(self) -> None:
         self.closed = True
+
+
+class Deadlines:
+    """The compiled loop's periods, waited for in Python by any clock."""
+
+    def __init__(self, period_ns: int, clock: Any, state: Any = None) -> None:
+        self.clock = clock
+        self.state = deadline_record(period_ns, clock.now()) if state is None else state
+        self.at = self.state[0]
+
+    def wait(self, waiting_since: Callable[[], int] = lambda: NOTHING) -> None:
+        """Sleep until the next tick is due; `waiting_since`: when something came that no tick has taken [ns]."""
+        now = self.clock.now()
+        next_deadline(self.at, now)
+        due = due_time(self.at, waiting_since(), now)
+        while now < due:
+            self.clock.sleep_until(due)
+            now = self.clock.now()
+            due = due_time(self.at, waiting_since(), now)
+        woken(self.at, now, due)
+
+
+def account_tick(misses: MissAccounts, deadlines: Any, accounts: CpuAccounts) -> None:
+    """Take the accounts of a tick that begins."""
+    if not deadlines.at_once:
+        readings = accounts.cpu_ns(), accounts.run_delay_ns()
+        account_waking(misses.state[0], deadlines.woke_ns, deadlines.wakeup_ns, *readings)
+
+
+def name_misses(misses: MissAccounts, deadlines: Any, accounts: CpuAccounts) -> None:
+    """Name the cause of the periods that this tick missed."""
+    if deadlines.missed > 0:
+        long_stall = measure_miss(misses.state[0], deadlines.asked_ns, deadlines.late_ns)
+        name_miss(misses.state[0], accounts.steal_ns() if long_stall else -1)
+
+
+class SteppedLoop(LiveLoop):
+    """The steps of `run_loop`, in Python and by a clock that is told the time."""
+
+    def __init__(
+        self, setup: LiveSetup, memory: SessionMemory, info: GloveInfo, clock: FakeClock, accounts: CpuAccounts
+    ) -> None:
+        super().__init__(setup, memory, info, now=clock.now)
+        self.clock, self.accounts = clock, accounts
+        self.deadlines = Deadlines(setup.period_ns, clock, self.live.deadlines)
+
+    def start(self) -> None:
+        self._wake = int(self.begin(self.accounts).descriptors[2])
+
+    def wait(self) -> None:
+        self.deadlines.wait(lambda: int(waiting_since(self.live)))
+        look_for_stop(self.live)
+
+    def tick(self) -> None:
+        clock, live, at = self.clock, self.live, self.deadlines.at
+        account_tick(self.misses, at, self.accounts)
+        solved, status = bool(begin_tick(live)), 0
+        if solved:
+            solved, status = self._solve()
+        command_tick(live, clock.now(), solved, status)
+        wake_driver(live, self._wake, clock.now())
+        done = clock.now()
+        name_misses(self.misses, at, self.accounts)
+        publish_tick(live, done, solved)
+        count_work(live, clock.now())
 
 
 class InStep:
@@ -210,14 +283,13 @@ class InStep:
         self.glove, self.clock = glove, clock
         source = pose or FixedPose(PoseConfig())
         self.driver = GloveDriver(memory, glove, source, dry_run=setup.dry_run, now=clock.now)
-        self.loop = LiveLoop(setup, memory, glove.info, clock=clock, accounts=accounts)
+        self.loop = SteppedLoop(setup, memory, glove.info, clock, accounts or CpuAccounts())
 
     def run(self) -> str:
-        """Run until the loop is told otherwise; returns why."""
         loop, driver = self.loop, self.driver
         try:
             driver.take()
-            loop.begin()
+            loop.start()
             while not loop.stopped:
                 self.step()
         finally:
@@ -227,7 +299,6 @@ class InStep:
         return loop.stopped
 
     def step(self) -> None:
-        """A period."""
         at, glove = self.loop.deadlines.at, self.glove
         moment = glove.moment(glove.tick + 1) if isinstance(glove, ScriptedGlove) else Moment()
         if moment.early_ns:

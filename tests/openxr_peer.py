@@ -2,7 +2,7 @@
 
 Sources: `XrHandJointEXT` (26 joints: palm 0, wrist 1, thumb 2 to 5, then five each of index, middle, ring and little
 finger) and `XrHandJointLocationEXT` (pose: orientation x y z w, then position; radius [m]; a flag says whether the
-position is valid) of the OpenXR specification 1.1; the table of the open packet in docs/live.md; FlatBuffers'
+position is valid) of the OpenXR specification 1.1; the table of the open packet in docs/live-protocols.md; FlatBuffers'
 internals, and `haptic_command.fbs` of Isaac Teleop: table HapticCommand {endpoint: string (id 0); values: [float]
 (id 1)}.
 """

@@ -5,7 +5,8 @@ RATE datagrams a second besides, in turn: a stranger's, from another address; an
 peer's address, which knows the session and is ahead of it, or gives back what the peer sent; and, from the peer's own
 port, what is no packet and what it has sent before. It prints a line of JSON: what it sent of each.
 
-Formats are those of docs/live.md alone. Numbers of the peer's samples tell which sample they are of, and no other's do.
+Formats are those of docs/live-protocols.md alone. Numbers of the peer's samples tell which sample they are of, and no
+other's do.
 """
 
 import json

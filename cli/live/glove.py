@@ -31,17 +31,17 @@ if TYPE_CHECKING:
 
 
 USUAL_MOTION, USUAL_FREE_MOTION = "grasp", "lift"
-"""Of a glove that plays one, beside an object that stands still and a free one."""
+"""Motions of a glove that plays one, beside a fixed object and a free one."""
 
 
 def check_rerun(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
-    """Look at once for what would keep a viewer or its file from working; its process reads the words again."""
+    """Check at once that viewer or file can be used; the viewer's process parses the option again."""
     read_target(context, parameter, value)
     return value
 
 
 class HandChoice(OptionGroup, heading="Hand"):
-    """Which hand, what it does where nobody moves it, and where its palm is."""
+    """The hand, its motion if nobody moves it, and where its palm is."""
 
     side: options.Side | None = option(
         "--hand", type=options.SIDES, help="Which hand's glove. Default: right, or the recording's."
@@ -79,12 +79,11 @@ class HandChoice(OptionGroup, heading="Hand"):
     )
 
     def inputs(self, glove: GloveChoice, seed: int, usual_motion: str) -> "tuple[GloveConfig, PoseConfig, Any]":
-        """The glove, where the palm is, and the motion that either of them makes, or None.
+        """Return the glove, the source of the palm's pose, and the motion that either of them plays, or None.
 
         Args:
-            glove: Which one.
-            seed: Of its noise.
-            usual_motion: That is made where none is named.
+            seed: Seed of the glove's noise.
+            usual_motion: Motion if none is named.
 
         Raises:
             click.UsageError: Options that contradict each other.
@@ -94,43 +93,51 @@ class HandChoice(OptionGroup, heading="Hand"):
 
         settings = glove.settings()
         plays = GLOVES[glove.device].plays
-        told = GLOVES[glove.device].palm
-        usual = "replay" if plays else "glove" if told else "keyboard" if sys.stdin.isatty() else "fixed"
+        has_palm = GLOVES[glove.device].palm
+        usual = "replay" if plays else "glove" if has_palm else "keyboard" if sys.stdin.isatty() else "fixed"
         pose = self.pose or usual
-        if POSES[pose].by_glove and not told:
-            telling = " or ".join(name for name in GLOVES if GLOVES[name].palm)
-            raise click.UsageError(f"--pose {pose} is for --device {telling}: others do not know where the palm is")
-        if not POSES[pose].placed and (self.palm or self.palm_turn):
-            placed = " or ".join(name for name, known in POSES.items() if known.placed)
-            raise click.UsageError(f"--palm and --palm-turn are for --pose {placed}, not {pose}")
-        if POSES[pose].by_glove and self.palm_turn:
-            raise click.UsageError(f"--palm-turn is for --pose fixed and keyboard: with {pose} the hand turns the palm")
-        if self.palm_turn is not None and self.palm is None:
-            raise click.UsageError("--palm-turn needs --palm, where the palm is")
-        plays = plays or POSES[pose].plays
-        if self.trajectory is not None and not plays:
-            playing = " or ".join(name for name in GLOVES if GLOVES[name].plays)
-            raise click.UsageError(f"--trajectory is for --device {playing}, and for --pose replay")
+        source = POSES[pose]
+        plays = plays or source.plays
+        tellers = " or ".join(name for name in GLOVES if GLOVES[name].palm)
+        players = " or ".join(name for name in GLOVES if GLOVES[name].plays)
+        placed = " or ".join(name for name, known in POSES.items() if known.placed)
+        for wrong, message in (
+            (
+                source.by_glove and not has_palm,
+                f"--pose {pose} is for --device {tellers}: others do not know where the palm is",
+            ),
+            (
+                not source.placed and (self.palm or self.palm_turn),
+                f"--palm and --palm-turn are for --pose {placed}, not {pose}",
+            ),
+            (
+                source.by_glove and self.palm_turn,
+                f"--palm-turn is for --pose fixed and keyboard: with {pose} the hand turns the palm",
+            ),
+            (self.palm_turn is not None and self.palm is None, "--palm-turn needs --palm, where the palm is"),
+            (
+                self.trajectory is not None and not plays,
+                f"--trajectory is for --device {players}, and for --pose replay",
+            ),
+        ):
+            if wrong:
+                raise click.UsageError(message)
         motion = resolve_trajectory(self.trajectory or usual_motion) if plays else None
         side: Hand = "left" if (self.side or getattr(motion, "hand", None)) == "left" else "right"
         x, y, z = [1e-3 * value for value in self.palm] if self.palm else (0.0, 0.0, 0.0)
         a, b, c, d = self.palm_turn or (1.0, 0.0, 0.0, 0.0)
-        source = PoseConfig(pose, (x, y, z), (a, b, c, d), host=self.pose_host, port=self.pose_port)
-        return configure(glove.device, hand=side, seed=seed, **settings), source, motion
+        config = PoseConfig(pose, (x, y, z), (a, b, c, d), host=self.pose_host, port=self.pose_port)
+        return configure(glove.device, hand=side, seed=seed, **settings), config, motion
 
     def model(self, side: "Hand") -> "HandModel":
-        """The hand of this side.
-
-        Raises:
-            HhsimError: Its file cannot be read, or holds no hand.
-        """
+        """Return the hand of this side; raises HhsimError if its file cannot be read, or holds no hand."""
         from hhsim.hand.model import HandModel
 
         return HandModel.default(side) if self.hand_file is None else HandModel.from_toml(self.hand_file, side)
 
 
 class Feedback(OptionGroup, heading="Forces"):
-    """What the fingers are told; `stale` in [ms]."""
+    """Commands to the fingers; `stale` in [ms]."""
 
     stiffness: tuple[float, ...] | None = option(
         callback=one_or_five,
@@ -154,13 +161,13 @@ class Feedback(OptionGroup, heading="Forces"):
 
 
 class SessionSolver(options.SolverChoice):
-    """How the hand is solved for in a session, whose loop is compiled with hhsim's own methods alone."""
+    """Solver of a session, whose loop is compiled with hhsim's own methods alone."""
 
     method: str = option(type=click.Choice(METHODS.names()), default="coupled", help=f"{options.OWN_METHODS}.")
 
 
 class SessionSettings(OptionGroup, heading="Session"):
-    """How fast and how long it runs, where it is shown, recorded and told; `rate` in [Hz], `duration` in [s]."""
+    """Rate [Hz], duration [s], display and recording of the session."""
 
     rate: float = option(type=options.Number(10.0, 10_000.0), default=1000.0, metavar="HZ", help="Ticks a second [Hz].")
     duration: float | None = option(
@@ -196,11 +203,7 @@ class SessionSettings(OptionGroup, heading="Session"):
     quiet: bool = shared(options.quiet)
 
     def record_path(self, stem: str) -> Path | None:
-        """Where the recording goes, None for nowhere.
-
-        Raises:
-            HhsimError: It cannot be written there.
-        """
+        """Return the path of the recording, None for none; raises HhsimError if it cannot be written there."""
         from hhsim.result.reader import check_result_path
         from hhsim.system.output_path import dated_output_path
 
@@ -211,7 +214,7 @@ class SessionSettings(OptionGroup, heading="Session"):
         return path
 
     def wishes(self) -> "RealTimeWishes":
-        """What the loop asks the system for."""
+        """Return the loop's requests to the system."""
         from hhsim.live.real_time import RealTimeWishes
 
         return RealTimeWishes.none() if self.no_realtime else RealTimeWishes(cpu=self.cpu)
@@ -276,7 +279,7 @@ def command(
     announce_compilation(quiet=session.quiet)
     solid = solver.surface != "mesh"
     mesh, usual_level = mesh_file.read(object_, solid=solid)
-    # A mesh that can have no mass is refused before a tree is built of it.
+    # An error of the mesh comes before its tree is built.
     free.object(mesh, object_)
     record = session.record_path(f"{mesh.name}-live-{device.kind}")
     print_notes(mesh.warnings, prefix="warning")
@@ -288,7 +291,7 @@ def command(
     duration = session.duration
     if GLOVES[device.kind].ends and duration is None and scene.device.playback is not None:
         duration = scene.device.playback.duration
-    # What the driver cannot use is reported before any process is started.
+    # An error of the settings comes before any process is started.
     open_device(scene.device)
     setup = LiveSetup(
         mesh=scene.mesh,

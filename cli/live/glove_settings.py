@@ -1,4 +1,4 @@
-"""Options of `hhsim live glove` that follow from the gloves: which there are, and what each can be set to."""
+"""Options of `hhsim live glove` for the gloves and their settings."""
 
 from collections.abc import Iterator
 from dataclasses import MISSING, Field, fields
@@ -15,16 +15,12 @@ from ..arguments.options import Number
 
 
 class GloveChoice(OptionGroup, heading="Glove"):
-    """Which glove, and what it is set to; the settings are fields of the subclass that `glove_choice` makes."""
+    """The glove and its settings, which are fields of the subclass that `glove_choice` makes."""
 
     device: str
 
     def settings(self) -> dict[str, Any]:
-        """The settings of the glove that the command line names.
-
-        Raises:
-            click.UsageError: One that only other gloves have.
-        """
+        """Return the settings on the command line; raises click.UsageError for one that only other gloves have."""
         context = click.get_current_context()
         found = {}
         for name, gloves in _by_name().items():
@@ -39,7 +35,7 @@ class GloveChoice(OptionGroup, heading="Glove"):
 
 
 def glove_choice() -> type[GloveChoice]:
-    """Ask for --device, then for the settings that several gloves have, each once, then for each glove's own."""
+    """Make the options: --device, the settings that several gloves have, then each glove's own."""
     about = "; ".join(f"{name}: {GLOVES[name].about}" for name in GLOVES)
     device = option("--device", type=click.Choice(list(GLOVES)), default="sim", help=f"{about}.")
     options = {"device": device, **dict(_settings())}
@@ -57,21 +53,16 @@ def _settings() -> Iterator[tuple[str, Any]]:
         elif len({other.default for other in gloves.values()}) > 1:
             text += f" Default: {', '.join(f'{other.default} for {glove}' for glove, other in gloves.items())}."
             default = None
+        shown = default not in ("", None)
+        kind = _type(item, setting)
         yield (
             name,
-            option(
-                *setting.flags,
-                type=_type(item, setting),
-                default=default,
-                show_default=default not in ("", None),
-                metavar=setting.metavar,
-                help=text,
-            ),
+            option(*setting.flags, type=kind, default=default, show_default=shown, metavar=setting.metavar, help=text),
         )
 
 
 def _by_name() -> dict[str, dict[str, Field[Any]]]:
-    """Each setting that is asked for: of which gloves, and how it is declared there."""
+    """Return each setting: its gloves, and its declaration there."""
     found: dict[str, dict[str, Field[Any]]] = {}
     for glove in GLOVES:
         for item in fields(GLOVES[glove].options):
@@ -86,9 +77,7 @@ def _type(item: Field[Any], setting: Setting) -> Any:
     if setting.choices:
         return click.Choice(setting.choices)
     if setting.least is not None and setting.most is not None:
-        return (
-            click.IntRange(int(setting.least), int(setting.most))
-            if kind is int
-            else Number(setting.least, setting.most)
-        )
+        whole = kind is int
+        least, most = setting.least, setting.most
+        return click.IntRange(int(least), int(most)) if whole else Number(least, most)
     return click.Path() if setting.metavar == "FILE" else kind

@@ -11,18 +11,18 @@ if TYPE_CHECKING:
     from hhsim.live.session.supervisor import SessionOutcome
 
 POLL = 0.02
-"""The session is looked after this often [s]."""
+"""Period at which the session is polled [s]."""
 
 
 def run_session(setup: "LiveSetup", heading: str, *, quiet: bool) -> "tuple[SessionOutcome, str]":
-    """Run a session to its end, on whatever way.
+    """Run a session to its end.
 
     Args:
-        heading: What runs, for the display.
-        quiet: Show nothing but warnings and faults.
+        heading: Title of the display.
+        quiet: True to show nothing but warnings and faults.
 
     Returns:
-        What became of it, and what went wrong: a line, or "".
+        The outcome, and the error in a line, "" if there was none.
     """
     from hhsim.errors import HhsimError
     from hhsim.live.pose.keyboard import HELP, PalmKeys, write_keyboard_pose
@@ -40,20 +40,19 @@ def run_session(setup: "LiveSetup", heading: str, *, quiet: bool) -> "tuple[Sess
     ):
         before = time.monotonic()
         stopping = False
+        where = str(setup.record or "")
         while session.poll():
             time.sleep(POLL)
             now = time.monotonic()
             keys = read_keys() if read_keys is not None else ""
             reason = stop_signal() or ("the terminal is gone" if keys is None else "")
-            if palm.press(keys or ""):
-                reason = reason or "a key"
+            reason = reason or ("a key" if palm.press(keys or "") else "")
             if reason and not stopping:
                 stopping = True
                 session.request_stop(reason)
             if by_keys and palm.advance(now - before):
                 write_keyboard_pose(session.memory.status_block, palm.position, palm.orientation)
             before = now
-            where = str(setup.record) if setup.record else ""
             status.update(session.memory.status, session.tally, where, palm if by_keys else None)
         outcome = session.end()
     try:

@@ -1,4 +1,4 @@
-"""What a live session shows while it runs: a panel in a terminal, a plain line now and then elsewhere."""
+"""Display of a live session: a panel in a terminal, a plain line now and then elsewhere."""
 
 import math
 import sys
@@ -21,16 +21,9 @@ Rows = list[tuple[str, str]]
 
 
 class LiveStatus:
-    """Shows how a session is.
-
-    Args:
-        heading: What runs, on which glove.
-        keys: Names of keys and what they do; empty where no keys are taken.
-        quiet: Show nothing but warnings and faults.
-    """
+    """Display of a running session; `keys` are names and effects of keys, `quiet` shows warnings and faults only."""
 
     def __init__(self, heading: str, keys: Sequence[tuple[str, str]] = (), *, quiet: bool = False) -> None:
-        """Nothing is shown yet."""
         self.heading = heading
         self.keys = keys
         self.quiet = quiet
@@ -41,7 +34,7 @@ class LiveStatus:
 
     @contextmanager
     def shown(self) -> Iterator[None]:
-        """Show the panel while the block runs; the cursor comes back with whatever error it ends."""
+        """Show the panel while the block runs."""
         if not self.panel:
             self._shown = time.monotonic()
             yield
@@ -57,7 +50,7 @@ class LiveStatus:
                 self._live = None
 
     def say(self, text: str, level: int = 0) -> None:
-        """Tell of something that happened: level 0 for information, 1 a warning, 2 a fault."""
+        """Print a line of the log: level 0 for information, 1 a warning, 2 a fault."""
         if self.quiet and level == 0:
             return
         line = f"hhsim: {('', 'warning: ', 'fault: ')[min(level, 2)]}{text}"
@@ -69,12 +62,12 @@ class LiveStatus:
             print(line, file=sys.stderr, flush=True)
 
     def update(self, status: Any, tally: "LiveTally", recording: str, palm: "PalmKeys | None" = None) -> None:
-        """Show the state anew where it is time to.
+        """Update the display if its interval has passed.
 
         Args:
-            status: The session's record of `LIVE_STATUS`.
-            recording: Where the recording goes, "" for nowhere.
-            palm: That the keys move; None where they do not.
+            status: Record of `LIVE_STATUS`.
+            recording: Path of the recording, "" for none.
+            palm: Palm that keys move; None otherwise.
         """
         now = time.monotonic()
         if self.quiet or now - self._shown < (PANEL_SECONDS if self.panel else LINE_SECONDS):
@@ -107,13 +100,7 @@ class LiveStatus:
 
 
 def status_rows(status: Any, tally: "LiveTally", recording: str, now_ns: int) -> Rows:
-    """The lines of the display: name and text.
-
-    Args:
-        status: One record of `LIVE_STATUS`.
-        recording: Where it goes, "" for nowhere.
-        now_ns: CLOCK_MONOTONIC [ns].
-    """
+    """Return names and texts of the display; arguments as of `LiveStatus.update`, and CLOCK_MONOTONIC [ns]."""
     from hhsim.hand.fingers import FINGERS
     from hhsim.result.safety import why_free
 
@@ -150,6 +137,6 @@ def _two(values: Any) -> str:
 def _last_sample(sample_ns: int, now_ns: int) -> str:
     if sample_ns <= 0:
         return "no sample yet"
-    # The loop goes on meanwhile: what came after the clock was read is new, not of the future.
+    # The loop runs meanwhile: a sample may be newer than the reading of the clock.
     age = 1e-6 * max(0, now_ns - sample_ns)
     return f"last sample {f'{age:,.0f} ms' if age < 1e4 else f'{1e-3 * age:,.0f} s'} ago"

@@ -1,4 +1,4 @@
-"""What a live session prints at its end."""
+"""Summary that a live session prints at its end."""
 
 import math
 from contextlib import suppress
@@ -18,7 +18,7 @@ Row = tuple[str, str, str]
 
 
 def print_summary(outcome: "SessionOutcome", title: str) -> None:
-    """Print the table, what went wrong in a line, and where the recording is."""
+    """Print the table, a line of faults, and the path of the recording."""
     print_table(Table.of_cells(("", "hhsim", "unit"), summary_rows(outcome), title, numbers=("hhsim",)))
     print_line(fault_counts(outcome).line)
     mode = outcome.facts.get("real_time")
@@ -32,7 +32,7 @@ def print_summary(outcome: "SessionOutcome", title: str) -> None:
 
 
 def summary_rows(outcome: "SessionOutcome") -> list[Row]:
-    """Label, figure and unit of every line."""
+    """Return label, figure and unit of every line."""
     from hhsim.live.session.statistics import session_figures
     from hhsim.live.session.summary_table import session_rows
 
@@ -67,7 +67,7 @@ def summary_rows(outcome: "SessionOutcome") -> list[Row]:
 
 
 def fault_counts(outcome: "SessionOutcome") -> "FaultCounts":
-    """Count what went wrong, by the recording as the gate does; without one, by what was told while the session ran."""
+    """Count faults in the recording, as the gate does; without one, among the events of the session."""
     from hhsim.errors import InputError
     from hhsim.metrics.session_faults import FaultCounts, recorded_faults
     from hhsim.result.reader import load_result
@@ -82,11 +82,10 @@ def fault_counts(outcome: "SessionOutcome") -> "FaultCounts":
 
 
 def recording_errors(outcome: "SessionOutcome") -> dict[str, float]:
-    """How deep the shown hand was in the object, how far its contacts were off the true mesh, and how a free one rose.
+    """Return errors over the recording; empty if it is not whole.
 
     Returns:
-        `penetration_max` and `contact_error_max` [m], the latter NaN where nothing touched, and of a free object
-        `object_raised` [m]; empty where there is no whole recording.
+        `penetration_max` and `contact_error_max` [m], NaN if nothing touched, and of a free object `object_raised` [m].
     """
     from hhsim.errors import InputError
     from hhsim.metrics.free_run import result_free_run
@@ -94,18 +93,16 @@ def recording_errors(outcome: "SessionOutcome") -> dict[str, float]:
 
     if outcome.record is None or outcome.record_failed or not outcome.recorded:
         return {}
-    try:
+    with suppress(InputError):
         result = load_result(outcome.record)
-        if not result.complete:
-            return {}
-        free = result_free_run(result)
-        return {
-            "penetration_max": float(result.summary["penetration_max"]),
-            "contact_error_max": _off_the_mesh(result),
-            **({} if free is None else {"object_raised": free.raised}),
-        }
-    except InputError:
-        return {}
+        if result.complete:
+            free = result_free_run(result)
+            return {
+                "penetration_max": float(result.summary["penetration_max"]),
+                "contact_error_max": _off_the_mesh(result),
+                **({} if free is None else {"object_raised": free.raised}),
+            }
+    return {}
 
 
 def _off_the_mesh(result: "Result") -> float:
@@ -119,7 +116,7 @@ def _off_the_mesh(result: "Result") -> float:
     chosen = ticks_looked_at(run.contact)
     if run.touched is None or chosen.size == 0:
         return math.nan
-    # The poses of a session of hours do not fit into memory: of each block, those that are looked at.
+    # The poses of hours do not fit into memory: only the chosen ones of each block are kept.
     first, parts = 0, []
     for block in result.seen_from_object.blocks(PLACED):
         size = len(block[PLACED[0]])
@@ -131,7 +128,7 @@ def _off_the_mesh(result: "Result") -> float:
 
 
 def summary_json(outcome: "SessionOutcome", error: str) -> dict[str, Any]:
-    """The same for machines, SI units; `error` is what went wrong, or ""."""
+    """Return the summary as plain values, SI units; `error` is a line, or ""."""
     return {
         "session": str(outcome.record) if outcome.record is not None else None,
         "reason": outcome.reason,
@@ -141,9 +138,7 @@ def summary_json(outcome: "SessionOutcome", error: str) -> dict[str, Any]:
         "loop_ticks": outcome.ticks,
         "missed": outcome.missed,
         "missed_by": outcome.missed_by,
-        "device": outcome.facts.get("device"),
-        "pose": outcome.facts.get("pose"),
-        "real_time": outcome.facts.get("real_time"),
+        **{name: outcome.facts.get(name) for name in ("device", "pose", "real_time")},
         "counters": asdict(outcome.counters),
         "recorded_ticks": outcome.recorded,
         "recorder_lost": outcome.record_lost,

@@ -1,4 +1,4 @@
-"""Single key strokes from the terminal, and the terminal as it was on every way out."""
+"""Key strokes from the terminal, whose settings are restored on every way out."""
 
 import atexit
 import os
@@ -6,17 +6,17 @@ import re
 import select
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 ReadKeys = Callable[[], "str | None"]
-"""Returns the keys pressed since it was last called, "" for none; None when the terminal is gone."""
+"""Returns the keys pressed since the last call, "" for none; None if the terminal is gone."""
 
 
 @contextmanager
 def terminal_keys() -> Iterator[ReadKeys | None]:
-    """Let stdin hand on each key at once, without showing it; yields None where stdin is no terminal of ours.
+    """Read each key of stdin at once, without echo; yields None if stdin is not our terminal.
 
-    Ctrl-C, Ctrl-Z and Ctrl-backslash stay signals. The terminal is set back when the block is left, by whatever error
+    Ctrl-C, Ctrl-Z and Ctrl-backslash stay signals. The settings are restored when the block is left, by whatever error
     or exit, and once more when the interpreter ends.
     """
     found = _terminal()
@@ -30,12 +30,10 @@ def terminal_keys() -> Iterator[ReadKeys | None]:
     ours = os.getpid()
 
     def restore() -> None:
-        # A terminal that has gone cannot be set back, and a child that was forked is not the one that changed it.
+        # A forked child did not change the terminal, and one that is gone cannot be restored.
         if os.getpid() == ours:
-            try:
+            with suppress(termios.error, OSError):
                 termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
-            except (termios.error, OSError):
-                return
 
     atexit.register(restore)
     try:
@@ -47,33 +45,29 @@ def terminal_keys() -> Iterator[ReadKeys | None]:
 
 
 def _terminal() -> "tuple[int, list[int | list[bytes | int]]] | None":
-    """Stdin's descriptor and settings, where it is a terminal and we are in its foreground."""
-    try:
+    """Return descriptor and settings of stdin if it is a terminal and we are in its foreground."""
+    with suppress(ImportError, OSError, ValueError):
         import termios
 
         descriptor = sys.stdin.fileno()
-        if not os.isatty(descriptor) or os.tcgetpgrp(descriptor) != os.getpgrp():
-            return None
-        return descriptor, termios.tcgetattr(descriptor)
-    except (ImportError, OSError, ValueError):
-        return None
-    except termios.error:
-        return None
+        if os.isatty(descriptor) and os.tcgetpgrp(descriptor) == os.getpgrp():
+            with suppress(termios.error):
+                return descriptor, termios.tcgetattr(descriptor)
+    return None
 
 
 def _keys(descriptor: int) -> str | None:
     found = b""
     try:
         while select.select([descriptor], [], [], 0.0)[0]:
-            more = os.read(descriptor, 256)
+            found += (more := os.read(descriptor, 256))
             if not more:
                 return None
-            found += more
     except OSError:
         return None
     return _without_sequences(found.decode("utf-8", "replace"))
 
 
 def _without_sequences(text: str) -> str:
-    """Drop what arrow and function keys send (Escape, a bracket, a letter), so that none of them reads as Escape."""
+    """Remove the sequences of arrow and function keys, which begin with Escape."""
     return re.sub(r"\x1b[\[O][^@-~]*[@-~]?", "", text)

@@ -1,4 +1,4 @@
-"""One process of a session as its supervisor sees it."""
+"""Child processes of a live session, as their supervisor sees them."""
 
 import contextlib
 import os
@@ -9,36 +9,31 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-LONGEST_COMPLAINT = 4_000
-"""Bytes of what a process wrote last that are looked at."""
+LAST_OUTPUT_BYTES = 4_000
+"""Bytes at the end of a process's output that `ChildProcess.last_line` looks at."""
 LOOK = 0.05
-"""Between two looks at the accounts of a process that is waited for [s]."""
+"""Time between two looks at the CPU accounts of a process that is waited for [s]."""
 
 
 class ChildProcess:
-    """A Python module run as a process of its own, apart from the terminal.
+    """A Python module run as a process in a session of its own, apart from the terminal.
 
-    It leads a session of its own: Ctrl-C, Ctrl-Z and a terminal that goes reach the supervisor alone, which ends the
-    processes in their order. What it writes is kept in memory for `complaint`.
-
-    Args:
-        name: For people.
-        descriptors: That it inherits.
+    Ctrl-C, Ctrl-Z and a lost terminal reach the supervisor alone, which ends the processes in order. Output is kept in
+    memory for `last_line`.
 
     Attributes:
-        command: What the interpreter runs, before the arguments; by default the module.
-        reported: Whether its end has been reported; for the supervisor.
+        command: Interpreter arguments before `arguments`; by default they run the module.
+        reported: True if the supervisor has reported its end.
     """
 
     command: tuple[str, ...] = ()
 
     def __init__(self, name: str, module: str, arguments: Sequence[str], descriptors: Sequence[int]) -> None:
-        """Start it."""
         self.name = name
         self.reported = False
         self._output = os.memfd_create(f"hhsim-{name}-output")
         self._process = subprocess.Popen(
-            # -P: a folder of clones, or a file that is named as a module, may be where the command was typed.
+            # -P: the working directory may hold a folder or a file named as a module.
             [sys.executable, "-P", *(self.command or ("-m", module)), *arguments],
             stdin=subprocess.DEVNULL,
             stdout=self._output,
@@ -46,59 +41,51 @@ class ChildProcess:
             pass_fds=list(descriptors),
             start_new_session=True,
         )
+        self.pid = self._process.pid
         self.began = time.monotonic()
 
     @property
-    def pid(self) -> int:
-        """Its number."""
-        return self._process.pid
-
-    @property
     def code(self) -> int | None:
-        """Its exit code, the negative signal that ended it, or None while it runs."""
+        """Exit code, the negative signal that ended the process, or None while it runs."""
         return self._process.poll()
 
     @property
     def running(self) -> bool:
-        """Whether it still runs."""
+        """True while the process runs."""
         return self.code is None
 
     def how_it_ended(self) -> str:
-        """In words: by which signal or code, and its last line."""
+        """Return in words by which signal or code it ended, and its last line."""
         code = self.code
         if code is None:
             return "is running"
-        line = self.complaint()
-        if code < 0:
-            how = f"was ended by {signal.Signals(-code).name}"
-        else:
-            how = f"ended with code {code}"
+        how = f"was ended by {signal.Signals(-code).name}" if code < 0 else f"ended with code {code}"
+        line = self.last_line()
         return f"{how}: {line}" if line else how
 
-    def complaint(self) -> str:
-        """The last line that it wrote, without the "hhsim: error: " in front; "" where it wrote nothing."""
+    def last_line(self) -> str:
+        """Return the last line of its output without the prefix "hhsim: error: "; "" if there is none."""
         size = os.fstat(self._output).st_size
-        tail = os.pread(self._output, LONGEST_COMPLAINT, max(0, size - LONGEST_COMPLAINT))
+        tail = os.pread(self._output, LAST_OUTPUT_BYTES, max(0, size - LAST_OUTPUT_BYTES))
         lines = [line.strip() for line in tail.decode("utf-8", "replace").splitlines() if line.strip()]
         return lines[-1].removeprefix("hhsim: ").removeprefix("error: ") if lines else ""
 
     def wait(self, seconds: float) -> bool:
-        """Wait until it has ended, at most so long [s]; whether it has."""
+        """Wait for its end, at most `seconds`; True if it has ended."""
         try:
             self._process.wait(max(seconds, 0.0))
         except subprocess.TimeoutExpired:
             return False
         return True
 
-    def wait_its_time(self, seconds: float, progress: Callable[[], object] = lambda: None) -> bool:
-        """Wait until it has ended, or has had so much time of its own for it (`OwnTime`).
+    def wait_own_time(self, seconds: float, progress: Callable[[], object] = lambda: None) -> bool:
+        """Wait until it has ended, or has had `seconds` of its own time (`OwnTime`) for it.
 
         Args:
-            seconds: Of its own time [s].
-            progress: Called at every look: while what it returns changes, the time begins anew.
+            progress: Called at every look; the time starts anew when its value changes.
 
         Returns:
-            Whether it has ended.
+            True if it has ended.
         """
         own, done = OwnTime(self.pid), progress()
         while not self.wait(LOOK):
@@ -109,53 +96,50 @@ class ChildProcess:
         return True
 
     def send(self, number: signal.Signals) -> None:
-        """Send a signal; nothing where it has ended."""
+        """Send a signal if it still runs."""
         if self.running:
             self._process.send_signal(number)
 
     def close(self) -> None:
-        """Forget what it wrote."""
+        """Discard its output; may be called twice."""
         if self._output >= 0:
             os.close(self._output)
             self._output = -1
 
 
 class OwnTime:
-    """The time of a process that passes for it: what it and the processes that it started compute or sleep.
+    """Time in which a process and its descendants compute or sleep, without their waits for a processor.
 
-    While they wait for a processor that others have, none passes, however long that takes. Where the system keeps no
-    account of it, it is the time of the clock.
+    It is wall time on a system without scheduler accounts.
 
     Args:
-        process: Its number.
+        process: Process id.
     """
 
     def __init__(self, process: int) -> None:
-        """None has passed."""
         self._process = process
-        self._had, self._then = 0.0, time.monotonic()
+        self._passed, self._then = 0.0, time.monotonic()
         self._ran, self._waited = _processor_time(process)
 
     def passed(self) -> float:
-        """How much since the beginning [s]; to be looked at every `LOOK` seconds."""
+        """Return the time since the beginning [s]; to be called every `LOOK` seconds."""
         then, ran, waited = self._then, self._ran, self._waited
         self._then, (self._ran, self._waited) = time.monotonic(), _processor_time(self._process)
-        # Whoever looks may have had to wait for a processor, too.
-        idle = min(self._then - then, 2.0 * LOOK) - max(0.0, self._waited - waited)
-        self._had += max(self._ran - ran, idle, 0.0)
-        return self._had
+        # The caller may have had to wait for a processor, too.
+        asleep = min(self._then - then, 2.0 * LOOK) - max(0.0, self._waited - waited)
+        self._passed += max(self._ran - ran, asleep, 0.0)
+        return self._passed
 
 
 def _processor_time(process: int) -> tuple[float, float]:
-    """What the threads of a process, and of those that it started, have computed, and waited for a processor [s]."""
+    """Sum over threads and descendants of the time computed, and of the time waited for a processor [s]."""
     ran = waited = 0.0
     # Any of them may end while it is looked at.
     with contextlib.suppress(OSError):
         for task in Path(f"/proc/{process}/task").iterdir():
             with contextlib.suppress(OSError):
                 numbers = (task / "schedstat").read_text().split()
-                ran, waited = ran + 1e-9 * int(numbers[0]), waited + 1e-9 * int(numbers[1])
-                for child in map(int, (task / "children").read_text().split()):
-                    its, delay = _processor_time(child)
-                    ran, waited = ran + its, waited + delay
+                times = [(1e-9 * int(numbers[0]), 1e-9 * int(numbers[1]))]
+                times += map(_processor_time, map(int, (task / "children").read_text().split()))
+                ran, waited = ran + sum(time[0] for time in times), waited + sum(time[1] for time in times)
     return ran, waited

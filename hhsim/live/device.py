@@ -1,8 +1,7 @@
-"""What a glove is to the loop: samples in; out, for each finger, where it is stopped and what it feels.
+"""Interface of a glove to the loop: samples in, finger commands out.
 
-A position limit is what most gloves that push back have in common: Dexmo's set point, the curl of OpenGloves and
-XR_MNDX_force_feedback_curl are one thing, the bend at which a finger is stopped. Few take a force, in newtons and with
-a direction; others shake a finger. `Capability` says which.
+Most gloves with force feedback take a position limit: Dexmo's set point, the curl of OpenGloves and
+XR_MNDX_force_feedback_curl are all the bend at which a finger is stopped. `Capability` says what a glove takes.
 """
 
 from abc import ABC, abstractmethod
@@ -18,10 +17,10 @@ from hhsim.errors import HhsimError
 
 FINGER_COUNT = 5
 MOST_CHANNELS = 64
-"""Channels of a sample; a glove with fewer leaves the rest NaN."""
+"""Channels of a sample; unused ones are NaN."""
 UNKNOWN = -1
-UNTOLD_SECONDS = 0.0005
-"""A glove that does not tell when something has come is looked at this often."""
+POLL_SECONDS = 0.0005
+"""Period at which a glove without descriptors is polled [s]."""
 
 GLOVE_SAMPLE = np.dtype(
     [
@@ -38,62 +37,58 @@ GLOVE_SAMPLE = np.dtype(
     ],
     align=True,
 )
-"""A sample of a glove.
+"""One sample of a glove.
 
 | field | meaning |
 |---|---|
-| seq | number of the sample since the device was opened, from 0; the driver counts |
+| seq | number of the sample since the device was opened, from 0; counted by the driver |
 | time_ns | CLOCK_MONOTONIC when its bytes were read [ns] |
-| handed_ns | right before the driver put it into its ring; drivers of gloves leave that to the one of the session |
-| device_time_ns, device_seq | as the device stamped it, -1 where it does not |
-| battery | charge [%], -1 where it is not known |
-| good | all that the driver uses of it is finite and in range; others are recorded and never used |
-| channels | as the device sent them, in the order of `GloveInfo.channels`, the rest NaN |
-| flexion, abduction | of the hand [rad] |
+| handed_ns | the same when it was put into the ring; set by the session's driver process |
+| device_time_ns, device_seq | stamp and number of the device, -1 if it has none |
+| battery | charge [%], -1 if unknown |
+| good | True if all values that the driver uses are finite and in range; others are recorded and never used |
+| channels | as the device sent them, in the order of `GloveInfo.channels`, then NaN |
+| flexion, abduction | joint angles of the hand [rad] |
 """
 
 
 class DeviceError(HhsimError):
-    """A glove that cannot be reached, or that went away; the message says what to look at."""
+    """A glove that cannot be reached, or that is gone; the message names what to check."""
 
 
 class Capability(Flag):
-    """What a glove can do."""
+    """Abilities of a glove.
+
+    It takes the bend at which a finger is stopped (POSITION_LIMIT), the stiffness of that stop, 0 to 1 (STIFFNESS), a
+    force vector for each fingertip (FORCE), a vibration strength for each finger, 0 to 1 (POWER). It senses abduction
+    (SPLAY) and every joint, not only one bend a finger (JOINTS). It reports its charge (BATTERY) and the pose of the
+    palm (PALM), and stamps its samples (STAMPS).
+    """
 
     NONE = 0
     POSITION_LIMIT = auto()
-    """Takes the bend at which a finger is stopped."""
     STIFFNESS = auto()
-    """Takes how hard it is stopped there, 0 (free) to 1."""
     SPLAY = auto()
-    """Senses how the fingers are spread."""
     JOINTS = auto()
-    """Senses every joint, and not only one bend of a finger."""
     BATTERY = auto()
-    """Tells its charge."""
     STAMPS = auto()
-    """Stamps its samples."""
     FORCE = auto()
-    """Takes the force vector on each fingertip."""
     POWER = auto()
-    """Takes how strongly each finger is shaken, 0 to 1."""
     PALM = auto()
-    """Tells where the palm is: `GloveDevice.palm`."""
 
 
 @dataclass(frozen=True)
 class GloveInfo:
-    """What a driver says of its glove.
+    """A driver's description of its glove.
 
     Attributes:
-        name: As people call it, with where it is: "dexmo at 127.0.0.1:55555".
-        capabilities: What it can do.
+        name: Name and address for messages: "dexmo at 127.0.0.1:55555".
         channels: Names of the channels of a sample.
-        hand: "right" or "left"; "" where it is not known.
-        unit: Of the channels, "" for normalised ones.
-        doubtful: Channels whose calibration says little, in words; the loop logs them.
-        kept_free: Numbers of the fingers, 0 (thumb) to 4, whose bend says too little to push on; no stiffness for them.
-        noiseless: A finger that rests keeps every bit of its samples.
+        hand: "right" or "left"; "" if unknown.
+        unit: Unit of the channels, "" for normalised ones.
+        doubtful: Warnings about channels with a poor calibration, for the log.
+        kept_free: Fingers, 0 (thumb) to 4, whose bend is too poorly known to push on; their stiffness stays 0.
+        noiseless: True if the samples of a resting finger are identical.
     """
 
     name: str
@@ -108,26 +103,29 @@ class GloveInfo:
 
 @dataclass
 class DeviceCounters:
-    """What came from a device and what became of it; every frame is in one of these."""
+    """Counts of what came from a device; every frame is in one of them.
+
+    Attributes:
+        frames: Whole frames of the device's protocol.
+        samples: Good samples of our glove.
+        rejected: Samples of our glove with values that are not finite or far out of range.
+        other: Frames or messages for another hand or device, or without hand data.
+        malformed: Frames that could not be decoded.
+        resyncs: Losses of the framing, after which the stream was searched for the next frame or connected anew.
+        dropped: Samples without space in the output, or that the device numbered and that never came.
+        commands: Commands sent.
+        commands_refused: Commands that the device was too slow to take; they are not sent later.
+    """
 
     frames: int = 0
-    """Whole frames, as the device's protocol has them."""
     samples: int = 0
-    """Samples of our glove handed on."""
     rejected: int = 0
-    """Samples of our glove with values that are not finite or far out of range."""
     other: int = 0
-    """Frames or messages for another hand or device, or without hand data."""
     malformed: int = 0
-    """Frames that could not be decoded."""
     resyncs: int = 0
-    """Times the stream was searched for the next frame, or the connection made anew, since its framing was lost."""
     dropped: int = 0
-    """Samples that did not fit where they were to go, or that the device says it sent and that never came."""
     commands: int = 0
-    """Commands sent."""
     commands_refused: int = 0
-    """Commands that could not be sent at once, since the device does not take them fast enough; not sent later."""
 
 
 COUNTERS = tuple(item.name for item in fields(DeviceCounters))
@@ -136,14 +134,14 @@ COUNTERS = tuple(item.name for item in fields(DeviceCounters))
 
 @dataclass
 class FingerCommand:
-    """What the fingers are commanded; written in place, tick by tick.
+    """Command to the fingers; updated in place, tick by tick.
 
     Attributes:
-        bend: Where each finger is stopped, 0 (flat) to 1 (fist), shape (5,).
-        stiffness: How hard, 0 (free) to 1, shape (5,).
-        force: What the object does to each phalanx [N], in the frame of the shown hand's palm, shape (5, 3, 3): finger,
-            phalanx from the knuckle on, x y z. It comes and goes with the stiffness: by the same ramp, and 0 where that
-            is 0. Always 0 for a glove that takes neither FORCE nor POWER.
+        bend: Bend at which each finger is stopped, 0 (flat) to 1 (fist), shape (5,).
+        stiffness: Stiffness of the stop, 0 (free) to 1, shape (5,).
+        force: Force of the object on each phalanx [N], frame of the shown hand's palm, shape (5, 3, 3): finger,
+            phalanx from the knuckle on, x y z. Scaled by the same ramp as the stiffness, 0 where that is 0, and always
+            0 for a glove that takes neither FORCE nor POWER.
     """
 
     bend: FloatArray = field(default_factory=lambda: np.zeros(FINGER_COUNT))
@@ -153,12 +151,12 @@ class FingerCommand:
 
 @dataclass
 class PalmReading:
-    """Where a glove says that the palm is; written in place, sample by sample.
+    """Pose of the palm as a glove reports it; updated in place, sample by sample.
 
     Attributes:
         came_ns: CLOCK_MONOTONIC when its bytes were read [ns], -1 before the first.
-        position: Palm origin [m], shape (3,), in a world with z up whose origin is the tracker's.
-        orientation: Unit (w, x, y, z), shape (4,), in that world.
+        position: Palm origin [m], shape (3,), in a world with z up and its origin at the tracker's.
+        orientation: Unit quaternion (w, x, y, z), shape (4,), in that world.
     """
 
     came_ns: int = -1
@@ -167,30 +165,25 @@ class PalmReading:
 
 
 class Calibration(Protocol):
-    """What the readings of a glove mean: all that a session asks of it, whatever else a driver does."""
+    """Meaning of a glove's readings, as far as the session needs it."""
 
     def bend_lines(self) -> tuple[FloatArray, FloatArray]:
-        """Angles of each finger as its bend alone moves them [rad]: slope and offset, each of shape (5, 3)."""
+        """Return slope and offset of each joint angle over the finger's bend [rad], each of shape (5, 3)."""
 
 
 class FingerRelease(ABC):
-    """A connection that frees the fingers: what the watchdog needs of a glove. Only `open_for_release` may wait."""
+    """A connection that frees the fingers: all that the watchdog needs of a glove. Only `open_for_release` may wait."""
 
     @abstractmethod
     def open_for_release(self, timeout: float = 5.0) -> None:
-        """Connect beside the loop's connection, and take no samples away from it.
-
-        Args:
-            timeout: Longest wait [s].
+        """Connect beside the loop's connection, without taking samples from it, within `timeout` [s].
 
         Raises:
             DeviceError: Nothing there.
         """
 
     def drain(self) -> None:
-        """Throw away what has arrived, so that the device's buffers do not fill.
-
-        Never blocks. Does nothing unless a driver says otherwise.
+        """Discard what has arrived, without waiting, so that the device's buffers do not fill; by default nothing.
 
         Raises:
             DeviceError: The device is gone; `reconnect` may bring it back.
@@ -199,37 +192,37 @@ class FingerRelease(ABC):
 
     @abstractmethod
     def release(self, timeout: float = 0.05) -> bool:
-        """Stiffness 0 on every finger, now; waits at most `timeout` [s] and never raises. True where it was sent."""
+        """Send stiffness 0 for every finger, waiting at most `timeout` [s]; never raises. True if it was sent."""
 
     @abstractmethod
     def reconnect(self) -> bool:
-        """After `DeviceError`: try again, without waiting. True where the device is back; call it again until it is.
+        """Try once, without waiting, to reconnect after a `DeviceError`; True if the device is back.
 
         Raises:
-            DeviceError: It is not back, and it is now known better why; raised once for each loss at most.
+            DeviceError: It is not back, and the reason is known better now; at most once for each loss.
         """
 
     @abstractmethod
     def close(self) -> None:
-        """Let go of the device; never raises. Does not release: call `release` before."""
+        """Close the connection without releasing the fingers; never raises."""
 
 
 class NothingHeld(FingerRelease):
-    """Stands for a glove in which no finger can stay held."""
+    """Release of a glove that cannot hold a finger: there is nothing to connect to."""
 
     def open_for_release(self, timeout: float = 5.0) -> None:
-        """See `FingerRelease.open_for_release`; there is nothing to connect to."""
+        """Do nothing."""
 
     def release(self, timeout: float = 0.05) -> bool:
-        """See `FingerRelease.release`."""
+        """Do nothing."""
         return True
 
     def reconnect(self) -> bool:
-        """See `FingerRelease.reconnect`."""
+        """Do nothing."""
         return True
 
     def close(self) -> None:
-        """See `FingerRelease.close`."""
+        """Do nothing."""
 
 
 class GloveDevice(FingerRelease):
@@ -238,46 +231,42 @@ class GloveDevice(FingerRelease):
     info: GloveInfo
     counters: DeviceCounters
     palm: PalmReading | None = None
-    """Of a glove that says where the palm is; else None."""
+    """Pose of the palm, for a glove that reports it."""
     _seq = 0
-    """Of the next sample."""
 
     @abstractmethod
     def open(self, timeout: float = 5.0) -> None:
-        """Connect; `info` is then known.
-
-        Args:
-            timeout: Longest wait [s].
+        """Connect within `timeout` [s]; sets `info`.
 
         Raises:
-            DeviceError: Nothing there, or something that speaks otherwise.
+            DeviceError: Nothing there, or another protocol.
         """
 
     def open_for_release(self, timeout: float = 5.0) -> None:
-        """See `FingerRelease.open_for_release`; the same as `open` unless a driver says otherwise."""
+        """Connect for release alone; by default the same as `open`."""
         self.open(timeout)
 
     @abstractmethod
     def read(self, samples_out: NDArray[np.void]) -> int:
-        """Decode all that has arrived.
+        """Decode all that has arrived; what does not fit waits for the next call.
 
         Args:
-            samples_out: Of `GLOVE_SAMPLE`, oldest first. What does not fit waits for the next call.
+            samples_out: Of `GLOVE_SAMPLE`, filled from the oldest on.
 
         Returns:
-            How many samples.
+            Number of samples.
 
         Raises:
             DeviceError: The device is gone; `reconnect` may bring it back.
         """
 
     def descriptors(self) -> tuple[int, ...]:
-        """What can be waited on for bytes of the glove; () where it is to be looked at again and again."""
+        """Return file descriptors to poll for the glove's bytes; () if it has to be polled by time."""
         return ()
 
     def pause(self) -> float:
-        """How long nothing can come [s], of a glove without descriptors."""
-        return UNTOLD_SECONDS
+        """Return the time to the next poll of a glove without descriptors [s]."""
+        return POLL_SECONDS
 
     def _write_sample(
         self,
@@ -288,14 +277,12 @@ class GloveDevice(FingerRelease):
         angles: tuple[ArrayLike, ArrayLike],
         **more: int,
     ) -> None:
-        """Write the next sample as a row of `GLOVE_SAMPLE`, and count it.
+        """Write the next sample into a row of `GLOVE_SAMPLE`, and count it.
 
         Args:
-            now: When its bytes were read, CLOCK_MONOTONIC [ns].
-            good: Whether all that the driver uses of it is finite and in range.
-            channels: As many as the glove has.
+            now: CLOCK_MONOTONIC when its bytes were read [ns].
             angles: Flexion, shape (5, 3), and abduction, shape (5,) [rad].
-            more: Fields that this glove knows, of those that are unknown otherwise.
+            more: device_time_ns, device_seq and battery, as far as they are known.
         """
         row["seq"], row["time_ns"], row["good"] = self._seq, now, good
         for name in ("device_time_ns", "device_seq", "battery"):
@@ -309,10 +296,10 @@ class GloveDevice(FingerRelease):
 
     @abstractmethod
     def send(self, command: FingerCommand) -> bool:
-        """Tell the fingers; all of it or nothing.
+        """Send a command, all of it or nothing; it is never kept to be sent late.
 
         Returns:
-            False where the device takes no more now; a command is never kept to be sent late.
+            False if the device takes no more now.
 
         Raises:
             DeviceError: The device is gone.

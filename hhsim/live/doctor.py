@@ -1,6 +1,6 @@
-"""Whether this machine can keep a loop's rate, and if not, who takes the time: `hhsim doctor`.
+"""Verdict on whether this machine keeps a loop's rate, and who takes the time if not: `hhsim doctor`.
 
-The verdict is that of measured wake-ups alone, by the limits below. What the system is set to only says what to change.
+Measured wake-ups alone decide, by the limits below; the settings of the system only suggest what to change.
 """
 
 from dataclasses import dataclass, replace
@@ -8,91 +8,89 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.live.real_time import RealTimeWishes, described
+from hhsim.live.real_time import RealTimeWishes
 from hhsim.live.wakeups import Wakeups, measure_wakeups
 from hhsim.result.miss_cause import WORDS, MissCause, by_name
 from hhsim.system.scheduling_facts import SchedulingFact, scheduling_facts
 
 MOST_MISSED = 1e-3
-"""Share of the periods: of a thread that does nothing but wait, so that a loop has the rest of its period to work."""
+"""Fraction of the periods that a thread that only waits may miss, so that a loop has the rest of its period to work."""
 MOST_LATE = 0.25
-"""Of a period, which 99 of 100 wake-ups do not exceed: a tick and its commands still fit into what is left of it."""
+"""Fraction of a period that 99 of 100 wake-ups must not exceed: a tick and its commands still fit into the rest."""
 MOST_IN_A_ROW = 9
 """A session frees the fingers at ten (`SafetyLimits.overruns`)."""
 ONE_ALONE = 1
-"""So many missed periods are let pass, however few there are in all: a short look cannot tell one from none."""
+"""Missed periods that are always allowed: a short look cannot tell one from none."""
 QUICK_SECONDS = 0.3
 EDGES_US = (10, 20, 50, 100, 200, 500, 1_000, 2_000, 5_000, 10_000)
-"""Between the bars of the histogram [µs]."""
+"""Edges of the histogram [µs]."""
+PERCENTS = {"p50": 50.0, "p99": 99.0, "p999": 99.9, "max": 100.0}
+HOST_ADVICE = "the host took the processor: nothing set in here helps; a machine, or a processor, of one's own"
+OTHERS_ADVICE = "other work had the processor: end it, or set a processor aside (isolcpus) and name it (--cpu)"
+NOBODY_ADVICE = (
+    "no account says who had the processor when the thread was woken late: in a virtual machine most often a host that "
+    "does not tell, else the firmware (system management), or the kernel's own work, where it does not interrupt that"
+)
 
 
 @dataclass(frozen=True)
 class Measure:
-    """One figure that has a limit.
-
-    Attributes:
-        name: Of what.
-        value: In the unit of `unit`.
-        limit: What is let pass.
-        unit: "%", "µs" or "" for a count.
-        digits: After the point, where it is shown.
-    """
+    """A figure with its limit, in `unit`: "µs", or "" for a count."""
 
     name: str
     value: float
     limit: float
     unit: str
-    digits: int
 
     @property
     def kept(self) -> bool:
-        """Whether the limit is kept."""
+        """True if the limit is kept."""
         return self.value <= self.limit
+
+    def __str__(self) -> str:
+        unit = f" {self.unit}" if self.unit else ""
+        return f"{self.name} {self.value:,.0f}{unit} (at most {self.limit:,.0f}{unit})"
 
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What was measured, what the system is set to, and what follows.
-
-    Attributes:
-        wakeups: As measured.
-        facts: What the system is set to.
-    """
+    """Measured wake-ups, the settings of the system, and what follows from both."""
 
     wakeups: Wakeups
     facts: list[SchedulingFact]
 
     @property
     def measures(self) -> tuple[Measure, ...]:
-        """The figures by which it is judged."""
+        """Figures that decide the verdict."""
         return judged(self.wakeups)
 
     @property
     def good(self) -> bool:
-        """Whether every limit is kept."""
+        """True if every limit is kept."""
         return all(measure.kept for measure in self.measures)
 
     @property
     def verdict(self) -> str:
-        """In a sentence, with who took the time of missed periods."""
+        """Verdict in one sentence, with who took the time of missed periods."""
         rate = f"{self.wakeups.rate:,g} Hz"
         if self.good:
             return f"this machine keeps {rate}: {_missed(self.wakeups)}"
-        # The first measure is of the missed periods, which are told with who took their time.
-        beyond = [f"{measure.name} {shown(measure)}" for measure in self.measures[1:] if not measure.kept]
+        # The first measure is that of the missed periods, which end the sentence with their causes.
+        beyond = [str(measure) for measure in self.measures[1:] if not measure.kept]
         return f"this machine does not keep {rate}: {', '.join([*beyond, _missed(self.wakeups)])}"
 
     @property
     def advice(self) -> list[str]:
-        """What to change, the most telling first; empty where every limit is kept."""
+        """Changes that may help, the most telling first; empty if every limit is kept."""
         if self.good:
             return []
         settings = [fact.advice for fact in self.facts if fact.advice]
         return [*_of_causes(self.wakeups), *self.wakeups.mode["refused"], *settings]
 
     def to_json(self) -> dict[str, Any]:
-        """All of it, SI units."""
+        """Return all of it as plain values, SI units."""
         wakeups = self.wakeups
+        accounts = {"run_delay": wakeups.run_delay, "steal": wakeups.steal}
         return {
             "good": self.good,
             "verdict": self.verdict,
@@ -106,11 +104,10 @@ class Diagnosis:
                 {"above": low / 1e6, "up_to": None if high is None else high / 1e6, "count": count}
                 for low, high, count in histogram(wakeups)
             ],
-            "run_delay": None if wakeups.run_delay is None else 1e-9 * wakeups.run_delay,
-            "steal": None if wakeups.steal is None else 1e-9 * wakeups.steal,
+            **{name: None if value is None else 1e-9 * value for name, value in accounts.items()},
             "limits": [
-                {"name": m.name, "value": m.value, "limit": m.limit, "unit": m.unit, "kept": m.kept}
-                for m in self.measures
+                {name: getattr(measure, name) for name in ("name", "value", "limit", "unit", "kept")}
+                for measure in self.measures
             ],
             "real_time": wakeups.mode,
             "facts": [{"name": fact.name, "value": fact.value, "advice": fact.advice or None} for fact in self.facts],
@@ -118,51 +115,26 @@ class Diagnosis:
         }
 
 
-PERCENTS = {"p50": 50.0, "p99": 99.0, "p999": 99.9, "max": 100.0}
-HOST_ADVICE = "the host took the processor: nothing set in here helps; a machine, or a processor, of one's own"
-OTHERS_ADVICE = "other work had the processor: end it, or set a processor aside (isolcpus) and name it (--cpu)"
-NOBODY_ADVICE = (
-    "no account says who had the processor when the thread was woken late: in a virtual machine most often a host that "
-    "does not tell, else the firmware (system management), or the kernel's own work, where it does not interrupt that"
-)
-
-
 def judged(wakeups: Wakeups) -> tuple[Measure, ...]:
-    """The figures that have a limit."""
-    allowed = max(MOST_MISSED * wakeups.periods, ONE_ALONE)
+    """Return the figures that have a limit."""
+    allowed = int(max(MOST_MISSED * wakeups.periods, ONE_ALONE))
     return (
-        Measure("missed periods", wakeups.missed, float(int(allowed)), "", 0),
-        Measure("missed in a row", wakeups.streak, MOST_IN_A_ROW, "", 0),
-        Measure("wake-up, p99", 1e6 * wakeups.percentile(99.0), 1e6 * MOST_LATE / wakeups.rate, "µs", 0),
+        Measure("missed periods", wakeups.missed, float(allowed), ""),
+        Measure("missed in a row", wakeups.streak, MOST_IN_A_ROW, ""),
+        Measure("wake-up, p99", 1e6 * wakeups.percentile(99.0), 1e6 * MOST_LATE / wakeups.rate, "µs"),
     )
 
 
-def shown(measure: Measure) -> str:
-    """The figure beside its limit, in words."""
-    unit = f" {measure.unit}" if measure.unit else ""
-    return f"{measure.value:,.{measure.digits}f}{unit} (at most {measure.limit:,.{measure.digits}f}{unit})"
-
-
 def examine(rate: float, seconds: float, wishes: RealTimeWishes) -> Diagnosis:
-    """Measure wake-ups, and look at what the system is set to.
-
-    Args:
-        rate: Of the loop that is meant [Hz].
-        seconds: How long to measure [s].
-        wishes: What the loop would ask of the system.
-    """
+    """Measure wake-ups for `seconds` at `rate` [Hz] with the requests of a loop, and read the system's settings."""
     facts = scheduling_facts(wishes.priority + 1)
     return Diagnosis(measure_wakeups(rate, seconds, wishes), facts)
 
 
 def quick_warning(rate: float, wishes: RealTimeWishes) -> str:
-    """Look for `QUICK_SECONDS` whether the machine keeps a rate just now; a line where it does not, "" where it does.
+    """Check for `QUICK_SECONDS` whether the machine keeps `rate` [Hz] now; returns a warning, "" if it does.
 
-    Locked memory is not asked for: it would take longer than the look.
-
-    Args:
-        rate: Of the loop that is to begin [Hz].
-        wishes: What it is going to ask of the system.
+    Memory is not locked: that would take longer than the check.
     """
     wakeups = measure_wakeups(rate, QUICK_SECONDS, replace(wishes, lock_memory=False))
     diagnosis = Diagnosis(wakeups, [])
@@ -170,26 +142,19 @@ def quick_warning(rate: float, wishes: RealTimeWishes) -> str:
 
 
 def histogram(wakeups: Wakeups) -> list[tuple[float, float | None, int]]:
-    """Wake-ups by lateness: above, up to [µs] (None: no end), and how many; without empty ends."""
-    late = 1e-3 * wakeups.late
-    edges = [0.0, *map(float, EDGES_US)]
-    counts = np.bincount(np.searchsorted(EDGES_US, late, side="left"), minlength=len(edges))
+    """Count wake-ups by lateness: lower edge, upper edge [µs] (None: no end), count; up to the last one that occurs."""
+    counts = np.bincount(np.searchsorted(EDGES_US, 1e-3 * wakeups.late, side="left"), minlength=len(EDGES_US) + 1)
     last = int(np.flatnonzero(counts).max(initial=0))
-    rows = zip(edges, [*edges[1:], None], map(int, counts), strict=True)
-    return list(rows)[: last + 1]
-
-
-def mode_line(wakeups: Wakeups) -> str:
-    """What the system granted, in a line."""
-    return described(wakeups.mode)
+    edges = [0.0, *map(float, EDGES_US)]
+    return list(zip(edges, [*edges[1:], None], map(int, counts), strict=True))[: last + 1]
 
 
 def _of_causes(wakeups: Wakeups) -> list[str]:
-    """What follows from who took the time."""
+    """Return the advice that follows from who took the time."""
     found = [HOST_ADVICE] if wakeups.causes[MissCause.HOST] else []
     if wakeups.causes[MissCause.WOKEN_LATE]:
         overslept = wakeups.late[wakeups.late >= 1e9 / wakeups.rate].sum()
-        # Half of it: a run delay that explains less is not what made the thread late.
+        # Half of it: a run delay that explains less is not the reason.
         found.append(OTHERS_ADVICE if 2 * (wakeups.run_delay or 0) >= overslept else NOBODY_ADVICE)
     return found
 

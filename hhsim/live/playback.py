@@ -1,7 +1,4 @@
-"""A motion that is played beside the clock: what a simulated or replayed glove and the pose of its palm have in common.
-
-One `Playback` is given to both of them, so that fingers and palm stay together whoever asks first.
-"""
+"""Playback of a motion on the clock, shared by a simulated or replayed glove and the pose of its palm."""
 
 from dataclasses import dataclass, field
 
@@ -12,24 +9,23 @@ from hhsim.errors import InputError
 from hhsim.motion.trajectory import Trajectory
 
 RETURN_TIME = 1.0
-"""From the last sample of a repeated motion back to its first one [s]."""
+"""Time from the last sample of a repeated motion back to its first one [s]."""
 SINGLE_RATE = 200.0
-"""Of a motion of one sample, which has no rate of its own [Hz]."""
+"""Sample rate of a motion of one sample [Hz]."""
 
 
 @dataclass(eq=False)
 class Playback:
-    """A trajectory and the instant at which it began.
+    """A trajectory and the instant at which it began; one object keeps fingers and palm together.
+
+    Raises InputError for a rate that is negative or not finite.
 
     Attributes:
-        rate: Samples a second instead of the stamps' own [Hz]; 0 for the stamps.
-        repeat: Begin anew after the end, with `RETURN_TIME` for the way back; else the last sample stays.
-        start_ns: CLOCK_MONOTONIC of the first sample [ns]; -1 until somebody asks, which starts the motion.
-        stamps: Of the samples since the first one [s], shape (T,).
+        rate: Sample rate instead of the stamps' own [Hz]; 0 for the stamps.
+        repeat: True to begin anew `RETURN_TIME` after the end; otherwise the last sample stays.
+        start_ns: CLOCK_MONOTONIC of the first sample [ns]; -1 until the first call of `elapsed`.
+        stamps: Times of the samples since the first one [s], shape (T,).
         period: Usual time from one sample to the next [s].
-
-    Raises:
-        InputError: A rate that is negative or not finite.
     """
 
     trajectory: Trajectory
@@ -40,7 +36,6 @@ class Playback:
     period: float = field(init=False)
 
     def __post_init__(self) -> None:
-        """Put the samples on the clock."""
         if not (np.isfinite(self.rate) and self.rate >= 0.0):
             raise InputError(f"a motion played at {self.rate} Hz; expected a positive rate, or 0 for its own")
         own = self.trajectory
@@ -52,17 +47,17 @@ class Playback:
 
     @property
     def duration(self) -> float:
-        """From the first to the last sample [s]."""
+        """Time from the first to the last sample [s]."""
         return float(self.stamps[-1])
 
     def elapsed(self, now_ns: int) -> float:
-        """Time since the motion began [s], never negative; the first call begins it."""
+        """Return the time since the motion began [s], never negative; the first call begins it."""
         if self.start_ns < 0:
             self.start_ns = now_ns
         return max(0.0, 1e-9 * (now_ns - self.start_ns))
 
     def place(self, elapsed: float) -> tuple[int, int, float]:
-        """Where in the motion `elapsed` [s] is: two samples, and the share of the way from one to the other."""
+        """Return the samples before and after `elapsed` [s], and the fraction of the way from one to the other."""
         last = self.stamps.shape[0] - 1
         if self.repeat:
             elapsed %= self.duration + RETURN_TIME

@@ -1,7 +1,8 @@
-"""What a loop asks the system for, so that it wakes on time; what is not granted is said and done without."""
+"""Real-time requests of a loop to the system; a request that is refused is reported, and the loop runs without it."""
 
 import contextlib
 import ctypes
+import errno
 import gc
 import os
 import platform
@@ -15,13 +16,16 @@ from hhsim.errors import InputError
 
 MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT = 1, 2, 4
 MLOCK_ONFAULT = 1
-PR_SET_PDEATHSIG, PR_SET_TIMERSLACK, PR_GET_TIMERSLACK = 1, 29, 30
+PR_SET_PDEATHSIG, PR_SET_NAME, PR_SET_TIMERSLACK, PR_GET_TIMERSLACK = 1, 15, 29, 30
 
 THROTTLE = Path("/proc/sys/kernel/sched_rt_runtime_us")
-"""How much of a second all real-time processes together may take [µs]; -1 for all of it."""
+"""Time of a second that all real-time processes together may take [µs]; -1 for all of it."""
 IDLE_LATENCY = Path("/dev/cpu_dma_latency")
-"""What is written there [µs, an int] limits, while it is open, how long a processor that sleeps may take to wake
+"""An int written there [µs] limits, while the file is open, the wake-up time of idle processors
 (docs.kernel.org, "PM Quality Of Service Interface")."""
+MAPPINGS = Path("/proc/self/maps")
+SYSTEM_LIBRARIES = ("libc.so", "libc-", "libm.so", "libm-", "ld-linux", "ld-musl")
+"""Beginnings of the mapped files that compiled code calls."""
 
 _libc = ctypes.CDLL(None, use_errno=True)
 _prctl = _libc.prctl
@@ -32,23 +36,22 @@ _munlockall = _libc.munlockall
 _mlock2 = _libc.mlock2
 _mlock2.argtypes = (ctypes.c_void_p, ctypes.c_size_t, ctypes.c_uint)
 
-MAPPINGS = Path("/proc/self/maps")
-SYSTEM_LIBRARIES = ("libc.so", "libc-", "libm.so", "libm-", "ld-linux", "ld-musl")
-"""Of the files that a process has mapped, those that compiled code calls."""
-
 
 @dataclass(frozen=True)
 class RealTimeWishes:
-    """What the loop asks the system for; each wish that is not granted is said and done without.
+    """Requests of a loop to the system.
 
     Attributes:
-        fifo: SCHED_FIFO, at `priority`, 1 to 98; the watchdog runs one above.
-        priority: Of the loop.
-        lock_memory: No page that is used is taken away (mlock).
-        timer_slack: Wake-ups are not put together with others (1 ns instead of 50 µs).
-        cpu: The processor to stay on, None to choose the last that the process may use, -1 not to be pinned.
-        freeze_gc: What is there when the loop begins is no more looked through for garbage.
-        awake: A processor that has nothing to do polls for work instead of sleeping.
+        fifo: SCHED_FIFO at `priority`; the watchdog runs one above.
+        priority: Priority of the loop, 1 to 98.
+        lock_memory: Keep all used pages in memory (mlock).
+        timer_slack: Wake up without coalescing timers (1 ns instead of 50 µs).
+        cpu: Processor to stay on; None for the last one allowed, -1 for any.
+        freeze_gc: Exclude existing objects from garbage collection.
+        awake: Let idle processors poll instead of sleeping.
+
+    Raises:
+        InputError: A priority or a processor out of range.
     """
 
     fifo: bool = True
@@ -60,26 +63,21 @@ class RealTimeWishes:
     awake: bool = True
 
     def chosen(self) -> Self:
-        """The same with the processor's number, where there is a choice: every process of a session has to know it."""
+        """Return the same with the processor's number: all processes of a session have to know it."""
         allowed = os.sched_getaffinity(0)
         return replace(self, cpu=max(allowed)) if self.cpu is None and len(allowed) > 1 else self
 
     @property
     def loop_cpu(self) -> int:
-        """The processor that the loop has to itself, -1 for none; of `chosen` wishes."""
+        """Processor of the loop alone, -1 for none; of `chosen` wishes."""
         return -1 if self.cpu is None else self.cpu
 
     @classmethod
     def none(cls) -> Self:
-        """Ask for nothing."""
+        """Request nothing."""
         return cls(fifo=False, lock_memory=False, timer_slack=False, cpu=-1, freeze_gc=False, awake=False)
 
     def __post_init__(self) -> None:
-        """Refuse a priority that leaves no room for the watchdog.
-
-        Raises:
-            InputError: A priority or a processor out of range.
-        """
         if not 1 <= self.priority <= 98:
             raise InputError(f"the real-time priority is {self.priority}: expected 1 to 98")
         if self.cpu is not None and self.cpu < -1:
@@ -87,104 +85,79 @@ class RealTimeWishes:
 
 
 def become_real_time(wishes: RealTimeWishes, *, above: int = 0, interpreter: bool = True) -> dict[str, Any]:
-    """Ask the system for what is wished, for the calling thread and its process.
+    """Apply the requests to the calling thread and its process.
 
     Args:
-        above: How much higher than `wishes.priority` this process is to stand.
+        above: Added to `wishes.priority`.
         interpreter: As of `lock_memory`.
 
     Returns:
-        The mode that was achieved, as plain values:
-
-        | key | meaning |
-        |---|---|
-        | fifo | priority under SCHED_FIFO, 0 for the ordinary scheduler |
-        | memory_locked | whether no page can be taken away |
-        | timer_slack_ns | of this thread |
-        | cpu | the processor that it stays on, -1 for any |
-        | gc_frozen | whether garbage collection is off and what is there is not looked at again |
-        | awake | whether processors are kept from sleeping, which `processors_awake` does |
-        | timer | how deadlines are slept for |
-        | kernel | release of the system |
-        | throttle_us | what real-time processes may take of a second, 0 where it is not known |
-        | refused | a line for every wish that was not granted |
+        The achieved mode as plain values: `fifo`, the priority under SCHED_FIFO, 0 for the ordinary scheduler;
+        `memory_locked`; `timer_slack_ns` of this thread; `cpu`, the processor that it stays on, -1 for any;
+        `gc_frozen`, true if garbage collection is off; `awake`, set by `processors_awake`; `timer`, the system call
+        that waits for deadlines; `kernel`, the release of the system; `throttle_us`, the time of a second that
+        real-time processes may take, 0 if unknown; `refused`, a line for every request that was refused.
     """
     refused: list[str] = []
-    mode: dict[str, Any] = {
-        "fifo": 0,
-        "memory_locked": False,
-        "timer_slack_ns": 0,
-        "cpu": -1,
-        "gc_frozen": False,
-        "awake": False,
-        "timer": "clock_nanosleep, absolute",
-        "kernel": platform.release(),
-        "throttle_us": _throttle(),
-        "refused": refused,
-    }
+    mode: dict[str, Any] = {"fifo": 0, "memory_locked": False, "timer_slack_ns": 0, "cpu": -1, "gc_frozen": False}
+    mode |= {"awake": False, "timer": "clock_nanosleep, absolute", "kernel": platform.release()}
+    mode |= {"throttle_us": _throttle(), "refused": refused}
     if wishes.timer_slack:
-        try:
-            set_timer_slack(1)
-        except OSError as error:
-            refused.append(f"timer slack stays as it is: {error.strerror}")
+        with _noted(refused, "timer slack stays as it is"):
+            _check(_prctl(PR_SET_TIMERSLACK, 1, 0, 0, 0))
     mode["timer_slack_ns"] = timer_slack()
     if wishes.cpu != -1:
-        try:
+        with _noted(refused, "not kept on one processor"):
             mode["cpu"] = _stay_on(wishes.cpu)
-        except OSError as error:
-            refused.append(f"not kept on one processor: {error.strerror}")
-        except _NoChoice as reason:
-            refused.append(f"not kept on one processor: {reason}")
     if wishes.lock_memory:
-        try:
+        with _noted(refused, "memory is not locked", "; raise the limit memlock (ulimit -l)"):
             lock_memory(interpreter=interpreter)
             mode["memory_locked"] = True
-        except OSError as error:
-            refused.append(f"memory is not locked: {error.strerror}; raise the limit memlock (ulimit -l)")
     if wishes.freeze_gc:
         gc.collect()
         gc.freeze()
         gc.disable()
         mode["gc_frozen"] = True
-    # Last: what comes before takes longer than others of the same priority can wait.
+    # Last: the requests above take longer than others of the same priority can wait.
     if wishes.fifo:
         priority = wishes.priority + above
-        try:
+        hint = "; raise the limit rtprio (ulimit -r), or grant CAP_SYS_NICE"
+        with _noted(refused, f"no SCHED_FIFO at priority {priority}", hint):
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
             mode["fifo"] = priority
-        except OSError as error:
-            refused.append(
-                f"no SCHED_FIFO at priority {priority}: {error.strerror}; raise the limit rtprio (ulimit -r), or grant "
-                "CAP_SYS_NICE"
-            )
     return mode
 
 
 @contextlib.contextmanager
-def processors_awake(wishes: RealTimeWishes, mode: dict[str, Any]) -> Iterator[None]:
-    """Let no processor sleep while the block runs, if that is wished and granted.
+def _noted(refused: list[str], what: str, hint: str = "") -> Iterator[None]:
+    """Append a line to `refused` if the block raises OSError."""
+    try:
+        yield
+    except OSError as error:
+        refused.append(f"{what}: {error.strerror}{hint}")
 
-    To wake one that sleeps takes 10 to 100 µs, with each process on a sample's way, and more so under a host.
+
+@contextlib.contextmanager
+def processors_awake(wishes: RealTimeWishes, mode: dict[str, Any]) -> Iterator[None]:
+    """Keep idle processors awake during the block, if that is requested and granted.
+
+    An idle processor takes 10 to 100 µs to wake, at each process that a sample passes, and longer under a host.
 
     Args:
-        wishes: Of the loop.
-        mode: As of `become_real_time`; it is said there what was granted.
+        mode: As of `become_real_time`; updated.
     """
     with contextlib.ExitStack() as opened:
         if wishes.awake:
-            try:
+            what = f"processors without work may sleep: {IDLE_LATENCY}"
+            with _noted(mode["refused"], what, "; allow writing to it (udev)"):
                 device = opened.enter_context(IDLE_LATENCY.open("r+b", buffering=0))
                 device.write(bytes(4))
                 mode["awake"] = True
-            except OSError as error:
-                mode["refused"].append(
-                    f"processors without work may sleep: {IDLE_LATENCY}: {error.strerror}; allow writing to it (udev)"
-                )
         yield
 
 
 def keep_off(cpu: int) -> None:
-    """Leave a processor to the loop, where the calling thread may use another one; nothing where that is -1."""
+    """Keep the calling thread off the loop's processor if it may use another one; -1 changes nothing."""
     others = os.sched_getaffinity(0) - {cpu}
     if others:
         with contextlib.suppress(OSError):
@@ -192,46 +165,39 @@ def keep_off(cpu: int) -> None:
 
 
 def become_ordinary() -> None:
-    """Give the priority back, before a process that is done takes its time to go."""
+    """Return to the ordinary scheduler, for the time that a process takes to exit."""
     with contextlib.suppress(OSError):
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
-PR_SET_NAME = 15
-
-
 def name_process(name: str) -> None:
-    """Call this process, and the threads that it will start, `hhsim-<name>`; does nothing where it is not Linux.
-
-    To be called in the main thread: Linux takes the name of a process from that.
-    """
+    """Name this process, and the threads that it will start, `hhsim-<name>`; only on Linux, in the main thread."""
     if platform.system() == "Linux":
         ctypes.CDLL(None).prctl(PR_SET_NAME, f"hhsim-{name}".encode(), 0, 0, 0)
 
 
 def described(mode: dict[str, Any]) -> str:
-    """The achieved mode in one line."""
-    parts = [f"SCHED_FIFO {mode['fifo']}" if mode["fifo"] else "ordinary scheduling"]
-    parts.append("memory locked" if mode["memory_locked"] else "memory not locked")
-    parts.append(f"timer slack {mode['timer_slack_ns']:,} ns")
-    parts.append("any processor" if mode["cpu"] < 0 else f"processor {mode['cpu']}")
-    parts.append("gc off" if mode["gc_frozen"] else "gc on")
-    parts.append("processors awake" if mode.get("awake") else "processors may sleep")
-    return ", ".join(parts)
-
-
-class _NoChoice(Exception):
-    """Staying on a processor would make things worse."""
+    """Describe the achieved mode in one line."""
+    return ", ".join(
+        [
+            f"SCHED_FIFO {mode['fifo']}" if mode["fifo"] else "ordinary scheduling",
+            "memory locked" if mode["memory_locked"] else "memory not locked",
+            f"timer slack {mode['timer_slack_ns']:,} ns",
+            "any processor" if mode["cpu"] < 0 else f"processor {mode['cpu']}",
+            "gc off" if mode["gc_frozen"] else "gc on",
+            "processors awake" if mode.get("awake") else "processors may sleep",
+        ]
+    )
 
 
 def _stay_on(wish: int | None) -> int:
     allowed = sorted(os.sched_getaffinity(0))
     if wish is None:
         if len(allowed) == 1:
-            raise _NoChoice(f"{allowed[0]} is the only one there is")
+            raise OSError(errno.EINVAL, f"{allowed[0]} is the only one there is")
         wish = allowed[-1]
     elif wish not in allowed:
-        raise _NoChoice(f"the process may not use {wish}, only {', '.join(map(str, allowed))}")
+        raise OSError(errno.EINVAL, f"the process may not use {wish}, only {', '.join(map(str, allowed))}")
     os.sched_setaffinity(0, {wish})
     return wish
 
@@ -244,11 +210,11 @@ def _throttle() -> int:
 
 
 def lock_memory(*, interpreter: bool = True) -> None:
-    """Keep the pages in memory that the process uses; those that it never touches take no room.
+    """Keep the pages that the process uses in memory; those that it never touches take none.
 
     Args:
-        interpreter: Whether Python is run in time. Compiled code alone uses data, its own code and what it shares with
-            other processes, and none of the libraries that it was made with.
+        interpreter: True if Python code runs in real time. Compiled code alone uses data, its own code and shared
+            memory, and no library but the system's.
 
     Raises:
         OSError: Not allowed, or more than the limit of locked memory.
@@ -260,49 +226,32 @@ def lock_memory(*, interpreter: bool = True) -> None:
         span, rights, _, _, inode, *name = line.split(maxsplit=5)
         path = name[0] if name else ""
         shared = path.startswith("/memfd:")
-        library = inode != "0" and not shared
-        if "r" not in rights or path.startswith("[v") or (library and not _is_system_library(path)):
+        library = inode != "0" and not shared and not Path(path).name.startswith(SYSTEM_LIBRARIES)
+        if "r" not in rights or path.startswith("[v") or library:
             continue
         begin, end = (int(number, 16) for number in span.split("-"))
-        # Shared memory is not yet touched where the others will write; it has a size of its own.
+        # Shared memory is locked whole: other processes write to pages that this one has not touched yet.
         _check(_mlock2(begin, end - begin, 0 if shared else MLOCK_ONFAULT))
 
 
-def _is_system_library(path: str) -> bool:
-    return Path(path).name.startswith(SYSTEM_LIBRARIES)
-
-
 def unlock_memory() -> None:
-    """Take `lock_memory` back.
-
-    Raises:
-        OSError: The system refuses.
-    """
+    """Unlock all memory; raises OSError if the system refuses."""
     _check(_munlockall())
 
 
-def set_timer_slack(slack_ns: int) -> None:
-    """How late a wake-up of this thread may be made in order to put it together with others [ns].
-
-    Raises:
-        OSError: Not allowed.
-    """
-    _check(_prctl(PR_SET_TIMERSLACK, slack_ns, 0, 0, 0))
-
-
 def timer_slack() -> int:
-    """What `set_timer_slack` sets [ns]."""
+    """Return how late the system may wake this thread to coalesce timers [ns]."""
     return int(_check(_prctl(PR_GET_TIMERSLACK, 0, 0, 0, 0)))
 
 
 def end_with(parent: int) -> bool:
-    """Be sent SIGTERM when the parent ends, or rather the thread of it that started this process.
+    """Request SIGTERM for the end of the parent, more exactly of its thread that started this process.
 
     Args:
         parent: Its process id.
 
     Returns:
-        False where it has ended already: no signal will come.
+        False if it has ended already: no signal will come.
 
     Raises:
         OSError: Not allowed.

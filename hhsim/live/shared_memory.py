@@ -1,8 +1,7 @@
-"""Memory that several processes of a session see: a block, a ring with one writer and any number of readers, a setup.
+"""Memory shared by the processes of a session: a block, a ring with one writer and any number of readers, a setup.
 
-The memory has no name (memfd), so that nothing is left behind however the processes end; children inherit the
-descriptor. Words of eight bytes are written whole; on the processors that hhsim runs on, stores become visible in their
-order, which is what a reader relies on.
+It has no name (memfd): children inherit the descriptor, and nothing is left behind however the processes end. Readers
+rely on words of eight bytes being written whole, and on stores becoming visible in order, as on x86-64.
 """
 
 import contextlib
@@ -20,30 +19,25 @@ from hhsim.errors import HhsimError
 Setup = TypeVar("Setup")
 
 MADV_POPULATE_WRITE = 23
-"""As if every page were written, which changes none (madvise(2), Linux 5.14)."""
+"""Advice to prefault every page for writing (madvise(2), Linux 5.14)."""
 
 
 class SharedBlock:
-    """An array of one element in shared memory.
-
-    Args:
-        dtype: Of its one element; every process must agree.
-    """
+    """An array of one element of `dtype` in the memory of a descriptor; every process must use the same `dtype`."""
 
     def __init__(self, descriptor: int, dtype: np.dtype[Any]) -> None:
-        """Map the memory of a descriptor."""
         self.descriptor = descriptor
         self._map = mmap.mmap(descriptor, dtype.itemsize)
         self.array: AnyArray = np.frombuffer(self._map, dtype, 1)
 
     def populate(self) -> None:
-        """Have all of its pages there for this process, where the system can do that at once."""
+        """Prefault all pages for this process, if the system can do that at once."""
         with contextlib.suppress(OSError):
             self._map.madvise(MADV_POPULATE_WRITE)
 
     @classmethod
     def create(cls, name: str, dtype: np.dtype[Any]) -> Self:
-        """Fresh memory, all zeros; `name` is for people who look into /proc. The descriptor can be inherited.
+        """Allocate memory of zeros with an inheritable descriptor; `name` shows in /proc.
 
         Raises:
             HhsimError: The system has no memory of this kind.
@@ -57,94 +51,79 @@ class SharedBlock:
 
 
 class SharedRing:
-    """Records in shared memory: the writer never waits, a reader that falls behind loses the oldest and knows it.
-
-    Args:
-        capacity: How many records the ring holds.
-    """
+    """Ring of `capacity` records: the writer never waits, a slow reader loses the oldest ones and counts them."""
 
     def __init__(self, descriptor: int, dtype: np.dtype[Any], capacity: int) -> None:
-        """Map the memory of a descriptor."""
-        whole = np.dtype([("written", np.int64), ("record", dtype, (capacity,))], align=True)
-        self._block = SharedBlock(descriptor, whole)
+        self._block = SharedBlock(descriptor, _ring_type(dtype, capacity))
         self.descriptor = descriptor
         self.capacity = capacity
+        self.populate = self._block.populate
         self.counter: IntArray = self._block.array["written"]
-        """Records written since the beginning, shape (1,)."""
+        """Number of records written since the beginning, shape (1,)."""
         self.records = self._block.array["record"][0]
 
     @classmethod
     def create(cls, name: str, dtype: np.dtype[Any], capacity: int) -> Self:
-        """A fresh, empty ring."""
-        whole = np.dtype([("written", np.int64), ("record", dtype, (capacity,))], align=True)
-        block = SharedBlock.create(name, whole)
-        return cls(block.descriptor, dtype, capacity)
-
-    def populate(self) -> None:
-        """See `SharedBlock.populate`."""
-        self._block.populate()
+        """Allocate an empty ring."""
+        return cls(SharedBlock.create(name, _ring_type(dtype, capacity)).descriptor, dtype, capacity)
 
     @property
     def written(self) -> int:
-        """Records written since the beginning."""
+        """Number of records written since the beginning."""
         return int(self.counter[0])
 
     def slot(self) -> Any:
-        """The record to fill next, in place; nobody sees it before `publish`."""
-        return self.records[int(self.counter[0]) % self.capacity]
+        """Return the record to fill next; readers see it after `publish`."""
+        return self.records[self.written % self.capacity]
 
     def publish(self) -> None:
-        """The record that `slot` gave is complete."""
+        """Publish the record that `slot` returned."""
         self.counter[0] += 1
 
 
-class RingReader:
-    """One reader's place in a ring.
+def _ring_type(dtype: np.dtype[Any], capacity: int) -> np.dtype[Any]:
+    return np.dtype([("written", np.int64), ("record", dtype, (capacity,))], align=True)
 
-    Args:
-        ring: Which; read from the oldest record that is there.
+
+class RingReader:
+    """Position of one reader in a ring, at first that of the oldest record.
+
+    Attributes:
+        next: Number of the next record, counted from the ring's beginning.
+        lost: Number of records that were overwritten before they were read.
     """
 
-    lost: int
-    """Records that were overwritten before they were read."""
-
     def __init__(self, ring: SharedRing) -> None:
-        """Nothing is read yet."""
         self._ring = ring
         self.next = 0
         self.lost = 0
 
     def read(self, most: int) -> tuple[int, AnyArray]:
-        """The oldest records not yet read.
+        """Read the oldest unread records, at most `most`.
 
         Returns:
-            The number of the first one, counted from the ring's beginning, and copies of the records; numbers that
-            are passed over were lost.
+            Number of the first one, counted from the ring's beginning, and copies of the records; numbers that are
+            skipped were lost.
         """
         ring = self._ring
-        self._skip_lost(ring.written)
+        written = ring.written
+        self._skip_to(written - (ring.capacity - 1))
         first = self.next
-        count = min(most, ring.written - first)
-        place = np.arange(first, first + count) % ring.capacity
-        copies = ring.records[place]
-        # The slot after the newest record may be in the making, so one record fewer than the capacity is safe.
-        overwritten = max(0, ring.written - (ring.capacity - 1) - first)
-        if overwritten:
-            gone = min(overwritten, count)
-            self.lost += gone
-            first, copies = first + gone, copies[gone:]
-        self.next = first + len(copies)
-        return first, copies
+        records = ring.records[np.arange(first, min(first + most, written)) % ring.capacity]
+        self.next = first + len(records)
+        # The slot after the newest record may be in the making, so one record fewer than the capacity is valid.
+        overwritten = min(max(0, ring.written - (ring.capacity - 1) - first), len(records))
+        self.lost += overwritten
+        return first + overwritten, records[overwritten:]
 
-    def _skip_lost(self, written: int) -> None:
-        oldest = max(0, written - (self._ring.capacity - 1))
+    def _skip_to(self, oldest: int) -> None:
         if self.next < oldest:
             self.lost += oldest - self.next
             self.next = oldest
 
 
 def write_setup(setup: object) -> int:
-    """Put what a process has to know into memory that children can inherit; returns the descriptor."""
+    """Pickle the setup of a process into inheritable memory; returns the descriptor."""
     descriptor = os.memfd_create("hhsim-setup", 0)
     os.set_inheritable(descriptor, True)
     with open(descriptor, "wb", closefd=False) as stream:
@@ -153,10 +132,9 @@ def write_setup(setup: object) -> int:
 
 
 def read_setup(descriptor: int, kind: type[Setup]) -> Setup:
-    """What `write_setup` put there; every process may read it, whatever others have read."""
-    # By position: processes that inherit a descriptor share its place in the file.
-    size = os.fstat(descriptor).st_size
-    setup = pickle.loads(os.pread(descriptor, size, 0))
+    """Read what `write_setup` wrote; any number of processes may do so."""
+    # By position: processes that inherit a descriptor share its offset in the file.
+    setup = pickle.loads(os.pread(descriptor, os.fstat(descriptor).st_size, 0))
     if not isinstance(setup, kind):
         raise TypeError(f"the setup is a {type(setup).__name__}")
     return setup

@@ -1,4 +1,4 @@
-"""How punctually this machine wakes a thread that only waits, as the loop of a session would wait."""
+"""Measurement of how punctually this machine wakes a thread that only waits, as a session's loop does."""
 
 import threading
 from dataclasses import dataclass, replace
@@ -13,22 +13,22 @@ from hhsim.result.miss_cause import CAUSES, MissCause, TimeTaken
 from hhsim.system.cpu_accounts import CpuAccounts, risen
 
 BLOCK_SECONDS = 0.05
-"""So long the compiled code waits by itself; the accounts are read between two blocks, which costs no period."""
+"""Time that compiled code waits by itself [s]; accounts are read between two blocks, which costs no period."""
 
 
 @dataclass(frozen=True)
 class Wakeups:
-    """What became of a row of deadlines.
+    """Outcome of a sequence of deadlines.
 
     Attributes:
         rate: Deadlines a second [Hz].
-        late: How long after its deadline the thread woke [ns], one entry a wake-up.
-        missed: Deadlines that had passed when the thread woke from the one before.
-        streak: Most of them one after the other.
-        causes: How many of them by what took the time.
-        run_delay: How long the thread could have run and was not let [ns]; None where the system does not tell.
-        steal: How long the host had the thread's processors [ns], in the steps of the system; None as above.
-        mode: What the system granted, as of `become_real_time`.
+        late: Time from deadline to wake-up [ns], one entry a wake-up.
+        missed: Number of deadlines that had passed when the thread woke from the one before.
+        streak: Largest number of them in a row.
+        causes: Number of them by what took the time.
+        run_delay: Time in which the thread was ready and did not run [ns]; None if the system does not tell.
+        steal: Time in which the host had the thread's processors [ns], in the system's steps; None as above.
+        mode: Mode that the system granted, as of `become_real_time`.
     """
 
     rate: float
@@ -42,16 +42,16 @@ class Wakeups:
 
     @property
     def periods(self) -> int:
-        """Deadlines, missed ones too."""
+        """Number of deadlines, missed ones included."""
         return len(self.late) + self.missed
 
     def percentile(self, percent: float) -> float:
-        """The lateness [s] that so many per cent of the wake-ups do not exceed, the nearest rank."""
+        """Return the lateness [s] that `percent` of the wake-ups do not exceed, the nearest rank."""
         return 1e-9 * float(np.percentile(self.late, percent, method="inverted_cdf"))
 
 
 class _Measurement(threading.Thread):
-    """The thread that waits: what it is granted is its own, and goes with it."""
+    """Thread that waits: what it is granted ends with it."""
 
     def __init__(self, rate: float, seconds: float, wishes: RealTimeWishes) -> None:
         super().__init__(name="hhsim-wakeups", daemon=True)
@@ -63,11 +63,11 @@ class _Measurement(threading.Thread):
     def run(self) -> None:
         try:
             self.result = self._measure()
-        except Exception as error:  # raised again where the thread was started
+        except Exception as error:  # raised again by `measure_wakeups`
             self.failure = error
 
     def _measure(self) -> Wakeups:
-        # The first call compiles or loads the kernel: none of that is waiting.
+        # The first call compiles or loads the kernel, which is not waiting.
         wait_periods(_deadlines(1_000), np.zeros(1, np.int64))
         mode = become_real_time(replace(self._wishes, freeze_gc=False))
         accounts = CpuAccounts(None if mode["cpu"] < 0 else mode["cpu"])
@@ -84,28 +84,29 @@ class _Measurement(threading.Thread):
         count = max(1, round(self._seconds * self._rate))
         size = max(1, round(BLOCK_SECONDS * self._rate))
         block, deadlines = np.zeros(size, np.int64), _deadlines(period)
-        rows, missed, streak = [], 0, 0
+        late, missed, streak = [], 0, 0
         causes = dict.fromkeys(CAUSES, 0)
         first = before = accounts.run_delay_ns(), accounts.steal_ns()
         while count > 0 and not self.stopping.is_set():
-            part = block[: min(size, count)]
-            gone = int(wait_periods(deadlines, part))
+            waits = block[: min(size, count)]
+            passed = int(wait_periods(deadlines, waits))
             after = accounts.run_delay_ns(), accounts.steal_ns()
-            woken = part[part != PASSED]
-            if gone:
-                # Those that went by while it slept, or before it could.
+            woken = waits[waits != PASSED]
+            if passed:
+                # Deadlines that passed during a sleep, or before it could begin.
                 overslept = woken[woken >= period]
-                kept = max(int(overslept.sum()), gone * period)
+                kept = max(int(overslept.sum()), passed * period)
                 delay, steal = (risen(was, now) for was, now in zip(before, after, strict=True))
-                causes[TimeTaken(computed=0, kept=kept, run_delay=delay, steal=steal, device=0).cause()] += gone
-                in_a_row = int(np.diff(np.flatnonzero(np.r_[True, part != PASSED, True])).max()) - 1
+                cause = TimeTaken(computed=0, kept=kept, run_delay=delay, steal=steal, device=0).cause()
+                causes[cause] += passed
+                in_a_row = int(np.diff(np.flatnonzero(np.r_[True, waits != PASSED, True])).max()) - 1
                 streak = max(streak, in_a_row, int(overslept.max(initial=0)) // period)
-            rows.append(woken)
-            missed += gone
-            count -= len(part)
+            late.append(woken)
+            missed += passed
+            count -= len(waits)
             before = after
-        told = [None if was < 0 or now < 0 else now - was for was, now in zip(first, before, strict=True)]
-        return Wakeups(self._rate, np.concatenate(rows), missed, streak, causes, told[0], told[1], mode)
+        run_delay, stolen = (None if was < 0 or now < 0 else now - was for was, now in zip(first, before, strict=True))
+        return Wakeups(self._rate, np.concatenate(late), missed, streak, causes, run_delay, stolen, mode)
 
 
 def _deadlines(period: int) -> Any:
@@ -115,15 +116,9 @@ def _deadlines(period: int) -> Any:
 
 
 def measure_wakeups(rate: float, seconds: float, wishes: RealTimeWishes) -> Wakeups:
-    """Wait for deadlines in a thread of its own that asks for what a loop would ask for, and count how late it wakes.
+    """Measure how late a thread with the requests of a loop wakes for deadlines, at `rate` [Hz] for `seconds`.
 
-    Args:
-        rate: Deadlines a second [Hz].
-        seconds: For how long [s].
-        wishes: What is asked of the system; the garbage collector is left alone.
-
-    Returns:
-        What became of the deadlines; the calling thread stays as it was, and no memory stays locked.
+    The calling thread stays as it was, no memory stays locked, and the garbage collector is left alone.
 
     Raises:
         KeyboardInterrupt: Ctrl-C; the thread has ended.

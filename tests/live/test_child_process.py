@@ -42,10 +42,10 @@ def test_an_error_is_told_by_its_last_line(start: Start) -> None:
     assert child.how_it_ended() == "ended with code 2: no glove here"
 
 
-def test_a_long_complaint_is_cut_and_not_lost(start: Start) -> None:
-    child = start("print('x' * 100_000)\nprint('the end')\n1 / 0")
+def test_a_long_output_is_cut_and_never_blocks_it(start: Start) -> None:
+    child = start("print('x' * 10_000_000)\nprint('the end')\n1 / 0")
     assert child.wait(60.0)
-    assert child.complaint() == "ZeroDivisionError: division by zero"
+    assert child.last_line() == "ZeroDivisionError: division by zero"
 
 
 def test_a_signal_is_told_by_its_name(start: Start) -> None:
@@ -63,7 +63,7 @@ def test_a_signal_is_told_by_its_name(start: Start) -> None:
 def test_its_own_time_is_what_it_computes_and_what_it_sleeps(start: Start, program: str) -> None:
     child = start(f"import time\n{program}")
     looks = itertools.count()
-    assert not child.wait_its_time(0.3, lambda: next(looks) > 4)
+    assert not child.wait_own_time(0.3, lambda: next(looks) > 4)
     assert child.running and next(looks) > 6, "what it has done begins its time anew"
 
 
@@ -80,7 +80,7 @@ def had(child: ChildProcess, step: float, ran: float, waited: float) -> int:
         patch.setattr(child, "wait", look)
         patch.setattr(child_process, "_processor_time", lambda process: (ran * looks[0], waited * looks[0]))
         patch.setattr(child_process, "time", SimpleNamespace(monotonic=lambda: clock[0]))
-        child.wait_its_time(2.999)
+        child.wait_own_time(2.999)
     return looks[0]
 
 
@@ -120,12 +120,6 @@ def test_it_inherits_its_descriptors_and_leads_a_session_of_its_own(start: Start
     os.close(descriptor)
 
 
-def test_what_it_writes_never_blocks_it(start: Start) -> None:
-    child = start("print('x' * 10_000_000)")
-    assert child.wait(60.0)
-    assert child.code == 0
-
-
 def test_nothing_is_imported_from_where_the_command_was_typed(
     start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -134,4 +128,4 @@ def test_nothing_is_imported_from_where_the_command_was_typed(
     monkeypatch.chdir(tmp_path / "clones")
     child = start("import signal\nfrom hhsim import __version__")
     assert child.wait(60.0)
-    assert (child.code, child.complaint()) == (0, "")
+    assert (child.code, child.last_line()) == (0, "")

@@ -145,19 +145,6 @@ def run_loop(**changes: object) -> tuple[subprocess.CompletedProcess[str], Sessi
     return child, memory
 
 
-def test_the_loop_s_process_runs_a_simulated_glove_and_says_what_became_of_it() -> None:
-    child, memory = run_loop(duration=0.2)
-    assert child.returncode == 0, child.stderr
-    facts = memory.read_facts()
-    assert facts["device"]["name"] == "simulated glove"
-    assert facts["real_time"]["fifo"] == 0
-    summary = facts["summary"]
-    assert summary["reason"] == "duration"
-    assert summary["ticks"] + summary["missed"] >= 200
-    assert summary["wakeup"]["count"] == summary["ticks"] == memory.status["ticks"]
-    assert memory.status["stage"] == Stage.ENDED
-
-
 def test_a_glove_that_is_not_there_is_one_line_and_exit_2() -> None:
     child, memory = run_loop(device=configure("dexmo", port=1))
     assert child.returncode == 2

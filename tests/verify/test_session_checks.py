@@ -24,8 +24,7 @@ from hhsim.kernels.live import tick as live_loop
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_INPUT_INVALID
 from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
 from hhsim.live.ipc.session_memory import SessionMemory
-from hhsim.live.loop import plausibility as glove_watch
-from hhsim.live.loop.interlock import QUIET_NS
+from hhsim.live.loop import story
 from hhsim.live.loop.loop import loop_options
 from hhsim.live.session import recorder
 from hhsim.live.session.recorder import Recorder
@@ -656,9 +655,9 @@ def test_the_referee_and_the_loop_mean_the_same_bits_and_words() -> None:
         STATUS_CAPACITY_EXCEEDED,
     )
     assert WORDS[Safety.SOLVER_FAILED] == verify_rows.SOLVER_FAILED
-    assert (recorder.LOOP_DIED, QUIET_NS) == (verify_rows.LOOP_DIED, verify_rows.QUIET)
+    assert (recorder.LOOP_DIED, story.QUIET_NS) == (verify_rows.LOOP_DIED, verify_rows.QUIET)
     assert (live_loop.MOST_SAMPLES, looked_at.MOST_ANGLE) == (verify_rows.MOST_READ, verify_rows.MOST_ANGLE)
-    assert glove_watch.NAMES == verify_session.FINGER_NAMES
+    assert story.NAMES == verify_session.FINGER_NAMES
 
 
 @given(

@@ -1,1 +1,1 @@
-"""What the processes of a session share."""
+"""Memory and settings shared by the processes of a session."""

@@ -1,4 +1,4 @@
-"""All that is set of a live session before it begins; its processes get it pickled in memory that they inherit."""
+"""Settings of a live session; its processes read them pickled from memory that they inherit."""
 
 import math
 import os
@@ -32,20 +32,20 @@ if TYPE_CHECKING:
 Stiffness = Annotated[float, between(0.0, 1.0)]
 OF_FINGERS = Meta(min_length=FINGER_COUNT, max_length=FINGER_COUNT, description="five numbers, 0 (free) to 1")
 RATE_RANGE = (10.0, 10_000.0)
-"""Ticks per second [Hz] that a loop is asked for."""
+"""Least and largest rate of a loop [Hz]."""
 
 
 @dataclass(frozen=True)
 class OutputLimits:
-    """What the fingers may be told, and how fast it may change.
+    """Limits of the finger commands; raises InputError for a value out of range.
 
     Attributes:
-        stiffness: Of each finger while it carries contact force, 0 (free) to 1, five numbers.
-        stiffness_rise: Fastest growth of the stiffness [1/s]; it falls at once.
-        bend_speed: Fastest change of the bend at which a finger is stopped, both ways [1/s].
-        ramp: How long the stiffness takes to its full value at the start and after every fault [s].
-        contact_force: A finger whose phalanges feel less than this together is free [N].
-        ease: How long the full stiffness takes to fall to 0 where a stall is eased [s].
+        stiffness: Stiffness of each finger in contact, 0 (free) to 1, five numbers.
+        stiffness_rise: Largest rate at which the stiffness grows [1/s]; it falls at once.
+        bend_speed: Largest rate at which the bend limit moves, both ways [1/s].
+        ramp: Time in which the stiffness reaches its full value at the start and after every fault [s].
+        contact_force: Force on all phalanges of a finger together below which it is free [N].
+        ease: Time in which the full stiffness falls to 0 if a stall is eased [s].
     """
 
     stiffness: Annotated[tuple[Stiffness, ...], OF_FINGERS] = (0.3,) * FINGER_COUNT
@@ -56,21 +56,20 @@ class OutputLimits:
     ease: Positive = 0.1
 
     def __post_init__(self) -> None:
-        """Raise InputError for what no glove takes."""
         check_fields(self)
 
 
 @dataclass(frozen=True)
 class SafetyLimits:
-    """From when on the fingers are freed.
+    """Limits beyond which the fingers are freed; raises InputError for a value out of range.
 
     Attributes:
-        stale: Age of the newest sample, or of the pose where its source can go silent [s].
-        overruns: Periods missed one after the other.
-        watchdog: Whether a watchdog must be there.
-        watchdog_stale: Age of the watchdog's last sign of life [s].
-        heartbeat_stale: Age of the loop's last sign of life at which the watchdog frees the fingers [s].
-        after_stall: What becomes of held fingers when `overruns` periods were missed: one of `AFTER_STALL`.
+        stale: Age of the newest sample, or of the pose if its source can go silent [s].
+        overruns: Number of periods missed in a row.
+        watchdog: True if a watchdog is required.
+        watchdog_stale: Age of the watchdog's heartbeat [s].
+        heartbeat_stale: Age of the loop's heartbeat at which the watchdog frees the fingers [s].
+        after_stall: Treatment of held fingers after `overruns` missed periods, one of `AFTER_STALL`.
     """
 
     stale: Positive = 0.025
@@ -81,17 +80,13 @@ class SafetyLimits:
     after_stall: Annotated[str, one_of(AFTER_STALL)] = "release"
 
     def __post_init__(self) -> None:
-        """Raise InputError for limits that are none."""
         check_fields(self)
 
     def release_at(self, period_ns: int) -> int:
-        """Periods missed one after the other at which the fingers are freed, whatever `after_stall` says.
+        """Return the number of periods missed in a row at which the fingers are freed whatever `after_stall` is.
 
-        With hold and ease it is so many that two ticks may lie `heartbeat_stale` apart: from then on the watchdog may
-        have freed the fingers, and nothing but the ramp may bring them back.
-
-        Args:
-            period_ns: Of a tick [ns].
+        With hold and ease it is as many as fit between two ticks `heartbeat_stale` apart: the watchdog may have freed
+        the fingers by then, and only the ramp may bring the stiffness back. `period_ns` is that of a tick [ns].
         """
         if self.after_stall == "release":
             return self.overruns
@@ -101,27 +96,21 @@ class SafetyLimits:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LiveSetup:
-    """A live session before it begins.
+    """Settings of a live session; raises InputError for a rate or a duration out of range.
 
     Attributes:
-        mesh: The object's surface [m], world frame.
-        tree: Its sphere tree, world frame.
-        options: Of the solver; its period is that of the rate.
-        device: Which glove; its calibration says what a bend is in angles, and so makes the set points.
-        pose: Where the palm's pose comes from.
-        free: What the object is besides, where it is free; mesh and tree are then where it is at first.
-        rate: Ticks per second [Hz].
-        duration: How long to run [s]; None until it is stopped.
-        output: What the fingers may be told.
-        safety: When they are freed.
-        real_time: What the system is asked for.
-        record: The session's file; None keeps nothing.
+        mesh, tree: The object and its sphere tree [m], world frame; of a free object, at its first pose.
+        options: Options of the solver; the loop replaces their period by its own.
+        device: The glove; its calibration relates bend to joint angles, and so makes the set points.
+        pose: Source of the palm's pose.
+        free: Body of a free object; None for a fixed one.
+        rate: Ticks a second [Hz].
+        duration: Duration [s]; None until it is stopped.
+        record: File of the session; None records nothing.
         rerun: "spawn", an address or a file for the viewer; None shows nothing.
-        dry_run: Nothing is sent to the glove.
-        command: The command line, for the record.
-        description: What else the file is to say of how the scene came about, as plain values; `object_position` [m]
-            and `object_orientation` (w, x, y, z) are the object's pose, where its own frame is not the world's.
-        supervisor: Process id of who makes the setup and starts the others; the loop ends with it.
+        description: Further plain values of the scene for the file; `object_position` [m] and `object_orientation`
+            (w, x, y, z) are the object's pose if its own frame is not the world's.
+        supervisor: Process id of the supervisor; the loop ends with it.
     """
 
     mesh: Mesh
@@ -144,11 +133,6 @@ class LiveSetup:
     supervisor: int = field(default_factory=os.getpid)
 
     def __post_init__(self) -> None:
-        """Refuse a rate or a duration that is none.
-
-        Raises:
-            InputError: Out of range.
-        """
         low, high = RATE_RANGE
         if not low <= self.rate <= high:
             raise InputError(f"the rate is {self.rate:g} Hz: expected {low:g} to {high:g} Hz")
@@ -157,27 +141,27 @@ class LiveSetup:
 
     @property
     def period_ns(self) -> int:
-        """Of a tick [ns]."""
+        """Period of a tick [ns]."""
         return round(1e9 / self.rate)
 
     def contact_surface(self) -> "ContactSurface":
-        """What the hand touches."""
+        """Build the surface that the hand touches."""
         from hhsim.trees.contact_surface import contact_surface
 
         return contact_surface(self.options.surface, self.mesh, self.tree)
 
     def object_pose(self) -> tuple[FloatArray, FloatArray]:
-        """Origin of the object's own frame at first [m], shape (3,), world, and object to world, shape (4,)."""
+        """Return the object's first pose in the world: origin [m], shape (3,), and unit quaternion, shape (4,)."""
         position = self.description.get("object_position", (0.0, 0.0, 0.0))
         orientation = self.description.get("object_orientation", (1.0, 0.0, 0.0, 0.0))
         return np.array(position, np.float64), np.array(orientation, np.float64)
 
     def bend_lines(self) -> tuple[FloatArray, FloatArray]:
-        """See `Calibration.bend_lines`; the default regression's for a glove without a calibration."""
+        """Return `Calibration.bend_lines` of the glove; those of the default regression if it has no calibration."""
         return (self.device.calibration or DexmoRegression.default()).bend_lines()
 
     def for_watchdog(self, status: int) -> WatchdogSetup:
-        """What the watchdog is to know; `status` is the descriptor of the status block."""
+        """Return the setup of the watchdog; `status` is the descriptor of the status block."""
         return WatchdogSetup(
             status=status,
             device=None if self.dry_run else for_release(self.device),
@@ -188,7 +172,7 @@ class LiveSetup:
         )
 
     def limits_json(self) -> dict[str, Any]:
-        """Limits and wishes as plain values, and what a bend is in angles [rad]: no set point is known without that."""
+        """Return limits and requests as plain values, and the lines from bend to joint angle [rad]."""
         slope, offset = self.bend_lines()
         return {
             **{name: asdict(getattr(self, name)) for name in ("output", "safety", "real_time")},

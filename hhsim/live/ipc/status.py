@@ -1,4 +1,4 @@
-"""The status block of a live session, and the setups of the processes that need little: its watchdog and its driver."""
+"""Status block of a live session, and the setups of the processes that need little: watchdog and driver."""
 
 from dataclasses import dataclass
 from enum import IntEnum
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class Stage(IntEnum):
-    """Where a session is."""
+    """Stage of a session."""
 
     STARTING = 0
     RUNNING = 1
@@ -22,20 +22,16 @@ class Stage(IntEnum):
     ENDED = 3
 
 
+def _integers(*names: str) -> list[tuple[str, type]]:
+    return [(name, np.int64) for name in names]
+
+
 LIVE_STATUS = np.dtype(
     [
         # Written by the loop.
-        ("heartbeat_ns", np.int64),
-        ("stage", np.int64),
-        ("loop_pid", np.int64),
-        ("ticks", np.int64),
-        ("missed", np.int64),
+        *_integers("heartbeat_ns", "stage", "loop_pid", "ticks", "missed"),
         ("missed_by", np.int64, (4,)),
-        ("streak", np.int64),
-        ("safety", np.int64),
-        ("contacts", np.int64),
-        ("battery", np.int64),
-        ("sample_ns", np.int64),
+        *_integers("streak", "safety", "contacts", "battery", "sample_ns"),
         ("force", np.float64, (5,)),
         ("command_bend", np.float64, (5,)),
         ("command_stiffness", np.float64, (5,)),
@@ -44,61 +40,49 @@ LIVE_STATUS = np.dtype(
         ("command_version", np.int64, (1,)),
         ("loop_ready", np.int64),
         # Written by the driver.
-        ("driver_ns", np.int64),
-        ("driver_begun", np.int64),
-        ("device_lost", np.int64),
+        *_integers("driver_ns", "driver_begun", "device_lost"),
         ("counters", np.int64, (9,)),
         ("palm_ns", np.int64),
         ("palm_position", np.float64, (3,)),
         ("palm_orientation", np.float64, (4,)),
         ("palm_version", np.int64, (1,)),
         # Written by the watchdog.
-        ("watchdog_ns", np.int64),
-        ("watchdog_armed", np.int64),
-        ("watchdog_releases", np.int64),
+        *_integers("watchdog_ns", "watchdog_armed", "watchdog_releases"),
         # Written by the recorder and by the viewer.
-        ("recorder_ns", np.int64),
-        ("recorder_ticks", np.int64),
-        ("recorder_lost", np.int64),
-        ("recorder_failed", np.int64),
-        ("viewer_ns", np.int64),
+        *_integers("recorder_ns", "recorder_ticks", "recorder_lost", "recorder_failed", "viewer_ns"),
         # Written by the supervisor.
-        ("stop_requested", np.int64),
-        ("pose_version", np.int64),
+        *_integers("stop_requested", "pose_version"),
         ("pose_position", np.float64, (3,)),
         ("pose_orientation", np.float64, (4,)),
     ],
     align=True,
 )
-"""The state of a session that changes in place; every field has one writer. `counters` are those of `DeviceCounters`
-in their order, `missed_by` is by `MissCause` without NONE; times are CLOCK_MONOTONIC [ns]. `command_version`,
+"""State of a session that changes in place; every field has one writer. Times are CLOCK_MONOTONIC [ns]. `counters` are
+those of `DeviceCounters`, `missed_by` is by `MissCause` without NONE, both in their order. `command_version`,
 `palm_version` and `pose_version` are odd while the command, the palm's pose and the pose of the keyboard are being
-written. `loop_ready` is 1 when the glove may be opened and 2 when the loop is about to begin; `driver_begun` is 1 when
-what came before is in the ring of samples. `stop_requested` is 1 where the user ends the session, and -n where signal n
-to the command does.
+written. `loop_ready` is 1 when the glove may be opened, 2 when the loop is about to begin; `driver_begun` is 1 when the
+samples before that are in their ring. `stop_requested` is 1 if the user ends the session, -n if signal n does.
 """
 
-
 PERIODS = 2.5
-"""A slow loop may keep still for this many periods."""
+"""Number of periods without a heartbeat that are allowed to a slow loop."""
 
 
 def oldest_heartbeat(heartbeat_stale: float, period_ns: int) -> int:
-    """From which age on a loop's sign of life is none [ns], of the limit [s] and its period."""
+    """Return the largest age of a loop's heartbeat [ns], of the limit [s] and its period."""
     return max(round(1e9 * heartbeat_stale), round(PERIODS * period_ns))
 
 
 @dataclass(frozen=True)
 class WatchdogSetup:
-    """What the watchdog of a session has to know, without the scene and without what the readings of the glove mean.
+    """Settings of the watchdog, without scene and calibration.
 
     Attributes:
         status: Descriptor of the status block.
         device: The glove; None in a dry run, in which nothing is sent.
-        period_ns: Of a tick [ns].
-        heartbeat_stale: Age of the loop's last sign of life at which the fingers are freed [s].
-        real_time: What the loop asks the system for.
-        supervisor: Process id of who starts the processes of the session.
+        period_ns: Period of a tick [ns].
+        heartbeat_stale: Age of the loop's heartbeat at which the fingers are freed [s].
+        supervisor: Process id of the supervisor.
     """
 
     status: int
@@ -111,14 +95,13 @@ class WatchdogSetup:
 
 @dataclass(frozen=True)
 class DriverSetup:
-    """What the driver of a session has to know: neither hand nor object.
+    """Settings of the driver process, without hand and object.
 
     Attributes:
-        device: Which glove.
-        pose: Where the palm's pose comes from.
-        dry_run: Nothing is sent to the glove.
-        oldest_ns: Age of the loop's last sign of life at which its command is none any more [ns].
-        real_time: What the loop asks the system for.
+        device: The glove.
+        pose: Source of the palm's pose.
+        dry_run: True to send nothing to the glove.
+        oldest_ns: Age of the loop's heartbeat at which its command is void [ns].
         parent: Process id of the loop.
     """
 

@@ -1,11 +1,8 @@
-"""What a serial line and a TCP connection share: a real-time loop sends over them whole or not at all, and never waits.
-
-A subclass opens and closes the line, and moves bytes; here is what is said of bytes that did not move.
-"""
+"""Common part of a serial line and a TCP connection: bytes are sent whole or not at all, and nothing waits."""
 
 import fcntl
 import select
-import struct
+import sys
 import termios
 from abc import ABC, abstractmethod
 from typing import ClassVar
@@ -13,63 +10,58 @@ from typing import ClassVar
 from hhsim.live.device import DeviceError
 
 MOST_READ = 16_384
-"""Bytes taken at once, so that a peer that floods cannot hold up a tick; the rest waits its turn."""
+"""Bytes read at once, so that a peer that floods cannot delay a tick."""
 
 
 class ByteLink(ABC):
-    """A line of bytes to a glove or to its server.
+    """A byte stream to a glove or to its server; a subclass opens, closes, reads and writes it.
 
     Args:
-        name: Of the device in messages, as "dexmo at 127.0.0.1:55555".
+        name: Name of the device in messages: "dexmo at 127.0.0.1:55555".
 
     Attributes:
-        connection: Counts how often the line was opened.
+        connection: Number of times that the line was opened.
     """
 
     MOST_UNSENT: ClassVar[int]
-    """Bytes on their way that the peer has not taken; with more, what is not urgent is not sent."""
+    """Unacknowledged bytes beyond which only urgent data are sent."""
     NOT_OPEN: ClassVar[str]
-    """What is said where nothing is open."""
+    """Message of an error if nothing is open."""
     ENDED: ClassVar[str]
-    """What is said where the peer has ended it."""
+    """Message of an error if the peer has ended it."""
 
     def __init__(self, name: str) -> None:
-        """Nothing is open yet."""
         self.name = name
         self.connection = 0
         self._rest = b""
 
     @abstractmethod
     def descriptor(self) -> int:
-        """The file descriptor of the open line, -1 where none is."""
+        """Return the file descriptor of the open line, -1 if none is."""
 
     @abstractmethod
     def _read(self) -> bytes:
-        """Take what has arrived, at most `MOST_READ` bytes; raises BlockingIOError where nothing has."""
+        """Read at most `MOST_READ` bytes; raises BlockingIOError if nothing has arrived."""
 
     @abstractmethod
     def _write(self, data: bytes) -> int:
-        """Hand as much of it to the system as it takes; returns how much."""
+        """Hand as many bytes to the system as it takes; returns their number."""
 
     @abstractmethod
     def _let_go(self) -> None:
-        """Close what is open, without waiting; never raises."""
+        """Close the line if it is open, without waiting; never raises."""
 
     def close(self) -> None:
-        """Let go of the line; never raises."""
+        """Close the line; never raises."""
         self._let_go()
 
     @property
     def connected(self) -> bool:
-        """Whether the line is open, as far as is known."""
+        """True if the line is open, as far as is known."""
         return self.descriptor() >= 0
 
     def receive(self) -> bytes | None:
-        """What has arrived; None where nothing has.
-
-        Raises:
-            DeviceError: The peer is gone.
-        """
+        """Return what has arrived, None if nothing has; raises DeviceError if the peer is gone."""
         self._require_open()
         try:
             data = self._read()
@@ -85,10 +77,10 @@ class ByteLink(ABC):
         """Send all of it or nothing, without waiting.
 
         Args:
-            urgent: Also to a peer that is slow to take what it was sent.
+            urgent: True to send to a peer with `MOST_UNSENT` bytes too.
 
         Returns:
-            False where the peer takes no more now.
+            False if the peer takes no more now.
 
         Raises:
             DeviceError: The peer is gone.
@@ -96,7 +88,7 @@ class ByteLink(ABC):
         self._require_open()
         try:
             if self._rest:
-                # What was sent by half must be ended, or the peer would take the next for the rest of it.
+                # A command that was sent by half has to be completed first.
                 self._rest = self._rest[self._write(self._rest) :]
                 if self._rest:
                     return False
@@ -110,7 +102,7 @@ class ByteLink(ABC):
         return True
 
     def wait(self, timeout: float) -> None:
-        """Wait until something has arrived, or for so long [s]."""
+        """Wait until something has arrived, at most `timeout` [s]."""
         if self.connected:
             ready(self.descriptor(), select.POLLIN, timeout)
 
@@ -123,12 +115,11 @@ class ByteLink(ABC):
         return DeviceError(f"{self.name}: gone: {reason}")
 
     def _unsent(self) -> int:
-        answer = fcntl.ioctl(self.descriptor(), termios.TIOCOUTQ, bytes(4))
-        return int(struct.unpack("i", answer)[0])
+        return int.from_bytes(fcntl.ioctl(self.descriptor(), termios.TIOCOUTQ, bytes(4)), sys.byteorder)
 
 
 def ready(descriptor: int, event: int, timeout: float) -> bool:
-    """Wait for an event of `select.poll`, or for the end of the line, so long [s]; True where there is one."""
+    """Wait at most `timeout` [s] for an event of `select.poll` or the end of the line; True if there is one."""
     poll = select.poll()
     poll.register(descriptor, event)
     return bool(poll.poll(max(0.0, 1e3 * timeout)))

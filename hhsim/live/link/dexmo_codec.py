@@ -1,9 +1,8 @@
-"""What a Dexmo server and its clients write to each other.
+"""Messages between a Dexmo server and its clients.
 
 Both ways: the length of a message as a little-endian int32, then the message in proto3. The server sends `Frame`, the
-client `Command`. Field numbers and meanings as in the vendor's example client for its Linux server 1.1.6; the names
-here are ours; what of a command is never used (rumble, other) is skipped as any unknown field is. A frame carries
-neither a stamp nor a number nor a force that was felt.
+client `Command`. Field numbers and meanings are those of the vendor's example client for its Linux server 1.1.6, names
+are ours; unused fields of a command (rumble, other) are skipped. A frame has neither a stamp nor a number nor a force.
 """
 
 import struct
@@ -18,7 +17,7 @@ CHANNELS = (
     *("thumb_rotate", "thumb_split", "thumb_bend", "index_split", "index_bend", "middle_split", "middle_bend"),
     *("ring_split", "ring_bend", "pinky_split", "pinky_bend"),
 )
-"""Channels of a hand in the order of their field numbers, 3 to 13; the vendor's pinky is our little finger."""
+"""Channels of a hand in the order of their field numbers, 3 to 13; pinky is the little finger."""
 FINGER_FIELDS = ("thumb", "index", "middle", "ring", "pinky")
 
 MESSAGES = {
@@ -30,17 +29,17 @@ MESSAGES = {
     "Impedance": [*((k, f, "ImpedanceData") for k, f in enumerate(FINGER_FIELDS, start=1)), (6, "has_index", "bool")],
     "Command": [(1, "id", "int32"), (2, "impedance", "*Impedance")],
 }
-"""Number, name and type of each field; a star before a message that is repeated."""
+"""Number, name and type of each field; a star marks a repeated message."""
 
 MOST_BYTES = 8192
-"""Of a message: a glove takes about 80. A longer one means that the framing is lost."""
+"""Longest message [bytes]; a glove takes about 80. A longer one means that the framing is lost."""
 LENGTH = struct.Struct("<i")
 
 _channels = attrgetter(*CHANNELS)
 
 
 class FramingError(HhsimError):
-    """A length that no message has: where the next message begins is lost, and only a new connection knows."""
+    """A length that no message has: the framing is lost until a new connection."""
 
 
 class WireError(HhsimError):
@@ -48,12 +47,12 @@ class WireError(HhsimError):
 
 
 class GloveMessage(NamedTuple):
-    """What one glove says in a frame.
+    """Data of one glove in a frame.
 
     Attributes:
-        channels: In the order of `CHANNELS`, None without hand data. They may be NaN or infinite.
-        right: Whether it is a right hand's, None where the frame does not say it.
-        battery: Charge [%], None where the frame does not say it.
+        channels: Values in the order of `CHANNELS`, None without hand data; they may be NaN or infinite.
+        right: True for a right hand, None if unknown.
+        battery: Charge [%], None if unknown.
     """
 
     device_id: int
@@ -63,12 +62,12 @@ class GloveMessage(NamedTuple):
 
 
 class Impedance(NamedTuple):
-    """What the fingers of one glove are told.
+    """Command to the fingers of one glove.
 
     Attributes:
-        stiffness: Of each finger from thumb to little finger, 0 (free) to 1.
+        stiffness: Stiffness of thumb to little finger, 0 (free) to 1.
         set_point: Bend at which a force begins, 0 to 1; positive against closing, negative against opening.
-        kept: The server may not drop the command for a newer one (has_index).
+        kept: True if the server may not drop the command for a newer one (has_index).
     """
 
     device_id: int
@@ -99,16 +98,12 @@ def message_classes() -> dict[str, Any]:
 
 
 def framed(payload: bytes) -> bytes:
-    """A message with its length before it."""
+    """Return a message with its length before it."""
     return LENGTH.pack(len(payload)) + payload
 
 
 def decode_frame(payload: bytes) -> list[GloveMessage]:
-    """The gloves of a frame.
-
-    Raises:
-        WireError: No frame.
-    """
+    """Return the gloves of a frame; raises WireError if it is none."""
     found = []
     for message in _parsed("Frame", payload).messages:
         device = message.device if message.HasField("device") else None
@@ -124,7 +119,7 @@ def decode_frame(payload: bytes) -> list[GloveMessage]:
 
 
 def encode_frame(gloves: Iterable[GloveMessage]) -> bytes:
-    """A frame as the server sends it, without its length."""
+    """Encode a frame as the server sends it, without its length."""
     messages = []
     for glove in gloves:
         message: dict[str, Any] = {"id": glove.device_id}
@@ -137,11 +132,7 @@ def encode_frame(gloves: Iterable[GloveMessage]) -> bytes:
 
 
 def decode_impedances(payload: bytes) -> list[Impedance]:
-    """What a command tells the fingers; a finger that it does not name is told 0.
-
-    Raises:
-        WireError: No command.
-    """
+    """Return the impedances of a command, 0 for fingers that it does not name; raises WireError if it is none."""
     command = _parsed("Command", payload)
     found = []
     for impedance in command.impedance:
@@ -153,7 +144,7 @@ def decode_impedances(payload: bytes) -> list[Impedance]:
 
 
 def encode_impedance(device_id: int, stiffness: Sequence[float], set_point: Sequence[float], *, kept: bool) -> bytes:
-    """A command as a client sends it, without its length; every finger is named. Arguments as in `Impedance`."""
+    """Encode a command as a client sends it, without its length; arguments as in `Impedance`."""
     fingers = zip(FINGER_FIELDS, stiffness, set_point, strict=True)
     told = {name: {"stiffness": hard, "set_point": place} for name, hard, place in fingers}
     return _bytes("Command", id=device_id, impedance=[{"has_index": kept, **told}])
@@ -174,29 +165,23 @@ def _bytes(name: str, **fields: Any) -> bytes:
 
 
 class MessageStream:
-    """Cuts a stream of bytes into messages, however the bytes arrive; one beyond `MOST_BYTES` is not waited for."""
+    """Cuts a stream of bytes into messages, however the bytes arrive."""
 
     def __init__(self) -> None:
-        """Nothing has arrived."""
         self._bytes = bytearray()
         self._at = 0
 
     def __len__(self) -> int:
-        """Bytes that have arrived and were not handed on."""
         return len(self._bytes) - self._at
 
     def feed(self, data: bytes) -> None:
-        """Take what has arrived."""
+        """Append what has arrived."""
         del self._bytes[: self._at]
         self._at = 0
         self._bytes += data
 
     def next(self) -> bytes | None:
-        """The next message, without its length; None until all of it is there.
-
-        Raises:
-            FramingError: A negative length, or one that no message has.
-        """
+        """Return the next message without its length, None until it is whole; raises FramingError for a bad length."""
         start = self._at + LENGTH.size
         if start > len(self._bytes):
             return None

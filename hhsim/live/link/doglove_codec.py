@@ -1,4 +1,4 @@
-"""What a DOGlove says: frames of its main board on a serial line, and the datagrams of its published scripts.
+"""Frames of a DOGlove's main board on a serial line, and the datagrams of its published scripts.
 
 Facts of `Core/Src/main.c` of DOGlove_Firmware and of `glove_mcu.py` and `servo.py` of DOGlove, both MIT.
 """
@@ -17,20 +17,20 @@ ENCODERS = 16
 SERVOS = 5
 _WORDS = struct.Struct("<I16iI")
 _FULL_SCALE = 5.0 / 0x7FFFFF
-"""Of the converter [V/count]."""
+"""Resolution of the converter [V/count]."""
 _DATAGRAM = np.dtype("<f4")
 
 
 class FrameError(PacketError):
-    """Bytes that are none of a DOGlove; the message says why."""
+    """Bytes that are no frame or datagram of a DOGlove."""
 
 
 class Encoders(NamedTuple):
-    """A reading of the main board.
+    """Reading of the main board.
 
     Attributes:
-        degrees: Of the encoders in the board's order [deg], shape (16,).
-        milliseconds: The board's clock, modulo 65,536; -1 where a datagram brought it.
+        degrees: Angles of the encoders in the board's order [deg], shape (16,).
+        milliseconds: Clock of the board, modulo 65,536; -1 in a datagram.
     """
 
     degrees: FloatArray
@@ -38,14 +38,7 @@ class Encoders(NamedTuple):
 
 
 def decode_frame(frame: bytes) -> Encoders:
-    """Read a frame of the main board.
-
-    Args:
-        frame: `FRAME_BYTES`, the header first.
-
-    Raises:
-        FrameError: No header, a wrong sum, or no reference voltage.
-    """
+    """Decode a frame of the main board; raises FrameError for no header, a wrong sum, or no reference voltage."""
     if len(frame) != FRAME_BYTES or not frame.startswith(HEADER):
         raise FrameError("no frame of a DOGlove's board")
     reference, *readings, last = _WORDS.unpack_from(frame, len(HEADER))
@@ -58,50 +51,40 @@ def decode_frame(frame: bytes) -> Encoders:
 
 
 def decode_encoders(data: bytes) -> Encoders:
-    """Read a datagram of the encoders' angles.
-
-    Raises:
-        FrameError: Another length.
-    """
+    """Decode a datagram of the encoders' angles; raises FrameError for another length."""
     return Encoders(_floats(data, ENCODERS))
 
 
 def decode_servos(data: bytes) -> FloatArray:
-    """Read a datagram of the servos' angles [deg], shape (5,), thumb to little finger.
-
-    Raises:
-        FrameError: Another length.
-    """
+    """Decode a datagram of the servos' angles [deg], shape (5,), thumb to little finger; FrameError as above."""
     return _floats(data, SERVOS)
 
 
 def _floats(data: bytes, count: int) -> FloatArray:
     if len(data) != 4 * count:
         raise FrameError(f"{len(data)} bytes; expected {4 * count}, {count} numbers")
-    numbers: FloatArray = np.frombuffer(data, _DATAGRAM).astype(np.float64)
-    return numbers
+    return np.frombuffer(data, _DATAGRAM).astype(np.float64)
 
 
 class FrameStream:
-    """Finds frames in the bytes of a serial line, which may begin and break off anywhere.
+    """Finds frames in the bytes of a serial line, which may begin and end anywhere.
 
     Attributes:
-        malformed: Frames whose sum is wrong.
-        skipped: Bytes that belong to no frame, counted once for each run of them.
+        malformed: Number of frames with a wrong sum.
+        skipped: Number of runs of bytes that belong to no frame.
     """
 
     def __init__(self) -> None:
-        """Nothing came yet."""
         self.malformed = self.skipped = 0
         self.begin()
 
     def begin(self) -> None:
-        """The line is another one: what came by half is of no use."""
+        """Discard half a frame of an earlier connection."""
         self._bytes = b""
         self._lost = False
 
     def feed(self, data: bytes) -> list[Encoders]:
-        """Take what arrived; returns the frames that are whole now, oldest first."""
+        """Append what arrived; returns the frames that are whole now, oldest first."""
         self._bytes += data
         found = []
         while len(self._bytes) >= FRAME_BYTES:
@@ -111,7 +94,7 @@ class FrameStream:
             try:
                 found.append(decode_frame(self._bytes[:FRAME_BYTES]))
             except FrameError:
-                # The header may have stood among the readings: what is behind it is looked through again.
+                # The bytes of a header may occur among readings: search again behind it.
                 self.malformed += 1
                 self._bytes = self._bytes[1:]
                 self._lost = True
@@ -124,5 +107,5 @@ class FrameStream:
             self.skipped += 1
             self._lost = True
         place = self._bytes.find(HEADER)
-        # The header may have come by half.
+        # The end may be the first bytes of a header.
         self._bytes = self._bytes[place:] if place >= 0 else self._bytes[1 - len(HEADER) :]

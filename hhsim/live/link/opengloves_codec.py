@@ -1,20 +1,13 @@
-"""The letter format of OpenGloves and LucidGloves: a line of ASCII for a sample, and one for a command.
+"""Letter format of OpenGloves and LucidGloves: a line of ASCII for a sample, and one for a command.
 
 A sample, as the firmware writes it (github.com/LucidVR/lucidgloves, Encoding.ino; github.com/senseshift/opengloves-lib,
 alpha.hpp; facts only)::
 
     A1023B2047C0D0E4095F2047G2047P0JK(AB)2047(BB)2047(CB)2047(DB)2047(EB)2047
 
-| key | meaning |
-|---|---|
-| A to E | curl of thumb to little finger, 0 to full scale: 4095, or 1023 of boards with 10 bits |
-| (AB) to (EB) | splay of thumb to little finger |
-| (AAA) to (EAD) | curl of each joint of a finger, as four bones: metacarpal, proximal, middle, distal |
-| F, G, P | stick and trigger; H to O are buttons, without a number; none of them is used |
-| (ZV), (ZG), (ZH) | firmware, kind and hand; the line holds no fingers then |
-
-Keys may come in any order, each once. A command is `A%dB%dC%dD%dE%d` from 0, free, to 1000, blocked fully extended;
-negative leaves a finger as it is.
+docs/live-protocols.md has the keys. F, G and P are stick and trigger, H to O buttons without a number, all ignored;
+(ZV), (ZG) and (ZH), firmware, kind and hand, are in lines without fingers. Keys may come in any order, each once. A
+command is `A%dB%dC%dD%dE%d` from 0, free, to 1000, blocked fully extended; negative leaves a finger as it is.
 """
 
 import math
@@ -35,17 +28,11 @@ _NO_JOINTS = ((math.nan,) * 4,) * 5
 
 
 class LineError(ValueError):
-    """A line that is not of the format; the message says where."""
+    """A line that is not of the format; the message names the place."""
 
 
 class GloveLine(NamedTuple):
-    """A sample in the glove's own numbers; NaN where the glove says nothing.
-
-    Attributes:
-        curl: Of thumb to little finger.
-        splay: Of thumb to little finger.
-        joints: Four of each finger, from the wrist on.
-    """
+    """A sample in the glove's own numbers, NaN if missing: curl and splay of the fingers, four joints of each."""
 
     curl: tuple[float, ...]
     splay: tuple[float, ...]
@@ -53,10 +40,7 @@ class GloveLine(NamedTuple):
 
 
 def parse_line(line: bytes) -> GloveLine | None:
-    """Read a line, without its end.
-
-    Returns:
-        The sample, or None where the line says something else than fingers.
+    """Parse a line without its end; returns None if it holds no fingers.
 
     Raises:
         LineError: Not of the format, a key twice, or only some of the fingers.
@@ -90,29 +74,27 @@ def parse_line(line: bytes) -> GloveLine | None:
 
 
 def format_limits(limits: Sequence[int]) -> bytes:
-    """The bytes of a command: five numbers, 0 free to 1000 blocked fully extended."""
+    """Encode a command: five numbers, 0 free to 1000 blocked fully extended."""
     return ("".join(f"{key}{value:d}" for key, value in zip(FINGER_KEYS, limits)) + "\n").encode()
 
 
 class LineStream:
-    """Cuts what arrives into lines.
+    """Cuts a stream of bytes into lines.
+
+    Args:
+        whole: True if the stream begins with a line; otherwise the rest of one is skipped.
 
     Attributes:
-        overlong: Lines that were longer than `LONGEST_LINE` and are left out.
+        overlong: Number of skipped lines longer than `LONGEST_LINE`.
     """
 
     def __init__(self, *, whole: bool) -> None:
-        """Begin.
-
-        Args:
-            whole: What arrives begins with a line; else with the rest of one, which is left out.
-        """
         self.overlong = 0
         self._rest = b""
         self._skips = not whole
 
     def feed(self, data: bytes) -> list[bytes]:
-        """The lines that are whole now, without their ends; empty ones are left out."""
+        """Append what arrived; returns the lines that are whole now, without their ends and empty ones."""
         *lines, self._rest = (self._rest + data).split(b"\n")
         if lines and self._skips:
             del lines[0]

@@ -1,7 +1,7 @@
-"""A serial line that a real-time loop can hold: nothing waits but `connect`, and nothing is sent by halves.
+"""Serial line for a real-time loop: only `connect` waits, and nothing is sent by halves.
 
-By POSIX termios alone: USB serial adapters, Bluetooth serial (rfcomm) and pseudo-terminals. Several processes may have
-the same line open, which the watchdog needs; only one of them reads.
+It needs POSIX termios alone: USB serial adapters, Bluetooth serial (rfcomm) and pseudo-terminals. Several processes may
+have the same line open, as the watchdog needs; only one of them reads.
 """
 
 import contextlib
@@ -16,7 +16,7 @@ from hhsim.live.device import DeviceError
 from hhsim.live.link.byte_stream import MOST_READ, ByteLink, ready
 
 RETRY_NS = 50_000_000
-"""Between two attempts to open the line again [ns]."""
+"""Time between two attempts to reopen the line [ns]."""
 SPEEDS = {
     int(name[1:]): value for name, value in vars(termios).items() if name[:1] == "B" and name[1:].isdigit() and value
 }
@@ -27,20 +27,19 @@ class SerialLink(ByteLink):
     """A serial line, 8 bits, no parity, one stop bit, raw.
 
     Args:
-        path: Of the line, such as /dev/ttyUSB0.
+        path: Path of the line, such as /dev/ttyUSB0.
         baud: Bits per second.
-        name: Of the device in messages.
+        name: Name of the device in messages.
 
     Raises:
-        InputError: A baud rate that this system does not know.
+        InputError: A baud rate unknown to this system.
     """
 
     MOST_UNSENT = 26
-    """About 2 ms at 115,200 baud: a command behind more would come late."""
+    """About 2 ms at 115,200 baud."""
     NOT_OPEN, ENDED = "not open", "the line was closed"
 
     def __init__(self, path: str, baud: int, name: str) -> None:
-        """Nothing is opened yet."""
         if baud not in SPEEDS:
             raise InputError(f"{name}: {baud} baud; expected one of {', '.join(map(str, sorted(SPEEDS)))}")
         super().__init__(name)
@@ -50,33 +49,27 @@ class SerialLink(ByteLink):
         self._last_try = -RETRY_NS
 
     def descriptor(self) -> int:
-        """See `ByteLink.descriptor`."""
+        """Return the file descriptor of the open line, -1 if none is."""
         return self._file
 
     def connect(self, timeout: float) -> None:
-        """Open the line.
-
-        Raises:
-            DeviceError: No such line, no permission, or no serial line.
-        """
+        """Open the line; raises DeviceError if there is none, it is no serial line, or it may not be used."""
         self.close()
         try:
             self._open()
         except OSError as error:
             hint = {
-                errno.ENOENT: "is the glove plugged in?",
-                errno.EACCES: "may your user use serial lines (group dialout)?",
-                errno.EBUSY: "does another program have it?",
+                errno.ENOENT: "; is the glove plugged in?",
+                errno.EACCES: "; may your user use serial lines (group dialout)?",
+                errno.EBUSY: "; does another program have it?",
             }.get(error.errno or 0, "")
-            raise DeviceError(
-                f"{self.name}: cannot open: {error.strerror or error}{'; ' if hint else ''}{hint}"
-            ) from None
+            raise DeviceError(f"{self.name}: cannot open: {error.strerror or error}{hint}") from None
         except termios.error:
             self.close()
             raise DeviceError(f"{self.name}: not a serial line; expected one such as /dev/ttyUSB0") from None
 
     def reconnect(self) -> bool:
-        """Try again without waiting; True where the line is open."""
+        """Try again without waiting; True if the line is open."""
         if self.connected:
             return True
         now = time.monotonic_ns()
@@ -91,27 +84,23 @@ class SerialLink(ByteLink):
         return True
 
     def check(self) -> None:
-        """Look whether the line is still there, without reading from it.
-
-        Raises:
-            DeviceError: The line is gone.
-        """
+        """Raise DeviceError if the line is gone, without reading from it."""
         self._require_open()
         if ready(self._file, 0, 0.0):
             raise self._gone(self.ENDED)
 
     def send_within(self, data: bytes, timeout: float) -> bool:
-        """Send all of it before anything that still waits, on this line or one opened anew; never raises.
+        """Send data instead of all that still waits, on this line or one opened anew; never raises.
 
         Args:
-            data: To send; begins with an end of line, since what waited may have been cut off.
+            data: Bytes that begin with an end of line: the data before may be cut off.
             timeout: Longest wait [s].
 
         Returns:
-            Whether it was handed to the system.
+            True if it was handed to the system.
         """
         deadline = time.monotonic() + timeout
-        # A line that was unplugged and is back needs a descriptor of its own.
+        # A line that was unplugged and is back needs a new descriptor.
         for _ in range(2):
             try:
                 if self._file < 0:
@@ -122,7 +111,6 @@ class SerialLink(ByteLink):
         return False
 
     def _send_until(self, data: bytes, deadline: float) -> bool:
-        # What the glove has not been told yet is out of date.
         termios.tcflush(self._file, termios.TCOFLUSH)
         self._rest = b""
         while data:
@@ -154,7 +142,7 @@ class SerialLink(ByteLink):
         # Without HUPCL: closing one of several descriptors must not reset the board.
         mode[2] = termios.CS8 | termios.CREAD | termios.CLOCAL
         mode[4] = mode[5] = self._speed
-        # With VMIN 0, a line that is silent could not be told from one that is gone.
+        # VMIN 1: reading a silent line differs from reading one that is gone.
         mode[6][termios.VMIN], mode[6][termios.VTIME] = 1, 0
         termios.tcsetattr(self._file, termios.TCSANOW, mode)
         self._rest = b""

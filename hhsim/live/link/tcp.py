@@ -1,4 +1,4 @@
-"""A TCP connection that a real-time loop can hold: nothing waits but `connect`, nothing is sent by halves."""
+"""TCP connection for a real-time loop: only `connect` waits, and nothing is sent by halves."""
 
 import contextlib
 import errno
@@ -11,31 +11,24 @@ from hhsim.live.device import DeviceError
 from hhsim.live.link.byte_stream import MOST_READ, ByteLink, ready
 
 RETRY = 0.05
-"""Between two attempts to connect again [s]."""
+"""Time between two attempts to reconnect [s]."""
 GIVE_UP = 2.0
-"""On an attempt that gets no answer [s]."""
+"""Longest duration of an attempt without an answer [s]."""
 LINGER = 0.05
-"""How long closing waits until the peer has seen all that was sent [s]."""
+"""Longest wait for the peer to read everything before closing [s]."""
 ACKNOWLEDGED = 5000
-"""A peer that acknowledges nothing for so long is gone [ms]."""
+"""Time without an acknowledgement after which the peer is gone [ms]."""
 
 WAITING = (errno.EINPROGRESS, errno.EAGAIN, errno.EWOULDBLOCK, errno.EALREADY, errno.EINTR)
 
 
 class TcpLink(ByteLink):
-    """A connection to a server.
-
-    Args:
-        host: Name or address.
-        port: TCP port.
-        name: Of the device in messages.
-    """
+    """Connection to a server; `name` is that of the device in messages."""
 
     MOST_UNSENT = 1024
     NOT_OPEN, ENDED = "not connected", "its server closed the connection"
 
     def __init__(self, host: str, port: int, name: str) -> None:
-        """Nothing is connected yet."""
         super().__init__(name)
         self.host, self.port = host, port
         self._socket: socket.socket | None = None
@@ -46,18 +39,11 @@ class TcpLink(ByteLink):
         self._address: tuple[int, Any] | None = None
 
     def descriptor(self) -> int:
-        """See `ByteLink.descriptor`."""
+        """Return the file descriptor of the connection, -1 if there is none."""
         return -1 if self._socket is None else self._socket.fileno()
 
     def connect(self, timeout: float) -> None:
-        """Connect, and wait for it.
-
-        Args:
-            timeout: Longest wait [s].
-
-        Raises:
-            DeviceError: No such host, or nothing there that answers.
-        """
+        """Connect within `timeout` [s]; raises DeviceError if there is no such host, or nothing that answers."""
         self.close()
         deadline = time.monotonic() + timeout
         try:
@@ -77,7 +63,7 @@ class TcpLink(ByteLink):
         raise DeviceError(f"{self.name}: cannot connect ({reason}): is its server running, and the port right?")
 
     def reconnect(self) -> bool:
-        """Try again without waiting; True where there is a connection."""
+        """Try again without waiting; True if there is a connection."""
         self._drain_retired()
         if self._socket is not None:
             return True
@@ -90,13 +76,14 @@ class TcpLink(ByteLink):
             try:
                 self._begun = socket.socket(family, socket.SOCK_STREAM)
                 self._begun.setblocking(False)
-                if self._begun.connect_ex(address) not in (0, *WAITING):
-                    self._abandon()
-                    return False
+                failed = self._begun.connect_ex(address) not in (0, *WAITING)
             except OSError:
+                failed = True
+            if failed:
                 self._abandon()
                 return False
         begun = self._begun
+        assert begun is not None
         if not ready(begun.fileno(), select.POLLOUT, 0.0):
             if now - self._begun_at > GIVE_UP:
                 self._abandon()
@@ -109,23 +96,12 @@ class TcpLink(ByteLink):
         return True
 
     def receive(self) -> bytes | None:
-        """What has arrived; None where nothing has.
-
-        Raises:
-            DeviceError: The peer is gone.
-        """
+        """Return what has arrived, None if nothing has; raises DeviceError if the peer is gone."""
         self._drain_retired()
         return super().receive()
 
     def send_within(self, data: bytes, timeout: float) -> bool:
-        """Send all of it on this connection or else on a fresh one, which then is this one; never raises.
-
-        Args:
-            timeout: Longest wait [s].
-
-        Returns:
-            Whether it was sent.
-        """
+        """Send data within `timeout` [s] on this connection, else on a fresh one; never raises, True if it was sent."""
         deadline = time.monotonic() + timeout
         # Half of the time is kept for the fresh connection.
         if self._send_until(data, time.monotonic() + timeout / 2.0):
@@ -143,7 +119,7 @@ class TcpLink(ByteLink):
         return self._send_until(data, deadline)
 
     def retire(self) -> None:
-        """Let go without waiting; `reconnect` and `receive` see to it that the peer gets what it was sent."""
+        """Close without waiting; `reconnect` and `receive` let the peer read what it was sent."""
         self._drop_retired()
         self._retired, self._socket, self._rest = self._socket, None, b""
         self._retired_at = time.monotonic()
@@ -152,7 +128,7 @@ class TcpLink(ByteLink):
                 self._retired.shutdown(socket.SHUT_WR)
 
     def close(self, linger: float = LINGER) -> None:
-        """Let go, after the peer has taken what it was sent, or did not in `linger` seconds; never raises."""
+        """Close when the peer has read what it was sent, at most `linger` [s] later; never raises."""
         self._abandon()
         self._drop_retired()
         if self._socket is None:
@@ -241,10 +217,10 @@ def _connected(family: int, address: Any, timeout: float) -> socket.socket:
 
 
 def _is_itself(link: socket.socket) -> bool:
-    """Whether a socket is connected to itself.
+    """Return True if a socket is connected to itself.
 
-    The ports of gloves lie where the system takes the ports of clients from; when nothing listens on one of them, a
-    client on the same machine can be given that very port, and then hears its own commands.
+    The ports of gloves lie in the range for clients: if nothing listens on one, the system may give that very port to a
+    client on the same machine, which then reads its own commands.
     """
     try:
         return bool(link.getsockname() == link.getpeername())

@@ -1,4 +1,4 @@
-"""Datagrams: a port where packets arrive from one sender, and which of them are new, late, or never came."""
+"""Datagrams from one sender, and counts of those that are late, repeated or lost."""
 
 import contextlib
 import ctypes
@@ -13,29 +13,24 @@ from hhsim.live.link.byte_stream import ready
 from hhsim.live.link.udp_codec import LONGEST, PacketError, decode_packet
 
 BUFFER = 1 << 20
-"""Of the system for what is not yet read [bytes]; some seconds at 1 kHz."""
-
+"""Receive buffer of the system [bytes]; some seconds at 1 kHz."""
 MOST_LOOKED_AT = 64
-"""Datagrams taken from the system in one go."""
+"""Datagrams read at once."""
 MOST_IN_VAIN = 32
-"""So many of them may be of no use, of whatever kind and sender: a flood cannot hold up who looks."""
+"""Unusable datagrams read at once, so that a flood cannot delay the reader."""
 MODULUS = 2**32
 MOST_MISSING = 4096
-"""Numbers that are remembered as missing; a datagram that is later than this counts as one that came twice."""
+"""Missing numbers that are remembered; a later datagram counts as repeated."""
 SESSION_SILENCE_NS = 100_000_000
-"""A session, and a sender, must have been silent for so long before another one is taken [ns]."""
+"""Silence of a session, and of a sender, after which another one is accepted [ns]."""
 
 _NOBODY = ctypes.create_string_buffer(16)
-"""A `sockaddr` of the family AF_UNSPEC: what a socket is connected to that is to take datagrams from everybody."""
+"""A `sockaddr` of the family AF_UNSPEC, which disconnects a datagram socket from its sender."""
 _C = ctypes.CDLL(None, use_errno=True)
 
 
 def resolve(host: str) -> str:
-    """IPv4 address of a host.
-
-    Raises:
-        DeviceError: No such host.
-    """
+    """Return the IPv4 address of a host; raises DeviceError if there is none."""
     try:
         return socket.gethostbyname(host)
     except OSError as error:
@@ -43,27 +38,24 @@ def resolve(host: str) -> str:
 
 
 class UdpPort:
-    """Takes datagrams without waiting; those of other hosts are not looked at.
+    """Reads the datagrams of one host without waiting.
 
-    Once a sender is kept to, the system itself turns away everybody else, other programs of the same host too: a flood
-    of theirs costs the reader nothing. Who has been silent for `SESSION_SILENCE_NS` is kept to no longer.
+    Once a sender is kept to, the system itself discards those of all others, other programs of the same host included:
+    their flood costs the reader nothing. A sender that is silent for `SESSION_SILENCE_NS` is kept to no longer.
 
     Args:
-        host: From which they come.
-        port: Where they arrive.
-        decode: Reads one, and raises `PacketError` where it is none; of open packets by default.
+        decode: Decodes one, raising `PacketError` if it is malformed; of open packets by default.
 
     Attributes:
-        strangers: Datagrams that came from others.
-        malformed: Datagrams that are no packets.
-        hint: What last came in vain, in words.
+        strangers: Number of datagrams from others.
+        malformed: Number of datagrams that are no packets.
+        hint: Description of the last unusable datagram.
 
     Raises:
         DeviceError: No such host, or the port is taken.
     """
 
     def __init__(self, host: str, port: int, decode: Callable[[bytes], Any] = decode_packet) -> None:
-        """Open the port."""
         self._decode = decode
         self.address = resolve(host)
         self.name = f"udp port {port} from {host}"
@@ -75,7 +67,7 @@ class UdpPort:
         self._used = False
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
-        # What comes from this machine is asked for on this machine only.
+        # Packets of this machine are expected on its own address only.
         own = self.address if self.address.startswith("127.") else ""
         try:
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER)
@@ -85,10 +77,9 @@ class UdpPort:
             raise DeviceError(f"{self.name}: cannot listen: {error.strerror or error}") from None
 
     def arrived(self) -> Iterator[tuple[Any, int]]:
-        """The packets that have arrived, oldest first, each with when it was read, CLOCK_MONOTONIC [ns].
+        """Yield the packets that have arrived, oldest first, each with CLOCK_MONOTONIC when it was read [ns].
 
-        Ends after `MOST_LOOKED_AT` datagrams, or `MOST_IN_VAIN` after which the sender was not kept to; what is left
-        waits. Those that are no packet are counted as malformed.
+        Ends after `MOST_LOOKED_AT` datagrams, or `MOST_IN_VAIN` after which `keep_to_sender` was not called.
         """
         in_vain = 0
         for _ in range(MOST_LOOKED_AT):
@@ -101,10 +92,10 @@ class UdpPort:
                 self._forget_who_is_silent()
                 return
             except OSError:
-                # The system may hand on a complaint about something that was sent; it says nothing of what arrives.
+                # An error of an earlier send, which does not concern what arrives.
                 continue
             now = time.monotonic_ns()
-            # Some of others may have been on their way when the sender was kept to.
+            # Datagrams of others may have been queued when the sender was kept to.
             if sender[0] != self.address or (self._kept is not None and sender != self._kept):
                 self.strangers += 1
                 self.hint = f"packets come from {sender[0]} instead" if sender[0] != self.address else self.hint
@@ -120,27 +111,27 @@ class UdpPort:
             in_vain -= self._used
 
     def keep_to_sender(self) -> None:
-        """Whoever sent the newest packet is the peer: take nothing of others while it goes on to send."""
+        """Accept packets of the newest one's sender alone while it goes on sending."""
         self._kept_ns, self._used = time.monotonic_ns(), True
         if self._kept is None and self._sender is not None:
-            # A sender that the system cannot connect to is kept to all the same, datagram by datagram.
+            # If the system cannot connect to the sender, `arrived` discards those of others.
             with contextlib.suppress(OSError):
                 self._socket.connect(self._sender)
             self._kept = self._sender
 
     def _forget_who_is_silent(self) -> None:
-        # Only where nothing waits: a reader that was itself held up has not yet heard what the peer said meanwhile.
+        # Only when nothing waits: a delayed reader has not read the newest datagrams yet.
         if self._kept is not None and time.monotonic_ns() - self._kept_ns > SESSION_SILENCE_NS:
             self._kept = None
             _C.connect(self._socket.fileno(), _NOBODY, len(_NOBODY))
 
     @property
     def descriptor(self) -> int:
-        """Of the port, to wait on."""
+        """File descriptor to poll for incoming datagrams."""
         return self._socket.fileno()
 
     def wait(self, timeout: float) -> bool:
-        """Wait until something has arrived, or for so long [s]; True where it has."""
+        """Wait until something has arrived, at most `timeout` [s]; True if it has."""
         return ready(self._socket.fileno(), select.POLLIN, timeout)
 
     def close(self) -> None:
@@ -149,18 +140,17 @@ class UdpPort:
 
 
 class PacketOrder:
-    """Counts by `seq`, per session.
+    """Order of datagrams by `seq`, per session.
 
     Attributes:
-        lost: Datagrams that were sent and have not come.
-        late: Those that came behind a newer one.
-        repeated: Those that came twice, or far too late.
-        foreign: Those of another session while this one still spoke.
-        sessions: How many sessions there were.
+        lost: Number of datagrams that were sent and have not come.
+        late: Number of those that came after a newer one.
+        repeated: Number of those that came twice, or far too late.
+        foreign: Number of those of another session before this one was silent.
+        sessions: Number of sessions.
     """
 
     def __init__(self) -> None:
-        """Nothing came yet."""
         self.lost = self.late = self.repeated = self.foreign = self.sessions = 0
         self._session = -1
         self._newest = -1
@@ -168,11 +158,7 @@ class PacketOrder:
         self._missing: dict[int, None] = {}
 
     def take(self, session: int, seq: int, now_ns: int) -> bool:
-        """Whether this datagram is newer than all before it.
-
-        Args:
-            now_ns: When it came [ns].
-        """
+        """Count a datagram that came at `now_ns`; True if it is newer than all before it."""
         if session != self._session:
             if self._session >= 0 and now_ns - self._newest_ns < SESSION_SILENCE_NS:
                 self.foreign += 1

@@ -1,36 +1,6 @@
-"""The open packet: a datagram in which any glove can be brought to hhsim, and in which its fingers are told.
+"""Open packet: datagrams that bring any glove's samples to hhsim, and hhsim's commands to the glove.
 
-A bridge is a program that knows a glove and speaks this packet. It sends every sample as a datagram to the port where
-hhsim listens (24170), and listens for commands on the next port (24171); a tracker of the palm sends its
-poses to 24172. Both directions have the same header of 32 bytes, little-endian, followed by n numbers (float32):
-
-| offset | type | field | meaning |
-|---|---|---|---|
-| 0 | char[4] | magic | "HHGL" |
-| 4 | u8 | version | 1 |
-| 5 | u8 | kind | what the numbers are, below |
-| 6 | u16 | n | how many numbers follow; the datagram is 32 + 4·n bytes long |
-| 8 | u32 | session | any number that is new whenever the sender starts |
-| 12 | u32 | seq | 0, 1, 2, … for the datagrams of this kind in this session, and around after 2³² |
-| 16 | u64 | t_ns | when it was measured, on the sender's own clock [ns] |
-| 24 | u32 | answers | seq of the newest datagram from the other side, 2³² − 1 before the first |
-| 28 | i32 | battery | charge [%], −1 where it is not known |
-
-| kind | n | numbers |
-|---|---|---|
-| 1 bends | 5 | bend of thumb, index, middle, ring, little finger: 0 flat, 1 fist |
-| 2 channels | 11 | thumb rotate, then split and bend of each finger: 0 to 1, or counts with a calibration file |
-| 3 joints | 20 | flexion of thumb to little finger, proximal to distal (15), then abduction (5) [rad] |
-| 4 pose | 7 | position of the palm [m], its orientation as unit quaternion (w, x, y, z); world |
-| 5 hand | 208 | OpenXR's 26 joints, each orientation (x, y, z, w), position [m], radius [m]; NaN where not valid |
-| 16 command | 10 | bend at which each finger is stopped (5), stiffness there, 0 free to 1 (5) |
-| 17 forces | 15 | force on each fingertip, x, y, z [N], thumb to little finger, in the frame of the palm |
-
-What a bridge must do for the hand in the glove: obey the newest command alone, free every finger when the numbers are
-not finite, and free every finger when no command came for 100 ms. Commands come from more than one sender (the watchdog
-has its own session), so the newest is the one that arrived last. Samples that are late, behind a newer one, are counted
-and not used. While a sender goes on to send, no other one is listened to; another session, or another sender, is taken
-when the one before has been silent for 100 ms.
+docs/live-protocols.md has header, kinds, ports, and what a bridge owes the hand in the glove.
 """
 
 import struct
@@ -48,7 +18,7 @@ NUMBERS = np.dtype("<f4")
 
 
 class Kind(IntEnum):
-    """What the numbers of a packet are."""
+    """Kind of the numbers of a packet."""
 
     BENDS = 1
     CHANNELS = 2
@@ -59,25 +29,17 @@ class Kind(IntEnum):
     FORCES = 17
 
 
-COUNT = {
-    Kind.BENDS: 5,
-    Kind.CHANNELS: 11,
-    Kind.JOINTS: 20,
-    Kind.POSE: 7,
-    Kind.HAND: 208,
-    Kind.COMMAND: 10,
-    Kind.FORCES: 15,
-}
-"""How many numbers each kind has."""
+COUNT = dict(zip(Kind, (5, 11, 20, 7, 208, 10, 15), strict=True))
+"""Number of numbers of each kind."""
 LONGEST = HEADER.size + 4 * max(COUNT.values())
 
 
 class PacketError(ValueError):
-    """A datagram that is no open packet; the message says where it differs."""
+    """A datagram that is no open packet; the message names the difference."""
 
 
 class Packet(NamedTuple):
-    """One datagram; the module's docstring says what the fields mean. Its numbers may be anything, NaN too."""
+    """One datagram, with the fields of the module's docstring; its numbers may be anything, NaN too."""
 
     kind: Kind
     session: int
@@ -89,25 +51,9 @@ class Packet(NamedTuple):
 
 
 def encode_packet(
-    kind: Kind,
-    values: ArrayLike,
-    *,
-    session: int,
-    seq: int,
-    t_ns: int,
-    answers: int = NONE_YET,
-    battery: int = -1,
+    kind: Kind, values: ArrayLike, *, session: int, seq: int, t_ns: int, answers: int = NONE_YET, battery: int = -1
 ) -> bytes:
-    """The bytes of a packet; `seq` is taken modulo 2³².
-
-    Args:
-        kind: What the numbers are.
-        values: As many as the kind has.
-        session, seq, t_ns, answers, battery: As in the table above.
-
-    Raises:
-        PacketError: Not as many numbers as the kind has.
-    """
+    """Encode a packet; `seq` is taken modulo 2³². Raises PacketError if `kind` does not have as many values."""
     numbers = np.asarray(values, dtype=NUMBERS).ravel()
     if numbers.size != COUNT[kind]:
         raise PacketError(f"{numbers.size} numbers of kind {kind}; expected {COUNT[kind]}")
@@ -116,11 +62,7 @@ def encode_packet(
 
 
 def decode_packet(data: bytes) -> Packet:
-    """Read one datagram.
-
-    Raises:
-        PacketError: Another magic, version, kind or length.
-    """
+    """Decode a datagram; raises PacketError for another magic, version, kind or length."""
     if len(data) < HEADER.size:
         raise PacketError(f"{len(data)} bytes; expected at least {HEADER.size}")
     magic, version, kind, count, session, seq, t_ns, answers, battery = HEADER.unpack_from(data)

@@ -1,1 +1,1 @@
-"""The loop of a session, and what frees the fingers when it fails."""
+"""Loop of a session, its driver and its watchdog."""

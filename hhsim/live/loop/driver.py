@@ -1,8 +1,8 @@
-"""The driver's process: glove and palm's pose in, commands out; `python -m hhsim.live.loop.driver --setup FD …`.
+"""Process of the driver: glove and palm's pose in, commands out; `python -m hhsim.live.loop.driver --setup FD …`.
 
-The loop starts it and ends with it. It stands below the loop under SCHED_FIFO and decides nothing of its own: a sample
-goes into its ring with the time when its bytes were read, the newest command goes to the glove, and nothing is ever
-sent late. However it ends, short of being killed outright, the glove is released; then the watchdog does it.
+The loop starts it and ends with it. It stands below the loop under SCHED_FIFO and decides nothing: it puts each sample
+into its ring with the time when its bytes were read, and sends the newest command to the glove, never late. It releases
+the glove however it ends, short of being killed outright; then the watchdog does.
 
 Exit codes: 0 the session ended, 1 a fault of hhsim's own, 2 the glove or the pose cannot be reached.
 """
@@ -13,28 +13,16 @@ import select
 import signal
 import sys
 import time
-import traceback
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, fields, replace
-from operator import attrgetter
+from dataclasses import asdict, astuple, fields, replace
 from types import FrameType
 from typing import Any
 
 import numpy as np
 
-from hhsim.errors import HhsimError
-from hhsim.live.device import (
-    COUNTERS,
-    GLOVE_SAMPLE,
-    Capability,
-    DeviceCounters,
-    DeviceError,
-    FingerCommand,
-    GloveDevice,
-    GloveInfo,
-)
+from hhsim.live.device import GLOVE_SAMPLE, Capability, DeviceError, FingerCommand, GloveDevice, GloveInfo
 from hhsim.live.devices.registry import open_device
-from hhsim.live.ipc.session_memory import REASON, SessionMemory, session_process
+from hhsim.live.ipc.session_memory import REASON, SessionMemory, exit_code, session_process
 from hhsim.live.ipc.status import DriverSetup, Stage
 from hhsim.live.pose.registry import PoseSource, make_pose_source
 from hhsim.live.real_time import RealTimeWishes, become_ordinary, become_real_time, end_with, keep_off
@@ -42,33 +30,30 @@ from hhsim.result.safety import Safety
 from hhsim.result.schema import FAULT, WARNING
 
 OPEN, BEGIN = 1, 2
-"""What the loop is ready for: that the glove is opened, and that its samples are taken."""
+"""Values of `loop_ready`: the glove may be opened, its samples are taken."""
 MOST_SAMPLES = 64
-"""Read in one go."""
+"""Samples read at once."""
 RECONNECT_NS = 10_000_000
 LOOK_SECONDS = 0.004
-"""The driver looks at least this often."""
+"""Longest time between two looks [s]."""
 PALM_SECONDS = 0.001
-"""And this often where no glove tells when something has come: a palm that is played moves on meanwhile."""
-BREATH_SECONDS = 0.0005
-"""Between two looks at what comes without a pause, so that who floods a port has the driver and not the processor."""
+"""The same for a glove without descriptors: a palm that is played moves on meanwhile [s]."""
+FLOOD_SECONDS = 0.0005
+"""Pause between two looks at an endless stream, so that a flood takes the driver and not the processor [s]."""
 COUNTER_STEPS = 16
-"""Counters of the glove are shown once in so many looks."""
+"""Looks between two updates of the shown counters."""
 
-_read_counters: Callable[[DeviceCounters], tuple[int, ...]] = attrgetter(*COUNTERS)
 _DEVICE_LOST = int(Safety.DEVICE_LOST)
 
 
 class GloveDriver:
-    """Carries bytes between a glove and the records of a session.
+    """Carries samples and commands between a glove and the memory of a session.
 
     Args:
-        memory: Of the session; this is the driver that writes it.
-        device: The glove, not yet opened.
-        pose: Of the palm, not yet opened.
-        dry_run: Nothing is sent.
-        oldest_ns: A loop without a sign of life for so long holds no finger any more.
-        now: The present, CLOCK_MONOTONIC [ns].
+        device, pose: The glove and the source of the palm's pose, not yet opened.
+        dry_run: True to send nothing.
+        oldest_ns: Age of the loop's heartbeat at which its command is void [ns].
+        now: Clock, CLOCK_MONOTONIC [ns].
     """
 
     def __init__(
@@ -81,7 +66,6 @@ class GloveDriver:
         oldest_ns: int = 20_000_000,
         now: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        """Nothing is opened yet."""
         self.memory = memory
         self.device, self.pose = device, pose
         self._dry_run = dry_run
@@ -89,41 +73,37 @@ class GloveDriver:
         self._now = now
         self._status = memory.status
         self._command = FingerCommand()
-        self._version = memory.field("command_version")[0]
-        self._told = 0
+        self._version = memory.status["command_version"]
+        self._sent_version = 0
         self._samples = np.zeros(MOST_SAMPLES, GLOVE_SAMPLE)
         self._position, self._orientation = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
         self._lost = False
         self._reconnect_ns = 0
         self._steps = 0
-        self._vain = 0
+        self._empty_looks = 0
         self._stop = False
 
     def open(self) -> None:
-        """Connect, and say what the glove is.
-
-        Raises:
-            HhsimError: The glove or the pose cannot be reached.
-        """
+        """Connect, and describe the glove; raises HhsimError if glove or pose cannot be reached."""
         self.pose.open()
         self.device.open()
         self._status["driver_ns"] = self._now()
         self.memory.device.write(device_facts(self.device.info) | {"pose": self.pose.name})
 
     def close(self) -> None:
-        """Release the glove, and let go of everything."""
+        """Release the glove, and close the connections."""
         if not self._dry_run and not self.device.release():
             self.memory.say(FAULT, "the glove could not be told to free the fingers")
-        self._status["counters"][:] = _read_counters(self.device.counters)
+        self._status["counters"][:] = astuple(self.device.counters)
         self.device.close()
         self.pose.close()
 
     def stop(self) -> None:
-        """End with the next look; safe to call from a signal's handler."""
+        """End with the next look; safe in a signal handler."""
         self._stop = True
 
     def until_loop(self, ready: int) -> bool:
-        """Wait until the loop is so far, `OPEN` or `BEGIN`; False where it ends before."""
+        """Wait until the loop is `OPEN` or `BEGIN`; False if it ends before."""
         while self._status["loop_ready"] < ready:
             if self._stop or self._status["stage"] >= Stage.ENDING:
                 return False
@@ -131,7 +111,7 @@ class GloveDriver:
         return True
 
     def run(self) -> None:
-        """Carry on until the loop has ended; what had come before is taken first."""
+        """Carry samples and commands until the loop has ended; earlier samples are taken first."""
         ring = self.memory.samples
         before = -MOST_SAMPLES
         while ring.written - before >= MOST_SAMPLES:
@@ -140,24 +120,24 @@ class GloveDriver:
         self._status["driver_begun"] = 1
         while not self._stop and self._status["stage"] < Stage.ENDING:
             self.wait()
-            # The command first: what wakes the driver for a sample has no command, and costs nothing here.
+            # The command first: a look for none costs nothing when a sample has come.
             self.give()
             self.take()
 
     def wait(self) -> None:
-        """Sleep until something comes from glove or tracker, a command is there, or it is time to look."""
-        if self._vain > 1:
-            time.sleep(BREATH_SECONDS)
+        """Sleep until something comes from glove, tracker or loop, or it is time to look."""
+        if self._empty_looks > 1:
+            time.sleep(FLOOD_SECONDS)
         sources = () if self._lost else (*self.device.descriptors(), *self.pose.descriptors())
         timeout = LOOK_SECONDS if sources or self._lost else min(self.device.pause(), PALM_SECONDS)
         with contextlib.suppress(OSError, ValueError):
             ready, _, _ = select.select((self.memory.wake, *sources), (), (), timeout)
             if self.memory.wake in ready:
                 os.eventfd_read(self.memory.wake)
-            self._vain = self._vain + 1 if any(source in ready for source in sources) else 0
+            self._empty_looks = self._empty_looks + 1 if any(source in ready for source in sources) else 0
 
     def take(self) -> None:
-        """Put what came from the glove into its ring, and the palm's pose into the status."""
+        """Put the glove's samples into their ring, and the palm's pose into the status."""
         now = self._now()
         status = self._status
         status["driver_ns"] = now
@@ -169,7 +149,7 @@ class GloveDriver:
             else:
                 self._keep(count)
                 if 0 < count < MOST_SAMPLES:
-                    self._vain = 0
+                    self._empty_looks = 0
         came = self.pose.read(now, self._position, self._orientation)
         if came >= 0:
             status["palm_version"][0] += 1
@@ -179,14 +159,14 @@ class GloveDriver:
             status["palm_version"][0] += 1
         self._steps += 1
         if self._steps % COUNTER_STEPS == 0:
-            status["counters"][:] = _read_counters(self.device.counters)
+            status["counters"][:] = astuple(self.device.counters)
 
     def give(self) -> None:
-        """Send the newest command that was not sent yet, if there is one."""
+        """Send the newest command if it was not sent yet."""
         if not self._new_command() or self._dry_run or self._lost:
             return
         if self._now() - int(self._status["heartbeat_ns"]) > self._oldest_ns:
-            # The driver comes too late with it: the watchdog may have freed the fingers since.
+            # The command is too old: the watchdog may have freed the fingers since.
             self._command.stiffness[:] = 0.0
             self._command.force[:] = 0.0
         try:
@@ -196,15 +176,15 @@ class GloveDriver:
 
     def _new_command(self) -> bool:
         version = int(self._version[0])
-        # One that is being written wakes the driver when it is whole.
-        if version == self._told or version % 2 == 1:
+        # A command that is being written wakes the driver when it is whole.
+        if version == self._sent_version or version % 2 == 1:
             return False
         self._command.bend[:] = self._status["command_bend"]
         self._command.stiffness[:] = self._status["command_stiffness"]
         self._command.force[:] = self._status["command_force"]
         if int(self._version[0]) != version:
             return False
-        self._told = version
+        self._sent_version = version
         return True
 
     def _keep(self, count: int) -> None:
@@ -223,7 +203,7 @@ class GloveDriver:
         self._status["device_lost"] = 1
 
     def _reconnected(self, now: int) -> bool:
-        # Not before the loop has begun its ramp anew: what it had commanded before must not come to the glove again.
+        # Not before the loop has restarted its ramp: its earlier command must not reach the glove again.
         if now < self._reconnect_ns or not self._status["command_safety"] & _DEVICE_LOST:
             return False
         self._reconnect_ns = now + RECONNECT_NS
@@ -239,12 +219,12 @@ class GloveDriver:
 
 
 def device_facts(info: GloveInfo) -> dict[str, Any]:
-    """What a driver says of its glove, as plain values."""
+    """Return the description of a glove as plain values."""
     return asdict(info) | {"capabilities": [flag.name for flag in info.capabilities]}
 
 
 def glove_info(facts: dict[str, Any]) -> GloveInfo:
-    """The glove of which `device_facts` spoke."""
+    """Return the description of a glove from its `device_facts`."""
     given: dict[str, Any] = {
         item.name: tuple(facts[item.name]) if isinstance(facts[item.name], list) else facts[item.name]
         for item in fields(GloveInfo)
@@ -256,11 +236,7 @@ def glove_info(facts: dict[str, Any]) -> GloveInfo:
 
 
 def drive(driver: GloveDriver, wishes: RealTimeWishes) -> None:
-    """Carry a session's glove in this process, from when its loop is ready until it has ended.
-
-    Args:
-        driver: Of the session.
-        wishes: Of the loop, below which the driver stands.
+    """Run a driver below a loop with these wishes, from when the loop is ready until it has ended.
 
     Raises:
         HhsimError: The glove or the pose cannot be reached.
@@ -290,22 +266,15 @@ def drive(driver: GloveDriver, wishes: RealTimeWishes) -> None:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Drive the glove of a session; returns the exit code."""
     setup, memory = session_process("driver", DriverSetup, arguments)
-    try:
-        if not end_with(setup.parent):
-            return 0
-        device = open_device(setup.device)
-        pose = make_pose_source(setup.pose, memory.status_block, device)
-        drive(
-            GloveDriver(memory, device, pose, dry_run=setup.dry_run, oldest_ns=setup.oldest_ns),
-            setup.real_time,
-        )
-    except HhsimError as error:
-        print(f"hhsim: {error}", file=sys.stderr)
-        return error.exit_code
-    except Exception:  # said, and the fingers are free by now
-        traceback.print_exc()
-        return 1
-    return 0
+
+    def body() -> None:
+        if end_with(setup.parent):
+            device = open_device(setup.device)
+            pose = make_pose_source(setup.pose, memory.status_block, device)
+            driver = GloveDriver(memory, device, pose, dry_run=setup.dry_run, oldest_ns=setup.oldest_ns)
+            drive(driver, setup.real_time)
+
+    return exit_code(body)
 
 
 if __name__ == "__main__":

@@ -1,10 +1,10 @@
-"""The process of the loop: `python -m hhsim.live.loop.process --setup FD --status FD …`, started by the supervisor.
+"""Process of the loop: `python -m hhsim.live.loop.process --setup FD --status FD …`, started by the supervisor.
 
-Kernels are ready before the driver, a process that this one starts, connects to the glove. However the process ends,
-the driver is told by the system, and releases the glove.
+Kernels are ready before the driver, a child of this process, connects to the glove. However this process ends, the
+system notifies the driver, which releases the glove.
 
-Exit codes: 0 it was stopped, 1 a fault of hhsim's own, 2 the glove or the pose cannot be reached, or a setup that
-cannot be used. The reason is the last event and a line on stderr.
+Exit codes: 0 it was stopped, 1 a fault of hhsim's own, 2 the glove or the pose cannot be reached, or the setup cannot
+be used. The reason is the last event and a line on stderr.
 """
 
 import os
@@ -12,7 +12,6 @@ import signal
 import sys
 import threading
 import time
-import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from types import FrameType
@@ -22,49 +21,39 @@ from hhsim.errors import HhsimError
 from hhsim.live.child_process import ChildProcess
 from hhsim.live.device import COUNTERS, Capability, GloveInfo
 from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.ipc.session_memory import SessionMemory, session_process
+from hhsim.live.ipc.session_memory import SessionMemory, exit_code, session_process
 from hhsim.live.ipc.status import DriverSetup, Stage, oldest_heartbeat
 from hhsim.live.loop.driver import BEGIN, OPEN, glove_info
 from hhsim.live.loop.loop import LiveLoop, loop_options
-from hhsim.live.real_time import (
-    become_ordinary,
-    become_real_time,
-    described,
-    end_with,
-    keep_off,
-    processors_awake,
-)
+from hhsim.live.real_time import become_ordinary, become_real_time, described, end_with, keep_off, processors_awake
 from hhsim.live.shared_memory import write_setup
 from hhsim.result.schema import FAULT, INFORMATION, WARNING
 from hhsim.solver.compile import warm_up
 
 StartDriver = Callable[[LiveSetup, SessionMemory], ChildProcess]
 TELL_SECONDS = 0.02
-"""Between two looks at what the loop noted."""
+"""Period at which the loop's notes are logged [s]."""
 DRIVER_PATIENCE = 2.0
-"""How much time of its own (`OwnTime`) the driver has to release the glove and end [s]."""
+"""Own time (`OwnTime`) that the driver has to release the glove and end [s]."""
 BELOW_DRIVER = -2
 DEVICE_FACTS = ("name", "hand", "channels", "unit", "capabilities", "doubtful")
-SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 COMMAND_KILLED = "the command was killed"
 
 
 class Ending:
-    """What a signal does: before the loop runs it ends the process, then it makes the next tick the last one."""
+    """Signal handling: before the loop runs a signal ends the process, then it makes the next tick the last one."""
 
     loop: LiveLoop | None = None
-    _signalled = False
-    _supervisor = 0
 
-    def install(self) -> None:
-        """Take over `SIGNALS`."""
+    def __init__(self) -> None:
+        self._signalled = False
         self._supervisor = os.getppid()
-        for number in SIGNALS:
+        for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
             signal.signal(number, self._handle)
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
         if self.loop is not None:
-            # The system sends SIGTERM when the supervisor has died (`end_with`), and another parent is there by then.
+            # The system sends SIGTERM when the supervisor has died (`end_with`); the parent has changed by then.
             orphan = os.getppid() != self._supervisor
             self.loop.stop(COMMAND_KILLED if orphan else signal.Signals(number).name)
         elif not self._signalled:
@@ -76,13 +65,7 @@ class Ending:
 def run_session(setup: LiveSetup, memory: SessionMemory, ending: Ending, driver: ChildProcess) -> None:
     """Make everything ready, run the loop until it is stopped, and leave the glove released.
 
-    The loop has a thread of its own, in which compiled code runs; this one tells what the loop notes.
-
-    Args:
-        setup: Of the session.
-        memory: Of the session.
-        ending: What signals do, installed.
-        driver: The process that has the glove.
+    The loop has its own thread, in which compiled code runs; the calling one logs its notes.
 
     Raises:
         HhsimError: The glove or the pose cannot be reached, or the driver has died.
@@ -91,7 +74,7 @@ def run_session(setup: LiveSetup, memory: SessionMemory, ending: Ending, driver:
     memory.status["loop_ready"] = OPEN
     while not (device := memory.device.read()):
         if not driver.running:
-            raise HhsimError(driver.complaint() or f"the glove's driver {driver.how_it_ended()}")
+            raise HhsimError(driver.last_line() or f"the glove's driver {driver.how_it_ended()}")
         time.sleep(TELL_SECONDS / 10)
     loop = LiveLoop(setup, memory, glove_info(device))
     loop.prepare()
@@ -108,10 +91,10 @@ def run_session(setup: LiveSetup, memory: SessionMemory, ending: Ending, driver:
     loop.story.tell()
     if thread.failure is not None:
         raise thread.failure
-    if not driver.wait_its_time(DRIVER_PATIENCE):
+    if not driver.wait_own_time(DRIVER_PATIENCE):
         memory.log(FAULT, "the glove's driver does not end: it is killed")
         driver.send(signal.SIGKILL)
-        driver.wait_its_time(DRIVER_PATIENCE)
+        driver.wait_own_time(DRIVER_PATIENCE)
     loop.story.tell()
     counters = dict(zip(COUNTERS, map(int, memory.status["counters"]), strict=True))
     memory.write_facts(thread.facts | {"summary": loop.summary() | {"counters": counters}})
@@ -120,29 +103,24 @@ def run_session(setup: LiveSetup, memory: SessionMemory, ending: Ending, driver:
 
 
 class LoopThread(threading.Thread):
-    """The thread of a loop: what the system grants is its own.
+    """Thread of a loop, with real-time requests of its own.
 
     Args:
-        loop: That runs in it.
-        device: What the driver says of glove and pose.
+        device: Description of glove and pose by the driver.
 
     Attributes:
-        facts: What was said of the session when it began.
-        failure: What ended it, where it did not end by itself.
+        facts: Facts of the session when it began.
+        failure: Exception that ended the thread, if any.
     """
 
     def __init__(self, loop: LiveLoop, device: dict[str, Any]) -> None:
-        """Nothing runs yet."""
         super().__init__(name="hhsim-loop", daemon=True)
         self._loop = loop
         self.facts = {"device": {name: device[name] for name in DEVICE_FACTS}, "pose": device["pose"]}
         self.failure: BaseException | None = None
 
     def start(self) -> None:
-        """Start it, and the thread that puts the shown hand where it can begin, which stands below the driver.
-
-        The calling thread, too, keeps off the loop's processor from now on.
-        """
+        """Start it, and a thread below the driver that places the shown hand; keep the caller off its processor."""
         super().start()
         keep_off(self._loop.setup.real_time.loop_cpu)
         if self._loop.compiled:
@@ -154,14 +132,14 @@ class LoopThread(threading.Thread):
         self._loop.place()
 
     def run(self) -> None:
-        """Become real time, say so, and run the loop."""
+        """Become real time, log the mode, and run the loop."""
         loop = self._loop
         try:
             mode = become_real_time(loop.setup.real_time, interpreter=not loop.compiled)
             with processors_awake(loop.setup.real_time, mode):
                 self._run(mode)
             become_ordinary()
-        except BaseException as error:  # raised again where the thread was started
+        except BaseException as error:  # raised again by `run_session`
             self.failure = error
             loop.end()
 
@@ -172,7 +150,7 @@ class LoopThread(threading.Thread):
         memory.log(INFORMATION, f"the loop runs at {loop.setup.rate:g} Hz: {described(mode)}")
         for line in mode["refused"]:
             memory.log(WARNING, line)
-        # A glove that plays a motion begins it now, and what others sent before has lost its times.
+        # A glove that plays a motion begins it now; earlier samples of others are discarded.
         memory.status["loop_ready"] = BEGIN
         begun = time.monotonic() + DRIVER_PATIENCE
         while not memory.status["driver_begun"] and time.monotonic() < begun:
@@ -181,17 +159,17 @@ class LoopThread(threading.Thread):
 
 
 def prepare_kernels(setup: LiveSetup, memory: SessionMemory) -> None:
-    """Compile, or load from the cache, every kernel that a tick runs, whatever the place where the hand begins."""
+    """Compile, or load from the cache, every kernel that a tick may run."""
     options = loop_options(setup.options, setup.rate)
     warm_up(setup.hand, options, setup.free)
     if options.method not in ("coupled", "progressive") or setup.free is not None:
-        # A hand that begins inside the object is brought out by `coupled`, as beside one that stands still.
+        # `coupled` brings a hand out that begins inside the object.
         warm_up(setup.hand, replace(options, method="coupled"))
     LiveLoop(setup, memory, GloveInfo("", Capability.NONE, ())).prepare()
 
 
 def start_driver(setup: LiveSetup, memory: SessionMemory) -> ChildProcess:
-    """Start the process that has the glove; it waits until the loop is ready."""
+    """Start the driver process, which waits until the loop is ready."""
     oldest = oldest_heartbeat(setup.safety.heartbeat_stale, setup.period_ns)
     given = DriverSetup(setup.device, setup.pose, setup.dry_run, oldest, setup.real_time, os.getpid())
     descriptor = write_setup(given)
@@ -202,32 +180,27 @@ def start_driver(setup: LiveSetup, memory: SessionMemory) -> ChildProcess:
 
 
 def main(arguments: Sequence[str] | None = None, start: StartDriver = start_driver) -> int:
-    """Run the loop of a session, with the driver that `start` starts; returns the exit code."""
+    """Run the loop of a session with the driver that `start` starts; returns the exit code."""
     setup, memory = session_process("loop", LiveSetup, arguments)
     ending = Ending()
-    ending.install()
     driver: ChildProcess | None = None
     memory.status["loop_pid"] = os.getpid()
     memory.status["stage"] = Stage.STARTING
-    try:
+
+    def body() -> None:
+        nonlocal driver
         if not end_with(setup.supervisor):
             raise HhsimError("the loop's supervisor ended before the loop began")
         driver = start(setup, memory)
         run_session(setup, memory, ending, driver)
-    except HhsimError as error:
-        memory.log(FAULT, str(error))
-        print(f"hhsim: {error}", file=sys.stderr)
-        return error.exit_code
-    except Exception as error:  # said, and the fingers are free by now
-        memory.log(FAULT, f"the loop ended by a fault of its own: {type(error).__name__}: {error}")
-        traceback.print_exc()
-        return 1
+
+    try:
+        return exit_code(body, lambda text: memory.log(FAULT, text))
     finally:
         memory.status["stage"] = Stage.ENDING
-        if driver is not None and not driver.wait_its_time(DRIVER_PATIENCE):
+        if driver is not None and not driver.wait_own_time(DRIVER_PATIENCE):
             driver.send(signal.SIGKILL)
         memory.status["stage"] = Stage.ENDED
-    return 0
 
 
 if __name__ == "__main__":

@@ -1,12 +1,11 @@
-"""The watchdog: frees the fingers when the loop no longer can; `python -m hhsim.live.loop.watchdog --setup FD`.
+"""Process of the watchdog: frees the fingers when the loop cannot; `python -m hhsim.live.loop.watchdog --setup FD`.
 
-It has a process and a connection to the glove of its own, stands above the loop under SCHED_FIFO, and watches two
-things: the loop's heartbeat, and the end of its process, which the system tells. The heartbeat is usually the quicker
-one, since a process with much locked memory takes its time to go. While either is amiss the glove is told every 20 ms
-that the fingers are free. It does not end before the loop has, whatever signal it gets; a session that has ended is
-released once more, for good measure.
+It has its own connection to the glove, stands above the loop under SCHED_FIFO, and watches the loop's heartbeat and the
+end of its process. The heartbeat is usually quicker: a process with much locked memory takes time to end. While either
+fails it frees the fingers every 20 ms. It does not end before the loop has, whatever signal it gets, and releases a
+session that has ended once more.
 
-It loads as little as it can: a setup of its own, the status block, and of the glove's driver what is needed to connect.
+It imports little: its own setup, the status block, and the part of the glove's driver that connects.
 """
 
 import argparse
@@ -15,7 +14,7 @@ import select
 import signal
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from types import FrameType
 
@@ -26,25 +25,23 @@ from hhsim.live.real_time import become_ordinary, become_real_time, keep_off, na
 from hhsim.live.shared_memory import SharedBlock, read_setup
 
 WATCH_MS = 4
-"""The watchdog looks at least this often [ms]."""
+"""Longest time between two looks [ms]."""
 RELEASE_NS = 20_000_000
-"""While the loop is amiss the glove is told anew after this long."""
+"""Time between two releases while the loop fails [ns]."""
 CONNECT_NS = 250_000_000
-"""Between two tries to reach the glove."""
+"""Time between two tries to reach the glove [ns]."""
 LAST_WORDS_NS = 200_000_000
-"""How long the fingers are freed again and again after the loop has gone without saying so."""
+"""Time in which the fingers are freed again and again after a loop that ended without announcing it [ns]."""
 
 
 class Watchdog:
     """Watches one session.
 
     Args:
-        setup: Of the session.
         device: The watchdog's own connection to the glove, not yet opened; None sends nothing.
     """
 
     def __init__(self, setup: WatchdogSetup, device: FingerRelease | None) -> None:
-        """Nothing is connected yet."""
         self._supervisor = setup.supervisor
         self._stale_ns = oldest_heartbeat(setup.heartbeat_stale, setup.period_ns)
         self._block = SharedBlock(setup.status, LIVE_STATUS)
@@ -59,7 +56,7 @@ class Watchdog:
         self._may_end = False
 
     def allow_end(self) -> None:
-        """End as soon as the loop has, and not before; safe to call from a signal's handler."""
+        """End as soon as the loop has, and not before; safe in a signal handler."""
         self._may_end = True
 
     def watch(self) -> None:
@@ -75,7 +72,7 @@ class Watchdog:
             self._loop.close()
 
     def _step(self) -> bool:
-        """Look once; True where there is nothing left to watch."""
+        """Look once; True if there is nothing left to watch."""
         status = self._status
         self._loop.wait(int(status["loop_pid"]), WATCH_MS)
         now = time.monotonic_ns()
@@ -83,10 +80,10 @@ class Watchdog:
         self._stay_connected(now)
         stage = int(status["stage"])
         if stage == Stage.ENDED:
-            return self._loop.gone or not self._loop.known
+            return not self._loop.alive
         running = stage in (Stage.RUNNING, Stage.ENDING)
         amiss = running and (self._loop.gone or now - int(status["heartbeat_ns"]) > self._stale_ns)
-        # A driver that is dead or hangs sends no command any more, not even one that frees the fingers.
+        # A driver that is dead or hangs sends no command, not even one that frees the fingers.
         amiss = amiss or (stage == Stage.RUNNING and now - int(status["driver_ns"]) > self._stale_ns)
         if amiss and now - self._released_ns >= RELEASE_NS:
             self._released_ns = now
@@ -95,15 +92,14 @@ class Watchdog:
         return self._may_go(now, running)
 
     def _may_go(self, now: int, running: bool) -> bool:
-        """Whether nobody is left who would want a watchdog."""
-        nobody = self._loop.gone or not self._loop.known
-        if not nobody:
+        """Return True if nothing is left that needs a watchdog."""
+        if self._loop.alive:
             self._gone_ns = -1
             return False
         if self._gone_ns < 0:
             self._gone_ns = now
         orphan = os.getppid() != self._supervisor
-        # A loop that was killed while it ran: the first word may have been lost.
+        # After a loop that was killed while it ran, the first release may have been lost.
         long_enough = not running or now - self._gone_ns >= LAST_WORDS_NS
         return (self._may_end or orphan) and long_enough
 
@@ -136,7 +132,7 @@ class Watchdog:
 
 
 class _LoopProcess:
-    """The process of the loop, whose end wakes the watchdog."""
+    """Process of the loop, whose end wakes the watchdog."""
 
     def __init__(self) -> None:
         self.known = False
@@ -145,12 +141,16 @@ class _LoopProcess:
         self._descriptor = -1
         self._poll = select.poll()
 
+    @property
+    def alive(self) -> bool:
+        return self.known and not self.gone
+
     def wait(self, pid: int, timeout_ms: int) -> None:
-        """Sleep, at most until the process ends; `pid` is 0 as long as there is none."""
+        """Sleep, at most until the process ends; `pid` is 0 if there is none."""
         if pid != self._pid:
             self._take(pid)
         ended = bool(self._poll.poll(timeout_ms))
-        if self.known and not self.gone and (ended or (self._descriptor < 0 and not _exists(pid))):
+        if self.alive and (ended or (self._descriptor < 0 and not _exists(pid))):
             self.gone = True
             self.close()
 
@@ -168,7 +168,7 @@ class _LoopProcess:
         except ProcessLookupError:
             self.gone = True
         except OSError:
-            # A system without this call: the process is asked for in every look.
+            # A system without this call: `wait` checks for the process.
             self._descriptor = -1
         else:
             self._poll.register(self._descriptor, select.POLLIN)
@@ -193,28 +193,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def watch(setup: WatchdogSetup, device: FingerRelease | None) -> None:
-    """Watch a session in this process, under real-time scheduling; signals do not end it while the loop lives.
+    """Watch a session in this process, under real-time scheduling; `device` as for `Watchdog`.
 
-    Args:
-        setup: Of the session.
-        device: As for `Watchdog`.
+    Signals do not end it while the loop lives.
     """
     watchdog = Watchdog(setup, device)
-    on_signal(watchdog.allow_end)
+
+    def end(number: int, frame: FrameType | None) -> None:
+        watchdog.allow_end()
+
+    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, end)
     keep_off(setup.real_time.loop_cpu)
     become_real_time(replace(setup.real_time, cpu=-1), above=1)
     watchdog.watch()
     become_ordinary()
-
-
-def on_signal(action: Callable[[], None]) -> None:
-    """Do this, and nothing else, on the signals that end a process."""
-
-    def handle(number: int, frame: FrameType | None) -> None:
-        action()
-
-    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
-        signal.signal(number, handle)
 
 
 if __name__ == "__main__":

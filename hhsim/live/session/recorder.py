@@ -1,11 +1,11 @@
-"""The process that writes a session to its file: `python -m hhsim.live.session.recorder --setup FD --status FD …`.
+"""Process that writes a session to its file: `python -m hhsim.live.session.recorder --setup FD --status FD …`.
 
-It only reads the rings, so that whatever happens to it, or to the disk, is nothing to the loop, far below which it
-stands: it is in real time only since the rings overflow where a busy machine lets it wait. It ends when the session has
-ended and all of it is written, or when the loop is gone.
+It only reads the rings, so that its failure, or that of the disk, does not affect the loop. Its real-time priority is
+the lowest: without one, the rings would overflow on a busy machine. It ends when the session has ended and all of it is
+written, or when the loop is gone.
 
-Exit codes: 0 all that came is written; 1 a fault of hhsim's own; 2 the file cannot be written (the line on stderr says
-why, and where what was written is). After 1 and 2 `recorder_failed` is set in the status.
+Exit codes: 0 all records are written; 1 a fault of hhsim's own; 2 the file cannot be written (stderr says why, and
+where the written part is). After 1 and 2 `recorder_failed` is set in the status.
 """
 
 import os
@@ -13,14 +13,12 @@ import select
 import signal
 import sys
 import time
-import traceback
 from collections.abc import Sequence
 from dataclasses import replace
 from types import FrameType
 
-from hhsim.errors import HhsimError
 from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.ipc.session_memory import SessionMemory, session_process
+from hhsim.live.ipc.session_memory import SessionMemory, exit_code, session_process
 from hhsim.live.ipc.status import Stage
 from hhsim.live.loop.loop import loop_options
 from hhsim.live.real_time import become_ordinary, become_real_time, keep_off
@@ -31,27 +29,21 @@ from hhsim.result.reader import CHUNK_TICKS, check_result_path
 from hhsim.solver.compile import warm_up
 
 POLL = 0.05
-"""The rings are looked at this often [s]; they hold 16 s of ticks at 1 kHz, 4 s with a free object."""
+"""Period at which the rings are read [s]; they hold 16 s of ticks at 1 kHz, 4 s with a free object."""
 LONGEST_WAIT = 1.0
-"""What came is written after this time at the latest [s]."""
+"""Longest time from reading a record to writing it [s]."""
 PRIORITY = 1
-"""Under SCHED_FIFO, where the session is in real time."""
-AT_ONCE = 2 * CHUNK_TICKS
-"""Most records of a ring in one block: a disk that gets full takes no more than them."""
+"""Priority under SCHED_FIFO, if the session is in real time."""
+BLOCK_RECORDS = 2 * CHUNK_TICKS
+"""Most records of a ring in one block: no more are lost to a full disk."""
 CUT_SHORT = "the recorder was told to stop before the session ended"
 LOOP_DIED = "the loop failed or was killed"
 
 
 class Recorder:
-    """Reads the rings of a session and writes its file.
-
-    Args:
-        setup: Of the session; `record` names the file.
-        memory: Of the session.
-    """
+    """Reads the rings of a session and writes its file; `stop` is a signal handler."""
 
     def __init__(self, setup: LiveSetup, memory: SessionMemory) -> None:
-        """Nothing is read or written yet."""
         if setup.record is None:
             raise ValueError("the session is not to be recorded")
         self._path = setup.record
@@ -63,18 +55,14 @@ class Recorder:
         self._stop = False
 
     def stop(self, number: int, frame: FrameType | None) -> None:
-        """A signal's handler: write what is there, and end."""
+        """Request `run` to write the records that are there, and end."""
         self._stop = True
 
     def run(self) -> None:
-        """Record until the session has ended.
-
-        Raises:
-            OutputError: The file cannot be written.
-        """
+        """Record until the session has ended; raises OutputError if the file cannot be written."""
         check_result_path(self._path)
         options = loop_options(self._setup.options, self._setup.rate)
-        # Measuring penetration must not have to be compiled while ticks wait.
+        # Kernels that measure penetration are compiled before ticks wait.
         warm_up(self._setup.hand, options, self._setup.free)
         while not self._memory.read_facts():
             # The glove is being connected; without it there is no session.
@@ -91,47 +79,42 @@ class Recorder:
                 writer.write(status["counters"], ended)
                 return
             writer.finish(ended, status["counters"], int(status["missed"]), by_name(status["missed_by"]))
-            self._show_progress(writer)
+            status["recorder_ticks"], status["recorder_lost"] = writer.ticks, writer.lost["ticks"]
 
     def _follow(self, writer: SessionWriter) -> str:
-        """Write block after block until the session has ended; returns why it did."""
-        written = time.monotonic()
+        """Write block after block until the session has ended; returns the reason."""
+        written, status = time.monotonic(), self._memory.status
         while True:
-            # Looked at before the rings: what came before the end is read after it.
+            # Read before the rings: all records before the end are read after it.
             ended = self._end()
             more = self._take(writer)
             now = time.monotonic()
             over = not more and (bool(ended) or self._stop)
             if over or writer.waiting_ticks >= CHUNK_TICKS or now - written >= LONGEST_WAIT:
-                writer.write(self._memory.status["counters"])
+                writer.write(status["counters"])
                 written = now
-            self._show_progress(writer)
+            status["recorder_ticks"], status["recorder_lost"] = writer.ticks, writer.lost["ticks"]
             if over:
                 return ended or CUT_SHORT
             if not more:
                 self._breathe()
 
     def _take(self, writer: SessionWriter) -> bool:
-        """Take what came, so much that a block does not get too large; whether there may be more."""
+        """Take at most `BLOCK_RECORDS` of each ring; True if there may be more."""
         more = False
         for ring, reader in self._readers.items():
-            first, records = reader.read(AT_ONCE)
+            first, records = reader.read(BLOCK_RECORDS)
             writer.take(ring, first, records)
             writer.lost[ring] = reader.lost
-            more = more or len(records) == AT_ONCE
+            more = more or len(records) == BLOCK_RECORDS
         return more
-
-    def _show_progress(self, writer: SessionWriter) -> None:
-        status = self._memory.status
-        status["recorder_ticks"] = writer.ticks
-        status["recorder_lost"] = writer.lost["ticks"]
 
     def _breathe(self) -> None:
         self._memory.status["recorder_ns"] = time.monotonic_ns()
         time.sleep(POLL)
 
     def _end(self) -> str:
-        """Why the session has ended, "" while it goes on."""
+        """Return the reason why the session has ended, "" while it goes on."""
         status = self._memory.status
         gone = self._loop_gone()
         if status["stage"] == Stage.ENDED:
@@ -144,7 +127,7 @@ class Recorder:
         return ""
 
     def _loop_gone(self) -> bool:
-        """Whether the loop's process has ended, also where nobody has asked for its exit code yet."""
+        """Return True if the loop's process has ended, even if its exit code was not collected yet."""
         if self._loop < 0:
             number = int(self._memory.status["loop_pid"])
             if number == 0:
@@ -163,20 +146,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     become_real_time(replace(setup.real_time, priority=PRIORITY, lock_memory=False, cpu=-1, freeze_gc=False))
     recorder = Recorder(setup, memory)
     # Ctrl-C is for the session: its end is recorded too.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, recorder.stop)
-    try:
-        recorder.run()
-    except HhsimError as error:
+
+    def failed(text: str) -> None:
         memory.status["recorder_failed"] = 1
-        print("; ".join([f"hhsim: {error}", *getattr(error, "__notes__", ())]), file=sys.stderr)
-        return error.exit_code
-    except Exception:  # said, and told to the others by the status
-        memory.status["recorder_failed"] = 1
-        traceback.print_exc()
-        return 1
-    return 0
+
+    return exit_code(recorder.run, failed)
 
 
 if __name__ == "__main__":

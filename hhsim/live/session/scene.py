@@ -1,4 +1,4 @@
-"""The scene of a live session: the object in the world, and where palm and fingers begin."""
+"""Scene of a live session: the object in the world, and where palm and fingers begin."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -18,15 +18,7 @@ from hhsim.trees.sphere_tree import SphereTree
 
 @dataclass(frozen=True, eq=False)
 class LiveScene:
-    """Object, glove and palm of a session.
-
-    Attributes:
-        mesh: The object's surface [m], world frame.
-        tree: Its sphere tree, world frame.
-        device: The glove, with its motion where it plays one.
-        pose: The palm's source, with its motion or where it begins.
-        description: How it came about, as plain values.
-    """
+    """Object and sphere tree [m], world frame, glove and palm of a session, and their origin as plain values."""
 
     mesh: Mesh
     tree: SphereTree
@@ -51,12 +43,9 @@ def make_live_scene(
     Args:
         mesh: The object [m], in its own frame.
         tree: Its sphere tree, in the same frame.
-        hand: Which hand.
-        device: Settings of the glove.
-        pose: Settings of the palm's source.
-        motion: What a simulated or replayed glove does, and a palm that is replayed; None where neither is.
-        placed: The position and orientation of `pose` are wanted; else the palm begins where it can grasp.
-        seed: Of a script's tremor and sensor noise.
+        motion: Motion of a simulated or replayed glove, or of a replayed palm; None if neither plays one.
+        placed: True to begin at the pose of `pose`; otherwise the palm begins where it can grasp.
+        seed: Seed of a script's tremor and sensor noise.
 
     Raises:
         TrajectoryError: The motion cannot be done on this object.
@@ -65,10 +54,7 @@ def make_live_scene(
     palm = POSES[pose.kind]
     if motion is not None:
         scene = make_scene(mesh, tree, hand, motion, seed=seed)
-        where = {
-            "object_position": scene.trajectory.object_position.tolist(),
-            "object_orientation": scene.trajectory.object_orientation.tolist(),
-        }
+        where = {name: getattr(scene.trajectory, name).tolist() for name in ("object_position", "object_orientation")}
         mesh, tree = scene.mesh, scene.tree
         # One for both, so that fingers and palm stay together.
         playback = Playback(scene.trajectory.seen_from_object(), repeat=True)

@@ -1,4 +1,4 @@
-"""Figures of a session while it runs and at its end, from the ring of its ticks."""
+"""Figures of a session, while it runs and at its end, from the ring of its ticks."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -14,74 +14,65 @@ from hhsim.system.log_histogram import LogHistogram
 
 Scalar = str | int | float | bool
 
-AT_ONCE = 2048
-"""Ticks taken from the ring in one go."""
+BLOCK_TICKS = 2048
+"""Ticks read from the ring at once."""
 RATE_WINDOW = 2.0
-"""The rate that is shown is that of so many seconds."""
+"""Time over which the displayed rate is averaged [s]."""
 
 
 class LiveTally:
-    """Reads the ticks of a session and counts.
+    """Counts over the ticks of a session.
 
     Args:
-        ring: Of `LIVE_TICK`; read from its beginning. None where the ticks are handed to `count`.
+        ring: Ring of `LIVE_TICK`, read from its beginning; None if the ticks are passed to `count`.
+
+    Attributes:
+        wakeup, latency, duration: Lateness of the loop, time from sample to command, time of the solver's tick [ns].
+        ticks: Number of ticks with a hand; those before the first input are not in the ring.
+        missed: Periods without a tick, before the counted ticks.
+        new_samples: Number of ticks that used a sample for the first time.
+        superseded: Number of samples that a newer one replaced before a tick could use them.
+        stiff: Number of ticks with a stiffness above 0.
+        free_for: Number of ticks whose fingers were kept free, by reason.
+        freed: Number of ticks whose fingers a fault freed.
     """
 
-    ticks: int
-    """Ticks with a hand; those before the first input are not in the ring."""
-    missed: int
-    """Periods without a tick, before the ticks seen."""
-    new_samples: int
-    """Ticks that used a sample for the first time."""
-    superseded: int
-    """Samples that a newer one replaced before a tick could use them."""
-
     def __init__(self, ring: SharedRing | None = None) -> None:
-        """Nothing is counted yet."""
         self._reader = None if ring is None else RingReader(ring)
         self.wakeup, self.latency, self.duration = LogHistogram(), LogHistogram(), LogHistogram()
-        """How late the loop woke, from sample to command, and the solver's tick [ns]."""
         self.ticks = self.missed = self.new_samples = self.superseded = 0
-        self.stuck = self.lagging = self.in_contact = 0
+        self.stuck = self.lagging = self.in_contact = self.stiff = self.freed = 0
         self.candidates_max = 0
         self.force_max = 0.0
-        self.stiff = 0
-        """Ticks in which a finger was told to resist."""
         self.free_for = dict.fromkeys(Safety, 0)
-        """Ticks whose fingers were kept free, by why."""
-        self.freed = 0
-        """Ticks whose fingers a fault freed."""
         self._sample = -1
         self._recent: list[tuple[int, int]] = []
 
     @property
     def lost(self) -> int:
-        """Ticks that were overwritten before they were counted."""
+        """Number of ticks that were overwritten before they were counted."""
         return 0 if self._reader is None else self._reader.lost
 
     def read(self) -> None:
         """Count all ticks since the last call."""
-        while self._reader is not None:
-            _, ticks = self._reader.read(AT_ONCE)
-            if len(ticks) == 0:
-                return
+        while self._reader is not None and len(ticks := self._reader.read(BLOCK_TICKS)[1]):
             self.count(ticks)
 
     def note(self, ticks: int, now_ns: int) -> None:
-        """Note for `rate` how many ticks the loop has done, those without input too, at CLOCK_MONOTONIC [ns]."""
+        """Record for `rate` the number of the loop's ticks, those without input too, at CLOCK_MONOTONIC [ns]."""
         self._recent = [(at, done) for at, done in self._recent if now_ns - at < 1e9 * RATE_WINDOW]
         self._recent.append((now_ns, ticks))
 
     @property
     def rate(self) -> float:
-        """Ticks a second of late [Hz]; 0 before there are two notes."""
+        """Ticks a second over the last `RATE_WINDOW` [Hz]; 0 before there are two notes."""
         if not self._recent:
             return 0.0
         (first, before), (last, after) = self._recent[0], self._recent[-1]
         return 1e9 * (after - before) / (last - first) if last > first else 0.0
 
     def to_json(self) -> dict[str, Any]:
-        """All figures, SI units."""
+        """Return all figures, SI units."""
         return {
             "ticks": self.ticks,
             "missed": self.missed,
@@ -101,7 +92,7 @@ class LiveTally:
         }
 
     def count(self, ticks: NDArray[np.void]) -> None:
-        """Count ticks, at least one, of `LIVE_TICK`."""
+        """Count ticks of `LIVE_TICK`, at least one."""
         self.ticks += len(ticks)
         self.missed += int(ticks["missed"].sum())
         self.wakeup.add(np.maximum(ticks["wakeup_ns"], 0))
@@ -126,25 +117,23 @@ class LiveTally:
 def session_figures(
     tally: LiveTally, missed: int, missed_by: Mapping[str, int], penetration_max: float, lost: Mapping[str, int]
 ) -> dict[str, Scalar]:
-    """The summary of a session: of all ticks that were recorded, SI units.
+    """Return the summary of a session over all recorded ticks, SI units.
 
     Args:
-        tally: Of these ticks.
-        missed: Periods without a tick since the loop began.
-        missed_by: The same by who took the time, `hhsim.result.miss_cause.by_name`.
-        penetration_max: Deepest of all of them [m].
+        missed, missed_by: Periods without a tick since the loop began, and by cause (`miss_cause.by_name`).
+        penetration_max: Largest penetration [m].
         lost: Records that were overwritten before they could be written, by ring.
 
     Returns:
-        What `LiveTally.to_json` names (`wakeup_p999` is the 99.9th percentile [s]), the ticks that were kept free as
-        one figure a reason (`kept_free_stale_input`), `missed`, the same by cause (`missed_host`), `penetration_max`
-        [m], and `lost_ticks`, `lost_samples` and `lost_events`.
+        The figures of `LiveTally.to_json` (`wakeup_p999` is the 99.9th percentile [s]), ticks kept free by reason
+        (`kept_free_stale_input`), `missed`, the same by cause (`missed_host`), `penetration_max` [m], and the lost
+        records of each ring.
     """
     figures = tally.to_json()
     del figures["uncounted_ticks"]
     free: Mapping[str, int] = figures.pop("ticks_kept_free")
     return {
-        **{name: value for name, value in figures.items() if isinstance(value, Scalar)},
+        **figures,
         "missed": missed,
         **{f"missed_{cause}": count for cause, count in missed_by.items()},
         **{f"kept_free_{why.lower()}": count for why, count in free.items()},
@@ -154,6 +143,6 @@ def session_figures(
 
 
 def _percentiles(name: str, values: LogHistogram) -> dict[str, float]:
-    """Of a histogram of ns, in seconds; NaN where nothing was counted."""
+    """Return percentiles of a histogram of ns in seconds; NaN if nothing was counted."""
     found = {f"{name}_p{str(p).replace('.', '')}": 1e-9 * values.percentile(p) for p in (50, 99, 99.9)}
     return {**found, f"{name}_max": 1e-9 * values.largest}

@@ -1,4 +1,4 @@
-"""Signals that ask a session to end, noted and never raised: a session ends in its order or the fingers stay held."""
+"""Signals that end a session, recorded and never raised: it has to end in order, or the fingers stay held."""
 
 import signal
 import threading
@@ -10,7 +10,7 @@ WORDS = {
     "SIGINT": "Ctrl-C",
     "SIGTERM": "SIGTERM",
     "SIGHUP": "the terminal is gone",
-    # A session that is suspended would leave the hand in the glove with nobody to watch over it.
+    # A suspended session would leave the hand in the glove with nobody to watch over it.
     "SIGTSTP": "Ctrl-Z, which ends a live session",
     "SIGQUIT": "Ctrl-backslash",
 }
@@ -20,26 +20,24 @@ NOT_BY_THE_USER = {WORDS[number.name]: int(number) for number in (signal.SIGTERM
 
 @contextmanager
 def stop_signals() -> Iterator[Callable[[], str]]:
-    """Note every signal that ends a session while the block runs.
+    """Record every signal that ends a session while the block runs.
 
-    A signal that is ignored already (nohup) stays ignored. Outside of the main thread nothing is noted.
+    A signal that is ignored already (nohup) stays ignored. Outside of the main thread nothing is recorded.
 
     Yields:
-        Returns the first signal, in words; "" while none has come.
+        Function that returns the first signal in words, "" if none has come.
     """
-    if threading.current_thread() is not threading.main_thread():
-        yield lambda: ""
-        return
     received: list[str] = []
 
     def note(number: int, frame: FrameType | None) -> None:
         received.append(WORDS[signal.Signals(number).name])
 
     before = {}
-    for name in WORDS:
-        number = getattr(signal, name)
-        if signal.getsignal(number) is not signal.SIG_IGN:
-            before[number] = signal.signal(number, note)
+    if threading.current_thread() is threading.main_thread():
+        for name in WORDS:
+            number = signal.Signals[name]
+            if signal.getsignal(number) is not signal.SIG_IGN:
+                before[number] = signal.signal(number, note)
     try:
         yield lambda: received[0] if received else ""
     finally:

@@ -1,4 +1,4 @@
-"""The lines of a session's table: what each figure of its summary is called, and how it is shown."""
+"""Rows of a session's summary table."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -22,18 +22,13 @@ SESSION_FIGURES: tuple[Figure, ...] = (
     Figure("samples_used", "samples used"),
     Figure("samples_superseded", "samples that a newer one replaced"),
     run_metrics()["penetration_max"],
-    Figure("lost_ticks", "ticks that the recorder lost"),
-    Figure("lost_samples", "samples that the recorder lost"),
-    Figure("lost_events", "events that the recorder lost"),
+    *(Figure(f"lost_{ring}", f"{ring} that the recorder lost") for ring in ("ticks", "samples", "events")),
 )
-"""Those of a session's /summary, in the table's order."""
+"""Figures of a session's /summary, in the table's order."""
 
 
 def session_rows(figures: Mapping[str, Any]) -> tuple[SummaryRow, ...]:
-    """The table of a session's figures, SI units, by name.
-
-    What was never the case (fingers free for a reason, or periods missed for a cause, that never came) has no line.
-    """
+    """Return the table rows of a session's figures by name, SI units; reasons and causes with count 0 are left out."""
     return tuple(
         SummaryRow(figure, float(figures[figure.name]))
         for figure in SESSION_FIGURES

@@ -1,4 +1,4 @@
-"""The columns of a session's ticks, from the records of their ring."""
+"""Columns of a session's ticks, from the records of their ring."""
 
 import numpy as np
 
@@ -16,27 +16,25 @@ Columns = dict[str, AnyArray]
 
 
 class SessionColumns:
-    """Makes the columns of /tick, and of /contact where the object is free, block after block of one session.
+    """Builds the columns of /tick, and of /contact if the object is free, block after block of one session.
 
     Args:
-        setup: Of the session.
-        options: That its loop solves with.
+        options: Options that the session's loop solves with.
     """
 
     def __init__(self, setup: LiveSetup, options: SolverOptions) -> None:
-        """No tick has gone before."""
         self._columns = TickColumns(setup.contact_surface().arrays, setup.hand, options)
         self._free = setup.free is not None
         self._pose = setup.object_pose()
         self._next = 0
 
     def block(self, first: int, records: Records, began_ns: int) -> Columns:
-        """The columns of the next ticks, as a result file holds them.
+        """Build the columns of the next ticks, as a result file holds them.
 
         Args:
-            first: Number of the first of the records, counted from the loop's beginning; those before may be lost.
-            records: Of the ring, at least one.
-            began_ns: When the session's first tick was due, CLOCK_MONOTONIC [ns].
+            first: Number of the first record, counted from the loop's beginning; earlier ones may be lost.
+            records: Records of the ring, at least one.
+            began_ns: CLOCK_MONOTONIC at which the session's first tick was due [ns].
         """
         if first != self._next:
             self._columns.forget()
@@ -51,16 +49,16 @@ class SessionColumns:
         return free_block(block, haptic, ticks, *self._pose)
 
     def contacts(self, first: int, records: Records) -> Columns:
-        """The rows of /contact of these ticks; `first` is the number of their first row in /tick."""
+        """Build the rows of /contact of these ticks; `first` is the number of their first row in /tick."""
         return contact_rows(object_ticks(records), first) if self._free else {}
 
     def moved(self, records: Records) -> RigidMotion | None:
-        """How the object has moved since before the first tick, at the end of each; None of one that stands still."""
+        """Return the motion of a free object since before the first tick, at the end of each; None of a fixed one."""
         return moved_by(object_ticks(records)) if self._free else None
 
 
 def object_ticks(records: Records) -> ObjectRecord:
-    """What became of the free object, of records of `hhsim.live.ipc.session_memory.FREE_TICK`."""
+    """Return the ticks of the free object from records of `hhsim.live.ipc.session_memory.FREE_TICK`."""
     count = records["contact"][:, 1]
     kept = np.arange(records["body"].shape[1]) < count[:, None]
     first = ObjectRecord._fields.index("contact")

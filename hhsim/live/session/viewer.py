@@ -1,9 +1,9 @@
-"""The process that shows a session in the rerun viewer: `python -m hhsim.live.session.viewer --setup FD --status FD …`.
+"""Process that shows a session in the rerun viewer: `python -m hhsim.live.session.viewer --setup FD --status FD …`.
 
 It runs below ordinary priority, only reads the rings, and sends about thirty frames a second: the newest tick, with
-plots that show the worst of the ticks since the frame before. Whatever becomes of the viewer is nothing to the loop:
-when it is closed, this process ends; while it takes nothing, frames are left out; when it has taken nothing for
-`LONGEST_STALL`, this process ends too. A window that it opened stays when the session has ended.
+plots that show the worst of the ticks since the frame before. It does not affect the loop: it ends when the viewer is
+closed, drops frames while the viewer takes nothing, and ends after `LONGEST_STALL` of that. A window that it opened
+stays open after the session.
 
 Exit codes: 0 the session has ended or the viewer was closed (the last line on stderr says which); 1 a fault of hhsim's
 own; 2 there is no viewer, or its file cannot be written.
@@ -13,7 +13,6 @@ import os
 import signal
 import sys
 import time
-import traceback
 from collections.abc import Sequence
 from contextlib import suppress
 from types import FrameType
@@ -22,10 +21,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hhsim.arrays import Records
-from hhsim.errors import HhsimError, OutputError
+from hhsim.errors import OutputError
 from hhsim.hand.fingers import FINGERS
 from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.ipc.session_memory import SessionMemory, session_process
+from hhsim.live.ipc.session_memory import SessionMemory, exit_code, session_process
 from hhsim.live.ipc.status import Stage
 from hhsim.live.real_time import keep_off
 from hhsim.live.session.tick_block import SessionColumns
@@ -43,30 +42,24 @@ if TYPE_CHECKING:
 
 
 FRAME = 1.0 / 30.0
-"""Between two frames [s]."""
+"""Time between two frames [s]."""
 PATIENCE = 0.25
-"""How long the viewer has to take a frame [s]."""
+"""Longest time to take a frame [s]."""
 LONGEST_STALL = 10.0
-"""A viewer that has taken nothing for so long is given up [s]."""
+"""Longest time in which a viewer may take nothing [s]."""
 NICENESS = 10
-HAND_ROOM = 0.16
-"""What a hand needs around the object in the picture [m]."""
+HAND_MARGIN = 0.16
+"""Margin for the hand around the object in the picture [m]."""
 
 
 class ViewerGoneError(Exception):
-    """The viewer was closed, or takes nothing any more; says which."""
+    """The viewer was closed, or takes nothing any more."""
 
 
 class LiveViewer:
-    """Shows one session.
-
-    Args:
-        setup: Of the session; `rerun` names the viewer or the file.
-        memory: Of the session; `viewer_ns` of the status is written here.
-    """
+    """Shows one session and writes `viewer_ns` of its status; `stop` is a signal handler."""
 
     def __init__(self, setup: LiveSetup, memory: SessionMemory) -> None:
-        """Nothing is shown yet."""
         if setup.rerun is None:
             raise ValueError("the session is not to be shown")
         self._target = parse_target(setup.rerun)
@@ -82,7 +75,7 @@ class LiveViewer:
         self._stalled = -1.0
 
     def stop(self, number: int, frame: FrameType | None) -> None:
-        """A signal's handler: end."""
+        """Request `run` to end."""
         self._stop = True
 
     def run(self) -> None:
@@ -102,7 +95,7 @@ class LiveViewer:
             surface=setup.options.surface,
             text=f"# Live session\n\n`{' '.join(setup.command)}`\n",
         )
-        extent = float(np.linalg.norm(setup.mesh.extent + HAND_ROOM))
+        extent = float(np.linalg.norm(setup.mesh.extent + HAND_MARGIN))
         middle = setup.mesh.bounds.mean(axis=0)
         arrangement = blueprint(middle, extent, "graphic hand, haptic hand (blue), forces (red)", LIVE_PLOTS, live=True)
         with rerun_stream(self._target, APPLICATION, arrangement) as stream:
@@ -111,7 +104,7 @@ class LiveViewer:
             viewer.log_static(LIVE_PLOTS)
             due = time.monotonic()
             while True:
-                # Looked at before the rings: what came before the end is shown after it.
+                # Read before the rings: all ticks before the end are shown after it.
                 over = self._over()
                 if self._taken(stream):
                     self._show(viewer)
@@ -122,15 +115,11 @@ class LiveViewer:
                 time.sleep(max(0.0, due - time.monotonic()))
 
     def _over(self) -> bool:
-        # A loop that was killed is told by its supervisor; without a supervisor the loop ends by itself.
+        # The supervisor of a loop that was killed sets the stage; without a supervisor the loop ends by itself.
         return self._stop or self._memory.status["stage"] == Stage.ENDED or os.getppid() != self._parent
 
     def _taken(self, stream: "rr.RecordingStream") -> bool:
-        """Whether the viewer has taken all that was sent.
-
-        Raises:
-            ViewerGoneError: It was closed, or has stalled for too long.
-        """
+        """Return True if the viewer has taken all frames; raises ViewerGoneError if it is closed or stalls too long."""
         try:
             stream.flush(timeout_sec=PATIENCE)
         except (RuntimeError, ValueError) as error:
@@ -155,7 +144,7 @@ class LiveViewer:
             viewer.log_ticks(self._frame(first, records))
             newest = records[-1]
             tick, seconds = int(newest["tick"]), self._seconds(newest["time_ns"])
-            # Of all ticks since the frame before: what lasts for less than a frame shows too.
+            # Over all ticks since the frame before: shorter events show too.
             safety, status = (int(np.bitwise_or.reduce(records[name])) for name in ("safety", "status"))
             self._lane(viewer, "fingers", tick, seconds, why_free_or_held(safety))
             self._lane(viewer, "ticks", tick, seconds, status_words(status))
@@ -165,14 +154,12 @@ class LiveViewer:
                 viewer.log_event(self._seconds(event["time_ns"]), EVENT_LEVELS[int(event["level"])], text)
 
     def _frame(self, first: int, records: Records) -> ShownTicks:
-        """The newest of some ticks, standing for all of them."""
+        """Return the newest of some ticks, with plots of all of them."""
         block = self._columns.block(first, records, self._begin_ns)
-        more = {
-            GLOVE: records["command_stiffness"],
-            LOOP: loop_values(records["wakeup_ns"], records["latency_ns"]),
-        }
-        moved = self._columns.moved(records)
-        return shown_ticks(block.__getitem__, records["tick"], [len(records) - 1], [0], more, moved)
+        loop = loop_values(records["wakeup_ns"], records["latency_ns"])
+        more = {GLOVE: records["command_stiffness"], LOOP: loop}
+        newest = [len(records) - 1]
+        return shown_ticks(block.__getitem__, records["tick"], newest, [0], more, self._columns.moved(records))
 
     def _lane(self, viewer: RerunScene, lane: str, tick: int, seconds: float, state: str) -> None:
         if self._lanes.get(lane) != state:
@@ -188,25 +175,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
     setup, memory = session_process("viewer", LiveSetup, arguments)
     with suppress(OSError):
         os.nice(NICENESS)
+    keep_off(setup.real_time.loop_cpu)
+    return exit_code(lambda: show(setup, memory))
+
+
+def show(setup: LiveSetup, memory: SessionMemory) -> None:
+    """Show a session in this process; ends it at once if the viewer is gone."""
+    viewer = LiveViewer(setup, memory)
+    # Ctrl-C is for the session: its end is shown too.
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, viewer.stop)
     try:
-        keep_off(setup.real_time.loop_cpu)
-        viewer = LiveViewer(setup, memory)
-        # Ctrl-C is for the session: its end is shown too.
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-        signal.signal(signal.SIGHUP, signal.SIG_IGN)
-        signal.signal(signal.SIGTERM, viewer.stop)
         viewer.run()
     except ViewerGoneError as gone:
         print(f"hhsim: {gone}", file=sys.stderr, flush=True)
-        # Not by the interpreter's way out: there rerun waits until a stalled viewer takes what is left.
+        # The interpreter's own exit waits until a stalled viewer takes what is left.
         os._exit(0)
-    except HhsimError as error:
-        print(f"hhsim: {error}", file=sys.stderr)
-        return error.exit_code
-    except Exception:
-        traceback.print_exc()
-        return 1
-    return 0
 
 
 if __name__ == "__main__":

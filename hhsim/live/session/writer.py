@@ -1,19 +1,7 @@
-"""Writes a live session to its file: ticks as in any result, and what only a session has under /live.
+"""Writes a live session to its file: ticks as in any result, and its own tables under /live.
 
-Attributes of /live; those marked with * change while the session runs, and are those of the last block that was
-written where it was cut short:
-
-| attribute | meaning |
-|---|---|
-| device | what the driver says of the glove: name, hand, channels, unit, capabilities, doubtful (JSON) |
-| real_time | the mode that the loop achieved (JSON) |
-| pose | where the palm's pose came from |
-| limits | of the output, of safety, what was asked of the system, and what a bend is in angles (JSON) |
-| dry_run | 1: nothing was sent to the glove |
-| utc_offset | what has to be added to CLOCK_MONOTONIC to get the time since 1970, UTC [ns] |
-| counters * | of the device: frames, samples, rejected, other, malformed, resyncs, dropped, commands, … (JSON) |
-| lost_ticks, lost_samples, lost_events * | records that were overwritten before they could be written |
-| ended | why it ended; "" while it runs, and where the recording was cut short |
+docs/files.md has the attributes of /live. `counters` and the lost records change while the session runs, and are those
+of the last block if it was cut short; `ended` is then "".
 """
 
 import json
@@ -52,21 +40,20 @@ class SessionWriter:
     """Takes records as they come out of the rings, and writes them block by block.
 
     Args:
-        path: Of the file.
-        setup: Of the session.
-        options: That the loop solves with.
-        facts: What the loop said before it ran, `SessionMemory.read_facts`.
+        options: Options that the loop solves with.
+        facts: Facts of the session before it ran, `SessionMemory.read_facts`.
+
+    Attributes:
+        lost: Lost records by ring; kept up to date by the reader of the rings.
+        empty: True if neither a tick nor a sample has come.
 
     Raises:
         OutputError: The file cannot be made.
     """
 
-    lost: dict[str, int]
-    """Records that were lost, by ring; to be kept up to date by whoever reads the rings."""
-
     def __init__(self, path: Path, setup: LiveSetup, options: SolverOptions, facts: Mapping[str, Any]) -> None:
-        """Write the header; there are no ticks yet."""
         self.lost = dict.fromkeys(RINGS, 0)
+        self.empty = True
         self.tally = LiveTally()
         self.penetration_max = 0.0
         device = dict(facts.get("device", {}))
@@ -74,7 +61,6 @@ class SessionWriter:
         self._sample_columns = sample_columns(self._channels)
         self._columns = SessionColumns(setup, options)
         self._waiting: dict[str, list[tuple[int, Records]]] = {ring: [] for ring in RINGS}
-        self._came = dict.fromkeys(RINGS, False)
         self._began = -1
         description, free = dict(setup.description), setup.free
         static = static_arrays(setup.mesh, setup.tree, setup.hand, *setup.object_pose())
@@ -87,11 +73,6 @@ class SessionWriter:
             **({} if free is None else {"free": free.to_json(), "friction_law": LAW}),
             **describe_scene(setup.mesh, setup.tree, setup.hand, options, static, free=free is not None),
         }
-        tables = {
-            LIVE_TICK: LIVE_TICK_COLUMNS,
-            LIVE_SAMPLE: self._sample_columns,
-            LIVE_EVENT: EVENT_COLUMNS,
-        }
         header: dict[str, str | int] = {
             "device": as_text(device),
             "real_time": as_text(facts.get("real_time", {})),
@@ -103,15 +84,9 @@ class SessionWriter:
             **self._lost_attributes(),
             "ended": "",
         }
-        self._writer = ResultWriter(
-            path,
-            scene=scene,
-            static=static,
-            tables=tables,
-            attributes={LIVE: header},
-            command=setup.command,
-            free=free is not None,
-        )
+        tables = {LIVE_TICK: LIVE_TICK_COLUMNS, LIVE_SAMPLE: self._sample_columns, LIVE_EVENT: EVENT_COLUMNS}
+        about: dict[str, Any] = {"scene": scene, "static": static, "tables": tables, "attributes": {LIVE: header}}
+        self._writer = ResultWriter(path, **about, command=setup.command, free=free is not None)
 
     def __enter__(self) -> Self:
         return self
@@ -120,105 +95,78 @@ class SessionWriter:
         self._writer.__exit__(*error)
 
     @property
-    def path(self) -> Path:
-        """Where the file is now."""
-        return self._writer.path
-
-    @property
     def ticks(self) -> int:
-        """Ticks written so far."""
+        """Number of ticks written so far."""
         return self._writer.ticks
 
     @property
-    def empty(self) -> bool:
-        """Whether neither a tick nor a sample has come."""
-        return not (self._came["ticks"] or self._came["samples"])
-
-    @property
     def waiting_ticks(self) -> int:
-        """Ticks that the next block writes."""
+        """Number of ticks in the next block."""
         return sum(len(records) for _, records in self._waiting["ticks"])
 
     def take(self, ring: str, first: int, records: Records) -> None:
-        """Keep records of a ring for the next block.
-
-        Args:
-            ring: One of `RINGS`.
-            first: Number of the first one, counted from the ring's beginning.
-            records: Of the ring's type.
-        """
+        """Keep records of one of `RINGS` for the next block; `first` is the number of the first one in the ring."""
         if len(records):
             self._waiting[ring].append((first, records))
-            self._came[ring] = True
+            self.empty = self.empty and ring == "events"
 
     def write(self, counters: AnyArray, ended: str = "") -> None:
-        """Write what was taken, and flush it.
-
-        Args:
-            counters: Of the device, in the order of `DeviceCounters`.
-            ended: Why the recording ends here; "" where it goes on.
+        """Write the records that were taken, with `counters` of the device and a reason if the recording ends here.
 
         Raises:
             OutputError: The disk is full or gone; the ticks before stay readable.
         """
-        named = as_text(dict(zip(COUNTERS, map(int, counters), strict=True)))
-        self._write({"counters": named, "ended": ended})
-
-    def finish(self, ended: str, counters: AnyArray, missed: int, missed_by: Mapping[str, int]) -> Path:
-        """Write what was taken and the summary, and mark the file complete.
-
-        Args:
-            ended: Why the session ended.
-            counters: As in `write`.
-            missed: Periods without a tick since the loop began.
-            missed_by: The same by who took the time.
-
-        Raises:
-            OutputError: As in `write`.
-        """
-        self.write(counters, ended)
-        return self._writer.finish(session_figures(self.tally, missed, missed_by, self.penetration_max, self.lost))
-
-    def _write(self, attributes: Mapping[str, str | int]) -> None:
-        taken = {ring: self._waiting[ring] for ring in RINGS}
+        taken, self._waiting = self._waiting, {ring: [] for ring in RINGS}
         ticks, live, contacts = [], [], []
         row = self._writer.ticks
         for first, records in taken["ticks"]:
             ticks.append(self._tick_block(first, records))
-            live.append({"record": np.arange(first, first + len(records)), **_taken(LIVE_TICK_COLUMNS, records)})
+            live.append(_numbered(LIVE_TICK_COLUMNS, first, records))
             contacts.append(self._columns.contacts(row, records))
             row += len(records)
-        samples = [self._sample_block(first, records) for first, records in taken["samples"]]
-        events = [_taken(EVENT_COLUMNS, records) for _, records in taken["events"]]
+        samples = [
+            _numbered(self._sample_columns, first, records) | {"channel": records["channels"][:, : self._channels]}
+            for first, records in taken["samples"]
+        ]
+        events = [_fields(EVENT_COLUMNS, records) for _, records in taken["events"]]
         # A tick counts as written with its row of /live/tick: its contacts come before that.
         tables = {CONTACT: contacts, LIVE_TICK: live, LIVE_SAMPLE: samples, LIVE_EVENT: events}
+        named = as_text(dict(zip(COUNTERS, map(int, counters), strict=True)))
+        attributes: dict[str, str | int] = {"counters": named, "ended": ended, **self._lost_attributes()}
         others = {group: _joined(rows) for group, rows in tables.items()}
-        self._writer.append(_joined(ticks), others, {LIVE: {**attributes, **self._lost_attributes()}})
-        self._waiting = {ring: [] for ring in RINGS}
+        self._writer.append(_joined(ticks), others, {LIVE: attributes})
+
+    def finish(self, ended: str, counters: AnyArray, missed: int, missed_by: Mapping[str, int]) -> Path:
+        """Write the records that were taken and the summary, and mark the file complete.
+
+        Args:
+            ended, counters: As in `write`, which raises the same.
+            missed: Periods without a tick since the loop began.
+            missed_by: The same by cause.
+        """
+        self.write(counters, ended)
+        return self._writer.finish(session_figures(self.tally, missed, missed_by, self.penetration_max, self.lost))
 
     def _lost_attributes(self) -> dict[str, int]:
         return {f"lost_{ring}": self.lost[ring] for ring in RINGS}
 
     def _tick_block(self, first: int, records: Records) -> dict[str, AnyArray]:
-        """The rows of /tick."""
+        """Build the rows of /tick."""
         if self._began < 0:
             self._began = int(records["time_ns"][0])
         ticks = self._columns.block(first, records, self._began)
         self.tally.count(records)
-        # A hand that is not finite has no depth, and hides none.
+        # The depth of a hand that is not finite is NaN.
         self.penetration_max = float(np.fmax.reduce(ticks["penetration_depth"], initial=self.penetration_max))
         return ticks
 
-    def _sample_block(self, first: int, records: Records) -> dict[str, AnyArray]:
-        return {
-            "record": np.arange(first, first + len(records)),
-            **_taken(self._sample_columns, records),
-            "channel": records["channels"][:, : self._channels],
-        }
 
-
-def _taken(columns: Sequence[Column], records: Records) -> dict[str, AnyArray]:
+def _fields(columns: Sequence[Column], records: Records) -> dict[str, AnyArray]:
     return {column.name: column.taken(records) for column in columns if column.source}
+
+
+def _numbered(columns: Sequence[Column], first: int, records: Records) -> dict[str, AnyArray]:
+    return {"record": np.arange(first, first + len(records)), **_fields(columns, records)}
 
 
 def _joined(blocks: list[dict[str, AnyArray]]) -> dict[str, AnyArray]:
@@ -226,5 +174,5 @@ def _joined(blocks: list[dict[str, AnyArray]]) -> dict[str, AnyArray]:
 
 
 def as_text(value: Any) -> str:
-    """Plain values as the JSON text that an attribute of the file holds."""
+    """Return plain values as the JSON text of an attribute."""
     return json.dumps(value, sort_keys=True, ensure_ascii=False)

@@ -87,20 +87,12 @@ def test_the_help_offers_the_methods_that_a_session_takes(run: Run) -> None:
     assert "or a method from outside" in " ".join(run("replay", "--help").out.split())
 
 
-def test_a_calibration_that_is_not_there_is_told_before_anything_starts(run: Run) -> None:
+@pytest.mark.parametrize("option", [("--device", "dexmo", "--calibration"), ("--hand-file",)])
+def test_a_file_that_is_not_there_is_told_before_anything_starts(run: Run, option: tuple[str, ...]) -> None:
     # Quiet: a first run would tell of compilation besides.
-    answer = run("live", "glove", "cube", "--device", "dexmo", "--calibration", "nobody.toml", "--no-record", "--quiet")
-    assert answer == (2, "", "hhsim: error: nobody.toml: no such file; expected a TOML calibration\n")
-
-
-@pytest.mark.soak  # the loop says the line in `live/test_real_time.py`, the supervisor hands it on in its own tests
-def test_a_glove_that_is_not_there_is_told_in_one_line(run: Run, tmp_path: Path) -> None:
-    answer = run("live", "glove", "cube", "--device", "dexmo", "--port", "1", "--quiet", "--out", "session.h5")
+    answer = run("live", "glove", "cube", *option, "nobody.toml", "--no-record", "--quiet")
     assert (answer.code, answer.out) == (2, "")
-    expected = "hhsim: error: dexmo at 127.0.0.1:1: cannot connect (Connection refused): is its server running"
-    assert answer.err.startswith(expected)
-    assert answer.err.count("\n") == 1
-    assert list(tmp_path.iterdir()) == []
+    assert answer.err.startswith("hhsim: error: nobody.toml: no such file") and answer.err.count("\n") == 1
 
 
 def test_a_session_of_a_simulated_glove_and_the_hand_in_a_file_is_one_document_and_one_file(
@@ -171,11 +163,6 @@ def completed(path: Path) -> bool:
         return load_result(path).complete
     except InputError:
         return False
-
-
-def test_a_hand_file_that_is_not_there_is_told_in_one_line(run: Run) -> None:
-    given = ("live", "glove", "cube", "--duration", "0.1", "--record", "session.h5", "--no-realtime", "--quiet")
-    assert run(*given, "--hand-file", "nobody.toml").err.startswith("hhsim: error: nobody.toml: no such file")
 
 
 def test_keys_move_the_palm_and_end_the_session(tmp_path: Path) -> None:

@@ -5,12 +5,12 @@ import time
 import numpy as np
 
 from hhsim.kernels.live.deadlines import PASSED, wait_periods
-from hhsim.live.loop.deadlines import Deadlines
+from hhsim.live.loop.records import deadline_record
 
 
 def test_no_deadline_is_left_early() -> None:
     late = np.full(20, -7, np.int64)
-    deadlines = Deadlines(1_000_000).at
+    deadlines = deadline_record(1_000_000, time.monotonic_ns())[0]
     wait_periods(deadlines, np.zeros(1, np.int64))
     began = time.monotonic_ns()
     missed = wait_periods(deadlines, late)
@@ -23,7 +23,7 @@ def test_no_deadline_is_left_early() -> None:
 def test_what_has_passed_is_left_out_and_counted() -> None:
     # No machine wakes a thread a thousand times in a millisecond by its timer.
     late = np.zeros(1_000, np.int64)
-    deadlines = Deadlines(1_000).at
+    deadlines = deadline_record(1_000, time.monotonic_ns())[0]
     missed = wait_periods(deadlines, late)
     passed = late == PASSED
     assert missed >= np.count_nonzero(passed) > 0

@@ -1,5 +1,6 @@
 """The open packet: its bytes, what is lost and late, a fake glove and the example bridge in other processes."""
 
+import re
 import runpy
 import signal
 import socket
@@ -25,7 +26,6 @@ from hhsim.errors import InputError
 from hhsim.live.device import Capability, DeviceError, FingerCommand
 from hhsim.live.devices.registry import GloveConfig, configure, open_device
 from hhsim.live.drivers.udp import UdpGlove
-from hhsim.live.link import udp_codec as udp_packet
 from hhsim.live.link.udp import PacketOrder, UdpPort
 from hhsim.live.link.udp_codec import COUNT, HEADER, Kind, PacketError, decode_packet, encode_packet
 from hhsim.live.pose.registry import PoseConfig, make_pose_source
@@ -584,8 +584,10 @@ def test_the_pose_of_a_tracker_is_the_newest_and_grows_old(bridge: Bridge) -> No
 
 
 def test_the_page_and_the_example_say_what_the_packet_is() -> None:
-    page = (BRIDGE.parent.parent / "docs" / "live.md").read_text(encoding="utf-8").replace("`HHGL`", '"HHGL"')
-    rows = [line for line in (udp_packet.__doc__ or "").splitlines() if line.startswith("|")]
-    assert len(rows) > 15
-    assert [row for row in rows if row not in page] == []
+    page = (BRIDGE.parent.parent / "docs" / "live-protocols.md").read_text(encoding="utf-8").replace("`HHGL`", '"HHGL"')
+    assert [kind for kind in Kind if f"| {kind} {kind.name.lower()} | {COUNT[kind]} |" not in page] == []
+    sizes = {"char[4]": 4, "u8": 1, "u16": 2, "u32": 4, "u64": 8, "i32": 4}
+    rows = re.findall(r"^\| (\d+) \| ([a-z0-9\[\]]+) \| \w+ \|", page, re.MULTILINE)
+    ends = [int(offset) + sizes[kind] for offset, kind in rows]
+    assert [int(offset) for offset, _ in rows] == [0, *ends[:-1]] and ends[-1] == HEADER.size
     assert f'"{HEADER.format}"' in BRIDGE.read_text(encoding="utf-8")

@@ -1,6 +1,5 @@
 """The Dexmo wire format: the bytes of its messages, broken ones, and the cutting of a stream."""
 
-import random
 import struct
 
 import pytest
@@ -91,16 +90,6 @@ def messages_of(stream: MessageStream) -> list[bytes]:
     return found
 
 
-def test_one_byte_at_a_time_gives_the_same_messages() -> None:
-    source = random.Random(3)
-    sent = [source.randbytes(source.choice((0, 1, 3, 4, 70, 8192))) for _ in range(60)]
-    stream, found = MessageStream(), []
-    for byte in b"".join(map(framed, sent)):
-        stream.feed(bytes((byte,)))
-        found += messages_of(stream)
-    assert found == sent and len(stream) == 0
-
-
 @given(st.lists(st.binary(max_size=40), max_size=12), st.lists(st.integers(1, 60), min_size=1), st.integers(0, 60))
 def test_the_cuts_of_a_stream_do_not_matter(sent: list[bytes], cuts: list[int], missing: int) -> None:
     whole = b"".join(map(framed, sent))
@@ -128,25 +117,3 @@ def test_a_length_that_no_message_has_is_refused_at_once_and_again(length: int) 
         with pytest.raises(FramingError, match=f"a message of {length} bytes: expected 0 to 8192"):
             stream.next()
     assert len(stream) == 8, "nothing of it was taken, and nothing waited for"
-
-
-def test_a_stream_of_broken_frames_ends_in_a_typed_error_or_in_messages() -> None:
-    source = random.Random(4)
-    good = framed(encode_frame([GloveMessage(337785601, (0.5,) * 11, True, 87)]))
-    read = lost = refused = 0
-    for _ in range(2000):
-        data = bytearray(good * 5)
-        for _ in range(source.randrange(1, 4)):
-            data[source.randrange(len(data))] = source.randrange(256)
-        stream = MessageStream()
-        stream.feed(bytes(data[: source.randrange(len(data))]))
-        try:
-            for payload in messages_of(stream):
-                try:
-                    decode_frame(payload)
-                    read += 1
-                except WireError:
-                    refused += 1
-        except FramingError:
-            lost += 1
-    assert read > 1000 and lost > 50 and refused > 50, "all of it happens"

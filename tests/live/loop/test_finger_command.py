@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 
 from hhsim.arrays import FloatArray
 from hhsim.kernels.live.finger_command import update_command
+from hhsim.live.device import FingerCommand
 from hhsim.live.ipc.config import OutputLimits
-from hhsim.live.loop.finger_command import FingerCommander
+from hhsim.live.loop.records import commander_record
 from hhsim.recordings.dexmo_regression import DexmoRegression
 from hhsim.result.safety import Safety
 
@@ -53,10 +54,19 @@ def fill(flexion: float, force: float) -> tuple[FloatArray, FloatArray]:
     return np.full((5, 3), flexion), np.full((5, 3, 3), force)
 
 
+class FingerCommander:
+    """Record of the commander with its command."""
+
+    def __init__(self, limits: OutputLimits, lines: tuple[FloatArray, FloatArray] = BEND_LINES, **of: bool) -> None:
+        self.at = commander_record(limits, lines, PERIOD, **of)[0]
+        self.command = FingerCommand(self.at.bend, self.at.stiffness, self.at.phalanx)
+        self.force = self.at.force
+
+
 @settings(max_examples=200)
 @given(limits, st.lists(inputs, min_size=1, max_size=40))
 def test_no_input_breaks_the_limits(limits: OutputLimits, steps: list[Input]) -> None:
-    stage = FingerCommander(limits, BEND_LINES, PERIOD)
+    stage = FingerCommander(limits)
     command = stage.command
     before, bend_before, begun, since = command.stiffness.copy(), None, False, 0
     for step in steps:
@@ -88,7 +98,7 @@ def test_no_input_breaks_the_limits(limits: OutputLimits, steps: list[Input]) ->
 
 @pytest.mark.parametrize("bit", list(Safety))
 def test_every_safety_bit_frees_the_fingers_in_its_tick_and_the_ramp_follows(bit: Safety) -> None:
-    stage = FingerCommander(OutputLimits(ramp=0.1, stiffness_rise=1e6), BEND_LINES, PERIOD)
+    stage = FingerCommander(OutputLimits(ramp=0.1, stiffness_rise=1e6))
     for _ in range(200):
         update_command(stage.at, *fill(0.5, 1.0), LEVEL, 0, NOBODY)
     assert (stage.command.stiffness == 0.3).all()
@@ -103,7 +113,7 @@ def test_every_safety_bit_frees_the_fingers_in_its_tick_and_the_ramp_follows(bit
 @pytest.mark.parametrize("place", ["flexion", "force"])
 @pytest.mark.parametrize("finger", [0, 4])
 def test_a_solver_that_is_not_finite_has_failed(bad: float, place: str, finger: int) -> None:
-    stage = FingerCommander(OutputLimits(ramp=0.0), BEND_LINES, PERIOD)
+    stage = FingerCommander(OutputLimits(ramp=0.0))
     for _ in range(100):
         update_command(stage.at, *fill(0.5, 1.0), LEVEL, 0, NOBODY)
     bend = stage.command.bend.copy()
@@ -116,7 +126,7 @@ def test_a_solver_that_is_not_finite_has_failed(bad: float, place: str, finger: 
 
 def test_set_points_are_those_of_the_regression() -> None:
     random = np.random.default_rng(1)
-    stage = FingerCommander(OutputLimits(bend_speed=1e6), BEND_LINES, PERIOD)
+    stage = FingerCommander(OutputLimits(bend_speed=1e6))
     for _ in range(100):
         flexion = random.uniform(-0.3, 2.0, (5, 3))
         update_command(stage.at, flexion, np.zeros((5, 3, 3)), LEVEL, 0, NOBODY)
@@ -127,13 +137,13 @@ def test_a_finger_whose_bend_means_nothing_is_told_zero() -> None:
     slope = REGRESSION.slope.copy()
     slope[3:6] = 0.0
     dead = DexmoRegression(REGRESSION.open, REGRESSION.closed, slope, REGRESSION.offset)
-    stage = FingerCommander(OutputLimits(), dead.bend_lines(), PERIOD)
+    stage = FingerCommander(OutputLimits(), dead.bend_lines())
     update_command(stage.at, *fill(0.5, 1.0), LEVEL, 0, NOBODY)
     assert stage.command.bend[1] == dead.bends(np.full((5, 3), 0.5))[1] == 0.0
 
 
 def test_only_a_finger_that_carries_force_is_held() -> None:
-    stage = FingerCommander(OutputLimits(ramp=0.0, stiffness_rise=1e6, contact_force=0.1), BEND_LINES, PERIOD)
+    stage = FingerCommander(OutputLimits(ramp=0.0, stiffness_rise=1e6, contact_force=0.1))
     force = np.zeros((5, 3, 3))
     # Forces that are opposed are forces too.
     force[1, 0, 0], force[1, 1, 0] = 0.06, -0.06
@@ -147,7 +157,7 @@ def test_only_a_finger_that_carries_force_is_held() -> None:
 
 def test_forces_are_in_the_palms_frame_and_come_and_go_with_the_stiffness() -> None:
     limits = OutputLimits(ramp=0.1, stiffness_rise=1e6)
-    stage, numb = FingerCommander(limits, BEND_LINES, PERIOD, feels=True), FingerCommander(limits, BEND_LINES, PERIOD)
+    stage, numb = FingerCommander(limits, feels=True), FingerCommander(limits)
     force, kept_free = np.zeros((5, 3, 3)), (np.arange(5) == 4).astype(np.int64)
     force[0, 2], force[1, 0], force[4, 2] = (0.0, 0.0, 2.0), (1.0, 0.0, 0.0), (0.0, 0.0, 3.0)
     # A palm whose fingers (y) point to the world's -x: turned by 90° about z.

@@ -10,7 +10,8 @@ from hhsim.errors import InputError
 from hhsim.kernels.live import interlock as bits
 from hhsim.kernels.live.interlock import judge
 from hhsim.live.ipc.config import SafetyLimits
-from hhsim.live.loop.interlock import QUIET_NS, Interlock, SafetyLog
+from hhsim.live.loop.records import interlock_record
+from hhsim.live.loop.story import QUIET_NS, SafetyLog
 from hhsim.result.safety import Safety
 
 NOW = 10**12
@@ -27,13 +28,13 @@ GOOD: dict[str, Any] = {
 }
 
 
-def judged(interlock: Interlock, now: int, **of: Any) -> int:
+def judged(interlock: Any, now: int, **of: Any) -> int:
     names = ("sample_ns", "pose_ns", "usable", "missed", "watchdog_ns", "armed", "lost", "stopping")
-    return int(judge(interlock.at, now, *(of[name] for name in names)))
+    return int(judge(interlock[0], now, *(of[name] for name in names)))
 
 
 def test_what_is_good_frees_nothing() -> None:
-    assert judged(Interlock(SafetyLimits()), NOW, **GOOD) == 0
+    assert judged(interlock_record(SafetyLimits()), NOW, **GOOD) == 0
 
 
 @pytest.mark.parametrize(
@@ -58,20 +59,20 @@ def test_what_is_good_frees_nothing() -> None:
     ],
 )
 def test_each_reason_has_its_bit(change: dict[str, Any], expected: int) -> None:
-    assert judged(Interlock(SafetyLimits()), NOW, **(GOOD | change)) == expected
+    assert judged(interlock_record(SafetyLimits()), NOW, **(GOOD | change)) == expected
 
 
 def test_a_streak_is_periods_missed_without_one_in_time() -> None:
-    gate = Interlock(SafetyLimits(overruns=4))
+    gate = interlock_record(SafetyLimits(overruns=4))
     found = [judged(gate, NOW, **(GOOD | {"missed": missed})) for missed in (1, 1, 1, 0, 1, 1, 1, 1, 0)]
     assert found == [0, 0, 0, 0, 0, 0, 0, Safety.OVERRUN_STREAK, 0]
-    assert gate.at.streak == 0
+    assert gate[0].streak == 0
 
 
 def test_a_dry_run_is_free_and_needs_no_watchdog() -> None:
     change = {"armed": False, "watchdog_ns": 0}
-    assert judged(Interlock(SafetyLimits(), dry_run=True), NOW, **(GOOD | change)) == Safety.DRY_RUN
-    assert judged(Interlock(SafetyLimits(watchdog=False)), NOW, **(GOOD | change)) == 0
+    assert judged(interlock_record(SafetyLimits(), dry_run=True), NOW, **(GOOD | change)) == Safety.DRY_RUN
+    assert judged(interlock_record(SafetyLimits(watchdog=False)), NOW, **(GOOD | change)) == 0
 
 
 @given(st.lists(st.integers(0, 2**9 - 1), max_size=100))
@@ -113,10 +114,10 @@ def test_no_policy_holds_longer_than_the_watchdog_waits(after_stall: str, rate: 
     assert limits.release_at(period) == released
     given = {"sample_ns": 0, "pose_ns": 0, "usable": True, "watchdog_ns": 0, "armed": False, "lost": False}
     for missed in (9, 10, released - 1, released):
-        interlock = Interlock(limits, period_ns=period)
+        interlock = interlock_record(limits, period_ns=period)
         bits = judged(interlock, 0, **given, missed=missed, stopping=False)
         assert bits == (Safety.OVERRUN_STREAK if missed >= released else 0)
-        assert (interlock.at.eases == 1) == (after_stall == "ease" and missed >= 10)
+        assert (interlock[0].eases == 1) == (after_stall == "ease" and missed >= 10)
 
 
 def test_an_unknown_policy_is_refused() -> None:

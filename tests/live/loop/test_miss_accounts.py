@@ -127,15 +127,7 @@ def test_a_tick_that_was_woken_so_late_that_its_usual_work_was_too_much_is_named
         planted.accounts.delay += 800_000
 
     planted.at(AT, oversleep)
-    sound: Any = planted.loop.solver.tick
-
-    def solve(*given: Any) -> int:
-        if planted.loop.deadlines.at.tick == AT + 1:
-            takes(planted, 700_000, cpu=700_000)()
-        return int(sound(*given))
-
-    solver: Any = planted.loop.solver
-    solver.tick = solve
+    planted.at(AT + 1, takes(planted, 700_000, cpu=700_000))
     row = planted.run().only_miss()
     assert (row["tick"], row["missed"], row["cause"]) == (AT + 3, 1, MissCause.WOKEN_LATE)
     assert row["taken"][:2].tolist() == [700_000, 900_000]
@@ -144,17 +136,8 @@ def test_a_tick_that_was_woken_so_late_that_its_usual_work_was_too_much_is_named
 @pytest.mark.parametrize(("more", "missed"), [(500_000, 0), (800_000, 1)])
 def test_a_tick_that_begins_at_once_is_accounted_for_with_the_one_before(more: int, missed: int) -> None:
     planted = Planted()
-    sound: Any = planted.loop.solver.tick
-
-    def solve(*given: Any) -> int:
-        tick = planted.loop.deadlines.at.tick - AT
-        if tick in (0, 1):
-            work = (1_100_000, more)[tick]
-            takes(planted, work, cpu=work)()
-        return int(sound(*given))
-
-    solver: Any = planted.loop.solver
-    solver.tick = solve
+    planted.at(AT, takes(planted, 1_100_000, cpu=1_100_000))
+    planted.at(AT + 1, takes(planted, more, cpu=more))
     ticks = planted.run().ticks
     after = ticks[ticks["tick"] > AT]
     assert after["at_once"][:3].tolist() == [1, 0, 0]
@@ -169,16 +152,7 @@ def test_what_the_host_took_long_before_is_not_charged_to_a_miss() -> None:
     planted = Planted(ticks=150)
     planted.at(AT, takes(planted, 0, steal=50 * MS))
     planted.at(AT + 1, planted.loop.tell)
-    later = AT + 5
-    sound: Any = planted.loop.solver.tick
-
-    def solve(*given: Any) -> int:
-        if planted.loop.deadlines.at.tick == later:
-            planted.clock.oversleep.append(4 * MS)
-        return int(sound(*given))
-
-    solver: Any = planted.loop.solver
-    solver.tick = solve
+    planted.at(AT + 5, lambda: planted.clock.oversleep.append(4 * MS))
     row = planted.run().only_miss()
     assert (row["missed"], row["cause"], row["taken"][3]) == (4, MissCause.WOKEN_LATE, 0)
 
@@ -246,18 +220,19 @@ def test_the_table_has_a_line_for_each_cause_that_there_was() -> None:
 
 CHILD = """
 import json, time
-from hhsim.live.loop.deadlines import Deadlines
+from live_scripted import Deadlines, MonotonicClock, account_tick, name_misses
 from hhsim.live.loop.miss_accounts import MissAccounts
-deadlines = Deadlines(10_000_000)
-misses = MissAccounts(deadlines)
-deadlines.start()
-misses.begin()
+from hhsim.result.miss_cause import TimeTaken
+from hhsim.system.cpu_accounts import CpuAccounts
+deadlines, accounts = Deadlines(10_000_000, MonotonicClock()), CpuAccounts()
+misses = MissAccounts(deadlines.state)
+misses.begin(accounts)
 
 def tick(work=lambda: None):
     deadlines.wait()
-    misses.woke()
-    misses.name()
-    found = misses.taken() if deadlines.at.missed else None
+    account_tick(misses, deadlines.at, accounts)
+    name_misses(misses, deadlines.at, accounts)
+    found = TimeTaken(*map(int, misses.state[0].taken)) if deadlines.at.missed else None
     work()
     return found
 
@@ -282,7 +257,8 @@ while True:
 
 
 def test_the_systems_own_accounts_tell_what_was_planted() -> None:
-    with subprocess.Popen([sys.executable, "-c", CHILD], stdout=subprocess.PIPE, text=True) as child:
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    with subprocess.Popen([sys.executable, "-c", CHILD], stdout=subprocess.PIPE, text=True, env=environment) as child:
         assert child.stdout is not None
         computed = json.loads(child.stdout.readline())
         assert child.stdout.readline() == "stop me\n"

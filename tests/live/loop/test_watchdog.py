@@ -116,25 +116,6 @@ def guarded(tmp_path: Path) -> Iterator[Guarded]:
             child.wait()
 
 
-@pytest.mark.soak  # a drill of the whole session kills its loop every time
-def test_a_loop_that_is_killed_is_spoken_for(guarded: Guarded) -> None:
-    watchdog, loop = guarded.hold()
-    assert not any(line.who == "watchdog" for line in guarded.lines()), "it is quiet while the loop is well"
-    killed = guarded.fault(loop.kill)
-    loop.wait()
-    guarded.until(lambda: guarded.lines()[-1].who == "watchdog", "a word of the watchdog")
-    after = [line for line in guarded.lines() if line.time_ns >= killed.before and line.who == "watchdog"]
-    assert after[0].stiffness == 0.0
-    assert_in_time(after[0].time_ns - killed.since, killed.allowed)
-    watchdog.send_signal(signal.SIGTERM)
-    assert watchdog.wait(PATIENCE) == 0
-    spoken = [line for line in guarded.lines() if line.who == "watchdog" and line.stiffness == 0.0]
-    assert len(spoken) >= 3, "again and again: a first word may be lost"
-    assert guarded.memory.status["watchdog_releases"] == len(spoken) - 1, "its last word is a matter of course"
-    assert guarded.memory.status["watchdog_armed"] == 0
-    assert guarded.lines()[-1].stiffness == -1.0, "its connection is closed"
-
-
 def test_a_loop_that_stands_still_is_spoken_for_until_it_goes_on_whatever_signal_the_watchdog_gets(
     guarded: Guarded,
 ) -> None:
@@ -167,18 +148,6 @@ def test_a_loop_that_stands_still_is_spoken_for_until_it_goes_on_whatever_signal
     assert commands[-1].stiffness == 0.0
     assert any(line.who == "loop" and line.stiffness == -1.0 for line in guarded.lines()), "the loop closed its glove"
     assert guarded.memory.status["stage"] == Stage.ENDED
-
-
-@pytest.mark.soak  # a drill of the whole session kills its watchdog every time
-def test_a_loop_whose_watchdog_is_killed_frees_the_fingers_until_there_is_another(guarded: Guarded) -> None:
-    watchdog, loop = guarded.hold()
-    watchdog.kill()
-    watchdog.wait()
-    guarded.until(lambda: guarded.memory.status["command_stiffness"].max() == 0.0, "fingers that are free")
-    guarded.start("watchdog")
-    guarded.until(lambda: guarded.memory.status["command_stiffness"].max() > 0.1, "a finger that is held again")
-    loop.send_signal(signal.SIGTERM)
-    assert loop.wait(PATIENCE) == 0
 
 
 def test_a_watchdog_without_a_loop_ends_when_it_is_asked_to(guarded: Guarded) -> None:

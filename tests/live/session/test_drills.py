@@ -8,7 +8,6 @@ machine took of it, by the system's accounts, is no part of it (`machine_share.M
 The faults that a session survives are held in one session; a drill that fails takes it along, and the next has another.
 """
 
-import importlib.util
 import json
 import os
 import resource
@@ -33,7 +32,7 @@ from sampled import sampled
 
 from hhsim.kernels.live.plausibility import TRUST
 from hhsim.live.ipc.status import Stage
-from hhsim.live.session.supervisor import RECORDER, VIEWER, WATCHDOG
+from hhsim.live.session.supervisor import RECORDER, WATCHDOG
 from hhsim.result.reader import load_result
 
 pytestmark = [pytest.mark.slow, keeps_time]
@@ -233,17 +232,6 @@ def test_watchdog_killed(drill: Drill) -> None:
     assert_in_time(held_last(drill.ticks, killed.since), killed.allowed + stale)
     drill.until(lambda: drill.stiffness > STIFF, "finger that is stopped again")
     assert drill.session.pid(WATCHDOG) not in (None, first)
-
-
-@pytest.mark.soak
-@pytest.mark.skipif(importlib.util.find_spec("rerun") is None, reason="there is no rerun")
-def test_viewer_closed(glove: FakeDexmo, tmp_path: Path) -> None:
-    with Drill(glove, rerun=str(tmp_path / "session.rrd")) as drill:
-        drill.grasp()
-        drill.until(lambda: drill.session.memory.status["viewer_ns"] != 0, "viewer")
-        drill.kill(VIEWER)
-        drill.still_holds()
-    assert any("the viewer was ended by SIGKILL" in text for text in drill.log), drill.log
 
 
 def test_disk_full(drill: Drill) -> None:

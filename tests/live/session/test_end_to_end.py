@@ -25,10 +25,11 @@ from hhsim.verify.verify import verify
 from tools.shapes.generators import sphere
 
 TICKS = 1200
+Ran = tuple[Result, SessionOutcome]
 
 
 @pytest.fixture(scope="module")
-def session(tmp_path_factory: pytest.TempPathFactory) -> tuple[Result, SessionOutcome, LiveSetup]:
+def session(tmp_path_factory: pytest.TempPathFactory) -> Ran:
     path = tmp_path_factory.mktemp("session") / "session.h5"
     hand = HandModel.default()
     scene = make_live_scene(
@@ -55,19 +56,21 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> tuple[Result, SessionOu
         while supervisor.poll():
             time.sleep(0.02)
         outcome = supervisor.end()
-    return load_result(path), outcome, setup
+    return load_result(path), outcome
 
 
-def test_the_session_runs_again_to_the_same_bits(session: tuple[Result, SessionOutcome, LiveSetup]) -> None:
-    result, _, _ = session
+def test_the_session_runs_again_to_the_same_bits(session: Ran) -> None:
+    result, _ = session
     assert result.complete
     assert result["contacts/candidates"].max() > 0
     again = run_again(result)
     assert again.identical
     assert (again.ticks, again.notes) == (result.ticks, ())
+    motion = resolve_trajectory(result.path)
+    assert isinstance(motion, Trajectory) and motion.name == "session" and motion.sample_count > 10
 
 
-def test_the_referee_finds_no_false_claim_in_it(session: tuple[Result, SessionOutcome, LiveSetup]) -> None:
+def test_the_referee_finds_no_false_claim_in_it(session: Ran) -> None:
     pytest.importorskip("coal", reason="the referee measures with coal: pip install 'hhsim[verify]'")
     found = verify(session[0], every=50)
     assert [claim for claim in found.claims if claim.failed] == []
@@ -77,8 +80,8 @@ def test_the_referee_finds_no_false_claim_in_it(session: tuple[Result, SessionOu
     assert latency.checked > session[0].ticks // 6
 
 
-def test_every_period_and_every_sample_is_accounted_for(session: tuple[Result, SessionOutcome, LiveSetup]) -> None:
-    result, outcome, _ = session
+def test_every_period_and_every_sample_is_accounted_for(session: Ran) -> None:
+    result, outcome = session
     assert result.live is not None
     assert result.live["ended"] == "duration"
     period, missed = result["live/tick/period"], result["live/tick/missed"]
@@ -97,26 +100,12 @@ def test_every_period_and_every_sample_is_accounted_for(session: tuple[Result, S
     assert used.min() >= 0
     assert used.max() <= seq[-1]
     assert (np.diff(used) >= 0).all()
+    for name in ("flexion", "abduction"):
+        np.testing.assert_array_equal(result[f"haptic/{name}"], result[f"live/sample/{name}"][used])
 
 
-def test_the_ticks_were_given_the_samples_that_they_name(session: tuple[Result, SessionOutcome, LiveSetup]) -> None:
-    result, _, _ = session
-    used = result["input_seq"]
-    np.testing.assert_array_equal(result["haptic/flexion"], result["live/sample/flexion"][used])
-    np.testing.assert_array_equal(result["haptic/abduction"], result["live/sample/abduction"][used])
-
-
-def test_the_session_is_a_motion(session: tuple[Result, SessionOutcome, LiveSetup]) -> None:
-    result, _, setup = session
-    motion = resolve_trajectory(result.path)
-    assert motion.name == "session"
-    assert isinstance(motion, Trajectory)
-    assert motion.sample_count > 10
-    assert setup.record == result.path
-
-
-def test_the_summary_is_what_the_loop_counted(session: tuple[Result, SessionOutcome, LiveSetup]) -> None:
-    result, outcome, _ = session
+def test_the_summary_is_what_the_loop_counted(session: Ran) -> None:
+    result, outcome = session
     counted = outcome.facts["summary"]
     assert result.live is not None
     assert json.loads(result.live["real_time"]) == outcome.facts["real_time"]
@@ -124,4 +113,5 @@ def test_the_summary_is_what_the_loop_counted(session: tuple[Result, SessionOutc
     # The loop may tick before the first sample: there is no hand yet, and nothing for the file.
     assert result.summary["ticks"] == result.ticks <= counted["ticks"]
     assert result.summary["wakeup_max"] <= 1e-9 * counted["wakeup"]["max"]
+    assert outcome.facts["device"]["name"] == "simulated glove"
     assert result.summary["latency_max"] == pytest.approx(1e-9 * counted["latency"]["max"])

@@ -11,7 +11,7 @@ import h5py
 import numpy as np
 import pytest
 from conftest import Run
-from live_rings import ended
+from live_rings import ended, pour
 from live_scripted import FIST, FREE, FakeClock, InStep, Moment, ScriptedGlove, make_setup
 from numpy.typing import NDArray
 
@@ -95,10 +95,7 @@ def session() -> Session:
 def recorded(session: Session, path: Path) -> Result:
     """The file of a session."""
     memory = SessionMemory.create(free=True)
-    ring = memory.ticks
-    for tick in session.ticks:
-        ring.records[ring.written % ring.capacity] = tick
-        ring.publish()
+    pour(memory.ticks, session.ticks)
     ended(memory, os.getpid())
     Recorder(replace(session.setup, record=path), memory).run()
     return load_result(path)

@@ -3,6 +3,7 @@
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
+from live_rings import pour
 
 from hhsim.live.ipc.session_memory import LIVE_TICK
 from hhsim.live.session.statistics import LiveTally
@@ -12,14 +13,8 @@ from hhsim.result.safety import WORDS, Safety, why_free
 
 def ring_of(ticks: np.ndarray) -> SharedRing:
     ring = SharedRing.create("test", LIVE_TICK, 64)
-    put(ring, ticks)
+    pour(ring, ticks)
     return ring
-
-
-def put(ring: SharedRing, ticks: np.ndarray) -> None:
-    for tick in ticks:
-        ring.records[ring.written % ring.capacity] = tick
-        ring.publish()
 
 
 def made(seed: int, count: int) -> np.ndarray:
@@ -43,7 +38,7 @@ def test_everything_is_counted_once_however_the_ticks_come(seed: int, count: int
     ring = ring_of(ticks[:split])
     tally = LiveTally(ring)
     tally.read()
-    put(ring, ticks[split:])
+    pour(ring, ticks[split:])
     tally.read()
     tally.read()
     assert (tally.ticks, tally.lost) == (count, 0)

@@ -6,11 +6,13 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from live_rings import pour
 from rerun_files import PATIENCE, Recording, listening
 from short_grasp import short_grasp, short_scene
 
@@ -68,13 +70,7 @@ def played() -> tuple[LiveSetup, Records]:
 
 
 def shown(setup: LiveSetup, target: str) -> LiveSetup:
-    return LiveSetup(**{**{name: getattr(setup, name) for name in setup.__dataclass_fields__}, "rerun": target})
-
-
-def publish(memory: SessionMemory, records: Records) -> None:
-    for record in records:
-        memory.ticks.records[memory.ticks.written % memory.ticks.capacity] = record
-        memory.ticks.publish()
+    return replace(setup, rerun=target)
 
 
 def wait_for(what: Callable[[], bool]) -> None:
@@ -104,14 +100,14 @@ def test_frames_are_the_newest_ticks_and_their_plots_the_worst_since(
     viewer = LiveViewer(shown(setup, str(path)), memory)
     parts = [slice(0, 50), slice(50, 51), slice(51, 120), slice(120, 200)]
     memory.log(WARNING, "before the first tick")
-    publish(memory, records[parts[0]])
+    pour(memory.ticks, records[parts[0]])
     thread = threading.Thread(target=viewer.run, daemon=True)
     thread.start()
     for part in parts[1:]:
         # Twice: the sign of life may be of a frame that looked into the ring before.
         for _ in range(2):
             wait_for(later_than(memory, int(memory.status["viewer_ns"])))
-        publish(memory, records[part])
+        pour(memory.ticks, records[part])
     memory.status["stage"] = Stage.ENDED
     thread.join(PATIENCE)
     assert not thread.is_alive()
@@ -174,7 +170,7 @@ def test_a_hand_that_is_no_number_is_shown_without_contacts(
     setup, records = played
     broken = records[-2:].copy()
     broken["joints"][1], broken["position"][1] = np.nan, np.nan
-    publish(memory, broken)
+    pour(memory.ticks, broken)
     memory.status["stage"] = Stage.ENDED
     path = tmp_path / "live.rrd"
     LiveViewer(shown(setup, str(path)), memory).run()
@@ -194,7 +190,7 @@ def test_a_viewer_that_is_closed_ends_the_process_and_nothing_else(
     with listening(tmp_path / "got.rrd") as (port, viewer):
         words, descriptors = command(shown(setup, f"connect={port}"), memory)
         process = subprocess.Popen(words, pass_fds=descriptors, stderr=subprocess.PIPE, text=True)
-        publish(memory, records[:100])
+        pour(memory.ticks, records[:100])
         wait_for(lambda: int(memory.status["viewer_ns"]) > 0)
         viewer.kill()
         assert process.wait(PATIENCE) == 0
@@ -202,7 +198,7 @@ def test_a_viewer_that_is_closed_ends_the_process_and_nothing_else(
         assert process.stderr.read().splitlines()[-1] == "hhsim: the viewer was closed"
         process.stderr.close()
     # The writer of the ring never waits for a reader.
-    publish(memory, np.repeat(records, 100))
+    pour(memory.ticks, np.repeat(records, 100))
     assert memory.ticks.written == 20_100
 
 
@@ -219,7 +215,7 @@ def test_a_viewer_that_stalls_is_given_up(
         viewer.send_signal(signal.SIGSTOP)
         until = time.monotonic() + PATIENCE
         while process.poll() is None and time.monotonic() < until:
-            publish(memory, records)
+            pour(memory.ticks, records)
             time.sleep(0.02)
         assert process.wait(PATIENCE) == 0
         assert process.stderr is not None

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hhsim.kernels.live.tick import usual_interval
-from hhsim.live.loop.sample_interval import interval_hint
+from hhsim.live.loop.story import interval_hint
 
 
 def usual(times: list[int]) -> float:
