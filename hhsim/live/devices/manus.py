@@ -7,12 +7,7 @@ from hhsim.live.devices.registry import Glove, ReachedOptions, setting
 
 @dataclass(frozen=True)
 class ManusOptions(ReachedOptions):
-    """Settings of a MANUS glove.
-
-    Attributes:
-        port: Where the bridge's samples arrive; commands go to the next one.
-        full_force: On a finger at which its motor has full power [N].
-    """
+    """Settings of a MANUS glove."""
 
     port: int = setting(24170, "Port of the glove's server", "PORT", least=1, most=65535)
     full_force: float = setting(

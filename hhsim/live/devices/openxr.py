@@ -7,11 +7,7 @@ from hhsim.live.devices.registry import Glove, ReachedOptions, setting
 
 @dataclass(frozen=True)
 class HandOptions(ReachedOptions):
-    """Settings of a hand that is tracked by a headset.
-
-    Attributes:
-        port: Where the bridge's samples arrive.
-    """
+    """Settings of a hand that is tracked by a headset."""
 
     port: int = setting(24170, "Port of the glove's server", "PORT", least=1, most=65535)
 

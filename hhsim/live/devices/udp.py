@@ -9,13 +9,7 @@ TAKES = ("limits", "forces")
 
 @dataclass(frozen=True)
 class UdpOptions(ServedOptions):
-    """Settings of a glove with a bridge.
-
-    Attributes:
-        port: Where its samples arrive; commands go to the next one.
-        takes: What its commands are: where each finger is stopped, or the force on each fingertip.
-        most_force: Of the forces that it is told [N]; longer ones are shortened.
-    """
+    """Settings of a glove with a bridge."""
 
     port: int = setting(24170, "Port of the glove's server", "PORT", least=1, most=65535)
     takes: str = setting(

@@ -1,4 +1,4 @@
-"""The server that a fake glove is reached at over TCP, by any number of clients."""
+"""TCP server of a fake glove, for any number of clients."""
 
 import socket
 import sys
@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from hhsim.live.simulators.peer import PeerLog
 
 MOST_UNSENT = 1 << 18
-"""A client that has not taken so many bytes gets no more frames until it has."""
+"""Unsent bytes from which on a client gets no further frames."""
 
 
 @dataclass
@@ -18,18 +18,17 @@ class _Client:
 
 
 class FakeServer:
-    """Clients are numbered from 0; what one does not take at once goes with the next frame.
+    """Server whose clients are numbered from 0; bytes that a client does not take at once go with the next frame.
 
     Args:
-        port: 0 for any that is free.
-        log: Tells who connects and who goes.
+        port: TCP port on 127.0.0.1; 0 for any that is free.
+        log: Log of clients that connect and leave.
 
     Attributes:
-        at_once: Most bytes that are sent in one go.
+        at_once: Most bytes of one send.
     """
 
     def __init__(self, port: int, log: PeerLog) -> None:
-        """Listen."""
         self._port, self._log = port, log
         self._clients: dict[int, _Client] = {}
         self._joined = 0
@@ -38,7 +37,7 @@ class FakeServer:
 
     @property
     def where(self) -> str:
-        """The port."""
+        """Its port."""
         return str(self._port)
 
     def open(self) -> None:
@@ -48,21 +47,21 @@ class FakeServer:
         self._port = int(self._listener.getsockname()[1])
 
     def close(self) -> None:
-        """Be gone."""
+        """Close the server and all connections."""
         self._listener.close()
         for end in list(self._clients):
             self._drop(end)
 
     def ends(self) -> list[int]:
-        """Where commands and clients come from."""
+        """File descriptors of the listener and the clients."""
         return [self._listener.fileno(), *self._clients]
 
     def client(self, end: int) -> int:
-        """The number of the client at one of `ends`."""
+        """Number of the client at one of `ends`."""
         return self._clients[end].number
 
     def send(self, data: bytes) -> list[int]:
-        """Send to all clients; the numbers of those that take it."""
+        """Send to all clients and return the numbers of those that take it."""
         taken = []
         for end, client in list(self._clients.items()):
             if len(client.unsent) > MOST_UNSENT:
@@ -80,7 +79,7 @@ class FakeServer:
         return taken
 
     def receive(self, end: int) -> bytes:
-        """What came from one of `ends`; nothing where a client came or has gone."""
+        """Read from one of `ends`; empty where a client came or left."""
         if end == self._listener.fileno():
             link, _ = self._listener.accept()
             link.setblocking(False)
@@ -102,7 +101,7 @@ class FakeServer:
         return data
 
     def drop(self, end: int) -> None:
-        """End the connection of a client that makes no sense."""
+        """End the connection of a client that sent no valid command."""
         self._log.note(f"not a command from {self._clients[end].number}")
         self._drop(end)
 
