@@ -124,12 +124,7 @@ def _feel(commander: Record, phalanx: Array, orientation: Array) -> None:
 
 @jit
 def update_command(
-    commander: Record,
-    flexion: Array,
-    phalanx: Array,
-    orientation: Array,
-    safety: int,
-    kept_free: NDArray[np.int64],
+    commander: Record, flexion: Array, phalanx: Array, orientation: Array, safety: int, kept_free: NDArray[np.int64]
 ) -> int:
     """Compute the command of a tick.
 

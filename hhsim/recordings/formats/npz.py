@@ -4,8 +4,7 @@ Arrays: t [s] (T,), wrist_pos [m] (T, 3), wrist_quat or wrist_quat_wxyz (T, 4), 
 and, if they are there, valid (T,), the object's pose object_pos [m] (T, 3) and object_quat or object_quat_wxyz (T, 4),
 and meta, a JSON text with source, frame and hand.
 
-The pose is that of the palm. What its axes are, the text `frame` says in words; the ones that are known (`FRAMES`) are
-turned into ours, for any other the axes are taken as ours, unless the user says which they are.
+The pose is that of the palm. Its axes are those of the options, else of the words of `frame` in `FRAMES`, else ours.
 """
 
 import json
@@ -23,9 +22,7 @@ from hhsim.recordings.recording import Finding, Recording, note
 from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
 
 QUATERNIONS = {"wrist_quat_wxyz": (0, 1, 2, 3), "wrist_quat": (0, 1, 2, 3), "wrist_quat_xyzw": (3, 0, 1, 2)}
-"""Names of the orientation, and where w, x, y, z are in its rows."""
-
-OBJECT_QUATERNIONS = {key.replace("wrist", "object"): order for key, order in QUATERNIONS.items()}
+"""Names of the orientation, and the places of w, x, y, z in its rows."""
 
 FRAMES: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("z to fingers, -y palm normal", ("-x", "z", "y")),
@@ -38,24 +35,14 @@ UPRIGHT = (("y up", "y"), ("y-up", "y"), ("x up", "x"))
 
 
 def _read(content: Content, options: ReadOptions) -> Recording:
-    """The recording, in the frames that the options name, else in those that the file does.
-
-    Raises:
-        TrajectoryError: No archive, a damaged one, or arrays missing or of another shape.
-    """
+    """Read the arrays; raises TrajectoryError for missing ones or another shape."""
     arrays = read_npz(content.data)
     count = _array(arrays, "t", ()).shape[0]
-    key = next((key for key in QUATERNIONS if key in arrays), "wrist_quat_wxyz")
-    orientation = _array(arrays, key, (4,), count)[:, QUATERNIONS[key]]
-    position = _array(arrays, "wrist_pos", (3,), count)
+    position, orientation = _pose(arrays, "wrist", count)
     meta = _meta(arrays)
     frame = meta.get("frame", "").lower()
     findings: list[Finding] = []
-    axes = (
-        tuple(options.palm_axes)
-        if options.palm_axes
-        else next((axes for words, axes in FRAMES if words in frame), None)
-    )
+    axes = options.palm_axes or next((axes for words, axes in FRAMES if words in frame), None)
     up = options.world_up or next((up for words, up in UPRIGHT if words in frame), "z")
     if axes is None:
         reason = f"frame '{meta['frame']}' is not known" if frame else "the file names no frame"
@@ -64,7 +51,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     if tuple(axes) != OURS or up != "z":
         findings.append(note(f"palm axes x, y, z are the recording's {', '.join(axes)}; its world's {up} points up"))
     position, orientation = to_our_world(position, to_our_palm(orientation, axes), up)
-    moved = _object_motion(arrays, count)
+    moved = {"object_pos", *(key.replace("wrist", "object") for key in QUATERNIONS)} & set(arrays)
     recording = Recording(
         time=_array(arrays, "t", ()),
         position=position,
@@ -77,7 +64,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         source=meta.get("source", ""),
         licence=meta.get("licence", ""),
         device=meta.get("device", ""),
-        object_motion=moved and ObjectMotion(*to_our_world(*moved, up)),
+        object_motion=ObjectMotion(*to_our_world(*_pose(arrays, "object", count), up)) if moved else None,
         hand="left" if meta.get("hand", "").lower().startswith("left") else "right" if "hand" in meta else "",
     )
     if meta.get("note"):
@@ -91,14 +78,12 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     return recording
 
 
-def _object_motion(arrays: dict[str, Any], count: int) -> ObjectMotion | None:
-    """The object's pose in the recording's world, where both of its arrays are there."""
-    key = next((each for each in OBJECT_QUATERNIONS if each in arrays), None)
-    if "object_pos" not in arrays and key is None:
-        return None
-    key = key or "object_quat_wxyz"
-    quaternions = _array(arrays, key, (4,), count)[:, OBJECT_QUATERNIONS[key]]
-    return ObjectMotion(_array(arrays, "object_pos", (3,), count), quaternions)
+def _pose(arrays: dict[str, Any], what: str, count: int) -> tuple[FloatArray, FloatArray]:
+    """Return position and (w, x, y, z) of the "wrist" or "object" in the recording's world."""
+    orders = {key.replace("wrist", what): order for key, order in QUATERNIONS.items()}
+    key = next((key for key in orders if key in arrays), f"{what}_quat_wxyz")
+    orientation = _array(arrays, key, (4,), count)[:, orders[key]]
+    return _array(arrays, f"{what}_pos", (3,), count), orientation
 
 
 def _array(arrays: dict[str, Any], key: str, tail: tuple[int, ...], count: int | None = None) -> FloatArray:

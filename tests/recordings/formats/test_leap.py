@@ -14,7 +14,7 @@ from sampled import sampled
 
 from hhsim.errors import HhsimError, TrajectoryError
 from hhsim.motion.sample_flags import SampleFlag, marked
-from hhsim.recordings.formats.leap import looks_like_leap
+from hhsim.recordings.formats.leap import FORMAT
 from hhsim.recordings.recording_format import Content, ReadOptions
 from hhsim.recordings.registry import read_content
 from hhsim.recordings.repair import repair
@@ -43,7 +43,7 @@ def test_every_packing_holds_the_same_motion() -> None:
         pack(json.dumps(packed(whole))),
     ]
     for text in texts:
-        assert looks_like_leap(text)
+        assert FORMAT.sniff(Content(data=text.encode()), ReadOptions())
         other = read_content(Content(data=text.encode(), name="take.json"), ReadOptions())
         assert other.flexion.tobytes() == plain.flexion.tobytes() and other.time.tobytes() == plain.time.tobytes()
         assert (other.form, other.name) == ("leap", "take")
