@@ -127,22 +127,14 @@ def read_steal(descriptor: int, text: Bytes, allowed: NDArray[np.bool_], step: i
 
 @jit
 def account_waking(misses: Record, woke: int, wakeup: int, cpu: int, delay: int) -> None:
-    """Begin a tick that was slept for; one that begins at once belongs to the tick before.
+    """Begin a tick that was slept for, with CPU time and run delay of the thread [ns], -1 where unknown.
 
-    Args:
-        misses: Of `MISSES`.
-        woke: Time at which the loop woke [ns].
-        wakeup: Delay after the deadline of its period [ns].
-        cpu, delay: CPU time and run delay of its thread [ns], -1 where unknown.
+    The loop `woke` with a delay of `wakeup` [ns]. A tick that begins at once belongs to the tick before.
     """
-    misses.woke_ns[1] = misses.woke_ns[0]
-    misses.late_ns[1] = misses.late_ns[0]
-    misses.cpu_ns[1] = misses.cpu_ns[0]
-    misses.delay_ns[1] = misses.delay_ns[0]
-    misses.woke_ns[0] = woke
-    misses.late_ns[0] = wakeup
-    misses.cpu_ns[0] = cpu
-    misses.delay_ns[0] = delay
+    misses.woke_ns[1], misses.woke_ns[0] = misses.woke_ns[0], woke
+    misses.late_ns[1], misses.late_ns[0] = misses.late_ns[0], wakeup
+    misses.cpu_ns[1], misses.cpu_ns[0] = misses.cpu_ns[0], cpu
+    misses.delay_ns[1], misses.delay_ns[0] = misses.delay_ns[0], delay
 
 
 @jit
@@ -176,13 +168,8 @@ def cause_of(computed: int, kept: int, run_delay: int, steal: int, device: int) 
 def measure_miss(misses: Record, asked: int, late: int) -> bool:
     """Measure where the time since the previous slept-for deadline went, for a tick that missed periods.
 
-    Args:
-        misses: Of `MISSES`.
-        asked: Time at which the work of the ticks since then was done [ns].
-        late: Delay of this tick after the deadline that was slept for [ns].
-
-    Returns:
-        True for a long stall: `name_miss` then needs the steal time.
+    The work since then was done by `asked`, and this tick woke `late` after its deadline [ns]. Returns True for a long
+    stall: `name_miss` then needs the steal time.
     """
     worked = asked - misses.woke_ns[1]
     # Time charged to a sleeping thread, such as interrupts, was not computed by it.

@@ -126,18 +126,14 @@ def _feel(commander: Record, phalanx: Array, orientation: Array) -> None:
 def update_command(
     commander: Record, flexion: Array, phalanx: Array, orientation: Array, safety: int, kept_free: NDArray[np.int64]
 ) -> int:
-    """Compute the command of a tick.
+    """Compute the command of a tick, and return `safety`, with SOLVER_FAILED for an angle or force that is not finite.
 
     Args:
         commander: Of `COMMANDER`.
-        flexion: Graphic hand's flexion [rad], shape (5, 3).
+        flexion, orientation: Graphic hand's flexion [rad], shape (5, 3), and palm (w, x, y, z), world.
         phalanx: Force on each phalanx [N], shape (5, 3, 3), world.
-        orientation: Graphic palm's unit quaternion (w, x, y, z), shape (4,), world.
         safety: Bits of the tick; any of them frees all fingers.
         kept_free: 1 for fingers that must stay free, shape (5,).
-
-    Returns:
-        `safety`, with SOLVER_FAILED where an angle or a force is not finite.
     """
     if not _measure(commander, flexion, phalanx):
         commander.force[:] = 0.0

@@ -279,14 +279,7 @@ def _hand_over(live: LiveArrays) -> None:
 
 @jit
 def command_tick(live: LiveArrays, now: int, solved: bool, status: int) -> None:
-    """Compute the command of a tick and hand it over.
-
-    Args:
-        live: State of the loop.
-        now: Time at which the solver was done [ns].
-        solved: True if the row has a graphic hand.
-        status: Status bits of the solver.
-    """
+    """Compute and hand over the command of a tick, solved by `now` [ns] or not, with the solver's status bits."""
     loop, row, commander = live.loop[0], live.row[0], live.commander[0]
     woke = live.deadlines[0].woke_ns
     if solved:
@@ -338,13 +331,7 @@ def _publish(live: LiveArrays) -> None:
 
 @jit
 def publish_tick(live: LiveArrays, done: int, solved: bool) -> None:
-    """Record a tick and update the status; a tick without a graphic hand is not published.
-
-    Args:
-        live: State of the loop.
-        done: Time at which the command was handed over [ns].
-        solved: True if the row has a graphic hand.
-    """
+    """Record a tick whose command was handed over at `done` [ns], unless there is no graphic hand (`solved`)."""
     loop, status, deadlines = live.loop[0], live.status[0], live.deadlines[0]
     sent = loop.safety & DRY_RUN != 0 or loop.safety & DEVICE_LOST == 0
     loop.latency_ns = done - loop.arrived_ns if sent and loop.arrived_ns >= 0 else -1

@@ -9,7 +9,6 @@ from hhsim.live.devices.registry import Glove, ReachedOptions, setting
 class ManusOptions(ReachedOptions):
     """Settings of a MANUS glove."""
 
-    port: int = setting(24170, "Port of the glove's server", "PORT", least=1, most=65535)
     full_force: float = setting(
         2.0, "Force on a finger that shakes it with full power", "N", unit="N", least=0.01, most=1000.0
     )

@@ -20,13 +20,7 @@ Hand = Literal["right", "left"]
 
 @dataclass(frozen=True)
 class Setting:
-    """Command-line option of a setting.
-
-    Attributes:
-        text: Help, without a full stop.
-        flags: Names of the option; by default the setting's own.
-        choices: Allowed words; () for any value from `least` to `most`.
-    """
+    """Command-line option of a setting; `text` is its help without a full stop, `flags` are names beside its own."""
 
     text: str
     metavar: str
@@ -52,7 +46,7 @@ class ReachedOptions(GloveOptions):
     """Settings of a glove at a server or a bridge."""
 
     host: str = setting("127.0.0.1", "Where the glove's server is", "HOST")
-    port: int = setting(0, "Port of the glove's server", "PORT", least=1, most=65535)
+    port: int = setting(24170, "Port of the glove's server", "PORT", least=1, most=65535)
 
 
 @dataclass(frozen=True)
@@ -90,13 +84,7 @@ class Glove:
 
 @dataclass(frozen=True)
 class GloveConfig:
-    """Configuration of a glove to open.
-
-    Attributes:
-        seed: Seed of a simulated glove.
-        playback: Motion of a glove that plays one.
-        calibration: None for a glove without one, or one opened for release alone.
-    """
+    """Configuration of a glove to open; `calibration` is None for a glove without one, or opened for release alone."""
 
     kind: str
     options: GloveOptions

@@ -11,7 +11,6 @@ TAKES = ("limits", "forces")
 class UdpOptions(ServedOptions):
     """Settings of a glove with a bridge."""
 
-    port: int = setting(24170, "Port of the glove's server", "PORT", least=1, most=65535)
     takes: str = setting(
         "limits", "Whether it takes where fingers are stopped, or forces on their tips", "limits|forces", choices=TAKES
     )

@@ -62,11 +62,7 @@ HAND_TRUST_NS = 1_000_000_000
 
 
 class DexmoGlove(GloveDevice):
-    """One glove of a Dexmo server.
-
-    Args:
-        config: With `DexmoOptions`, and a `GloveCalibration` unless the glove is opened for release.
-    """
+    """One glove of a Dexmo server; its configuration has a `GloveCalibration` unless it is opened for release."""
 
     _calibration: "GloveCalibration"
 

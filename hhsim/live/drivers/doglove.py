@@ -34,14 +34,7 @@ CHANNELS = (
 
 
 class Doglove(GloveDevice):
-    """One glove.
-
-    Args:
-        config: With `DogloveOptions`.
-
-    Raises:
-        InputError: A baud rate that the system does not know, or zeros that are not five numbers.
-    """
+    """One glove; InputError for an unknown baud rate, or zeros that are not five angles."""
 
     def __init__(self, config: GloveConfig) -> None:
         options = config.options
@@ -179,11 +172,7 @@ class Doglove(GloveDevice):
 
 
 def servo_zero(text: str) -> FloatArray:
-    """Parse the servos' readings of a flat hand [deg], shape (5,).
-
-    Raises:
-        InputError: Not five numbers from -360 to 360.
-    """
+    """Parse the servos' readings of a flat hand [deg], shape (5,); InputError for other than five angles."""
     try:
         zero = np.array([float(part) for part in text.split(",")])
     except ValueError:

@@ -49,15 +49,9 @@ BONES = ("metacarpal", "proximal", "middle", "distal")
 
 
 class OpenGlovesGlove(GloveDevice):
-    """One glove.
+    """One glove; InputError for an invalid baud rate or full scale.
 
     Its curls are the bends of `hhsim.recordings.dexmo_regression`; joints that it sends move on their own.
-
-    Args:
-        config: With `OpenGlovesOptions`, and a `GloveCalibration` unless the glove is opened for release.
-
-    Raises:
-        InputError: Invalid baud rate or full scale.
     """
 
     def __init__(self, config: GloveConfig) -> None:

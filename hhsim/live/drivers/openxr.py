@@ -26,11 +26,7 @@ NO_POWER = (0.0,) * FINGER_COUNT
 
 
 class OpenXrHand(PacketGlove):
-    """Tracked hand, which takes no commands.
-
-    Args:
-        config: With a host and a port.
-    """
+    """Tracked hand, which takes no commands."""
 
     SAMPLES = (Kind.HAND,)
     NAME = "openxr hand"
@@ -73,14 +69,7 @@ class OpenXrHand(PacketGlove):
 
 
 class ManusGlove(OpenXrHand):
-    """One glove.
-
-    Args:
-        config: With `ManusOptions`.
-
-    Raises:
-        InputError: Force of full power that is not positive.
-    """
+    """One glove; InputError for a force of full power that is not positive."""
 
     NAME = "manus bridge"
     TAKES = Capability.POWER

@@ -17,13 +17,7 @@ class ReplayGlove(NothingHeld, GloveDevice):
     """Gives sample k of a trajectory as sample k, bit for bit; its channels are the joint angles [rad].
 
     The last sample is repeated at the usual rate, as by a hand that rests. In a repeated motion the fingers return to
-    the first sample within `RETURN_TIME`, as the palm does.
-
-    Args:
-        config: With the motion as `playback`.
-
-    Raises:
-        InputError: No motion.
+    the first sample within `RETURN_TIME`, as the palm does. InputError without a `playback`.
     """
 
     def __init__(self, config: GloveConfig) -> None:

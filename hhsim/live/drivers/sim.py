@@ -39,15 +39,10 @@ LONGEST_PAUSE = 1.0
 
 
 class SimGlove(NothingHeld, GloveDevice):
-    """Simulated glove whose channels are the bends of the fingers.
+    """Simulated glove whose channels are the bends of the fingers; InputError for a rate out of range.
 
-    Each sample follows from the seed, the motion and the commands before it, not from the time at which it is read.
-
-    Args:
-        config: With a motion as `playback`, else the fingers open and close as `seed` says; `rate` [Hz].
-
-    Raises:
-        InputError: A rate out of range.
+    Its fingers make the motion of the `playback`, else open and close as the seed says. Each sample follows from the
+    seed, the motion and the commands before it, not from the time at which it is read.
     """
 
     def __init__(self, config: GloveConfig) -> None:

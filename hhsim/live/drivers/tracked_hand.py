@@ -26,10 +26,9 @@ class TrackedHand:
     """Fit of our hand; making one compiles the kernel, so that no tick does.
 
     Attributes:
-        joints: Joints of the last sample: wrist, then thumb to little finger from base to tip [m], the runtime's
-            world, shape (21, 3).
-        position, orientation: Palm origin [m] and unit quaternion (w, x, y, z) in a world with z up.
-        flexion, abduction: [rad], shapes (5, 3) and (5,); like the palm of the last usable sample.
+        joints: `KEYPOINTS` of the last sample [m], the runtime's world, shape (21, 3).
+        position, orientation: Palm origin [m] and unit quaternion (w, x, y, z), z up, of the last usable sample.
+        flexion, abduction: Its angles [rad], shapes (5, 3) and (5,).
     """
 
     def __init__(self, side: HandSide) -> None:

@@ -25,9 +25,6 @@ NO_FORCE = np.zeros((FINGER_COUNT, 3))
 class UdpGlove(PacketGlove):
     """Glove of a bridge that takes a limit for each finger, or a force on each fingertip.
 
-    Args:
-        config: With `UdpOptions`, and a `GloveCalibration` unless the glove is opened for release.
-
     Raises:
         InputError: Unknown kind of command, or a largest force that is not positive.
     """

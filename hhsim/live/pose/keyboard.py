@@ -66,12 +66,7 @@ HELP = (
 
 
 class PalmKeys:
-    """Pose of the palm, and its target.
-
-    Args:
-        position: First position [m], shape (3,), world.
-        orientation: Unit (w, x, y, z), shape (4,).
-    """
+    """Pose of the palm, world, and its target; begins at `position` [m] and the unit quaternion `orientation`."""
 
     def __init__(self, position: ArrayLike, orientation: ArrayLike) -> None:
         self.position: FloatArray = np.array(position, np.float64)
@@ -154,16 +149,7 @@ class KeyboardPose(PoseSource):
 
 
 def write_keyboard_pose(status: "SharedBlock", position: ArrayLike, orientation: ArrayLike) -> None:
-    """Write the palm's pose that `keyboard` reads, whole or not at all; there is one writer.
-
-    Args:
-        status: Block of `LIVE_STATUS`.
-        position: [m], shape (3,), world.
-        orientation: (w, x, y, z), shape (4,).
-
-    Raises:
-        InputError: Invalid pose.
-    """
+    """Write the palm's pose, world, that `KeyboardPose` reads; there is one writer. InputError for an invalid pose."""
     place, turn = checked_pose(position, orientation)
     record = status.array[0]
     # Odd while the pose is written; a reader that meets an odd or a changed version tries again in the next tick.

@@ -56,11 +56,9 @@ class PoseConfig:
 
     Attributes:
         kind: One of `POSES`.
-        position: Position of `fixed`, and first one of `keyboard` and `glove` [m], world.
-        orientation: Orientation of `fixed`, and first one of `keyboard`, (w, x, y, z).
+        position, orientation: Pose of `fixed`, and first one of `keyboard` and `glove` [m], (w, x, y, z), world.
         playback: Motion of `replay`; the same as the glove's keeps palm and fingers together.
-        host: Host that sends the packets of `udp`.
-        port: Port at which they arrive.
+        host, port: Sender of the packets of `udp`, and the port at which they arrive.
     """
 
     kind: str = "fixed"

@@ -184,7 +184,9 @@ def _walk(data: bytes, place: int, end: int) -> Iterator[tuple[int, int, bytes]]
     while place < end:
         (code, length) = _unpack("<BQ", data, place)
         if place + 9 + length > end:
-            raise TrajectoryError(f"a damaged MCAP file: record at byte {place} ends beyond the file; was it cut short?")
+            raise TrajectoryError(
+                f"a damaged MCAP file: record at byte {place} ends beyond the file; was it cut short?"
+            )
         yield place, code, data[place + 9 : place + 9 + length]
         place += 9 + length
 

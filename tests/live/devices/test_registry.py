@@ -16,13 +16,7 @@ from live_scripted import FIST, FREE, FakeClock, InStep, make_setup
 import hhsim.live.devices
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.live.device import DeviceError, FingerRelease, GloveDevice, NothingHeld
-from hhsim.live.devices.registry import (
-    GLOVES,
-    configure,
-    for_release,
-    open_device,
-    open_release,
-)
+from hhsim.live.devices.registry import GLOVES, configure, for_release, open_device, open_release
 from hhsim.live.ipc.config import OutputLimits, SafetyLimits
 from hhsim.live.ipc.session_memory import SessionMemory
 from hhsim.live.playback import Playback

@@ -19,14 +19,7 @@ from hhsim.errors import InputError
 from hhsim.live.device import Capability, DeviceError, FingerCommand
 from hhsim.live.devices.registry import GloveConfig, configure, open_device
 from hhsim.live.drivers.opengloves import OpenGlovesGlove, limits
-from hhsim.live.link.opengloves_codec import (
-    LONGEST_LINE,
-    GloveLine,
-    LineError,
-    LineStream,
-    format_limits,
-    parse_line,
-)
+from hhsim.live.link.opengloves_codec import LONGEST_LINE, GloveLine, LineError, LineStream, format_limits, parse_line
 from hhsim.recordings.dexmo_regression import CHANNELS, DexmoRegression
 from tools.fake_gloves import FakeGlove
 from tools.opengloves_board import format_line, parse_limits
@@ -108,9 +101,7 @@ def test_a_line_without_end_is_left_out_and_the_next_one_read() -> None:
 
 def test_what_the_glove_is_told() -> None:
     command = FingerCommand(np.array([0.0, 0.3, 1.0, 0.3, 0.3]), np.array([1.0, 0.3, 1.0, 0.125, 0.0]))
-    assert limits(command) == [1000, 700, 0, 350, 0], (
-        "1000 blocks a finger fully extended; without stiffness all are free"
-    )
+    assert limits(command) == [1000, 700, 0, 350, 0]
     command.bend[3] = np.nan
     assert limits(command) == [0] * 5
 
@@ -231,7 +222,7 @@ def test_a_fake_glove_in_another_process_every_line_accounted_for(tmp_path: Path
             def heard() -> bool:
                 return len(peer.record().command) == device.counters.commands + watchdog.counters.commands
 
-            # A release takes back what the glove was not told yet; here nothing is to be missing.
+            # A release takes back what the glove was not yet told; here nothing is to be missing.
             reader.until(heard)
             # The loop is gone: the watchdog frees the fingers on its own connection.
             assert watchdog.release()

@@ -112,10 +112,7 @@ def test_stamps_of_two_clocks_and_samples_that_are_not_valid() -> None:
     ("change", "said"),
     [
         (("timestamp_ms", "number"), "26 OpenXR joints of the right hand named, but no column with a time"),
-        (
-            ("right_index_tip_", "right_elbow_"),
-            "25 joints of the right hand named, but no x, y, z of index_tip",
-        ),
+        (("right_index_tip_", "right_elbow_"), "25 joints of the right hand named, but no x, y, z of index_tip"),
         (("right_wrist_x", "right_wrist_u"), "named, but no x, y, z of wrist"),
     ],
 )
