@@ -1,4 +1,4 @@
-"""The hand as rigid bodies and joints, for URDF, MJCF and physics engines.
+"""Rigid bodies and joints of the hand, for URDF, MJCF and physics engines.
 
 The frame of every body has its origin at its joint, and the palm's axes where all angles are zero. With a
 configuration's flexion and abduction the joint centres are those of `hhsim.hand.model.HandModel.joints`.
@@ -23,7 +23,7 @@ DENSITY = 1000.0
 
 @dataclass(frozen=True)
 class HandJoint:
-    """A hinge.
+    """Hinge of a body.
 
     Attributes:
         name: Column of a submission without its unit: `index_abd`, `index_flex1`.
@@ -39,7 +39,7 @@ class HandJoint:
 
 @dataclass(frozen=True)
 class Capsule:
-    """A capsule, or a sphere if both ends are equal, by its ends' centres (3,) and radius [m]; frame of the body."""
+    """Capsule, or a sphere if both ends are equal, by its ends' centres (3,) and radius [m]; frame of the body."""
 
     start: FloatArray
     end: FloatArray
@@ -53,7 +53,7 @@ class Capsule:
 
 @dataclass(frozen=True)
 class RoundCone:
-    """A phalanx: hull of a sphere at the body's origin and one at `end` (3,), the next joint or the tip [m]."""
+    """Shape of a phalanx: hull of spheres at the body's origin and at `end` (3,), the next joint or the tip [m]."""
 
     end: FloatArray
     start_radius: float

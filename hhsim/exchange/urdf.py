@@ -1,4 +1,4 @@
-"""The hand as URDF, the format of ROS, PyBullet and Drake (wiki.ros.org/urdf/XML)."""
+"""Export of the hand as URDF, the format of ROS, PyBullet and Drake (wiki.ros.org/urdf/XML)."""
 
 from xml.etree import ElementTree as Xml
 

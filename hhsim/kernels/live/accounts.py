@@ -68,25 +68,19 @@ else:
 @jit
 def _number(text: Bytes, size: int, at: int, column: int) -> int:
     """Parse the number in a column of the line that begins at `at`; UNKNOWN where there is none."""
-    inside = False
-    seen = -1
+    # Columns end with a blank (32), the line with a newline (10).
+    for _ in range(column):
+        while at < size and text[at] > 32:
+            at += 1
+        while at < size and text[at] == 32:
+            at += 1
     value = UNKNOWN
-    for i in range(at, size):
-        letter = int(text[i])
-        if letter == 10:
-            break
-        if letter == 32:
-            inside = False
-            continue
-        if not inside:
-            inside = True
-            seen += 1
-        if seen > column:
-            break
-        if seen == column:
-            if letter < 48 or letter > 57:
-                return UNKNOWN
-            value = 10 * max(value, 0) + letter - 48
+    while at < size and text[at] > 32:
+        digit = int(text[at]) - 48
+        if digit < 0 or digit > 9:
+            return UNKNOWN
+        value = 10 * max(value, 0) + digit
+        at += 1
     return value
 
 
@@ -110,18 +104,14 @@ def read_steal(descriptor: int, text: Bytes, allowed: NDArray[np.bool_], step: i
     total = UNKNOWN
     at = 0
     while at + 3 < size and text[at] == 99 and text[at + 1] == 112 and text[at + 2] == 117:
-        number = 0
-        i = at + 3
-        while i < size and text[i] >= 48 and text[i] <= 57:
-            number = 10 * number + int(text[i]) - 48
-            i += 1
-        if i > at + 3 and number < allowed.shape[0] and allowed[number]:
+        number = _number(text, size, at + 3, 0)
+        if 0 <= number < allowed.shape[0] and allowed[number]:
             steal = _number(text, size, at, STEAL_COLUMN)
             if steal >= 0:
                 total = max(total, 0) + steal * step
-        while i < size and text[i] != 10:
-            i += 1
-        at = i + 1
+        while at < size and text[at] != 10:
+            at += 1
+        at += 1
     return total
 
 

@@ -120,7 +120,7 @@ def wait_periods(deadlines: Record, late_out: NDArray[np.int64]) -> int:
     """Wait for a row of deadlines, the first a period from now, and return how many were missed.
 
     Args:
-        deadlines: Of `DEADLINES`, with its period.
+        deadlines: Record of `DEADLINES`, with its period.
         late_out: Delay of the wake-up after each deadline [ns], or `PASSED`.
     """
     begin_periods(deadlines, monotonic_ns())

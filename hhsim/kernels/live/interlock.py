@@ -47,7 +47,7 @@ def judge(
     """Compute the bits of a tick before it is solved; a bit stands as long as its reason does.
 
     Args:
-        interlock: Of `INTERLOCK`.
+        interlock: Record of `INTERLOCK`.
         now: CLOCK_MONOTONIC [ns].
         sample_ns, pose_ns: Times of sample and pose in use, -1 before the first.
         usable: True if the newest sample can be used.

@@ -1,4 +1,4 @@
-"""The loop in compiled code: waits, ticks and records until it is to stop, without the interpreter."""
+"""Compiled loop of a session: waits, ticks and records until it is to stop, without the interpreter."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, Union, cast
@@ -42,8 +42,8 @@ class SystemFiles(NamedTuple):
     """System files of the loop.
 
     Attributes:
-        descriptors: Of schedstat, /proc/stat, the event that wakes the driver, and the event by which the driver wakes
-            the loop; -1 for none, shape (4,).
+        descriptors: File descriptors of schedstat, /proc/stat, and the events that wake the driver and the loop; -1 for
+            none, shape (4,).
         line, lines: Buffers for the text of the first two.
         allowed: True for processors whose steal counts, by their numbers.
         step: Unit of the steal counter, shape (1,) [ns].

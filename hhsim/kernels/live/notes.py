@@ -21,7 +21,7 @@ MISSED = 7
 """Place: cause; count: number of periods."""
 LONG_TICK = 8
 REFUSED = 9
-"""An unusable sample after a usable one; kept in `LiveArrays.refused`."""
+"""Unusable sample after a usable one; kept in `LiveArrays.refused`."""
 BEGAN_INSIDE = 10
 FULL = 11
 DRIVER_SILENT = 12

@@ -45,7 +45,7 @@ def deadline_shift(phase: Record, deadline: int, period: int, interval: float) -
     """Compute the shift of the next deadline from one period after `deadline` [ns].
 
     Args:
-        phase: Of `PHASE`.
+        phase: Record of `PHASE`.
         deadline: Present deadline [ns].
         period: Period of the loop [ns].
         interval: Usual interval between two samples [ns].

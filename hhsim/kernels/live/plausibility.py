@@ -77,23 +77,13 @@ WATCH = np.dtype(
 
 @jit
 def begin_watch(watch: Record) -> None:
-    """Reset the state; `always_free` and `noiseless` stay."""
+    """Reset what does not begin with zeros; `always_free` and `noiseless` stay."""
     copy_values(watch.always_free[:], watch.free[:])
     watch.time_ns = -1
-    watch.pending[:] = 0
-    watch.following[:] = 0
-    watch.doubted[:] = 0
-    watch.stuck[:] = 0
-    watch.distrust_ns[:] = 0
-    watch.count[:] = 0
-    watch.reach[:] = 0.0
     watch.most_reach = _SLACK
     watch.logged_ns[:] = -(10**12)
-    watch.not_logged[:] = 0
     watch.last[:] = np.nan
     watch.changed_ns[:] = -1
-    watch.travel[:] = 0.0
-    watch.travel_then[:] = 0.0
 
 
 @jit
@@ -228,9 +218,9 @@ def use_sample(watch: Record, notes: Record, sample: Record, flexion_out: Array,
     """Judge a sample, and set `watch.free`.
 
     Args:
-        watch: Of `WATCH`.
-        notes: Of `hhsim.kernels.live.notes.NOTES`.
-        sample: Of `hhsim.live.device.GLOVE_SAMPLE`.
+        watch: Record of `WATCH`.
+        notes: Record of `hhsim.kernels.live.notes.NOTES`.
+        sample: Record of `hhsim.live.device.GLOVE_SAMPLE`.
         flexion_out: Plausible flexion [rad], shape (5, 3).
         abduction_out: Plausible abduction [rad], shape (5,).
 

@@ -1,4 +1,4 @@
-"""A tick of the loop: reads and judges samples, commands the fingers and records, without allocating.
+"""Tick of the loop: reads and judges samples, commands the fingers and records, without allocating.
 
 The processes of a session share records without a lock: the command, and the palm's pose that the driver writes, have a
 version that is odd while they are being written.
@@ -71,10 +71,10 @@ class LiveArrays(NamedTuple):
     """Arrays that a tick of the loop reads and writes: records of shape (1,) but for the rings.
 
     Attributes:
-        loop, deadlines, phase, interlock, commander, watch, misses, notes: Of the record types of those names in
-            `hhsim.kernels.live`.
+        loop, deadlines, phase, interlock, commander, watch, misses, notes: Records of the types of those
+            names in `hhsim.kernels.live`.
         refused: A glove's unusable sample.
-        status: The session's, of `hhsim.live.ipc.status.LIVE_STATUS`.
+        status: Session's record of `hhsim.live.ipc.status.LIVE_STATUS`.
         row: Record of the tick.
         ticks, ticks_written: Ring of these records, and the number written to it.
         samples, samples_written: Ring of the glove's samples, and the number written to it.

@@ -1,4 +1,4 @@
-"""A Dexmo at the TCP server of its vendor."""
+"""Dexmo glove at the TCP server of its vendor."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""A DOGlove: the joints of a hand, by the datagrams of its published scripts or from its board's serial line."""
+"""DOGlove, whose joints are read from the datagrams of its published scripts or its board's serial line."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""A MANUS glove at NVIDIA's Isaac Teleop: a hand that OpenXR tracks, and five motors that shake its fingers."""
+"""MANUS glove at NVIDIA's Isaac Teleop: a hand tracked by OpenXR with five motors that shake its fingers."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""A glove that speaks the letter format of OpenGloves, on a serial line or over TCP."""
+"""Glove that speaks the letter format of OpenGloves, on a serial line or over TCP."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""A hand that any OpenXR headset tracks, through a bridge that sends its joints."""
+"""Hand that any OpenXR headset tracks, through a bridge that sends its joints."""
 
 from hhsim.live.devices.registry import Glove, ReachedOptions
 

@@ -59,7 +59,7 @@ class ServedOptions(ReachedOptions):
 
 @dataclass(frozen=True)
 class Glove:
-    """A glove that can be chosen.
+    """Glove that can be chosen.
 
     Attributes:
         about: Description in half a line.

@@ -1,4 +1,4 @@
-"""A simulated glove, which needs no hardware."""
+"""Simulated glove, which needs no hardware."""
 
 from dataclasses import dataclass
 

@@ -40,11 +40,11 @@ FAR = (-0.5, 1.5)
 
 @dataclass(frozen=True, eq=False)
 class GloveCalibration:
-    """The calibration of a live glove.
+    """Calibration of a live glove.
 
     Attributes:
         regression: From the channels that the glove sends to joint angles.
-        counts: The same for raw counts; None where the counts of the open and the closed hand are unknown.
+        counts: Regression for raw counts; None where the counts of the open and the closed hand are unknown.
         doubtful: Messages about channels of too small a span.
         kept_free: Numbers of the fingers whose bend has too small a span to push on.
         name: Source, for messages; "" for the default.

@@ -58,7 +58,7 @@ MOST_KEPT = 1 << 20
 MOST_FRAMES = 256
 """Most frames decoded in one call."""
 HAND_TRUST_NS = 1_000_000_000
-"""A glove that changed hands is used again after frames of the right hand alone for so long [ns]."""
+"""Time of frames of the right hand alone after which a glove that changed hands is used again [ns]."""
 
 
 class DexmoGlove(GloveDevice):

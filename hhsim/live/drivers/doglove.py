@@ -189,7 +189,7 @@ def hand_angles(encoders: FloatArray, bend: FloatArray) -> tuple[FloatArray, Flo
     """Compute the joints of the hand [deg] from the glove's readings; the thumb's rotation is not modelled.
 
     Args:
-        encoders: Of the main board [deg], shape (16,).
+        encoders: Readings of the main board [deg], shape (16,).
         bend: Servos' angles relative to the flat hand [deg], shape (5,).
 
     Returns:

@@ -1,4 +1,4 @@
-"""A recorded motion in the place of a glove: gives each sample at its stamp and ignores commands."""
+"""Recorded motion in the place of a glove: gives each sample at its stamp and ignores commands."""
 
 import math
 import time

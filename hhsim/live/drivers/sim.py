@@ -1,4 +1,4 @@
-"""A simulated glove: a virtual user whose fingers obey the position limit.
+"""Simulated glove: a virtual user whose fingers obey the position limit.
 
 Each finger follows its user with the lag of a limb. Where it is stopped, muscle and motor are two springs in
 opposition: at full stiffness the finger rests beyond the set point by 1/(1 + `MOTOR_STIFFNESS`) of the wanted way. It

@@ -1,4 +1,4 @@
-"""A palm that stays at one place."""
+"""Palm that stays at one place."""
 
 import numpy as np
 from numpy.typing import ArrayLike

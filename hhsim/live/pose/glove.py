@@ -1,4 +1,4 @@
-"""The palm's pose from a glove that gives it, as a hand tracked by a headset does."""
+"""Palm pose from a glove that gives it, as a hand tracked by a headset does."""
 
 from typing import TYPE_CHECKING
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Pose:
-    """A source of the palm's pose that can be chosen.
+    """Source of the palm's pose that can be chosen.
 
     Attributes:
         about: Description in half a line.

@@ -1,4 +1,4 @@
-"""The palm of a recorded or scripted motion."""
+"""Palm of a recorded or scripted motion."""
 
 import numpy as np
 

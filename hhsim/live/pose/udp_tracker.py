@@ -1,4 +1,4 @@
-"""The palm's pose from a tracker, in the open packet of `hhsim.live.link.udp_codec`."""
+"""Palm pose from a tracker, in the open packet of `hhsim.live.link.udp_codec`."""
 
 import numpy as np
 

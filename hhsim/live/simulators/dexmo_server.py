@@ -1,4 +1,4 @@
-"""A Dexmo server without gloves, as another process: `python -m hhsim.live.simulators.dexmo_server`.
+"""Dexmo server without gloves, as another process: `python -m hhsim.live.simulators.dexmo_server`.
 
 It speaks the published format to any number of clients at a steady rate. A frame in its log is the number of the client
 and of the sample; a command is the number of the client and of the glove, 1 where it must be kept, five values of

@@ -1,4 +1,4 @@
-"""Our own HDF5 files: a trajectory, or the motion of a result or a session."""
+"""HDF5 files: a trajectory, or the motion of a result or a session of hhsim."""
 
 from dataclasses import fields
 from typing import Any, get_args

@@ -11,17 +11,15 @@ They have no radius, often no scale and no world: the wrist stands still then.
 """
 
 import re
-import zipfile
 from collections import Counter
 from collections.abc import Iterator
-from io import BytesIO
 from typing import Any
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError
-from hhsim.motion.npz_arrays import read_npy, read_npz
+from hhsim.motion.npz_arrays import array_names, numbers, read_npy, read_npz
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.csv_table import lacks_names, read_header, read_table
 from hhsim.recordings.joint_names import KEYPOINTS, joint_name
@@ -92,7 +90,7 @@ def _points(array: Any, where: str) -> FloatArray:
 def _from_npz(data: bytes) -> tuple[FloatArray, FloatArray | None, str | None]:
     arrays = read_npz(data)
     if not arrays:
-        files = ", ".join(sorted(_entries(data))[:4]) or "nothing"
+        files = ", ".join(sorted(array_names(data))[:4]) or "nothing"
         raise TrajectoryError(f"a zip archive of {files}, without an array; expected .npz, or the recording unpacked")
     fitting = [key for key, value in arrays.items() if _is_points(value)]
     named = [key for key in fitting if key in NAMES] or fitting
@@ -104,14 +102,8 @@ def _from_npz(data: bytes) -> tuple[FloatArray, FloatArray | None, str | None]:
     key = next((key for key in arrays if key in TIMES or time_column([key]) is not None), None)
     if key is None:
         return points, None, None
-    try:
-        time = np.asarray(arrays[key], dtype=np.float64)
-    except (TypeError, ValueError):
-        raise TrajectoryError(f"array '{key}' does not hold numbers") from None
-    if time.shape != (len(points),):
-        raise TrajectoryError(f"array '{key}' has shape {time.shape}; expected ({len(points)},)")
     column = time_column([key])
-    return points, time, column.unit if column is not None else None
+    return points, numbers(arrays, key, len(points)), column.unit if column is not None else None
 
 
 def _is_points(value: Any) -> bool:
@@ -221,7 +213,8 @@ def _sniff(content: Content, options: ReadOptions) -> bool:
     if content.head.startswith(NPY):
         return True
     if content.head.startswith(b"PK"):
-        return not _entries(content.data) & {"wrist_pos", "flex", "poses", "pose", "hand_pose", "mano_pose"}
+        names = array_names(content.data)
+        return bool(names) and not names & {"wrist_pos", "flex", "poses", "pose", "hand_pose", "mano_pose"}
     text = content.beginning.lstrip()
     if text[:1] in ("{", "["):
         return LISTS.search(text) is not None or re.match(r"\[\s*\[\s*(\[\s*)?-?[0-9]", text) is not None
@@ -237,15 +230,6 @@ def _sniff(content: Content, options: ReadOptions) -> bool:
         return False
     others = len(header) - 3 * COUNT
     return bool(_numbered_columns(header)) or (others == 0 or (others == 1 and time_column(header) is not None))
-
-
-def _entries(data: bytes) -> set[str]:
-    """Return the names of an archive's arrays; of a damaged one a name of another format."""
-    try:
-        with zipfile.ZipFile(BytesIO(data)) as archive:
-            return {name.removesuffix(".npy") for name in archive.namelist()}
-    except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError):
-        return {"wrist_pos"}
 
 
 FORMAT = RecordingFormat(

@@ -9,9 +9,6 @@ The same 48 numbers have four meanings (`hhsim.recordings.recording_format.MANO_
 apart: DexYCB's are coefficients, those of other sets are angles. So `--mano-pose` says it.
 """
 
-import zipfile
-from collections.abc import Mapping
-from io import BytesIO
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +16,7 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.quaternion import rotation_vector
-from hhsim.motion.npz_arrays import read_npz
+from hhsim.motion.npz_arrays import array_names, numbers, read_npz
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.joint_positions import JointPositions, evenly, recording_of_joints
 from hhsim.recordings.mano_model import ManoModel, read_mano_model
@@ -126,7 +123,7 @@ def _from_npz(data: bytes) -> _Poses:
         raise TrajectoryError(
             f"no array of poses, it holds {', '.join(sorted(arrays)[:6])}; expected {', '.join(POSES)}"
         )
-    pose = _numbers(arrays, key)
+    pose = numbers(arrays, key)
     if pose.ndim == 3:
         pose = pose.reshape(len(pose), -1)
     if pose.ndim != 2:
@@ -134,20 +131,20 @@ def _from_npz(data: bytes) -> _Poses:
     count = len(pose)
     turn = next((each for each in TURNS if each in arrays), None)
     if turn is not None:
-        rotation = _numbers(arrays, turn).reshape(count, -1)
+        rotation = numbers(arrays, turn).reshape(count, -1)
     else:
         rotation, pose = pose[:, :3], pose[:, 3:]
     if rotation.shape != (count, 3):
         raise TrajectoryError(f"the turn of the wrist has shape {rotation.shape}; expected ({count}, 3)")
     shift = next((each for each in SHIFTS if each in arrays), None)
-    translation = None if shift is None else _numbers(arrays, shift, count, 3)
+    translation = None if shift is None else numbers(arrays, shift, count, 3)
     stamps = time_column(arrays)
-    time = None if stamps is None else _numbers(arrays, stamps.name, count)
-    betas = _numbers(arrays, "betas") if "betas" in arrays else np.zeros(0)
+    time = None if stamps is None else numbers(arrays, stamps.name, count)
+    betas = numbers(arrays, "betas") if "betas" in arrays else np.zeros(0)
     side = str(arrays["hand"]).lower() if "hand" in arrays and np.ndim(arrays["hand"]) == 0 else ""
     findings: list[Finding] = []
     if time is None and "fps" in arrays and np.size(arrays["fps"]) == 1:
-        rate = float(_numbers(arrays, "fps").ravel()[0])
+        rate = float(numbers(arrays, "fps").ravel()[0])
         if 1.0 <= rate <= 1e4:
             time, findings = np.arange(len(pose)) / rate, [note(f"no stamps: made from fps, {rate:g} Hz")]
     return _Poses(
@@ -162,24 +159,9 @@ def _from_npz(data: bytes) -> _Poses:
     )
 
 
-def _numbers(arrays: Mapping[str, object], key: str, *shape: int) -> FloatArray:
-    """Return an array as numbers, of a shape if one is given."""
-    try:
-        array = np.array(arrays[key], dtype=np.float64)
-    except (TypeError, ValueError):
-        raise TrajectoryError(f"array '{key}' does not hold numbers") from None
-    if shape and array.shape != shape:
-        raise TrajectoryError(f"array '{key}' has shape {array.shape}; expected {shape}")
-    return array
-
-
 def _sniff(content: Content, options: ReadOptions) -> bool:
     if content.head.startswith(b"PK"):
-        try:
-            with zipfile.ZipFile(BytesIO(content.data)) as archive:
-                return bool({name.removesuffix(".npy") for name in archive.namelist()} & set(POSES))
-        except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError):
-            return False
+        return bool(array_names(content.data) & set(POSES))
     text = content.beginning
     return text.lstrip().startswith("{") and '"hand_poses"' in text and '"pose"' in text
 

@@ -10,11 +10,9 @@ The pose is that of the palm. Its axes are those of the options, else of the wor
 import json
 from typing import Any
 
-import numpy as np
-
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
-from hhsim.motion.npz_arrays import read_npz
+from hhsim.motion.npz_arrays import numbers, read_npz
 from hhsim.motion.object_motion import ObjectMotion
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.recordings.frames import OURS, to_our_palm, to_our_world
@@ -37,7 +35,17 @@ UPRIGHT = (("y up", "y"), ("y-up", "y"), ("x up", "x"))
 def _read(content: Content, options: ReadOptions) -> Recording:
     """Read the arrays; raises TrajectoryError for missing ones or another shape."""
     arrays = read_npz(content.data)
-    count = _array(arrays, "t", ()).shape[0]
+    missing = [key for key in ("t", "wrist_pos", "flex", "abd") if key not in arrays]
+    if missing or not any(key in arrays for key in QUATERNIONS):
+        have = ", ".join(sorted(arrays)[:8]) or "nothing"
+        missing.append("wrist_quat_wxyz")
+        raise TrajectoryError(
+            f"no array '{missing[0]}', it holds {have}; expected t, wrist_pos, wrist_quat, flex and abd"
+        )
+    time = numbers(arrays, "t")
+    if time.ndim != 1:
+        raise TrajectoryError(f"array 't' has shape {time.shape}; expected (T,)")
+    count = len(time)
     position, orientation = _pose(arrays, "wrist", count)
     meta = _meta(arrays)
     frame = meta.get("frame", "").lower()
@@ -53,11 +61,11 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     position, orientation = to_our_world(position, to_our_palm(orientation, axes), up)
     moved = {"object_pos", *(key.replace("wrist", "object") for key in QUATERNIONS)} & set(arrays)
     recording = Recording(
-        time=_array(arrays, "t", ()),
+        time=time,
         position=position,
         orientation=orientation,
-        flexion=_array(arrays, "flex", (5, 3), count),
-        abduction=_array(arrays, "abd", (5,), count),
+        flexion=numbers(arrays, "flex", count, 5, 3),
+        abduction=numbers(arrays, "abd", count, 5),
         form="npz",
         checksums="held",
         name=content.name,
@@ -71,7 +79,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         findings.append(note(f"the file says: {meta['note']}"))
     recording = recording.found(*findings)
     if "valid" in arrays:
-        doubtful = _array(arrays, "valid", (), count) == 0.0
+        doubtful = numbers(arrays, "valid", count) == 0.0
         if doubtful.any():
             text = "not valid, says the file: kept where there are numbers"
             recording = recording.flagged(doubtful, SampleFlag.INVALID, text)
@@ -81,25 +89,10 @@ def _read(content: Content, options: ReadOptions) -> Recording:
 def _pose(arrays: dict[str, Any], what: str, count: int) -> tuple[FloatArray, FloatArray]:
     """Return position and (w, x, y, z) of the "wrist" or "object" in the recording's world."""
     orders = {key.replace("wrist", what): order for key, order in QUATERNIONS.items()}
-    key = next((key for key in orders if key in arrays), f"{what}_quat_wxyz")
-    orientation = _array(arrays, key, (4,), count)[:, orders[key]]
-    return _array(arrays, f"{what}_pos", (3,), count), orientation
-
-
-def _array(arrays: dict[str, Any], key: str, tail: tuple[int, ...], count: int | None = None) -> FloatArray:
-    if key not in arrays:
-        have = ", ".join(sorted(arrays)[:8]) or "nothing"
-        raise TrajectoryError(f"no array '{key}', it holds {have}; expected t, wrist_pos, wrist_quat, flex and abd")
-    try:
-        values = np.array(arrays[key], dtype=np.float64)
-    except (TypeError, ValueError):
-        raise TrajectoryError(f"array '{key}' does not hold numbers") from None
-    expected = (values.shape[0] if values.ndim and count is None else count, *tail)
-    if values.ndim == 0 or values.shape != expected:
-        raise TrajectoryError(
-            f"array '{key}' has shape {values.shape}; expected {('T', *tail) if count is None else expected}"
-        )
-    return values
+    key = next((key for key in orders if key in arrays), "")
+    if not key or f"{what}_pos" not in arrays:
+        raise TrajectoryError(f"only one of {what}_pos and {what}_quat; expected both, or neither")
+    return numbers(arrays, f"{what}_pos", count, 3), numbers(arrays, key, count, 4)[:, orders[key]]
 
 
 def _meta(arrays: dict[str, Any]) -> dict[str, str]:

@@ -448,22 +448,6 @@ def test_a_stream_that_makes_no_sense_frees_the_fingers_and_begins_anew(server: 
     assert reader.glove.counters.malformed == (MOST_MALFORMED if order.startswith("garbage") else 0)
 
 
-def test_a_server_that_takes_nothing_is_sent_nothing_by_halves(server: FakeDexmo) -> None:
-    glove = opened(server)
-    server.order("stall")
-    for _ in range(1_000_000):
-        if not glove.send(command(0.5)):
-            break
-    counters = glove.counters
-    assert counters.commands_refused == 1
-    server.order("go")
-    heard(server, counters.commands)
-    assert not server.noted("not")
-    until(lambda: glove.send(command(0.0)))
-    heard(server, counters.commands)
-    assert not server.commands[-1]["stiffness"].any()
-
-
 def test_release_takes_a_fresh_connection_where_its_own_is_gone(server: FakeDexmo) -> None:
     reader = Reader(opened(server))
     reader.more(5)
@@ -486,16 +470,6 @@ def test_release_never_raises(server: FakeDexmo) -> None:
     glove.close()
     assert not glove.release(0.05)
     glove.close()
-
-
-def test_the_last_command_is_not_lost_by_closing(server: FakeDexmo) -> None:
-    for turn in range(5):
-        glove, wanted = opened(server), len(server.frames) + 26 + turn
-        # Frames that nobody read would reset the connection.
-        until(lambda wanted=wanted: len(server.frames) >= wanted)  # type: ignore[misc]
-        assert glove.release()
-        glove.close()
-        heard(server, turn + 1)
 
 
 def test_a_watchdog_beside_the_loop(server: FakeDexmo) -> None:

@@ -3,7 +3,6 @@
 import math
 import os
 import pty
-import socket
 import tty
 from contextlib import closing
 from pathlib import Path
@@ -13,7 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from live_peers import PATIENCE, Reader, free_ports
+from live_peers import PATIENCE, Reader
 
 from hhsim.errors import InputError
 from hhsim.live.device import Capability, DeviceError, FingerCommand
@@ -263,28 +262,3 @@ def test_a_fake_glove_in_another_process_every_line_accounted_for(tmp_path: Path
     assert set(commands) == {(600,) * 5, (0,) * 5}
     assert commands[-1] == (0,) * 5
     assert len(commands) == counters.commands + watchdog.counters.commands
-
-
-@pytest.mark.parametrize("tcp", [False, True], ids=["pty", "tcp"])
-def test_a_glove_whose_process_is_killed_comes_back(tmp_path: Path, tcp: bool) -> None:
-    port = free_ports(socket.SOCK_STREAM)
-    arguments = ("--port", port) if tcp else ("--link", tmp_path / "glove")
-    config = configure("opengloves", port=port, path="" if tcp else str(tmp_path / "glove"))
-    with (
-        FakeGlove("tools.opengloves_board", tmp_path / "peer.log", *arguments) as peer,
-        closing(open_device(config)) as device,
-    ):
-        device.open(PATIENCE)
-        reader = Reader(device)
-        reader.until(lambda: reader.count() > 10)
-        peer.kill()
-        assert "gone" in reader.until_lost()
-        assert not device.release(0.01), "nobody is there"
-        with pytest.raises(DeviceError):
-            device.send(FingerCommand())
-        peer.start()
-        reader.until_back()
-        before = reader.count()
-        reader.until(lambda: reader.count() > before + 10)
-        assert reader.samples["seq"].tolist() == list(range(reader.count()))
-        assert device.release()

@@ -3,8 +3,6 @@
 import os
 import signal
 import socket
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -15,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from joint_samples import JointSample, Side, joint_sample
-from live_peers import PATIENCE, Reader, free_ports, until_listened_to
+from live_peers import PATIENCE, Reader, example, free_ports, until_listened_to
 from openxr_peer import Location, hand_datagram
 
 from hhsim.errors import InputError
@@ -168,9 +166,7 @@ def test_the_palm_begins_where_it_is_told_to_and_moves_as_the_hand_does() -> Non
 @pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
 def test_the_example_bridge_sends_a_hand_and_hands_on_powers(stop: signal.Signals) -> None:
     port = free_ports(socket.SOCK_DGRAM)
-    words = [sys.executable, "-u", str(BRIDGE), str(port)]
-    bridge = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
-    try:
+    with example(BRIDGE, port) as bridge:
         assert bridge.stdout is not None
         with closing(open_device(configure("manus", port=port))) as glove:
             glove.open(PATIENCE)
@@ -196,11 +192,6 @@ def test_the_example_bridge_sends_a_hand_and_hands_on_powers(stop: signal.Signal
         bridge.send_signal(stop)
         assert bridge.wait(PATIENCE) == 0
         assert bridge.stdout.read().split()[-5:] == ["0.00"] * 5, "it lets go when it is stopped"
-    finally:
-        bridge.kill()
-        bridge.wait()
-        if bridge.stdout is not None:
-            bridge.stdout.close()
 
 
 def test_a_glove_that_knows_no_palm_is_told_so() -> None:

@@ -4,8 +4,6 @@ import runpy
 import signal
 import socket
 import struct
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -18,7 +16,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from live_peers import PATIENCE, Reader, free_ports
+from live_peers import PATIENCE, Reader, example, free_ports
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError
@@ -477,9 +475,7 @@ def test_a_fake_glove_at_1_khz_in_another_process_every_frame_accounted_for(tmp_
 @pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
 def test_the_example_bridge_speaks_the_packet(stop: signal.Signals) -> None:
     port = free_ports(socket.SOCK_DGRAM)
-    words = [sys.executable, "-u", str(BRIDGE), str(port)]
-    bridge = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
-    try:
+    with example(BRIDGE, port) as bridge:
         device = open_device(configure("udp", port=port))
         device.open(PATIENCE)
         reader = Reader(device)
@@ -499,11 +495,6 @@ def test_the_example_bridge_speaks_the_packet(stop: signal.Signals) -> None:
         assert bridge.wait(PATIENCE) == 0
         assert bridge.stdout.readline().split() == ["0.00/0.00"] * 5, "it lets go when it is stopped"
         device.close()
-    finally:
-        bridge.kill()
-        bridge.wait()
-        if bridge.stdout is not None:
-            bridge.stdout.close()
 
 
 def test_the_example_bridge_keeps_its_deadlines_whatever_a_sample_takes(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -93,10 +93,8 @@ def test_both_hands_in_one_file() -> None:
     # The left arm hangs from the same root, after the right one.
     inner = "\n".join(other_head.split("\n")[5:])
     root = head.rstrip().removesuffix("}")
-    rows = [
-        f"{one} {' '.join(other.split()[6:])}"
-        for one, other in zip(motion.splitlines()[2:], other_motion.splitlines()[2:])
-    ]
+    pairs = zip(motion.splitlines()[2:], other_motion.splitlines()[2:])
+    rows = [f"{one} {' '.join(other.split()[6:])}" for one, other in pairs]
     both = root + inner + "MOTION\n" + "\n".join(motion.splitlines()[:2] + rows) + "\n"
     recording = read_as("bvh", both)
     assert recording.hand == "right" and "the other hand is there too" in recording.findings[0].text
@@ -139,12 +137,9 @@ TEXT = bvh_text(CLEAN, RIGS["mixamo"])
         ("HIERARCHY", "a BVH hierarchy without MOTION"),
         ("ROOT a", "line 1 is 'ROOT a'; expected HIERARCHY"),
         ("HIERARCHY\n}", "line 2: a brace that closes nothing"),
-        ("HIERARCHY\n{", "line 2: a brace that opens nothing"),
         ("HIERARCHY\nJOINT a", "line 2: JOINT where none can be"),
         ("HIERARCHY\nROOT a\n{\n}", "line 4: a has no OFFSET"),
-        ("HIERARCHY\nROOT a\n{\nOFFSET 1 2", "line 4: OFFSET 1 2; expected 3 number"),
         ("HIERARCHY\nROOT a\n{\nOFFSET 1 2 nan", "line 4: OFFSET 1 2 nan; expected 3 number"),
-        ("HIERARCHY\nROOT a\n{\nCHANNELS 2 Xposition", "expected CHANNELS, their number"),
         ("HIERARCHY\nROOT a\n{\nCHANNELS 1 Wrotation", "expected CHANNELS, their number"),
         ("HIERARCHY\nhello", "line 2 is 'hello', which no BVH hierarchy holds there"),
         (TEXT.replace("Frames: 25", "Frames: x"), "Frames: x; expected 1 number"),

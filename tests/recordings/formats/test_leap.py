@@ -90,10 +90,7 @@ def without(key: str) -> str:
         ("[" * 100_000, "not JSON"),
         ('{"a": 1}', "JSON without frames"),
         ('{"frames": []}', "no frames"),
-        (
-            '{"frames": [{"time": 0, "poses": [1.0], "radii": [0.01]}]}',
-            "no frames of Leap Motion's, a list of 1, the first an object with time, poses, radii; expected",
-        ),
+        ('{"frames": [{"time": 0, "poses": [1.0]}]}', "a list of 1, the first an object with time, poses; expected"),
         ('[{"timestamp": 1, "joints": {}}]', "no hand in any of 1 frames, the first an object with timestamp, joints"),
         ('{"frames": [3]}', "frame 1 is '3'; expected an object"),
         ('{"frames": [["id"], [1, 2]]}', "frame 1 holds 2 values; expected 1"),
