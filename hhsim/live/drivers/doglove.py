@@ -70,7 +70,12 @@ class Doglove(GloveDevice):
             deadline = time.monotonic() + timeout
             while not (self._waiting and self._servo_ns):
                 if time.monotonic() > deadline:
-                    raise DeviceError(self._timeout_message(timeout))
+                    missing = "angle of the servos" if self._waiting else "reading of the encoders"
+                    ports = [port for port in (self._encoders, self._servos) if port is not None]
+                    hint = next(
+                        (port.hint for port in ports if port.hint), "do its scripts run, and send to these ports?"
+                    )
+                    raise DeviceError(f"{self._name}: no {missing} came within {timeout:g} s: {hint}")
                 time.sleep(0.002)
                 self._receive()
         except DeviceError:
@@ -163,12 +168,6 @@ class Doglove(GloveDevice):
         stamp = 1_000_000 * encoders.milliseconds if encoders.milliseconds >= 0 else UNKNOWN
         angles = np.radians(flexion), np.radians(abduction)
         self._write_sample(row, now, good, np.concatenate([degrees, servo]), angles, device_time_ns=stamp)
-
-    def _timeout_message(self, timeout: float) -> str:
-        missing = "reading of the encoders" if not self._waiting else "angle of the servos"
-        ports = [port for port in (self._encoders, self._servos) if port is not None]
-        hint = next((port.hint for port in ports if port.hint), "do its scripts run, and send to these ports?")
-        return f"{self._name}: no {missing} came within {timeout:g} s: {hint}"
 
 
 def servo_zero(text: str) -> FloatArray:

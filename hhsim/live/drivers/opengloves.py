@@ -6,6 +6,7 @@ limit: from free at 0 to the wanted bend at `FULL_STIFFNESS` and above.
 hhsim connects to the glove and not the reverse: the watchdog needs a connection of its own.
 """
 
+import contextlib
 import math
 import time
 from collections import deque
@@ -88,14 +89,10 @@ class OpenGlovesGlove(GloveDevice):
             fresh = self._receive()
             seen = (seen + fresh)[:40]
             for line, _ in list(self._waiting)[bad:]:
-                try:
-                    found = parse_line(line)
-                except LineError:
-                    bad += 1
-                    continue
-                if found is not None:
-                    self._begin(found)
-                    return
+                with contextlib.suppress(LineError):
+                    if (found := parse_line(line)) is not None:
+                        self._begin(found)
+                        return
                 bad += 1
         self._link.close()
         if seen:

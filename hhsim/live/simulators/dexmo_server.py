@@ -23,8 +23,7 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import HhsimError
 from hhsim.live.link.dexmo_codec import LENGTH, GloveMessage, MessageStream, decode_impedances, encode_frame, framed
-from hhsim.live.simulators.peer import FakePeer, PeerLog, peer_parser
-from hhsim.live.simulators.tcp_server import FakeServer
+from hhsim.live.simulators.peer import FakePeer, FakeServer, PeerLog, peer_parser
 
 COUNT_LOW, COUNT_SPAN = 700.0, 2400.0
 """Raw counts at 0, and from 0 to 1."""

@@ -10,7 +10,9 @@ states no unit: the hand's length tells it. Its world has y up unless the option
 """
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import takewhile
 
 import numpy as np
 
@@ -148,38 +150,27 @@ def _chains(joints: tuple[Joint, ...], side: str) -> dict[str, _Chain]:
     return found
 
 
+def _ancestors(joints: tuple[Joint, ...], index: int) -> Iterator[int]:
+    """Yield a joint and all that it hangs from."""
+    while index >= 0:
+        yield index
+        index = joints[index].parent
+
+
 def _side(joints: tuple[Joint, ...], index: int) -> HandSide:
     """Return the side of a joint, or of its nearest ancestor that names one."""
-    while index >= 0:
-        side = side_of(joints[index].name)
-        if side:
-            return side
-        index = joints[index].parent
-    return ""
+    return next((side for k in _ancestors(joints, index) if (side := side_of(joints[k].name))), "")
 
 
 def _longest_line(joints: tuple[Joint, ...], members: list[int]) -> list[int]:
     """Return the longest line of joints from the palm outwards, each the child of the one before."""
-    inside = set(members)
-    best: list[int] = []
-    for last in members:
-        line = [last]
-        while joints[line[0]].parent in inside:
-            line.insert(0, joints[line[0]].parent)
-        if len(line) > len(best):
-            best = line
-    return best
+    lines = ([*takewhile(set(members).__contains__, _ancestors(joints, last))][::-1] for last in members)
+    return max(lines, key=len, default=[])
 
 
 def _wrist(joints: tuple[Joint, ...], chains: dict[str, _Chain]) -> int:
     """Return the nearest common ancestor of all fingers."""
-    lines = []
-    for chain in chains.values():
-        line, index = [], joints[chain.joints[0]].parent
-        while index >= 0:
-            line.append(index)
-            index = joints[index].parent
-        lines.append(line)
+    lines = [list(_ancestors(joints, joints[chain.joints[0]].parent)) for chain in chains.values()]
     shared = [index for index in lines[0] if all(index in line for line in lines)]
     if not shared:
         raise TrajectoryError("the fingers hang from no common joint; expected a wrist")

@@ -38,12 +38,6 @@ JOINT = np.dtype(
 NANOSECOND = 1e-9
 
 
-class _Message(NamedTuple):
-    channel: int
-    log_time: int
-    data: bytes
-
-
 class _Sample(NamedTuple):
     stamps: tuple[int, ...]
     joints: NDArray[np.void] | None
@@ -52,7 +46,7 @@ class _Sample(NamedTuple):
 def _read(content: Content, options: ReadOptions) -> Recording:
     """Read the hand of the options, else the one with more samples; raises TrajectoryError."""
     channels: dict[int, tuple[str, str]] = {}
-    messages: dict[HandSide, list[_Message]] = {}
+    samples: dict[HandSide, list[_Sample]] = {}
     schemas: dict[int, str] = {}
     container = _Container(content.data)
     for code, body in container.records():
@@ -67,13 +61,12 @@ def _read(content: Content, options: ReadOptions) -> Recording:
             topic, schema_name = channels.get(number, ("", ""))
             side = _side(topic)
             if schema_name == HAND_SCHEMA and side:
-                messages.setdefault(side, []).append(_Message(number, log_time, body[22:]))
-    if not messages:
+                samples.setdefault(side, []).append(_sample(log_time, body[22:]))
+    if not samples:
         held = ", ".join(sorted({f"{topic} ({schema or 'no schema'})" for topic, schema in channels.values()})[:4])
         raise TrajectoryError(
             f"no hand among the channels, which are {held or 'none'}; expected {HAND_SCHEMA} on left_hand or right_hand"
         )
-    samples = {side: [_sample(message) for message in each] for side, each in messages.items()}
     seen = {side: sum(s.joints is not None for s in each) for side, each in samples.items()}
     side, findings = chosen_side(seen, options.hand)
     shown = [sample for sample in samples[side] if sample.joints is not None]
@@ -221,12 +214,11 @@ def _chunk(body: bytes, most: int) -> tuple[bytes, bool]:
     return packed, _agrees(packed, checksum, "a chunk")
 
 
-def _sample(message: _Message) -> _Sample:
+def _sample(log_time: int, data: bytes) -> _Sample:
     """Return stamps and joints of a record: a FlatBuffers table of a table and a struct of three stamps."""
-    data = message.data
     (root,) = _unpack("<I", data, 0)
     stamp, hand = _field(data, root, 1), _field(data, root, 0)
-    stamps = _unpack("<qqq", data, stamp) if stamp else (message.log_time,)
+    stamps = _unpack("<qqq", data, stamp) if stamp else (log_time,)
     if not hand:
         return _Sample(stamps, None)
     (offset,) = _unpack("<I", data, hand)

@@ -17,7 +17,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from live_peers import PATIENCE, Reader, example, free_ports
-from numpy.typing import NDArray
 
 from hhsim.errors import InputError
 from hhsim.live.device import Capability, DeviceError, FingerCommand
@@ -28,28 +27,11 @@ from hhsim.live.link.udp import PacketOrder, UdpPort
 from hhsim.live.link.udp_codec import COUNT, HEADER, Kind, PacketError, decode_packet, encode_packet
 from hhsim.live.pose.registry import PoseConfig, make_pose_source
 from hhsim.recordings.dexmo_regression import BEND, DexmoRegression
-from tools.fake_gloves import FakeGlove, PeerRecord
+from tools.fake_gloves import FakeGlove
 
 BRIDGE = Path(__file__).resolve().parents[3] / "examples" / "udp_bridge.py"
 KINDS = st.sampled_from(list(Kind))
 U32 = st.integers(0, 2**32 - 1)
-
-
-def answer_times(record: PeerRecord) -> NDArray[np.float64]:
-    """From a frame sent to the first command that answers it, both as the glove saw them [s], oldest frame first.
-
-    Frames behind which a newer one came before the next command have no answer of their own.
-    """
-    answers = record.command[:, 12] if len(record.command) else np.zeros(0)
-    numbers, first = np.unique(answers, return_index=True)
-    # A frame of an earlier session may have had the same number: the newest one before the command counts.
-    found = []
-    for number, place in zip(numbers, first):
-        came = record.command_ns[place]
-        sent = record.sent_ns[(record.sent[:, 5] == number) & (record.sent_ns <= came)]
-        if sent.size:
-            found.append(1e-9 * (came - sent[-1]))
-    return np.array(found)
 
 
 def test_the_bytes_are_those_of_the_table() -> None:
@@ -466,10 +448,8 @@ def test_a_fake_glove_at_1_khz_in_another_process_every_frame_accounted_for(tmp_
     assert counters.frames == len(rows) and len(record.command) == counters.commands
     assert counters.other == len(rows) - len(expected) > 10
     assert counters.dropped == unsent > 10
-    spent = answer_times(record)
     answered = set(record.command[:, 12].astype(int).tolist())
-    assert answered <= set(samples["device_seq"].tolist())
-    assert len(spent) == len(answered) > 100 and (spent > 0.0).all()
+    assert answered <= set(samples["device_seq"].tolist()) and len(answered) > 100
 
 
 @pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
