@@ -92,13 +92,9 @@ def read_run_delay(descriptor: int, text: Bytes) -> int:
 
 @jit
 def read_steal(descriptor: int, text: Bytes, allowed: NDArray[np.bool_], step: int) -> int:
-    """Read the host's steal time [ns] of some processors from /proc/stat; UNKNOWN where it cannot be read.
+    """Read the host's steal time [ns] of the `allowed` processors from the open /proc/stat; UNKNOWN on failure.
 
-    Args:
-        descriptor: Open file, -1 for none.
-        text: Buffer for the lines of all processors, which come first.
-        allowed: True for processors that count, by their numbers.
-        step: Unit of the system's counter [ns].
+    The buffer `text` holds the lines of all processors, which come first; `step` is the counter's unit [ns].
     """
     size = _read_bytes(descriptor, text)
     total = UNKNOWN

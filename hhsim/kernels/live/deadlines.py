@@ -72,14 +72,9 @@ def next_deadline(deadlines: Record, now: int) -> int:
 
 @jit
 def due_time(deadlines: Record, came: int, now: int) -> int:
-    """Return when the tick is due [ns]: with its input, else at its deadline.
+    """Return when the tick is due [ns]: with its input that `came`, else (`NOTHING`) at its deadline.
 
     A loop whose work was not done at the earliest due time keeps to its deadline: an early tick follows a pause.
-
-    Args:
-        deadlines: After `next_deadline`.
-        came: Arrival time of the tick's input [ns], or `NOTHING`.
-        now: Present time [ns].
     """
     aim = deadlines.aim_ns
     earliest = aim - int(EARLIEST * float(deadlines.period_ns))
@@ -119,9 +114,7 @@ def await_deadline(deadlines: Record) -> None:
 def wait_periods(deadlines: Record, late_out: NDArray[np.int64]) -> int:
     """Wait for a row of deadlines, the first a period from now, and return how many were missed.
 
-    Args:
-        deadlines: Record of `DEADLINES`, with its period.
-        late_out: Delay of the wake-up after each deadline [ns], or `PASSED`.
+    Writes the delay of the wake-up after each deadline [ns], or `PASSED`, to `late_out`.
     """
     begin_periods(deadlines, monotonic_ns())
     late_out[:] = PASSED

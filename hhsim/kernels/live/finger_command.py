@@ -129,7 +129,6 @@ def update_command(
     """Compute the command of a tick, and return `safety`, with SOLVER_FAILED for an angle or force that is not finite.
 
     Args:
-        commander: Record of `COMMANDER`.
         flexion, orientation: Graphic hand's flexion [rad], shape (5, 3), and palm (w, x, y, z), world.
         phalanx: Force on each phalanx [N], shape (5, 3, 3), world.
         safety: Bits of the tick; any of them frees all fingers.

@@ -48,12 +48,10 @@ def judge(
 
     Args:
         interlock: Record of `INTERLOCK`.
-        now: CLOCK_MONOTONIC [ns].
-        sample_ns, pose_ns: Times of sample and pose in use, -1 before the first.
+        now, sample_ns, pose_ns: Present time, and those of sample and pose in use, -1 before the first.
         usable: True if the newest sample can be used.
         missed: Periods missed right before this tick, and one more if it began late, without a sleep.
-        watchdog_ns: Watchdog's last sign of life, 0 before the first.
-        armed: True if the watchdog can reach the glove.
+        watchdog_ns: Watchdog's last sign of life, 0 before the first; it is `armed` if it can reach the glove.
         lost: True if the glove is gone.
         stopping: True in the last ticks.
     """

@@ -42,14 +42,7 @@ def count_phase(phase: Record, handed: int, period: int) -> None:
 
 @jit
 def deadline_shift(phase: Record, deadline: int, period: int, interval: float) -> int:
-    """Compute the shift of the next deadline from one period after `deadline` [ns].
-
-    Args:
-        phase: Record of `PHASE`.
-        deadline: Present deadline [ns].
-        period: Period of the loop [ns].
-        interval: Usual interval between two samples [ns].
-    """
+    """Compute the shift of the next deadline from one period after `deadline` [ns], for a usual sample interval."""
     resultant = math.hypot(phase.cosine, phase.sine)
     if phase.samples < LEAST_SAMPLES or resultant < LEAST_RESULTANT or interval < LEAST_INTERVAL * float(period):
         return as_int64(0)

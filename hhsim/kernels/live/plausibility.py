@@ -215,17 +215,14 @@ def _look_for_stuck(watch: Record, notes: Record, now: int) -> None:
 
 @jit
 def use_sample(watch: Record, notes: Record, sample: Record, flexion_out: Array, abduction_out: Array) -> bool:
-    """Judge a sample, and set `watch.free`.
+    """Judge a sample (`hhsim.live.device.GLOVE_SAMPLE`), set `watch.free` and write its plausible, finite angles.
 
     Args:
-        watch: Record of `WATCH`.
-        notes: Record of `hhsim.kernels.live.notes.NOTES`.
-        sample: Record of `hhsim.live.device.GLOVE_SAMPLE`.
-        flexion_out: Plausible flexion [rad], shape (5, 3).
-        abduction_out: Plausible abduction [rad], shape (5,).
+        flexion_out: [rad], shape (5, 3).
+        abduction_out: [rad], shape (5,).
 
     Returns:
-        False if the sample is unusable and nothing was written. Written angles are finite.
+        False if the sample is unusable and nothing was written.
     """
     for finger in range(FINGER_COUNT):
         for k in range(3):

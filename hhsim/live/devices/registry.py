@@ -120,7 +120,7 @@ def configure(
 
 
 def open_device(config: GloveConfig) -> "GloveDevice":
-    """Make the driver of a glove, not yet opened; raises InputError for settings that it cannot use."""
+    """Make the driver of a glove, not yet opened; InputError for settings that it cannot use."""
     device: GloveDevice = _named(GLOVES[config.kind].driver)(config)
     return device
 

@@ -67,11 +67,7 @@ class GloveCalibration:
         return bool(np.abs(self.regression.closed - self.regression.open).max() > MOST_NORMALISED)
 
     def fitting(self, channels: Sequence[float]) -> "GloveCalibration":
-        """Return the calibration with the regression for a glove that sends these channels, finite, shape (11,).
-
-        Raises:
-            InputError: Raw counts without a calibration in counts, or the reverse.
-        """
+        """Return the calibration for a glove that sends these channels, finite, shape (11,); InputError if none is."""
         most = max(abs(value) for value in channels)
         if most > MOST_NORMALISED:
             if self.counts is None:

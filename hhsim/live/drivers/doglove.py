@@ -185,14 +185,11 @@ def servo_zero(text: str) -> FloatArray:
 
 
 def hand_angles(encoders: FloatArray, bend: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Compute the joints of the hand [deg] from the glove's readings; the thumb's rotation is not modelled.
+    """Compute flexion (5, 3) and abduction (5,) [deg] of the hand; the thumb's rotation is not modelled.
 
     Args:
         encoders: Readings of the main board [deg], shape (16,).
         bend: Servos' angles relative to the flat hand [deg], shape (5,).
-
-    Returns:
-        Flexion, shape (5, 3), and abduction, shape (5,).
     """
     flexion = np.stack([bend, 270.0 - encoders[PIP], encoders[DIP] - 90.0], axis=1)
     abduction = 180.0 - encoders[SPLIT]

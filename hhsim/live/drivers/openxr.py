@@ -111,8 +111,6 @@ def encode_haptic_command(endpoint: str, powers: Sequence[float]) -> bytes:
     | 24 | the values: uint32 5, then five float32, thumb to little finger, 0 to 1 |
     | 48 | the endpoint: uint32 length, its letters, zeros to a multiple of four, one at least |
 
-    Args:
-        endpoint: "left" or "right".
-        powers: Powers of the five motors, 0 to 1, thumb to little finger.
+    The endpoint is "left" or "right"; powers are 0 to 1, thumb to little finger.
     """
     return _HEAD + _FIVE.pack(*powers) + _TAIL[endpoint]

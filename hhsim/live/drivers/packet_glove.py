@@ -25,13 +25,8 @@ RELEASE_COPIES = 3
 class PacketGlove(GloveDevice):
     """Glove of a bridge.
 
-    Samples are used in the order of their sequence numbers; late ones are left out and counted. The first packet sets
-    the kind of numbers that the bridge sends.
-
-    Args:
-        host: Host of the bridge.
-        port: Port at which samples arrive; commands go to the next one.
-        name: Name of the glove, for messages.
+    Samples arrive at `port`, and commands go to the next one. Samples are used in the order of their sequence numbers;
+    late ones are left out and counted. The first packet sets the kind of numbers that the bridge sends.
     """
 
     SAMPLES: ClassVar[tuple[Kind, ...]]

@@ -9,11 +9,7 @@ from hhsim.live.pose.registry import PoseConfig, PoseSource
 
 
 def checked_pose(position: ArrayLike, orientation: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Return position [m] and unit quaternion (w, x, y, z).
-
-    Raises:
-        InputError: Wrong shape, not finite, or a quaternion of length zero.
-    """
+    """Return position [m] and unit quaternion (w, x, y, z); InputError for wrong shapes, NaN or no rotation."""
     place, turn = np.asarray(position, np.float64), np.asarray(orientation, np.float64)
     if place.shape != (3,) or turn.shape != (4,):
         raise InputError(f"a pose of shapes {place.shape} and {turn.shape}; expected (3,) and (4,)")

@@ -104,11 +104,7 @@ class PoseSource(ABC):
 def make_pose_source(
     config: PoseConfig, status: "SharedBlock | None" = None, glove: "GloveDevice | None" = None
 ) -> PoseSource:
-    """Make a source, not yet opened.
-
-    Args:
-        status: Block of `LIVE_STATUS`, which `keyboard` reads.
-        glove: Glove of the session, which `glove` reads.
+    """Make a source, not yet opened; `keyboard` reads the status block (`LIVE_STATUS`), `glove` the session's glove.
 
     Raises:
         UnknownNameError: No such kind.

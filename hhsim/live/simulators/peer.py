@@ -64,12 +64,7 @@ class PeerLog:
 
 
 def fake_channels(seed: int, time: float) -> FloatArray:
-    """Compute the channels `hhsim.live.link.dexmo_codec.CHANNELS` of a made-up motion, 0 to 1, shape (11,).
-
-    Args:
-        seed: Seed of each finger's pace.
-        time: Time since the beginning [s].
-    """
+    """Compute the channels (`CHANNELS`, 0 to 1) of a made-up motion at a time [s]; `seed` sets each finger's pace."""
     random = np.random.default_rng(seed)
     rate, phase = random.uniform(0.2, 0.7, len(CHANNELS)), random.uniform(0.0, 2.0 * np.pi, len(CHANNELS))
     size = np.where(np.isin(np.arange(len(CHANNELS)), BENDS), 0.45, 0.1)
@@ -98,7 +93,6 @@ class FakePeer(ABC):
 
     Args:
         options: Command line of `peer_parser`.
-        log: Log of the frames.
         line: Open connection.
         orders: Further orders of this glove, called with the number after the word, or 1.
     """
@@ -222,14 +216,9 @@ class _Client:
 
 
 class FakeServer:
-    """Server whose clients are numbered from 0; bytes that a client does not take at once go with the next frame.
+    """TCP server on 127.0.0.1 whose clients are numbered from 0; port 0 is any that is free.
 
-    Args:
-        port: TCP port on 127.0.0.1; 0 for any that is free.
-        log: Log of clients that connect and leave.
-
-    Attributes:
-        at_once: Most bytes of one send.
+    Bytes that a client does not take at once go with the next frame, at most `at_once` bytes in one send.
     """
 
     def __init__(self, port: int, log: PeerLog) -> None:

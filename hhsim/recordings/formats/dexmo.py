@@ -83,12 +83,7 @@ def _within(recording: Recording, readings: FloatArray, span: tuple[float, float
 
 
 def calibration_of(path: Path, options: ReadOptions) -> DexmoRegression:
-    """Return the calibration of a recording by the poses of the options.
-
-    Raises:
-        InputError: Raw counts without a calibration, or spans without samples.
-        TrajectoryError: No stamps, or no numbers.
-    """
+    """Return the calibration of a recording by the poses of the options; InputError without samples in them."""
     return _calibrated(Content(path), options)[1]
 
 

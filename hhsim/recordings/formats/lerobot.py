@@ -46,7 +46,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     width = 2 * JOINTS * 3
     values = None if named is None else _numbers(columns, named, rows)
     if values is None or values.shape[1] not in (width, width // 2):
-        held = ", ".join(f"{name} ({_width(values_)})" for name, values_ in list(columns.items())[:6])
+        held = ", ".join(f"{name} ({_numbers(columns, name, rows[:1]).shape[1]})" for name in list(columns)[:6])
         what = f"{named} has {values.shape[1]} numbers" if values is not None else "no hand_joints"
         raise TrajectoryError(
             f"{what}; it holds {held}; expected hand_joints of 2 × {JOINTS} × 3, or --columns that explain the others"
@@ -214,11 +214,6 @@ def _flat(cell: Any, depth: int) -> list[float]:
     if isinstance(cell, list) and depth < 6:
         return [number for item in cell for number in _flat(item, depth + 1)]
     return [float(cell)] if isinstance(cell, int | float) and not isinstance(cell, bool) else [float("nan")]
-
-
-def _width(column: Any) -> int:
-    first = next((cell for cell in column.slice(0, 1).to_pylist()), None)
-    return len(_flat(first, 0)) if isinstance(first, list) else 1
 
 
 def _table(columns: dict[str, Any], rows: IntArray, info: dict[str, Any]) -> Table:

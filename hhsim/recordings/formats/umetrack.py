@@ -61,13 +61,9 @@ def _read(content: Content, options: ReadOptions) -> Recording:
 
 
 def _hand_points(rest: FloatArray, axes: FloatArray, landmarks: FloatArray, angles: FloatArray) -> FloatArray:
-    """Compute the 21 joints in the wrist's frame, shape (T, 21, 3), in the unit of the profile.
+    """Compute the 21 joints in the wrist's frame, shape (T, 21, 3), from angles [rad], shape (T, 20).
 
-    Args:
-        rest: Rest positions of the joints, shape (20, 3).
-        axes: Their unit axes, shape (20, 3).
-        landmarks: Rest positions of the profile's landmarks, shape (21, 3).
-        angles: [rad], shape (T, 20).
+    The profile gives rest positions and unit axes of 20 joints, and rest positions of 21 landmarks, in its unit.
     """
     points = np.empty((len(angles), 21, 3))
     points[:, 0] = landmarks[WRIST]

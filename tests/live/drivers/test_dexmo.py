@@ -144,10 +144,12 @@ def test_commands_arrive_as_they_were_given(server: FakeDexmo) -> None:
     heard(server, 5)
     received = server.commands
     assert (received["number"] == RIGHT).all() and glove.counters.commands == 5
-    assert np.array_equal(received["stiffness"][0], np.float32(stiffness))
-    assert np.array_equal(received["set_point"][0], np.float32([1.0, 1e-3, 0.125, 0.5, 0.25])), "a direction has a sign"
+    assert np.array_equal(received["stiffness"][0], np.array(stiffness, np.float32))
+    assert np.array_equal(received["set_point"][0], np.array([1.0, 1e-3, 0.125, 0.5, 0.25], np.float32)), (
+        "a direction has a sign"
+    )
     assert np.array_equal(received["stiffness"][3], np.ones(5))
-    assert np.array_equal(received["set_point"][3], np.float32([1e-3, 1.0, 0.5, 0.5, 0.5]))
+    assert np.array_equal(received["set_point"][3], np.array([1e-3, 1.0, 0.5, 0.5, 0.5], np.float32))
     assert not received["stiffness"][4].any() and not received["set_point"][4].any()
     assert received["kept"].tolist() == [1, 1, 0, 0, 1], (
         "the server must keep the first one, and what lets go of a finger"
@@ -174,7 +176,7 @@ def test_set_points_are_the_servers_bends(server: FakeDexmo, tmp_path: Path) -> 
     glove = opened(server, calibration=str(ours))
     glove.send(command(0.5, [0.0, 0.25, 0.5, 0.75, 1.0]))
     heard(server, 1)
-    assert np.array_equal(server.commands[0]["set_point"], np.float32([0.25, 0.375, 0.5, 0.625, 0.75]))
+    assert np.array_equal(server.commands[0]["set_point"], np.array([0.25, 0.375, 0.5, 0.625, 0.75], np.float32))
     reader = Reader(glove)
     reader.more(3)
     wanted, _ = DEFAULT.angles((reader.column("channels")[:, :11] - 0.25) / 0.5)
