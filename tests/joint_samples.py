@@ -216,3 +216,15 @@ def array_npy(array: Any) -> bytes:
     stream = io.BytesIO()
     np.save(stream, np.asarray(array))
     return stream.getvalue()
+
+
+def words(recording: Recording) -> str:
+    """All that its reader has to say of a recording."""
+    return " | ".join(finding.text for finding in recording.findings)
+
+
+def assert_our_own(recording: Recording, sample: JointSample) -> None:
+    """The motion is the sample's."""
+    assert np.abs(recording.flexion - sample.motion.flexion).max() < 1e-6
+    assert np.abs(recording.abduction - sample.motion.abduction).max() < 1e-6
+    assert np.allclose(recording.position, sample.motion.position, atol=1e-9)

@@ -3,8 +3,11 @@
 import itertools
 import os
 import socket
+import subprocess
+import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -87,3 +90,14 @@ class Reader:
         while not self.device.reconnect():
             assert time.monotonic() < end, "it never came back"
             time.sleep(0.001)
+
+
+@contextmanager
+def example(path: Path, port: int) -> Iterator[subprocess.Popen[str]]:
+    """An example's bridge as another process, and what it prints."""
+    words = [sys.executable, "-u", str(path), str(port)]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as bridge:
+        try:
+            yield bridge
+        finally:
+            bridge.kill()

@@ -28,8 +28,7 @@ from hhsim.live.link.opengloves_codec import (
     LineStream,
     parse_line,
 )
-from hhsim.live.simulators.peer import BENDS, FakePeer, PeerLog, peer_parser
-from hhsim.live.simulators.tcp_server import FakeServer
+from hhsim.live.simulators.peer import BENDS, FakePeer, FakeServer, PeerLog, peer_parser
 
 NONE = (math.nan,) * 5
 

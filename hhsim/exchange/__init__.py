@@ -1,1 +1,1 @@
-"""The hand in the formats of other software: URDF, MJCF."""
+"""Export of the hand to URDF and MJCF."""

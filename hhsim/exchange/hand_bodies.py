@@ -1,9 +1,7 @@
-"""The hand as bodies and joints, as URDF, MJCF and rigid-body engines have them.
+"""Rigid bodies and joints of the hand, for URDF, MJCF and physics engines.
 
-The frame of every body is that of its joint, and where all angles are zero it is turned as the palm's is: a body is
-placed by an offset alone, and what rounds is the length of a phalanx times its direction, nothing else. Setting the
-joints to a configuration's flexion and abduction puts the joint centres where `hhsim.hand.model.HandModel.joints` has
-them.
+The frame of every body has its origin at its joint, and the palm's axes where all angles are zero. With a
+configuration's flexion and abduction the joint centres are those of `hhsim.hand.model.HandModel.joints`.
 """
 
 from dataclasses import dataclass
@@ -16,19 +14,19 @@ from hhsim.hand.fingers import FINGERS, PHALANGES
 from hhsim.hand.model import HandModel
 
 PALM = "palm"
-"""Name of the body that all others hang on: its origin and its frame are the palm's."""
+"""Name of the root body, in the palm frame."""
 STEP = 5e-4
-"""Between the radii of two capsules that stand for a tapering phalanx [m]: none of its surface is farther inside."""
+"""Step of the radii of the capsules in a tapering phalanx [m], and bound of their distance to its surface."""
 DENSITY = 1000.0
-"""Of the hand [kg/m³]: hhsim's hand has no mass, and engines want one."""
+"""Density of the hand for engines [kg/m³]; hhsim's hand has no mass."""
 
 
 @dataclass(frozen=True)
 class HandJoint:
-    """A hinge.
+    """Hinge of a body.
 
     Attributes:
-        name: As the column of a submission, without its unit: `index_abd`, `index_flex1`.
+        name: Column of a submission without its unit: `index_abd`, `index_flex1`.
         axis: Unit vector about which a positive angle turns, shape (3,), frame of the body.
         lower, upper: Limits [rad].
     """
@@ -41,12 +39,7 @@ class HandJoint:
 
 @dataclass(frozen=True)
 class Capsule:
-    """A capsule, or a sphere where both ends are the same [m]; frame of the body.
-
-    Attributes:
-        start, end: Centres of its ends, shape (3,).
-        radius: Of both.
-    """
+    """Capsule, or a sphere if both ends are equal, by its ends' centres (3,) and radius [m]; frame of the body."""
 
     start: FloatArray
     end: FloatArray
@@ -54,33 +47,25 @@ class Capsule:
 
     @property
     def is_sphere(self) -> bool:
-        """Whether it has no length."""
+        """True if it has no length."""
         return bool((self.start == self.end).all())
 
 
 @dataclass(frozen=True)
 class RoundCone:
-    """A phalanx as hhsim has it: the hull of two spheres [m]; frame of the body, `start` is its origin.
-
-    Attributes:
-        end: Centre of the sphere at the next joint or the tip, shape (3,).
-        start_radius, end_radius: Of the two.
-    """
+    """Shape of a phalanx: hull of spheres at the body's origin and at `end` (3,), the next joint or the tip [m]."""
 
     end: FloatArray
     start_radius: float
     end_radius: float
 
     def capsules(self, step: float = STEP) -> list[Capsule]:
-        """Capsules and a sphere inside of the round cone; `step` [m] bounds how far its surface is off theirs.
-
-        One capsule where both radii are equal.
-        """
+        """Return capsules and a sphere inside of the round cone, at most `step` [m] from its surface."""
         origin, taper = np.zeros(3), self.start_radius - self.end_radius
         if taper <= 0.0:
             return [Capsule(origin, self.end, self.end_radius)]
         pieces = int(np.ceil(taper / step))
-        # Each has the smaller radius of its two ends: its spheres lie in those of the cone.
+        # The smaller radius of each piece's ends, so that it lies in the cone.
         share = np.arange(pieces + 1) / pieces
         parts = [
             Capsule(share[i] * self.end, share[i + 1] * self.end, self.start_radius - share[i + 1] * taper)
@@ -91,13 +76,7 @@ class RoundCone:
 
 @dataclass(frozen=True)
 class Inertial:
-    """Mass properties.
-
-    Attributes:
-        mass: [kg].
-        center: Of mass [m], shape (3,), frame of the body.
-        inertia: About the centre, axes of the body's frame [kg·m²], shape (3, 3).
-    """
+    """Mass [kg], centre of mass (3,) [m] and inertia about it (3, 3) [kg·m²], in the frame of the body."""
 
     mass: float
     center: FloatArray
@@ -110,12 +89,12 @@ class HandBody:
 
     Attributes:
         name: `palm`, or finger and number of the phalanx: `index_1`.
-        parent: Name of the body that it hangs on; "" for the palm.
-        offset: Its origin in the parent's frame [m], shape (3,).
-        joints: In the order in which they turn it, the one next to the parent first; none for the palm, which is free.
-        shapes: What collides.
-        inertial: Its mass.
-        cone: Of a phalanx, what the shapes stand for; None for the palm, whose spheres are its own.
+        parent: Name of its parent; "" for the palm.
+        offset: Origin in the parent's frame [m], shape (3,).
+        joints: Joints in the order in which they turn it, from the parent; none for the palm, which is free.
+        shapes: Collision shapes.
+        inertial: Mass properties.
+        cone: Shape of a phalanx; None for the palm.
     """
 
     name: str
@@ -129,30 +108,23 @@ class HandBody:
 
 @dataclass(frozen=True)
 class HandBodies:
-    """All bodies, a parent before what hangs on it.
-
-    Attributes:
-        bodies: The palm, then the phalanges, finger by finger, proximal to distal.
-    """
+    """Bodies of a hand: the palm, then the phalanges, finger by finger, proximal to distal."""
 
     bodies: tuple[HandBody, ...]
 
     @cached_property
     def joints(self) -> tuple[HandJoint, ...]:
-        """All joints in their order: abduction and three flexions a finger, 20 in all."""
+        """All joints: abduction and three flexions a finger, 20 in all."""
         return tuple(joint for body in self.bodies for joint in body.joints)
 
     def angles(self, flexion: FloatArray, abduction: FloatArray) -> dict[str, float]:
-        """The angle of each joint [rad] by name, for flexion, shape (5, 3), and abduction, shape (5,)."""
-        found = {}
-        for f, finger in enumerate(FINGERS):
-            found[f"{finger}_abd"] = float(abduction[f])
-            found |= {f"{finger}_flex{k + 1}": float(flexion[f, k]) for k in range(PHALANGES)}
-        return found
+        """Return each joint's angle [rad] by name, for flexion, shape (5, 3), and abduction, shape (5,)."""
+        values = np.column_stack([abduction, flexion]).ravel().tolist()
+        return dict(zip((joint.name for joint in self.joints), values))
 
 
 def hand_bodies(hand: HandModel) -> HandBodies:
-    """The bodies and joints of a hand."""
+    """Compute the bodies and joints of a hand."""
     bodies = [_palm(hand)]
     for f, finger in enumerate(FINGERS):
         limits = float(hand.abduction_min[f]), float(hand.abduction_max[f])
@@ -173,7 +145,7 @@ def _palm(hand: HandModel) -> HandBody:
     tree = hand.palm_tree
     shapes = tuple(Capsule(center, center, float(radius)) for center, radius in zip(tree.leaf_center, tree.leaf_radius))
     corners = hand.palm_mesh.vertices[hand.palm_mesh.faces]
-    # Tetrahedra from the origin to each face: their volumes, and what they weigh at their centres.
+    # Volumes of the tetrahedra from the origin to each face, weighted at their centres.
     volume = np.einsum("ti,ti->t", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0
     center = (volume[:, None] * corners.sum(axis=1) / 4.0).sum(axis=0) / volume.sum()
     mass = DENSITY * float(volume.sum())
@@ -183,7 +155,7 @@ def _palm(hand: HandModel) -> HandBody:
 
 
 def _of_cone(cone: RoundCone) -> Inertial:
-    """Those of the cylinder of its mean radius."""
+    """Return the mass properties of the cylinder of the cone's mean radius."""
     length, radius = float(np.linalg.norm(cone.end)), 0.5 * (cone.start_radius + cone.end_radius)
     mass = DENSITY * np.pi * radius**2 * length
     along = np.outer(cone.end, cone.end) / length**2

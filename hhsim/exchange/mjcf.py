@@ -14,17 +14,16 @@ from hhsim.trees.sphere_tree import SphereTree
 
 
 def hand_mjcf(hand: HandModel) -> str:
-    """MJCF text of a hand, in m, rad and kg.
+    """Return the MJCF text of a hand, in m, rad and kg.
 
-    The palm has a free joint called `palm`, so that its part of qpos is position and orientation (w, x, y, z), world;
-    the hinges are called as the columns of a submission, and a site at each tip sphere's centre as `thumb_tip`. The
-    hand collides with what has the usual contact bits, and not with itself. Capsules of a tapering phalanx lie inside
-    of it, by `hhsim.exchange.hand_bodies.STEP` at most.
+    The palm has a free joint `palm`, with position and orientation (w, x, y, z), world, in qpos; the hinges are named
+    like the columns of a submission, and a site at each tip sphere's centre `thumb_tip`. The hand collides with usual
+    contact bits, and not with itself. Capsules lie inside of a phalanx, by `hhsim.exchange.hand_bodies.STEP` at most.
     """
     model = Xml.Element("mujoco", model=f"{hand.side}_hand")
     Xml.SubElement(model, "compiler", angle="radian", autolimits="true")
     usual = Xml.SubElement(model, "default")
-    # Contact bits that meet those of everything else, and not their own: fingers pass through each other.
+    # Contact bits that match all others and not their own: fingers pass through each other.
     Xml.SubElement(usual, "geom", contype="1", conaffinity="0")
     world = Xml.SubElement(model, "worldbody")
     add_hand(world, hand_bodies(hand))
@@ -33,20 +32,19 @@ def hand_mjcf(hand: HandModel) -> str:
 
 
 def scene_mjcf(hand: HandModel, tree: SphereTree, pose: HandConfiguration, hand_file: str, mesh_file: str) -> str:
-    """MJCF text of a hand and an object that stands still; keyframe `start` puts the hand where it begins.
+    """Return the MJCF text of a hand and a fixed object; keyframe `start` is the hand's first pose.
 
-    The object collides as the leaf spheres of its tree, since MuJoCo would take the convex hull of its mesh; the mesh
-    is what is seen.
+    The mesh is shown; the leaf spheres of its tree collide, since MuJoCo would take the mesh's convex hull.
 
     Args:
-        tree: Of the object [m], world.
-        pose: Of the hand at first.
-        hand_file: With the text of `hand_mjcf`, beside this one.
-        mesh_file: Of the object [m], world, beside this one.
+        tree: Sphere tree of the object [m], world.
+        pose: First pose of the hand.
+        hand_file: File of `hand_mjcf` beside this one.
+        mesh_file: Mesh of the object [m], world, beside this one.
     """
     model = Xml.Element("mujoco", model="scene")
     Xml.SubElement(model, "include", file=hand_file)
-    # Of a shell there is inertia whether the mesh encloses something or not.
+    # A shell has inertia even if the mesh is open.
     Xml.SubElement(Xml.SubElement(model, "asset"), "mesh", name="object", file=mesh_file, inertia="shell")
     body = Xml.SubElement(Xml.SubElement(model, "worldbody"), "body", name="object")
     seen = {"contype": "0", "conaffinity": "0", "group": "2"}
@@ -62,7 +60,7 @@ def scene_mjcf(hand: HandModel, tree: SphereTree, pose: HandConfiguration, hand_
 
 
 def add_hand(world: Xml.Element, bodies: HandBodies) -> None:
-    """Put the bodies of a hand into the worldbody of a model."""
+    """Add the bodies of a hand to the worldbody of a model."""
     placed: dict[str, Xml.Element] = {"": world}
     tips = {f"{finger}_{PHALANGES}": f"{finger}_tip" for finger in FINGERS}
     for body in bodies.bodies:
@@ -96,5 +94,5 @@ def _add_parts(element: Xml.Element, body: HandBody) -> None:
 
 
 def numbers(values: ArrayLike | Iterable[float]) -> str:
-    """Numbers of an attribute, in full precision with spaces between."""
+    """Format numbers of an attribute in full precision, separated by spaces."""
     return " ".join(repr(float(value) + 0.0) for value in np.ravel(np.asarray(values)))

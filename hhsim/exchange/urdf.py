@@ -1,4 +1,4 @@
-"""The hand as URDF, the format of ROS, PyBullet and Drake (wiki.ros.org/urdf/XML)."""
+"""Export of the hand as URDF, the format of ROS, PyBullet and Drake (wiki.ros.org/urdf/XML)."""
 
 from xml.etree import ElementTree as Xml
 
@@ -7,26 +7,26 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.exchange.hand_bodies import Capsule, HandBody, HandJoint, Inertial, hand_bodies
 from hhsim.exchange.mjcf import numbers
-from hhsim.hand.fingers import FINGERS, PHALANGES
+from hhsim.hand.fingers import PHALANGES
 from hhsim.hand.model import HandModel
 
 LIMITS = {"effort": "10.0", "velocity": "100.0"}
-"""Of a joint [N·m, rad/s]: URDF demands them, and hhsim's hand has none."""
+"""Limits of a joint [N·m, rad/s], which URDF demands and hhsim's hand has not."""
 KNUCKLE = Inertial(1e-4, np.zeros(3), 1e-8 * np.eye(3))
-"""Of the link between a finger's abduction and its first flexion, which stands for nothing: as little as is sound."""
+"""Smallest sound mass of the link between a finger's abduction and first flexion, which represents no body."""
 
 
 def hand_urdf(hand: HandModel) -> str:
-    """URDF text of a hand, in m, rad and kg.
+    """Return the URDF text of a hand, in m, rad and kg.
 
-    The root link is the palm, its frame the palm's; who loads it places it. A joint of URDF turns one way, so that each
-    finger has a link `index_knuckle` between abduction and first flexion, without a shape. The other links are called
-    as the bodies of `hhsim.exchange.hand_bodies`, and a link without mass at each tip sphere's centre `thumb_tip`. URDF
-    has no capsules: each is a cylinder with a sphere at both ends. Nothing of it keeps fingers from touching each
-    other, or a phalanx its neighbour: leave collisions of the hand with itself off.
+    The root link is the palm, in its frame. A URDF joint has one axis, so each finger has a link `index_knuckle`
+    without a shape between abduction and first flexion; the other links are named like the bodies of
+    `hhsim.exchange.hand_bodies`, and a massless link at each tip sphere's centre `thumb_tip`. URDF has no capsules:
+    each is a cylinder with a sphere at both ends. Leave collisions of the hand with itself off.
     """
     robot = Xml.Element("robot", name=f"{hand.side}_hand")
-    for body in hand_bodies(hand).bodies:
+    bodies = hand_bodies(hand).bodies
+    for body in bodies:
         parent, offset = body.parent, body.offset
         for joint in body.joints[:-1]:
             knuckle = f"{body.name.rpartition('_')[0]}_knuckle"
@@ -36,10 +36,10 @@ def hand_urdf(hand: HandModel) -> str:
         _add_body(robot, body)
         if body.joints:
             _add_joint(robot, body.joints[-1], parent, body.name, offset)
-    lasts = {f"{finger}_{PHALANGES}": f"{finger}_tip" for finger in FINGERS}
-    for body in hand_bodies(hand).bodies:
-        if body.cone is not None and body.name in lasts:
-            tip = lasts[body.name]
+    for body in bodies:
+        finger, _, number = body.name.partition("_")
+        if body.cone is not None and number == str(PHALANGES):
+            tip = f"{finger}_tip"
             Xml.SubElement(robot, "link", name=tip)
             fixed = Xml.SubElement(robot, "joint", name=f"{tip}_fixed", type="fixed")
             _connect(fixed, body.name, tip, body.cone.end)
@@ -80,7 +80,7 @@ def _add_shape(link: Xml.Element, role: str, shape: Capsule) -> None:
 
 
 def _turn_of_z(direction: FloatArray) -> FloatArray:
-    """Roll, pitch and yaw [rad] that turn z, along which a cylinder lies, to a unit direction."""
+    """Return roll, pitch and yaw [rad] from z, the axis of a cylinder, to a unit direction."""
     x, y, z = direction
     return np.array([0.0, np.arctan2(np.hypot(x, y), z), np.arctan2(y, x)])
 

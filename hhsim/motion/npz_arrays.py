@@ -4,10 +4,12 @@ import io
 import tokenize
 import zipfile
 import zlib
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
 
 ALWAYS, PER_BYTE = 1 << 28, 100
@@ -63,3 +65,23 @@ def read_npz(data: bytes) -> dict[str, Any]:
         raise TrajectoryError(f"not an .npz archive, or a damaged one: {reason}") from None
     except DAMAGE as error:
         raise TrajectoryError(f"a damaged .npz archive: {type(error).__name__}") from None
+
+
+def array_names(data: bytes) -> set[str]:
+    """Return the names of an archive's files, those of arrays without `.npy`; none of a damaged archive."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            return {name.removesuffix(".npy") for name in archive.namelist()}
+    except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError):
+        return set()
+
+
+def numbers(arrays: Mapping[str, Any], key: str, *shape: int) -> FloatArray:
+    """Return an array as numbers, of a shape if one is given; TrajectoryError for others."""
+    try:
+        values = np.array(arrays[key], dtype=np.float64)
+    except (TypeError, ValueError):
+        raise TrajectoryError(f"array '{key}' does not hold numbers") from None
+    if shape and values.shape != shape:
+        raise TrajectoryError(f"array '{key}' has shape {values.shape}; expected {shape}")
+    return values

@@ -1,1 +1,1 @@
-"""The decisions of a live loop's tick, and the loop itself, with no interpreter in it."""
+"""Kernels of the live loop: its decisions in a tick, and the loop itself, without the interpreter."""

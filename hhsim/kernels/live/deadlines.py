@@ -1,8 +1,7 @@
-"""The periods of a loop: absolute deadlines; a period in which no tick begins is missed, and counted.
+"""Periods of a loop with absolute deadlines; a period in which no tick begins is missed.
 
-The loop of a session and the one that only measures wake-ups count by the same code. A tick is due at its deadline, or
-before it when what it waits for comes, by `EARLIEST` periods at most: the deadlines stay where they are, so that there
-is one tick a period all the same.
+A tick is due at its deadline, or with its input up to `EARLIEST` periods before it. Deadlines do not move with it, so
+there is one tick a period.
 """
 
 import numpy as np
@@ -13,53 +12,37 @@ from hhsim.kernels.jit import Record, jit
 from hhsim.kernels.timed_wait import sleep_until
 
 PASSED = -1
-"""Stands for a deadline that could not be slept for."""
+"""Delay of a deadline that could not be slept for."""
 NOTHING = -1
-"""Stands for the time at which something came, where nothing has."""
+"""Arrival time of an input that has not come."""
 EARLIEST = 0.75
-"""Of a period: so long before its deadline a tick may be due at most."""
+"""Longest time before its deadline at which a tick is due [periods]."""
 
 DEADLINES = np.dtype(
     [
         ("period_ns", np.int64),
-        ("shift_ns", np.int64),
-        ("tick", np.int64),
-        ("deadline_ns", np.int64),
-        ("early_ns", np.int64),
-        ("asked_ns", np.int64),
+        ("shift_ns", np.int64),  # by which the present period is longer
+        ("tick", np.int64),  # number of the present period, from 0; missed ones leave gaps
+        ("deadline_ns", np.int64),  # latest time at which it was to begin
+        ("early_ns", np.int64),  # time before the deadline at which it was due, 0 without an input
+        ("asked_ns", np.int64),  # when the loop began to wait
         ("woke_ns", np.int64),
-        ("wakeup_ns", np.int64),
-        ("late_ns", np.int64),
-        ("missed", np.int64),
+        ("wakeup_ns", np.int64),  # delay after the tick was due
+        ("late_ns", np.int64),  # delay after the time slept for, with the periods that went by
+        ("missed", np.int64),  # periods between the tick before and this one
         ("missed_total", np.int64),
-        ("aim_ns", np.int64),
-        ("passed", np.int64),
-        ("at_once", np.int64),
+        ("aim_ns", np.int64),  # deadline that is slept for
+        ("passed", np.int64),  # periods that had passed before the sleep
+        ("at_once", np.int64),  # 1: began without a sleep, as the work before ended in this period
     ],
     align=True,
 )
-"""Where a loop is among its periods; times are CLOCK_MONOTONIC [ns].
-
-| field | meaning |
-|---|---|
-| period_ns | one period |
-| shift_ns | how much longer the present one is |
-| tick | number of the present one, from 0; missed ones leave gaps |
-| deadline_ns | when it was to begin at the latest |
-| early_ns | so long before that it was due, since something had come; 0: nothing had |
-| asked_ns | when the loop began to wait: its work was done |
-| woke_ns | when it woke |
-| wakeup_ns | how long after it was due that was |
-| late_ns | how long after what was slept for; more than `wakeup_ns` where whole periods went by |
-| missed, missed_total | periods between the tick before and this one, and since the start |
-| aim_ns, passed | the deadline that is slept for, and the periods that had passed before |
-| at_once | 1: the work before ended in this period, which began without a sleep |
-"""
+"""State of a loop's periods; times are CLOCK_MONOTONIC [ns]."""
 
 
 @jit
 def begin_periods(deadlines: Record, now: int) -> None:
-    """Begin to count: the first deadline is one period from now [ns]."""
+    """Begin the periods: the first deadline is one period from now [ns]."""
     deadlines.tick = -1
     deadlines.deadline_ns = deadlines.asked_ns = deadlines.woke_ns = now
     deadlines.early_ns = deadlines.wakeup_ns = deadlines.late_ns = deadlines.missed = deadlines.missed_total = 0
@@ -69,12 +52,11 @@ def begin_periods(deadlines: Record, now: int) -> None:
 
 @jit
 def next_deadline(deadlines: Record, now: int) -> int:
-    """The deadline to sleep for [ns].
+    """Return the deadline to sleep for [ns].
 
-    A tick that was woken late may end a little after the deadline of the next one, which then begins at once: most of
-    its period is left. It does so in the first half of the period, and after a tick that was slept for: three never
-    follow each other without a pause, and a loop that is too slow leaves the processor to others. Any other deadline
-    that has passed is missed.
+    The tick of a deadline that passed less than half a period ago begins at once if the tick before was slept for: so
+    three ticks never follow without a pause, and a loop that is too slow leaves the processor to others. Any other
+    passed deadline is missed.
     """
     aim = deadlines.deadline_ns + deadlines.period_ns + deadlines.shift_ns
     deadlines.asked_ns = now
@@ -90,15 +72,9 @@ def next_deadline(deadlines: Record, now: int) -> int:
 
 @jit
 def due_time(deadlines: Record, came: int, now: int) -> int:
-    """When the tick that is waited for is due [ns]: with what comes, or else at its deadline.
+    """Return when the tick is due [ns]: with its input that `came`, else (`NOTHING`) at its deadline.
 
-    A loop whose work was not done when its tick could have been due at the earliest keeps to its deadline, as does one
-    that wakes after that: each early tick follows on a pause.
-
-    Args:
-        deadlines: After `next_deadline`.
-        came: When something came that the tick is to begin with [ns], or `NOTHING`.
-        now: The present [ns].
+    A loop whose work was not done at the earliest due time keeps to its deadline: an early tick follows a pause.
     """
     aim = deadlines.aim_ns
     earliest = aim - int(EARLIEST * float(deadlines.period_ns))
@@ -109,13 +85,7 @@ def due_time(deadlines: Record, came: int, now: int) -> int:
 
 @jit
 def woken(deadlines: Record, now: int, due: int) -> None:
-    """The loop woke; where that is periods too late, it goes on in the period that it is in.
-
-    Args:
-        deadlines: After `next_deadline`.
-        now: The present, not before `due` [ns].
-        due: Of `due_time` [ns].
-    """
+    """Count a wake-up at `now` of a tick that was `due` [ns]; after oversleeping, the present period goes on."""
     deadlines.early_ns = deadlines.aim_ns - due
     late = now - due
     overslept = late // deadlines.period_ns
@@ -142,14 +112,9 @@ def await_deadline(deadlines: Record) -> None:
 
 @jit
 def wait_periods(deadlines: Record, late_out: NDArray[np.int64]) -> int:
-    """Wait for a row of deadlines, the first of them a period from now, and do nothing else.
+    """Wait for a row of deadlines, the first a period from now, and return how many were missed.
 
-    Args:
-        deadlines: Of `DEADLINES`, with its period.
-        late_out: One entry a deadline: how long after it the thread woke [ns], or `PASSED`.
-
-    Returns:
-        How many deadlines were missed, those beyond the row too.
+    Writes the delay of the wake-up after each deadline [ns], or `PASSED`, to `late_out`.
     """
     begin_periods(deadlines, monotonic_ns())
     late_out[:] = PASSED

@@ -1,9 +1,8 @@
-"""From the graphic hand to what the fingers are commanded, each tick in place.
+"""Command of the fingers from the graphic hand, updated in place each tick.
 
-A finger is stopped at the bend of the graphic hand, with the configured stiffness while its phalanges carry contact
-force, and is free otherwise. Both change no faster than the limits allow, but the stiffness falls at once. Limits count
-in ticks and not in time: after missed ticks nothing changes faster. A glove that takes forces is told those on the
-phalanges by the share that the stiffness has of the configured one: they come and go with it.
+A finger is stopped at the bend of the graphic hand with the configured stiffness while its phalanges carry contact
+force, and is free otherwise. Both change at limited rates, but the stiffness falls at once. Rates are a tick, not a
+second: after missed ticks nothing changes faster. Forces for a glove that takes them scale with the stiffness.
 """
 
 import math
@@ -18,50 +17,33 @@ from hhsim.kernels.rotation import quaternion_to_matrix
 
 COMMANDER = np.dtype(
     [
-        ("configured", np.float64, (FINGER_COUNT,)),
-        ("rise", np.float64),
-        ("move", np.float64),
-        ("fall", np.float64, (FINGER_COUNT,)),
-        ("ramp_ticks", np.int64),
-        ("feels", np.int64),
-        ("contact_force", np.float64),
-        ("gain", np.float64, (FINGER_COUNT, 3)),
+        ("configured", np.float64, (FINGER_COUNT,)),  # stiffness of each finger while it carries force, 0 to 1
+        ("rise", np.float64),  # largest growth of the stiffness
+        ("move", np.float64),  # largest change of a set point
+        ("fall", np.float64, (FINGER_COUNT,)),  # decrease of the stiffness while it is eased
+        ("ramp_ticks", np.int64),  # ticks to the full stiffness
+        ("feels", np.int64),  # 1: the glove takes forces, or powers made of them
+        ("contact_force", np.float64),  # least force of a finger that is not free [N]
+        ("gain", np.float64, (FINGER_COUNT, 3)),  # a bend is the sum of gain * (angle - offset)
         ("offset", np.float64, (FINGER_COUNT, 3)),
-        ("good_ticks", np.int64),
-        ("begun", np.int64),
-        ("easing", np.int64),
-        ("bend", np.float64, (FINGER_COUNT,)),
-        ("stiffness", np.float64, (FINGER_COUNT,)),
-        ("force", np.float64, (FINGER_COUNT,)),
-        ("phalanx", np.float64, (FINGER_COUNT, 3, 3)),
-        ("wanted", np.float64, (FINGER_COUNT,)),
-        ("turn", np.float64, (3, 3)),
+        ("good_ticks", np.int64),  # ticks without a fault, up to `ramp_ticks`
+        ("begun", np.int64),  # 1: there is a set point
+        ("easing", np.int64),  # 1: the stiffness is being eased
+        ("bend", np.float64, (FINGER_COUNT,)),  # command: set point, 0 flat to 1 fist
+        ("stiffness", np.float64, (FINGER_COUNT,)),  # command: 0 free to 1
+        ("force", np.float64, (FINGER_COUNT,)),  # sum of the forces on a finger's phalanges in this tick [N]
+        ("phalanx", np.float64, (FINGER_COUNT, 3, 3)),  # command: force on each phalanx [N], graphic palm frame
+        ("wanted", np.float64, (FINGER_COUNT,)),  # bends of the graphic hand
+        ("turn", np.float64, (3, 3)),  # rotation matrix of its palm
     ],
     align=True,
 )
-"""The limits, a tick each, and the command.
-
-| field | meaning |
-|---|---|
-| configured | stiffness of each finger while it carries force, 0 to 1 |
-| rise, fall | most growth of the stiffness, and what it falls by while it is eased |
-| move | most change of a set point |
-| ramp_ticks | ticks to the full stiffness |
-| feels | 1: the glove takes forces, or powers that are made of them |
-| contact_force | below it a finger is free [N] |
-| gain, offset | a bend is the sum of gain times (angle - offset) |
-| good_ticks | ticks without a fault, up to `ramp_ticks` |
-| begun, easing | 1: a set point is there; the stiffness is being eased |
-| bend, stiffness | the command: where each finger is stopped, 0 (flat) to 1 (fist), and how hard, 0 (free) to 1 |
-| force | what the phalanges of each finger feel together in this tick [N] |
-| phalanx | the command to a glove that feels: force on each phalanx [N], in the frame of the graphic palm; else 0 |
-| wanted, turn | bends of the graphic hand, and the matrix of its palm |
-"""
+"""Limits, each per tick, and the command."""
 
 
 @jit
 def free_fingers(commander: Record) -> None:
-    """Stiffness and forces 0, and the ramp from the beginning."""
+    """Set stiffness and forces to 0 and restart the ramp."""
     commander.stiffness[:] = 0.0
     commander.phalanx[:] = 0.0
     commander.good_ticks = 0
@@ -70,14 +52,14 @@ def free_fingers(commander: Record) -> None:
 
 @jit
 def ease_fingers(commander: Record) -> None:
-    """The ramp from the beginning, and until it is as high as the stiffness, that falls."""
+    """Restart the ramp, and let the stiffness fall until it meets the ramp."""
     commander.good_ticks = 0
     commander.easing = 1
 
 
 @jit
 def _measure(commander: Record, flexion: Array, phalanx: Array) -> bool:
-    """Bend and force of each finger; False where one is not finite."""
+    """Compute bend and force of each finger; False where one is not finite."""
     sum_ = 0.0
     for finger in range(FINGER_COUNT):
         bend = force = 0.0
@@ -95,7 +77,7 @@ def _measure(commander: Record, flexion: Array, phalanx: Array) -> bool:
 
 @jit
 def _follow(commander: Record) -> None:
-    """Move the set points; the first ones have nowhere to come from, and no finger is held yet."""
+    """Move the set points at their limited rate; the first ones are set at once."""
     for finger in range(FINGER_COUNT):
         wanted = min(max(commander.wanted[finger], 0.0), 1.0)
         if commander.begun == 1:
@@ -126,7 +108,7 @@ def _press(commander: Record, kept_free: NDArray[np.int64]) -> None:
 
 @jit
 def _feel(commander: Record, phalanx: Array, orientation: Array) -> None:
-    """The forces in the palm's frame, each finger's by the share that its stiffness has of the configured one."""
+    """Compute the forces in the palm frame, scaled by each finger's share of its configured stiffness."""
     turn = commander.turn[:]
     quaternion_to_matrix(orientation, turn)
     for finger in range(FINGER_COUNT):
@@ -142,25 +124,15 @@ def _feel(commander: Record, phalanx: Array, orientation: Array) -> None:
 
 @jit
 def update_command(
-    commander: Record,
-    flexion: Array,
-    phalanx: Array,
-    orientation: Array,
-    safety: int,
-    kept_free: NDArray[np.int64],
+    commander: Record, flexion: Array, phalanx: Array, orientation: Array, safety: int, kept_free: NDArray[np.int64]
 ) -> int:
-    """Make the command of a tick.
+    """Compute the command of a tick, and return `safety`, with SOLVER_FAILED for an angle or force that is not finite.
 
     Args:
-        commander: Of `COMMANDER`.
-        flexion: Of the graphic hand [rad], shape (5, 3).
+        flexion, orientation: Graphic hand's flexion [rad], shape (5, 3), and palm (w, x, y, z), world.
         phalanx: Force on each phalanx [N], shape (5, 3, 3), world.
-        orientation: Of the graphic palm, unit (w, x, y, z), shape (4,), world.
         safety: Bits of the tick; any of them frees all fingers.
-        kept_free: 1 for fingers on which nothing may push, shape (5,).
-
-    Returns:
-        `safety`, with SOLVER_FAILED where an angle or a force is not finite.
+        kept_free: 1 for fingers that must stay free, shape (5,).
     """
     if not _measure(commander, flexion, phalanx):
         commander.force[:] = 0.0

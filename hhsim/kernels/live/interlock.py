@@ -1,4 +1,4 @@
-"""Why the fingers must be free in a tick, judged anew in every tick."""
+"""Reasons why the fingers must be free, judged anew in every tick."""
 
 import numpy as np
 
@@ -13,32 +13,22 @@ STOPPING = 32
 NO_WATCHDOG = 64
 DRY_RUN = 128
 NO_INPUT_YET = 256
-"""The bits of `hhsim.result.safety.Safety`, whose test compares them."""
+"""Bits of `hhsim.result.safety.Safety`, whose test compares them."""
 
 INTERLOCK = np.dtype(
     [
-        ("stale_ns", np.int64),
-        ("watchdog_ns", np.int64),
-        ("eased", np.int64),
-        ("released", np.int64),
-        ("watched", np.int64),
-        ("always", np.int64),
-        ("streak", np.int64),
-        ("eases", np.int64),
+        ("stale_ns", np.int64),  # age from which on the input is stale
+        ("watchdog_ns", np.int64),  # age of its last sign of life from which on the watchdog counts as gone
+        ("eased", np.int64),  # periods missed in a row from which on the stiffness is eased
+        ("released", np.int64),  # and from which on the fingers are freed
+        ("watched", np.int64),  # 1: a watchdog must be there
+        ("always", np.int64),  # bits of every tick
+        ("streak", np.int64),  # periods missed, or begun late, since the last tick in time
+        ("eases", np.int64),  # 1: the stiffness is to be eased
     ],
     align=True,
 )
-"""The limits, and what the interlock keeps.
-
-| field | meaning |
-|---|---|
-| stale_ns, watchdog_ns | ages [ns] from which on the input is stale, and the watchdog counts as gone |
-| eased, released | periods missed in a row from which on the stiffness is eased, and the fingers are freed |
-| watched | 1: a watchdog must be there |
-| always | bits of every tick |
-| streak | periods missed, or begun late, since the last tick that came in time |
-| eases | 1: these are a stall after which the stiffness is to fall, but not at once |
-"""
+"""Limits and state of the interlock."""
 
 
 @jit
@@ -54,18 +44,16 @@ def judge(
     lost: bool,
     stopping: bool,
 ) -> int:
-    """Bits of a tick before it is solved; a bit stands as long as its reason does.
+    """Compute the bits of a tick before it is solved; a bit stands as long as its reason does.
 
     Args:
-        interlock: Of `INTERLOCK`.
-        now: CLOCK_MONOTONIC [ns].
-        sample_ns, pose_ns: Of sample and pose in use, -1 before the first.
-        usable: Whether the newest sample that came can be used.
-        missed: Periods missed right before this tick, and one more where it began late, without a sleep.
-        watchdog_ns: The watchdog's last sign of life, 0 before the first.
-        armed: Whether the watchdog can reach the glove.
-        lost: Whether the glove is gone.
-        stopping: Whether this is one of the last ticks.
+        interlock: Record of `INTERLOCK`.
+        now, sample_ns, pose_ns: Present time, and those of sample and pose in use, -1 before the first.
+        usable: True if the newest sample can be used.
+        missed: Periods missed right before this tick, and one more if it began late, without a sleep.
+        watchdog_ns: Watchdog's last sign of life, 0 before the first; it is `armed` if it can reach the glove.
+        lost: True if the glove is gone.
+        stopping: True in the last ticks.
     """
     bits = interlock.always
     if sample_ns < 0 or pose_ns < 0:

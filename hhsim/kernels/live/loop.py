@@ -1,4 +1,4 @@
-"""The loop: it waits, ticks and records until it is to stop, in one call that no interpreter takes part in."""
+"""Compiled loop of a session: waits, ticks and records until it is to stop, without the interpreter."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, Union, cast
@@ -33,21 +33,20 @@ if TYPE_CHECKING:
 Bytes = NDArray[np.uint8]
 
 ASKS_PYTHON = 0
-"""Of `run_loop`: a hand is to be solved for, by a method that is not compiled."""
-
+"""Outcome of `run_loop`: Python has to solve, by a method that is not compiled."""
 
 Block: TypeAlias = Union["TickBlock", "FreeBlock"]
 
 
 class SystemFiles(NamedTuple):
-    """What the loop reads and writes of the system; a descriptor is -1 where there is none.
+    """System files of the loop.
 
     Attributes:
-        descriptors: Of schedstat, of /proc/stat, of the event that wakes the driver, and of the one by which it wakes
-            the loop, shape (4,).
-        line, lines: Room for the text of both.
-        allowed: Processors whose steal counts, by their numbers.
-        step: What it is counted in, shape (1,) [ns].
+        descriptors: File descriptors of schedstat, /proc/stat, and the events that wake the driver and the loop; -1 for
+            none, shape (4,).
+        line, lines: Buffers for the text of the first two.
+        allowed: True for processors whose steal counts, by their numbers.
+        step: Unit of the steal counter, shape (1,) [ns].
     """
 
     descriptors: NDArray[np.int64]
@@ -81,7 +80,7 @@ def _write_event(typing: Any, descriptor: Any) -> Any:
 
 
 if JIT_ENABLED:
-    # By its address: a tick then is the very code that a replay runs, and is compiled once.
+    # Called by its address: a tick is the very code that a replay runs, compiled once.
     _run_block = cast(Callable[[int, Block], int], intrinsic(_call_block))
     _wake = cast(Callable[[int], int], intrinsic(_write_event))
 
@@ -96,7 +95,7 @@ else:
 
 @jit
 def wake_driver(live: LiveArrays, descriptor: int, now: int) -> None:
-    """Wake the driver for the command where it follows on a sample, lets a finger go, or the last time is long ago."""
+    """Wake the driver for a command after a sample or a change of safety bits, else once in `wake_ns`."""
     loop = live.loop[0]
     news = loop.arrived_ns >= 0 or loop.safety != loop.told
     if descriptor >= 0 and (news or now - loop.woken_ns >= loop.wake_ns):
@@ -106,12 +105,7 @@ def wake_driver(live: LiveArrays, descriptor: int, now: int) -> None:
 
 @jit
 def await_tick(live: LiveArrays, descriptor: int) -> None:
-    """Sleep until the next tick is due: by its deadline, or by a sample that comes shortly before that.
-
-    Args:
-        live: The loop.
-        descriptor: Of the event that comes with each sample; -1 where none does.
-    """
+    """Sleep until the next tick is due; `descriptor` is of the event that comes with each sample, -1 for none."""
     deadlines = live.deadlines[0]
     aim = next_deadline(deadlines, monotonic_ns())
     now = deadlines.asked_ns
@@ -128,7 +122,7 @@ def await_tick(live: LiveArrays, descriptor: int) -> None:
 
 @jit
 def _finish(live: LiveArrays, files: SystemFiles, solved: bool, status: int) -> None:
-    """All of a tick that comes after its solving."""
+    """Do what follows the solving of a tick."""
     deadlines, misses = live.deadlines[0], live.misses[0]
     command_tick(live, monotonic_ns(), solved, status)
     wake_driver(live, files.descriptors[2], monotonic_ns())
@@ -144,7 +138,7 @@ def _finish(live: LiveArrays, files: SystemFiles, solved: bool, status: int) -> 
 
 @jit
 def _account(live: LiveArrays, files: SystemFiles) -> None:
-    """Read what the thread has had of its processor by now."""
+    """Read the thread's CPU time and run delay, unless the tick began at once."""
     deadlines = live.deadlines[0]
     if deadlines.at_once == 1:
         return
@@ -154,25 +148,25 @@ def _account(live: LiveArrays, files: SystemFiles) -> None:
 
 @jit
 def run_loop(live: LiveArrays, files: SystemFiles, address: int, block: Block) -> int:
-    """Tick until the loop is to stop, or a hand is to be solved for by Python.
+    """Tick until the loop is to stop, or Python has to solve.
 
     Args:
-        live: The loop; its periods begin with the first call.
-        files: Of the system.
-        address: Of the machine code of `run_block` or `run_free_block` for the types of `block`; 0 to have Python
-            solve.
-        block: What it is given; haptic hand and records are those of the loop's row.
+        live: State of the loop; its periods begin with the first call.
+        files: System files.
+        address: Address of the machine code of `run_block` or `run_free_block` for the types of `block`; 0 if Python
+            solves.
+        block: Its argument; haptic hand and records are those of the loop's row.
 
     Returns:
-        Why it stopped, `STOP_…`, or `ASKS_PYTHON` in the middle of a tick: the next call, with `LOOP.solved` and
-        `LOOP.status` set, goes on with it.
+        Reason of the stop, `STOP_…`, or `ASKS_PYTHON` in the middle of a tick: the next call, with `LOOP.solved` and
+        `LOOP.status` set, continues it.
     """
     loop, deadlines = live.loop[0], live.deadlines[0]
     if loop.asks == 1:
         loop.asks = 0
         _finish(live, files, loop.solved == 1, loop.status)
     if loop.begun == 0:
-        # Here, and not before the call: what an interpreter takes for it is no part of a period.
+        # Not before the call: the interpreter's time for it is no part of a period.
         loop.begun = 1
         begin_periods(deadlines, monotonic_ns())
         _account(live, files)

@@ -1,4 +1,4 @@
-"""What a loop in compiled code has to tell, as numbers: Python makes lines of text of them, whenever it comes to it."""
+"""Notes of a loop in compiled code, as numbers of which Python makes lines of text later."""
 
 import numpy as np
 
@@ -6,26 +6,26 @@ from hhsim.kernels.jit import Record, as_int64, jit
 from hhsim.kernels.parallel.atomic import load_acquire, store_release
 
 CAPACITY = 512
-"""Notes that are kept; the oldest go first."""
+"""Number of notes kept; the oldest are overwritten."""
 
 JUMPED = 1
-"""Place: the finger; value: by how much [rad]; count: jumps that were not told since the last one."""
+"""Place: finger; value: jump [rad]; count: jumps not noted since the last one."""
 JUMPED_BACK = 2
 JUMP_FOLLOWED = 3
 MOVES_AGAIN = 4
 STUCK = 5
-"""Place: the finger; value: for how long [s]; count: two others that moved, `8 * first + second`."""
+"""Place: finger; value: duration [s]; count: two others that moved, `8 * first + second`."""
 SAFETY_CHANGED = 6
-"""Count: the new bits."""
+"""Count: new bits."""
 MISSED = 7
-"""Place: the cause; count: how many periods."""
+"""Place: cause; count: number of periods."""
 LONG_TICK = 8
 REFUSED = 9
-"""A sample that cannot be used, after one that could; it is kept beside (`WATCH.refused`)."""
+"""Unusable sample after a usable one; kept in `LiveArrays.refused`."""
 BEGAN_INSIDE = 10
 FULL = 11
 DRIVER_SILENT = 12
-"""Count: the age of the driver's last sign of life [ns]."""
+"""Count: age of the driver's last sign of life [ns]."""
 
 NOTES = np.dtype(
     [
@@ -38,12 +38,12 @@ NOTES = np.dtype(
     ],
     align=True,
 )
-"""A ring of notes with one writer: note k lies at k modulo `CAPACITY`, and `written` is the number of all so far."""
+"""Ring of notes with one writer: note k lies at k modulo `CAPACITY`; `written` is the number of all so far."""
 
 
 @jit
 def note(notes: Record, time_ns: int, code: int, place: int, count: int, value: float) -> None:
-    """Write a note; what its numbers are is said at the codes."""
+    """Write a note; its numbers are described at the codes."""
     written = load_acquire(notes.written[:], as_int64(0))
     i = written % CAPACITY
     notes.time_ns[i] = time_ns

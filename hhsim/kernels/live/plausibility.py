@@ -1,11 +1,10 @@
-"""What a glove says is looked at before a finger is pushed on: fingers that jump, and sensors that are stuck.
+"""Plausibility of a glove's samples, judged before a finger is pushed on: jumps, and stuck sensors.
 
-A joint moves at `JOINT_SPEED` at most. A rapid pinch takes a finger about 90 ms, with a speed of one peak (Cole & Abbs,
-J. Neurophysiol. 55, 1986); 90° in that time along a minimum-jerk course, whose peak is 15/8 of its mean, is 33 rad/s.
-What is faster is not believed until it has stayed for `CONFIRM`; the joint rests meanwhile, and then follows at that
-speed. A finger whose three joints keep every bit for `STUCK_TIME` while two others move has a sensor that is stuck. All
-such fingers are kept free, since a set point made from a wrong angle pushes where nobody is, and stay free until their
-samples have been plausible for `TRUST`: the next sample alone lifts no doubt.
+A joint moves at `JOINT_SPEED` at most: a rapid pinch takes a finger about 90 ms with one peak of speed (Cole & Abbs,
+J. Neurophysiol. 55, 1986), and 90° in that time along a minimum-jerk course, whose peak is 15/8 of its mean, is
+33 rad/s. A faster joint rests until its new angle has stayed for `CONFIRM`, and then follows at that speed. A finger
+whose three joints keep every bit for `STUCK_TIME` while two others move has a stuck sensor. All such fingers are kept
+free, since a set point made from a wrong angle pushes where no finger is, until they were plausible for `TRUST`.
 """
 
 import math
@@ -18,109 +17,78 @@ from hhsim.kernels.jit import Array, Record, as_int64, jit
 from hhsim.kernels.live.notes import JUMP_FOLLOWED, JUMPED, JUMPED_BACK, MOVES_AGAIN, STUCK, note
 
 JOINT_SPEED = 35.0
-"""Fastest joint that is believed [rad/s]."""
+"""Largest plausible speed of a joint [rad/s]."""
 BURST = 0.005
-"""By so much may a sample have been late [s]."""
+"""Largest delay of a sample [s]."""
 TOGETHER = 0.0005
 """Samples nearer than this [s] came together, and share the time before the first of them."""
 CONFIRM = 0.015
-"""How long a jump must stay where it went [s]."""
+"""Time for which a jump must stay at its new angle [s]."""
 CONFIRM_SAMPLES = 3
-"""In how many samples, the first one included."""
+"""Samples in which it must stay, the first one included."""
 STUCK_TIME = 2.0
-"""Without the change of one bit [s]."""
+"""Time without the change of a bit after which a sensor is stuck [s]."""
 STUCK_TRAVEL = 1.0
-"""What each of two other fingers moves in that time, all its joints together [rad]."""
+"""Least motion of each of two other fingers in that time, the sum of its joints [rad]."""
 TRUST = 1.0
-"""A finger that was doubted is kept free until its samples have been plausible for so long, without a break [s]."""
+"""Time of plausible samples without a break before a doubted finger is no longer kept free [s]."""
 PAUSE = 0.1
-"""The time between two samples counts for so much of that at most [s]."""
+"""Largest share of `TRUST` that the time between two samples counts for [s]."""
 QUIET = 1.0
-"""A finger's jumps are told once in this time [s]."""
+"""Least time between two notes of a finger's jumps [s]."""
 MOST_ANGLE = 2.0 * math.pi
 
 FLEXIONS = 3 * FINGER_COUNT
 JOINTS = FLEXIONS + FINGER_COUNT
-"""Fifteen flexions, five abductions."""
+"""Fifteen flexions, then five abductions."""
 _SLACK = JOINT_SPEED * BURST
 _TRUST_NS = round(1e9 * TRUST)
 _PAUSE_NS = round(1e9 * PAUSE)
 
 WATCH = np.dtype(
     [
-        ("always_free", np.int64, (FINGER_COUNT,)),
-        ("noiseless", np.int64),
-        ("free", np.int64, (FINGER_COUNT,)),
-        ("angles", np.float64, (JOINTS,)),
-        ("time_ns", np.int64),
-        ("believed", np.float64, (JOINTS,)),
-        ("reach", np.float64, (JOINTS,)),
+        ("always_free", np.int64, (FINGER_COUNT,)),  # fingers whose bend has too small a span
+        ("noiseless", np.int64),  # a resting finger keeps every bit
+        ("free", np.int64, (FINGER_COUNT,)),  # fingers that must stay free
+        ("angles", np.float64, (JOINTS,)),  # of the newest sample [rad]
+        ("time_ns", np.int64),  # of the newest sample, -1 before the first
+        ("believed", np.float64, (JOINTS,)),  # plausible angles [rad]
+        ("reach", np.float64, (JOINTS,)),  # plausible distance from these [rad]: grows with time, shrinks with motion
         ("most_reach", np.float64),
-        ("target", np.float64, (JOINTS,)),
-        ("pending", np.int64, (JOINTS,)),
-        ("following", np.int64, (JOINTS,)),
-        ("since_ns", np.int64, (JOINTS,)),
-        ("count", np.int64, (JOINTS,)),
-        ("doubted", np.int64, (FINGER_COUNT,)),
-        ("logged_ns", np.int64, (FINGER_COUNT,)),
-        ("not_logged", np.int64, (FINGER_COUNT,)),
-        ("last", np.float64, (FLEXIONS,)),
-        ("changed_ns", np.int64, (FINGER_COUNT,)),
-        ("travel", np.float64, (FINGER_COUNT,)),
-        ("travel_then", np.float64, (FINGER_COUNT, FINGER_COUNT)),
+        ("target", np.float64, (JOINTS,)),  # angle that a joint jumped to
+        ("pending", np.int64, (JOINTS,)),  # the jump is not yet confirmed
+        ("following", np.int64, (JOINTS,)),  # it is, and the joint follows
+        ("since_ns", np.int64, (JOINTS,)),  # time of the jump
+        ("count", np.int64, (JOINTS,)),  # samples since the jump
+        ("doubted", np.int64, (FINGER_COUNT,)),  # fingers with pending or following joints
+        ("logged_ns", np.int64, (FINGER_COUNT,)),  # time of the last note of a jump
+        ("not_logged", np.int64, (FINGER_COUNT,)),  # jumps without a note since then
+        ("last", np.float64, (FLEXIONS,)),  # flexions of the sample before
+        ("changed_ns", np.int64, (FINGER_COUNT,)),  # time of a finger's last change
+        ("travel", np.float64, (FINGER_COUNT,)),  # distance moved by each finger [rad]
+        ("travel_then", np.float64, (FINGER_COUNT, FINGER_COUNT)),  # of all (columns) when a finger (row) last changed
         ("stuck", np.int64, (FINGER_COUNT,)),
-        ("distrust_ns", np.int64, (FINGER_COUNT,)),
+        ("distrust_ns", np.int64, (FINGER_COUNT,)),  # time of plausible samples still needed
     ],
     align=True,
 )
-"""What is known of a glove's samples; what is true or not is 1 or 0.
-
-| field | meaning |
-|---|---|
-| always_free | fingers whose bend says too little |
-| noiseless | a finger that rests keeps every bit |
-| free | fingers on which nothing may push |
-| angles, time_ns | of the newest sample [rad], [ns]; `time_ns` is -1 before the first |
-| believed | what is believed of it |
-| reach, most_reach | how far each joint may be from that [rad]: it grows with time and shrinks with motion |
-| target, pending, following, since_ns, count | of joints that jumped: where to, and since when; believed by now |
-| doubted | fingers with such joints |
-| logged_ns, not_logged | when a finger's jump was told last, and how many were not told since |
-| last, changed_ns, stuck | flexions of the sample before, when a finger changed, and whether its sensor is stuck |
-| travel, travel_then | way of each finger [rad], now, and of all (columns) when a finger (row) changed last |
-| distrust_ns | for how long a finger's samples have yet to be plausible until something may push on it [ns] |
-"""
+"""State of the watch over a glove's samples; flags are 1 or 0."""
 
 
 @jit
 def begin_watch(watch: Record) -> None:
-    """Nothing is seen yet; `always_free` and `noiseless` are there."""
+    """Reset what does not begin with zeros; `always_free` and `noiseless` stay."""
     copy_values(watch.always_free[:], watch.free[:])
     watch.time_ns = -1
-    watch.pending[:] = 0
-    watch.following[:] = 0
-    watch.doubted[:] = 0
-    watch.stuck[:] = 0
-    watch.distrust_ns[:] = 0
-    watch.count[:] = 0
-    watch.reach[:] = 0.0
     watch.most_reach = _SLACK
     watch.logged_ns[:] = -(10**12)
-    watch.not_logged[:] = 0
     watch.last[:] = np.nan
     watch.changed_ns[:] = -1
-    watch.travel[:] = 0.0
-    watch.travel_then[:] = 0.0
 
 
 @jit
-def _finger_of(joint: int) -> int:
-    return joint // 3 if joint < FLEXIONS else joint - FLEXIONS
-
-
-@jit
-def _tell_jumps(watch: Record, notes: Record, finger: int, fresh: bool, back: bool, sure: bool, far: float) -> None:
-    """Note what became of a finger's joints in this sample; `far` is the longest jump [rad]."""
+def _note_jumps(watch: Record, notes: Record, finger: int, fresh: bool, back: bool, sure: bool, far: float) -> None:
+    """Note the jumps of a finger's joints in this sample; `far` is the longest [rad]."""
     now = watch.time_ns
     if fresh:
         if now - watch.logged_ns[finger] < 1e9 * QUIET:
@@ -138,7 +106,7 @@ def _tell_jumps(watch: Record, notes: Record, finger: int, fresh: bool, back: bo
 
 @jit
 def _doubt(watch: Record, notes: Record, grown: float) -> None:
-    """A sample in which some joint jumped, or is still doubted."""
+    """Judge a sample in which some joint jumped, or is still doubted; `grown` is the growth of the reach [rad]."""
     now = watch.time_ns
     for finger in range(FINGER_COUNT):
         any_fresh = any_back = any_sure = doubted = False
@@ -152,7 +120,7 @@ def _doubt(watch: Record, notes: Record, grown: float) -> None:
             any_back = any_back or (pending and near)
             pending = pending and not near
             fresh = not near and not pending and not following
-            # A joint that is pending begins anew where it moved on faster than a joint does.
+            # The confirmation begins anew where a pending joint moved on faster than a joint does.
             if fresh or (pending and abs(angle - watch.target[joint]) > _SLACK + grown):
                 watch.since_ns[joint] = now
                 watch.count[joint] = 0
@@ -167,7 +135,7 @@ def _doubt(watch: Record, notes: Record, grown: float) -> None:
             if following:
                 watch.believed[joint] += min(max(angle - watch.believed[joint], -grown), grown)
                 following = watch.believed[joint] != angle
-                # What was passed on at full speed leaves nothing over.
+                # A joint that follows at full speed has no reach left.
                 watch.reach[joint] = 0.0
             elif near:
                 watch.reach[joint] -= distance
@@ -179,12 +147,12 @@ def _doubt(watch: Record, notes: Record, grown: float) -> None:
                 any_fresh = True
                 far = max(far, distance)
         watch.doubted[finger] = doubted
-        _tell_jumps(watch, notes, finger, any_fresh, any_back, any_sure, far)
+        _note_jumps(watch, notes, finger, any_fresh, any_back, any_sure, far)
 
 
 @jit
 def _believe(watch: Record, notes: Record, now: int) -> None:
-    """Joints faster than `JOINT_SPEED` are held, and their fingers doubted."""
+    """Hold joints faster than `JOINT_SPEED`, and doubt their fingers."""
     if watch.time_ns < 0:
         watch.time_ns = now
         copy_values(watch.angles[:], watch.believed[:])
@@ -212,7 +180,7 @@ def _believe(watch: Record, notes: Record, now: int) -> None:
 
 @jit
 def _look_for_stuck(watch: Record, notes: Record, now: int) -> None:
-    """Fingers that keep every bit while others move."""
+    """Find fingers that keep every bit while others move."""
     for finger in range(FINGER_COUNT):
         moved = 0.0
         for k in range(3 * finger, 3 * finger + 3):
@@ -220,7 +188,7 @@ def _look_for_stuck(watch: Record, notes: Record, now: int) -> None:
             watch.last[k] = watch.angles[k]
         if math.isfinite(moved):
             watch.travel[finger] += moved
-        # NaN, before there is a sample to compare with, is a change.
+        # NaN, of the first sample, is a change.
         if moved != 0.0:
             watch.changed_ns[finger] = now
             if watch.stuck[finger] == 1:
@@ -247,25 +215,23 @@ def _look_for_stuck(watch: Record, notes: Record, now: int) -> None:
 
 @jit
 def use_sample(watch: Record, notes: Record, sample: Record, flexion_out: Array, abduction_out: Array) -> bool:
-    """Look at a sample; `free` then says which fingers are kept free.
+    """Judge a sample (`hhsim.live.device.GLOVE_SAMPLE`), set `watch.free` and write its plausible, finite angles.
 
     Args:
-        watch: Of `WATCH`.
-        notes: Where findings are told.
-        sample: Of `hhsim.live.device.GLOVE_SAMPLE`.
-        flexion_out: What to believe of it [rad], shape (5, 3).
-        abduction_out: What to believe of it [rad], shape (5,).
+        flexion_out: [rad], shape (5, 3).
+        abduction_out: [rad], shape (5,).
 
     Returns:
-        False where nothing of the sample may be used: nothing is written then. What is written is always finite.
+        False if the sample is unusable and nothing was written.
     """
+    for finger in range(FINGER_COUNT):
+        for k in range(3):
+            watch.angles[3 * finger + k] = sample.flexion[finger, k]
+        watch.angles[FLEXIONS + finger] = sample.abduction[finger]
     usable = bool(sample.good)
     for joint in range(JOINTS):
-        finger = _finger_of(joint)
-        angle = sample.flexion[finger, joint - 3 * finger] if joint < FLEXIONS else sample.abduction[finger]
         # NaN compares false.
-        usable = usable and abs(angle) <= MOST_ANGLE
-        watch.angles[joint] = angle
+        usable = usable and abs(watch.angles[joint]) <= MOST_ANGLE
     if not usable:
         for finger in range(FINGER_COUNT):
             if watch.distrust_ns[finger] > 0:

@@ -1,7 +1,7 @@
-"""A tick of the loop: samples in, judged, solved elsewhere, command out, recorded; nothing is allocated.
+"""Tick of the loop: reads and judges samples, commands the fingers and records, without allocating.
 
-What the processes of a session share is written here by records that need no lock. A command has a version that is odd
-while the command is being written; the palm's pose that the driver writes has one too.
+The processes of a session share records without a lock: the command, and the palm's pose that the driver writes, have a
+version that is odd while they are being written.
 """
 
 from typing import Any, NamedTuple
@@ -14,114 +14,72 @@ from hhsim.kernels.live.accounts import CAUSES
 from hhsim.kernels.live.deadlines import NOTHING
 from hhsim.kernels.live.finger_command import ease_fingers, free_fingers, update_command
 from hhsim.kernels.live.interlock import DEVICE_LOST, DRY_RUN, NOT_FINITE, OVERRUN_STREAK, SOLVER_FAILED, judge
-from hhsim.kernels.live.notes import (
-    BEGAN_INSIDE,
-    DRIVER_SILENT,
-    FULL,
-    LONG_TICK,
-    MISSED,
-    REFUSED,
-    SAFETY_CHANGED,
-    note,
-)
+from hhsim.kernels.live.notes import BEGAN_INSIDE, DRIVER_SILENT, FULL, LONG_TICK, MISSED, REFUSED, SAFETY_CHANGED, note
 from hhsim.kernels.live.phase import count_phase, deadline_shift
 from hhsim.kernels.live.plausibility import use_sample
 from hhsim.kernels.live.tick_times import count_time
 from hhsim.kernels.parallel.atomic import fetch_add, load_acquire, store_release
-from hhsim.kernels.tick.state import (
-    STATUS_CAPACITY_EXCEEDED,
-    STATUS_INPUT_INVALID,
-    STATUS_START_INSIDE,
-    WORK_TOUCHING,
-)
+from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_INPUT_INVALID, STATUS_START_INSIDE, WORK_TOUCHING
 
 MOST_SAMPLES = 64
-"""Used in one tick; what is left waits for the next one."""
+"""Most samples used in one tick; the others wait for the next one."""
 SOON = 1.5
-"""Periods: a glove whose samples come as often has another one for each tick."""
+"""Interval below which a glove has a sample for each tick [periods]."""
 INTERVAL_STEP = 1.05
-"""What is taken for a glove's usual interval goes by this factor towards each one: half are longer, half shorter."""
+"""Factor by which a glove's usual interval moves towards each one, so that it is their running median."""
 
 LOOP = np.dtype(
     [
-        ("stop", np.int64, (1,)),
-        ("begun", np.int64),
-        ("placing", np.int64, (1,)),
-        ("periods", np.int64),
-        ("longest_ns", np.int64),
-        ("driver_ns", np.int64),
-        ("taken", np.int64),
-        ("palm_seen", np.int64),
-        ("sample_ns", np.int64),
-        ("pose_ns", np.int64),
-        ("input_seq", np.int64),
-        ("usable", np.int64),
-        ("arrived_ns", np.int64),
-        ("usual_ns", np.float64),
-        ("asks", np.int64),
-        ("solved", np.int64),
-        ("status", np.int64),
-        ("safety", np.int64),
-        ("told", np.int64),
-        ("latency_ns", np.int64),
-        ("wake_ns", np.int64),
-        ("woken_ns", np.int64),
-        ("ratio", np.float64),
+        ("stop", np.int64, (1,)),  # `STOP_…`: the next tick is the last one
+        ("begun", np.int64),  # 1: the periods have begun
+        ("placing", np.int64, (1,)),  # how far the shown hand is placed at its beginning, `NO_HAND` to `BEGUN`
+        ("periods", np.int64),  # after which the loop ends by itself, -1: never
+        ("longest_ns", np.int64),  # a longer tick has judged what no longer holds
+        ("driver_ns", np.int64),  # silence after which the driver counts as gone
+        ("taken", np.int64),  # number of samples taken from their ring
+        ("palm_seen", np.int64),  # version of the palm's pose in use
+        ("sample_ns", np.int64),  # arrival of the sample in use, -1 before the first
+        ("pose_ns", np.int64),  # arrival of the pose in use, -1 before the first
+        ("input_seq", np.int64),  # number of the sample in use, -1 before the first
+        ("usable", np.int64),  # 1: the newest sample can be used
+        ("arrived_ns", np.int64),  # arrival of the newest of this tick's samples, -1 without any
+        ("usual_ns", np.float64),  # usual interval of the glove's samples, 0 before there are two
+        ("asks", np.int64),  # 1: Python solves this tick
+        ("solved", np.int64),  # 1: it did
+        ("status", np.int64),  # status bits of Python's solver, or of who placed the hand
+        ("safety", np.int64),  # bits of this tick
+        ("told", np.int64),  # bits of the last note
+        ("latency_ns", np.int64),  # from `arrived_ns` to the command, -1 without one
+        ("wake_ns", np.int64),  # interval in which the driver is woken for commands without news
+        ("woken_ns", np.int64),  # when it was woken last
+        ("ratio", np.float64),  # of the bins of counted times
     ],
     align=True,
 )
-"""What the loop keeps from tick to tick, and its limits; times in ns.
-
-| field | meaning |
-|---|---|
-| stop | `STOP_…`: the next tick is the last one |
-| begun | 1: the periods have begun |
-| placing | how far the shown hand is put where it can begin: `NO_HAND` and what follows |
-| periods | after so many the loop ends by itself, -1: never |
-| longest_ns | a tick that takes so long has judged what is no longer so |
-| driver_ns | a driver that gives no sign of life for so long counts as gone |
-| taken | samples that were taken from their ring |
-| palm_seen | version of the palm's pose in use |
-| sample_ns, pose_ns | when sample and pose in use came, -1 before the first |
-| input_seq | number of the sample in use, -1 before the first |
-| usable | 1: the newest sample that came can be used |
-| arrived_ns | when the newest of this tick's samples came, -1 where none did |
-| usual_ns | between two samples of the glove, 0 before there are two |
-| asks, solved, status | 1: Python solves this tick; 1: it did, with these status bits, as did who put the hand there |
-| safety, told | bits of this tick, and those that were noted last |
-| latency_ns | from `arrived_ns` to the command, -1 where there is none |
-| wake_ns, woken_ns | the driver is woken for a command without news once in so long; when it last was |
-| ratio | of the bins of the counted times |
-"""
+"""State and limits of the loop; times in ns."""
 
 STOP_ASKED, STOP_DURATION, STOP_SIGNAL = 1, 2, 3
 
 NO_HAND, PLACING, PLACED, NOT_PLACED, BEGUN = 0, 1, 2, 3, 4
-"""No hand is known; another thread puts the shown hand where it can begin; it has; it failed; ticks go on from there.
+"""No hand is known; another thread places the shown hand where it can begin; it is placed; that failed; ticks go on.
 
-Until the first tick of the shown hand the user's hand is kept as it was: what a replay begins with is what it sees.
+Until the first tick of the shown hand the user's hand is kept as it was, so that a replay begins with the same.
 """
 
 
 class LiveArrays(NamedTuple):
-    """All that a tick of the loop reads and writes, records of shape (1,) but for the rings.
+    """Arrays that a tick of the loop reads and writes: records of shape (1,) but for the rings.
 
     Attributes:
-        loop: Of `LOOP`.
-        deadlines: Of `hhsim.kernels.live.deadlines.DEADLINES`.
-        phase: Of `hhsim.kernels.live.phase.PHASE`.
-        interlock: Of `hhsim.kernels.live.interlock.INTERLOCK`.
-        commander: Of `hhsim.kernels.live.finger_command.COMMANDER`.
-        watch: Of `hhsim.kernels.live.plausibility.WATCH`.
-        misses: Of `hhsim.kernels.live.accounts.MISSES`.
-        notes: Of `hhsim.kernels.live.notes.NOTES`.
-        refused: A glove's sample that could not be used.
-        status: The session's, of `hhsim.live.ipc.status.LIVE_STATUS`.
-        row: The tick's record.
-        ticks, ticks_written: The ring that it goes to, and how many records were written to it.
-        samples, samples_written: The ring of the glove's samples.
+        loop, deadlines, phase, interlock, commander, watch, misses, notes: Records of the types of those
+            names in `hhsim.kernels.live`.
+        refused: A glove's unusable sample.
+        status: Session's record of `hhsim.live.ipc.status.LIVE_STATUS`.
+        row: Record of the tick.
+        ticks, ticks_written: Ring of these records, and the number written to it.
+        samples, samples_written: Ring of the glove's samples, and the number written to it.
         wakeups, latencies, works: Bins of counted times.
-        largest: The largest of each, shape (3,).
+        largest: Largest of each, shape (3,).
     """
 
     loop: Any
@@ -147,7 +105,7 @@ class LiveArrays(NamedTuple):
 
 @jit
 def look_for_stop(live: LiveArrays) -> None:
-    """Whether this tick is the last one: asked for by the command, or by the session's duration."""
+    """Set `stop` if the command, or the session's duration, ends the loop."""
     loop = live.loop[0]
     if loop.stop[0] != 0:
         return
@@ -159,7 +117,7 @@ def look_for_stop(live: LiveArrays) -> None:
 
 @jit
 def usual_interval(usual: float, step: int) -> float:
-    """The running median of a glove's intervals [ns], 0 before the first, after one more; a pause is one."""
+    """Update the running median of a glove's intervals [ns], 0 before the first, by one more; a pause counts."""
     if step <= 0:
         return usual
     if usual == 0.0:
@@ -193,10 +151,10 @@ def _take_sample(live: LiveArrays, place: int) -> None:
 
 @jit
 def waiting_since(live: LiveArrays) -> int:
-    """When the sample was handed over that the next tick is to begin with [ns], or `NOTHING`.
+    """Return when the sample was handed over that the next tick begins with [ns], or `NOTHING`.
 
-    Where another one is to come within the period, one that came before the last deadline waits for that: its tick had
-    begun, and if each tick took the one that the tick before had missed, all that follow would wait as long.
+    With a sample for each tick, one that missed its tick waits for the deadline: else every following sample would miss
+    its tick too.
     """
     loop, deadlines = live.loop[0], live.deadlines[0]
     written = load_acquire(live.samples_written, as_int64(0))
@@ -210,12 +168,12 @@ def waiting_since(live: LiveArrays) -> int:
 
 @jit
 def _take_samples(live: LiveArrays) -> None:
-    """Use what the driver has put into its ring since the tick before, oldest first."""
+    """Use the samples in the driver's ring since the tick before, oldest first."""
     loop = live.loop[0]
     loop.arrived_ns = -1
     written = load_acquire(live.samples_written, as_int64(0))
     capacity = live.samples.shape[0]
-    # What is older may be overwritten while it is read.
+    # Older samples may be overwritten while they are read.
     loop.taken = max(loop.taken, written - capacity // 2)
     last = min(written, loop.taken + MOST_SAMPLES)
     for number in range(loop.taken, last):
@@ -224,18 +182,8 @@ def _take_samples(live: LiveArrays) -> None:
 
 
 @jit
-def _follow_phase(live: LiveArrays) -> None:
-    """Move the next deadline towards where the glove's samples come."""
-    loop, deadlines = live.loop[0], live.deadlines[0]
-    if loop.arrived_ns >= 0:
-        newest = live.samples[(loop.taken - 1) % live.samples.shape[0]]
-        count_phase(live.phase[0], newest.handed_ns, deadlines.period_ns)
-    deadlines.shift_ns = deadline_shift(live.phase[0], deadlines.deadline_ns, deadlines.period_ns, loop.usual_ns)
-
-
-@jit
 def _take_palm(live: LiveArrays) -> None:
-    """Use the newest pose of the palm; one that is being written waits for the next tick."""
+    """Use the newest pose of the palm; one being written waits for the next tick."""
     loop, status, row = live.loop[0], live.status[0], live.row[0]
     version = load_acquire(status.palm_version[:], as_int64(0))
     if version % 2 == 1 or version == loop.palm_seen:
@@ -257,7 +205,7 @@ def _take_palm(live: LiveArrays) -> None:
 
 @jit
 def begin_tick(live: LiveArrays) -> bool:
-    """After waking: take what came, and judge it; returns whether there is a hand to solve for."""
+    """Take and judge the input after waking; returns whether there is a hand to solve for."""
     loop, status, deadlines = live.loop[0], live.status[0], live.deadlines[0]
     now = deadlines.woke_ns
     status.heartbeat_ns = now
@@ -266,7 +214,10 @@ def begin_tick(live: LiveArrays) -> bool:
         _take_palm(live)
     else:
         loop.arrived_ns = -1
-    _follow_phase(live)
+    if loop.arrived_ns >= 0:
+        newest = live.samples[(loop.taken - 1) % live.samples.shape[0]]
+        count_phase(live.phase[0], newest.handed_ns, deadlines.period_ns)
+    deadlines.shift_ns = deadline_shift(live.phase[0], deadlines.deadline_ns, deadlines.period_ns, loop.usual_ns)
     silent = now - status.driver_ns
     lost = status.device_lost != 0
     if silent > loop.driver_ns and not lost:
@@ -290,9 +241,9 @@ def begin_tick(live: LiveArrays) -> bool:
 
 @jit
 def begin_hand(live: LiveArrays) -> bool:
-    """Whether the shown hand is somewhere, and the tick can be solved; where it is not, have it put somewhere.
+    """Return whether the shown hand is placed and the tick can be solved; else have another thread place it.
 
-    That may take many periods, as where it begins inside the object, and waits for no deadline.
+    That may take many periods, as where it begins inside the object.
     """
     loop = live.loop[0]
     placing = load_acquire(loop.placing[:], as_int64(0))
@@ -313,7 +264,7 @@ def begin_hand(live: LiveArrays) -> bool:
 
 @jit
 def _hand_over(live: LiveArrays) -> None:
-    """Put the command where the driver finds it."""
+    """Copy the command to the status that the driver reads."""
     status, commander = live.status[0], live.commander[0]
     version = status.command_version[:]
     fetch_add(version, as_int64(0), as_int64(1))
@@ -328,14 +279,7 @@ def _hand_over(live: LiveArrays) -> None:
 
 @jit
 def command_tick(live: LiveArrays, now: int, solved: bool, status: int) -> None:
-    """Make the command of a tick and hand it over.
-
-    Args:
-        live: The loop.
-        now: When the solver was done [ns].
-        solved: Whether the row has a graphic hand.
-        status: The solver's status bits.
-    """
+    """Compute and hand over the command of a tick, solved by `now` [ns] or not, with the solver's status bits."""
     loop, row, commander = live.loop[0], live.row[0], live.commander[0]
     woke = live.deadlines[0].woke_ns
     if solved:
@@ -352,7 +296,7 @@ def command_tick(live: LiveArrays, now: int, solved: bool, status: int) -> None:
             commander, row.flexion[:], row.phalanx[:], row.orientation[:], loop.safety, live.watch[0].free[:]
         )
     if now - woke >= loop.longest_ns:
-        # What was judged good then need not be so now.
+        # The judgement of the tick's beginning may no longer hold.
         loop.safety |= OVERRUN_STREAK
         note(live.notes[0], woke, as_int64(LONG_TICK), as_int64(0), as_int64(0), 0.0)
     if loop.safety != 0 or not solved:
@@ -387,15 +331,7 @@ def _publish(live: LiveArrays) -> None:
 
 @jit
 def publish_tick(live: LiveArrays, done: int, solved: bool) -> None:
-    """Record a tick whose command was handed over, and tell of it.
-
-    A tick without a graphic hand is not published: there is nothing to replay.
-
-    Args:
-        live: The loop.
-        done: When the command was handed over [ns].
-        solved: Whether the row has a graphic hand.
-    """
+    """Record a tick whose command was handed over at `done` [ns], unless there is no graphic hand (`solved`)."""
     loop, status, deadlines = live.loop[0], live.status[0], live.deadlines[0]
     sent = loop.safety & DRY_RUN != 0 or loop.safety & DEVICE_LOST == 0
     loop.latency_ns = done - loop.arrived_ns if sent and loop.arrived_ns >= 0 else -1
@@ -421,5 +357,5 @@ def publish_tick(live: LiveArrays, done: int, solved: bool) -> None:
 
 @jit
 def count_work(live: LiveArrays, now: int) -> None:
-    """Count how long the tick's work took, at its end [ns]."""
+    """Count the time of the tick's work, at its end [ns]."""
     count_time(live.works, live.largest[2:3], live.loop[0].ratio, now - live.deadlines[0].woke_ns)

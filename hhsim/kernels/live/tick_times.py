@@ -1,4 +1,4 @@
-"""Times of ticks, counted in bins of equal ratio: one logarithm each, in memory that does not grow."""
+"""Histogram of tick times in bins of equal ratio."""
 
 import math
 
@@ -10,14 +10,7 @@ from hhsim.kernels.jit import jit
 
 @jit
 def count_time(counts: NDArray[np.int64], largest: NDArray[np.int64], ratio: float, time_ns: int) -> None:
-    """Count a time [ns].
-
-    Args:
-        counts: Bins of a `hhsim.system.log_histogram.LogHistogram`.
-        largest: The largest one so far, shape (1,).
-        ratio: Of a bin.
-        time_ns: What is below 1 counts as 1.
-    """
+    """Count a time [ns], at least 1, in the bins of a `hhsim.system.log_histogram.LogHistogram` of this ratio."""
     place = int(math.log(max(float(time_ns), 1.0)) / math.log(ratio))
     counts[min(place, counts.shape[0] - 1)] += 1
     largest[0] = max(largest[0], time_ns)

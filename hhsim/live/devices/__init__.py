@@ -1,1 +1,1 @@
-"""The gloves that there are, one file each: what a glove is called, what can be set, and where its driver is."""
+"""Gloves, one module each: name, settings and the driver to import."""

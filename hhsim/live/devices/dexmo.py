@@ -1,4 +1,4 @@
-"""A Dexmo at the TCP server of its vendor."""
+"""Dexmo glove at the TCP server of its vendor."""
 
 from dataclasses import dataclass
 
@@ -7,12 +7,7 @@ from hhsim.live.devices.registry import Glove, ServedOptions, setting
 
 @dataclass(frozen=True)
 class DexmoOptions(ServedOptions):
-    """Settings of a Dexmo.
-
-    Attributes:
-        port: Of the server.
-        device_id: Number of the glove at the server; None for the first one of the hand.
-    """
+    """Settings of a Dexmo."""
 
     port: int = setting(55555, "Port of the glove's server", "PORT", least=1, most=65535)
     device_id: int | None = setting(

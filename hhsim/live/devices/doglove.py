@@ -1,4 +1,4 @@
-"""A DOGlove: the joints of a hand, by the datagrams of its published scripts or from its board's serial line."""
+"""DOGlove, whose joints are read from the datagrams of its published scripts or its board's serial line."""
 
 from dataclasses import dataclass
 
@@ -7,15 +7,7 @@ from hhsim.live.devices.registry import Glove, GloveOptions, setting
 
 @dataclass(frozen=True)
 class DogloveOptions(GloveOptions):
-    """Settings of a DOGlove.
-
-    Attributes:
-        host: Where the datagrams come from.
-        port: Where those of the encoders arrive; those of the servos arrive at the next one.
-        path: Serial line of the main board; "" for datagrams. Those of the servos are needed as well.
-        baud: Of the serial line [bit/s].
-        servo_zero: What the five servos read with a flat hand [deg], with commas between.
-    """
+    """Settings of a DOGlove."""
 
     host: str = setting("127.0.0.1", "Where the glove's server is", "HOST")
     port: int = setting(5009, "Port of the glove's server", "PORT", least=1, most=65534)

@@ -1,4 +1,4 @@
-"""A MANUS glove at NVIDIA's Isaac Teleop: a hand that OpenXR tracks, and five motors that shake its fingers."""
+"""MANUS glove at NVIDIA's Isaac Teleop: a hand tracked by OpenXR with five motors that shake its fingers."""
 
 from dataclasses import dataclass
 
@@ -7,14 +7,8 @@ from hhsim.live.devices.registry import Glove, ReachedOptions, setting
 
 @dataclass(frozen=True)
 class ManusOptions(ReachedOptions):
-    """Settings of a MANUS glove.
+    """Settings of a MANUS glove."""
 
-    Attributes:
-        port: Where the bridge's samples arrive; commands go to the next one.
-        full_force: On a finger at which its motor has full power [N].
-    """
-
-    port: int = setting(24170, "Port of the glove's server", "PORT", least=1, most=65535)
     full_force: float = setting(
         2.0, "Force on a finger that shakes it with full power", "N", unit="N", least=0.01, most=1000.0
     )

@@ -1,4 +1,4 @@
-"""A glove that speaks the letter format of OpenGloves, on a serial line or over TCP."""
+"""Glove that speaks the letter format of OpenGloves, on a serial line or over TCP."""
 
 from dataclasses import dataclass
 
@@ -7,14 +7,7 @@ from hhsim.live.devices.registry import Glove, ServedOptions, setting
 
 @dataclass(frozen=True)
 class OpenGlovesOptions(ServedOptions):
-    """Settings of an OpenGloves or LucidGloves.
-
-    Attributes:
-        port: Of the glove, or of a program between, over TCP.
-        path: Serial line; "" for TCP.
-        baud: Of the serial line [bit/s].
-        full_scale: Largest reading of a curl [count]; a calibration that has the ends in counts goes before it.
-    """
+    """Settings of an OpenGloves or LucidGloves."""
 
     port: int = setting(65432, "Port of the glove's server", "PORT", least=1, most=65535)
     path: str = setting(

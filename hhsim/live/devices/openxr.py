@@ -1,25 +1,11 @@
-"""A hand that any OpenXR headset tracks, through a bridge that sends its joints."""
+"""Hand that any OpenXR headset tracks, through a bridge that sends its joints."""
 
-from dataclasses import dataclass
-
-from hhsim.live.devices.registry import Glove, ReachedOptions, setting
-
-
-@dataclass(frozen=True)
-class HandOptions(ReachedOptions):
-    """Settings of a hand that is tracked by a headset.
-
-    Attributes:
-        port: Where the bridge's samples arrive.
-    """
-
-    port: int = setting(24170, "Port of the glove's server", "PORT", least=1, most=65535)
-
+from hhsim.live.devices.registry import Glove, ReachedOptions
 
 GLOVE = Glove(
     about="a bare hand that an OpenXR headset tracks, by a bridge",
     driver="hhsim.live.drivers.openxr:OpenXrHand",
-    options=HandOptions,
+    options=ReachedOptions,
     holds=False,
     palm=True,
 )

@@ -1,8 +1,7 @@
-"""Finds the gloves: each is a module of this package, with the glove's name, that holds a record `GLOVE`.
+"""Registry of the gloves: each is a module of this package, with the glove's name, that holds a record `GLOVE`.
 
-To add a glove, add one such file: the settings that it has, and its driver or where that is. `hhsim live glove` then
-lists the glove and asks for its settings. A driver is imported when its glove is opened; what this package imports, the
-command's help waits for, which is why the drivers of hhsim are in a package of their own, `hhsim.live.drivers`.
+A new glove is one such file with its settings and the name of its driver. Drivers are in a package of their own,
+`hhsim.live.drivers`, and imported when their glove is opened: the command's help imports only this package.
 """
 
 from dataclasses import dataclass, field, fields, replace
@@ -21,17 +20,7 @@ Hand = Literal["right", "left"]
 
 @dataclass(frozen=True)
 class Setting:
-    """How the command line asks for a setting.
-
-    Attributes:
-        text: What it is, without a full stop.
-        metavar: What stands for its value.
-        unit: Of its value; "" for none.
-        flags: Names of the option; by default the setting's own.
-        least: Least value.
-        most: Largest value.
-        choices: The words that there are, where it is one of some.
-    """
+    """Command-line option of a setting; `text` is its help without a full stop, `flags` are names beside its own."""
 
     text: str
     metavar: str
@@ -43,7 +32,7 @@ class Setting:
 
 
 def setting(default: Any, text: str, metavar: str, **more: Any) -> Any:
-    """A field of `GloveOptions`: its default, and what `Setting` holds."""
+    """Make a field of `GloveOptions` from its default and the fields of `Setting`."""
     return field(default=default, metadata={"setting": Setting(text, metavar, **more)})
 
 
@@ -54,25 +43,15 @@ class GloveOptions:
 
 @dataclass(frozen=True)
 class ReachedOptions(GloveOptions):
-    """Settings of a glove that is reached by a server, or by a bridge.
-
-    Attributes:
-        host: Of the server.
-        port: Of the server.
-    """
+    """Settings of a glove at a server or a bridge."""
 
     host: str = setting("127.0.0.1", "Where the glove's server is", "HOST")
-    port: int = setting(0, "Port of the glove's server", "PORT", least=1, most=65535)
+    port: int = setting(24170, "Port of the glove's server", "PORT", least=1, most=65535)
 
 
 @dataclass(frozen=True)
 class ServedOptions(ReachedOptions):
-    """Settings of a glove that is reached by a server, and whose readings can be calibrated.
-
-    Attributes:
-        calibration: File of a calibration; "" for the default one.
-        profile: Of a calibration file that holds several; "" where there is one.
-    """
+    """Settings of a glove at a server whose readings can be calibrated; "" is the default calibration."""
 
     calibration: str = setting("", "Calibration of the glove: our TOML, or the vendor's JSON of profiles", "FILE")
     profile: str = setting("", "Profile of a calibration file that holds several", "NAME")
@@ -80,18 +59,17 @@ class ServedOptions(ReachedOptions):
 
 @dataclass(frozen=True)
 class Glove:
-    """A glove that can be chosen.
+    """Glove that can be chosen.
 
     Attributes:
-        about: What it is, in half a line.
+        about: Description in half a line.
         driver: Its `GloveDevice`, as "module:Class"; called with a `GloveConfig`.
-        options: The type of its settings.
-        calibration: What reads its calibration, as "module:function", called with its settings and the hand and
-            returning a `Calibration`; "" where it has none.
-        plays: Its fingers make a motion: it is given a playback.
-        ends: A session ends with that motion.
-        holds: Fingers stay held in it when nobody tells it otherwise: the watchdog needs a connection of its own.
-        palm: It says where the palm is.
+        options: Type of its settings.
+        calibration: Reader of its `Calibration`, as "module:function", called with settings and hand; "" for none.
+        plays: True if its fingers make a motion: it is given a playback.
+        ends: True if a session ends with that motion.
+        holds: True if fingers stay held without further commands: the watchdog needs a connection of its own.
+        palm: True if it gives the pose of the palm.
     """
 
     about: str
@@ -106,14 +84,7 @@ class Glove:
 
 @dataclass(frozen=True)
 class GloveConfig:
-    """A glove as it is to be opened: which, its settings, and what the session adds.
-
-    Attributes:
-        hand: "right" or "left": which hand's glove is used.
-        seed: Of what is random in a simulated glove.
-        playback: Motion of a glove that plays one.
-        calibration: What its readings mean; None where it has none, and where it is opened for release alone.
-    """
+    """Configuration of a glove to open; `calibration` is None for a glove without one, or opened for release alone."""
 
     kind: str
     options: GloveOptions
@@ -130,13 +101,7 @@ GLOVES: Registry[Glove] = Registry("hhsim.live.devices", "GLOVE", "glove")
 def configure(
     kind: str = "sim", *, hand: Hand = "right", seed: int = 0, playback: "Playback | None" = None, **settings: Any
 ) -> GloveConfig:
-    """A glove with its settings, and with its calibration read.
-
-    Args:
-        hand: "right" or "left".
-        seed: As in `GloveConfig`.
-        playback: As in `GloveConfig`.
-        settings: By their names; those left out have their defaults.
+    """Configure a glove by its settings' names, and read its calibration; arguments as in `GloveConfig`.
 
     Raises:
         UnknownNameError: No such glove, or no such setting of it.
@@ -155,17 +120,13 @@ def configure(
 
 
 def open_device(config: GloveConfig) -> "GloveDevice":
-    """The driver of a glove, not yet opened.
-
-    Raises:
-        InputError: Settings that the driver cannot use.
-    """
+    """Make the driver of a glove, not yet opened; InputError for settings that it cannot use."""
     device: GloveDevice = _named(GLOVES[config.kind].driver)(config)
     return device
 
 
 def open_release(config: GloveConfig) -> "FingerRelease":
-    """What frees the fingers of a glove beside its driver, not yet opened; needs neither calibration nor motion."""
+    """Make the connection that frees a glove's fingers beside its driver, not yet opened."""
     if GLOVES[config.kind].holds:
         return open_device(config)
     from hhsim.live.device import NothingHeld
@@ -174,7 +135,7 @@ def open_release(config: GloveConfig) -> "FingerRelease":
 
 
 def for_release(config: GloveConfig) -> GloveConfig:
-    """What `open_release` needs of a configuration."""
+    """Return the configuration that `open_release` needs: without motion and calibration."""
     return replace(config, playback=None, calibration=None)
 
 

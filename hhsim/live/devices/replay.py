@@ -1,4 +1,4 @@
-"""A recorded motion in the place of a glove."""
+"""Recorded motion in the place of a glove."""
 
 from hhsim.live.devices.registry import Glove
 

@@ -1,4 +1,4 @@
-"""A simulated glove, which needs no hardware."""
+"""Simulated glove, which needs no hardware."""
 
 from dataclasses import dataclass
 
@@ -7,11 +7,7 @@ from hhsim.live.devices.registry import Glove, GloveOptions
 
 @dataclass(frozen=True)
 class SimOptions(GloveOptions):
-    """Settings of a simulated glove.
-
-    Attributes:
-        rate: Samples a second [Hz]; not asked for on the command line.
-    """
+    """Settings of a simulated glove."""
 
     rate: float = 200.0
 

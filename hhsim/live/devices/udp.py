@@ -9,15 +9,8 @@ TAKES = ("limits", "forces")
 
 @dataclass(frozen=True)
 class UdpOptions(ServedOptions):
-    """Settings of a glove with a bridge.
+    """Settings of a glove with a bridge."""
 
-    Attributes:
-        port: Where its samples arrive; commands go to the next one.
-        takes: What its commands are: where each finger is stopped, or the force on each fingertip.
-        most_force: Of the forces that it is told [N]; longer ones are shortened.
-    """
-
-    port: int = setting(24170, "Port of the glove's server", "PORT", least=1, most=65535)
     takes: str = setting(
         "limits", "Whether it takes where fingers are stopped, or forces on their tips", "limits|forces", choices=TAKES
     )

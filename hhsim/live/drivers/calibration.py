@@ -1,12 +1,10 @@
-"""What the channels of a live glove mean: from the vendor's calibration file, or from ours.
+"""Calibration of a live glove: the vendor's JSON of profiles, or our TOML (`hhsim.recordings.dexmo_regression`).
 
-The vendor's server keeps the ends of each channel as raw 12-bit counts, in profiles with names::
+The vendor's server keeps raw 12-bit counts of the open and the closed hand, in named profiles::
 
     {"RIGHT": {"anna": {"max": {"thumb_bend": 3166, …}, "min": {"thumb_bend": 712, …}}}, "LEFT": {…}}
 
-It divides by them itself: what it sends is 0 to 1 already. So such a profile tells which channels say little, and its
-ends are used only where a server sends counts. Our own calibration is the TOML of `hhsim.recordings.dexmo_regression`;
-its ends, where it has any, are those of what the glove sends.
+It sends channels already normalised to 0 to 1, so its counts are used only where a server sends counts.
 """
 
 import json
@@ -27,29 +25,29 @@ from hhsim.system.input_file import read_input_text
 from hhsim.system.settings_file import typed
 
 MOST_NORMALISED = 1.5
-"""Channels beyond this are raw counts."""
+"""Larger channels are raw counts."""
 MOST_COUNT = 4095.0
-"""Of a 12-bit sensor."""
+"""Largest count of a 12-bit sensor."""
 MOST_FILE = 4 << 20
-"""Bytes of a calibration file."""
+"""Largest calibration file [bytes]."""
 BENDS = list(BEND)
 Count = Annotated[float, msgspec.Meta(ge=-1e6, le=1e6, description=f"a count, 0 to {MOST_COUNT:.0f}")]
 _COUNTS = msgspec.defstruct("_COUNTS", [(name, Count) for name in CHANNELS])
 SPLITS = np.array([CHANNELS.index(f"{finger}_split") for finger in ("thumb", "index", "middle", "ring", "pinky")])
 FAR = (-0.5, 1.5)
-"""Normalised bends beyond are of no hand; spread is cut there."""
+"""Range of the normalised bends of a hand; splits are clipped to it."""
 
 
 @dataclass(frozen=True, eq=False)
 class GloveCalibration:
-    """The calibration of a live glove.
+    """Calibration of a live glove.
 
     Attributes:
-        regression: From what the glove sends, 0 to 1 where `counts` is not used, to joint angles.
-        counts: The same for a glove that sends raw counts; None where nothing is known of its counts.
-        doubtful: Channels that say little, in words.
-        kept_free: Numbers of the fingers whose bend says too little to push on.
-        name: Where it comes from, for messages; "" for the default.
+        regression: From the channels that the glove sends to joint angles.
+        counts: Regression for raw counts; None where the counts of the open and the closed hand are unknown.
+        doubtful: Messages about channels of too small a span.
+        kept_free: Numbers of the fingers whose bend has too small a span to push on.
+        name: Source, for messages; "" for the default.
     """
 
     regression: DexmoRegression
@@ -60,23 +58,16 @@ class GloveCalibration:
 
     @property
     def counted(self) -> bool:
-        """Whether the regression is that for a glove that sends raw counts."""
+        """True if the regression is for raw counts."""
         return self.regression is self.counts
 
     @property
     def in_counts(self) -> bool:
-        """Whether the ends of the regression are raw counts."""
+        """True if the calibrated range of the regression is in raw counts."""
         return bool(np.abs(self.regression.closed - self.regression.open).max() > MOST_NORMALISED)
 
     def fitting(self, channels: Sequence[float]) -> "GloveCalibration":
-        """The calibration with the regression for what a glove sends.
-
-        Args:
-            channels: Of one sample, finite, shape (11,).
-
-        Raises:
-            InputError: Counts without their ends, or ends in counts of channels that are 0 to 1.
-        """
+        """Return the calibration for a glove that sends these channels, finite, shape (11,); InputError if none is."""
         most = max(abs(value) for value in channels)
         if most > MOST_NORMALISED:
             if self.counts is None:
@@ -97,31 +88,26 @@ class GloveCalibration:
         return self.regression.bend_lines()
 
     def bend_ends(self) -> tuple[FloatArray, FloatArray]:
-        """Readings of the bends in the flat hand and in the fist, each of shape (5,)."""
+        """Return the readings of the bends in the flat hand and in the fist, each of shape (5,)."""
         return self.regression.open[BENDS], self.regression.closed[BENDS]
 
     def angles(self, readings: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Flexion (5, 3) and abduction (5,) [rad] of finite readings, shape (11,); None where they are of no hand."""
+        """Return flexion (5, 3) and abduction (5,) [rad] of finite readings (11,); None beyond a hand's range."""
         normalised = self.regression.normalised(readings)
         least, most = FAR
         if not all(least <= bend <= most for bend in normalised[BENDS].tolist()):
             return None
-        whole = self.regression.slope @ np.minimum(np.maximum(normalised, least), most) + self.regression.offset
-        return whole[:15].reshape(5, 3), whole[15:]
+        angles = self.regression.slope @ np.minimum(np.maximum(normalised, least), most) + self.regression.offset
+        return angles[:15].reshape(5, 3), angles[15:]
 
     def bends(self, readings: FloatArray) -> FloatArray | None:
-        """Bends, 0 flat to 1 fist, of readings of each finger's, shape (5, n), NaN where unknown; None: of no hand."""
+        """Return bends, 0 flat to 1 fist, of readings (5, n), NaN where unknown; None beyond a hand's range."""
         low, high = self.bend_ends()
         bends = (readings - low[:, None]) / (high - low)[:, None]
         return None if (bends < FAR[0]).any() or (bends > FAR[1]).any() else bends
 
     def readings(self, bends: FloatArray, splits: FloatArray | None = None) -> FloatArray:
-        """Readings of all channels, shape (11,), from those of the bends and the splits; what is unknown is at rest.
-
-        Args:
-            bends: Shape (5,).
-            splits: Shape (5,), NaN where unknown.
-        """
+        """Return all channels (11,) from bends (5,) and splits (5,), NaN where unknown; the others are at rest."""
         found = self.regression.open.copy()
         found[BENDS] = bends
         if splits is not None:
@@ -129,36 +115,28 @@ class GloveCalibration:
             found[SPLITS[known]] = splits[known]
         return found
 
-    def raw(self) -> "GloveCalibration":
-        """The calibration with the regression for raw counts, where there is one."""
-        return self if self.counts is None else replace(self, regression=self.counts)
-
 
 def glove_calibration(options: ServedOptions, hand: str) -> GloveCalibration:
-    """The calibration that a glove's settings name.
-
-    Raises:
-        InputError: As `load_calibration`.
-    """
+    """Read the calibration that a glove's settings name; raises as `load_calibration`."""
     path = Path(options.calibration) if options.calibration else None
     return load_calibration(path, hand, options.profile)
 
 
 def load_calibration(path: Path | None, hand: str = "right", profile: str = "") -> GloveCalibration:
-    """A calibration from a file, `.json` of the vendor or `.toml` of ours.
+    """Read a calibration, `.json` of the vendor or `.toml` of ours.
 
     Args:
-        path: Of the file; None for the default.
+        path: File; None for the default calibration.
         hand: "right" or "left", for the vendor's file, which holds both.
-        profile: Name within the vendor's file; may be "" where there is only one for the hand.
+        profile: Name within the vendor's file; "" where the hand has only one.
 
     Raises:
-        InputError: A file that cannot be read, that is neither, or that lacks what is asked for.
+        InputError: Unreadable or malformed file, or no such hand or profile in it.
     """
     if path is None:
         return GloveCalibration(DexmoRegression.default())
     if path.suffix.lower() == ".json":
-        return _parse_vendor(_text(path), str(path), hand, profile)
+        return _parse_vendor(path, hand, profile)
     regression = read_calibration(path)
     found = GloveCalibration(regression, name=str(path))
     if found.in_counts:
@@ -167,18 +145,14 @@ def load_calibration(path: Path | None, hand: str = "right", profile: str = "") 
     return found
 
 
-def _text(path: Path) -> str:
+def _parse_vendor(path: Path, hand: str, profile: str) -> GloveCalibration:
+    where = str(path)
     try:
-        return read_input_text(path, "utf-8-sig", most=MOST_FILE)
+        whole = json.loads(read_input_text(path, "utf-8-sig", most=MOST_FILE))
     except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+        raise InputError(f"{where}: cannot be read: {error.strerror or error}") from error
     except UnicodeDecodeError:
-        raise InputError(f"{path}: not a text file; expected a calibration of the vendor's server") from None
-
-
-def _parse_vendor(text: str, where: str, hand: str, profile: str) -> GloveCalibration:
-    try:
-        whole = json.loads(text)
+        raise InputError(f"{where}: not a text file; expected a calibration of the vendor's server") from None
     except (ValueError, RecursionError) as error:
         raise InputError(f"{where}: not JSON: {error}") from None
     sides = {key.lower(): value for key, value in typed(whole, dict[str, Any], where).items()}
@@ -206,7 +180,7 @@ def _parse_vendor(text: str, where: str, hand: str, profile: str) -> GloveCalibr
     beyond = [name for name, a, b in zip(CHANNELS, low, high) if a < 0.0 or b > MOST_COUNT]
     if beyond:
         hints += (f"counts beyond 0 to {MOST_COUNT:.0f}: {', '.join(beyond)}",)
-    # A channel without span would divide by nothing: its joints stay at their offset.
+    # A channel without span would divide by zero: its joints stay at their offset.
     slope = np.where(dead, 0.0, base.slope)
     counts = replace(base, open=low, closed=np.where(dead, low + 1.0, high), slope=slope)
     return GloveCalibration(replace(base, slope=slope), counts, hints, _kept_free(low, high), where)
@@ -225,7 +199,7 @@ def _kept_free(low: FloatArray, high: FloatArray) -> tuple[int, ...]:
 
 
 def _ends(where: str, counts: dict[str, Any]) -> FloatArray:
-    """Return the counts of all channels; what else a maker's file holds beside them does not matter."""
+    """Return the counts of all channels; other keys are ignored."""
     named = {key.replace("little_", "pinky_"): count for key, count in counts.items()}
     return np.array(msgspec.structs.astuple(typed(named, _COUNTS, where)))
 

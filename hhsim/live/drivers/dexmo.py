@@ -1,8 +1,7 @@
-"""A Dexmo glove at the TCP server of its vendor.
+"""Driver of a Dexmo glove at the TCP server of its vendor.
 
-A server may have several gloves and several clients; this driver is for one glove. It is found by its number or else by
-its hand, and stays the same until the driver is opened again. Newtons cannot be commanded: the server takes for each
-finger the bend at which it is stopped and a stiffness without unit.
+A server may have several gloves and clients. The driver picks one glove by its number or hand, and keeps it until it is
+opened again. Forces cannot be commanded: each finger takes the bend at which it is stopped and a unitless stiffness.
 """
 
 import contextlib
@@ -47,37 +46,31 @@ if TYPE_CHECKING:
 
 FREE = (0.0,) * FINGER_COUNT
 UNKNOWN_STIFFNESS = (1.0,) * FINGER_COUNT
-"""What the fingers may still be told from before a connection: nobody knows what the server made of it."""
+"""Stiffness assumed at a new connection: the server may still apply an earlier command."""
 SETTLE = 0.1
-"""After the first frame, how long other gloves are looked for [s]."""
+"""Time after the first glove in which others are searched for [s]."""
 LEAST_SET_POINT = 1e-3
-"""The sign of a set point is its direction, which 0 would not have."""
+"""Least set point: its sign is its direction, which 0 would not have."""
 MOST_MALFORMED = 20
-"""So many frames in a row that cannot be read mean that the framing is lost."""
+"""Malformed frames in a row after which the framing counts as lost."""
 MOST_KEPT = 1 << 20
-"""Bytes that may come before the glove is found."""
+"""Most bytes before the glove is found."""
 MOST_FRAMES = 256
-"""Frames looked at in one call."""
+"""Most frames decoded in one call."""
 HAND_TRUST_NS = 1_000_000_000
-"""A glove that said it was the other hand's is used again when all of its frames for so long have said otherwise."""
+"""Time of frames of the right hand alone after which a glove that changed hands is used again [ns]."""
 
 
 class DexmoGlove(GloveDevice):
-    """One glove of a Dexmo server.
-
-    Args:
-        config: With `DexmoOptions`, and a `GloveCalibration` unless the glove is opened for release.
-    """
+    """One glove of a Dexmo server; its configuration has a `GloveCalibration` unless it is opened for release."""
 
     _calibration: "GloveCalibration"
-    """For what the glove sends; from `open` on."""
 
     def __init__(self, config: GloveConfig) -> None:
-        """Nothing is connected yet."""
         assert isinstance(config.options, DexmoOptions)
-        message_classes()  # now, and not when the fingers are to be freed
+        message_classes()  # built here, not when the fingers are to be freed
         host, port, self._wanted_id = config.options.host, config.options.port, config.options.device_id
-        self._given = cast("GloveCalibration", config.calibration)
+        self._configured = cast("GloveCalibration", config.calibration)
         self._hand = config.hand
         self._device_id: int | None = None
         self._link = TcpLink(host, port, f"dexmo at {host}:{port}")
@@ -93,7 +86,7 @@ class DexmoGlove(GloveDevice):
         self.counters = DeviceCounters()
 
     def open(self, timeout: float = 5.0) -> None:
-        """See `GloveDevice.open`; waits until the glove has said something that can be used."""
+        """See `GloveDevice.open`; waits for a finite sample."""
         sample = self._find(timeout)
         assert sample.channels is not None
         try:
@@ -103,7 +96,7 @@ class DexmoGlove(GloveDevice):
             raise DeviceError(f"{self._link.name}: {error}") from None
 
     def open_for_release(self, timeout: float = 5.0) -> None:
-        """See `GloveDevice.open_for_release`; the glove must be there, or nobody could be told to let go."""
+        """See `GloveDevice.open_for_release`; waits for the glove, without which no release can be sent."""
         self._find(timeout)
 
     def drain(self) -> None:
@@ -118,7 +111,7 @@ class DexmoGlove(GloveDevice):
             try:
                 data = self._link.receive()
             except DeviceError as error:
-                # What came before the end is still to be handed on.
+                # Frames received before the end are still returned.
                 self._lost = error
             else:
                 if data is not None:
@@ -145,15 +138,14 @@ class DexmoGlove(GloveDevice):
         stiffness, bend = command.stiffness.tolist(), command.bend.tolist()
         if all(map(math.isfinite, stiffness)) and all(map(math.isfinite, bend)):
             stiffness = [min(max(value, 0.0), 1.0) for value in stiffness]
-            # The server's bend, where our calibration has other ends than the server's.
+            # From our calibrated range to the server's.
             set_point = [
                 min(max(low + span * min(max(value, 0.0), 1.0), LEAST_SET_POINT), 1.0)
                 for value, low, span in zip(bend, self._bend_open, self._bend_span)
             ]
         else:
             stiffness, set_point = list(FREE), list(FREE)
-        # The server may drop all but those that let go of a finger: what follows within a tick replaces the others,
-        # and a server that had to keep them would work off stale ones first.
+        # A command that frees a finger must be kept; others are replaced within a tick, and would only queue up.
         kept = any(now < before for now, before in zip(stiffness, self._stiffness))
         if not self._link.send(framed(encode_impedance(self._device_id, stiffness, set_point, kept=kept))):
             self.counters.commands_refused += 1
@@ -163,7 +155,7 @@ class DexmoGlove(GloveDevice):
         return True
 
     def release(self, timeout: float = 0.05) -> bool:
-        """See `GloveDevice.release`; on a fresh connection where this one takes nothing."""
+        """See `GloveDevice.release`; opens a fresh connection where this one takes nothing."""
         if self._device_id is None:
             return False
         before = self._link.connection
@@ -176,7 +168,7 @@ class DexmoGlove(GloveDevice):
         return sent
 
     def reconnect(self) -> bool:
-        """See `GloveDevice.reconnect`; the glove may say nothing yet."""
+        """See `GloveDevice.reconnect`; does not wait for a sample."""
         if self._lost is None and self._link.connected and not self._other_hand:
             return True
         if not self._link.reconnect():
@@ -184,7 +176,7 @@ class DexmoGlove(GloveDevice):
         if self._lost is not None or not self._other_hand:
             self._begin_stream()
             if self._other_hand:
-                # The connection before may have taken nothing any more.
+                # The previous connection may have refused the release.
                 self._free_fingers()
         return not self._other_hand or self._our_hand_again()
 
@@ -193,14 +185,10 @@ class DexmoGlove(GloveDevice):
         self._link.close()
 
     def _fit(self, channels: Sequence[float]) -> None:
-        """Take the calibration for what the glove sends, and describe the glove.
-
-        Raises:
-            InputError: There is none for it.
-        """
-        self._calibration = calibration = self._given.fitting(channels)
+        """Select the calibration for the channels that the glove sends, and set `info`."""
+        self._calibration = calibration = self._configured.fitting(channels)
         counted = calibration.counted
-        # A server that sends counts takes set points from 0 to 1 all the same.
+        # A server that sends counts still takes set points from 0 to 1.
         low, high = (np.zeros(FINGER_COUNT), np.ones(FINGER_COUNT)) if counted else calibration.bend_ends()
         self._bend_open, self._bend_span = low.tolist(), (high - low).tolist()
         self._flexion, self._abduction = calibration.regression.angles(calibration.regression.open)
@@ -215,15 +203,14 @@ class DexmoGlove(GloveDevice):
         )
 
     def _find(self, timeout: float) -> GloveMessage:
-        """Connect and wait for a finite sample of the glove; what comes is kept for `read`."""
+        """Connect and wait for a finite sample of the glove; received bytes are kept for `read`."""
         deadline = time.monotonic() + timeout
         self._link.connect(timeout)
-        self._stream, self._lost, self._malformed_run = MessageStream(), None, 0
+        self._begin_stream(resyncs=0)
         self._waiting.clear()
         self._device_id = None
         self._other_hand = False
-        self._stiffness = list(UNKNOWN_STIFFNESS)
-        looked = MessageStream()
+        probe = MessageStream()
         seen: dict[int, GloveMessage] = {}
         settled = deadline
         try:
@@ -236,8 +223,8 @@ class DexmoGlove(GloveDevice):
                 self._stream.feed(data)
                 if len(self._stream) > MOST_KEPT:
                     raise FramingError(f"more than {MOST_KEPT >> 20} MB without its glove")
-                looked.feed(data)
-                while (payload := looked.next()) is not None:
+                probe.feed(data)
+                while (payload := probe.next()) is not None:
                     for message in decode_frame(payload):
                         if message.channels is not None and all(map(math.isfinite, message.channels)):
                             seen[message.device_id] = message
@@ -251,7 +238,7 @@ class DexmoGlove(GloveDevice):
         return self._chosen(seen, timeout)
 
     def _candidates(self, seen: dict[int, GloveMessage]) -> list[GloveMessage]:
-        """Gloves of our hand; where the server does not say any hand, those without."""
+        """Return the gloves of our hand; without any, those of unknown hand."""
         wanted = self._hand == "right"
         ours = [message for message in seen.values() if message.right is wanted]
         return ours or [message for message in seen.values() if message.right is None]
@@ -274,14 +261,14 @@ class DexmoGlove(GloveDevice):
             raise DeviceError(f"{self._link.name} has {len(found)} {wanted}s: {there}; name one by its number")
         raise DeviceError(f"{self._link.name}: no {wanted} within {timeout:g} s; gloves there: {there}")
 
-    def _begin_stream(self) -> None:
-        """A new connection begins with a new message."""
+    def _begin_stream(self, resyncs: int = 1) -> None:
+        """Reset the state of the connection: a new one begins with a new message."""
         self._stream, self._lost, self._malformed_run = MessageStream(), None, 0
         self._stiffness = list(UNKNOWN_STIFFNESS)
-        self.counters.resyncs += 1
+        self.counters.resyncs += resyncs
 
     def _next_frame(self) -> bool:
-        """Read one frame into `_waiting`; False where there is none."""
+        """Decode one frame into `_waiting`; False where there is none."""
         try:
             payload = self._stream.next()
         except FramingError as error:
@@ -309,7 +296,7 @@ class DexmoGlove(GloveDevice):
         return True
 
     def _let_go(self, reason: str) -> None:
-        """Free the fingers and end a connection that can no longer be used."""
+        """Free the fingers and end an unusable connection."""
         self._free_fingers()
         self._link.retire()
         self._stream = MessageStream()
@@ -317,13 +304,13 @@ class DexmoGlove(GloveDevice):
         self._lost = DeviceError(f"{self._link.name}: {reason}")
 
     def _free_fingers(self) -> None:
-        """Tell the glove without waiting, where there is somebody to tell."""
+        """Send a release without waiting, where there is a glove."""
         with contextlib.suppress(DeviceError):
             if self._device_id is not None:
                 self._link.send(framed(encode_impedance(self._device_id, FREE, FREE, kept=True)), urgent=True)
 
     def _our_hand_again(self) -> bool:
-        """Take what came, and nothing of it as a sample; whether the glove has been our hand's for long enough."""
+        """Discard what came; True if the glove has been of our hand for `HAND_TRUST_NS`."""
         try:
             self.read(np.zeros(1, GLOVE_SAMPLE))
         except DeviceError:
@@ -334,7 +321,7 @@ class DexmoGlove(GloveDevice):
         return True
 
     def _is_of_our_hand(self, message: GloveMessage) -> bool:
-        """Whether our glove's samples can be used; a glove that changes hands is another one, and lost."""
+        """True if our glove's samples can be used; a glove that changes hands is lost."""
         if message.right not in (None, self._hand == "right"):
             self._ours_ns = -1
             if not self._other_hand:
@@ -348,7 +335,7 @@ class DexmoGlove(GloveDevice):
         return not self._other_hand
 
     def _store(self, message: GloveMessage, row: np.void) -> int:
-        """Write a sample; 1 where there is one."""
+        """Write a sample and return 1, or 0 for a message without one of our glove."""
         ours = message.device_id == self._device_id and self._is_of_our_hand(message)
         if not ours or message.channels is None:
             self.counters.other += 1
@@ -356,7 +343,7 @@ class DexmoGlove(GloveDevice):
         if message.battery is not None:
             self._battery = message.battery if 0 <= message.battery <= 100 else UNKNOWN
         readings = np.array(message.channels)
-        # Once in 5 ms each call finds the caches cold: numpy's for eleven numbers take longer than Python's.
+        # Python's loop is faster than numpy's on eleven numbers with cold caches.
         found = self._calibration.angles(readings) if all(map(math.isfinite, message.channels)) else None
         good = found is not None
         if found is not None:

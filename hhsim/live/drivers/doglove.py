@@ -1,49 +1,31 @@
-"""A DOGlove: 21 joints are read. Nothing is sent, since how its servos are commanded is not published as a format.
+"""Driver of a DOGlove: reads 21 joints; sends nothing, since the command format of its servos is not published.
 
-Sixteen encoders come from the main board, by a serial line or as datagrams; the knuckles' five angles are those of the
-servos, as datagrams. A sample is made of each reading of the encoders, with the newest angles of the servos.
+Sixteen encoders come from the main board, by a serial line or as datagrams; five servos give the knuckles' angles, as
+datagrams. Each reading of the encoders makes a sample with the newest angles of the servos.
 """
 
 import time
 from collections import deque
-from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
-from hhsim.live.device import (
-    FINGER_COUNT,
-    UNKNOWN,
-    Capability,
-    DeviceCounters,
-    DeviceError,
-    FingerCommand,
-    GloveDevice,
-    GloveInfo,
-)
+from hhsim.live.device import UNKNOWN, Capability, DeviceCounters, DeviceError, FingerCommand, GloveDevice, GloveInfo
 from hhsim.live.devices.doglove import DogloveOptions
 from hhsim.live.devices.registry import GloveConfig
-from hhsim.live.link.doglove_codec import (
-    SERVOS,
-    Encoders,
-    FrameStream,
-    decode_encoders,
-    decode_servos,
-)
+from hhsim.live.link.doglove_codec import SERVOS, Encoders, FrameStream, decode_encoders, decode_servos
 from hhsim.live.link.serial import SerialLink
 from hhsim.live.link.udp import UdpPort
 
 SILENCE_NS = 500_000_000
-"""A glove whose encoders say nothing for so long is gone [ns]; input is stale long before."""
+"""Silence of the encoders after which the glove counts as gone [ns]."""
 SERVO_STALE_NS = 100_000_000
-"""Angles of the servos that are older make no sample that may be used [ns]."""
+"""Age of the servos' angles from which on a sample is unusable [ns]."""
 MOST_DEGREES = 180.0
-"""No joint of a hand is beyond this."""
 DIP, PIP, SPLIT = np.array([0, 4, 7, 10, 13]), np.array([1, 5, 8, 11, 14]), np.array([2, 6, 9, 12, 15])
-"""Which encoder is which, thumb to little finger: of the joint next to the tip, of the one before, of the spread."""
+"""Indices of the encoders, thumb to little finger: joint next to the tip, the one before it, spread."""
 CHANNELS = (
     *("thumb_dip", "thumb_pip", "thumb_split", "thumb_rotate"),
     *(f"{finger}_{joint}" for finger in ("index", "middle", "ring", "little") for joint in ("dip", "pip", "split")),
@@ -52,17 +34,9 @@ CHANNELS = (
 
 
 class Doglove(GloveDevice):
-    """One glove.
-
-    Args:
-        config: With `DogloveOptions`.
-
-    Raises:
-        InputError: A baud rate that the system does not know, or zeros that are not five numbers.
-    """
+    """One glove; InputError for an unknown baud rate, or zeros that are not five angles."""
 
     def __init__(self, config: GloveConfig) -> None:
-        """Nothing is opened yet."""
         options = config.options
         assert isinstance(options, DogloveOptions)
         self._options = options
@@ -96,7 +70,12 @@ class Doglove(GloveDevice):
             deadline = time.monotonic() + timeout
             while not (self._waiting and self._servo_ns):
                 if time.monotonic() > deadline:
-                    raise DeviceError(self._in_vain(timeout))
+                    missing = "angle of the servos" if self._waiting else "reading of the encoders"
+                    ports = [port for port in (self._encoders, self._servos) if port is not None]
+                    hint = next(
+                        (port.hint for port in ports if port.hint), "do its scripts run, and send to these ports?"
+                    )
+                    raise DeviceError(f"{self._name}: no {missing} came within {timeout:g} s: {hint}")
                 time.sleep(0.002)
                 self._receive()
         except DeviceError:
@@ -129,7 +108,7 @@ class Doglove(GloveDevice):
         return (*ports, self._line.descriptor()) if self._line is not None and self._line.connected else ports
 
     def send(self, command: FingerCommand) -> bool:
-        """See `GloveDevice.send`; nothing is sent, and what is not sent is not counted."""
+        """See `GloveDevice.send`; sends nothing and counts nothing."""
         return True
 
     def release(self, timeout: float = 0.05) -> bool:
@@ -161,12 +140,15 @@ class Doglove(GloveDevice):
     def _receive(self) -> None:
         if self._servos is None:
             raise DeviceError(f"{self._name}: not open")
-        for servo, now in _arrived(self._servos):
+        for servo, now in self._servos.arrived():
+            self._servos.keep_to_sender()
             if np.isfinite(servo).all():
                 self._servo, self._servo_ns = servo, now
         if self._line is None:
             assert self._encoders is not None
-            self._waiting.extend(_arrived(self._encoders))
+            for reading in self._encoders.arrived():
+                self._encoders.keep_to_sender()
+                self._waiting.append(reading)
         else:
             data = self._line.receive()
             now = time.monotonic_ns()
@@ -187,19 +169,9 @@ class Doglove(GloveDevice):
         angles = np.radians(flexion), np.radians(abduction)
         self._write_sample(row, now, good, np.concatenate([degrees, servo]), angles, device_time_ns=stamp)
 
-    def _in_vain(self, timeout: float) -> str:
-        missing = "reading of the encoders" if not self._waiting else "angle of the servos"
-        ports = [port for port in (self._encoders, self._servos) if port is not None]
-        hint = next((port.hint for port in ports if port.hint), "do its scripts run, and send to these ports?")
-        return f"{self._name}: no {missing} came within {timeout:g} s: {hint}"
-
 
 def servo_zero(text: str) -> FloatArray:
-    """What the servos read with a flat hand [deg], shape (5,).
-
-    Raises:
-        InputError: Not five numbers from -360 to 360.
-    """
+    """Parse the servos' readings of a flat hand [deg], shape (5,); InputError for other than five angles."""
     try:
         zero = np.array([float(part) for part in text.split(",")])
     except ValueError:
@@ -213,23 +185,13 @@ def servo_zero(text: str) -> FloatArray:
 
 
 def hand_angles(encoders: FloatArray, bend: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Joints of the hand [deg] from what the glove reads.
+    """Compute flexion (5, 3) and abduction (5,) [deg] of the hand; the thumb's rotation is not modelled.
 
     Args:
-        encoders: Of the main board [deg], shape (16,).
-        bend: Of the servos, less what they read with a flat hand [deg], shape (5,).
-
-    Returns:
-        Flexion, shape (5, 3), and abduction, shape (5,). The thumb's rotation has no place in this hand.
+        encoders: Readings of the main board [deg], shape (16,).
+        bend: Servos' angles relative to the flat hand [deg], shape (5,).
     """
     flexion = np.stack([bend, 270.0 - encoders[PIP], encoders[DIP] - 90.0], axis=1)
     abduction = 180.0 - encoders[SPLIT]
     abduction[0] = -abduction[0]
-    assert flexion.shape == (FINGER_COUNT, 3)
     return flexion, abduction
-
-
-def _arrived(port: UdpPort) -> Iterator[tuple[Any, int]]:
-    for found in port.arrived():
-        port.keep_to_sender()
-        yield found

@@ -1,20 +1,21 @@
-"""A glove that speaks the letter format of OpenGloves: LucidGloves and their kin, on a serial line or over TCP.
+"""Driver of gloves with OpenGloves' letter format (LucidGloves and their kin), on a serial line or over TCP.
 
-What such a glove takes is a position limit without a stiffness: a servo blocks the finger's string. So a stiffness here
-moves the limit: from free at 0 to the wanted bend at `FULL_STIFFNESS` and above.
+Such a glove takes a position limit without a stiffness: a servo blocks the finger's string. So a stiffness moves the
+limit: from free at 0 to the wanted bend at `FULL_STIFFNESS` and above.
 
-hhsim connects to the glove and never waits for it to connect: the watchdog needs a connection of its own.
+hhsim connects to the glove and not the reverse: the watchdog needs a connection of its own.
 """
 
+import contextlib
 import math
 import time
 from collections import deque
+from dataclasses import replace
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.live.device import (
     FINGER_COUNT,
@@ -44,31 +45,23 @@ if TYPE_CHECKING:
 
 FULL_STIFFNESS = 0.25
 MOST_MALFORMED = 20
-"""So many lines in a row that cannot be read are told once, as lost framing."""
+"""Malformed lines in a row that count as lost framing."""
 BONES = ("metacarpal", "proximal", "middle", "distal")
 
 
 class OpenGlovesGlove(GloveDevice):
-    """One glove.
+    """One glove; InputError for an invalid baud rate or full scale.
 
-    Its curls are the bends of `hhsim.recordings.dexmo_regression`; where it sends every joint, each joint goes its own
-    way.
-
-    Args:
-        config: With `OpenGlovesOptions`, and a `GloveCalibration` unless the glove is opened for release.
-
-    Raises:
-        InputError: A baud rate or full scale that is none.
+    Its curls are the bends of `hhsim.recordings.dexmo_regression`; joints that it sends move on their own.
     """
 
     def __init__(self, config: GloveConfig) -> None:
-        """Nothing is connected yet."""
         options = config.options
         assert isinstance(options, OpenGlovesOptions)
         if not (math.isfinite(options.full_scale) and options.full_scale > 0.0):
             raise InputError(f"full scale {options.full_scale}; expected the largest reading, such as 1023 or 4095")
         self._full_scale = options.full_scale
-        self._given = cast("GloveCalibration", config.calibration)
+        self._configured = cast("GloveCalibration", config.calibration)
         self._hand = config.hand
         self._serial = bool(options.path)
         self._link: SerialLink | TcpLink
@@ -85,7 +78,7 @@ class OpenGlovesGlove(GloveDevice):
         self.counters = DeviceCounters()
 
     def open(self, timeout: float = 5.0) -> None:
-        """See `GloveDevice.open`; waits for the first sample, which a board that resets sends after a second or two."""
+        """See `GloveDevice.open`; waits for a sample, a second or two where the board resets."""
         deadline = time.monotonic() + timeout
         self.open_for_release(timeout)
         self._waiting.clear()
@@ -96,14 +89,10 @@ class OpenGlovesGlove(GloveDevice):
             fresh = self._receive()
             seen = (seen + fresh)[:40]
             for line, _ in list(self._waiting)[bad:]:
-                try:
-                    found = parse_line(line)
-                except LineError:
-                    bad += 1
-                    continue
-                if found is not None:
-                    self._begin(found)
-                    return
+                with contextlib.suppress(LineError):
+                    if (found := parse_line(line)) is not None:
+                        self._begin(found)
+                        return
                 bad += 1
         self._link.close()
         if seen:
@@ -113,12 +102,12 @@ class OpenGlovesGlove(GloveDevice):
         raise DeviceError(f"{self._link.name}: sent nothing within {timeout:g} s: is this the glove's line?")
 
     def open_for_release(self, timeout: float = 5.0) -> None:
-        """See `GloveDevice.open_for_release`; a serial line is not read by the watchdog."""
+        """See `GloveDevice.open_for_release`."""
         self._lost = None
         self._link.connect(timeout)
 
     def drain(self) -> None:
-        """See `GloveDevice.drain`; what a serial line brings is the loop's."""
+        """See `GloveDevice.drain`; bytes of a serial line are left to the loop."""
         if isinstance(self._link, SerialLink):
             self._link.check()
             return
@@ -132,7 +121,7 @@ class OpenGlovesGlove(GloveDevice):
             try:
                 self._receive()
             except DeviceError as error:
-                # What came before the end is still to be handed on.
+                # Lines received before the end are still returned.
                 self._lost = error
         count = 0
         while self._waiting and count < len(samples_out):
@@ -155,7 +144,7 @@ class OpenGlovesGlove(GloveDevice):
         return False
 
     def release(self, timeout: float = 0.05) -> bool:
-        """See `GloveDevice.release`; on a fresh connection where this one takes nothing."""
+        """See `GloveDevice.release`; opens a fresh connection where this one takes nothing."""
         before = self._link.connection
         sent = self._link.send_within(RELEASE, timeout)
         if self._link.connection != before:
@@ -165,7 +154,7 @@ class OpenGlovesGlove(GloveDevice):
         return sent
 
     def reconnect(self) -> bool:
-        """See `GloveDevice.reconnect`; the glove may say nothing yet."""
+        """See `GloveDevice.reconnect`; does not wait for a sample."""
         if self._lost is None and self._link.connected:
             return True
         if not self._link.reconnect():
@@ -180,10 +169,13 @@ class OpenGlovesGlove(GloveDevice):
         self._link.close()
 
     def _begin(self, line: GloveLine) -> None:
-        """Take the first sample as what this glove can do."""
+        """Set `info` from the first sample."""
         from hhsim.hand.fingers import FINGERS
 
-        self._calibration = calibration = self._given.raw()
+        calibration = self._configured
+        if calibration.counts is not None:
+            calibration = replace(calibration, regression=calibration.counts)
+        self._calibration = calibration
         self._scale = 1.0 if calibration.counted else self._full_scale
         self._flexion, self._abduction = calibration.regression.angles(calibration.regression.open)
         can = Capability.POSITION_LIMIT
@@ -206,7 +198,7 @@ class OpenGlovesGlove(GloveDevice):
         )
 
     def _begin_stream(self) -> None:
-        """A connection begins with a line, a serial line anywhere."""
+        """Reset the stream; TCP begins with a whole line, a serial line anywhere."""
         self._stream, self._overlong, self._malformed_run = LineStream(whole=not self._serial), 0, 0
 
     def _receive(self) -> bytes:
@@ -222,7 +214,7 @@ class OpenGlovesGlove(GloveDevice):
         return data
 
     def _store(self, line: bytes, now: int, row: np.void) -> int:
-        """Write a sample; 1 where there is one."""
+        """Write a sample and return 1, or 0 for a line without one."""
         self.counters.frames += 1
         try:
             found = parse_line(line)
@@ -242,19 +234,22 @@ class OpenGlovesGlove(GloveDevice):
         return 1
 
     def _angles(self, line: GloveLine) -> bool:
-        """Take a sample as the angles of the hand; False where they are those of no hand."""
+        """Set the hand's angles from a sample; False beyond a hand's range."""
         calibration, scale = self._calibration, self._scale
         curl, splay = np.array(line.curl) / scale, np.array(line.splay) / scale
         if scale != 1.0:
-            # Without a calibration, the middle of the range is taken for straight fingers.
+            # Without a calibration, mid-range is a straight finger.
             splay = 2.0 * splay - 1.0
         found = calibration.angles(calibration.readings(curl, splay))
         if found is None:
             return False
         flexion, abduction = found
-        # Most gloves send no joints: what has nothing to add took longer than all the rest of a sample.
+        # Most gloves send no joints, and the arrays below cost more than the rest of a sample.
         if any(math.isfinite(value) for bones in line.joints for value in bones):
-            joints = calibration.bends(our_joints(line) / scale)
+            bones = np.array(line.joints)
+            # Our first joint moves the proximal bone; gloves without a distal sensor number from the first joint on.
+            readings = np.where(np.isfinite(bones[:, 3:]), bones[:, 1:], bones[:, :3])
+            joints = calibration.bends(readings / scale)
             if joints is None:
                 return False
             low, high = calibration.bend_ends()
@@ -265,16 +260,8 @@ class OpenGlovesGlove(GloveDevice):
         return True
 
 
-def our_joints(line: GloveLine) -> FloatArray:
-    """Readings of our three joints of each finger, shape (5, 3), NaN where the glove does not send them."""
-    bones = np.array(line.joints)
-    # Our first joint is the knuckle, which moves the proximal bone; gloves without a distal sensor number from the
-    # first joint on.
-    return np.where(np.isfinite(bones[:, 3:]), bones[:, 1:], bones[:, :3])
-
-
 def limits(command: FingerCommand) -> list[int]:
-    """What the glove is told: 0 free to 1000 blocked fully extended, for each finger."""
+    """Compute the limit of each finger, 0 free to 1000 blocked fully extended."""
     bend, stiffness = command.bend.tolist(), command.stiffness.tolist()
     if not all(map(math.isfinite, bend)) or not all(map(math.isfinite, stiffness)):
         return [0] * FINGER_COUNT

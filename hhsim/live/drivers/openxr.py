@@ -1,8 +1,7 @@
-"""A hand that a headset tracks: OpenXR's 26 joints, by a bridge that sends them as open packets of the kind `HAND`.
+"""Drivers of a hand tracked by a headset (OpenXR's 26 joints as open packets of kind `HAND`), and of a MANUS glove.
 
-Order, frames and radii of the joints are those of XR_EXT_hand_tracking (OpenXR 1.1, `XrHandJointEXT` and
-`XrHandJointLocationEXT`). A MANUS glove at NVIDIA's Isaac Teleop (Isaac Capture) is such a hand whose fingers can be
-shaken: its motors take powers, the size of the force on a finger by the force of full power, at most 1.
+Order and frames of the joints are those of XR_EXT_hand_tracking (OpenXR 1.1). A MANUS glove at NVIDIA's Isaac Teleop is
+such a hand with motors that shake the fingers: their power is the finger's force over the force of full power.
 """
 
 import math
@@ -27,20 +26,14 @@ NO_POWER = (0.0,) * FINGER_COUNT
 
 
 class OpenXrHand(PacketGlove):
-    """A tracked hand, which is told nothing.
-
-    Args:
-        config: With a host and a port.
-    """
+    """Tracked hand, which takes no commands."""
 
     SAMPLES = (Kind.HAND,)
     NAME = "openxr hand"
     TAKES = Capability.NONE
     _fit: "TrackedHand"
-    """From `open` on."""
 
     def __init__(self, config: GloveConfig) -> None:
-        """Nothing is opened yet."""
         options = config.options
         assert isinstance(options, ReachedOptions)
         super().__init__(options.host, options.port, self.NAME)
@@ -49,7 +42,7 @@ class OpenXrHand(PacketGlove):
 
     def open(self, timeout: float = 5.0) -> None:
         """See `GloveDevice.open`."""
-        # Here: what only frees the fingers needs neither the hand nor a compiled kernel.
+        # A release alone needs neither the hand nor a compiled kernel.
         from hhsim.live.drivers.tracked_hand import TrackedHand
 
         self._fit = TrackedHand(self._hand)
@@ -76,20 +69,12 @@ class OpenXrHand(PacketGlove):
 
 
 class ManusGlove(OpenXrHand):
-    """One glove.
-
-    Args:
-        config: With `ManusOptions`.
-
-    Raises:
-        InputError: A force of full power that is none.
-    """
+    """One glove; InputError for a force of full power that is not positive."""
 
     NAME = "manus bridge"
     TAKES = Capability.POWER
 
     def __init__(self, config: GloveConfig) -> None:
-        """Nothing is opened yet."""
         super().__init__(config)
         assert isinstance(config.options, ManusOptions)
         self._full_force = config.options.full_force
@@ -113,22 +98,19 @@ _TAIL = {name: struct.pack("<I8s", len(name), name.encode()) for name in ("left"
 
 
 def encode_haptic_command(endpoint: str, powers: Sequence[float]) -> bytes:
-    """The bytes of a `HapticCommand`, what the glove plugins of NVIDIA's Isaac Teleop take: an endpoint and its powers.
+    """Encode a `HapticCommand` of NVIDIA's Isaac Teleop, byte for byte as FlatBuffers' own builder does.
 
-    A FlatBuffers table of two fields, `endpoint` (string, id 0) and `values` (vector of float32, id 1): facts of
-    `src/core/schema/fbs/haptic_command.fbs` and of the plugin `src/plugins/manus` of github.com/NVIDIA/IsaacTeleop
-    (Apache-2.0), and of FlatBuffers' internals. Bytes are those of FlatBuffers' own builder.
+    A table of two fields, `endpoint` (string, id 0) and `values` (vector of float32, id 1): facts of
+    `src/core/schema/fbs/haptic_command.fbs` and `src/plugins/manus` of github.com/NVIDIA/IsaacTeleop (Apache-2.0).
 
-    | bytes | what, little-endian |
+    | bytes | content, little-endian |
     |---|---|
-    | 0 | uint32, where the table is: 12 |
+    | 0 | uint32, offset of the table: 12 |
     | 4 | its vtable, uint16: own size 8, table's size 12, endpoint at 4 in the table, values at 8 |
     | 12 | the table: int32 back to the vtable 8; uint32 on to the endpoint 32; uint32 on to the values 4 |
     | 24 | the values: uint32 5, then five float32, thumb to little finger, 0 to 1 |
     | 48 | the endpoint: uint32 length, its letters, zeros to a multiple of four, one at least |
 
-    Args:
-        endpoint: "left" or "right".
-        powers: Of the five motors, 0 to 1, thumb to little finger.
+    The endpoint is "left" or "right"; powers are 0 to 1, thumb to little finger.
     """
     return _HEAD + _FIVE.pack(*powers) + _TAIL[endpoint]

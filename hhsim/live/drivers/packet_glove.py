@@ -1,4 +1,4 @@
-"""What the gloves share whose samples come in the open packet of `hhsim.live.link.udp_codec`."""
+"""Base class of gloves whose samples come in the open packet of `hhsim.live.link.udp_codec`."""
 
 import contextlib
 import os
@@ -12,41 +12,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.arrays import FloatArray
-from hhsim.live.device import (
-    FINGER_COUNT,
-    UNKNOWN,
-    DeviceCounters,
-    DeviceError,
-    FingerCommand,
-    GloveDevice,
-    GloveInfo,
-)
+from hhsim.live.device import FINGER_COUNT, UNKNOWN, DeviceCounters, DeviceError, FingerCommand, GloveDevice, GloveInfo
 from hhsim.live.link.udp import PacketOrder, UdpPort, resolve
 from hhsim.live.link.udp_codec import NONE_YET, Kind, Packet
 
 SILENCE_NS = 500_000_000
-"""A bridge that says nothing for so long is gone [ns]; the fingers are free long before."""
+"""Silence after which a bridge counts as gone [ns]; the fingers are free long before."""
 RELEASE_COPIES = 3
-"""A release is sent so often, for a datagram may be lost."""
+"""Datagrams a release is sent in, as one may be lost."""
 
 
 class PacketGlove(GloveDevice):
-    """The glove of a bridge.
+    """Glove of a bridge.
 
-    Samples are taken in the order in which they were sent; what comes late is counted and left out, what never comes is
-    counted as dropped. The first packet says which kind of numbers the bridge sends.
-
-    Args:
-        host: Where the bridge is.
-        port: Where its samples arrive; commands go to the next one.
-        name: Of the glove, for messages.
+    Samples arrive at `port`, and commands go to the next one. Samples are used in the order of their sequence numbers;
+    late ones are left out and counted. The first packet sets the kind of numbers that the bridge sends.
     """
 
     SAMPLES: ClassVar[tuple[Kind, ...]]
     """Kinds of packets that are samples."""
 
     def __init__(self, host: str, port: int, name: str) -> None:
-        """Nothing is opened yet."""
         self._host, self._port_number = host, port
         self._name = f"{name} at {host}, samples to port {port}"
         self._port: UdpPort | None = None
@@ -58,7 +44,7 @@ class PacketGlove(GloveDevice):
         self._order = PacketOrder()
         self._kind = self.SAMPLES[0]
         self._unused: Kind | None = None
-        self._told = False
+        self._hint_raised = False
         self._waiting: deque[tuple[Packet, int]] = deque()
         self._heard_ns = 0
         self._flexion, self._abduction = np.zeros((FINGER_COUNT, 3)), np.zeros(FINGER_COUNT)
@@ -67,22 +53,18 @@ class PacketGlove(GloveDevice):
 
     @abstractmethod
     def _describe(self, first: Packet) -> GloveInfo:
-        """What the first packet tells of the glove; what follows is of its kind.
-
-        Raises:
-            InputError: Numbers that the settings do not fit.
-        """
+        """Describe the glove from its first packet; raises InputError where the settings do not fit its numbers."""
 
     @abstractmethod
     def _take(self, values: FloatArray, now_ns: int) -> bool:
-        """Take the numbers of a sample as `_flexion` and `_abduction`; False where they are those of no hand."""
+        """Set `_flexion` and `_abduction` from a sample's numbers; False beyond a hand's range."""
 
     def _channels(self, values: FloatArray) -> FloatArray:
-        """What of a sample's numbers is recorded."""
+        """Return the recorded numbers of a sample."""
         return values
 
     def _command(self, command: FingerCommand | None) -> bytes:
-        """The datagram that tells the fingers; None, or what is not finite, frees them. Empty where nothing is told."""
+        """Encode a command, None or not finite for a release; empty where the glove takes none."""
         return b""
 
     def open(self, timeout: float = 5.0) -> None:
@@ -99,7 +81,7 @@ class PacketGlove(GloveDevice):
         while not self._waiting:
             left = deadline - time.monotonic()
             if left <= 0.0:
-                hint = self._in_vain() or "is the bridge running, and does it send to that port?"
+                hint = self._rejected_input() or "is the bridge running, and does it send to that port?"
                 self.close()
                 raise DeviceError(f"{self._name}: no sample came within {timeout:g} s: {hint}")
             self._port.wait(left)
@@ -126,10 +108,10 @@ class PacketGlove(GloveDevice):
             self._store(packet, now, samples_out[count])
             count += 1
         if count == 0 and time.monotonic_ns() - self._heard_ns > SILENCE_NS:
-            silence, hint = f"{1e-9 * SILENCE_NS:g} s", self._in_vain()
-            self._told = bool(hint)
-            what = f"no sample came for {silence}: {hint}" if hint else f"nothing came for {silence}"
-            raise DeviceError(f"{self._name}: {what}")
+            hint = self._rejected_input()
+            self._hint_raised = bool(hint)
+            what = "no sample" if hint else "nothing"
+            raise DeviceError(f"{self._name}: {what} came for {1e-9 * SILENCE_NS:g} s{hint and ': '}{hint}")
         return count
 
     def descriptors(self) -> tuple[int, ...]:
@@ -152,13 +134,13 @@ class PacketGlove(GloveDevice):
         return sent
 
     def reconnect(self) -> bool:
-        """See `GloveDevice.reconnect`; the bridge is back when a sample comes, whatever else it says."""
+        """See `GloveDevice.reconnect`; the bridge is back with its next sample."""
         if self._port is None:
             return self._out is not None
         if not self._waiting:
             self._receive(1)
-        if not self._waiting and not self._told and (hint := self._in_vain()):
-            self._told = True
+        if not self._waiting and not self._hint_raised and (hint := self._rejected_input()):
+            self._hint_raised = True
             raise DeviceError(f"{self._name}: {hint}")
         return bool(self._waiting)
 
@@ -186,7 +168,7 @@ class PacketGlove(GloveDevice):
         return True
 
     def _receive(self, most: int) -> None:
-        """Take what has arrived, at most so many samples; each datagram is counted."""
+        """Take at most so many samples of what has arrived; each datagram is counted."""
         assert self._port is not None
         counters, before = self.counters, self._port.malformed
         if most < 1:
@@ -212,8 +194,8 @@ class PacketGlove(GloveDevice):
         counters.dropped = self._order.lost
         counters.resyncs = max(0, self._order.sessions - 1)
 
-    def _in_vain(self) -> str:
-        """What came since the last sample and is none, in words; "" where nothing did."""
+    def _rejected_input(self) -> str:
+        """Describe packets since the last sample that are none; "" without any."""
         if self._unused is None:
             return self._port.hint if self._port is not None else ""
         if self._known:

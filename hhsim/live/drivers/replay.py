@@ -1,4 +1,4 @@
-"""A recorded motion as a glove: its samples, one by one, when their stamps say so; it feels no command."""
+"""Recorded motion in the place of a glove: gives each sample at its stamp and ignores commands."""
 
 import math
 import time
@@ -7,37 +7,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import InputError
-from hhsim.live.device import (
-    UNKNOWN,
-    Capability,
-    DeviceCounters,
-    FingerCommand,
-    GloveDevice,
-    GloveInfo,
-    NothingHeld,
-)
+from hhsim.live.device import Capability, DeviceCounters, FingerCommand, GloveDevice, GloveInfo, NothingHeld
 from hhsim.live.devices.registry import GloveConfig
 from hhsim.live.playback import RETURN_TIME
 from hhsim.recordings.column_map import JOINT_NAMES
 
 
 class ReplayGlove(NothingHeld, GloveDevice):
-    """Gives sample k of a trajectory as sample k, bit for bit, whenever it is read.
+    """Gives sample k of a trajectory as sample k, bit for bit; its channels are the joint angles [rad].
 
-    Its channels are the joint angles [rad].
-
-    After the last one, that sample stays and is given on at the usual rate, as by a hand that rests. In a motion that
-    is repeated the fingers go back to the first one within `RETURN_TIME`, as the palm does.
-
-    Args:
-        config: `playback` is the motion.
-
-    Raises:
-        InputError: No motion.
+    The last sample is repeated at the usual rate, as by a hand that rests. In a repeated motion the fingers return to
+    the first sample within `RETURN_TIME`, as the palm does. InputError without a `playback`.
     """
 
     def __init__(self, config: GloveConfig) -> None:
-        """Nothing is read yet."""
         if config.playback is None:
             raise InputError("device replay has no motion; expected a trajectory")
         self._playback = config.playback
@@ -53,10 +36,10 @@ class ReplayGlove(NothingHeld, GloveDevice):
         self.counters = DeviceCounters()
         self._next = 0
         self._returning = max(0, math.ceil(RETURN_TIME / config.playback.period) - 1)
-        """Samples between the last one and the first one of the next turn."""
+        """Number of samples between the last one and the first one of the next cycle."""
 
     def open(self, timeout: float = 5.0) -> None:
-        """See `GloveDevice.open`; there is nothing to connect to."""
+        """See `GloveDevice.open`."""
 
     def read(self, samples_out: NDArray[np.void]) -> int:
         """See `GloveDevice.read`."""
@@ -71,24 +54,20 @@ class ReplayGlove(NothingHeld, GloveDevice):
             self._next += 1
             count += 1
         self.counters.frames += count
-        self.counters.samples += count
         return count
 
     def pause(self) -> float:
-        """See `GloveDevice.pause`; the next sample is due then."""
+        """See `GloveDevice.pause`."""
         return max(0.0, self._due(self._next)[3] - self._playback.elapsed(time.monotonic_ns()))
 
     def _due(self, number: int) -> tuple[int, int, float, float]:
-        """What the sample of this number is: two samples of the motion, the share of the way from one to the other.
-
-        Last, when it comes [s].
-        """
+        """Return two samples of the motion, the weight of the second, and the time at which sample `number` comes."""
         motion = self._playback
         last = motion.stamps.shape[0] - 1
-        turn = 0
+        cycle = 0
         if motion.repeat:
-            turn, number = divmod(number, last + 1 + self._returning)
-        begun = turn * (motion.duration + RETURN_TIME)
+            cycle, number = divmod(number, last + 1 + self._returning)
+        begun = cycle * (motion.duration + RETURN_TIME)
         if number <= last:
             return number, number, 0.0, begun + float(motion.stamps[number])
         waited = (number - last) * motion.period
@@ -101,18 +80,11 @@ class ReplayGlove(NothingHeld, GloveDevice):
         if share > 0.0:
             flexion = (1.0 - share) * flexion + share * motion.flexion[after]
             abduction = (1.0 - share) * abduction + share * motion.abduction[after]
-        sample["seq"] = sample["device_seq"] = self._next
-        sample["time_ns"] = now
-        sample["device_time_ns"] = round(1e9 * due)
-        sample["battery"] = UNKNOWN
-        sample["good"] = True
-        sample["flexion"] = flexion
-        sample["abduction"] = abduction
-        sample["channels"] = np.nan
-        sample["channels"][:15] = flexion.ravel()
-        sample["channels"][15:20] = abduction
+        channels = np.concatenate([flexion.ravel(), abduction])
+        stamps = {"device_time_ns": round(1e9 * due), "device_seq": self._next}
+        self._write_sample(sample, now, True, channels, (flexion, abduction), **stamps)
 
     def send(self, command: FingerCommand) -> bool:
-        """See `GloveDevice.send`; a recording feels nothing."""
+        """See `GloveDevice.send`; the command is counted and ignored."""
         self.counters.commands += 1
         return True

@@ -1,8 +1,8 @@
-"""A glove without hardware: a virtual user whose fingers obey the position limit.
+"""Simulated glove: a virtual user whose fingers obey the position limit.
 
-Each finger follows what its user wants with the lag of a limb. Where it is stopped, the user's muscle and the motor are
-two springs against each other, so that the finger rests a little beyond the set point: by 1/(1 + `MOTOR_STIFFNESS`) of
-what the user wants at full stiffness. It is a model of a position limit and of no glove that can be bought.
+Each finger follows its user with the lag of a limb. Where it is stopped, muscle and motor are two springs in
+opposition: at full stiffness the finger rests beyond the set point by 1/(1 + `MOTOR_STIFFNESS`) of the wanted way. It
+models a position limit, and no glove that can be bought.
 """
 
 import math
@@ -27,32 +27,25 @@ from hhsim.live.devices.sim import SimOptions
 from hhsim.recordings.dexmo_regression import BEND, DexmoRegression
 
 MOTOR_STIFFNESS = 20.0
-"""Of the motor at stiffness 1 against the user's muscle."""
+"""Stiffness of the motor at command 1, relative to the user's muscle."""
 LIMB_LAG = 0.02
-"""Time constant with which a finger goes to its place of rest [s]."""
+"""Time constant of a finger [s]."""
 COUNTS = 2000.0
-"""Counts of the sensor from an open to a closed finger; its noise is one count."""
+"""Sensor counts from an open to a closed finger; the noise is one count."""
 CLOSED = 0.7
-"""Bend to which fingers close that have no motion to make."""
+"""Largest bend of fingers without a motion."""
 LONGEST_PAUSE = 1.0
-"""Samples of a longer time without a read are dropped [s]."""
+"""Time without a read after which samples are dropped [s]."""
 
 
 class SimGlove(NothingHeld, GloveDevice):
-    """A simulated glove.
+    """Simulated glove whose channels are the bends of the fingers; InputError for a rate out of range.
 
-    Without noise and commands the fingers make the motion of the playback; its channels are the bends of the fingers.
-    Each sample follows from the seed, the motion and the commands before it, not from when it is read.
-
-    Args:
-        config: `playback` or, without one, fingers that open and close as `seed` says; `rate` [Hz].
-
-    Raises:
-        InputError: A rate that is not positive.
+    Its fingers make the motion of the `playback`, else open and close as the seed says. Each sample follows from the
+    seed, the motion and the commands before it, not from the time at which it is read.
     """
 
     def __init__(self, config: GloveConfig) -> None:
-        """Nothing is read yet."""
         assert isinstance(config.options, SimOptions)
         rate = config.options.rate
         if not (math.isfinite(rate) and 0.0 < rate <= 1e4):
@@ -69,7 +62,6 @@ class SimGlove(NothingHeld, GloveDevice):
         self._held_back = np.zeros(FINGER_COUNT)
         self._start_ns = -1
         self._next = 0
-        self._seq = 0
         self.info = GloveInfo(
             name="simulated glove",
             capabilities=Capability.POSITION_LIMIT | Capability.STIFFNESS | Capability.JOINTS | Capability.STAMPS,
@@ -79,7 +71,7 @@ class SimGlove(NothingHeld, GloveDevice):
         self.counters = DeviceCounters()
 
     def open(self, timeout: float = 5.0) -> None:
-        """See `GloveDevice.open`; there is nothing to connect to."""
+        """See `GloveDevice.open`."""
 
     def read(self, samples_out: NDArray[np.void]) -> int:
         """See `GloveDevice.read`."""
@@ -101,7 +93,7 @@ class SimGlove(NothingHeld, GloveDevice):
         return count
 
     def pause(self) -> float:
-        """See `GloveDevice.pause`; the next sample is due then."""
+        """See `GloveDevice.pause`."""
         return max(0.0, self._next * self._period - 1e-9 * (time.monotonic_ns() - self._start_ns))
 
     def _fill(self, sample: np.void, now: int) -> None:
@@ -117,7 +109,7 @@ class SimGlove(NothingHeld, GloveDevice):
         self._write_sample(sample, now, True, felt / COUNTS, angles, device_time_ns=stamp, device_seq=self._next)
 
     def _wanted(self, elapsed: float) -> tuple[FloatArray, FloatArray]:
-        """Flexion (5, 3) and abduction (5,) [rad] that the user is at without a motor."""
+        """Return flexion (5, 3) and abduction (5,) [rad] of the user without a motor."""
         if self._playback is not None:
             motion = self._playback.trajectory
             before, after, share = self._playback.place(elapsed)

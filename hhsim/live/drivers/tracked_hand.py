@@ -1,8 +1,6 @@
-"""Our hand in OpenXR's joints, a sample at a time and in memory that is there before.
+"""Fits our hand to OpenXR's joints, a sample at a time, as `hhsim.recordings.joint_positions` does for recordings.
 
-As in recordings (`hhsim.recordings.joint_positions`) our palm is laid into wrist and knuckles, and our bones are
-brought nearest to those between the joints. What a runtime says of the joints' orientations and radii is not used: rigs
-differ in it.
+A runtime's orientations and radii of the joints are not used, as rigs differ in them.
 """
 
 import numpy as np
@@ -18,27 +16,22 @@ from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS
 from hhsim.recordings.joint_positions import HAND_LENGTHS
 
 FARTHEST = 100.0
-"""A joint beyond [m] was sent in another unit."""
-NUMBERS = 8
-"""Of a joint: its orientation (x, y, z, w), its position, its radius."""
-PLACE = 4
-"""The first of its position."""
+"""Largest coordinate of a joint [m]; a larger one was sent in another unit."""
 CHANNELS = tuple(f"{name}_{axis}" for name in KEYPOINTS for axis in "xyz")
-_USED = np.array([NUMBERS * OPENXR_JOINTS.index(name) + PLACE + k for name in KEYPOINTS for k in range(3)])
+# A joint has eight numbers: orientation (x, y, z, w), position, radius.
+_POSITIONS = np.array([8 * OPENXR_JOINTS.index(name) + 4 + k for name in KEYPOINTS for k in range(3)])
 
 
 class TrackedHand:
-    """The fit of our hand.
+    """Fit of our hand; making one compiles the kernel, so that no tick does.
 
     Attributes:
-        joints: Of the last sample, where the runtime said they are: wrist, then thumb to little finger from base to tip
-            [m], its own world, shape (21, 3).
-        position, orientation: Palm origin [m] and unit quaternion (w, x, y, z) in a world with z up.
-        flexion, abduction: [rad], shapes (5, 3) and (5,). Like the palm those of the last sample that could be used.
+        joints: `KEYPOINTS` of the last sample [m], the runtime's world, shape (21, 3).
+        position, orientation: Palm origin [m] and unit quaternion (w, x, y, z), z up, of the last usable sample.
+        flexion, abduction: Its angles [rad], shapes (5, 3) and (5,).
     """
 
     def __init__(self, side: HandSide) -> None:
-        """Compile the kernel, or load it: not in a tick."""
         distal, dorsal, across = finger_axes(side)
         self._ours = OurHand(
             axes=as_argument(np.stack([distal, dorsal, across], axis=1)),
@@ -55,12 +48,8 @@ class TrackedHand:
         fit_tracked_hand(self.joints, self._ours, self._turn, *self._found)
 
     def take(self, numbers: FloatArray) -> bool:
-        """Fit our hand to a sample; False where its joints are those of no hand.
-
-        Args:
-            numbers: Of the packet, shape (208,).
-        """
-        np.take(numbers, _USED, out=self.joints.reshape(-1))
+        """Fit our hand to the numbers of a packet, shape (208,); False where they are no hand."""
+        np.take(numbers, _POSITIONS, out=self.joints.reshape(-1))
         length = fit_tracked_hand(self.joints, self._ours, self._turn, *self._found)
         # NaN compares false.
         if not (HAND_LENGTHS[0] <= length <= HAND_LENGTHS[1] and (np.abs(self.joints) <= FARTHEST).all()):

@@ -1,4 +1,4 @@
-"""Any glove, through a bridge that speaks the open packet of `hhsim.live.link.udp_codec`."""
+"""Driver of any glove, through a bridge that speaks the open packet of `hhsim.live.link.udp_codec`."""
 
 import math
 import time
@@ -23,19 +23,15 @@ NO_FORCE = np.zeros((FINGER_COUNT, 3))
 
 
 class UdpGlove(PacketGlove):
-    """The glove of a bridge, which takes a limit for each finger or a force on each fingertip.
-
-    Args:
-        config: With `UdpOptions`, and a `GloveCalibration` unless the glove is opened for release.
+    """Glove of a bridge that takes a limit for each finger, or a force on each fingertip.
 
     Raises:
-        InputError: It is to take what no bridge takes, or no force at most.
+        InputError: Unknown kind of command, or a largest force that is not positive.
     """
 
     SAMPLES = (Kind.BENDS, Kind.CHANNELS, Kind.JOINTS)
 
     def __init__(self, config: GloveConfig) -> None:
-        """Nothing is opened yet."""
         options = config.options
         assert isinstance(options, UdpOptions)
         super().__init__(options.host, options.port, "udp bridge")
@@ -45,7 +41,7 @@ class UdpGlove(PacketGlove):
             raise InputError(f"most force {options.most_force:g} N; expected more than 0")
         self._forces = options.takes == "forces"
         self._most_force = options.most_force
-        self._calibration = self._given = cast("GloveCalibration", config.calibration)
+        self._calibration = self._configured = cast("GloveCalibration", config.calibration)
         self._hand = config.hand
 
     def _command(self, command: FingerCommand | None) -> bytes:
@@ -56,14 +52,8 @@ class UdpGlove(PacketGlove):
             if command is not None:
                 told = np.concatenate([command.bend, command.stiffness])
                 numbers = np.clip(told, 0.0, 1.0) if np.isfinite(told).all() else NO_LIMIT
-        return encode_packet(
-            kind,
-            numbers,
-            session=self._session,
-            seq=self._sent,
-            t_ns=time.monotonic_ns(),
-            answers=self._answers,
-        )
+        now = time.monotonic_ns()
+        return encode_packet(kind, numbers, session=self._session, seq=self._sent, t_ns=now, answers=self._answers)
 
     def _take(self, values: FloatArray, now_ns: int) -> bool:
         if not np.isfinite(values).all():
@@ -87,15 +77,15 @@ class UdpGlove(PacketGlove):
         from hhsim.recordings.column_map import JOINT_NAMES
         from hhsim.recordings.dexmo_regression import BEND, CHANNELS
 
-        self._calibration = self._given
+        self._calibration = self._configured
         if first.kind is Kind.CHANNELS and np.isfinite(first.values).all():
-            self._calibration = self._given.fitting(first.values.tolist())
+            self._calibration = self._configured.fitting(first.values.tolist())
         names = {
             Kind.BENDS: tuple(CHANNELS[index] for index in BEND),
             Kind.CHANNELS: CHANNELS,
             Kind.JOINTS: JOINT_NAMES,
         }
-        doubts = self._kind is Kind.CHANNELS
+        calibrated = self._kind is Kind.CHANNELS
         can = Capability.FORCE if self._forces else Capability.POSITION_LIMIT | Capability.STIFFNESS
         can |= Capability.STAMPS
         if self._kind is not Kind.BENDS:
@@ -110,13 +100,13 @@ class UdpGlove(PacketGlove):
             channels=names[self._kind],
             hand=self._hand,
             unit="rad" if self._kind is Kind.JOINTS else "",
-            doubtful=self._calibration.doubtful if doubts else (),
-            kept_free=self._calibration.kept_free if doubts else (),
+            doubtful=self._calibration.doubtful if calibrated else (),
+            kept_free=self._calibration.kept_free if calibrated else (),
         )
 
 
 def limited(force: FloatArray, most: float) -> FloatArray:
-    """Forces [N], shape (5, 3), none longer than `most` [N], in their directions; all 0 where one is not finite."""
+    """Shorten forces (5, 3) to at most `most` [N]; all 0 where one is not finite."""
     size = np.sqrt((force * force).sum(axis=1, keepdims=True))
     if not np.isfinite(size).all():
         return NO_FORCE

@@ -1,1 +1,1 @@
-"""Where the palm is while a session runs."""
+"""Sources of the palm's pose during a session."""

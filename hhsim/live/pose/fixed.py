@@ -1,6 +1,4 @@
-"""A palm that stays at one place."""
-
-from typing import TYPE_CHECKING
+"""Palm that stays at one place."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -9,16 +7,9 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.live.pose.registry import PoseConfig, PoseSource
 
-if TYPE_CHECKING:
-    from hhsim.live.shared_memory import SharedBlock
-
 
 def checked_pose(position: ArrayLike, orientation: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Position [m] and unit quaternion (w, x, y, z).
-
-    Raises:
-        InputError: Wrong shape, not finite, or a quaternion of length zero.
-    """
+    """Return position [m] and unit quaternion (w, x, y, z); InputError for wrong shapes, NaN or no rotation."""
     place, turn = np.asarray(position, np.float64), np.asarray(orientation, np.float64)
     if place.shape != (3,) or turn.shape != (4,):
         raise InputError(f"a pose of shapes {place.shape} and {turn.shape}; expected (3,) and (4,)")
@@ -29,19 +20,11 @@ def checked_pose(position: ArrayLike, orientation: ArrayLike) -> tuple[FloatArra
 
 
 class FixedPose(PoseSource):
-    """The palm stays where it is.
+    """Palm at the `position` and `orientation` of its configuration; raises InputError for an invalid pose."""
 
-    Args:
-        config: `position` and `orientation`.
-        status: Not used.
+    name = "fixed pose"
 
-    Raises:
-        InputError: A pose that is none.
-    """
-
-    def __init__(self, config: PoseConfig, status: "SharedBlock | None" = None) -> None:
-        """Check the pose."""
-        self.name = "fixed pose"
+    def __init__(self, config: PoseConfig, status: object = None) -> None:
         self._position, self._orientation = checked_pose(config.position, config.orientation)
 
     def read(self, now_ns: int, position_out: FloatArray, orientation_out: FloatArray) -> int:

@@ -1,4 +1,4 @@
-"""The palm as the glove says it, which a hand tracked by a headset does."""
+"""Palm pose from a glove that gives it, as a hand tracked by a headset does."""
 
 from typing import TYPE_CHECKING
 
@@ -14,22 +14,17 @@ if TYPE_CHECKING:
 
 
 class GlovePose(PoseSource):
-    """The palm begins where it is told to, and moves and turns from there as the hand does.
+    """Palm that begins at the configured position and moves from there as the hand does.
 
-    Its orientation is the hand's own from the first reading on: both worlds have the same up.
-
-    Args:
-        config: `position` is where it begins.
-        glove: That has a `palm`.
+    The orientation is the hand's own: both worlds have the same up.
 
     Raises:
-        InputError: A place that is none, or a glove that says nothing of the palm.
+        InputError: Invalid pose, or a glove without a `palm`.
     """
 
     name = "pose of the glove"
 
     def __init__(self, config: PoseConfig, glove: "GloveDevice | None" = None) -> None:
-        """Nothing is read yet."""
         if glove is None or glove.palm is None:
             raise InputError("pose glove: this glove does not say where the palm is; expected openxr or manus")
         self._palm = glove.palm

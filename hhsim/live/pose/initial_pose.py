@@ -1,4 +1,4 @@
-"""Where the palm is at an object when nobody says: as five fingers grasp it."""
+"""Default place of the palm at an object: as five fingers grasp it."""
 
 import numpy as np
 
@@ -11,19 +11,18 @@ from hhsim.scene.synthesis import planned
 from hhsim.trees.sphere_tree import SphereTree
 
 ABOVE = 0.05
-"""The palm is this far above an object that no hand can grasp [m]."""
+"""Height of the palm above an object that no hand can grasp [m]."""
 
 
 def palm_place(hand: HandModel, tree: SphereTree, back: float = 0.0) -> tuple[FloatArray, FloatArray]:
-    """Find a place for the palm.
+    """Compute the palm's pose of the script `grasp` in its hold, or above an object too large for a grasp.
 
     Args:
-        tree: The object, world frame.
-        back: How far the palm is drawn back from where the fingers grasp [m].
+        tree: Object, world frame.
+        back: Distance by which the palm is drawn back from the grasp [m].
 
     Returns:
-        The palm's origin [m], shape (3,), and its unit quaternion (w, x, y, z), both in the world frame: of the script
-        `grasp` in its hold, or above an object that is too large for a grasp.
+        Palm origin [m], shape (3,), and unit quaternion (w, x, y, z), world frame.
     """
     try:
         closure = planned(load_script("grasp"), hand, tree)

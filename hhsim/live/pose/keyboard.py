@@ -1,6 +1,6 @@
-"""Keys that carry the palm; the paper moves it with "several keys on the keyboard" and names none: these are ours.
+"""Keys that move the palm (the paper uses "several keys on the keyboard" and names none).
 
-A key gives the palm a place to go to, and the palm glides there, so that no stroke moves it faster than a hand moves.
+A key moves the palm's target, and the palm glides there no faster than a hand moves.
 """
 
 import math
@@ -27,7 +27,7 @@ MOVES: dict[str, tuple[float, float, float]] = {
     "f": (0.0, 0.0, -1.0),
     "r": (0.0, 0.0, 1.0),
 }
-"""Keys that move the palm along an axis of the world: x to the right, y away, z up."""
+"""Direction of each moving key in the world: x to the right, y away, z up."""
 TURNS: dict[str, tuple[float, float, float]] = {
     "k": (-1.0, 0.0, 0.0),
     "i": (1.0, 0.0, 0.0),
@@ -36,20 +36,20 @@ TURNS: dict[str, tuple[float, float, float]] = {
     "l": (0.0, 0.0, -1.0),
     "j": (0.0, 0.0, 1.0),
 }
-"""Keys that turn the palm about an axis of its own: fingers down and up, roll, fingers to the right and left."""
+"""Axis of each turning key in the palm frame: fingers down and up, roll, fingers to the right and left."""
 HOME, FINER, COARSER = "h", "-", "+"
 STOP = ("q", " ", "\x1b", "\x03", "\x04")
-"""Keys that end the session: q, the space bar, Escape; Ctrl-C and Ctrl-D where the terminal hands them on."""
+"""Keys that end the session: q, space, Escape, Ctrl-C and Ctrl-D."""
 
 STEPS = (0.5e-3, 1e-3, 2e-3, 5e-3, 10e-3)
-"""What a stroke can move the palm by [m]; it turns by 0.5° for each mm."""
+"""Steps of a key stroke [m]."""
 DEGREES_PER_METRE = 500.0
 SPEED = 0.25
-"""The palm glides at most this fast [m/s]."""
+"""Largest speed of the palm [m/s]."""
 TURNING = 2.0
-"""And turns at most this fast [rad/s]."""
+"""Largest angular velocity of the palm [rad/s]."""
 REACH = 1.0
-"""Farthest from where it began that keys bring the palm, along each axis [m]."""
+"""Largest distance from the beginning along each axis [m]."""
 
 HELP = (
     ("a d", "left, right"),
@@ -62,19 +62,13 @@ HELP = (
     ("h", "home"),
     ("q or space", "free the fingers and end"),
 )
-"""Every key in words."""
+"""Keys and their meaning, for the command's help."""
 
 
 class PalmKeys:
-    """Where the palm is, and where the keys want it.
-
-    Args:
-        position: Where it begins [m], shape (3,), world.
-        orientation: Unit (w, x, y, z), shape (4,).
-    """
+    """Pose of the palm, world, and its target; begins at `position` [m] and the unit quaternion `orientation`."""
 
     def __init__(self, position: ArrayLike, orientation: ArrayLike) -> None:
-        """The palm rests where it begins."""
         self.position: FloatArray = np.array(position, np.float64)
         self.orientation: FloatArray = np.array(orientation, np.float64)
         self._home = (self.position.copy(), self.orientation.copy())
@@ -83,15 +77,11 @@ class PalmKeys:
 
     @property
     def step(self) -> float:
-        """What a stroke moves the palm by [m]."""
+        """Step of a key stroke [m]."""
         return STEPS[self._step]
 
     def press(self, keys: Iterable[str]) -> bool:
-        """Take key strokes, upper or lower case; a key that means nothing does nothing.
-
-        Returns:
-            Whether one of them ends the session; those behind it are not taken.
-        """
+        """Apply key strokes in any case up to one that ends the session, and return whether there was one."""
         position, orientation = self._target
         for key in keys:
             key = "+" if key == "=" else key.lower()
@@ -110,44 +100,36 @@ class PalmKeys:
         return False
 
     def advance(self, seconds: float) -> bool:
-        """Glide for a time [s] towards where the keys want the palm.
-
-        Returns:
-            Whether it moved.
-        """
+        """Glide towards the target for a time [s], and return whether the palm moved."""
         position, orientation = self._target
-        way = position - self.position
+        shift = position - self.position
         turn = np.empty(3)
         rotation_vector_between(self.orientation, orientation, turn)
-        far, wide = float(np.linalg.norm(way)), float(np.linalg.norm(turn))
-        if far == 0.0 and wide < 1e-12:
+        distance, angle = float(np.linalg.norm(shift)), float(np.linalg.norm(turn))
+        if distance == 0.0 and angle < 1e-12:
             return False
-        share = 1.0 if far <= SPEED * seconds else SPEED * seconds / far
-        self.position[:] = position if share == 1.0 else self.position + share * way
-        if wide <= TURNING * seconds:
+        share = 1.0 if distance <= SPEED * seconds else SPEED * seconds / distance
+        self.position[:] = position if share == 1.0 else self.position + share * shift
+        if angle <= TURNING * seconds:
             self.orientation[:] = orientation
         else:
-            x, y, z = map(float, TURNING * seconds / wide * turn)
+            x, y, z = map(float, TURNING * seconds / angle * turn)
             rotate_quaternion(self.orientation.copy(), x, y, z, self.orientation)
         return True
 
 
 class KeyboardPose(PoseSource):
-    """The palm that the supervisor moves with keys, through the status block.
-
-    Args:
-        config: `position` and `orientation`, before the first key.
-        status: Block of `LIVE_STATUS`.
+    """Palm that the supervisor moves with keys, through the status block (`LIVE_STATUS`).
 
     Raises:
-        InputError: A pose that is none, or no status block.
+        InputError: Invalid first pose, or no status block.
     """
 
+    name = "keyboard"
+
     def __init__(self, config: PoseConfig, status: "SharedBlock | None" = None) -> None:
-        """Check the pose."""
         if status is None:
             raise InputError("a pose from the keyboard needs the session's status block")
-        self.name = "keyboard"
         self._position, self._orientation = checked_pose(config.position, config.orientation)
         self._record = status.array[0]
         self._seen = 0
@@ -167,19 +149,10 @@ class KeyboardPose(PoseSource):
 
 
 def write_keyboard_pose(status: "SharedBlock", position: ArrayLike, orientation: ArrayLike) -> None:
-    """Move the palm that `keyboard` reads, whole or not at all; there is one writer.
-
-    Args:
-        status: Block of `LIVE_STATUS`.
-        position: [m], shape (3,), world.
-        orientation: (w, x, y, z), shape (4,).
-
-    Raises:
-        InputError: A pose that is none.
-    """
+    """Write the palm's pose, world, that `KeyboardPose` reads; there is one writer. InputError for an invalid pose."""
     place, turn = checked_pose(position, orientation)
     record = status.array[0]
-    # Odd while the pose is in the making; a reader that meets an odd version, or two, tries again in the next tick.
+    # Odd while the pose is written; a reader that meets an odd or a changed version tries again in the next tick.
     record["pose_version"] += 1
     record["pose_position"] = place
     record["pose_orientation"] = turn
@@ -187,7 +160,7 @@ def write_keyboard_pose(status: "SharedBlock", position: ArrayLike, orientation:
 
 
 def _turned(orientation: FloatArray, vector: FloatArray) -> tuple[float, float, float]:
-    """A vector of the palm frame in the world's."""
+    """Rotate a vector from the palm frame to the world."""
     w, axis = orientation[0], orientation[1:]
     across = 2.0 * np.cross(axis, vector)
     turned = vector + w * across + np.cross(axis, across)

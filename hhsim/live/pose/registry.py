@@ -1,7 +1,4 @@
-"""Where the palm is: few gloves say, so the pose comes from elsewhere. What a source is, and which are there.
-
-To add one, write its class in a module of this package and add a line to `POSES`.
-"""
+"""Sources of the palm's pose, which few gloves give; a new one is a class in this package and a line of `POSES`."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -19,16 +16,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Pose:
-    """A source of the palm's pose that can be chosen.
+    """Source of the palm's pose that can be chosen.
 
     Attributes:
-        about: What it is, in half a line.
-        source: Its `PoseSource`, as "module:Class"; called with a `PoseConfig` and the session's status block, or with
-            the glove in the block's place.
-        placed: It is, or begins, where it is told to.
-        plays: It makes a motion: it is given a playback.
-        back: Where nobody says where it begins, so far back from where the fingers grasp [m].
-        by_glove: The glove says it.
+        about: Description in half a line.
+        source: Its `PoseSource`, as "module:Class"; called with a `PoseConfig` and the session's status block, or
+            the glove if `by_glove`.
+        placed: True if it is, or begins, at a configured pose.
+        plays: True if it plays a motion.
+        back: Distance of the default beginning from the grasp [m].
+        by_glove: True if the glove gives it.
     """
 
     about: str
@@ -49,7 +46,7 @@ POSES = {
         "as a glove says that knows it", "hhsim.live.pose.glove:GlovePose", placed=True, back=0.06, by_glove=True
     ),
 }
-"""The sources that there are, by name; each is imported when it is made: a loop without a tracker needs no sockets."""
+"""Sources by name, each imported when it is made: a loop without a tracker needs no sockets."""
 USUAL_POSE_PORT = 24172
 
 
@@ -59,11 +56,9 @@ class PoseConfig:
 
     Attributes:
         kind: One of `POSES`.
-        position: Of `fixed`, and where `keyboard` and `glove` begin [m], world.
-        orientation: Of `fixed`, and where `keyboard` begins, (w, x, y, z).
-        playback: Motion of `replay`; the glove's own keeps palm and fingers together.
-        host: From which the packets of `udp` come.
-        port: Where they arrive.
+        position, orientation: Pose of `fixed`, and first one of `keyboard` and `glove` [m], (w, x, y, z), world.
+        playback: Motion of `replay`; the same as the glove's keeps palm and fingers together.
+        host, port: Sender of the packets of `udp`, and the port at which they arrive.
     """
 
     kind: str = "fixed"
@@ -75,20 +70,16 @@ class PoseConfig:
 
 
 class PoseSource(ABC):
-    """Gives the palm's pose in the world frame; `read` never blocks."""
+    """Source of the palm's pose in the world frame; `read` never blocks."""
 
     name: str
 
     def open(self) -> None:
-        """Connect, where there is something to connect to.
-
-        Raises:
-            DeviceError: It cannot be reached.
-        """
+        """Connect; raises DeviceError if the source cannot be reached."""
         return
 
     def descriptors(self) -> tuple[int, ...]:
-        """What can be waited on for a new pose; () where there is nothing to wait for."""
+        """File descriptors to poll for a new pose."""
         return ()
 
     @abstractmethod
@@ -101,27 +92,23 @@ class PoseSource(ABC):
             orientation_out: Unit (w, x, y, z), shape (4,).
 
         Returns:
-            CLOCK_MONOTONIC [ns] at which this pose came; `now_ns` where it cannot grow old, -1 where there is none yet
-            (nothing is written then). Never anything that is not finite.
+            CLOCK_MONOTONIC [ns] at which this pose came; `now_ns` if it cannot age, -1 if there is none yet and nothing
+            was written. A written pose is finite.
         """
 
     def close(self) -> None:
-        """Let go; never raises."""
+        """Disconnect; never raises."""
         return
 
 
 def make_pose_source(
     config: PoseConfig, status: "SharedBlock | None" = None, glove: "GloveDevice | None" = None
 ) -> PoseSource:
-    """The source, not yet opened.
-
-    Args:
-        status: Block of `LIVE_STATUS`, which `keyboard` reads.
-        glove: The session's, which `glove` asks.
+    """Make a source, not yet opened; `keyboard` reads the status block (`LIVE_STATUS`), `glove` the session's glove.
 
     Raises:
         UnknownNameError: No such kind.
-        InputError: A pose that is none, or what the source needs is missing.
+        InputError: Invalid pose, or a missing motion, block or glove.
     """
     if config.kind not in POSES:
         raise UnknownNameError("pose source", config.kind, POSES)

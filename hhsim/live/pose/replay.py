@@ -1,6 +1,4 @@
-"""The palm of a recorded or scripted motion."""
-
-from typing import TYPE_CHECKING
+"""Palm of a recorded or scripted motion."""
 
 import numpy as np
 
@@ -8,23 +6,15 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.live.pose.registry import PoseConfig, PoseSource
 
-if TYPE_CHECKING:
-    from hhsim.live.shared_memory import SharedBlock
-
 
 class ReplayPose(PoseSource):
-    """The palm of a motion, between samples on the straight way from one to the next.
-
-    Args:
-        config: `playback` is the motion, begun with the first read.
-        status: Not used.
+    """Palm of the configuration's `playback`, which the first read begins; interpolated linearly between samples.
 
     Raises:
         InputError: No motion.
     """
 
-    def __init__(self, config: PoseConfig, status: "SharedBlock | None" = None) -> None:
-        """Nothing is read yet."""
+    def __init__(self, config: PoseConfig, status: object = None) -> None:
         if config.playback is None:
             raise InputError("pose replay has no motion; expected a trajectory")
         self.name = f"replay of {config.playback.trajectory.name or 'a motion'}"

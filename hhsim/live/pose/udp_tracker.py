@@ -1,6 +1,4 @@
-"""The palm's pose from a tracker, in the open packet of `hhsim.live.link.udp_codec`."""
-
-from typing import TYPE_CHECKING
+"""Palm pose from a tracker, in the open packet of `hhsim.live.link.udp_codec`."""
 
 import numpy as np
 
@@ -9,28 +7,20 @@ from hhsim.live.link.udp import PacketOrder, UdpPort
 from hhsim.live.link.udp_codec import Kind
 from hhsim.live.pose.registry import PoseConfig, PoseSource
 
-if TYPE_CHECKING:
-    from hhsim.live.shared_memory import SharedBlock
-
 FARTHEST = 100.0
-"""A palm beyond [m] was sent in millimetres."""
+"""Largest coordinate of a palm [m]; a larger one was sent in millimetres."""
 UNIT_WITHIN = 0.1
-"""A quaternion whose length differs more from 1 was something else."""
+"""Largest difference of a quaternion's length from 1."""
 
 
 class UdpPose(PoseSource):
-    """The newest pose that was sent; it grows old when the tracker falls silent.
-
-    Args:
-        config: `host` of the tracker and `port` where its packets arrive.
-        status: Not used.
+    """Newest pose sent by the tracker at the configuration's `host` and `port`; it ages while the tracker is silent.
 
     Attributes:
-        rejected: Packets of another kind, or with a pose that is none.
+        rejected: Number of packets of another kind, or with an invalid pose.
     """
 
-    def __init__(self, config: PoseConfig, status: "SharedBlock | None" = None) -> None:
-        """Nothing is opened yet."""
+    def __init__(self, config: PoseConfig, status: object = None) -> None:
         self.name = f"udp pose from {config.host} at port {config.port}"
         self._config = config
         self._port: UdpPort | None = None

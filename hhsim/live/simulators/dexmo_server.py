@@ -1,11 +1,10 @@
-"""A Dexmo server without gloves, as another process: `python -m hhsim.live.simulators.dexmo_server`.
+"""Dexmo server without gloves, as another process: `python -m hhsim.live.simulators.dexmo_server`.
 
-It speaks the published format to any number of clients, at a steady rate. Its orders are those of
-`hhsim.live.simulators.peer`, and these. In its log, a frame is the number of the client and that of the sample, which
-the motion follows from; a command is the number of the client, that of the glove, 1 where it must be kept, five values
-of stiffness and five set points.
+It speaks the published format to any number of clients at a steady rate. A frame in its log is the number of the client
+and of the sample; a command is the number of the client and of the glove, 1 where it must be kept, five values of
+stiffness and five set points. It takes the orders of `hhsim.live.simulators.peer`, and these:
 
-| order | what happens |
+| order | effect |
 |---|---|
 | unplug, plug | frames without gloves; with them again |
 | swap | every glove says that it is the other hand's |
@@ -17,47 +16,35 @@ of stiffness and five set points.
 import argparse
 import sys
 import time
+from collections.abc import Callable
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import HhsimError
-from hhsim.live.link.dexmo_codec import (
-    LENGTH,
-    GloveMessage,
-    MessageStream,
-    decode_impedances,
-    encode_frame,
-    framed,
-)
-from hhsim.live.simulators.peer import FakePeer, PeerLog, peer_parser
-from hhsim.live.simulators.tcp_server import FakeServer
+from hhsim.live.link.dexmo_codec import LENGTH, GloveMessage, MessageStream, decode_impedances, encode_frame, framed
+from hhsim.live.simulators.peer import FakePeer, FakeServer, PeerLog, peer_parser
 
 COUNT_LOW, COUNT_SPAN = 700.0, 2400.0
 """Raw counts at 0, and from 0 to 1."""
 
 
 class FakeDexmoServer(FakePeer):
-    """The server."""
+    """Server that listens from the beginning."""
 
     def __init__(self, options: argparse.Namespace) -> None:
-        """Listen."""
         log = PeerLog(options.log)
         self._server = FakeServer(options.port, log)
-        super().__init__(
-            options,
-            log,
-            self._server,
-            {
-                "unplug": lambda number: self._plug(False),
-                "plug": lambda number: self._plug(True),
-                "swap": lambda number: self._swap(),
-                "bytes": lambda number: self._send_at_once(1),
-                "frames": lambda number: self._send_at_once(sys.maxsize),
-                "garbage": lambda number: self._server.send(framed(b"\xff" * 24) * number),
-                "length": lambda number: self._server.send(LENGTH.pack(number)),
-            },
-        )
+        orders: dict[str, Callable[[int], object]] = {
+            "unplug": lambda number: setattr(self, "_plugged", False),
+            "plug": lambda number: setattr(self, "_plugged", True),
+            "swap": lambda number: self._swap(),
+            "bytes": lambda number: setattr(self._server, "at_once", 1),
+            "frames": lambda number: setattr(self._server, "at_once", sys.maxsize),
+            "garbage": lambda number: self._server.send(framed(b"\xff" * 24) * number),
+            "length": lambda number: self._server.send(LENGTH.pack(number)),
+        }
+        super().__init__(options, log, self._server, orders)
         parts = (part.partition(":") for part in options.gloves.split(","))
         self._gloves = [(int(number), hand == "right") for number, _, hand in parts]
         self._counts, self._battery = options.counts, options.battery
@@ -92,18 +79,12 @@ class FakeDexmoServer(FakePeer):
         except HhsimError:
             self._server.drop(end)
 
-    def _plug(self, plugged: bool) -> None:
-        self._plugged = plugged
-
     def _swap(self) -> None:
         self._gloves = [(number, not right) for number, right in self._gloves]
 
-    def _send_at_once(self, size: int) -> None:
-        self._server.at_once = size
-
 
 def main() -> None:
-    """Serve as the command line says."""
+    """Run the server of the command line."""
     parser = peer_parser("dexmo_server", str(__doc__))
     parser.add_argument("--port", type=int, default=0, help="TCP port on 127.0.0.1; 0 for any that is free")
     parser.add_argument("--gloves", default="337785601:right", help="numbers and hands, NUMBER:right,NUMBER:left")

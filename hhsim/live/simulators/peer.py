@@ -1,28 +1,29 @@
-"""What the fake gloves share: a hand that moves, samples at their times, faults on request, and a log of every frame.
+"""Base of the fake gloves: a hand that moves, samples at a steady rate, faults on request, a log of every frame.
 
-A fake glove is a process of its own, for tests, for soak runs, and to try the loop with. When it can be reached it says
-`ready` and where; then it takes orders from its standard input, a line each, and answers each with `ok`, or with `no
-such order`. It ends when the standard input does.
+A fake glove is a process of its own, for tests, soak runs and trials. It prints `ready` and its address, then takes
+orders from its standard input, a line each, and answers `ok` or `no such order`. It ends with its standard input.
 
-| order | what the glove does |
+| order | effect |
 |---|---|
-| stall, go | sends nothing and reads nothing any more; goes on |
-| leave, back | its connection is gone, as when it is unplugged; is there again |
+| stall, go | sends nothing and reads nothing; goes on |
+| leave, back | closes its connection, as when unplugged; opens it again |
 | hold, move | the fingers stand still; they move |
 | jump | all fingers bend or stretch by 0.9 of a fist from one sample to the next, and stay there until `move` |
 | nan N | the next N samples hold a NaN, or what the format has for it |
 
-Its log has a line for each frame sent and each command received: CLOCK_MONOTONIC [ns], `sent` or `command`, and the
-values; `note` lines tell the rest. Each line is written at once, so that a log is whole up to the moment of a kill.
+Its log has a line for each frame sent and command received: CLOCK_MONOTONIC [ns], `sent` or `command`, and the values;
+`note` lines hold the rest. Each line is written at once, so that a log is whole up to a kill.
 """
 
 import argparse
 import os
 import select
+import socket
 import sys
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
@@ -33,31 +34,28 @@ from hhsim.live.link.dexmo_codec import CHANNELS
 
 BENDS = tuple(k for k, name in enumerate(CHANNELS) if name.endswith("_bend"))
 JUMP = 0.9
-"""Change of a normalised bend that turns the fingers' second joints by 90°."""
+"""Change of a normalised bend [-], 90° at the fingers' second joints."""
+MOST_UNSENT = 1 << 18
+"""Unsent bytes from which on a client gets no further frames."""
 
 
 class PeerLog:
-    """Writes the log of a fake glove.
-
-    Args:
-        path: Of the log; None keeps none.
-    """
+    """Log of a fake glove, appended to the file at `path`; None keeps none."""
 
     def __init__(self, path: Path | None) -> None:
-        """Begin a log, or go on with one."""
         flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND
         self._file = None if path is None else os.open(path, flags, 0o644)
 
     def sent(self, values: Sequence[float], now_ns: int) -> None:
-        """A frame was sent at `now_ns`."""
+        """Log a frame sent at `now_ns`."""
         self._write(now_ns, "sent", " ".join(f"{value:.9g}" for value in values))
 
     def command(self, values: Sequence[float], now_ns: int) -> None:
-        """A command was received at `now_ns`."""
+        """Log a command received at `now_ns`."""
         self._write(now_ns, "command", " ".join(f"{value:.9g}" for value in values))
 
     def note(self, text: str) -> None:
-        """Something else happened now."""
+        """Log another event of the present."""
         self._write(time.monotonic_ns(), "note", text)
 
     def _write(self, now_ns: int, kind: str, text: str) -> None:
@@ -66,15 +64,7 @@ class PeerLog:
 
 
 def fake_channels(seed: int, time: float) -> FloatArray:
-    """Channels of the made-up motion, 0 to 1.
-
-    Args:
-        seed: Of the pace of each finger.
-        time: Since the beginning [s].
-
-    Returns:
-        In the order of `hhsim.live.link.dexmo_codec.CHANNELS`, shape (11,).
-    """
+    """Compute the channels (`CHANNELS`, 0 to 1) of a made-up motion at a time [s]; `seed` sets each finger's pace."""
     random = np.random.default_rng(seed)
     rate, phase = random.uniform(0.2, 0.7, len(CHANNELS)), random.uniform(0.0, 2.0 * np.pi, len(CHANNELS))
     size = np.where(np.isin(np.arange(len(CHANNELS)), BENDS), 0.45, 0.1)
@@ -82,30 +72,29 @@ def fake_channels(seed: int, time: float) -> FloatArray:
 
 
 class Line(Protocol):
-    """What a fake glove is reached by."""
+    """Connection that a fake glove is reached by."""
 
     @property
     def where(self) -> str:
-        """Where it can be reached: a port, or the path of a serial line."""
+        """Its port, or the path of the serial line."""
 
     def open(self) -> None:
-        """Bring it back."""
+        """Open the connection again."""
 
     def close(self) -> None:
-        """Take it away."""
+        """Close the connection."""
 
     def ends(self) -> Iterable[int]:
-        """Descriptors from which commands and clients come."""
+        """File descriptors from which commands and clients come."""
 
 
 class FakePeer(ABC):
-    """Runs a fake glove: samples at their times, commands as they come, faults as they are asked for.
+    """Fake glove: sends samples at a steady rate, reads commands, and makes faults on request.
 
     Args:
-        options: Of the command line, as `peer_parser` has them.
-        log: Where the frames are written down.
-        line: Open.
-        orders: That this glove obeys besides those of all, with the number that follows the word, or 1.
+        options: Command line of `peer_parser`.
+        line: Open connection.
+        orders: Further orders of this glove, called with the number after the word, or 1.
     """
 
     def __init__(
@@ -115,10 +104,9 @@ class FakePeer(ABC):
         line: Line,
         orders: Mapping[str, Callable[[int], object]] | None = None,
     ) -> None:
-        """Nothing is sent yet."""
         self.log = log
         self.faulty = False
-        """Whether a NaN shows in the last sample."""
+        """True if the last sample holds a NaN."""
         self._line = line
         self._rate, self._seed = options.rate, options.seed
         self._last = fake_channels(self._seed, 0.0)
@@ -127,27 +115,27 @@ class FakePeer(ABC):
         self._stalled = self._left = False
         self._unread = b""
         self._orders: dict[str, Callable[[int], object]] = {
-            "stall": lambda number: self._stall(True),
-            "go": lambda number: self._stall(False),
+            "stall": lambda number: setattr(self, "_stalled", True),
+            "go": lambda number: setattr(self, "_stalled", False),
             "leave": lambda number: self._leave(True),
             "back": lambda number: self._leave(False),
-            "hold": lambda number: self._hold(self._last),
-            "move": lambda number: self._hold(None),
-            "jump": lambda number: self._hold(jumped(self._last)),
-            "nan": self._break,
+            "hold": lambda number: setattr(self, "_held", self._last),
+            "move": lambda number: setattr(self, "_held", None),
+            "jump": lambda number: setattr(self, "_held", jumped(self._last)),
+            "nan": lambda number: setattr(self, "_nans", number),
             **(orders or {}),
         }
 
     @abstractmethod
     def send(self, number: int, channels: FloatArray) -> None:
-        """Send the sample of this number, from 0; its channels are of shape (11,)."""
+        """Send sample `number`, from 0, with channels of shape (11,)."""
 
     @abstractmethod
     def receive(self, end: int) -> None:
-        """Take what came from one of the line's ends."""
+        """Read from one of the line's ends."""
 
     def run(self) -> None:
-        """Go on until the standard input ends."""
+        """Run until the standard input ends."""
         print(f"ready {self._line.where}", flush=True)
         start = time.monotonic()
         period = number = 0
@@ -158,7 +146,7 @@ class FakePeer(ABC):
                 if not (self._stalled or self._left):
                     self.send(number, self._channels(number))
                     number += 1
-                # Late ones are left out, as a glove's own clock would: never two at once.
+                # Late samples are left out, as by a glove's own clock.
                 period = max(period + 1, int((now - start) * self._rate))
                 continue
             ends = [] if self._stalled or self._left else list(self._line.ends())
@@ -195,34 +183,20 @@ class FakePeer(ABC):
                 print("ok", flush=True)
         return bool(data)
 
-    def _stall(self, stalled: bool) -> None:
-        self._stalled = stalled
-
     def _leave(self, left: bool) -> None:
         if left != self._left:
             self._left = left
             (self._line.close if left else self._line.open)()
 
-    def _hold(self, channels: FloatArray | None) -> None:
-        self._held = channels
-
-    def _break(self, samples: int) -> None:
-        self._nans = samples
-
 
 def jumped(channels: FloatArray) -> FloatArray:
-    """The channels with all fingers bent or stretched by `JUMP`."""
+    """Return the channels with all fingers bent or stretched by `JUMP`."""
     beyond = np.where(channels > 0.5, channels - JUMP, channels + JUMP)
     return np.where(np.isin(np.arange(len(channels)), BENDS), beyond, channels)
 
 
 def peer_parser(module: str, description: str, rate: float = 200.0) -> argparse.ArgumentParser:
-    """The command line of a fake glove, with what all of them have.
-
-    Args:
-        module: Its module, in `hhsim.live.simulators`.
-        rate: The usual one [Hz].
-    """
+    """Make the command line of a fake glove: of its `module`, description and default `rate` [Hz]."""
     parser = argparse.ArgumentParser(
         prog=f"python -m hhsim.live.simulators.{module}",
         description=f"{description}\n{__doc__}",
@@ -232,3 +206,99 @@ def peer_parser(module: str, description: str, rate: float = 200.0) -> argparse.
     parser.add_argument("--seed", type=int, default=0, help="of the motion")
     parser.add_argument("--log", type=Path, help="file of what was sent and received")
     return parser
+
+
+@dataclass
+class _Client:
+    link: socket.socket
+    number: int
+    unsent: bytearray = field(default_factory=bytearray)
+
+
+class FakeServer:
+    """TCP server on 127.0.0.1 whose clients are numbered from 0; port 0 is any that is free.
+
+    Bytes that a client does not take at once go with the next frame, at most `at_once` bytes in one send.
+    """
+
+    def __init__(self, port: int, log: PeerLog) -> None:
+        self._port, self._log = port, log
+        self._clients: dict[int, _Client] = {}
+        self._joined = 0
+        self.at_once = sys.maxsize
+        self.open()
+
+    @property
+    def where(self) -> str:
+        """Its port."""
+        return str(self._port)
+
+    def open(self) -> None:
+        """Listen, at the same port as before."""
+        self._listener = socket.create_server(("127.0.0.1", self._port))
+        self._listener.setblocking(False)
+        self._port = int(self._listener.getsockname()[1])
+
+    def close(self) -> None:
+        """Close the server and all connections."""
+        self._listener.close()
+        for end in list(self._clients):
+            self._drop(end)
+
+    def ends(self) -> list[int]:
+        """File descriptors of the listener and the clients."""
+        return [self._listener.fileno(), *self._clients]
+
+    def client(self, end: int) -> int:
+        """Number of the client at one of `ends`."""
+        return self._clients[end].number
+
+    def send(self, data: bytes) -> list[int]:
+        """Send to all clients and return the numbers of those that take it."""
+        taken = []
+        for end, client in list(self._clients.items()):
+            if len(client.unsent) > MOST_UNSENT:
+                self._log.note(f"skipped {client.number}")
+                continue
+            taken.append(client.number)
+            client.unsent += data
+            try:
+                while client.unsent:
+                    del client.unsent[: client.link.send(client.unsent[: self.at_once])]
+            except BlockingIOError:
+                continue
+            except OSError:
+                self._drop(end)
+        return taken
+
+    def receive(self, end: int) -> bytes:
+        """Read from one of `ends`; empty where a client came or left."""
+        if end == self._listener.fileno():
+            link, _ = self._listener.accept()
+            link.setblocking(False)
+            link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self._clients[link.fileno()] = _Client(link, self._joined)
+            self._log.note(f"connected {self._joined}")
+            self._joined += 1
+            return b""
+        if end not in self._clients:
+            return b""
+        try:
+            data = self._clients[end].link.recv(65_536)
+        except BlockingIOError:
+            return b""
+        except OSError:
+            data = b""
+        if not data:
+            self._drop(end)
+        return data
+
+    def drop(self, end: int) -> None:
+        """End the connection of a client that sent no valid command."""
+        self._log.note(f"not a command from {self._clients[end].number}")
+        self._drop(end)
+
+    def _drop(self, end: int) -> None:
+        client = self._clients.pop(end)
+        client.link.close()
+        self._log.note(f"gone {client.number}")

@@ -1,18 +1,18 @@
-"""Recordings of hands in BVH, whatever the rig is called and posed like: only where its joints are counts.
+"""Recordings of hands in BVH, of any rig: only the places of the joints count.
 
-A hand is found by the names of its joints: a word for the finger (thumb, index, middle or mid, ring, pinky or little;
-in 3ds Max's biped finger0 to finger4), a side (right or left, a leading r or l before a capital letter, _r or .R at the
-end), and an order from the palm outwards. Metacarpals are left out, but for the thumb, whose chain begins with its
-metacarpal as ours does. The wrist is the joint that the fingers hang from.
+A hand is found by the names of its joints: a word for the finger (in 3ds Max's biped finger0 to finger4), a side (right
+or left, a leading r or l before a capital letter, _r or .R at the end), and an order from the palm outwards.
+Metacarpals are left out, but for the thumb's, with which its chain begins as ours does. The wrist is the joint that the
+fingers hang from.
 
-Our palm is laid into the wrist and the knuckles as it lies in our own
-(`hhsim.recordings.finger_ik.palm_from_knuckles`), its origin where our knuckles meet the recorded ones. Angles as in
-`hhsim.recordings.finger_ik`. BVH states no unit: the length of the hand tells it. Its world has y up unless told
-otherwise.
+The palm's pose follows from wrist and knuckles, and the angles from the bones, by `hhsim.recordings.finger_ik`. BVH
+states no unit: the hand's length tells it. Its world has y up unless the options say otherwise.
 """
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import takewhile
 
 import numpy as np
 
@@ -40,27 +40,23 @@ WORDS = (
     ("little", "little"),
     ("small", "little"),
 )
-"""Words for fingers; the first that a name holds counts."""
+"""Words for fingers, the first in a name counting."""
 BIPED = re.compile(r"finger(?P<finger>[0-4])(?P<phalanx>[0-9]?)(?:nub)?$", re.IGNORECASE)
 METACARPAL = re.compile(r"metacarp|carpal|inhand|palm", re.IGNORECASE)
 HAND_LENGTHS = (0.13, 0.25)
-"""Hands are this long [m]: the units' ranges do not meet."""
+"""Range of a hand's length [m], in which only one unit fits."""
 
 
 @dataclass(frozen=True)
 class _Chain:
-    """One finger: its three joints and its tip, as indices of the skeleton; no tip where the bone has no end."""
+    """Indices of a finger's three joints and its tip; no tip where the last bone has no end."""
 
     joints: tuple[int, int, int]
     tip: int | None
 
 
 def _read(content: Content, options: ReadOptions) -> Recording:
-    """The recording of the hand that is asked for, else of the right one; y is up unless told otherwise.
-
-    Raises:
-        TrajectoryError: No BVH, no hand with five fingers in it, or a hand of no known size.
-    """
+    """Read the hand of the options, else the right one; raises TrajectoryError."""
     hand, up = options.hand, options.world_up or "y"
     bvh = read_bvh(content.text)
     hands = {side: chains for side in ("right", "left") if len(chains := _chains(bvh.joints, side)) == len(FINGERS)}
@@ -107,7 +103,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
 
 
 def side_of(name: str) -> HandSide:
-    """Right or left, as a joint's name says it; "" where it does not."""
+    """Return the side in a joint's name, or ""."""
     plain = name.rsplit(":", 1)[-1]
     lower = plain.lower()
     if "right" in lower:
@@ -121,7 +117,7 @@ def side_of(name: str) -> HandSide:
 
 
 def finger_of(name: str) -> str:
-    """The finger that a joint's name says it belongs to; "" where it does not."""
+    """Return the finger in a joint's name, or ""."""
     plain = name.rsplit(":", 1)[-1]
     biped = BIPED.search(plain)
     if biped is not None:
@@ -131,7 +127,7 @@ def finger_of(name: str) -> str:
 
 
 def _chains(joints: tuple[Joint, ...], side: str) -> dict[str, _Chain]:
-    """The fingers of one hand that have three joints."""
+    """Return the fingers of one hand that have three joints."""
     found = {}
     for finger in FINGERS:
         members = [
@@ -143,7 +139,7 @@ def _chains(joints: tuple[Joint, ...], side: str) -> dict[str, _Chain]:
             members = [index for index in members if METACARPAL.search(joints[index].name) is None]
         chain = _longest_line(joints, members)
         if finger != "thumb" and len(chain) >= 4 and re.search(r"0\D*$", joints[chain[0]].name):
-            # Counted from zero, the first one is a metacarpal.
+            # The joint numbered 0 is a metacarpal.
             chain = chain[1:]
         if len(chain) >= 3:
             ends = [child for child in joints[chain[2]].children if joints[child].is_end]
@@ -154,38 +150,27 @@ def _chains(joints: tuple[Joint, ...], side: str) -> dict[str, _Chain]:
     return found
 
 
-def _side(joints: tuple[Joint, ...], index: int) -> HandSide:
-    """The side of a joint, or of the nearest one above that names it."""
+def _ancestors(joints: tuple[Joint, ...], index: int) -> Iterator[int]:
+    """Yield a joint and all that it hangs from."""
     while index >= 0:
-        side = side_of(joints[index].name)
-        if side:
-            return side
+        yield index
         index = joints[index].parent
-    return ""
+
+
+def _side(joints: tuple[Joint, ...], index: int) -> HandSide:
+    """Return the side of a joint, or of its nearest ancestor that names one."""
+    return next((side for k in _ancestors(joints, index) if (side := side_of(joints[k].name))), "")
 
 
 def _longest_line(joints: tuple[Joint, ...], members: list[int]) -> list[int]:
-    """The longest line of joints, each the child of the one before, from the palm outwards."""
-    inside = set(members)
-    best: list[int] = []
-    for last in members:
-        line = [last]
-        while joints[line[0]].parent in inside:
-            line.insert(0, joints[line[0]].parent)
-        if len(line) > len(best):
-            best = line
-    return best
+    """Return the longest line of joints from the palm outwards, each the child of the one before."""
+    lines = ([*takewhile(set(members).__contains__, _ancestors(joints, last))][::-1] for last in members)
+    return max(lines, key=len, default=[])
 
 
 def _wrist(joints: tuple[Joint, ...], chains: dict[str, _Chain]) -> int:
-    """The nearest joint that all fingers hang from."""
-    lines = []
-    for chain in chains.values():
-        line, index = [], joints[chain.joints[0]].parent
-        while index >= 0:
-            line.append(index)
-            index = joints[index].parent
-        lines.append(line)
+    """Return the nearest common ancestor of all fingers."""
+    lines = [list(_ancestors(joints, joints[chain.joints[0]].parent)) for chain in chains.values()]
     shared = [index for index in lines[0] if all(index in line for line in lines)]
     if not shared:
         raise TrajectoryError("the fingers hang from no common joint; expected a wrist")
@@ -193,7 +178,7 @@ def _wrist(joints: tuple[Joint, ...], chains: dict[str, _Chain]) -> int:
 
 
 def _finger_points(bvh: Bvh, chains: dict[str, _Chain], at: FloatArray) -> FloatArray:
-    """Three joints and tip of each finger in the file's unit, shape (T, 5, 4, 3)."""
+    """Return three joints and tip of each finger in the file's unit, shape (T, 5, 4, 3)."""
     points = np.empty((len(at), len(FINGERS), 4, 3))
     turned = bvh.orientations() if any(chain.tip is None for chain in chains.values()) else None
     for f, finger in enumerate(FINGERS):
@@ -202,18 +187,14 @@ def _finger_points(bvh: Bvh, chains: dict[str, _Chain], at: FloatArray) -> Float
         if chain.tip is not None:
             points[:, f, 3] = at[:, chain.tip]
         elif turned is not None:
-            # A last bone without an end goes on as the one before in the rig's rest pose, at its usual length.
+            # A last bone without an end continues the one before in the rest pose, at a usual length.
             bone = 0.7 * bvh.joints[chain.joints[2]].offset
             points[:, f, 3] = points[:, f, 2] + np.einsum("tij,j->ti", turned[:, chain.joints[2]], bone)
     return points
 
 
 def _scale(fingers: FloatArray, wrist: FloatArray, unit: str | None) -> tuple[float, float, str]:
-    """Metres a unit, the hand's length [m] and the unit's name.
-
-    Raises:
-        TrajectoryError: No unit makes this the length of a hand.
-    """
+    """Return metres a unit, the hand's length [m] and the unit's name; TrajectoryError if no unit fits a hand."""
     bones = np.linalg.norm(np.diff(fingers[:, 2], axis=1), axis=2).sum(axis=1)
     length = float(np.nanmedian(np.linalg.norm(fingers[:, 2, 0] - wrist, axis=1) + bones))
     if unit is not None:

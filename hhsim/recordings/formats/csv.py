@@ -40,12 +40,7 @@ def _sniff(content: Content, options: ReadOptions) -> bool:
 
 
 def _read(content: Content, options: ReadOptions) -> Recording:
-    """The recording of a table by the mapping of the options, or of our own columns.
-
-    Raises:
-        TrajectoryError: No table, or a column without numbers.
-        InputError: A column that the table has not, or columns that nobody explains.
-    """
+    """Read a table by the mapping of the options, or of our own columns; raises TrajectoryError or InputError."""
     if options.dexmo is not None or options.poses is not None:
         raise InputError("a calibration of the Dexmo glove, but the file holds other columns than its channels")
     columns = options.columns
@@ -63,9 +58,8 @@ def _read(content: Content, options: ReadOptions) -> Recording:
 
 
 def _unexplained(header: tuple[str, ...]) -> str:
-    """What keeps a table's columns from being our own."""
+    """Describe how a table's columns differ from our own."""
     if set(POSE_COLUMNS) <= set(header):
-        # Nearly ours: which names are not is what the reader looks for.
         missing = [name for name in COLUMNS if name not in header]
         other = [name for name in header if name not in (*COLUMNS, *OBJECT_COLUMNS, PHASE, FLAGS)]
         instead = f"; it has {_some(other)} instead" if other else ""

@@ -1,8 +1,7 @@
 """Recordings of a Dexmo glove: a CSV with its eleven channels, by linear regression to joint angles.
 
-Columns: thumb_rotate, thumb_split, thumb_bend, index_split, … little_bend (pinky_… is the same), time [s], and px, py,
-pz, qw, qx, qy, qz where another tracker gave the palm's pose: the glove itself has none. The channels are kept beside
-the motion as they were read.
+Columns: thumb_rotate, thumb_split, thumb_bend, index_split, … little_bend (or pinky_…), time [s], and px, py, pz, qw,
+qx, qy, qz of a tracker's palm pose, as the glove has none. The channels are kept beside the motion.
 """
 
 from dataclasses import replace
@@ -25,16 +24,16 @@ from hhsim.system.counted import counted
 
 ALIAS = {"pinky_split": "little_split", "pinky_bend": "little_bend"}
 MOST_NORMALISED = 1.5
-"""Channels beyond this are raw counts."""
+"""Larger channels are raw counts."""
 
 
 def has_dexmo_channels(header: tuple[str, ...]) -> bool:
-    """Whether a table has all eleven channels."""
+    """True if a table has all eleven channels."""
     return set(CHANNELS) <= {ALIAS.get(name, name) for name in header}
 
 
 def _calibrated(content: Content, options: ReadOptions) -> tuple[Recording, DexmoRegression]:
-    """The recording of a table of channels, and the calibration that was used."""
+    """Read a table of channels; returns the recording and the calibration used."""
     table = read_table(content.text)
     table = replace(table, header=tuple(ALIAS.get(column, column) for column in table.header))
     if "time" not in table.header:
@@ -53,10 +52,8 @@ def _calibrated(content: Content, options: ReadOptions) -> tuple[Recording, Dexm
     chosen, poses = options.dexmo or DexmoRegression.default(), options.poses
     if poses is not None:
         spread = None if poses.spread is None else _within(recording, readings, poses.spread, "spread")
-        flat, fist = (
-            _within(recording, readings, poses.open, "open"),
-            _within(recording, readings, poses.fist, "a fist"),
-        )
+        flat = _within(recording, readings, poses.open, "open")
+        fist = _within(recording, readings, poses.fist, "a fist")
         chosen = calibrated(chosen, flat, fist, spread)
     elif not chosen.counts_raw and np.nanpercentile(np.abs(readings), 95.0) > MOST_NORMALISED:
         raise InputError(
@@ -86,15 +83,7 @@ def _within(recording: Recording, readings: FloatArray, span: tuple[float, float
 
 
 def calibration_of(path: Path, options: ReadOptions) -> DexmoRegression:
-    """The calibration that a recording gives itself by its poses.
-
-    Args:
-        options: With which it is read.
-
-    Raises:
-        InputError: Raw counts without a calibration, or spans without samples.
-        TrajectoryError: No stamps, or no numbers.
-    """
+    """Return the calibration of a recording by the poses of the options; InputError without samples in them."""
     return _calibrated(Content(path), options)[1]
 
 

@@ -1,4 +1,4 @@
-"""Our own HDF5 files: a trajectory, or the motion of a result or a session, to be looked over once more."""
+"""HDF5 files: a trajectory, or the motion of a result or a session of hhsim."""
 
 from dataclasses import fields
 from typing import Any, get_args
@@ -15,12 +15,12 @@ SIGNATURE = b"\x89HDF"
 
 
 def recording_of(trajectory: Trajectory) -> Recording:
-    """A trajectory as a recording."""
+    """Return a trajectory as a recording."""
     return _recording({field.name: getattr(trajectory, field.name) for field in fields(trajectory)})
 
 
 def _recording(given: dict[str, Any]) -> Recording:
-    """The recording of a trajectory's fields, which need not make one: there may be NaN in them."""
+    """Return the recording of a trajectory's fields, which may hold NaN."""
     known = given | {"form": "hhsim"}
     if given["hand"] not in get_args(HandSide):
         raise TrajectoryError(f"hand is '{given['hand']}'; expected right, left, or nothing")
@@ -37,7 +37,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     if content.path is None:
         raise InputError("an HDF5 file is read from its path")
     if holds_a_result(content.path):
-        # Read in parts, however long the session is.
+        # Read in blocks, so of any length.
         recording = recording_of(load_result_motion(content.path))
     else:
         content.refuse_large()

@@ -7,20 +7,19 @@
 | .csv | 63 columns of coordinates, with stamps or without, or columns such as left_lm00_x; 63 without a header too |
 | .json | a list of frames of 21 points, or objects with a stamp and a list of 21 points |
 
-They have no radius, often no scale and no world: the wrist stands still then. Arrays of objects are not read.
+They have no radius, often no scale and no world: the wrist stands still then.
 """
 
 import re
-import zipfile
+from collections import Counter
 from collections.abc import Iterator
-from io import BytesIO
 from typing import Any
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError
-from hhsim.motion.npz_arrays import read_npy, read_npz
+from hhsim.motion.npz_arrays import array_names, numbers, read_npy, read_npz
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.csv_table import lacks_names, read_header, read_table
 from hhsim.recordings.joint_names import KEYPOINTS, joint_name
@@ -33,6 +32,7 @@ from hhsim.recordings.unit_detection import TIME_UNITS
 from hhsim.system.counted import counted
 
 COUNT = len(KEYPOINTS)
+SHAPES = f"(T, {COUNT}, 3) or (T, {3 * COUNT})"
 COORDINATES = tuple(f"{axis}{k}" for k in range(COUNT) for axis in "xyz")
 NAMES = ("keypoints", "landmarks", "joints", "hand_keypoints", "hand_landmarks", "kp3d", "joints_3d")
 TIMES = ("t", "time", "times", "timestamp", "timestamps")
@@ -41,16 +41,12 @@ PLAIN = re.compile(r"^([xyz])[_ ]?([0-9]{1,2})$", re.IGNORECASE)
 LISTS = re.compile(r'"[a-zA-Z_]*(landmarks|keypoints)[a-zA-Z_]*"', re.IGNORECASE)
 DEEPEST = 6
 FEWEST_NAMED = 4
-"""So many joints in the names of columns are no coincidence."""
+"""Number of joints in the names of columns that mark another format."""
 NPY = b"\x93NUMPY"
 
 
 def _read(content: Content, options: ReadOptions) -> Recording:
-    """The recording of the hand that is asked for, else of the only one.
-
-    Raises:
-        TrajectoryError: No 21 points, no stamps and no rate, or a damaged file.
-    """
+    """Read the hand of the options, else the only one; raises TrajectoryError."""
     findings: list[Finding] = []
     side: HandSide = ""
     zipped = content.head.startswith(b"PK")
@@ -69,61 +65,49 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     elif unit is not None:
         finite = time[np.isfinite(time)]
         time = (time - (finite[0] if finite.size else 0.0)) * TIME_UNITS[unit]
-    return recording_of_joints(
-        JointPositions(
-            time=time,
-            position=points,
-            form="keypoints",
-            hand=side or options.hand,
-            time_stated=unit is not None,
-            findings=(*findings, note("21 keypoints in MediaPipe's order: wrist, thumb to little finger")),
-        ),
-        content.name,
-        options,
-    ).changed(checksums="held" if zipped else "")
+    joints = JointPositions(
+        time=time,
+        position=points,
+        form="keypoints",
+        hand=side or options.hand,
+        time_stated=unit is not None,
+        findings=(*findings, note("21 keypoints in MediaPipe's order: wrist, thumb to little finger")),
+    )
+    return recording_of_joints(joints, content.name, options).changed(checksums="held" if zipped else "")
 
 
 def _points(array: Any, where: str) -> FloatArray:
-    """An array as points, shape (T, 21, 3)."""
+    """Return an array as points, shape (T, 21, 3)."""
     try:
         values = np.asarray(array, dtype=np.float64)
     except (TypeError, ValueError):
-        raise TrajectoryError(f"{where} does not hold numbers; expected (T, {COUNT}, 3) or (T, {3 * COUNT})") from None
-    if values.ndim == 3 and values.shape[1:] == (COUNT, 3):
-        return values
-    if values.ndim == 2 and values.shape[1] == 3 * COUNT:
-        return values.reshape(-1, COUNT, 3)
-    raise TrajectoryError(f"{where} has shape {values.shape}; expected (T, {COUNT}, 3) or (T, {3 * COUNT})")
+        raise TrajectoryError(f"{where} does not hold numbers; expected {SHAPES}") from None
+    if not _is_points(values):
+        raise TrajectoryError(f"{where} has shape {values.shape}; expected {SHAPES}")
+    return values.reshape(-1, COUNT, 3)
 
 
 def _from_npz(data: bytes) -> tuple[FloatArray, FloatArray | None, str | None]:
     arrays = read_npz(data)
     if not arrays:
-        files = ", ".join(sorted(_entries(data))[:4]) or "nothing"
+        files = ", ".join(sorted(array_names(data))[:4]) or "nothing"
         raise TrajectoryError(f"a zip archive of {files}, without an array; expected .npz, or the recording unpacked")
     fitting = [key for key, value in arrays.items() if _is_points(value)]
     named = [key for key in fitting if key in NAMES] or fitting
     if len(named) != 1:
         held = ", ".join(f"{key} {np.shape(value)}" for key, value in list(arrays.items())[:6])
         reason = "more than one" if named else "no"
-        raise TrajectoryError(f"{reason} array of shape (T, {COUNT}, 3) or (T, {3 * COUNT}); it holds {held}")
+        raise TrajectoryError(f"{reason} array of shape {SHAPES}; it holds {held}")
     points = _points(arrays[named[0]], f"array '{named[0]}'")
     key = next((key for key in arrays if key in TIMES or time_column([key]) is not None), None)
     if key is None:
         return points, None, None
-    try:
-        time = np.asarray(arrays[key], dtype=np.float64)
-    except (TypeError, ValueError):
-        raise TrajectoryError(f"array '{key}' does not hold numbers") from None
-    if time.shape != (len(points),):
-        raise TrajectoryError(f"array '{key}' has shape {time.shape}; expected ({len(points)},)")
     column = time_column([key])
-    return points, time, column.unit if column is not None else None
+    return points, numbers(arrays, key, len(points)), column.unit if column is not None else None
 
 
 def _is_points(value: Any) -> bool:
-    shape = np.shape(value)
-    return (len(shape) == 3 and shape[1:] == (COUNT, 3)) or (len(shape) == 2 and shape[1] == 3 * COUNT)
+    return np.shape(value)[1:] in ((COUNT, 3), (3 * COUNT,))
 
 
 def _from_json(
@@ -138,10 +122,7 @@ def _from_json(
     if all(isinstance(frame, int | float) for frame in frames[:3]):
         raise TrajectoryError(f"JSON that is {keys_of(document)}; expected frames of {COUNT} points each")
     hands: list[dict[HandSide, list[list[float]]]] = [dict(_hands(frame, "", 0)) for frame in frames]
-    seen: dict[HandSide, int] = {}
-    for hand in hands:
-        for each in hand:
-            seen[each] = seen.get(each, 0) + 1
+    seen = Counter(side for hand in hands for side in hand)
     if not seen:
         raise TrajectoryError(f"{len(frames)} frames, but no list of {COUNT} points in any")
     side, remarks = chosen_side(seen, wanted)
@@ -158,7 +139,7 @@ def _from_json(
 
 
 def _hands(node: Any, side: HandSide, depth: int) -> Iterator[tuple[HandSide, list[list[float]]]]:
-    """Lists of 21 points in a frame, each with the side that the nearest key or value says."""
+    """Yield lists of 21 points in a frame, each with the side of the nearest key or value around it."""
     if depth > DEEPEST:
         return
     if isinstance(node, dict):
@@ -179,7 +160,7 @@ def _hands(node: Any, side: HandSide, depth: int) -> Iterator[tuple[HandSide, li
 
 
 def _numbered(name: str) -> tuple[HandSide, int] | None:
-    """Side and place among 63 of a column such as left_lm05_y, y5 or 5_y; None where it is none."""
+    """Return side and place among 63 of a column such as left_lm05_y, y5 or 5_y; None for another."""
     plain = PLAIN.match(name.strip())
     found = plain or NUMBERED.search(name.strip())
     if found is None:
@@ -218,10 +199,8 @@ def _from_table(
     else:
         names = [name for name in table.header if stamps is None or name not in (stamps.name, *stamps.others)]
         if len(names) != 3 * COUNT:
-            raise TrajectoryError(
-                f"{len(names)} columns{' and a time' if stamps else ''}; "
-                f"expected {3 * COUNT} coordinates of {COUNT} points"
-            )
+            given = f"{len(names)} columns{' and a time' if stamps else ''}"
+            raise TrajectoryError(f"{given}; expected {3 * COUNT} coordinates of {COUNT} points")
         findings.append(note(f"{3 * COUNT} columns without numbered names: taken as x, y, z of each point in turn"))
     values, broken = table.numbers(names)
     if broken:
@@ -234,10 +213,8 @@ def _sniff(content: Content, options: ReadOptions) -> bool:
     if content.head.startswith(NPY):
         return True
     if content.head.startswith(b"PK"):
-        names = _entries(content.data)
-        return (
-            "wrist_pos" not in names and "flex" not in names and not names & {"poses", "pose", "hand_pose", "mano_pose"}
-        )
+        names = array_names(content.data)
+        return bool(names) and not names & {"wrist_pos", "flex", "poses", "pose", "hand_pose", "mano_pose"}
     text = content.beginning.lstrip()
     if text[:1] in ("{", "["):
         return LISTS.search(text) is not None or re.match(r"\[\s*\[\s*(\[\s*)?-?[0-9]", text) is not None
@@ -249,19 +226,10 @@ def _sniff(content: Content, options: ReadOptions) -> bool:
         return False
     said = map(joint_name, header)
     if len({name.joint for name in said if name.joint and name.part in ("x", "y", "z")}) >= FEWEST_NAMED:
-        # Columns that say of which joint they are may stand in any order.
+        # Columns named after joints may stand in any order: format openxr.
         return False
     others = len(header) - 3 * COUNT
     return bool(_numbered_columns(header)) or (others == 0 or (others == 1 and time_column(header) is not None))
-
-
-def _entries(data: bytes) -> set[str]:
-    """Names of the arrays of an archive; none of a damaged one."""
-    try:
-        with zipfile.ZipFile(BytesIO(data)) as archive:
-            return {name.removesuffix(".npy") for name in archive.namelist()}
-    except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError):
-        return {"wrist_pos"}
 
 
 FORMAT = RecordingFormat(

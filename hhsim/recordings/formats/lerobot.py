@@ -1,10 +1,7 @@
 """LeRobot data sets, v2.1 and v3: one Parquet file, with meta/info.json of the data set above it.
 
-Joint centres are a feature whose name ends in `hand_joints`, two hands of 25 joints in WebXR's order, left before right
-where the names do not say otherwise; a world with y up. Anything else is explained by --columns, where a number of a
-feature is `feature.name` by the names of info.json, or `feature.0` and so on.
-
-A page of Parquet may have a CRC-32, which is then checked; most writers leave it out.
+Joint centres are a feature whose name ends in `hand_joints`: two hands, left then right, of 25 joints in WebXR's order;
+y up. Other features are mapped by --columns as `feature.name`, by the names of info.json, or `feature.0` and so on.
 """
 
 import json
@@ -27,37 +24,29 @@ MAGIC = b"PAR1"
 JOINTS = len(WEBXR_JOINTS)
 SIDES: tuple[HandSide, HandSide] = ("left", "right")
 LEVELS_UP = 4
-"""meta/ is at most so many folders above the file."""
+"""Most folders from the file up to that of meta/."""
 MOST_CELLS = 1 << 28
-"""Of a file, rows times columns."""
+"""Largest file, rows times columns."""
 MOST_BYTES = 1 << 28
-"""Of a column of numbers, in the rows of an episode: half an hour of two hands at 100 Hz in doubles."""
+"""Largest column of an episode [bytes]: half an hour of two hands at 100 Hz in doubles."""
 
 
 def _read(content: Content, options: ReadOptions) -> Recording:
-    """The recording of one episode and hand.
-
-    Raises:
-        TrajectoryError: No Parquet, several episodes without a word which, no stamps, or no joints of hands.
-        InputError: An episode that the file has not.
-    """
-    columns, held = _columns(content.data)
-    return _recording(columns, content, options).changed(checksums="held" if held else "")
-
-
-def _recording(columns: dict[str, Any], content: Content, options: ReadOptions) -> Recording:
+    """Read one episode and hand; raises TrajectoryError, and InputError for an episode that is not there."""
+    columns, checked = _columns(content.data)
     info = _info(content)
     findings: list[Finding] = []
     rows = _episode(columns, options, findings)
     time = _time(columns, rows, info, options, findings)
     if options.columns is not None:
-        return mapped(_table(columns, rows, info), options.columns, content.name, "lerobot").found(*findings)
+        recording = mapped(_table(columns, rows, info), options.columns, content.name, "lerobot").found(*findings)
+        return recording.changed(checksums="held" if checked else "")
     names = [name for name in columns if name.split(".")[-1] == "hand_joints"]
     named = names[0] if names else None
     width = 2 * JOINTS * 3
     values = None if named is None else _numbers(columns, named, rows)
     if values is None or values.shape[1] not in (width, width // 2):
-        held = ", ".join(f"{name} ({_width(values_)})" for name, values_ in list(columns.items())[:6])
+        held = ", ".join(f"{name} ({_numbers(columns, name, rows[:1]).shape[1]})" for name in list(columns)[:6])
         what = f"{named} has {values.shape[1]} numbers" if values is not None else "no hand_joints"
         raise TrajectoryError(
             f"{what}; it holds {held}; expected hand_joints of 2 × {JOINTS} × 3, or --columns that explain the others"
@@ -72,23 +61,20 @@ def _recording(columns: dict[str, Any], content: Content, options: ReadOptions) 
     if len(sides) == 2:
         findings.append(note("two hands of 25 joints in WebXR's order, taken as left, then right"))
     places = [WEBXR_JOINTS.index(joint) for joint in KEYPOINTS]
-    return recording_of_joints(
-        JointPositions(
-            time=time,
-            position=hands[:, sides.index(side)][:, places],
-            form="lerobot",
-            hand=side,
-            up="y",
-            device=str(info.get("robot_type") or ""),
-            findings=(*findings, *remarks),
-        ),
-        content.name,
-        options,
+    joints = JointPositions(
+        time=time,
+        position=hands[:, sides.index(side)][:, places],
+        form="lerobot",
+        hand=side,
+        up="y",
+        device=str(info.get("robot_type") or ""),
+        findings=(*findings, *remarks),
     )
+    return recording_of_joints(joints, content.name, options).changed(checksums="held" if checked else "")
 
 
 def _columns(data: bytes) -> tuple[dict[str, Any], bool]:
-    """The columns of the file, as lists of pyarrow, and whether each of their pages agreed with a checksum."""
+    """Return the columns as pyarrow's lists, and whether each of their pages agreed with a checksum."""
     try:
         import pyarrow
         from pyarrow import parquet
@@ -100,10 +86,10 @@ def _columns(data: bytes) -> tuple[dict[str, Any], bool]:
             raise TrajectoryError(f"{file.metadata.num_rows:,} rows; expected a recording of a hand")
         table = file.read()
         table.validate(full=True)
-        # Only now: asked for a column that it cannot read, the library ends the process.
+        # After the reading: asked for a column that it cannot read, the library ends the process.
         groups = [file.metadata.row_group(k) for k in range(file.metadata.num_row_groups)]
-        held = all(_held(data, group.column(k)) for group in groups for k in range(group.num_columns))
-        return {str(name): table.column(k) for k, name in enumerate(table.column_names)}, held
+        checked = all(_has_checksums(data, group.column(k)) for group in groups for k in range(group.num_columns))
+        return {str(name): table.column(k) for k, name in enumerate(table.column_names)}, checked
     except TrajectoryError:
         raise
     except (pyarrow.ArrowException, OSError, ValueError, KeyError, MemoryError, OverflowError) as error:
@@ -111,8 +97,8 @@ def _columns(data: bytes) -> tuple[dict[str, Any], bool]:
         raise TrajectoryError(f"not a Parquet file, or a damaged one: {reason}") from None
 
 
-def _held(data: bytes, chunk: Any) -> bool:
-    """Whether every page of a column in a group of rows has a checksum: field 4 of its header, which field 3 sizes."""
+def _has_checksums(data: bytes, chunk: Any) -> bool:
+    """True if every page of a column chunk has a CRC-32 (field 4 of its header; field 3 is its size)."""
     place = min(filter(None, (chunk.dictionary_page_offset, chunk.data_page_offset)))
     end = place + chunk.total_compressed_size
     try:
@@ -127,7 +113,7 @@ def _held(data: bytes, chunk: Any) -> bool:
 
 
 def _thrift_struct(data: bytes, place: int) -> tuple[dict[int, int], int]:
-    """The 32-bit numbers of a struct in Thrift's compact protocol, by their fields, and where it ends."""
+    """Return the 32-bit numbers of a struct in Thrift's compact protocol by field, and its end."""
     fields: dict[int, int] = {}
     field = 0
     while head := data[place]:
@@ -135,7 +121,7 @@ def _thrift_struct(data: bytes, place: int) -> tuple[dict[int, int], int]:
         field, place = (field + step, place + 1) if step else _zigzag(data, place + 1)
         if kind in (4, 5, 6):
             value, place = _zigzag(data, place)
-            # Of another width, a reader passes over it.
+            # A number of another width is skipped.
             fields |= {field: value} if kind == 5 else {}
         elif kind == 8:
             size, place = _varint(data, place)
@@ -143,19 +129,19 @@ def _thrift_struct(data: bytes, place: int) -> tuple[dict[int, int], int]:
         elif kind == 12:
             _, place = _thrift_struct(data, place)
         else:
-            # A flag is in its head; the other kinds are in no header of a page.
+            # A flag is in its head; no page header has other kinds.
             place += {1: 0, 2: 0, 3: 1, 7: 8}[kind]
     return fields, place + 1
 
 
 def _zigzag(data: bytes, place: int) -> tuple[int, int]:
-    """A number with its sign in the lowest bit, and where it ends."""
+    """Return a number with its sign in the lowest bit, and its end."""
     value, place = _varint(data, place)
     return (value >> 1) ^ -(value & 1), place
 
 
 def _varint(data: bytes, place: int) -> tuple[int, int]:
-    """A number of seven bits a byte, at most ten bytes, and where it ends."""
+    """Return a number of seven bits a byte, at most ten bytes, and its end."""
     value = 0
     for k in range(10):
         value |= (data[place + k] & 127) << 7 * k
@@ -165,7 +151,7 @@ def _varint(data: bytes, place: int) -> tuple[int, int]:
 
 
 def _info(content: Content) -> dict[str, Any]:
-    """meta/info.json of the data set; empty where there is none."""
+    """Read meta/info.json of the data set; empty where there is none."""
     if content.path is None:
         return {}
     for folder in list(content.path.resolve().parents)[:LEVELS_UP]:
@@ -180,7 +166,7 @@ def _info(content: Content) -> dict[str, Any]:
 
 
 def _episode(columns: dict[str, Any], options: ReadOptions, findings: list[Finding]) -> IntArray:
-    """Rows of the episode that is asked for, else of the only one."""
+    """Return the rows of the episode of the options, else of the only one."""
     if "episode_index" not in columns:
         if options.episode is not None:
             raise InputError("--episode: the file has no episode_index")
@@ -199,11 +185,7 @@ def _episode(columns: dict[str, Any], options: ReadOptions, findings: list[Findi
 
 
 def _time(
-    columns: dict[str, Any],
-    rows: IntArray,
-    info: dict[str, Any],
-    options: ReadOptions,
-    findings: list[Finding],
+    columns: dict[str, Any], rows: IntArray, info: dict[str, Any], options: ReadOptions, findings: list[Finding]
 ) -> FloatArray:
     if "timestamp" in columns:
         return _numbers(columns, "timestamp", rows)[:, 0]
@@ -215,7 +197,7 @@ def _time(
 
 
 def _numbers(columns: dict[str, Any], name: str, rows: IntArray | None) -> FloatArray:
-    """The numbers of a column, nested lists laid flat, shape (T, N); NaN where there is none."""
+    """Return the numbers of a column, nested lists flattened, shape (T, N); NaN where missing."""
     chosen = columns[name] if rows is None else columns[name].take(rows)
     if chosen.nbytes > MOST_BYTES and "binary" not in str(chosen.type):
         raise TrajectoryError(f"{name} has {chosen.nbytes >> 20:,} MB; expected the recording of a hand")
@@ -234,13 +216,8 @@ def _flat(cell: Any, depth: int) -> list[float]:
     return [float(cell)] if isinstance(cell, int | float) and not isinstance(cell, bool) else [float("nan")]
 
 
-def _width(column: Any) -> str:
-    first = next((cell for cell in column.slice(0, 1).to_pylist()), None)
-    return f"{len(_flat(first, 0))}" if isinstance(first, list) else "1"
-
-
 def _table(columns: dict[str, Any], rows: IntArray, info: dict[str, Any]) -> Table:
-    """All numbers as a table, each column named after its feature and its place in it."""
+    """Return all numbers as a table, each column named after its feature and its place in it."""
     header: list[str] = []
     parts: list[FloatArray] = []
     features = info.get("features")

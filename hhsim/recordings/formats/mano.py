@@ -5,12 +5,10 @@
 | .npz | `poses` (T, 48) or (T, 3 + n), or with `global_orient`; `trans` (T, 3), `betas`, `fps` or stamps, `hand` |
 | .jsonl | HOT3D's lines: a wrist's pose and n coefficients |
 
-The same 48 numbers are read in four ways (`hhsim.recordings.recording_format.MANO_READINGS`), and the numbers do not
-tell which: DexYCB's 48 are coefficients, those of other sets are angles. So `--mano-pose` says it.
+The same 48 numbers have four meanings (`hhsim.recordings.recording_format.MANO_READINGS`) that the file does not tell
+apart: DexYCB's are coefficients, those of other sets are angles. So `--mano-pose` says it.
 """
 
-import zipfile
-from io import BytesIO
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +16,7 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.quaternion import rotation_vector
-from hhsim.motion.npz_arrays import read_npz
+from hhsim.motion.npz_arrays import array_names, numbers, read_npz
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.joint_positions import JointPositions, evenly, recording_of_joints
 from hhsim.recordings.mano_model import ManoModel, read_mano_model
@@ -41,7 +39,7 @@ READINGS = {
 
 
 class _Poses(NamedTuple):
-    """Numbers of a file: stamps, wrist, pose, shape."""
+    """Numbers of a file: stamps, wrist, pose and shape of the hand."""
 
     time: FloatArray | None
     unit: str | None
@@ -54,12 +52,7 @@ class _Poses(NamedTuple):
 
 
 def _read(content: Content, options: ReadOptions) -> Recording:
-    """The recording by the model and the reading of the options.
-
-    Raises:
-        TrajectoryError: No poses, no model, or numbers that are read in several ways without a word which.
-        InputError: A reading that the numbers do not allow.
-    """
+    """Read poses by the options' model and reading; raises TrajectoryError, and InputError for a wrong reading."""
     poses = _from_npz(content.data) if content.head.startswith(b"PK") else _from_lines(content, options)
     count = poses.pose.shape[1]
     reading = _reading(count, options)
@@ -73,16 +66,10 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     name = options.mano.model.name.lower()
     findings = [*poses.findings, note(f"{count} numbers a pose: {READINGS[reading]} ({reading}); model {name}")]
     if hand and {"right": "left", "left": "right"}[hand] in name:
-        findings.append(
-            note(f"{hand} hand, but the model is called {options.mano.model.name}: is it the other hand's?")
-        )
-    nowhere = np.zeros((len(poses.pose), 3))
-    points = model.keypoints(
-        poses.rotation,
-        _angles(poses.pose, reading, model),
-        nowhere if poses.translation is None else poses.translation,
-        poses.betas,
-    )
+        text = f"{hand} hand, but the model is called {options.mano.model.name}: is it the other hand's?"
+        findings.append(note(text))
+    translation = np.zeros((len(poses.pose), 3)) if poses.translation is None else poses.translation
+    points = model.keypoints(poses.rotation, _angles(poses.pose, reading, model), translation, poses.betas)
     time, unit = poses.time, poses.unit
     if time is None:
         time, finding = evenly(len(points), options)
@@ -90,23 +77,20 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         unit = "s"
     if poses.translation is None:
         findings.append(note("no translation: the hand turns on the spot"))
-    return recording_of_joints(
-        JointPositions(
-            time=time * TIME_UNITS[unit] if unit is not None else time,
-            position=points,
-            form="mano",
-            hand=hand,
-            unit=1.0,
-            time_stated=unit is not None,
-            findings=tuple(findings),
-        ),
-        content.name,
-        options,
+    joints = JointPositions(
+        time=time * TIME_UNITS[unit] if unit is not None else time,
+        position=points,
+        form="mano",
+        hand=hand,
+        unit=1.0,
+        time_stated=unit is not None,
+        findings=tuple(findings),
     )
+    return recording_of_joints(joints, content.name, options)
 
 
 def _reading(count: int, options: ReadOptions) -> str:
-    """How the numbers of a pose are read."""
+    """Return the reading of a pose of `count` numbers."""
     wanted = options.mano.reading
     if not 1 <= count <= ANGLES:
         raise TrajectoryError(f"{count} numbers a pose; expected 45 of the joints, or fewer coefficients")
@@ -119,7 +103,7 @@ def _reading(count: int, options: ReadOptions) -> str:
 
 
 def _angles(pose: FloatArray, reading: str, model: ManoModel) -> FloatArray:
-    """Rotation vectors of the joints from the flat hand [rad], shape (T, 45)."""
+    """Return rotation vectors of the joints from the flat hand [rad], shape (T, 45)."""
     angles = pose @ model.components[: pose.shape[1]] if reading.startswith("pca") else pose
     return np.asarray(angles + model.mean if reading in ("pca", "axis-angle-mean") else angles)
 
@@ -139,33 +123,28 @@ def _from_npz(data: bytes) -> _Poses:
         raise TrajectoryError(
             f"no array of poses, it holds {', '.join(sorted(arrays)[:6])}; expected {', '.join(POSES)}"
         )
-    pose = _numbers(arrays[key], key)
+    pose = numbers(arrays, key)
     if pose.ndim == 3:
         pose = pose.reshape(len(pose), -1)
     if pose.ndim != 2:
         raise TrajectoryError(f"array '{key}' has shape {pose.shape}; expected (T, 48) or (T, 3 + n)")
+    count = len(pose)
     turn = next((each for each in TURNS if each in arrays), None)
     if turn is not None:
-        rotation = _numbers(arrays[turn], turn).reshape(len(pose), -1)
+        rotation = numbers(arrays, turn).reshape(count, -1)
     else:
         rotation, pose = pose[:, :3], pose[:, 3:]
-    if rotation.shape != (len(pose), 3):
-        raise TrajectoryError(f"the turn of the wrist has shape {rotation.shape}; expected ({len(pose)}, 3)")
+    if rotation.shape != (count, 3):
+        raise TrajectoryError(f"the turn of the wrist has shape {rotation.shape}; expected ({count}, 3)")
     shift = next((each for each in SHIFTS if each in arrays), None)
-    translation = None if shift is None else _numbers(arrays[shift], shift)
-    if translation is not None and translation.shape != (len(pose), 3):
-        raise TrajectoryError(f"array '{shift}' has shape {translation.shape}; expected ({len(pose)}, 3)")
+    translation = None if shift is None else numbers(arrays, shift, count, 3)
     stamps = time_column(arrays)
-    time = None if stamps is None else _numbers(arrays[stamps.name], stamps.name)
-    if time is not None and time.shape != (len(pose),):
-        raise TrajectoryError(
-            f"array '{stamps.name if stamps else ''}' has shape {time.shape}; expected ({len(pose)},)"
-        )
-    betas = _numbers(arrays["betas"], "betas") if "betas" in arrays else np.zeros(0)
+    time = None if stamps is None else numbers(arrays, stamps.name, count)
+    betas = numbers(arrays, "betas") if "betas" in arrays else np.zeros(0)
     side = str(arrays["hand"]).lower() if "hand" in arrays and np.ndim(arrays["hand"]) == 0 else ""
     findings: list[Finding] = []
     if time is None and "fps" in arrays and np.size(arrays["fps"]) == 1:
-        rate = float(_numbers(arrays["fps"], "fps").ravel()[0])
+        rate = float(numbers(arrays, "fps").ravel()[0])
         if 1.0 <= rate <= 1e4:
             time, findings = np.arange(len(pose)) / rate, [note(f"no stamps: made from fps, {rate:g} Hz")]
     return _Poses(
@@ -180,20 +159,9 @@ def _from_npz(data: bytes) -> _Poses:
     )
 
 
-def _numbers(array: object, key: str) -> FloatArray:
-    try:
-        return np.array(array, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise TrajectoryError(f"array '{key}' does not hold numbers") from None
-
-
 def _sniff(content: Content, options: ReadOptions) -> bool:
     if content.head.startswith(b"PK"):
-        try:
-            with zipfile.ZipFile(BytesIO(content.data)) as archive:
-                return bool({name.removesuffix(".npy") for name in archive.namelist()} & set(POSES))
-        except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError):
-            return False
+        return bool(array_names(content.data) & set(POSES))
     text = content.beginning
     return text.lstrip().startswith("{") and '"hand_poses"' in text and '"pose"' in text
 

@@ -1,11 +1,8 @@
 """Hands in MCAP as Isaac Teleop records them: channels left_hand and right_hand of the FlatBuffers core.HandPoseRecord.
 
-A record holds 26 joints of OpenXR (position, quaternion, validity, radius) and three stamps: when the sample was there,
-when it was taken, both on the host's clock, and when it was taken on the device's. The second is used. y is up.
-
-The container's layout is published at mcap.dev, that of the tables at flatbuffers.dev; both are read here as far as a
-hand needs it. Compressed chunks are unpacked by pyarrow. Chunks, the section of data and the summary may each have a
-CRC-32, and the statistics count messages and chunks: all that are there are checked.
+A record holds 26 joints of OpenXR (position, quaternion, validity, radius) and three stamps: arrival and sampling on
+the host's clock, and sampling on the device's. The second is used. y is up. The layouts are published at mcap.dev and
+flatbuffers.dev. pyarrow unpacks compressed chunks. All CRC-32 and statistics that are there are checked.
 """
 
 import re
@@ -37,14 +34,8 @@ JOINT = np.dtype(
         "itemsize": 36,
     }
 )
-"""A joint of the record: position, quaternion, validity, radius, aligned to four bytes."""
+"""Joint of a record: position, quaternion, validity, radius, aligned to four bytes."""
 NANOSECOND = 1e-9
-
-
-class _Message(NamedTuple):
-    channel: int
-    log_time: int
-    data: bytes
 
 
 class _Sample(NamedTuple):
@@ -53,13 +44,9 @@ class _Sample(NamedTuple):
 
 
 def _read(content: Content, options: ReadOptions) -> Recording:
-    """The recording of the hand that is asked for, else of the one with more samples.
-
-    Raises:
-        TrajectoryError: No MCAP, a damaged one, or one without hands; the message says what it holds.
-    """
+    """Read the hand of the options, else the one with more samples; raises TrajectoryError."""
     channels: dict[int, tuple[str, str]] = {}
-    messages: dict[HandSide, list[_Message]] = {}
+    samples: dict[HandSide, list[_Sample]] = {}
     schemas: dict[int, str] = {}
     container = _Container(content.data)
     for code, body in container.records():
@@ -74,20 +61,18 @@ def _read(content: Content, options: ReadOptions) -> Recording:
             topic, schema_name = channels.get(number, ("", ""))
             side = _side(topic)
             if schema_name == HAND_SCHEMA and side:
-                messages.setdefault(side, []).append(_Message(number, log_time, body[22:]))
-    if not messages:
+                samples.setdefault(side, []).append(_sample(log_time, body[22:]))
+    if not samples:
         held = ", ".join(sorted({f"{topic} ({schema or 'no schema'})" for topic, schema in channels.values()})[:4])
         raise TrajectoryError(
             f"no hand among the channels, which are {held or 'none'}; expected {HAND_SCHEMA} on left_hand or right_hand"
         )
-    samples = {side: [_sample(message) for message in each] for side, each in messages.items()}
     seen = {side: sum(s.joints is not None for s in each) for side, each in samples.items()}
     side, findings = chosen_side(seen, options.hand)
     shown = [sample for sample in samples[side] if sample.joints is not None]
     if not shown:
         raise TrajectoryError(f"{len(samples[side])} samples of the {side} hand, and none in which it was seen")
-    if len(shown) < len(samples[side]):
-        lost = len(samples[side]) - len(shown)
+    if lost := len(samples[side]) - len(shown):
         findings.append(note(f"{lost} of {len(samples[side])} frames show no {side} hand: no samples"))
     findings.append(note(f"26 OpenXR joints of the {side} hand"))
     joints = np.array([sample.joints for sample in shown])
@@ -98,23 +83,20 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         radius = joints["radius"][:, places].astype(np.float64)
     position[~valid & (position == 0.0).all(axis=2)] = np.nan
     known = bool((np.nan_to_num(radius) > 0.0).any(axis=0).all())
-    return recording_of_joints(
-        JointPositions(
-            time=_stamps([sample.stamps for sample in shown], findings),
-            position=position,
-            form="mcap",
-            hand=side,
-            unit=1.0,
-            up="y",
-            radius=radius if known else None,
-            doubtful=~valid.all(axis=1),
-            tip_on_surface=not known,
-            device="OpenXR through Isaac Teleop",
-            findings=tuple(findings),
-        ),
-        content.name,
-        options,
-    ).changed(checksums="held" if container.held else "")
+    positions = JointPositions(
+        time=_stamps([sample.stamps for sample in shown], findings),
+        position=position,
+        form="mcap",
+        hand=side,
+        unit=1.0,
+        up="y",
+        radius=radius if known else None,
+        doubtful=~valid.all(axis=1),
+        tip_on_surface=not known,
+        device="OpenXR through Isaac Teleop",
+        findings=tuple(findings),
+    )
+    return recording_of_joints(positions, content.name, options).changed(checksums="held" if container.held else "")
 
 
 def _side(topic: str) -> HandSide:
@@ -123,7 +105,7 @@ def _side(topic: str) -> HandSide:
 
 
 def _stamps(stamps: list[tuple[int, ...]], findings: list[Finding]) -> FloatArray:
-    """When each sample was taken, from the first one on [s]."""
+    """Return the time of each sample after the first [s]."""
     if all(len(each) == 3 for each in stamps):
         there, taken, device = np.array(stamps, dtype=np.int64).T
         own, host = (device - device[0]) * NANOSECOND, (taken - taken[0]) * NANOSECOND
@@ -139,10 +121,10 @@ def _stamps(stamps: list[tuple[int, ...]], findings: list[Finding]) -> FloatArra
 
 
 class _Container:
-    """A file's records, whose checksums are checked on the way.
+    """Records of a file, whose checksums are verified on the way.
 
     Attributes:
-        held: Whether every message agreed with a checksum, and none is lost; known when all records were taken.
+        held: True if every message agreed with a checksum and none is lost; known after all records.
     """
 
     def __init__(self, data: bytes) -> None:
@@ -150,11 +132,7 @@ class _Container:
         self._data = data
 
     def records(self) -> Iterator[tuple[int, bytes]]:
-        """Every record with its code, those in chunks too.
-
-        Raises:
-            TrajectoryError: A damaged file.
-        """
+        """Yield every record with its code, those in chunks too; TrajectoryError for a damaged file."""
         data, code = self._data, 0
         if not data.startswith(MAGIC):
             raise TrajectoryError("no MCAP file: it does not begin as one")
@@ -195,26 +173,26 @@ class _Container:
 
 
 def _walk(data: bytes, place: int, end: int) -> Iterator[tuple[int, int, bytes]]:
-    """Where each record begins, its code and its content."""
+    """Yield place, code and content of each record."""
     while place < end:
         (code, length) = _unpack("<BQ", data, place)
         if place + 9 + length > end:
             raise TrajectoryError(
-                f"a damaged MCAP file: a record at byte {place} ends beyond the file; was it cut short?"
+                f"a damaged MCAP file: record at byte {place} ends beyond the file; was it cut short?"
             )
         yield place, code, data[place + 9 : place + 9 + length]
         place += 9 + length
 
 
 def _agrees(data: bytes | memoryview, checksum: int, what: str) -> bool:
-    """Whether a part of the file has a checksum, which it then agrees with."""
+    """True if a part of the file has a checksum; TrajectoryError where it differs."""
     if checksum and zlib.crc32(data) != checksum:
         raise TrajectoryError(f"a damaged MCAP file: {what} differs from its checksum")
     return checksum != 0
 
 
 def _chunk(body: bytes, most: int) -> tuple[bytes, bool]:
-    """The records of a chunk, unpacked to at most so many bytes, and whether they agreed with a checksum."""
+    """Unpack the records of a chunk, at most so many bytes, and tell whether they have a checksum."""
     size, checksum = _unpack("<QI", body, 16)
     compression, place = _text(body, 28)
     (length,) = _unpack("<Q", body, place)
@@ -236,15 +214,11 @@ def _chunk(body: bytes, most: int) -> tuple[bytes, bool]:
     return packed, _agrees(packed, checksum, "a chunk")
 
 
-def _sample(message: _Message) -> _Sample:
-    """Stamps and joints of a record: a FlatBuffers table of a table and a struct of three stamps."""
-    data = message.data
+def _sample(log_time: int, data: bytes) -> _Sample:
+    """Return stamps and joints of a record: a FlatBuffers table of a table and a struct of three stamps."""
     (root,) = _unpack("<I", data, 0)
-    stamp = _field(data, root, 1)
-    hand = _field(data, root, 0)
-    stamps: tuple[int, ...] = (message.log_time,)
-    if stamp:
-        stamps = _unpack("<qqq", data, stamp)
+    stamp, hand = _field(data, root, 1), _field(data, root, 0)
+    stamps = _unpack("<qqq", data, stamp) if stamp else (log_time,)
     if not hand:
         return _Sample(stamps, None)
     (offset,) = _unpack("<I", data, hand)
@@ -257,7 +231,7 @@ def _sample(message: _Message) -> _Sample:
 
 
 def _field(data: bytes, table: int, index: int) -> int:
-    """Where a field of a table is; 0 where it is left out."""
+    """Return the place of a table's field; 0 where it is left out."""
     (back,) = _unpack("<i", data, table)
     (size,) = _unpack("<H", data, table - back)
     if 4 + 2 * index >= size:
@@ -276,7 +250,7 @@ def _unpack(form: str, data: bytes, place: int) -> tuple[int, ...]:
 
 
 def _text(data: bytes, place: int) -> tuple[str, int]:
-    """A text with its length before it, and where it ends."""
+    """Return a text with its length before it, and its end."""
     (length,) = _unpack("<I", data, place)
     end = place + 4 + length
     if end > len(data):

@@ -4,18 +4,15 @@ Arrays: t [s] (T,), wrist_pos [m] (T, 3), wrist_quat or wrist_quat_wxyz (T, 4), 
 and, if they are there, valid (T,), the object's pose object_pos [m] (T, 3) and object_quat or object_quat_wxyz (T, 4),
 and meta, a JSON text with source, frame and hand.
 
-The pose is that of the palm. What its axes are, the text `frame` says in words; the ones that are known (`FRAMES`) are
-turned into ours, for any other the axes are taken as ours, unless the user says which they are.
+The pose is that of the palm. Its axes are those of the options, else of the words of `frame` in `FRAMES`, else ours.
 """
 
 import json
 from typing import Any
 
-import numpy as np
-
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
-from hhsim.motion.npz_arrays import read_npz
+from hhsim.motion.npz_arrays import numbers, read_npz
 from hhsim.motion.object_motion import ObjectMotion
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.recordings.frames import OURS, to_our_palm, to_our_world
@@ -23,9 +20,7 @@ from hhsim.recordings.recording import Finding, Recording, note
 from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFormat
 
 QUATERNIONS = {"wrist_quat_wxyz": (0, 1, 2, 3), "wrist_quat": (0, 1, 2, 3), "wrist_quat_xyzw": (3, 0, 1, 2)}
-"""Names of the orientation, and where w, x, y, z are in its rows."""
-
-OBJECT_QUATERNIONS = {key.replace("wrist", "object"): order for key, order in QUATERNIONS.items()}
+"""Names of the orientation, and the places of w, x, y, z in its rows."""
 
 FRAMES: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("z to fingers, -y palm normal", ("-x", "z", "y")),
@@ -38,24 +33,24 @@ UPRIGHT = (("y up", "y"), ("y-up", "y"), ("x up", "x"))
 
 
 def _read(content: Content, options: ReadOptions) -> Recording:
-    """The recording, in the frames that the options name, else in those that the file does.
-
-    Raises:
-        TrajectoryError: No archive, a damaged one, or arrays missing or of another shape.
-    """
+    """Read the arrays; raises TrajectoryError for missing ones or another shape."""
     arrays = read_npz(content.data)
-    count = _array(arrays, "t", ()).shape[0]
-    key = next((key for key in QUATERNIONS if key in arrays), "wrist_quat_wxyz")
-    orientation = _array(arrays, key, (4,), count)[:, QUATERNIONS[key]]
-    position = _array(arrays, "wrist_pos", (3,), count)
+    missing = [key for key in ("t", "wrist_pos", "flex", "abd") if key not in arrays]
+    if missing or not any(key in arrays for key in QUATERNIONS):
+        have = ", ".join(sorted(arrays)[:8]) or "nothing"
+        missing.append("wrist_quat_wxyz")
+        raise TrajectoryError(
+            f"no array '{missing[0]}', it holds {have}; expected t, wrist_pos, wrist_quat, flex and abd"
+        )
+    time = numbers(arrays, "t")
+    if time.ndim != 1:
+        raise TrajectoryError(f"array 't' has shape {time.shape}; expected (T,)")
+    count = len(time)
+    position, orientation = _pose(arrays, "wrist", count)
     meta = _meta(arrays)
     frame = meta.get("frame", "").lower()
     findings: list[Finding] = []
-    axes = (
-        tuple(options.palm_axes)
-        if options.palm_axes
-        else next((axes for words, axes in FRAMES if words in frame), None)
-    )
+    axes = options.palm_axes or next((axes for words, axes in FRAMES if words in frame), None)
     up = options.world_up or next((up for words, up in UPRIGHT if words in frame), "z")
     if axes is None:
         reason = f"frame '{meta['frame']}' is not known" if frame else "the file names no frame"
@@ -64,57 +59,40 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     if tuple(axes) != OURS or up != "z":
         findings.append(note(f"palm axes x, y, z are the recording's {', '.join(axes)}; its world's {up} points up"))
     position, orientation = to_our_world(position, to_our_palm(orientation, axes), up)
-    moved = _object_motion(arrays, count)
+    moved = {"object_pos", *(key.replace("wrist", "object") for key in QUATERNIONS)} & set(arrays)
     recording = Recording(
-        time=_array(arrays, "t", ()),
+        time=time,
         position=position,
         orientation=orientation,
-        flexion=_array(arrays, "flex", (5, 3), count),
-        abduction=_array(arrays, "abd", (5,), count),
+        flexion=numbers(arrays, "flex", count, 5, 3),
+        abduction=numbers(arrays, "abd", count, 5),
         form="npz",
         checksums="held",
         name=content.name,
         source=meta.get("source", ""),
         licence=meta.get("licence", ""),
         device=meta.get("device", ""),
-        object_motion=moved and ObjectMotion(*to_our_world(*moved, up)),
+        object_motion=ObjectMotion(*to_our_world(*_pose(arrays, "object", count), up)) if moved else None,
         hand="left" if meta.get("hand", "").lower().startswith("left") else "right" if "hand" in meta else "",
     )
     if meta.get("note"):
         findings.append(note(f"the file says: {meta['note']}"))
     recording = recording.found(*findings)
     if "valid" in arrays:
-        doubtful = _array(arrays, "valid", (), count) == 0.0
+        doubtful = numbers(arrays, "valid", count) == 0.0
         if doubtful.any():
             text = "not valid, says the file: kept where there are numbers"
             recording = recording.flagged(doubtful, SampleFlag.INVALID, text)
     return recording
 
 
-def _object_motion(arrays: dict[str, Any], count: int) -> ObjectMotion | None:
-    """The object's pose in the recording's world, where both of its arrays are there."""
-    key = next((each for each in OBJECT_QUATERNIONS if each in arrays), None)
-    if "object_pos" not in arrays and key is None:
-        return None
-    key = key or "object_quat_wxyz"
-    quaternions = _array(arrays, key, (4,), count)[:, OBJECT_QUATERNIONS[key]]
-    return ObjectMotion(_array(arrays, "object_pos", (3,), count), quaternions)
-
-
-def _array(arrays: dict[str, Any], key: str, tail: tuple[int, ...], count: int | None = None) -> FloatArray:
-    if key not in arrays:
-        have = ", ".join(sorted(arrays)[:8]) or "nothing"
-        raise TrajectoryError(f"no array '{key}', it holds {have}; expected t, wrist_pos, wrist_quat, flex and abd")
-    try:
-        values = np.array(arrays[key], dtype=np.float64)
-    except (TypeError, ValueError):
-        raise TrajectoryError(f"array '{key}' does not hold numbers") from None
-    expected = (values.shape[0] if values.ndim and count is None else count, *tail)
-    if values.ndim == 0 or values.shape != expected:
-        raise TrajectoryError(
-            f"array '{key}' has shape {values.shape}; expected {('T', *tail) if count is None else expected}"
-        )
-    return values
+def _pose(arrays: dict[str, Any], what: str, count: int) -> tuple[FloatArray, FloatArray]:
+    """Return position and (w, x, y, z) of the "wrist" or "object" in the recording's world."""
+    orders = {key.replace("wrist", what): order for key, order in QUATERNIONS.items()}
+    key = next((key for key in orders if key in arrays), "")
+    if not key or f"{what}_pos" not in arrays:
+        raise TrajectoryError(f"only one of {what}_pos and {what}_quat; expected both, or neither")
+    return numbers(arrays, f"{what}_pos", count, 3), numbers(arrays, key, count, 4)[:, orders[key]]
 
 
 def _meta(arrays: dict[str, Any]) -> dict[str, str]:

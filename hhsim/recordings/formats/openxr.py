@@ -1,8 +1,8 @@
 """Tables whose columns are named after the joints of a hand: OpenXR's 26, WebXR's 25, MediaPipe's 21.
 
-The names may be anybody's (left_index_tip_x, XR_HAND_JOINT_INDEX_TIP_EXT_x, R_IndexTip.PosX, WRIST_x, …); columns of
-quaternions are not needed, a radius and a column of validity are read where they are. OpenXR's world has y up, right
-handed. Unity's z points the other way: there a right hand is a left one's mirror, which its fingers tell.
+Names vary (left_index_tip_x, XR_HAND_JOINT_INDEX_TIP_EXT_x, R_IndexTip.PosX, WRIST_x, …). Positions are read, and
+radius and validity where they are there. y is up; the bend of the fingers tells OpenXR's right-handed world from
+Unity's left-handed one.
 """
 
 import numpy as np
@@ -28,10 +28,10 @@ from hhsim.recordings.unit_detection import TIME_UNITS
 from hhsim.system.counted import counted
 
 FEWEST = 4
-"""So many joints with coordinates are no coincidence of names."""
+"""Number of joints with coordinates that mark this format."""
 
 Columns = dict[HandSide, dict[str, dict[str, str]]]
-"""Of each hand the columns of each joint, by their part."""
+"""Columns by hand, joint and part."""
 
 
 def _columns(header: tuple[str, ...]) -> Columns:
@@ -48,11 +48,7 @@ def _whole(parts: dict[str, str]) -> bool:
 
 
 def _read(content: Content, options: ReadOptions) -> Recording:
-    """The recording of the hand that is asked for, else of the one with more columns, the right one of equals.
-
-    Raises:
-        TrajectoryError: Joints or stamps are missing; the message says what was recognised.
-    """
+    """Read the hand of the options, else the one with more columns; raises TrajectoryError."""
     table = read_table(content.text)
     hands = _columns(table.header)
     if not hands:
@@ -77,8 +73,9 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     else:
         time = _numbers(table, [stamps.name], findings)[:, 0]
         if stamps.unit is not None:
-            # Whole numbers of ns since 1970 keep their steps only if the first is taken off before they are scaled.
-            time = _from_first(time, stamps.unit)
+            # Whole ns since 1970 keep their steps only if the first is subtracted before they are scaled.
+            finite = time[np.isfinite(time)]
+            time = (time - (finite[0] if finite.size else 0.0)) * TIME_UNITS[stamps.unit]
         if stamps.others:
             findings.append(note(f"stamps from column '{stamps.name}'; there are also {', '.join(stamps.others[:3])}"))
     joints = hands[side]
@@ -96,36 +93,27 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     valid = [parts["valid"] for parts in joints.values() if "valid" in parts]
     doubtful = (_truths(table, valid) == 0.0).any(axis=1) if valid else None
     xr = named[side] & {"palm", *(f"{finger}_metacarpal" for finger in FINGERS[1:])}
-    return recording_of_joints(
-        JointPositions(
-            time=time,
-            position=points,
-            form="openxr",
-            hand=stated,
-            up="y" if xr else None,
-            radius=radius,
-            doubtful=doubtful,
-            # Joints with radii are balls to the last; without, a tip is taken for a point of the skin.
-            tip_on_surface=radius is None,
-            time_stated=stamps is None or stamps.unit is not None,
-            findings=tuple(findings),
-        ),
-        content.name,
-        options,
+    joint_positions = JointPositions(
+        time=time,
+        position=points,
+        form="openxr",
+        hand=stated,
+        up="y" if xr else None,
+        radius=radius,
+        doubtful=doubtful,
+        # Tips with radii are centres of balls; others are points of the skin.
+        tip_on_surface=radius is None,
+        time_stated=stamps is None or stamps.unit is not None,
+        findings=tuple(findings),
     )
-
-
-def _from_first(time: FloatArray, unit: str) -> FloatArray:
-    finite = time[np.isfinite(time)]
-    return (time - (finite[0] if finite.size else 0.0)) * TIME_UNITS[unit]
+    return recording_of_joints(joint_positions, content.name, options)
 
 
 def _numbers(table: Table, columns: list[str], findings: list[Finding]) -> FloatArray:
     values, broken = table.numbers(columns)
     if broken:
-        findings.append(
-            note(f"{counted(broken, 'cell')} of {columns[0]} and its like without a number: taken as missing")
-        )
+        text = f"{counted(broken, 'cell')} of {columns[0]} and its like without a number: taken as missing"
+        findings.append(note(text))
     return values
 
 

@@ -1,12 +1,10 @@
 """UmeTrack hands: a wrist's pose and 20 joint angles a sample, and the sizes of the user's hand in a profile.
 
-The profile is JSON with `hand_model`: rest positions [mm] and axes of 22 joints, four a finger and two of the wrist,
-rest positions of landmarks and the frame that each follows. It describes a left hand; a right one is its mirror in x of
-the wrist's frame. A joint turns all that follows it about its axis through its rest position.
-
-The file beside the recording whose name ends in user_profile.json is taken, or that of --profile. The files do not say
-which axis of the world points up: on Quest it is y, on Aria z. The object that the hand moves is that of --object-track
-in HOT3D's dynamic_objects.csv beside the recording, or the only one there.
+The profile (--profile, or *user_profile.json beside the recording) is JSON with `hand_model`: rest positions [mm] and
+axes of 22 joints, four a finger and two of the wrist, and rest positions of landmarks. It describes a left hand; a
+right one is its mirror in x of the wrist's frame. A joint turns all that follows it about its axis through its rest
+position. The files do not say which axis points up: on Quest it is y, on Aria z. The object that the hand moves is that
+of --object-track in HOT3D's dynamic_objects.csv beside the recording, or the only one there.
 """
 
 import json
@@ -30,57 +28,42 @@ ANGLES = 20
 PROFILE = "*user_profile.json"
 MILLIMETRE = 1e-3
 WRIST = 5
-"""Landmark of the wrist; those before it are the fingertips, thumb to little finger."""
+"""Landmark of the wrist, after the fingertips from thumb to little finger."""
 
 
 def _read(content: Content, options: ReadOptions) -> Recording:
-    """The recording of the hand that is asked for, else of the one in more lines.
-
-    Raises:
-        TrajectoryError: No poses, no profile, or one that does not describe a hand.
-    """
+    """Read the hand of the options, else the one in more lines; raises TrajectoryError."""
     poses = read_pose_lines(content.text, "joint_angles", options.hand)
     if poses.numbers.shape[1] < ANGLES:
         raise TrajectoryError(f"{poses.numbers.shape[1]} joint angles of the {poses.hand} hand; expected {ANGLES}")
     path, chosen = _profile_path(content, options)
     rest, axes, landmarks = _profile(path)
-    local = hand_points(rest, axes, landmarks, poses.numbers[:, :ANGLES])
+    local = _hand_points(rest, axes, landmarks, poses.numbers[:, :ANGLES])
     if poses.hand == "right":
         local = local * [-1.0, 1.0, 1.0]
-    points = np.einsum("tij,tkj->tki", _matrices(poses.orientation), local) + poses.translation[:, None]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        norm = np.linalg.norm(poses.orientation, axis=1, keepdims=True)
+        turns = rotation_matrix(poses.orientation / norm)
+    points = np.einsum("tij,tkj->tki", turns, local) + poses.translation[:, None]
     findings = [*poses.findings, note(f"20 angles of the {poses.hand} hand, sizes from {path.name}{chosen}")]
     up = options.world_up
     if up is None:
         findings.append(note("the file does not say which axis is up: y, as on Quest; on Aria it is z: --world-up"))
-    moved, said = object_beside(content.path, poses.stamps, options.object_track)
-    if said is not None:
-        findings.append(said)
-    recording = recording_of_joints(
-        JointPositions(
-            time=poses.time,
-            position=points,
-            form="umetrack",
-            hand=poses.hand,
-            unit=1.0,
-            up=up or "y",
-            findings=tuple(findings),
-        ),
-        content.name,
-        options,
+        up = "y"
+    moved, remark = object_beside(content.path, poses.stamps, options.object_track)
+    if remark is not None:
+        findings.append(remark)
+    joints = JointPositions(
+        time=poses.time, position=points, form="umetrack", hand=poses.hand, unit=1.0, up=up, findings=tuple(findings)
     )
-    return (
-        recording if moved is None else recording.changed(object_motion=ObjectMotion(*to_our_world(*moved, up or "y")))
-    )
+    recording = recording_of_joints(joints, content.name, options)
+    return recording if moved is None else recording.changed(object_motion=ObjectMotion(*to_our_world(*moved, up)))
 
 
-def hand_points(rest: FloatArray, axes: FloatArray, landmarks: FloatArray, angles: FloatArray) -> FloatArray:
-    """The 21 joints in the frame of the wrist, shape (T, 21, 3), in the unit of the profile.
+def _hand_points(rest: FloatArray, axes: FloatArray, landmarks: FloatArray, angles: FloatArray) -> FloatArray:
+    """Compute the 21 joints in the wrist's frame, shape (T, 21, 3), from angles [rad], shape (T, 20).
 
-    Args:
-        rest: Rest positions of the joints, shape (20, 3).
-        axes: Their unit axes, shape (20, 3).
-        landmarks: Rest positions of the 21 landmarks of the profile, shape (21, 3).
-        angles: [rad], shape (T, 20).
+    The profile gives rest positions and unit axes of 20 joints, and rest positions of 21 landmarks, in its unit.
     """
     points = np.empty((len(angles), 21, 3))
     points[:, 0] = landmarks[WRIST]
@@ -89,19 +72,14 @@ def hand_points(rest: FloatArray, axes: FloatArray, landmarks: FloatArray, angle
         for k in range(4):
             joint = 4 * finger + k
             if k > 0:
-                # The first two joints of a finger are at one place, those of the thumb's base are not.
+                # Not for k = 0: the wrist is point 0, and point 4 f is the tip of the finger before.
                 points[:, 4 * finger + k] = rotation @ rest[joint] + shift
             turn = rotation_matrix(quaternion(angles[:, joint, None] * axes[joint]))
-            # About an axis through the rest position, after the joints before: x ↦ turn·(x - p) + p.
+            # The joint's motion after those before it: x ↦ turn·(x - p) + p about its rest position p.
             shift = shift + np.einsum("tij,tj->ti", rotation, rest[joint] - turn @ rest[joint])
             rotation = rotation @ turn
         points[:, 4 * finger + 4] = rotation @ landmarks[finger] + shift
     return points
-
-
-def _matrices(orientation: FloatArray) -> FloatArray:
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.asarray(rotation_matrix(orientation / np.linalg.norm(orientation, axis=1, keepdims=True)))
 
 
 def _profile_path(content: Content, options: ReadOptions) -> tuple[Path, str]:
@@ -115,7 +93,7 @@ def _profile_path(content: Content, options: ReadOptions) -> tuple[Path, str]:
 
 
 def _profile(path: Path) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Rest positions and axes of the joints, and the landmarks, in metres."""
+    """Read rest positions [m] and unit axes of the joints, and the landmarks [m]."""
     try:
         document: Any = json.loads(path.read_bytes())
     except OSError as error:

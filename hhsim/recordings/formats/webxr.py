@@ -1,14 +1,13 @@
 """Joints of a hand in JSON: frames of named joints with position, orientation and radius, or a recording of iwer.
 
-A frame is an object with a stamp and, wherever in it, hands: objects whose keys are joints, or lists of objects that
-name their joint, or lists of 25 (WebXR's order) or 26 (OpenXR's). A joint is a position [m], a list of three numbers or
-an object with x, y and z, under the joint itself or under its pose or transform.
-
-iwer's recorder (`schema` and `frames`) gives joints relative to the pointing ray of their hand. The world has y up, and
-is right handed or, as Unity writes it, left handed, which the fingers tell.
+A frame is an object with a stamp and, anywhere in it, hands: objects whose keys are joints, lists of objects that name
+their joint, or lists of 25 (WebXR's order) or 26 (OpenXR's). A joint has a position [m], three numbers or x, y and z,
+in itself or in its pose or transform. iwer's recorder (`schema` and `frames`) gives joints relative to the pointing ray
+of their hand. y is up; the bend of the fingers tells a right-handed world from Unity's left-handed one.
 """
 
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
@@ -41,9 +40,9 @@ from hhsim.recordings.unit_detection import TIME_UNITS
 
 NAMED = re.compile(r"(thumb|index|middle)[-_ ]?(finger)?[-_ ]?(phalanx)?[-_ ]?(tip|metacarpal|proximal)", re.IGNORECASE)
 DEEPEST = 8
-"""Nesting of a frame deeper than this holds no hand."""
+"""Deepest nesting of a hand in a frame."""
 FEWEST = 8
-"""An object with so many joints among its keys is a hand."""
+"""Number of joints among an object's keys that make it a hand."""
 IWER_HAND = 8
 """Numbers of a joint in iwer's frames: position, quaternion (x, y, z, w), radius."""
 MILLISECOND = 1e-3
@@ -59,20 +58,13 @@ _Hand = dict[str, _Joint]
 
 
 def _read(content: Content, options: ReadOptions) -> Recording:
-    """The recording of the hand that is asked for, else of the one that is seen in more frames.
-
-    Raises:
-        TrajectoryError: No JSON, no frames, no hand in them, or no stamps.
-    """
+    """Read the hand of the options, else the one in more frames; raises TrajectoryError."""
     document = read_json(content.text)
     packed = isinstance(document, dict) and isinstance(document.get("schema"), list)
     frames = list(_iwer_frames(document) if packed else _plain_frames(document))
     if not frames:
         raise TrajectoryError(f"no frames in JSON that is {keys_of(document)}; expected a list of frames with joints")
-    seen: dict[HandSide, int] = {}
-    for _, hands in frames:
-        for side in hands:
-            seen[side] = seen.get(side, 0) + 1
+    seen = Counter(side for _, hands in frames for side in hands)
     if not seen:
         raise TrajectoryError(f"{len(frames)} frames, but no hand in any: no joints by name")
     side, findings = chosen_side(seen, options.hand)
@@ -92,23 +84,21 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     position, mirrored = in_right_handed_world(position, side or options.hand)
     findings += mirrored
     time, stated = _stamps([stamp for stamp, _ in shown], what, options, findings)
-    return recording_of_joints(
-        JointPositions(
-            time=time,
-            position=position,
-            form="webxr",
-            hand=side or options.hand,
-            up="y",
-            radius=radius if np.isfinite(radius).any(axis=0).all() else None,
-            doubtful=np.array([not all(joint.valid for joint in hand) for hand in joints]),
-            tip_on_surface=not np.isfinite(radius).any(axis=0).all(),
-            time_stated=stated,
-            device="WebXR through iwer" if packed else "",
-            findings=tuple(findings),
-        ),
-        content.name,
-        options,
+    has_radii = bool(np.isfinite(radius).any(axis=0).all())
+    positions = JointPositions(
+        time=time,
+        position=position,
+        form="webxr",
+        hand=side or options.hand,
+        up="y",
+        radius=radius if has_radii else None,
+        doubtful=np.array([not all(joint.valid for joint in hand) for hand in joints]),
+        tip_on_surface=not has_radii,
+        time_stated=stated,
+        device="WebXR through iwer" if packed else "",
+        findings=tuple(findings),
     )
+    return recording_of_joints(positions, content.name, options)
 
 
 class _Stamp(NamedTuple):
@@ -117,7 +107,7 @@ class _Stamp(NamedTuple):
 
 
 def _stamps(stamps: list[_Stamp], what: str, options: ReadOptions, findings: list[Finding]) -> tuple[FloatArray, bool]:
-    """Stamps and whether they are seconds."""
+    """Return the stamps, and whether they are seconds."""
     values = np.array([stamp.value for stamp in stamps])
     if not np.isfinite(values).any():
         if options.rate is None:
@@ -131,14 +121,12 @@ def _stamps(stamps: list[_Stamp], what: str, options: ReadOptions, findings: lis
 
 
 def _plain_frames(document: Any) -> Iterator[tuple[_Stamp, dict[HandSide, _Hand]]]:
-    """Stamp and hands of each frame, whatever they lie in."""
+    """Yield stamp and hands of each frame."""
     frames = document
     if isinstance(document, dict):
-        lists = [
-            value for value in document.values() if isinstance(value, list) and value and isinstance(value[0], dict)
-        ]
+        lists = [v for v in document.values() if isinstance(v, list) and v and isinstance(v[0], dict)]
         frames = max(lists, key=len, default=[])
-    # The file's own word for the side holds for all frames.
+    # The side of the file holds for all its frames.
     usual = _said(document, "") if isinstance(document, dict) else ""
     for frame in objects(frames):
         hands: dict[HandSide, _Hand] = {}
@@ -150,7 +138,7 @@ def _plain_frames(document: Any) -> Iterator[tuple[_Stamp, dict[HandSide, _Hand]
 
 
 def _hands(node: Any, side: HandSide, depth: int) -> Iterator[tuple[HandSide, _Hand]]:
-    """Hands anywhere in a node; the side is what the nearest key or value around says."""
+    """Yield hands anywhere in a node, each with the side of the nearest key or value around it."""
     if depth > DEEPEST:
         return
     if isinstance(node, dict):
@@ -169,13 +157,10 @@ def _hands(node: Any, side: HandSide, depth: int) -> Iterator[tuple[HandSide, _H
         if sum(bool(name) for name in names) >= FEWEST:
             yield side, {name: _joint(entry) for name, entry in zip(names, entries, strict=True) if name}
             return
-        order = {len(WEBXR_JOINTS): WEBXR_JOINTS, len(OPENXR_JOINTS): OPENXR_JOINTS}.get(len(entries))
-        if (
-            order is not None
-            and len(entries) == len(node)
-            and any(np.isfinite(_joint(e).position).all() for e in entries)
-        ):
-            yield side, {name: _joint(entry) for name, entry in zip(order, entries, strict=True)}
+        order = {len(WEBXR_JOINTS): WEBXR_JOINTS, len(OPENXR_JOINTS): OPENXR_JOINTS}.get(len(node), ())
+        joints = [_joint(entry) for entry in entries]
+        if len(order) == len(joints) and any(np.isfinite(joint.position).all() for joint in joints):
+            yield side, dict(zip(order, joints))
             return
         for entry in entries:
             yield from _hands(entry, side, depth + 1)
@@ -194,7 +179,7 @@ def _said(node: Mapping[str, Any], side: HandSide) -> HandSide:
 
 
 def _joint(value: Any) -> _Joint:
-    """Position, radius and validity of a joint."""
+    """Return position, radius and validity of a joint."""
     if not isinstance(value, dict):
         return _Joint(vector(value), float("nan"), True)
     inner = next((value[key] for key in ("pose", "transform") if isinstance(value.get(key), dict)), value)
@@ -202,12 +187,11 @@ def _joint(value: Any) -> _Joint:
         (inner[key] for key in ("position", "translation", "pos") if key in inner), inner if "x" in inner else None
     )
     valid = next((value[key] for key in ("valid", "isValid", "is_valid", "tracked", "isTracked") if key in value), True)
-    position = vector(place)
-    return _Joint(position, number(value.get("radius")), bool(valid))
+    return _Joint(vector(place), number(value.get("radius")), bool(valid))
 
 
 def _iwer_frames(document: Mapping[str, Any]) -> Iterator[tuple[_Stamp, dict[HandSide, _Hand]]]:
-    """Stamp and hands of each frame of iwer's recorder; a frame of another form holds no hand."""
+    """Yield stamp and hands of each frame of iwer's recorder."""
     schemas: dict[int, Mapping[str, Any]] = {
         entry[0]: entry[1]
         for entry in document["schema"]
@@ -233,7 +217,7 @@ def _iwer_frames(document: Mapping[str, Any]) -> Iterator[tuple[_Stamp, dict[Han
 
 
 def _iwer_hand(ray: list[float], flat: list[float], order: list[str]) -> _Hand:
-    """The joints of one hand in the world, from where they are relative to its ray."""
+    """Return the joints of one hand in the world from those relative to its ray."""
     numbers = np.array(flat).reshape(-1, IWER_HAND)
     turn = np.tile(np.array([ray[6], *ray[3:6]]), (len(numbers), 1))
     world = np.array(ray[:3]) + turned(turn, numbers[:, :3])

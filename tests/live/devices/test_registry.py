@@ -16,13 +16,7 @@ from live_scripted import FIST, FREE, FakeClock, InStep, make_setup
 import hhsim.live.devices
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.live.device import DeviceError, FingerRelease, GloveDevice, NothingHeld
-from hhsim.live.devices.registry import (
-    GLOVES,
-    configure,
-    for_release,
-    open_device,
-    open_release,
-)
+from hhsim.live.devices.registry import GLOVES, configure, for_release, open_device, open_release
 from hhsim.live.ipc.config import OutputLimits, SafetyLimits
 from hhsim.live.ipc.session_memory import SessionMemory
 from hhsim.live.playback import Playback
@@ -65,11 +59,9 @@ class TextGlove(GloveDevice):
     def read(self, samples_out: np.ndarray) -> int:
         if self.counters.samples == len(self.lines):
             return 0
-        sample = samples_out[0]
-        sample["seq"], sample["time_ns"], sample["good"] = self.counters.samples, self.clock(), True
-        sample["flexion"] = np.radians(self.options.fist) * np.array(self.lines[self.counters.samples], float)[:, None]
-        sample["abduction"], sample["battery"], sample["channels"] = 0.0, -1, np.nan
-        self.counters.samples += 1
+        bends = np.array(self.lines[self.counters.samples], float)
+        flexion = np.radians(self.options.fist) * np.tile(bends[:, None], 3)
+        self._write_sample(samples_out[0], self.clock(), True, bends, (flexion, np.zeros(5)))
         return 1
 
     def send(self, command: FingerCommand) -> bool:

@@ -32,9 +32,7 @@ def test_without_a_file_channels_are_normalised_and_counts_refused() -> None:
     calibration = load_calibration(None)
     assert calibration.fitting([0.5] * 11) is calibration
     assert calibration.doubtful == () and calibration.kept_free == ()
-    with pytest.raises(
-        InputError, match="the glove sends raw counts \\(up to 3166\\): expected 0 to 1, or a calibration"
-    ):
+    with pytest.raises(InputError, match="raw counts \\(up to 3166\\)"):
         calibration.fitting([3166.0] * 11)
 
 
@@ -91,23 +89,17 @@ def test_a_spread_without_span_leaves_its_joint_where_it_is(tmp_path: Path) -> N
             assert np.isfinite(one).all() and np.array_equal(one, other)
 
 
-def test_our_file_with_ends_in_counts_is_for_counts_alone(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("low", "high", "other"), [(LOW, HIGH, 0.4), (np.full(11, 0.1), np.full(11, 0.9), 2000.0)], ids=["counts", "0 to 1"]
+)
+def test_our_file_is_for_what_its_ends_are_in(tmp_path: Path, low: Any, high: Any, other: float) -> None:
     path = tmp_path / "calibration.toml"
-    rows = [f"{ours} = {{ open = {low}, closed = {high} }}" for ours, low, high in zip(ours_names(), LOW, HIGH)]
+    rows = [f"{name} = {{ open = {a}, closed = {b} }}" for name, a, b in zip(ours_names(), low, high)]
     path.write_text("[channel]\n" + "\n".join(rows))
     calibration = load_calibration(path)
-    assert np.allclose(calibration.fitting(HIGH.tolist()).regression.normalised(HIGH), 1.0)
-    with pytest.raises(InputError, match="its \\[channel\\] ends are raw counts, but the glove sends 0 to 1"):
-        calibration.fitting([0.4] * 11)
-
-
-def test_our_file_with_ends_of_normalised_channels_is_for_those_alone(tmp_path: Path) -> None:
-    path = tmp_path / "calibration.toml"
-    path.write_text("[channel]\n" + "\n".join(f"{name} = {{ open = 0.1, closed = 0.9 }}" for name in ours_names()))
-    calibration = load_calibration(path)
-    assert np.allclose(calibration.fitting([0.5] * 11).regression.normalised([0.5] * 11), 0.5)
+    assert np.allclose(calibration.fitting(high.tolist()).regression.normalised(high), 1.0)
     with pytest.raises(InputError, match="raw counts"):
-        calibration.fitting([2000.0] * 11)
+        calibration.fitting([other] * 11)
 
 
 def ours_names() -> list[str]:
@@ -131,13 +123,11 @@ def bend_that_does_not_move() -> Any:
     [
         ([], "expected a table"),
         ({}, "no RIGHT; it has nothing"),
-        ({"LEFT": {}}, "no RIGHT; it has LEFT"),
         ({"RIGHT": {}}, "RIGHT has 0 profiles"),
         ({"RIGHT": {"anna": 3}}, "RIGHT.anna: 3; expected a table"),
         ({"RIGHT": {"anna": {"max": {}}}}, "RIGHT.anna: min is missing"),
         (without("ring_bend"), "anna.max: ring_bend is missing; expected a count"),
         ({"RIGHT": {"anna": profile(LOW, [math.nan] * 11)}}, "anna.max: thumb_rotate = nan; expected a count"),
-        ({"RIGHT": {"anna": profile(LOW, [math.inf] * 11)}}, "anna.max: thumb_rotate = inf; expected a count"),
         ({"RIGHT": {"anna": profile(LOW, [1e300] * 11)}}, "anna.max: thumb_rotate = 1e+300"),
         ({"RIGHT": {"anna": profile() | {"max": dict.fromkeys(CHANNELS, True)}}}, "= True; expected a count"),
         (bend_that_does_not_move(), "middle_bend: min is not below max"),
@@ -152,23 +142,20 @@ def test_profiles_that_are_none_are_refused_in_one_line(tmp_path: Path, whole: A
 @pytest.mark.parametrize(
     ("data", "message"),
     [
+        (None, "cannot be read: No such file"),
         (b"\xff\xfe\x00", "not a text file"),
         (b"{", "not JSON"),
         (b"[" * 100_000, "not JSON"),
-        (b" " * (MOST_FILE + 1), "4,194,305 bytes, more than such a file has"),
+        (b" " * (MOST_FILE + 1), "4,194,305 bytes"),
     ],
 )
-def test_files_that_are_no_profiles_are_refused_in_one_line(tmp_path: Path, data: bytes, message: str) -> None:
+def test_files_that_are_no_profiles_are_refused_in_one_line(tmp_path: Path, data: bytes | None, message: str) -> None:
     path = tmp_path / "calibration.json"
-    path.write_bytes(data)
+    if data is not None:
+        path.write_bytes(data)
     with pytest.raises(InputError) as refused:
         load_calibration(path)
     assert message in str(refused.value) and "\n" not in str(refused.value)
-
-
-def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"gone\.json: cannot be read: No such file"):
-        load_calibration(tmp_path / "gone.json")
 
 
 def test_the_vendors_channels_are_in_the_order_of_the_regression() -> None:

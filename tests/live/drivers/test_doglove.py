@@ -35,11 +35,6 @@ def peer(port: int, *line: int) -> Iterator[subprocess.Popen[bytes]]:
             process.kill()
 
 
-def send(port: int, data: bytes) -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
-        out.sendto(data, ("127.0.0.1", port))
-
-
 def test_a_bent_hand_is_bent_in_every_joint_as_its_makers_model_says() -> None:
     for bend in (0.0, 35.0, 90.0):
         encoders, servos = published_angles(bend)
@@ -156,30 +151,20 @@ def test_readings_of_no_hand_are_not_used_and_those_of_others_not_read(
     for other in (np.nan, 999.0):
         scripts.sendto(datagram([*encoders[:4], other, *encoders[5:]]), ("127.0.0.1", port))
         # Another program of this machine.
-        send(port, datagram(published_angles(60.0)[0]))
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+            out.sendto(datagram(published_angles(60.0)[0]), ("127.0.0.1", port))
     scripts.sendto(b"three", ("127.0.0.1", port))
     reader.until(lambda: glove.counters.rejected >= 2 and glove.counters.malformed >= 1)
     assert glove.counters.frames == glove.counters.samples + glove.counters.rejected + glove.counters.malformed == 4
 
 
-def test_old_angles_of_the_servos_make_no_good_sample(monkeypatch: pytest.MonkeyPatch) -> None:
-    port = free_ports(socket.SOCK_DGRAM)
-    encoders, servos = published_angles(20.0)
-    with closing(open_device(configure("doglove", port=port))) as glove:
-
-        def speak() -> None:
-            until_listened_to(port, port + 1)
-            send(port + 1, datagram(servos))
-            send(port, datagram(encoders))
-
-        helper = threading.Thread(target=speak)
-        helper.start()
-        glove.open(PATIENCE)
-        helper.join()
-        reader = Reader(glove)
-        monkeypatch.setattr(doglove, "SERVO_STALE_NS", 0)
-        reader.until(lambda: reader.count() >= 1)
-        assert not reader.samples["good"].any()
+def test_old_angles_of_the_servos_make_no_good_sample(
+    opened: tuple[GloveDevice, int, socket.socket], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reader = Reader(opened[0])
+    monkeypatch.setattr(doglove, "SERVO_STALE_NS", 0)
+    reader.until(lambda: reader.count() >= 1)
+    assert not reader.samples["good"].any()
 
 
 def test_what_is_missing_is_told_in_one_line() -> None:

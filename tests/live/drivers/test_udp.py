@@ -5,8 +5,6 @@ import runpy
 import signal
 import socket
 import struct
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -19,8 +17,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from live_peers import PATIENCE, Reader, free_ports
-from numpy.typing import NDArray
+from live_peers import PATIENCE, Reader, example, free_ports
 
 from hhsim.errors import InputError
 from hhsim.live.device import Capability, DeviceError, FingerCommand
@@ -30,28 +27,11 @@ from hhsim.live.link.udp import PacketOrder, UdpPort
 from hhsim.live.link.udp_codec import COUNT, HEADER, Kind, PacketError, decode_packet, encode_packet
 from hhsim.live.pose.registry import PoseConfig, make_pose_source
 from hhsim.recordings.dexmo_regression import BEND, DexmoRegression
-from tools.fake_gloves import FakeGlove, PeerRecord
+from tools.fake_gloves import FakeGlove
 
 BRIDGE = Path(__file__).resolve().parents[3] / "examples" / "udp_bridge.py"
 KINDS = st.sampled_from(list(Kind))
 U32 = st.integers(0, 2**32 - 1)
-
-
-def answer_times(record: PeerRecord) -> NDArray[np.float64]:
-    """From a frame sent to the first command that answers it, both as the glove saw them [s], oldest frame first.
-
-    Frames behind which a newer one came before the next command have no answer of their own.
-    """
-    answers = record.command[:, 12] if len(record.command) else np.zeros(0)
-    numbers, first = np.unique(answers, return_index=True)
-    # A frame of an earlier session may have had the same number: the newest one before the command counts.
-    found = []
-    for number, place in zip(numbers, first):
-        came = record.command_ns[place]
-        sent = record.sent_ns[(record.sent[:, 5] == number) & (record.sent_ns <= came)]
-        if sent.size:
-            found.append(1e-9 * (came - sent[-1]))
-    return np.array(found)
 
 
 def test_the_bytes_are_those_of_the_table() -> None:
@@ -162,7 +142,7 @@ def test_the_system_turns_away_whoever_is_not_the_sender_until_he_is_silent(monk
         assert heard(second, first) == [b"second", b"first"]
 
 
-def test_who_sends_nothing_of_use_is_looked_at_32_times(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_who_sends_nothing_of_use_is_looked_at_32_times() -> None:
     number = free_ports(socket.SOCK_DGRAM)
     with (
         closing(UdpPort("127.0.0.1", number, bytes)) as port,
@@ -171,11 +151,11 @@ def test_who_sends_nothing_of_use_is_looked_at_32_times(monkeypatch: pytest.Monk
         for _ in range(100):
             sender.sendto(b"", ("127.0.0.1", number))
         assert len(list(port.arrived())) == 32
-        found = 0
-        for _ in port.arrived():
+        found = []
+        for packet in port.arrived():
             port.keep_to_sender()
-            found += 1
-        assert found == 64
+            found.append(packet)
+        assert len(found) == 64
         assert len(list(port.arrived())) == 4
 
 
@@ -245,10 +225,8 @@ def test_samples_come_in_order_and_every_frame_is_counted(bridge: Bridge, monkey
             assert seen > 0
         before = replace(device.counters)
         assert device.info.channels[0] == "thumb_rotate"
-        bad = channels.copy()
-        bad[4] = np.nan
-        far = channels.copy()
-        far[BEND[1]] = 2000.0
+        bad, far = channels.copy(), channels.copy()
+        bad[4], far[BEND[1]] = np.nan, 2000.0
         for seq in (1, 2, 4, 3, 3, 9):
             bridge.send(Kind.CHANNELS, channels + 0.01 * seq, seq, battery=77)
         bridge.send(Kind.CHANNELS, bad, 10)
@@ -269,11 +247,8 @@ def test_samples_come_in_order_and_every_frame_is_counted(bridge: Bridge, monkey
         expected = [regression.angles((channels + 0.01 * seq).astype(np.float32))[0] for seq in (1, 2, 4, 9)]
         assert np.array_equal(samples["flexion"][:4], expected)
         now = device.counters
-        assert now.samples - before.samples == 4
-        assert now.rejected - before.rejected == 2
-        assert now.other - before.other == 5
-        assert now.malformed - before.malformed == 1
-        assert now.dropped == 4
+        more = [getattr(now, key) - getattr(before, key) for key in ("samples", "rejected", "other", "malformed")]
+        assert (more, now.dropped) == ([4, 2, 5, 1], 4)
         assert now.frames == now.samples + now.rejected + now.other + now.malformed
 
 
@@ -342,15 +317,14 @@ def test_a_glove_of_forces_is_told_newtons_byte_by_byte(bridge: Bridge) -> None:
 @pytest.mark.parametrize(
     ("settings", "said"),
     [
-        ({"takes": "volts"}, "a glove that takes 'volts'; expected limits or forces"),
-        ({"most_force": 0.0}, "most force 0 N; expected more than 0"),
-        ({"most_force": float("nan")}, "most force nan N; expected more than 0"),
+        ({"takes": "volts"}, "'volts'; expected limits or forces"),
+        ({"most_force": 0.0}, "force 0 N"),
+        ({"most_force": float("nan")}, "force nan N"),
     ],
 )
 def test_what_no_glove_takes_is_refused(settings: dict[str, Any], said: str) -> None:
-    with pytest.raises(InputError) as error:
+    with pytest.raises(InputError, match=said):
         open_device(configure("udp", **settings))
-    assert str(error.value) == said
 
 
 def test_a_bridge_that_is_not_there_is_said_so(bridge: Bridge) -> None:
@@ -414,26 +388,22 @@ def test_a_bridge_is_back_with_a_sample_and_not_with_what_is_none(bridge: Bridge
 @pytest.mark.parametrize(
     ("data", "said"),
     [
-        (b"XXXX\x01\x01\x05\0" + bytes(44), "begins with b'XXXX', version 1, not b'HHGL', 1"),
-        (b"HHGL\x02\x01\x05\0" + bytes(44), "begins with b'HHGL', version 2, not b'HHGL', 1"),
-        (b"HHGL\x01\x03\x07\0" + bytes(52), "kind 3 with 7 numbers; expected 20"),
-        (b"HHGL\x01\x09\x14\0" + bytes(104), "kind 9; expected one of 1, 2, 3, 4, 5, 16, 17"),
+        (b"XXXX\x01\x01\x05\0" + bytes(44), "'XXXX', version 1"),
+        (b"HHGL\x02\x01\x05\0" + bytes(44), "'HHGL', version 2"),
+        (b"HHGL\x01\x03\x07\0" + bytes(52), "kind 3 with 7"),
+        (b"HHGL\x01\x09\x14\0" + bytes(104), "kind 9"),
     ],
 )
-def test_bytes_that_are_no_packet_are_told_in_a_few_words(data: bytes, said: str) -> None:
-    with pytest.raises(PacketError) as error:
+def test_bytes_that_are_no_packet_are_refused(data: bytes, said: str) -> None:
+    with pytest.raises(PacketError, match=said):
         decode_packet(data)
-    assert str(error.value) == said
 
 
 def test_a_fake_glove_at_1_khz_in_another_process_every_frame_accounted_for(tmp_path: Path) -> None:
     port = free_ports(socket.SOCK_DGRAM)
     arguments = ("--port", port, "--lose", 0.03, "--swap", 0.05, "--seed", 5)
     device = open_device(configure("udp", port=port))
-    with (
-        FakeGlove("tools.udp_sender", tmp_path / "peer.log", *arguments) as peer,
-        closing(device),
-    ):
+    with FakeGlove("tools.udp_sender", tmp_path / "peer.log", *arguments) as peer, closing(device):
         device.open(PATIENCE)
         reader, command = Reader(device), FingerCommand()
 
@@ -479,25 +449,17 @@ def test_a_fake_glove_at_1_khz_in_another_process_every_frame_accounted_for(tmp_
         elif number > first:
             unsent -= 1
     assert samples["device_seq"].tolist() == expected
-    assert counters.frames == len(rows)
-    assert counters.other == len(rows) - len(expected)
-    assert counters.dropped == unsent
-    assert counters.other > 10
-    assert unsent > 10
-    assert len(record.command) == counters.commands
-    spent = answer_times(record)
+    assert counters.frames == len(rows) and len(record.command) == counters.commands
+    assert counters.other == len(rows) - len(expected) > 10
+    assert counters.dropped == unsent > 10
     answered = set(record.command[:, 12].astype(int).tolist())
-    assert answered <= set(samples["device_seq"].tolist())
-    assert len(spent) == len(answered) > 100
-    assert (spent > 0.0).all()
+    assert answered <= set(samples["device_seq"].tolist()) and len(answered) > 100
 
 
 @pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
 def test_the_example_bridge_speaks_the_packet(stop: signal.Signals) -> None:
     port = free_ports(socket.SOCK_DGRAM)
-    words = [sys.executable, "-u", str(BRIDGE), str(port)]
-    bridge = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
-    try:
+    with example(BRIDGE, port) as bridge:
         device = open_device(configure("udp", port=port))
         device.open(PATIENCE)
         reader = Reader(device)
@@ -517,11 +479,6 @@ def test_the_example_bridge_speaks_the_packet(stop: signal.Signals) -> None:
         assert bridge.wait(PATIENCE) == 0
         assert bridge.stdout.readline().split() == ["0.00/0.00"] * 5, "it lets go when it is stopped"
         device.close()
-    finally:
-        bridge.kill()
-        bridge.wait()
-        if bridge.stdout is not None:
-            bridge.stdout.close()
 
 
 def test_the_example_bridge_keeps_its_deadlines_whatever_a_sample_takes(monkeypatch: pytest.MonkeyPatch) -> None:

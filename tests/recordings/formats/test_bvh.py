@@ -1,6 +1,5 @@
 """BVH: our own hand in the rigs of several makers, and text that is none."""
 
-import random
 from typing import Literal
 
 import numpy as np
@@ -8,13 +7,11 @@ import pytest
 from bvh_document import RIGS, bvh_text
 from recording_samples import read_as, smooth_recording
 
-from hhsim.errors import HhsimError, TrajectoryError
+from hhsim.errors import TrajectoryError
 from hhsim.motion.sample_flags import SampleFlag, marked
-from hhsim.recordings.bvh_parser import looks_like_bvh, read_bvh
+from hhsim.recordings.bvh_parser import read_bvh
 from hhsim.recordings.formats.bvh import finger_of, side_of
 from hhsim.recordings.hand_displacement import turn
-from hhsim.recordings.recording_format import Content, ReadOptions
-from hhsim.recordings.registry import read_content
 from hhsim.recordings.repair import repair
 
 CLEAN = smooth_recording(25, jitter=0.0).changed(abduction=np.zeros((25, 5)))
@@ -93,10 +90,8 @@ def test_both_hands_in_one_file() -> None:
     # The left arm hangs from the same root, after the right one.
     inner = "\n".join(other_head.split("\n")[5:])
     root = head.rstrip().removesuffix("}")
-    rows = [
-        f"{one} {' '.join(other.split()[6:])}"
-        for one, other in zip(motion.splitlines()[2:], other_motion.splitlines()[2:])
-    ]
+    pairs = zip(motion.splitlines()[2:], other_motion.splitlines()[2:])
+    rows = [f"{one} {' '.join(other.split()[6:])}" for one, other in pairs]
     both = root + inner + "MOTION\n" + "\n".join(motion.splitlines()[:2] + rows) + "\n"
     recording = read_as("bvh", both)
     assert recording.hand == "right" and "the other hand is there too" in recording.findings[0].text
@@ -139,12 +134,9 @@ TEXT = bvh_text(CLEAN, RIGS["mixamo"])
         ("HIERARCHY", "a BVH hierarchy without MOTION"),
         ("ROOT a", "line 1 is 'ROOT a'; expected HIERARCHY"),
         ("HIERARCHY\n}", "line 2: a brace that closes nothing"),
-        ("HIERARCHY\n{", "line 2: a brace that opens nothing"),
         ("HIERARCHY\nJOINT a", "line 2: JOINT where none can be"),
         ("HIERARCHY\nROOT a\n{\n}", "line 4: a has no OFFSET"),
-        ("HIERARCHY\nROOT a\n{\nOFFSET 1 2", "line 4: OFFSET 1 2; expected 3 number"),
         ("HIERARCHY\nROOT a\n{\nOFFSET 1 2 nan", "line 4: OFFSET 1 2 nan; expected 3 number"),
-        ("HIERARCHY\nROOT a\n{\nCHANNELS 2 Xposition", "expected CHANNELS, their number"),
         ("HIERARCHY\nROOT a\n{\nCHANNELS 1 Wrotation", "expected CHANNELS, their number"),
         ("HIERARCHY\nhello", "line 2 is 'hello', which no BVH hierarchy holds there"),
         (TEXT.replace("Frames: 25", "Frames: x"), "Frames: x; expected 1 number"),
@@ -165,19 +157,3 @@ def test_what_is_no_hand_is_refused(text: str, words: str) -> None:
     assert "\n" not in str(error.value)
     with pytest.raises(TrajectoryError, match="no left hand with five fingers; the file has a right one"):
         read_as("bvh", TEXT, hand="left")
-
-
-def test_damaged_text_is_refused_or_mended_and_never_crashes() -> None:
-    source = random.Random(5)
-    words = TEXT.split(" ")
-    assert looks_like_bvh(TEXT)
-    for _ in range(120):
-        some = list(words)
-        for _ in range(source.randint(1, 4)):
-            place = source.randrange(len(some))
-            some[place] = source.choice(["", "{", "}", "nan", "1e400", "-7", "OFFSET", "End Site", "MOTION\n", some[0]])
-        text = " ".join(some)[: source.choice([10**9, source.randrange(len(TEXT))])]
-        try:
-            repair(read_content(Content(data=text.encode(), name="take"), ReadOptions()))
-        except HhsimError as error:
-            assert "\n" not in str(error) and len(str(error)) < 400

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from joint_samples import Side, joint_sample
+from joint_samples import Side, assert_our_own, joint_sample, words
 from pose_samples import lerobot_bytes, lerobot_set
 from recording_samples import read_as
 
@@ -32,9 +32,8 @@ def test_our_own_hand_comes_back(side: Side) -> None:
     recording = read_content(Content(data=lerobot_bytes(sample, side=side)), ReadOptions())
     assert (recording.form, recording.hand) == ("lerobot", side)
     assert np.allclose(recording.time, sample.motion.time)
-    assert np.abs(recording.flexion - sample.motion.flexion).max() < 1e-6
-    assert np.allclose(recording.position, sample.motion.position, atol=1e-9)
-    said = " | ".join(finding.text for finding in recording.findings)
+    assert_our_own(recording, sample)
+    said = words(recording)
     assert "taken as left, then right" in said and "is there too" not in said
 
 

@@ -51,7 +51,7 @@ def test_the_objects_pose_comes_in_and_stands_up_with_the_world() -> None:
     for values, expected in zip(moved, to_our_world(place, turn, "y")):
         np.testing.assert_allclose(values, expected)
     assert read_as("npz", archive()).object_motion is None
-    with pytest.raises(TrajectoryError, match="no array 'object_quat_wxyz'"):
+    with pytest.raises(TrajectoryError, match="only one of object_pos and object_quat"):
         read_as("npz", archive(object_pos=place))
 
 
@@ -111,13 +111,6 @@ def test_what_is_no_recording_is_refused(data: bytes, words: str) -> None:
     with pytest.raises(TrajectoryError) as error:
         read_as("npz", data)
     assert words in str(error.value) and "\n" not in str(error.value)
-
-
-def test_a_flipped_bit_is_noticed() -> None:
-    data = bytearray(archive())
-    data[data.index(b"flex.npy") + 400] ^= 1
-    with pytest.raises(TrajectoryError, match="damaged"):
-        read_as("npz", bytes(data))
 
 
 def test_an_array_that_is_lost_from_the_archives_directory_is_noticed() -> None:

@@ -2,20 +2,15 @@
 
 import numpy as np
 import pytest
-from joint_samples import Side, joint_sample, openxr_csv
+from joint_samples import Side, assert_our_own, joint_sample, openxr_csv, words
 from recording_samples import read_as
 
 from hhsim.errors import HhsimError
 from hhsim.recordings.column_map import parse_column_map
 from hhsim.recordings.joint_names import OPENXR_JOINTS
-from hhsim.recordings.recording import Recording
 from hhsim.recordings.recording_format import Content, ReadOptions
 from hhsim.recordings.registry import format_of, read_content
 from hhsim.recordings.repair import RepairOptions, repair
-
-
-def words(recording: Recording) -> str:
-    return " | ".join(finding.text for finding in recording.findings)
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
@@ -27,9 +22,7 @@ def test_our_own_hand_comes_back(side: Side, unity: bool, radii: bool) -> None:
     recording = read_content(content, ReadOptions())
     assert (recording.form, recording.hand, recording.name) == ("openxr", side, "take")
     assert np.allclose(recording.time, sample.motion.time, atol=1e-9)
-    assert np.abs(recording.flexion - sample.motion.flexion).max() < 1e-6
-    assert np.abs(recording.abduction - sample.motion.abduction).max() < 1e-6
-    assert np.allclose(recording.position, sample.motion.position, atol=1e-9)
+    assert_our_own(recording, sample)
     assert ("left-handed, as Unity's" in words(recording)) is unity
     assert f"26 OpenXR joints of the {side} hand named" in words(recording)
     assert recording.bones is not None and recording.bones.largest.max() < 1e-9
@@ -112,10 +105,7 @@ def test_stamps_of_two_clocks_and_samples_that_are_not_valid() -> None:
     ("change", "said"),
     [
         (("timestamp_ms", "number"), "26 OpenXR joints of the right hand named, but no column with a time"),
-        (
-            ("right_index_tip_", "right_elbow_"),
-            "25 joints of the right hand named, but no x, y, z of index_tip",
-        ),
+        (("right_index_tip_", "right_elbow_"), "25 joints of the right hand named, but no x, y, z of index_tip"),
         (("right_wrist_x", "right_wrist_u"), "named, but no x, y, z of wrist"),
     ],
 )

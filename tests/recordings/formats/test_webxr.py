@@ -5,19 +5,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from joint_samples import Side, iwer_json, joint_sample, webxr_json
+from joint_samples import Side, assert_our_own, iwer_json, joint_sample, webxr_json, words
 from recording_samples import read_as
 
 from hhsim.errors import TrajectoryError
 from hhsim.recordings.joint_names import WEBXR_JOINTS
-from hhsim.recordings.recording import Recording
 from hhsim.recordings.recording_format import Content, ReadOptions
 from hhsim.recordings.registry import read_content
 from hhsim.recordings.repair import repair
-
-
-def words(recording: Recording) -> str:
-    return " | ".join(finding.text for finding in recording.findings)
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
@@ -28,9 +23,7 @@ def test_our_own_hand_comes_back(side: Side, write: Any) -> None:
     assert (recording.form, recording.hand) == ("webxr", side)
     motion = repair(recording).trajectory
     assert np.allclose(motion.time, sample.motion.time, atol=1e-6)
-    assert np.abs(recording.flexion - sample.motion.flexion).max() < 1e-6
-    assert np.abs(recording.abduction - sample.motion.abduction).max() < 1e-6
-    assert np.allclose(recording.position, sample.motion.position, atol=1e-9)
+    assert_our_own(recording, sample)
     assert recording.bones is not None and recording.bones.radius is not None
     assert np.allclose(recording.bones.radius, sample.hand.radius)
     assert "25 WebXR joints" in words(recording) and "world y up" in words(recording)
@@ -42,8 +35,7 @@ def test_joints_that_unity_wrote_are_turned_to_a_right_handed_world(side: Side, 
     sample = joint_sample(side)
     recording = read_as("webxr", webxr_json(sample, side, unity=True), hand=side if asked else "")
     assert "left-handed, as Unity's" in words(recording)
-    assert np.abs(recording.flexion - sample.motion.flexion).max() < 1e-6
-    assert np.allclose(recording.position, sample.motion.position, atol=1e-9)
+    assert_our_own(recording, sample)
 
 
 def shapes(sample_frames: list[dict[str, Any]]) -> dict[str, Any]:
