@@ -110,7 +110,7 @@ def command(
       hhsim bench stress bunny --surface spheres,mesh --method coupled
     """
     from hhsim.bench.robustness.stress import run_stress
-    from hhsim.bench.robustness.stress_case import StressCase
+    from hhsim.bench.robustness.stress_measurement import StressCase
     from hhsim.bench.robustness.stress_metrics import COLUMNS
     from hhsim.bench.table import write_table
     from hhsim.hand.model import HandModel

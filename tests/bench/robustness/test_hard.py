@@ -47,7 +47,7 @@ LAST = PRESS.ticks - 1
 
 
 def pressed(seed: int) -> list[HardRun]:
-    return [HardRun("palm on a ball", right_hand(), BALL, PRESS)]
+    return [HardRun("palm on a ball", PRESS, BALL)]
 
 
 CASE = HardCase("press", "a palm pressed on a ball", pressed)
@@ -243,7 +243,7 @@ def test_more_stuck_ticks_than_are_looked_at_are_not_explained(monkeypatch: pyte
 
 def test_loops_keep_the_marks_and_the_memory() -> None:
     lead = PRESS.part(0, 50)
-    run = HardRun("loops", right_hand(), BALL, PRESS.part(50), lead=lead, repeats=3, marks=(0, -1))
+    run = HardRun("loops", PRESS.part(50), BALL, lead=lead, repeats=3, marks=(0, -1))
     outcome = run_scene(run, SolverOptions())
     assert outcome.ticks_done == PRESS.ticks + 2 * (PRESS.ticks - 50)
     assert outcome.marked.shape == (3, 2, 21, 3)

@@ -77,7 +77,7 @@ def test_a_scaled_hand_is_the_same_hand() -> None:
 
 def test_a_fingertip_is_put_where_it_is_told() -> None:
     hand, turn = right_hand(), quaternion(np.array([0.2, -0.3, 0.7]))
-    place = tip_at(hand, np.array([0.1, 0.0, 0.2]), turn, POINTING)
+    place = tip_at(np.array([0.1, 0.0, 0.2]), turn, POINTING)
     np.testing.assert_allclose(hand.joints(place, turn, POINTING, np.zeros(5))[INDEX, 3], [0.1, 0.0, 0.2], atol=1e-15)
 
 
