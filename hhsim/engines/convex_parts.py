@@ -90,13 +90,7 @@ def _decomposition(mesh: Mesh, concavity: float) -> list[FloatArray]:
             return [kept[name] for name in kept.files]
     except (OSError, ValueError, BadZipFile):
         pass
-    import coacd
-
-    coacd.set_log_level("error")
-    found = coacd.run_coacd(
-        coacd.Mesh(mesh.vertices, mesh.faces), threshold=concavity, preprocess_mode=_preparation(mesh), seed=SEED
-    )
-    parts = [np.array(points, np.float64) for points, _ in found]
+    parts = _decompose(mesh, concavity)
     image = io.BytesIO()
     kept_parts: dict[str, Any] = {f"part{i:04d}": part for i, part in enumerate(parts)}
     np.savez(image, **kept_parts)
@@ -106,6 +100,16 @@ def _decomposition(mesh: Mesh, concavity: float) -> list[FloatArray]:
     except (OSError, OutputError):
         pass
     return parts
+
+
+def _decompose(mesh: Mesh, concavity: float) -> list[FloatArray]:
+    import coacd
+
+    coacd.set_log_level("error")
+    found = coacd.run_coacd(
+        coacd.Mesh(mesh.vertices, mesh.faces), threshold=concavity, preprocess_mode=_preparation(mesh), seed=SEED
+    )
+    return [np.array(points, np.float64) for points, _ in found]
 
 
 def _preparation(mesh: Mesh) -> str:

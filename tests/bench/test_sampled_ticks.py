@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from hhsim.bench.sampled_ticks import sampled
+from hhsim.bench.mesh_errors import sampled
 
 
 def test_samples_are_spread_over_the_ticks() -> None:

@@ -1,4 +1,4 @@
-"""The rows of the paper's evaluation: what the paper prints, what each method measured here, and our own bars."""
+"""Rows of the paper's evaluation: the paper's figures, each method's, and our own bars."""
 
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -29,27 +29,24 @@ SIMPLE_MEAN = {
 }
 """Mean tick that the paper prints for the scenes of Fig. 11 [s]."""
 FASTER = 10.0
-"""Our bar for them: so many times below the paper's."""
+"""Ratio of the paper's means to our bars."""
 COMPLEX_P99 = 150e-6
 """Our bar for the p99 of a tick in contact with a complex object [s]."""
 DEPTH = 1e-6
 """Our bar for the depth [m]."""
 OF_ALL = ("variation", "touches")
-"""How the names of rows begin that sum up the holds of all scenes."""
+"""Beginnings of the names of rows that sum up the holds of all scenes."""
 VARIATION = ((0.18, 0.32), (0.18, 0.32), (0.16, 0.29), (0.18, 0.32))
 """Variation of the index finger's force that the paper prints [%], mean and spread: its size, then x, y, z."""
-
-
 MOST_NAMED = 5
-"""Touches that did not happen and are told by name."""
-
+"""Limit of the missed touches that are named."""
 CASE_NAMES = {"SF": "single finger", "TF": "two fingers", "FF": "five fingers", "WH": "whole hand"}
-"""Of Fig. 15."""
+"""Cases of Fig. 15."""
 
 
 @dataclass(frozen=True)
 class PaperRow:
-    """One figure of the paper, and one method's: the columns of `ROW_COLUMNS`, `name` that of the row."""
+    """One figure of the paper, and one method's, see `ROW_COLUMNS`; `name` is the column `row`."""
 
     name: str
     figure: str
@@ -64,16 +61,16 @@ class PaperRow:
 
     @property
     def ratio(self) -> float:
-        """The paper's figure over ours: how many times we are below it; NaN where it prints none, infinite for 0."""
+        """Paper's figure over ours; NaN if it prints none, infinite if ours is 0."""
         return self.paper / self.ours if self.ours > 0.0 else math.inf if self.paper > 0.0 else math.nan
 
     @property
     def passed(self) -> bool:
-        """Whether the bar, if there is one, is kept; what was not measured keeps none."""
+        """True if the bar is kept or there is none; NaN keeps no bar."""
         return bool(math.isnan(self.bar) or self.ours <= self.bar)
 
     def to_json(self) -> dict[str, Any]:
-        """As a row of ROW_COLUMNS."""
+        """Return the row of ROW_COLUMNS."""
         return Table(ROW_COLUMNS, [self]).records[0]
 
 
@@ -96,9 +93,9 @@ Rows = Iterator[PaperRow]
 
 
 def paper_rows(runs: PaperRuns, options: PaperOptions) -> list[PaperRow]:
-    """The table, row by row, each for all methods; rows without a scene, since it was left out, are left out.
+    """Return the table, row by row, each for all methods, without rows whose scenes were left out.
 
-    Bars of rows that sum up all holds (`OF_ALL`) hold for the whole evaluation on the paper's tree levels only.
+    Rows that sum up all holds (`OF_ALL`) have bars in the whole evaluation on the paper's tree levels only.
     """
     found: list[PaperRow] = []
     makers = (_simple_means, _sequences, _sliding, _complex, _interactions, _cases, _contacts, _depth, _variation)
@@ -111,7 +108,7 @@ def paper_rows(runs: PaperRuns, options: PaperOptions) -> list[PaperRow]:
 
 
 def missed(rows: Sequence[PaperRow]) -> list[PaperRow]:
-    """Rows in which a method that promises our bars does not keep one."""
+    """Return the rows in which a method that promises our bars does not keep one."""
     return [row for row in rows if never_penetrates(row.method) and not row.passed]
 
 
@@ -215,7 +212,7 @@ def _variation(runs: PaperRuns, method: str) -> Rows:
     played = [run for run in runs.of(method, "11", "13", "14") if run.variation]
     if not played:
         return
-    # The paper's palm stood still: keys moved it. A palm that trembles is beyond what its figures are of, so no bar.
+    # The paper's palm stood still, moved by keys: its figures are no bar for a trembling palm.
     names = {"glove": "still palm", "trembling": "trembling palm"}
     for noise in NOISES:
         noise_label = names[noise]
@@ -254,7 +251,7 @@ def _touches(runs: PaperRuns, method: str) -> Rows:
 
 
 def _pooled(runs: Sequence[SceneRun], statistic: Callable[[Any], Any]) -> float:
-    """Of the thread times of all ticks in contact [s]."""
+    """Statistic of the CPU times of all ticks in contact [s]."""
     times = np.concatenate([run.tick_cpu[run.contact] for run in runs])
     return float(statistic(times)) if times.size else math.nan
 
@@ -264,7 +261,6 @@ def _deepest(runs: Sequence[SceneRun]) -> float:
 
 
 def _median(values: Any) -> Any:
-    """Over the rows that are defined."""
     defined = values[np.isfinite(values[:, 0])]
     return np.median(defined, axis=0) if len(defined) else np.full(values.shape[1], np.nan)
 
@@ -320,7 +316,7 @@ SCENE_COLUMNS = (
 
 
 def scene_rows(runs: PaperRuns) -> list[dict[str, Any]]:
-    """A row for each scene and method, by the names of SCENE_COLUMNS."""
+    """Return a row for each scene and method, by the names of SCENE_COLUMNS."""
     return Table(SCENE_COLUMNS, runs.scenes).records
 
 

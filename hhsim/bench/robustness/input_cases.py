@@ -5,13 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.bench.robustness.acceptance import (
-    held,
-    motion_difference,
-    part_of,
-    shown_points,
-    sound_samples,
-)
+from hhsim.bench.robustness.acceptance import held, motion_difference, part_of, shown_points, sound_samples
 from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome, ball_run, rest_figure
 from hhsim.bench.robustness.postures import HALF, POINTING, RIM, crossings, handling, tip_at
 from hhsim.bench.robustness.sphere_objects import ball, disc, plate, tree_of

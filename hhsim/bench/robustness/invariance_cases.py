@@ -62,10 +62,7 @@ def usual() -> tuple[HardRun, SphereTree, Mesh]:
 
 
 def _case(
-    name: str,
-    description: str,
-    variants: Callable[[int], Sequence[Variant]],
-    adapt: Adapt | None = None,
+    name: str, description: str, variants: Callable[[int], Sequence[Variant]], adapt: Adapt | None = None
 ) -> HardCase:
     """Return a case of variants of the usual scene; `adapt` changes the options of all its runs."""
 

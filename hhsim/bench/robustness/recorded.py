@@ -188,11 +188,7 @@ def fastest_fingertip(ticks: TickInput, hand: HandModel) -> float:
 
 
 def run_scene(
-    scene: Scene,
-    solver: SolverOptions,
-    known: RecordedFigures,
-    seed: int = 0,
-    check: Callable[[], None] = lambda: None,
+    scene: Scene, solver: SolverOptions, known: RecordedFigures, seed: int = 0, check: Callable[[], None] = lambda: None
 ) -> RecordedFigures:
     """Run one scene by one method and measure every tick.
 

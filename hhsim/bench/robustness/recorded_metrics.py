@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 
 from hhsim.arrays import BoolArray
+from hhsim.bench.figure_columns import columns_of, cpu_times, figure, mean, metric, totals_of
 from hhsim.bench.robustness.failure import SAFE_DEPTH
-from hhsim.bench.robustness.figure_columns import columns_of, cpu_times, figure, metric, totals_of
 from hhsim.metrics.contact_error import MOST_CONTACT_ERROR
-from hhsim.metrics.metrics import statistics
 from hhsim.solver.method import never_penetrates
 from hhsim.system.log_histogram import CpuTimes, LogHistogram
 from hhsim.table.table import Column
@@ -20,10 +19,6 @@ NAN = float("nan")
 
 def _largest(values: Sequence[Any]) -> Any:
     return max((value for value in values if value == value), default=NAN)
-
-
-def _mean(values: Sequence[float]) -> float:
-    return statistics(values).mean
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,11 +47,11 @@ class RecordedFigures(CpuTimes):
     touching: int = figure("ticks in touch with the object", "", sum)
     candidates_max: int = metric(_largest)
     contact_error_max: float = metric(_largest, NAN)
-    force_mean: float = figure("mean size of the total force in touch", "N", _mean, NAN)
+    force_mean: float = figure("mean size of the total force in touch", "N", mean, NAN)
     force_max: float = figure("largest size of the total force in touch", "N", _largest, NAN)
     force_step: float = figure("largest one-tick step of the total force in touch", "N", _largest, NAN)
-    variation_tick: float = figure("mean force variation from tick to tick", "%", _mean, NAN)
-    variation_sample: float = figure("mean force variation from one new input sample to the next", "%", _mean, NAN)
+    variation_tick: float = figure("mean force variation from tick to tick", "%", mean, NAN)
+    variation_sample: float = figure("mean force variation from one new input sample to the next", "%", mean, NAN)
     stuck: int = figure("ticks that kept the last feasible hand", "", sum)
     longest_stuck: int = figure("longest run of stuck ticks", "", _largest)
     unexplained: int = figure("stuck ticks that had a way out", "", sum)
@@ -107,5 +102,5 @@ def totals(rows: Sequence[RecordedFigures]) -> list[RecordedFigures]:
             group = [row for row in ran if (row.method, row.surface) == solver and name in (row.object, "all")]
             if group:
                 known = replace(group[0], recording=f"all {len({row.recording for row in group})}", object=name)
-                found.append(replace(known, placement="", **totals_of(group)))
+                found.append(replace(known, placement="", **totals_of(RecordedFigures, group)))
     return found

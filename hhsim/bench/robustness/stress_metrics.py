@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from hhsim.bench.figure_columns import columns_of, cpu_times, figure, metric, totals_of
 from hhsim.bench.robustness.failure import SAFE_DEPTH
-from hhsim.bench.robustness.figure_columns import columns_of, cpu_times, figure, metric, totals_of
 from hhsim.solver.method import never_penetrates
 from hhsim.system.log_histogram import CpuTimes, LogHistogram
 from hhsim.table.table import Column
@@ -88,5 +88,5 @@ def total(rows: Sequence[StressFigures]) -> StressFigures:
         force_max=strongest.force_max,
         coupling_force=strongest.coupling_force,
         failures=tuple(failure for row in rows for failure in row.failures),
-        **totals_of(rows),
+        **totals_of(StressFigures, rows),
     )

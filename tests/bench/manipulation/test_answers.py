@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from hhsim.bench.manipulation.answers import CASES, Answer, Lengths, slope
-from hhsim.bench.manipulation.gripped import clearance, gripped
+from hhsim.bench.manipulation.gripper import clearance, gripped
 from hhsim.bench.manipulation.mujoco_block import CONFIGURATIONS
-from hhsim.bench.manipulation.pinch import Pinch
-from hhsim.bench.manipulation.rest import Rest
+from hhsim.bench.manipulation.pinch import Pinch, Rest
 from hhsim.bench.manipulation.table import COLUMNS, ManipulationOptions, measure, missed
 from hhsim.errors import InputError, UnknownNameError
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from sampled import sampled
 
-from hhsim.bench.paper.contact_check import check_holds
 from hhsim.bench.paper.scenarios import Scenario, paper_scenarios
+from hhsim.bench.paper.scene import check_holds
 from hhsim.errors import UnknownNameError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS

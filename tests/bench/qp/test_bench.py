@@ -16,7 +16,7 @@ from qp_problems import contact_programs, degenerate_set
 from hhsim.bench.qp import bench, recorded_problems
 from hhsim.bench.qp.backends import ProgramSolver, overhead, prepare
 from hhsim.bench.qp.bench import Tally, bench_qp, missed_programs
-from hhsim.bench.qp.kkt_check import residual
+from hhsim.bench.qp.program import residual
 from hhsim.bench.qp.recorded_problems import QpBenchOptions, harvest
 from hhsim.bench.table import load_table
 from hhsim.errors import UnknownNameError

@@ -15,8 +15,7 @@ from qp_problems import (
 
 from hhsim.bench.qp.backends import ProgramSolver
 from hhsim.bench.qp.bench import OWN_LIMIT
-from hhsim.bench.qp.kkt_check import CERTIFIED_RADIUS, certified_radius, residual, violation
-from hhsim.bench.qp.program import Program
+from hhsim.bench.qp.program import CERTIFIED_RADIUS, Program, certified_radius, residual, violation
 
 COUNT = 20
 SOLVER = ProgramSolver()

@@ -10,8 +10,7 @@ from sphere_scenes import Motion, bumpy_ball, random_targets, record_clearance, 
 from hhsim.bench.qp import recorded_problems
 from hhsim.bench.qp.backends import ProgramSolver
 from hhsim.bench.qp.bench import OWN_LIMIT
-from hhsim.bench.qp.kkt_check import CERTIFIED_RADIUS, certified_radius, residual
-from hhsim.bench.qp.program import Program
+from hhsim.bench.qp.program import CERTIFIED_RADIUS, Program, certified_radius, residual
 from hhsim.bench.qp.recorded_problems import RUNS, QpBenchOptions, harvest, harvest_tick
 from hhsim.errors import UnknownNameError
 from hhsim.hand.configuration import HandConfiguration

@@ -5,10 +5,21 @@ from dataclasses import field, fields
 from typing import Any
 
 from hhsim.bench.table import metric_column
+from hhsim.metrics.metrics import statistics
 from hhsim.system.log_histogram import LogHistogram
 from hhsim.table.table import Column
 
 Total = Callable[[Sequence[Any]], Any]
+
+
+def mean(values: Sequence[float]) -> float:
+    """Return the mean of the values that are not NaN; NaN without any."""
+    return statistics(values).mean
+
+
+def worst(values: Sequence[float]) -> float:
+    """Return the largest of the values that are not NaN; NaN without any."""
+    return statistics(values).max
 
 
 def figure(says: str, unit: str = "", total: Total | None = None, default: Any = 0) -> Any:
@@ -22,9 +33,9 @@ def figure(says: str, unit: str = "", total: Total | None = None, default: Any =
     return field(default=default, metadata={"columns": lambda name: [Column(name, says, unit)], "total": total})
 
 
-def metric(total: Total, default: Any = 0) -> Any:
-    """Return a dataclass field that is the column of the run metric of its name."""
-    return field(default=default, metadata={"columns": lambda name: [metric_column(name)], "total": total})
+def metric(total: Total, default: Any = 0, of: str = "") -> Any:
+    """Return a dataclass field that is the column of the run metric `of`, or of its own name."""
+    return field(default=default, metadata={"columns": lambda name: [metric_column(of or name, name)], "total": total})
 
 
 def cpu_times(tick: str) -> Any:
@@ -41,7 +52,7 @@ def columns_of(figures: type) -> tuple[Column, ...]:
     return tuple(column for one in declared for column in one.metadata["columns"](one.name))
 
 
-def totals_of(runs: Sequence[Any]) -> dict[str, Any]:
+def totals_of(figures: type, runs: Sequence[Any]) -> dict[str, Any]:
     """Return what several runs sum up to, by the names of the fields that do."""
-    totals = {one.name: one.metadata.get("total") for one in fields(runs[0])}
+    totals = {one.name: one.metadata.get("total") for one in fields(figures)}
     return {name: total([getattr(run, name) for run in runs]) for name, total in totals.items() if total}
