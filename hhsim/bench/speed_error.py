@@ -57,7 +57,7 @@ class SpeedErrorOptions:
     Attributes:
         motions: Scripts of the catalogue that touch the object.
         methods: None for all that take one of the surfaces.
-        surfaces: spheres, of each level, or mesh; a method that takes no mesh has spheres alone.
+        surfaces: Among spheres, of each level, and mesh; a method that takes no mesh has spheres alone.
         levels: Of the sphere tree.
         linearisations: Limits in a tick; None for those of `LINEARISATIONS`.
         backends: QP solvers besides our own; None for all that are installed.

@@ -186,7 +186,7 @@ class StressMeasure:
     def figures(self, failures: tuple[KeptFailure, ...]) -> StressFigures:
         """Return the figures of all blocks."""
         case = self._case
-        depths = ("penetration", "penetration_palm", "penetration_finger")
+        deepest, palm, finger = self._deepest.tolist()
         return StressFigures(
             object=case.object,
             method=case.solver.method,
@@ -195,6 +195,9 @@ class StressMeasure:
             spheres=case.tree.leaf_count,
             seed=case.seed,
             ticks=self.ticks,
+            penetration=deepest,
+            penetration_palm=palm,
+            penetration_finger=finger,
             unexplained=self._unexplained,
             longest_stuck=self._longest_stuck,
             candidates_max=self._candidates,
@@ -205,6 +208,5 @@ class StressMeasure:
             brute_difference=self._brute_difference,
             cpu=self._cpu,
             failures=failures,
-            **dict(zip(depths, self._deepest.tolist())),
             **self._counts,
         )
