@@ -122,9 +122,7 @@ def test_a_hand_beside_the_optimum_is_off_by_that_much(world: tuple[ErrorScene, 
     assert found.off_optimum_max == pytest.approx(0.003)
 
 
-def test_a_hand_pushed_in_is_as_deep_as_mesh_and_spheres_say(
-    world: tuple[ErrorScene, TreeArrays, TickRecord],
-) -> None:
+def test_a_hand_pushed_in_is_as_deep_as_mesh_and_spheres_say(world: tuple[ErrorScene, TreeArrays, TickRecord]) -> None:
     scene, tree, record = world
     hold = scene.holds[0]
     tick = hold.start + 20
@@ -144,9 +142,7 @@ def test_a_hand_pushed_in_is_as_deep_as_mesh_and_spheres_say(
     assert np.isfinite(found.tracking_excess)
 
 
-def test_a_hand_that_penetrates_all_the_time_has_no_excess(
-    world: tuple[ErrorScene, TreeArrays, TickRecord],
-) -> None:
+def test_a_hand_that_penetrates_all_the_time_has_no_excess(world: tuple[ErrorScene, TreeArrays, TickRecord]) -> None:
     scene, tree, record = world
     inside = record._replace(joints=scene.haptic_placed.joints, position=scene.haptic_placed.position)
     found = run_errors(scene, tree, OPTIONS, inside)

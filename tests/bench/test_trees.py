@@ -10,13 +10,7 @@ from conftest import Run
 
 from hhsim.bench import trees
 from hhsim.bench.table import load_table
-from hhsim.bench.trees import (
-    TreesOptions,
-    comparison_object,
-    largest_error,
-    measure,
-    missed_bars,
-)
+from hhsim.bench.trees import TreesOptions, comparison_object, largest_error, measure, missed_bars
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.trees.published_results import BARS, EXTENT, REFERENCES

@@ -17,13 +17,7 @@ from stress_motion import random_targets
 
 from hhsim.arrays import FloatArray
 from hhsim.bench.robustness.delta_debugging import Trace, Trial, delta_debug
-from hhsim.bench.robustness.failure import (
-    Provenance,
-    failure_of,
-    keep_failure,
-    make_trial,
-    penetrates,
-)
+from hhsim.bench.robustness.failure import Provenance, failure_of, keep_failure, make_trial, penetrates
 from hhsim.bench.robustness.pieces import pieces_of
 from hhsim.bench.robustness.random_targets import StressOptions
 from hhsim.errors import InputError, UnknownNameError

@@ -114,12 +114,7 @@ def test_rate_hold_and_a_window_around_the_grasp(folder: Path) -> None:
     at, file = bench_object(), folder / "a.h5"
     whole, held, slow, window = (
         next(bench_recorded([file], [at], [COUPLED], options))
-        for options in (
-            HERE,
-            replace(HERE, mode="hold"),
-            replace(HERE, rate=250.0),
-            RecordedOptions(ticks=100),
-        )
+        for options in (HERE, replace(HERE, mode="hold"), replace(HERE, rate=250.0), RecordedOptions(ticks=100))
     )
     assert held.fastest > 5.0 * whole.fastest, "a held sample comes at a jump"
     assert abs(4 * slow.ticks - whole.ticks) <= 4 and slow.rate == 250.0

@@ -40,11 +40,7 @@ TICKS = BLOCK + 700
 
 
 def case(
-    method: str = "coupled",
-    ticks: int = TICKS,
-    keep: Path | None = None,
-    wild: bool = False,
-    surface: str = "spheres",
+    method: str = "coupled", ticks: int = TICKS, keep: Path | None = None, wild: bool = False, surface: str = "spheres"
 ) -> StressCase:
     return StressCase(
         object="ball",
