@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from hhsim.bench.paper.table import PaperRow
 
 SHOWN_UNITS = {"s": ("µs", 1), "m": ("µm", 3), "%": ("%", 3), "1": ("", 0)}
-"""Of the stored unit of a figure the one that people read, and digits."""
+"""Unit and digits that are printed, by the stored unit of a figure."""
 
 
 class PaperSettings(OptionGroup):

@@ -1,4 +1,4 @@
-"""What the commands of `hhsim bench` share: methods and surfaces, progress, the table and the line that names it."""
+"""Shared parts of the commands of `hhsim bench`: methods and surfaces, progress, the table."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager

@@ -162,7 +162,7 @@ class PeerRun:
 
     @property
     def tick_native(self) -> FloatArray:
-        """The same of the engine's own step; the whole tick of a method of ours."""
+        """CPU time of the engine's own step in each tick in contact [s]; of the whole tick of a method of ours."""
         return np.asarray(np.median(self.native, axis=0)) if self.native else np.zeros(0)
 
 

@@ -44,7 +44,17 @@ def table_rows(runs: Sequence[PeerRun]) -> list[Row]:
         by_peer[run.peer].append(run)
     rows += [_row(name, ALL, peer, group) for (name, peer), group in by_object.items()]
     rows += [_row(ALL, ALL, peer, group) for peer, group in by_peer.items()]
-    _set_side_by_side(rows)
+    groups = defaultdict(list)
+    for row in rows:
+        if not row["failed_runs"]:
+            groups[row["object"], row["motion"]].append(row)
+    for group in groups.values():
+        for i in frontier([row["tick_cpu_p50"] for row in group], [row["mesh_error"] for row in group], GAIN):
+            group[i]["frontier"] = True
+        for row in group:
+            as_good = [one["tick_cpu_p50"] for one in group if one["ours"] and one["mesh_error"] <= row["mesh_error"]]
+            if as_good:
+                row["times_ours"] = row["tick_cpu_p50"] / min(as_good)
     return rows
 
 
@@ -87,17 +97,3 @@ def _row(object_name: str, motion: str, peer: Peer, runs: Sequence[PeerRun]) -> 
         "frontier": False,
         "times_ours": np.nan,
     }
-
-
-def _set_side_by_side(rows: Sequence[Row]) -> None:
-    groups = defaultdict(list)
-    for row in rows:
-        if not row["failed_runs"]:
-            groups[row["object"], row["motion"]].append(row)
-    for group in groups.values():
-        for i in frontier([row["tick_cpu_p50"] for row in group], [row["mesh_error"] for row in group], GAIN):
-            group[i]["frontier"] = True
-        for row in group:
-            as_good = [one["tick_cpu_p50"] for one in group if one["ours"] and one["mesh_error"] <= row["mesh_error"]]
-            if as_good:
-                row["times_ours"] = row["tick_cpu_p50"] / min(as_good)

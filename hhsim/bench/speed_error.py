@@ -279,7 +279,10 @@ def _repeat(hand: HandModel, scene: _Scene, run: Run) -> None:
     try:
         solver = HandSolver(hand, surface, options)
         if window.start > 0:
-            _begin_at(solver, hand, scene, configuration, window.start)
+            # Where our own QP solver has the hand before the stretch, so that all solvers begin alike.
+            own = HandSolver(hand, surface, replace(configuration, qp=ACTIVE_SET).solver_options())
+            before = own.run(*HandConfiguration.of(haptic).part(0, window.start))
+            solver.place(*HandConfiguration.of(before).at(-1))
         record = solver.run(*HandConfiguration.of(haptic).at(window))
         check_finite(record)
         digest = digest_of(record)
@@ -294,11 +297,3 @@ def _repeat(hand: HandModel, scene: _Scene, run: Run) -> None:
     run.repeatable = run.repeatable and digest == run.digest
     run.cpu.append(1e-9 * record.duration_cpu[contact].astype(np.float64))
     run.wall.append(1e-9 * record.duration_total[contact].astype(np.float64))
-
-
-def _begin_at(solver: HandSolver, hand: HandModel, scene: _Scene, configuration: Configuration, tick: int) -> None:
-    """Put the hand where our own QP solver has it before a tick, so that all solvers begin alike."""
-    surface = scene.surfaces[configuration.surface, configuration.level]
-    own = HandSolver(hand, surface, replace(configuration, qp=ACTIVE_SET).solver_options())
-    record = own.run(*HandConfiguration.of(scene.errors.haptic).part(0, tick))
-    solver.place(*HandConfiguration.of(record).at(-1))

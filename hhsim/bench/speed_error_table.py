@@ -66,7 +66,14 @@ def table_rows(runs: Sequence[Run]) -> list[Row]:
         by_configuration[run.configuration].append(run)
     rows += [_row(name, ALL, configuration, group) for (name, configuration), group in by_object.items()]
     rows += [_row(ALL, ALL, configuration, group) for configuration, group in by_configuration.items()]
-    _mark_frontiers(rows)
+    groups = defaultdict(list)
+    for row in rows:
+        if not row["stretch"] and not row["failed_runs"]:
+            groups[row["object"], row["motion"]].append(row)
+    for group in groups.values():
+        for flag, error in (("mesh_frontier", "mesh_error"), ("tracking_frontier", "off_optimum_mean")):
+            for i in frontier([row["tick_cpu_p50"] for row in group], [row[error] for row in group], GAIN):
+                group[i][flag] = True
     return rows
 
 
@@ -171,14 +178,3 @@ def frontier(time: ArrayLike, error: ArrayLike, gain: float = 0.0) -> IntArray:
         if second[index] < (best - gain * abs(best) if np.isfinite(best) else best):
             kept.append(int(index))
     return np.array(kept, np.int64)
-
-
-def _mark_frontiers(rows: Sequence[Row]) -> None:
-    groups = defaultdict(list)
-    for row in rows:
-        if not row["stretch"] and not row["failed_runs"]:
-            groups[row["object"], row["motion"]].append(row)
-    for group in groups.values():
-        for flag, error in (("mesh_frontier", "mesh_error"), ("tracking_frontier", "off_optimum_mean")):
-            for i in frontier([row["tick_cpu_p50"] for row in group], [row[error] for row in group], GAIN):
-                group[i][flag] = True

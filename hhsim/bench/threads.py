@@ -17,7 +17,6 @@ from hhsim.errors import InputError, check_known
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.parallel.thread_team import PARTS
-from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import WORK_CANDIDATES
 from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FINGERS, DURATION_FORCE, DURATION_PALM
 from hhsim.mesh.catalogue import load_object, object_names
@@ -146,23 +145,19 @@ def _run(replay: _Replay, instances: int) -> None:
     )
     record = solver.run(*HandConfiguration.of(ticks).part(0, last + 1))
     if replay.instances is None:
-        replay.instances = _sample(replay, record, instances)
+        # Ticks with candidate pairs, evenly spread over the phases in which the hand closes and holds.
+        inside = np.zeros(len(record.status), dtype=bool)
+        for phase in ticks.phases:
+            if phase.name not in PHASES_APART:
+                inside[phase.first_tick : phase.last_tick + 1] = True
+        found = np.flatnonzero(inside & (record.work[:, WORK_CANDIDATES] > 0))
+        if len(found) == 0:
+            raise InputError(f"{replay.labels['object']}, {replay.labels['motion']}: no tick is in contact")
+        replay.instances = found[np.linspace(0, len(found) - 1, min(instances, len(found))).round().astype(np.int64)]
         replay.contacts = float(record.work[replay.instances, WORK_CANDIDATES].mean())
     at = replay.instances
     times = np.stack([*record.duration[at].T, record.duration_total[at], record.duration_cpu[at]])
     replay.rounds.append(1e-9 * times)
-
-
-def _sample(replay: _Replay, record: TickRecord, instances: int) -> IntArray:
-    """Ticks with candidate pairs, evenly spread over the phases in which the hand closes and holds."""
-    inside = np.zeros(len(record.status), dtype=bool)
-    for phase in replay.scene.ticks.phases:
-        if phase.name not in PHASES_APART:
-            inside[phase.first_tick : phase.last_tick + 1] = True
-    found = np.flatnonzero(inside & (record.work[:, WORK_CANDIDATES] > 0))
-    if len(found) == 0:
-        raise InputError(f"{replay.labels['object']}, {replay.labels['motion']}: no tick is in contact")
-    return found[np.linspace(0, len(found) - 1, min(instances, len(found))).round().astype(np.int64)]
 
 
 def _rows(group: Sequence[_Replay]) -> list[dict[str, Any]]:

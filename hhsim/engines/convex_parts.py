@@ -47,7 +47,7 @@ class Box:
 
 @dataclass(frozen=True, eq=False)
 class Hull:
-    """The convex hull of points, world [m], shape (V, 3)."""
+    """Convex hull of points, world [m], shape (V, 3)."""
 
     points: FloatArray
 

@@ -161,6 +161,8 @@ class PyBullet:
 
 def _bullet_urdf(hand: RigidHand) -> str:
     """Hand in the Unified Robot Description Format: five fingers on a palm, each on a hinge for its abduction."""
+    from scipy.spatial.transform import Rotation
+
     palm = "".join(
         f'<collision><origin xyz="{_spaced(center)}"/>'
         f'<geometry><sphere radius="{float(radius)!r}"/></geometry></collision>'
@@ -168,9 +170,9 @@ def _bullet_urdf(hand: RigidHand) -> str:
     )
     parts = [_link("palm", hand.mass, hand.inertia, palm)]
     for f, finger in enumerate(FINGERS):
-        before = f"{finger}_mount"
+        before, turn = f"{finger}_mount", Rotation.from_matrix(hand.frame[f]).as_euler("xyz")
         parts.append(_link(before, PHALANX_MASS, hand.armature))
-        parts.append(_hinge("palm", before, hand.base[f], Z, (-np.pi, np.pi), _roll_pitch_yaw(hand.frame[f])))
+        parts.append(_hinge("palm", before, hand.base[f], Z, (-np.pi, np.pi), _spaced(turn)))
         for k in range(PHALANGES):
             name, length = f"{finger}_{k}", float(hand.length[f, k])
             capsule = (
@@ -197,12 +199,6 @@ def _hinge(
         f'<origin xyz="{_spaced(place)}" rpy="{turn}"/><axis xyz="{_spaced(axis)}"/>'
         f'<limit lower="{float(limits[0])!r}" upper="{float(limits[1])!r}" effort="1000" velocity="10000"/></joint>'
     )
-
-
-def _roll_pitch_yaw(matrix: FloatArray) -> str:
-    from scipy.spatial.transform import Rotation
-
-    return _spaced(Rotation.from_matrix(matrix).as_euler("xyz"))
 
 
 def _spaced(values: Iterable[float]) -> str:

@@ -11,7 +11,6 @@ from conftest import Run
 from hhsim.bench import threads as bench_threads
 from hhsim.bench.table import load_table
 from hhsim.bench.threads import COLUMNS, ThreadsOptions, measure, remarks, when_threads_pay
-from hhsim.errors import InputError, UnknownNameError
 
 SMALL = ThreadsOptions(objects=("cube",), level=3, threads=(2,), instances=20, rounds=2)
 
@@ -85,16 +84,6 @@ def test_helpers_that_were_kept_from_working_are_told_of(monkeypatch: pytest.Mon
     assert "no verdict" in sentence
     (crowded,) = remarks([row(10.0, 1.0, threads=3)])
     assert "3 threads on 2 processors" in crowded
-
-
-def test_impossible_runs_are_refused() -> None:
-    with pytest.raises(InputError, match="nothing to be compared with"):
-        ThreadsOptions(threads=(1,))
-    with pytest.raises(InputError, match="threads is 7: 1 to 6"):
-        ThreadsOptions(threads=(1, 7))
-    with pytest.raises(UnknownNameError, match="'cap'"):
-        ThreadsOptions(objects=("cap",))
-    assert ThreadsOptions(threads=(3,)).threads == (1, 3)
 
 
 def test_the_command_writes_the_table_and_says_when_threads_pay(

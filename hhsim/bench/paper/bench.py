@@ -1,4 +1,4 @@
-"""The paper's whole evaluation in one run: Figs. 11 to 15 and Section V-D.
+"""Whole evaluation of the paper in one run: Figs. 11 to 15 and Section V-D.
 
 Every scene is played by every method, in turns; of each tick the median of the repetitions counts. Times are those of
 one thread on the machine at hand; the paper's are of an Intel Core i7-8700, 3.7 GHz, Fig. 15 with five threads.

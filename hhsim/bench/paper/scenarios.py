@@ -18,7 +18,7 @@ FIGURES = {
     "15": "single finger, two fingers, five fingers, whole hand on the complex objects: 100 instances each",
 }
 CASES = ("SF", "TF", "FF", "WH")
-"""The cases of Fig. 15: single finger, two fingers, five fingers, whole hand."""
+"""Cases of Fig. 15: single finger, two fingers, five fingers, whole hand."""
 
 
 @dataclass(frozen=True)

@@ -123,7 +123,7 @@ def check_holds(
 
 
 def _short(script: Script) -> Script:
-    """The same motion, quicker: it comes from nearby, closes and holds."""
+    """Quicker motion of a script: it comes from nearby, closes and holds."""
     durations = [SHORT_PHASES.get(phase.name, SHORT_CLOSING) for phase in script.phases]
     phases = tuple(replace(phase, duration=time) for phase, time in zip(script.phases, durations) if time > 0.0)
     return replace(script, phases=phases, start_distance=SHORT_WAY)

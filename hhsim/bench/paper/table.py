@@ -89,19 +89,17 @@ ROW_COLUMNS = (
     Column("note", "where the figure comes from"),
 )
 
-Rows = Iterator[PaperRow]
-
 
 def paper_rows(runs: PaperRuns, options: PaperOptions) -> list[PaperRow]:
     """Return the table, row by row, each for all methods, without rows whose scenes were left out.
 
     Rows that sum up all holds (`OF_ALL`) have bars in the whole evaluation on the paper's tree levels only.
     """
-    found: list[PaperRow] = []
-    makers = (_simple_means, _sequences, _sliding, _complex, _interactions, _cases, _contacts, _depth, _variation)
-    for make in (*makers, _touches):
-        by_method = [list(make(runs, method)) for method in options.methods]
-        found += [row for same in zip(*by_method, strict=True) for row in same]
+    by_method = [
+        [row for rows in (_simple_objects, _complex_objects, _all_scenes) for row in rows(runs, method)]
+        for method in options.methods
+    ]
+    found = [row for same in zip(*by_method, strict=True) for row in same]
     if not options.whole:
         found = [replace(row, bar=math.nan) if row.name.startswith(OF_ALL) else row for row in found]
     return found
@@ -112,48 +110,36 @@ def missed(rows: Sequence[PaperRow]) -> list[PaperRow]:
     return [row for row in rows if never_penetrates(row.method) and not row.passed]
 
 
-def _simple_means(runs: PaperRuns, method: str) -> Rows:
+def _simple_objects(runs: PaperRuns, method: str) -> Iterator[PaperRow]:
     for name, paper in SIMPLE_MEAN.items():
-        played = runs.of(method, "11", object_name=name)
-        if played:
+        if played := runs.of(method, "11", object_name=name):
             mean = _pooled(played, np.mean)
             yield PaperRow(
                 f"mean_{name}", "11", f"mean tick, {name}", method, "s", paper, f"{1e3 * paper:.2f} ms", mean,
                 paper / FASTER, "touch, pinch, grasp with the palm; ticks in contact",
             )  # fmt: skip
-
-
-def _sequences(runs: PaperRuns, method: str) -> Rows:
     for run in runs.of(method, "12"):
         name = run.scenario.object_name
         yield PaperRow(
             f"sequence_max_{name}", "12", f"longest tick, {name}", method, "s", 1e-3, "< 1 ms",
             float(run.tick_cpu.max()), 1e-3, "none, one, two, five, two, one, none; all ticks",
         )  # fmt: skip
-
-
-def _sliding(runs: PaperRuns, method: str) -> Rows:
-    played = runs.of(method, SLIDING)
-    if played:
+    if played := runs.of(method, SLIDING):
         yield PaperRow(
             "sliding_depth", "V-A", "depth while sliding", method, "m", math.nan,
             "none to be seen", _deepest(played), DEPTH, counted(len(played), "object"),
         )  # fmt: skip
 
 
-def _complex(runs: PaperRuns, method: str) -> Rows:
+def _complex_objects(runs: PaperRuns, method: str) -> Iterator[PaperRow]:
     for name in object_names():
-        played = runs.of(method, "13", object_name=name)
-        if played:
+        if played := runs.of(method, "13", object_name=name):
             worst = max(played, key=lambda run: percentile(run, 99.0))
             yield PaperRow(
                 f"complex_p99_{name}", "13", f"p99 tick, {name}", method, "s", 1.5e-3, "< 1.5 ms",
                 percentile(worst, 99.0), COMPLEX_P99,
                 f"worst of {counted(len(played), 'scene')}: {worst.scenario.motion}",
             )  # fmt: skip
-
-
-def _interactions(runs: PaperRuns, method: str) -> Rows:
     for run in runs.of(method, "14"):
         name, motion = run.scenario.object_name, run.scenario.motion
         yield PaperRow(
@@ -164,12 +150,8 @@ def _interactions(runs: PaperRuns, method: str) -> Rows:
             f"interaction_p99_{name}", "14", f"p99 tick, {name} {motion}", method, "s", 1.5e-3, "all < 1.5 ms",
             percentile(run, 99.0), COMPLEX_P99, f"longest {1e6 * float(run.tick_cpu.max()):.0f} µs",
         )  # fmt: skip
-
-
-def _cases(runs: PaperRuns, method: str) -> Rows:
     for case in CASES:
-        played = runs.of(method, "15", case=case)
-        if played:
+        if played := runs.of(method, "15", case=case):
             contacts = [float(run.candidates[held_ticks(run.stage)].mean()) for run in played]
             instances = sum(len(run.stage.motions) for run in played)
             worst = max(played, key=lambda run: percentile(run, 99.0))
@@ -181,9 +163,6 @@ def _cases(runs: PaperRuns, method: str) -> Rows:
                 f"worst object: {worst.scenario.object_name}; {instances} instances, {min(contacts):.0f} to "
                 f"{max(contacts):.0f} contacts; mean of all {1e6 * _pooled(played, np.mean):.1f} µs",
             )  # fmt: skip
-
-
-def _contacts(runs: PaperRuns, method: str) -> Rows:
     for found in runs.at_contacts:
         if found.run.options.method == method:
             held = held_ticks(found.run.stage)
@@ -196,26 +175,20 @@ def _contacts(runs: PaperRuns, method: str) -> Rows:
             )  # fmt: skip
 
 
-def _depth(runs: PaperRuns, method: str) -> Rows:
-    played = runs.of(method, "11", "12", SLIDING, "13", "14", "15")
-    if played:
-        worst = max(played, key=lambda run: float(run.depth.max()))
-        ticks = sum(len(run.depth) for run in played)
-        motions = counted(sum(len(r.stage.motions) for r in played), "motion")
+def _all_scenes(runs: PaperRuns, method: str) -> Iterator[PaperRow]:
+    whole = runs.of(method, "11", "12", SLIDING, "13", "14", "15")
+    if whole:
+        worst = max(whole, key=lambda run: float(run.depth.max()))
+        ticks = sum(len(run.depth) for run in whole)
+        motions = counted(sum(len(r.stage.motions) for r in whole), "motion")
         yield PaperRow(
             "depth", "V-D", "depth in the spheres, largest", method, "m", 1e-4, "≈ 0.1 mm",
-            _deepest(played), DEPTH, f"{ticks:,} ticks of {motions}; deepest: {worst.scenario.name}",
+            _deepest(whole), DEPTH, f"{ticks:,} ticks of {motions}; deepest: {worst.scenario.name}",
         )  # fmt: skip
-
-
-def _variation(runs: PaperRuns, method: str) -> Rows:
-    played = [run for run in runs.of(method, "11", "13", "14") if run.variation]
-    if not played:
-        return
     # The paper's palm stood still, moved by keys: its figures are no bar for a trembling palm.
     names = {"glove": "still palm", "trembling": "trembling palm"}
-    for noise in NOISES:
-        noise_label = names[noise]
+    played = [run for run in runs.of(method, "11", "13", "14") if run.variation]
+    for noise in NOISES if played else ():
         sizes = np.array([run.variation[noise].size for run in played])
         parts = np.array([run.variation[noise].component for run in played])
         for number, (mean, spread) in enumerate(VARIATION):
@@ -227,20 +200,16 @@ def _variation(runs: PaperRuns, method: str) -> Rows:
             defined = np.where(np.isfinite(values[:, 0]), values[:, 0], -1.0)
             largest = f"largest {defined.max():.2f} % ({played[int(defined.argmax())].scenario.name})"
             yield PaperRow(
-                f"variation_{noise}_{part}", "V-D", f"index force, {part}, {noise_label}", method, "%",
+                f"variation_{noise}_{part}", "V-D", f"index force, {part}, {names[noise]}", method, "%",
                 mean, f"{mean:.2f} ± {spread:.2f} %", middle[0],
                 mean if noise == "glove" else math.nan,
                 "not measured: the force is large enough in no hold" if not count else
                 f"change a tick, glove's sensors; ± {middle[1]:.2f} %; median of {counted(count, 'hold')}, {above} "
                 f"above {mean:.2f} %; {largest}",
             )  # fmt: skip
-
-
-def _touches(runs: PaperRuns, method: str) -> Rows:
-    played = runs.of(method, "11", "12", SLIDING, "13", "14", "15")
-    if played:
-        demanded = sum(len(run.touches) for run in played)
-        failed = [(run, touch) for run in played for touch, _ in run.missed]
+    if whole:
+        demanded = sum(len(run.touches) for run in whole)
+        failed = [(run, touch) for run in whole for touch, _ in run.missed]
         named = [f"{run.scenario.name} {touch}" for run, touch in failed[:MOST_NAMED]]
         more = [f"{len(failed) - MOST_NAMED:,} more"] if len(failed) > MOST_NAMED else []
         where = f"; not: {', '.join([*named, *more])}" if failed else ""

@@ -157,7 +157,7 @@ def harvest_tick(solver: HandSolver, haptic: HandConfiguration, tick: int, sourc
 
 
 class _TickPrograms:
-    """The programs that a tick's state holds, copied."""
+    """Copies of the programs in the state of a tick."""
 
     def __init__(self, state: Any, options: Any, source: str, tick: int) -> None:
         self._state, self._options, self._source, self._tick = state, options, source, tick

@@ -136,7 +136,7 @@ def _size(motion: HandConfiguration) -> tuple[int, int]:
 
 
 def _starts(motion: HandConfiguration, graphic: HandConfiguration, failed: int) -> Iterator[HandConfiguration]:
-    """The last 1, 2, 4, … samples up to the failing one, after the graphic hand that was shown before them."""
+    """Last 1, 2, 4, … samples up to the failing one, after the graphic hand that was shown before them."""
     length = 1
     while length < failed:
         first = failed + 1 - length

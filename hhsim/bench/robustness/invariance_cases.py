@@ -216,7 +216,7 @@ def _loops(repeats: int) -> Sequence[HardRun]:
 
 
 def _around(pressed: HandConfiguration, ticks: int) -> HandConfiguration:
-    """The palm circles and tilts on the ball, and returns to its start."""
+    """Palm that circles and tilts on the ball, and returns to its start."""
     time = np.linspace(0.0, 1.0, ticks)[:, None]
     motion = pressed.hold(ticks - 1)
     wave = np.sin(2.0 * np.pi * time * [1.0, 2.0, 3.0])

@@ -102,7 +102,7 @@ def _limit_rows(hand: HandModel, here: Pose) -> tuple[FloatArray, FloatArray]:
 
 
 class _Pairs:
-    """The object's pieces near each body of the hand."""
+    """Pairs of a body of the hand and a piece of the object near it."""
 
     def __init__(self, hand: HandModel, pieces: Pieces, pose: Pose, near: float) -> None:
         self._hand, self._shape = hand, hand_shape(hand)

@@ -172,13 +172,10 @@ def _scene(motion: Trajectory, hand: HandModel, at: BenchObject, options: Record
     if options.ticks is None or options.ticks >= total:
         return scene, text
     first = min(max(0, round(middle * options.rate) - options.ticks // 2), total - options.ticks)
-    return replace(scene, ticks=_part(scene.ticks, slice(first, first + options.ticks))), text
-
-
-def _part(ticks: TickInput, part: slice) -> TickInput:
     keys = ("time", "input_seq", "position", "orientation", "flexion", "abduction")
-    arrays: dict[str, Any] = {key: np.ascontiguousarray(getattr(ticks, key)[part]) for key in keys}
-    return replace(ticks, phases=(), **arrays)
+    part = slice(first, first + options.ticks)
+    arrays: dict[str, Any] = {key: np.ascontiguousarray(getattr(scene.ticks, key)[part]) for key in keys}
+    return replace(scene, ticks=replace(scene.ticks, phases=(), **arrays)), text
 
 
 def fastest_fingertip(ticks: TickInput, hand: HandModel) -> float:

@@ -73,7 +73,7 @@ def _released(outcomes: Sequence[Outcome]) -> Figure:
 
 
 def _poking(side: float = 1.0) -> HandConfiguration:
-    """The index finger points down at the origin, or up at it for a side of -1; no other finger is in the way."""
+    """Index finger that points down at the origin, or up at it for a side of -1; no other finger is in the way."""
     turn = quaternion(np.array([-0.5 * np.pi * side, 0.0, 0.0]))
     return still(tip_at(np.zeros(3), turn), turn, POINTING)
 
@@ -195,7 +195,7 @@ def _judge_vertex(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
 
 
 def _sliding(direction: FloatArray) -> HandConfiguration:
-    """The index finger comes down beside the top, slides straight over it, and goes away; its pad touches."""
+    """Index finger that comes down beside the top, slides straight over it, and leaves; its pad touches."""
     turn, bent = quaternion(np.array([-0.3, 0.0, 0.0])), POINTING.copy()
     bent[INDEX] = (0.2, 0.3, 0.2)
     # Off the middle, so that no contact is symmetric.

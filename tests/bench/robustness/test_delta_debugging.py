@@ -15,7 +15,6 @@ from kept_failure import provenance_of, rerun_failure
 from sphere_scenes import bumpy_ball
 from stress_motion import random_targets
 
-from hhsim.arrays import FloatArray
 from hhsim.bench.robustness.delta_debugging import Trace, Trial, delta_debug
 from hhsim.bench.robustness.failure import Provenance, failure_of, keep_failure, make_trial, penetrates
 from hhsim.bench.robustness.pieces import pieces_of
@@ -37,10 +36,9 @@ JUMPS = StressOptions(hold=1, bound="none")
 class SlippingSolver(HandSolver):
     """A planted fault: 5 mm into the object, where the hand touches it with the middle finger curled to the right."""
 
-    def run(
-        self, position: FloatArray, orientation: FloatArray, flexion: FloatArray, abduction: FloatArray
-    ) -> TickRecord:
-        record = super().run(position, orientation, flexion, abduction)
+    def run(self, *haptic: Any) -> TickRecord:
+        record = super().run(*haptic)
+        position, _, flexion, _ = haptic
         bad = (record.work[:, WORK_TOUCHING] > 0) & (position[:, 0] > 0.02) & (flexion[:, 2, 0] > 0.8)
         record.joints[bad] -= 0.005 * record.position[bad, None, None] / 0.06
         return record

@@ -180,8 +180,6 @@ def test_on_the_mesh_the_hand_touches_the_mesh_itself(folder: Path, monkeypatch:
 
 def test_files_and_folders(folder: Path, tmp_path: Path) -> None:
     assert [path.name for path in recording_files([folder, folder / "b.csv"])] == ["a.h5", "b.csv"]
-    with pytest.raises(InputError, match="no such file or folder"):
-        recording_files([tmp_path / "none"])
     empty = tmp_path / "empty"
     empty.mkdir()
     with pytest.raises(InputError, match=r"no recordings in this folder; expected files that end in \.h5"):
