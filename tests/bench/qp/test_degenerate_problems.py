@@ -90,28 +90,6 @@ def test_programs_of_the_timed_sizes_have_work_in_them(variables: int, rows: int
     assert max(active) >= min(3, rows // 10)
 
 
-def test_a_program_keeps_its_rows_whatever_their_layout() -> None:
-    rng = np.random.default_rng(0)
-    for n in (3, 6, 9, 21):
-        matrix, rhs = np.zeros((30, n)), rng.normal(size=30)
-        matrix[:, : min(n, 6)] = rng.normal(size=(30, min(n, 6)))
-        for i in range(30):
-            if n > 6 and i % 3:
-                first = 6 + 3 * int(rng.integers(0, (n - 6) // 3))
-                matrix[i, first : first + 3] = rng.normal(size=3)
-        program = dense_program("", matrix, rhs, np.zeros(n), 1e-12)
-        order = np.lexsort(program.rhs[None])
-        np.testing.assert_array_equal(program.rhs[order], np.sort(rhs))
-        np.testing.assert_array_equal(program.matrix[order], matrix[np.argsort(rhs)])
-    for shape in ((5, 4), (5, 8)):
-        with pytest.raises(ValueError, match="no palm, finger or hand"):
-            dense_program("", np.ones(shape), np.ones(5), np.zeros(shape[1]), 1e-12)
-    with pytest.raises(ValueError, match="more than one block"):
-        dense_program("", np.ones((5, 12)), np.ones(5), np.zeros(12), 1e-12)
-    with pytest.raises(ValueError, match="no finger, palm or hand"):
-        next(contact_programs(5, 10, 1, 0))
-
-
 def test_residuals_are_in_sizes_of_the_program() -> None:
     program = dense_program("", np.eye(3), np.zeros(3), np.array([-1.0, 1.0, 1.0]), 1e-12)
     size = program.size
