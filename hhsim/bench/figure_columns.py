@@ -1,7 +1,7 @@
 """Figures of a run as fields of a dataclass, each with its column of the table and how those of several runs sum up."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import field, fields
+from dataclasses import MISSING, field, fields
 from typing import Any
 
 from hhsim.bench.table import metric_column
@@ -22,7 +22,7 @@ def worst(values: Sequence[float]) -> float:
     return statistics(values).max
 
 
-def figure(says: str, unit: str = "", total: Total | None = None, default: Any = 0) -> Any:
+def figure(says: str, unit: str = "", total: Total | None = None, default: Any = MISSING) -> Any:
     """Return a dataclass field that is a column.
 
     Args:
@@ -33,7 +33,7 @@ def figure(says: str, unit: str = "", total: Total | None = None, default: Any =
     return field(default=default, metadata={"columns": lambda name: [Column(name, says, unit)], "total": total})
 
 
-def metric(total: Total, default: Any = 0, of: str = "") -> Any:
+def metric(total: Total, default: Any = MISSING, of: str = "") -> Any:
     """Return a dataclass field that is the column of the run metric `of`, or of its own name."""
     return field(default=default, metadata={"columns": lambda name: [metric_column(of or name, name)], "total": total})
 
