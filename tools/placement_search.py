@@ -16,8 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.bench.paper.contact_check import check_holds
-from hhsim.bench.paper.scene import turned_by
+from hhsim.bench.paper.scene import check_holds, turned_by
 from hhsim.errors import HhsimError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel

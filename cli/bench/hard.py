@@ -1,6 +1,5 @@
 """`hhsim bench hard`."""
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -9,8 +8,8 @@ from click.shell_completion import CompletionItem
 from hhsim.table.table import Table, number, words
 
 from ..arguments import options
-from ..console import announce_compilation, print_json, print_table, progress
-from .solvers import Solvers
+from ..console import print_json, print_table
+from .suite import Solvers, SuiteTable, measuring
 
 if TYPE_CHECKING:
     from hhsim.bench.robustness.case import Figure
@@ -38,12 +37,7 @@ def complete_case(context: click.Context, parameter: click.Parameter, incomplete
 @options.seed
 @options.Output.argument("output")
 def command(
-    cases: tuple[str, ...],
-    solvers: Solvers,
-    ticks: int,
-    only_list: bool,
-    seed: int,
-    output: options.Output,
+    cases: tuple[str, ...], solvers: Solvers, ticks: int, only_list: bool, seed: int, output: options.Output
 ) -> int:
     """Put every method through the scenes that break methods.
 
@@ -71,15 +65,9 @@ def command(
         return 0
 
     from hhsim.bench.robustness.hard import COLUMNS, bench_hard, missed, table_rows
-    from hhsim.bench.table import write_table
     from hhsim.solver.method import METHODS
 
     named = solvers.options(tuple(METHODS))
-    output_path = output.table_path("hard")
-    announce_compilation(quiet=output.quiet)
-    with progress(quiet=output.quiet) as report:
-        results = bench_hard(chosen, named, seed, report)
-    rows = table_rows(results)
     settings = {
         "cases": [case.name for case in chosen],
         "methods": list(dict.fromkeys(options.method for options in named)),
@@ -87,17 +75,20 @@ def command(
         "seed": seed,
         "ticks": ticks,
     }
-    write_table(output_path, "hard", COLUMNS, rows, settings)
-    failed = missed(results)
+    table = SuiteTable(output, "hard", COLUMNS, settings)
+    with measuring(output) as report:
+        results = bench_hard(chosen, named, seed, report)
+    rows, failed = table_rows(results), missed(results)
+    table.write(rows)
     if output.as_json:
-        document = {**settings, "passed": not failed, "path": str(output_path), "rows": rows}
-        print_json(document)
+        print_json({**settings, "passed": not failed, "path": str(table.path), "rows": rows})
     elif not output.quiet:
-        _print(results, failed, output_path)
+        _print(results, failed)
+        print(f"every figure is in {table.path}")
     return 1 if failed else 0
 
 
-def _print(results: "list[CaseResult]", failed: "list[CaseResult]", output_path: Path) -> None:
+def _print(results: "list[CaseResult]", failed: "list[CaseResult]") -> None:
     print_table(Table(SHOWN, results))
     for result in results:
         if result.reason:
@@ -112,7 +103,6 @@ def _print(results: "list[CaseResult]", failed: "list[CaseResult]", output_path:
     print("passed: " + ", ".join(f"{method} {sum(kept)} of {len(kept)}" for method, kept in passed.items()))
     if failed:
         print(f"missed by a method that promises to pass: {', '.join(f'{r.case} ({r.method})' for r in failed)}")
-    print(f"every figure is in {output_path}")
 
 
 def _verdict(result: "CaseResult") -> str:

@@ -12,19 +12,19 @@ from hhsim.table.table import Table, number, words
 from ..arguments.comma_list import names
 from ..arguments.option_group import OptionGroup, option, shared
 from ..arguments.options import Number, Output
-from ..console import announce_compilation, print_json, print_notes, print_table, progress
+from ..console import print_notes, print_table
+from .suite import SuiteTable, measuring
 
 if TYPE_CHECKING:
     from hhsim.bench.manipulation.table import ManipulationOptions
 
 Row = Mapping[str, Any]
 
-
 SECONDS = Number(1.0, 1e6)
 
 
 class ManipulationSettings(OptionGroup):
-    """What is played, and for how long."""
+    """Cases and durations."""
 
     cases: tuple[str, ...] | None = shared(
         names(
@@ -38,7 +38,7 @@ class ManipulationSettings(OptionGroup):
     held: float | None = option(type=SECONDS, metavar="S", help="How long a block is held. Default: 60.")
 
     def options(self) -> "ManipulationOptions":
-        """The same for the library."""
+        """Return the options of the library."""
         from hhsim.bench.manipulation.table import ManipulationOptions
 
         named = self.given()
@@ -62,24 +62,21 @@ def command(settings: ManipulationSettings, output: Output) -> int:
       hhsim bench manipulation --out manipulation.h5 --json
     """
     from hhsim.bench.manipulation.table import COLUMNS, measure, missed, remarks
-    from hhsim.bench.table import csv_path, table_document, write_table
 
     run = settings.options()
-    output_path = output.table_path("manipulation")
-    announce_compilation(quiet=output.quiet)
-    with progress(quiet=output.quiet) as report:
+    table = SuiteTable(output, "manipulation", COLUMNS, asdict(run))
+    with measuring(output) as report:
         rows = measure(run, report)
-    write_table(output_path, "manipulation", COLUMNS, rows, asdict(run))
+    table.write(rows)
     wrong, notes = missed(rows), remarks()
     if output.as_json:
-        document = table_document(output_path, COLUMNS, asdict(run))
-        print_json({**document, "rows": rows, "missed": len(wrong), "notes": notes})
+        table.print_json(rows=rows, missed=len(wrong), notes=notes)
     elif not output.quiet:
         print_table(Table(SHOWN, rows))
         print()
         print(f"off by more than allowed: {counted(len(wrong), 'figure')}" if wrong else "every figure of ours holds")
         print_notes(notes)
-        print(f"the table is in {output_path} and {csv_path(output_path)}")
+        table.print_paths()
     return 1 if wrong else 0
 
 

@@ -9,11 +9,12 @@ from hhsim.table.table import Table, number, words
 from ..arguments.comma_list import counts
 from ..arguments.option_group import OptionGroup, option, shared
 from ..arguments.options import Output
-from ..console import announce_compilation, print_json, print_notes, print_table, progress
+from ..console import print_notes, print_table
+from .suite import SuiteTable, measuring
 
 
 class MeshSizeSettings(OptionGroup):
-    """Which object, and how much finer."""
+    """Object and subdivisions."""
 
     object_name: str = option("--object", metavar="NAME", default="bunny", help="Object of the catalogue.")
     subdivisions: tuple[int, ...] | None = shared(
@@ -36,22 +37,20 @@ def command(settings: MeshSizeSettings, output: Output) -> None:
       hhsim bench mesh-size --object teapot --subdivisions 1,2,3 --out sizes.h5
     """
     from hhsim.bench.mesh_size import COLUMNS, MeshSizeOptions, measure
-    from hhsim.bench.table import csv_path, table_document, write_table
 
     run = MeshSizeOptions(**settings.given())
-    output_path = output.table_path("mesh-size")
-    announce_compilation(quiet=output.quiet)
-    with progress(quiet=output.quiet) as report:
+    table = SuiteTable(output, "mesh-size", COLUMNS, asdict(run))
+    with measuring(output) as report:
         rows = measure(run, report)
-    write_table(output_path, "mesh-size", COLUMNS, rows, asdict(run))
+    table.write(rows)
     if output.as_json:
-        print_json({**table_document(output_path, COLUMNS, asdict(run)), "rows": rows})
+        table.print_json(rows=rows)
     elif not output.quiet:
         print_table(Table(SHOWN, rows, f"{run.object_name}, CPU time of a tick in contact"))
         print_notes(
             [f"{row['triangles']:,} triangles, {row['method']}: {row['failure']}" for row in rows if row["failure"]]
         )
-        print(f"the table is in {output_path} and {csv_path(output_path)}")
+        table.print_paths()
 
 
 SHOWN = (

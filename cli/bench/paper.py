@@ -14,18 +14,19 @@ from ..arguments import options
 from ..arguments.comma_list import names
 from ..arguments.option_group import OptionGroup, option, shared
 from ..arguments.options import COUNT
-from ..console import announce_compilation, print_json, print_line, print_table, progress
+from ..console import print_json, print_line, print_table
+from .suite import SuiteTable, measuring
 
 if TYPE_CHECKING:
     from hhsim.bench.paper.bench import PaperOptions
     from hhsim.bench.paper.table import PaperRow
 
 SHOWN_UNITS = {"s": ("µs", 1), "m": ("µm", 3), "%": ("%", 3), "1": ("", 0)}
-"""Of the stored unit of a figure the one that people read, and digits."""
+"""Unit and digits that are printed, by the stored unit of a figure."""
 
 
 class PaperSettings(OptionGroup):
-    """What is run by which methods, and how often."""
+    """Methods, objects and repetitions."""
 
     methods: tuple[str, ...] | None = shared(
         names("--method", "methods", "Methods. Default: paper,progressive,coupled.")
@@ -37,7 +38,7 @@ class PaperSettings(OptionGroup):
     seed: int = shared(options.seed)
 
     def options(self) -> "PaperOptions":
-        """The same for the library."""
+        """Return the options of the library."""
         from hhsim.bench.paper.bench import PaperOptions
 
         named = self.given()
@@ -73,18 +74,17 @@ def command(settings: PaperSettings, plot: Path | None, output: options.Output) 
     from hhsim.bench.table import check_table_path, table_document, write_table
 
     run = settings.options()
-    output_path = output.table_path("paper")
-    scenes = output_path.with_name(f"{output_path.stem}-scenes{output_path.suffix}")
+    table = SuiteTable(output, "paper", ROW_COLUMNS, asdict(run))
+    scenes = table.path.with_name(f"{table.path.stem}-scenes{table.path.suffix}")
     check_table_path(scenes)
     if plot is not None:
         from hhsim.render.paper_figures import check_folder
 
         check_folder(plot)
-    announce_compilation(quiet=output.quiet)
-    with progress(quiet=output.quiet) as report:
+    with measuring(output) as report:
         runs = measure(run, report)
         rows, played = paper_rows(runs, run), scene_rows(runs)
-        write_table(output_path, "paper", ROW_COLUMNS, [row.to_json() for row in rows], asdict(run))
+        table.write([row.to_json() for row in rows])
         write_table(scenes, "paper", SCENE_COLUMNS, played, asdict(run))
         pictures: list[Path] = []
         if plot is not None:
@@ -94,15 +94,9 @@ def command(settings: PaperSettings, plot: Path | None, output: options.Output) 
     failed = missed(rows)
     if output.as_json:
         written = {"scenes_table": str(scenes), "pictures": [str(picture) for picture in pictures]}
-        print_json(
-            {
-                **table_document(output_path, SCENE_COLUMNS, asdict(run), **written),
-                "passed": not failed,
-                "missed": [row.to_json() for row in failed],
-                "rows": [row.to_json() for row in rows],
-                "scenes": played,
-            }
-        )
+        document = table_document(table.path, SCENE_COLUMNS, asdict(run), **written)
+        missing, whole = ([row.to_json() for row in some] for some in (failed, rows))
+        print_json({**document, "passed": not failed, "missed": missing, "rows": whole, "scenes": played})
     elif not output.quiet:
         _print_rows(rows, run.methods)
         _print_cases(played)
@@ -110,7 +104,7 @@ def command(settings: PaperSettings, plot: Path | None, output: options.Output) 
             print(f"missed: {row.label}, {row.method}: {_shown(row.ours, row.unit)}, bar {_shown(row.bar, row.unit)}")
         if not failed:
             print("every bar is kept by the methods that promise to")
-        print(f"the tables are in {output_path}, {scenes} and .csv files beside them")
+        print(f"the tables are in {table.path}, {scenes} and .csv files beside them")
         if pictures:
             print(f"{counted(len(pictures), 'picture')} written to {plot}")
     return 1 if failed else 0

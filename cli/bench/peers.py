@@ -1,9 +1,8 @@
 """`hhsim bench peers`."""
 
-from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -13,16 +12,15 @@ from ..arguments import options
 from ..arguments.comma_list import names
 from ..arguments.option_group import OptionGroup, option, shared
 from ..arguments.options import COUNT
-from ..console import announce_compilation, print_json, print_notes, print_table, progress
+from ..console import print_notes, print_table
+from .suite import SuiteTable, measuring
 
 if TYPE_CHECKING:
     from hhsim.bench.peers import PeersOptions
 
-Row = Mapping[str, Any]
-
 
 class PeersSettings(OptionGroup):
-    """What is run, each with each."""
+    """Objects, motions and methods, each with each."""
 
     objects: tuple[str, ...] | None = shared(
         names("--object", "objects", "Objects. Default: bunny,teapot,cube,sphere.")
@@ -43,7 +41,7 @@ class PeersSettings(OptionGroup):
     seed: int = shared(options.seed)
 
     def options(self) -> "PeersOptions":
-        """The same for the library."""
+        """Return the options of the library."""
         from hhsim.bench.peers import PeersOptions
 
         named = self.given()
@@ -71,37 +69,30 @@ def command(settings: PeersSettings, plot: Path | None, output: options.Output) 
     from hhsim.bench.peers import installed, measure
     from hhsim.bench.peers_table import COLUMNS, remarks, table_rows, won_by_others
     from hhsim.bench.speed_error_table import ALL
-    from hhsim.bench.table import csv_path, table_document, write_table
     from hhsim.render.peers_figure import draw_peers
     from hhsim.system.picture_path import picture_beside
 
     run = settings.options()
-    output_path = output.table_path("peers")
-    picture = picture_beside(output_path, plot)
-    announce_compilation(quiet=output.quiet)
-    with progress(quiet=output.quiet, lines=True) as report:
+    table = SuiteTable(output, "peers", COLUMNS, asdict(run))
+    picture = table.picture = picture_beside(table.path, plot)
+    with measuring(output, lines=True) as report:
         runs = measure(run, report)
     rows = table_rows(runs)
     notes = [*installed(run)[1], *remarks(runs)]
-    write_table(output_path, "peers", COLUMNS, rows, asdict(run))
+    table.write(rows)
     draw_peers(picture, rows)
     if output.as_json:
-        document = table_document(output_path, COLUMNS, asdict(run), plot=str(picture))
-        print_json({**document, "rows": rows, "won_by_others": won_by_others(rows), "notes": notes})
+        table.print_json(rows=rows, won_by_others=won_by_others(rows), notes=notes)
     elif not output.quiet:
         for name in run.objects:
             summed = [row for row in rows if (row["object"], row["motion"]) == (name, ALL)]
-            _print(f"{name}: {', '.join(run.motions)}", summed)
+            by_time = sorted(summed, key=lambda row: row["tick_cpu_p50"])
+            print_table(Table(SHOWN, by_time, f"{name}: {', '.join(run.motions)}"))
+            print()
         for row in won_by_others(rows):
             print(f"{row['object']}, {row['motion']}: none of ours is as near and as fast as {row['method']}")
         print_notes(notes)
-        print(f"the table is in {output_path} and {csv_path(output_path)}, the picture in {picture}")
-
-
-def _print(title: str, rows: Sequence[Row]) -> None:
-    by_time = sorted(rows, key=lambda row: row["tick_cpu_p50"])
-    print_table(Table(SHOWN, by_time, title))
-    print()
+        table.print_paths()
 
 
 SHOWN = (

@@ -9,16 +9,15 @@ from hhsim.table.table import Table, number, stored_unit, words
 
 from ..arguments import options
 from ..arguments.comma_list import names
-from ..console import announce_compilation, print_json, print_notes, print_table, progress
+from ..console import print_json, print_notes, print_table
+from .suite import SuiteTable, measuring
 
 
 @click.command()
 @click.option("--problems", type=options.COUNT, default=100_000, metavar="N", help="Programs of real ticks to take.")
 @names("--object", "objects", "Objects of the ticks. Default: sphere,cube,rock,cup,teapot,bunny.")
 @names(
-    "--motion",
-    "motions",
-    "Motions of the ticks; random: random targets. Default: grasp,pinch,whole-hand,slide,random.",
+    "--motion", "motions", "Motions of the ticks; random: random targets. Default: grasp,pinch,whole-hand,slide,random."
 )
 @names("--qp", "backends", "QP solvers beside ours. Default: all that are installed.")
 @click.option(
@@ -52,31 +51,24 @@ def command(
     """
     from dataclasses import asdict
 
-    from hhsim.bench.qp.bench import (
-        COLUMNS,
-        bench_qp,
-        missed_programs,
-        solver_versions,
-    )
+    from hhsim.bench.qp.bench import COLUMNS, bench_qp, missed_programs, solver_versions
     from hhsim.bench.qp.problem_file import check_problem_file
     from hhsim.bench.qp.recorded_problems import MOTIONS, OBJECTS, QpBenchOptions
-    from hhsim.bench.table import write_table
 
     chosen = QpBenchOptions(
         problems=problems, objects=objects or OBJECTS, motions=motions or MOTIONS, backends=backends, seed=seed
     )
     if programs is not None:
         check_problem_file(programs)
-    output_path = output.table_path("qp")
-    announce_compilation(quiet=output.quiet)
-    with progress(quiet=output.quiet) as report:
+    table = SuiteTable(output, "qp", COLUMNS, asdict(chosen))
+    with measuring(output) as report:
         rows = bench_qp(chosen, programs, report)
-    write_table(output_path, "qp", COLUMNS, rows, asdict(chosen))
+    table.write(rows)
     missed, versions = missed_programs(rows), solver_versions(chosen.solvers())
     if output.as_json:
         print_json(
             {
-                "table": str(output_path),
+                "table": str(table.path),
                 "programs": None if programs is None else str(programs),
                 "options": asdict(chosen),
                 "units": {column.name: stored_unit(column.unit) for column in COLUMNS},
@@ -91,7 +83,7 @@ def command(
         print(f"solvers: {', '.join(f'{name} {version}'.strip() for name, version in versions.items())}")
         if programs is not None:
             print(f"the programs are in {programs}")
-        print(f"all of it is in {output_path} and beside it as CSV")
+        print(f"all of it is in {table.path} and beside it as CSV")
     print_notes(missed, prefix="missed")
     return 1 if missed else 0
 

@@ -11,8 +11,8 @@ from ..arguments import options
 from ..arguments.comma_list import names
 from ..arguments.object_argument import MeshSize, complete_object
 from ..arguments.option_group import shared
-from ..console import announce_compilation, print_json, print_line, print_table, progress
-from .solvers import Solvers
+from ..console import print_json, print_line, print_table
+from .suite import Solvers, measuring
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -42,17 +42,17 @@ SHOWN = (
 )
 
 OPTIONAL = ("tip [mm/tick]", "sample [%]", "ticks", "lag [mm]", "no cause")
-"""What a narrow terminal does without."""
+"""Columns that a narrow terminal leaves out."""
 
 
 class RecordedMotion(options.Sampling):
-    """How a recording becomes ticks, and where its object is."""
+    """Sampling of a recording, and the place of its object."""
 
     place_object: Literal["auto", "recorded"] = options.place_object("auto")
 
 
 class RecordedSolvers(Solvers):
-    """Those that are run where none is named are the safe ones."""
+    """Solvers; the safe ones if none is named."""
 
     methods: tuple[str, ...] | None = shared(names("--method", "methods", "Methods. Default: coupled,progressive."))
 
@@ -110,14 +110,13 @@ def command(
 
     named = solvers.options(("coupled", "progressive"))
     files = recording_files(recordings)[:limit]
-    announce_compilation(quiet=output.quiet)
     chosen = {
         name: mesh_size.read(name) if names_a_file(name) else resolve_object(name)
         for name in objects or ("bunny", "cup")
     }
     output_path = output.table_path("recorded")
     run = RecordedOptions(rate=motion.rate, mode=motion.samples, place=motion.place_object, ticks=ticks, seed=seed)
-    with progress(quiet=output.quiet) as report:
+    with measuring(output) as report:
         placed = [
             BenchObject(mesh.name, mesh, cached_sphere_tree(mesh, TreeOptions(level=level or usual), report))
             for mesh, usual in chosen.values()

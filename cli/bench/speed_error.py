@@ -13,17 +13,17 @@ from ..arguments import options
 from ..arguments.comma_list import counts, names
 from ..arguments.option_group import GroupedCommand, OptionGroup, option, shared
 from ..arguments.options import COUNT
-from ..console import announce_compilation, print_json, print_notes, print_table, progress
+from ..console import print_notes, print_table
+from .suite import SuiteTable, measuring
 
 if TYPE_CHECKING:
     from hhsim.bench.speed_error import SpeedErrorOptions
-
 
 Row = Mapping[str, Any]
 
 
 class Configurations(OptionGroup, heading="Configurations"):
-    """What is run, and how: each with each."""
+    """Configurations and scenes, each with each."""
 
     objects: tuple[str, ...] | None = shared(names("--object", "objects", "Objects. Default: bunny,teapot,cube."))
     motions: tuple[str, ...] | None = shared(
@@ -61,7 +61,7 @@ class Configurations(OptionGroup, heading="Configurations"):
     seed: int = shared(options.seed)
 
     def options(self) -> "SpeedErrorOptions":
-        """The same for the library."""
+        """Return the options of the library."""
         from hhsim.bench.speed_error import SpeedErrorOptions
         from hhsim.solver.qp import ACTIVE_SET
 
@@ -97,32 +97,24 @@ def command(configurations: Configurations, plot: Path | None, peers: Path | Non
     """
     from hhsim.bench.speed_error import measure
     from hhsim.bench.speed_error_table import ALL, COLUMNS, chosen, remarks, table_rows
-    from hhsim.bench.table import csv_path, rows_of, table_document, write_table
+    from hhsim.bench.table import rows_of
     from hhsim.render.speed_error_figure import draw_speed_error
     from hhsim.system.picture_path import picture_beside
 
     run = configurations.options()
-    output_path = output.table_path("speed-error")
-    picture = picture_beside(output_path, plot)
+    table = SuiteTable(output, "speed-error", COLUMNS, asdict(run))
+    picture = table.picture = picture_beside(table.path, plot)
     others = [] if peers is None else rows_of(peers, "peers")
-    announce_compilation(quiet=output.quiet)
-    with progress(quiet=output.quiet) as report:
+    with measuring(output) as report:
         runs = measure(run, report)
     rows = table_rows(runs)
     notes = remarks(runs)
-    write_table(output_path, "speed-error", COLUMNS, rows, asdict(run))
+    table.write(rows)
     draw_speed_error(picture, rows, others)
     summed, solvers = chosen(rows, object=ALL, motion=ALL), chosen(rows, object=ALL, motion=ALL, stretch=True)
     if output.as_json:
-        print_json(
-            {
-                **table_document(output_path, COLUMNS, asdict(run), plot=str(picture)),
-                "configurations": summed,
-                "by_object": [row for row in chosen(rows, motion=ALL) if row["object"] != ALL],
-                "qp_solvers": solvers,
-                "notes": notes,
-            }
-        )
+        by_object = [row for row in chosen(rows, motion=ALL) if row["object"] != ALL]
+        table.print_json(configurations=summed, by_object=by_object, qp_solvers=solvers, notes=notes)
     elif not output.quiet:
         where = f"{', '.join(run.objects)}: {', '.join(run.motions)}"
         _print(f"Nothing is both faster and better ({where})", [r for r in summed if _frontier(r)], SHOWN)
@@ -130,11 +122,11 @@ def command(configurations: Configurations, plot: Path | None, peers: Path | Non
         if solvers:
             _print_solvers(solvers)
         print_notes(notes)
-        print(f"the table is in {output_path} and {csv_path(output_path)}, the picture in {picture}")
+        table.print_paths()
 
 
 def _as_it_comes(row: Row) -> bool:
-    """Whether nobody asked for anything but the mesh."""
+    """True for a method's defaults, or its defaults on the mesh."""
     from hhsim.bench.speed_error import usual_linearisations
 
     on_mesh = row["surface"] == "mesh" and row["linearisations"] == usual_linearisations(row["method"])
@@ -158,7 +150,7 @@ def _print(title: str, rows: Sequence[Row], columns: Sequence[Column]) -> None:
 
 
 def _frontier(row: Row) -> str:
-    """Which frontiers a row is on."""
+    """Names of the frontiers that a row is on."""
     names = {"mesh_frontier": "mesh", "tracking_frontier": "pose"}
     return ", ".join(name for flag, name in names.items() if row[flag])
 

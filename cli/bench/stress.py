@@ -11,8 +11,8 @@ from hhsim.table.table import Table, number, words
 from ..arguments import options
 from ..arguments.object_argument import MeshSize, complete_object
 from ..arguments.option_group import GroupedCommand, OptionGroup, option
-from ..console import announce_compilation, print_json, print_table, progress
-from .solvers import Solvers
+from ..console import print_json, print_table
+from .suite import Solvers, SuiteTable, measuring
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -42,7 +42,7 @@ SHOWN = (
 
 
 class Targets(OptionGroup, heading="Targets"):
-    """How long the hand goes to random targets, and how; `step` in [mm]."""
+    """Random targets of the hand, and the way to them; `step` in [mm]."""
 
     ticks: int = option(type=options.COUNT, default=20_000, metavar="N", help="Ticks of each object by each method.")
     wild: bool = option(
@@ -60,15 +60,13 @@ class Targets(OptionGroup, heading="Targets"):
     )
 
     def options(self) -> "StressOptions":
-        """The same for the library."""
+        """Return the options of the library."""
         from hhsim.bench.robustness.random_targets import StressOptions
 
         return StressOptions(hold=self.hold, longest_step=1e-3 * self.step, bound=self.bound, wild=self.wild)
 
 
-@click.command(
-    cls=GroupedCommand,
-)
+@click.command(cls=GroupedCommand)
 @click.argument("objects", metavar="[OBJECT]...", nargs=-1, shell_complete=complete_object)
 @Solvers.argument("solvers")
 @Targets.argument("targets")
@@ -110,9 +108,8 @@ def command(
       hhsim bench stress bunny --surface spheres,mesh --method coupled
     """
     from hhsim.bench.robustness.stress import run_stress
-    from hhsim.bench.robustness.stress_case import StressCase
+    from hhsim.bench.robustness.stress_measurement import StressCase
     from hhsim.bench.robustness.stress_metrics import COLUMNS
-    from hhsim.bench.table import write_table
     from hhsim.hand.model import HandModel
     from hhsim.mesh.catalogue import object_names
     from hhsim.solver.method import METHODS, never_penetrates
@@ -125,17 +122,22 @@ def command(
         changed["margin"] = 1e-3 * linearising.margin
     chosen = solvers.options(tuple(METHODS), **changed)
     stress = targets.options()
-    announce_compilation(quiet=output.quiet)
     by_name = (("--level", level), ("--unit", mesh_size.unit), ("--size", mesh_size.size))
-    described_by = [
-        f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}"
-        for name, value in by_name
-        if value is not None
-    ]
+    shown = {name: f"{value:g}" if isinstance(value, float) else value for name, value in by_name if value is not None}
     meshes = {name: mesh_size.read(name) for name in objects or object_names()}
-    output_path = output.table_path("stress")
+    described = {
+        "objects": list(meshes),
+        "unit": mesh_size.unit,
+        "size_mm": mesh_size.size,
+        "level": level,
+        "ticks": targets.ticks,
+        "seed": seed,
+        "stress": stress.to_json(),
+        "solver": [solver.to_json() for solver in chosen],
+    }
+    table = SuiteTable(output, "stress", COLUMNS, described)
     hand = HandModel.default()
-    with progress(quiet=output.quiet) as report:
+    with measuring(output) as report:
         cases = []
         for name, (mesh, usual) in meshes.items():
             tree = cached_sphere_tree(mesh, TreeOptions(level=level or usual), report)
@@ -144,7 +146,7 @@ def command(
                 cases.append(
                     StressCase(
                         object=name,
-                        object_options=" ".join(described_by),
+                        object_options=" ".join(f"{name} {value}" for name, value in shown.items()),
                         tree=tree,
                         mesh=mesh,
                         hand=hand,
@@ -156,26 +158,16 @@ def command(
                     )
                 )
         figures = list(run_stress(cases, jobs=jobs, progress=report))
-    described = {
-        "objects": list(meshes),
-        "unit": mesh_size.unit,
-        "size_mm": mesh_size.size,
-        "level": level,
-        "ticks": targets.ticks,
-        "seed": seed,
-        "stress": stress.to_json(),
-        "solver": [solver.to_json() for solver in chosen],
-    }
     records = Table(COLUMNS, figures).records
-    write_table(output_path, "stress", COLUMNS, records, described)
+    table.write(records)
     missed = any(row.missed for row in figures)
     if output.as_json:
         failures = ([asdict(failure) for failure in row.failures] for row in figures)
         rows = [{**record, "failures": each} for record, each in zip(records, failures)]
-        print_json({"suite": "stress", "missed": missed, "rows": rows, "options": described, "path": str(output_path)})
+        print_json({"suite": "stress", "missed": missed, "rows": rows, "options": described, "path": str(table.path)})
     elif not output.quiet:
         _print(figures)
-        print(f"every figure is in {output_path}")
+        print(f"every figure is in {table.path}")
     return int(missed)
 
 

@@ -9,11 +9,12 @@ from hhsim.table.table import Table, number, words
 from ..arguments.comma_list import counts, names
 from ..arguments.option_group import OptionGroup, option, shared
 from ..arguments.options import COUNT, Output
-from ..console import announce_compilation, print_json, print_notes, print_table, progress
+from ..console import print_notes, print_table
+from .suite import SuiteTable, measuring
 
 
 class ThreadsSettings(OptionGroup):
-    """What is replayed, by how many threads, and how often."""
+    """Objects, numbers of threads, and repetitions."""
 
     objects: tuple[str, ...] | None = shared(names("--object", "objects", "Objects. Default: cup,bunny."))
     threads: tuple[int, ...] | None = shared(counts("--threads", "threads", "Numbers of threads. Default: 1,2.", 6))
@@ -37,25 +38,16 @@ def command(settings: ThreadsSettings, output: Output) -> None:
       hhsim bench threads --object bunny --threads 1,2,3
       hhsim bench threads --out threads.h5 --json
     """
-    from hhsim.bench.table import csv_path, table_document, write_table
     from hhsim.bench.threads import COLUMNS, ThreadsOptions, measure, remarks, when_threads_pay
 
     run = ThreadsOptions(**settings.given())
-    output_path = output.table_path("threads")
-    announce_compilation(quiet=output.quiet)
-    with progress(quiet=output.quiet) as report:
+    table = SuiteTable(output, "threads", COLUMNS, asdict(run))
+    with measuring(output) as report:
         rows = measure(run, report)
-    write_table(output_path, "threads", COLUMNS, rows, asdict(run))
+    table.write(rows)
     sentences, notes = when_threads_pay(rows), remarks(rows)
     if output.as_json:
-        print_json(
-            {
-                **table_document(output_path, COLUMNS, asdict(run)),
-                "rows": rows,
-                "when": sentences,
-                "notes": notes,
-            }
-        )
+        table.print_json(rows=rows, when=sentences, notes=notes)
     elif not output.quiet:
         title = f"wall time of a tick, mean of {rows[0]['instances']} instances in contact"
         print_table(Table(SHOWN, rows, title))
@@ -63,7 +55,7 @@ def command(settings: ThreadsSettings, output: Output) -> None:
         for sentence in sentences:
             print(sentence)
         print_notes(notes)
-        print(f"the table is in {output_path} and {csv_path(output_path)}")
+        table.print_paths()
 
 
 SHOWN = (

@@ -10,11 +10,12 @@ from hhsim.table.table import Table, number, words
 from ..arguments import options
 from ..arguments.comma_list import counts, names
 from ..arguments.option_group import OptionGroup, shared
-from ..console import announce_compilation, print_json, print_notes, print_table, progress
+from ..console import print_notes, print_table
+from .suite import SuiteTable, measuring
 
 
 class TreesSettings(OptionGroup):
-    """Which trees are built, of what."""
+    """Objects and sizes of the trees."""
 
     objects: tuple[str, ...] | None = shared(
         names("--object", "objects", "Objects. Default: bunny,teapot,cube,hexagonal-prism,cylinder,cup.")
@@ -50,28 +51,20 @@ def command(settings: TreesSettings, size: float, time_limits: bool, plot: Path 
       hhsim bench trees --object bunny --spheres 64,128,256,512
       hhsim bench trees --out trees.h5 --plot trees.png --time-limits
     """
-    from hhsim.bench.table import csv_path, table_document, write_table
     from hhsim.bench.trees import COLUMNS, TreesOptions, measure, missed_bars
     from hhsim.render.tree_comparison_figure import draw_trees
     from hhsim.system.picture_path import picture_beside
 
     run = TreesOptions(size=1e-3 * size, **settings.given())
-    output_path = output.table_path("trees")
-    picture = picture_beside(output_path, plot)
-    announce_compilation(quiet=output.quiet)
-    with progress(quiet=output.quiet) as report:
+    table = SuiteTable(output, "trees", COLUMNS, asdict(run))
+    picture = table.picture = picture_beside(table.path, plot)
+    with measuring(output) as report:
         rows = measure(run, report)
-    write_table(output_path, "trees", COLUMNS, rows, asdict(run))
+    table.write(rows)
     draw_trees(picture, rows, run.size)
     missed = missed_bars(rows, with_times=time_limits)
     if output.as_json:
-        print_json(
-            {
-                **table_document(output_path, COLUMNS, asdict(run), plot=str(picture)),
-                "rows": rows,
-                "missed": missed,
-            }
-        )
+        table.print_json(rows=rows, missed=missed)
     elif not output.quiet:
         for name in run.objects:
             print_table(Table(SHOWN, [row for row in rows if row["object"] == name], name))
@@ -80,7 +73,7 @@ def command(settings: TreesSettings, size: float, time_limits: bool, plot: Path 
             print_notes(["coal is not installed: the errors are those that every tree is measured with"])
         if any(row["is_reference"] for row in rows):
             print("in brackets: other programs, as measured in November 2026 on one core of a 2-core machine")
-        print(f"the table is in {output_path} and {csv_path(output_path)}, the picture in {picture}")
+        table.print_paths()
     print_notes(missed, prefix="missed")
     return 1 if missed else 0
 

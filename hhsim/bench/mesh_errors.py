@@ -1,15 +1,15 @@
-"""How far a hand is off an object's true mesh, tick by tick, by an independent library: coal's distances.
+"""Errors of a hand against an object's true mesh, tick by tick, by the independent library coal.
 
-Contact points are looked for on the surface that the run had; how far they are from the mesh, and how deep the hand is
-in it, is told by coal (`hhsim.verify.mesh_distance`), which shares no code with the solver.
+Contact points are searched on the surface of the run; their distances from the mesh, and the hand's depth in it, are
+coal's (`hhsim.verify.mesh_distance`), which shares no code with the solver.
 """
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
-from hhsim.bench.sampled_ticks import sampled
 from hhsim.errors import MeshError
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.kernels.hand.hand_shape import HandShape
@@ -20,20 +20,19 @@ from hhsim.verify.tree_checks import coal_model, nearest_on
 from hhsim.verify.verify import require_coal
 
 MOST_HANDS = 400
-"""Hands of a run whose depth is measured, at 6 to 18 ms each: all that differ in a grasp, two in five in a slide."""
+"""Hands of a run whose depth is measured, 6 to 18 ms each: all that differ in a grasp, two in five in a slide."""
 SAME = 12
-"""Lengths that agree to so many decimals [m] are the same."""
+"""Decimals to which equal lengths [m] agree."""
 
 
 class MeshErrors(NamedTuple):
-    """What a run has to do with the mesh; lengths [m], NaN where they are undefined.
+    """Errors of a run; lengths [m], NaN where undefined.
 
-    | field | meaning |
-    |---|---|
-    | depth_max, depth_p95 | of the hand in the mesh, at the ticks it was measured at |
-    | contact_mean, contact_max | distance of the contact points from the mesh, of all ticks looked at |
-    | points | contact points, those at the same place once |
-    | ticks | at which the depth was measured |
+    Attributes:
+        depth_max, depth_p95: Depth of the hand in the mesh, at the ticks it was measured at.
+        contact_mean, contact_max: Distance of the contact points from the mesh, of all ticks given.
+        points: Number of contact points, those at the same place once.
+        ticks: Number of ticks at which the depth was measured.
     """
 
     depth_max: float
@@ -47,8 +46,14 @@ class MeshErrors(NamedTuple):
 NOTHING = MeshErrors(np.nan, np.nan, np.nan, np.nan, 0, 0)
 
 
+def sampled(ticks: IntArray, count: int, also: Sequence[int] = ()) -> IntArray:
+    """Return `count` of some ticks, evenly spread with both ends, or all if there are fewer; and `also`."""
+    spread = ticks[np.linspace(0, ticks.size - 1, min(count, ticks.size)).astype(int)] if ticks.size else ticks
+    return np.unique(np.concatenate([spread, np.array(also, np.int64)]).astype(np.int64))
+
+
 class MeshReferee:
-    """Holds runs against one mesh.
+    """Measures runs against one mesh.
 
     Args:
         mesh: World [m].
@@ -56,9 +61,6 @@ class MeshReferee:
 
     Raises:
         InputError: coal is not installed.
-
-    Attributes:
-        closed: Whether the mesh is watertight: nothing is inside of another one, and a depth in it is undefined.
     """
 
     def __init__(self, mesh: Mesh, most_hands: int = MOST_HANDS) -> None:
@@ -73,7 +75,7 @@ class MeshReferee:
 
     @property
     def closed(self) -> bool:
-        """See the class."""
+        """True if the mesh is watertight; otherwise a depth in it is undefined."""
         return self._depths is not None
 
     def errors(
@@ -82,11 +84,11 @@ class MeshReferee:
         """Measure a run.
 
         Args:
-            surface: What the run touched, world: the arrays of a surface.
-            placed: Where the hand was at every tick.
-            touch: A body and a piece of the surface no farther apart than this touch [m].
-            contact: Ticks to look at, ascending.
-            also: Ticks whose depth is measured in any case, such as the one deepest in the surface.
+            surface: Arrays of the surface of the run, world.
+            placed: Graphic hand of every tick.
+            touch: Largest distance of a body and a piece of the surface that touch [m].
+            contact: Ticks whose contact points are measured, ascending.
+            also: Ticks whose depth is measured in any case.
         """
         if contact.size == 0:
             return NOTHING
@@ -100,7 +102,7 @@ class MeshReferee:
         return MeshErrors(deepest, p95, mean, most, len(points), depth.size)
 
     def _depth(self, shape: HandShape, placed: PlacedHand, ticks: IntArray, also: IntArray) -> FloatArray:
-        """Depth [m] at as many ticks as there is leave for; none where nothing is inside of the mesh."""
+        """Depth [m] at the measured ticks; empty for a mesh that is not closed."""
         if self._depths is None:
             return np.zeros(0)
         some = placed.at(ticks)

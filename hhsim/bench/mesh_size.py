@@ -1,9 +1,8 @@
-"""How getting ready and a tick grow with the triangles: one object, finer and finer, under the same motion.
+"""Growth of preparation and tick with the triangles: one object, finer and finer, under the same motion.
 
-A finer mesh is the object by Loop's subdivision, which rounds it, with each new vertex moved a little along its normal:
-no two faces are coplanar, as in a scan. Getting ready is measured in a fresh process, once without what the cache keeps
-and once with it: reading the file, the tree that closes a script's fingers, the hierarchy of the contacts. The ticks of
-all sizes take turns in this one, so that what else the machine does falls on all of them.
+A finer mesh is the object by Loop's subdivision, each new vertex moved a little along its normal: no two faces are
+coplanar, as in a scan. Preparation (reading the file, the tree that closes a script's fingers, the hierarchy of the
+contacts) is measured in a fresh process, without and with a cached tree. The ticks of all sizes take turns in this one.
 """
 
 import resource
@@ -43,27 +42,22 @@ Row = dict[str, Any]
 METHODS = ("coupled", "progressive")
 MOTION = "grasp"
 ROUNDS = 3
-"""Of every run; of each tick their median counts."""
+"""Rounds of every run; of each tick their median counts."""
 MOST_SUBDIVISIONS = 6
-"""Fifteen million triangles of the bunny."""
+"""Limit of the subdivisions: fifteen million triangles of the bunny."""
 ROUGHNESS = 0.02
-"""Standard deviation of how far a vertex is moved, over the mean length of the edges."""
+"""Standard deviation of a vertex's displacement over the mean length of the edges."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class MeshSizeOptions:
-    """What is measured.
-
-    Attributes:
-        object_name: Of the catalogue.
-        subdivisions: How often each triangle becomes four; the object as it is stands before them.
-    """
+    """Options of the suite; `subdivisions` counts how often each triangle becomes four, besides the object as it is."""
 
     object_name: str = "bunny"
     subdivisions: tuple[int, ...] = (2, 4)
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be measured."""
+        """Raise InputError for an unknown object or a number out of range."""
         check_known("object", (self.object_name,), object_names())
         for times in self.subdivisions:
             if not 1 <= times <= MOST_SUBDIVISIONS:
@@ -88,12 +82,7 @@ COLUMNS = (
 
 
 def finer_mesh(mesh: Mesh, subdivisions: int) -> Mesh:
-    """The mesh with each triangle made into four so many times, rounded and a little rough; seeded.
-
-    Args:
-        mesh: Closed [m].
-        subdivisions: 0 gives the mesh itself.
-    """
+    """Return a closed mesh [m] with each triangle made into four so many times, rounded and a little rough; seeded."""
     if subdivisions == 0:
         return mesh
     from trimesh import Trimesh, remesh
@@ -107,14 +96,14 @@ def finer_mesh(mesh: Mesh, subdivisions: int) -> Mesh:
 
 
 class Preparation(NamedTuple):
-    """What getting ready takes: [s], and the most memory that the process held [B]."""
+    """Time of the preparation [s], and the peak memory of its process [B]."""
 
     seconds: float
     memory: float
 
 
 def prepare(path: Path, level: int) -> Preparation:
-    """Get ready for ticks on the triangles of a mesh file, with a tree of this level; compiling is not counted."""
+    """Prepare ticks on the triangles of a mesh file, with a tree of this level; compilation is not counted."""
     warm_up(HandModel.default(), SolverOptions(surface="mesh"))
     began = time.perf_counter()
     mesh = load_mesh(path, solid=False)
@@ -123,7 +112,7 @@ def prepare(path: Path, level: int) -> Preparation:
 
 
 def _most_memory() -> float:
-    # Not getrusage where there is /proc: of a process that another one started it counts what that one held.
+    # getrusage counts the memory of the parent process too, so /proc is read where there is one.
     try:
         lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
         return 1024.0 * next(float(line.split()[1]) for line in lines if line.startswith("VmHWM"))
@@ -143,14 +132,14 @@ class _Size:
     failure: dict[str, str] = field(default_factory=dict)
 
     def tick_cpu(self, method: str) -> FloatArray:
-        """CPU time of each tick in contact, the median of the rounds [s]; empty where there are none."""
+        """CPU time of each tick in contact, the median of the rounds [s]."""
         if method not in self.work:
             return np.zeros(0)
         return 1e-9 * np.median(self.cpu[method], axis=0)[self.work[method][:, WORK_TOUCHING] > 0]
 
 
 def measure(options: MeshSizeOptions, progress: Progress = silent) -> list[Row]:
-    """Measure every size with both methods; a row each, by the names of `COLUMNS`.
+    """Measure every size with both methods; return a row each, by the names of `COLUMNS`.
 
     Raises:
         TrajectoryError: The object cannot be grasped.
@@ -176,18 +165,14 @@ def measure(options: MeshSizeOptions, progress: Progress = silent) -> list[Row]:
 
 def _size(mesh: Mesh) -> _Size:
     with TemporaryDirectory(prefix="hhsim-") as folder:
+        from trimesh import Trimesh
+
         path = Path(folder) / f"{mesh.name}.stl"
-        _write_stl(path, mesh)
+        Trimesh(mesh.vertices, mesh.faces, process=False).export(path)
         read = load_mesh(path, solid=False)
         cache_path(read, TreeOptions(level=MESH_LEVEL)).unlink(missing_ok=True)
         first, again = _in_fresh_process(path), _in_fresh_process(path)
         return _Size(len(read.faces), first, again, contact_surface("mesh", read, None).arrays)
-
-
-def _write_stl(path: Path, mesh: Mesh) -> None:
-    from trimesh import Trimesh
-
-    Trimesh(mesh.vertices, mesh.faces, process=False).export(path)
 
 
 def _in_fresh_process(path: Path) -> Preparation:

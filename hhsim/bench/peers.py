@@ -1,10 +1,8 @@
-"""Other engines beside our methods: the same hand, objects and motions, judged by the same independent distances.
+"""Other engines beside our methods: the same hand, objects and motions, measured by the same independent distances.
 
-Every method has a hand whose phalanges are capsules, which all engines know, so that all have the same geometry. The
-haptic input of a scene is made once. The runs take turns, each repetition in the opposite order of the one before; of
-each tick the median of the repetitions counts; runs that take long are made once. Errors are those of the first
-repetition, against the true mesh, by coal: how deep the hand is in it, and how far from it a body is that the method
-says is pushed.
+Every method has a hand whose phalanges are capsules, which all engines know. The haptic input of a scene is made once.
+The runs take turns, each repetition in the opposite order of the one before; of each tick the median of the repetitions
+counts; long runs are made once. Errors are those of the first repetition, against the true mesh, by coal.
 """
 
 from collections.abc import Iterator
@@ -14,20 +12,21 @@ from typing import Any
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray
-from hhsim.bench.run_errors import NEAR, check_finite, first_hold_tremor, hand_clearance, placed_of
-from hhsim.bench.sampled_ticks import sampled
-from hhsim.errors import HhsimError, InputError, check_known
+from hhsim.bench.figure_columns import figure, mean, metric, worst
+from hhsim.bench.mesh_errors import sampled
+from hhsim.bench.run_errors import NEAR, check_finite, check_scenes, first_hold_tremor, hand_clearance, placed_of
+from hhsim.errors import HhsimError, InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
-from hhsim.mesh.catalogue import load_object, object_names
+from hhsim.mesh.catalogue import load_object
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics import metrics
 from hhsim.metrics.run.registry import run_figure
 from hhsim.metrics.run_ticks import RunTicks, hold_slices
 from hhsim.motion.trajectory import TickInput
-from hhsim.scene.motion_catalogue import load_script, script_names
+from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import make_scene
 from hhsim.scene.synthesis import synthesize
 from hhsim.solver.compile import warm_up
@@ -44,28 +43,27 @@ from hhsim.verify.mesh_distance import HandReferee
 from hhsim.verify.verify import require_coal
 
 OURS: tuple[tuple[str, str], ...] = (("coupled", "mesh"), ("coupled", "spheres"), ("penalty", "spheres"))
-"""Our methods, and what of the object they touch."""
+"""Our methods, and the surfaces that they touch."""
 OUR_PACKAGE = "hhsim"
-"""Whose entry points are run where no method is named."""
+"""Package whose entry points are run if no method is named."""
 LONG = 5.0
-"""A run whose ticks take longer together [s, CPU] is not repeated."""
+"""CPU time of all ticks above which a run is not repeated [s]."""
 PUSHED = 1e-2
-"""A body that is pushed by less [N] may as well not touch: stiff engines ring."""
+"""Least force of a body that touches [N]: stiff engines ring."""
 
 
 @dataclass(frozen=True)
 class PeersOptions:
-    """What is run.
+    """Options of the suite.
 
     Attributes:
-        objects: Of the catalogue.
         motions: Scripts of the catalogue that touch the object.
-        methods: As `hhsim.solver.method_names.method_names`, or `package.module:Class`; None for those of `OURS` and
-            every engine that hhsim declares. What is not installed is left out.
+        methods: Names, or `package.module:Class`; None for those of `OURS` and every engine that hhsim declares. A
+            method that is not installed is left out.
         repetitions: Of every run that is not longer than `LONG`.
-        rate: Ticks per second [Hz].
+        rate: Tick rate [Hz].
         seed: Of the tremor.
-        hands: Of a run at most, that are held against the true mesh.
+        hands: Limit of the hands of a run that are measured against the true mesh.
     """
 
     objects: tuple[str, ...] = ("bunny", "teapot", "cube", "sphere")
@@ -77,14 +75,13 @@ class PeersOptions:
     hands: int = 200
 
     def __post_init__(self) -> None:
-        """Fill in the methods, and refuse unknown names, empty lists and impossible numbers."""
+        """Fill in the methods; raise InputError for unknown names, empty lists and numbers out of range."""
         if self.methods is None:
             declared = (
                 name for name, entry in declared_methods().items() if entry.dist and entry.dist.name == OUR_PACKAGE
             )
             object.__setattr__(self, "methods", (*dict.fromkeys(name for name, _ in OURS), *sorted(declared)))
-        check_known("object", self.objects, object_names())
-        check_known("trajectory", self.motions, script_names())
+        check_scenes(self.objects, self.motions)
         for item in ("objects", "motions", "methods"):
             if not getattr(self, item):
                 raise InputError(f"{item}: name at least one")
@@ -94,54 +91,48 @@ class PeersOptions:
         for item in ("repetitions", "hands"):
             if getattr(self, item) < 1:
                 raise InputError(f"{getattr(self, item)} {item}: at least 1 is needed")
-        for motion in self.motions:
-            if not load_script(motion).contact:
-                raise InputError(f"the motion '{motion}' touches nothing: there is no error to measure")
 
     @classmethod
     def quick(cls, **given: Any) -> "PeersOptions":
-        """One scene, once, if no option is given that makes more of it."""
+        """Return options of one scene, once, but for those given."""
         few = {"objects": ("bunny",), "motions": ("grasp",), "repetitions": 1, "hands": 60}
         return cls(**{**few, **given})
 
 
 @dataclass(frozen=True)
 class Peer:
-    """A method, and which surface of ours it is given.
-
-    Attributes:
-        surface: Engines make one of their own of mesh or tree, and are judged on the mesh.
-    """
+    """A method, and the surface that it is given; engines make their own of it."""
 
     method: str
     surface: str
 
     @property
     def ours(self) -> bool:
-        """Whether it is one of hhsim's own."""
+        """True for a method of hhsim's own."""
         return find_method(self.method).compiled
 
 
 @dataclass(frozen=True)
 class PeerErrors:
-    """What one run got wrong; lengths [m], forces [N], NaN where a figure is undefined.
+    """Errors of one run; NaN where undefined."""
 
-    Each is the column of its name in `hhsim.bench.peers_table.COLUMNS`, which says what it is.
-    """
-
-    mesh_depth_max: float
-    mesh_depth_p95: float
-    contact_error_mean: float
-    contact_error_max: float
-    mesh_error: float
-    palm_off_mean: float
-    palm_lag_max: float
-    force_hold: float
-    force_variation_hold: float
-    force_variation_tremor: float
-    force_step: float
-    force_step_newton: float
-    samples: int
+    mesh_depth_max: float = figure("deepest penetration of the true mesh by coal, at `samples` ticks", "m", worst)
+    mesh_depth_p95: float = figure(
+        "95th percentile of the penetration of the true mesh by coal, at `samples` ticks", "m", worst
+    )
+    contact_error_mean: float = figure("distance from the true mesh of bodies that are pushed, mean", "m", mean)
+    contact_error_max: float = figure("distance from the true mesh of bodies that are pushed, largest", "m", worst)
+    mesh_error: float = figure("the larger of mesh_depth_max and contact_error_max", "m", worst)
+    palm_off_mean: float = figure("distance of the shown palm from the user's in contact, mean", "m", mean)
+    palm_lag_max: float = figure(
+        "distance of the shown palm from the user's where nothing touches, largest", "m", worst
+    )
+    force_hold: float = metric(mean, of="force_hold_mean")
+    force_variation_hold: float = metric(mean)
+    force_variation_tremor: float = metric(mean)
+    force_step: float = metric(worst)
+    force_step_newton: float = figure("largest one-tick change of the total force while moving", "N", worst)
+    samples: int = figure("ticks at which the hand was held against the true mesh", "", sum)
 
 
 @dataclass
@@ -149,11 +140,10 @@ class PeerRun:
     """One method on one scene.
 
     Attributes:
-        object_name, motion, peer: What was run.
         cpu: CPU times of the ticks in contact [s], one array of shape (n,) a repetition.
-        native: Of the same, what the engine says that its own step took.
-        seconds: CPU time of all ticks of the first repetition, in contact or not.
-        failure: Why it could not be run, or "".
+        native: CPU times of the engine's own step in the same ticks.
+        seconds: CPU time of all ticks of the first repetition.
+        failure: Message of the error that ended it, or "".
     """
 
     object_name: str
@@ -172,7 +162,7 @@ class PeerRun:
 
     @property
     def tick_native(self) -> FloatArray:
-        """The same of the engine's own step; of methods of ours, which are all native, the whole tick."""
+        """CPU time of the engine's own step in each tick in contact [s]; of the whole tick of a method of ours."""
         return np.asarray(np.median(self.native, axis=0)) if self.native else np.zeros(0)
 
 
@@ -188,13 +178,13 @@ class _Scene:
 
 
 def capsule_hand() -> HandModel:
-    """The default hand, each finger of one radius: its mean."""
+    """Return the default hand, each finger with the mean of its radii."""
     hand = HandModel.default()
     return replace(hand, radius=np.repeat(hand.radius.mean(axis=1, keepdims=True), hand.radius.shape[1], axis=1))
 
 
 def installed(options: PeersOptions) -> tuple[list[Peer], list[str]]:
-    """What can be run, and a line about each that cannot."""
+    """Return the methods that can be run, and a line about each that cannot."""
     found, notes = [], []
     for name in options.methods or ():
         missing = find_method(name).missing
@@ -209,13 +199,10 @@ def installed(options: PeersOptions) -> tuple[list[Peer], list[str]]:
 
 
 def measure(options: PeersOptions, progress: Progress = silent) -> list[PeerRun]:
-    """Run everything that is installed.
-
-    Returns:
-        The runs, scene by scene, method by method.
+    """Return the runs of all that is installed, scene by scene, method by method.
 
     Raises:
-        InputError: coal is not installed, which measures against the mesh; or nothing is that could be run.
+        InputError: coal, which measures against the mesh, or every method is missing.
     """
     require_coal()
     peers, notes = installed(options)
@@ -287,10 +274,7 @@ def _errors(
     depth = np.maximum(0.0, -clearance.min(axis=1))
     apart = np.abs(clearance[push[looked] > PUSHED])
     run = RunTicks(
-        columns={
-            "force/total": record.total,
-            "force_variation_rate": metrics.force_variation_rate(record.total),
-        },
+        columns={"force/total": record.total, "force_variation_rate": metrics.force_variation_rate(record.total)},
         ticks=haptic.tick_count,
         phases=haptic.phases,
         rate=haptic.rate,
@@ -305,7 +289,7 @@ def _errors(
         mesh_depth_p95=float(np.percentile(depth, 95)) if depth.size else np.nan,
         contact_error_mean=float(apart.mean()) if apart.size else np.nan,
         contact_error_max=_most(apart),
-        # A hand that nothing pushes has touched nothing, and would be perfect otherwise.
+        # NaN for a hand that nothing pushes, which would be perfect otherwise.
         mesh_error=float(np.maximum(_most(depth), _most(apart))),
         palm_off_mean=float(off[scene.contact].mean()) if scene.contact.any() else np.nan,
         palm_lag_max=_most(off[~scene.contact & ~(push > 0.0).any(axis=1)]),
@@ -319,7 +303,7 @@ def _errors(
 
 
 def pushes(record: TickRecord) -> FloatArray:
-    """Size of the contact force on each body [N], shape (T, 16): 15 phalanges, then the palm."""
+    """Return the size of the contact force on each body [N], shape (T, 16): 15 phalanges, then the palm."""
     phalanges = np.linalg.norm(record.phalanx, axis=-1).reshape(len(record.phalanx), -1)
     palm = np.linalg.norm(record.total - record.phalanx.sum(axis=(1, 2)), axis=1)
     return np.concatenate([phalanges, palm[:, None]], axis=1)

@@ -1,78 +1,105 @@
-"""How far off one run of a method is: against what it touched, the true mesh, the optimum, and in how it feels.
+"""Errors of one run of a method: penetration, distance from the true mesh and from the optimum, force variation.
 
-All figures come from the poses and forces that the run recorded, none from the solver's own tolerances. The truth is
-the mesh: what is told of it is measured by an independent library, and the best pose is the optimum on its triangles.
+All figures come from the recorded poses and forces, none from the solver's tolerances. The truth is the mesh, measured
+by an independent library; the best pose is the optimum on its triangles.
 """
 
 import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray
-from hhsim.bench.mesh_errors import MeshReferee
-from hhsim.bench.sampled_ticks import sampled
-from hhsim.errors import HhsimError
+from hhsim.bench.figure_columns import figure, mean, metric, worst
+from hhsim.bench.mesh_errors import MeshReferee, sampled
+from hhsim.errors import HhsimError, InputError, check_known
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
+from hhsim.mesh.catalogue import object_names
 from hhsim.metrics import metrics
 from hhsim.metrics.run.registry import run_figure
 from hhsim.metrics.run_ticks import RunTicks, hold_slices
 from hhsim.motion.trajectory import TickInput
 from hhsim.replay.tremor_hold import tremor_variation
+from hhsim.scene.motion_catalogue import load_script, script_names
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.reference_optimum import best_hands, reference_excess
 
 NEAR = 1e-3
-"""A tick is one in contact if the haptic hand is nearer than this to the mesh, or inside [m]."""
+"""Largest distance of the haptic hand from the mesh in a tick in contact [m]."""
 SAME_HAND = 1e-6
-"""Hands are the same where no joint, no position [m] and no part of the orientation differ by more."""
+"""Largest difference of joints, position [m] and orientation of two hands that are the same."""
 REFERENCE_TICKS = 16
 """Ticks of the first hold at which the optimum is computed."""
 
 
+def check_scenes(objects: Sequence[str], motions: Sequence[str]) -> None:
+    """Raise InputError for an object or a motion that the catalogue lacks, or a motion that touches nothing."""
+    check_known("object", objects, object_names())
+    check_known("trajectory", motions, script_names())
+    for motion in motions:
+        if not load_script(motion).contact:
+            raise InputError(f"the motion '{motion}' touches nothing: there is no error to measure")
+
+
 @dataclass(frozen=True)
 class RunErrors:
-    """What one run got wrong; NaN where a figure is undefined. SI units, but for what the contract states in percent.
+    """Errors of one run; NaN where undefined.
 
-    Each is the column of its name in `hhsim.bench.speed_error_table.COLUMNS`, which says what it is. `mesh_error` is
-    NaN for a hand that hovers and touches nothing, which would be perfect otherwise.
+    `mesh_error` is NaN for a hand that touches nothing, which would be perfect otherwise.
     """
 
-    penetration_max: float
-    mesh_depth_max: float
-    mesh_depth_p95: float
-    contact_error_mean: float
-    contact_error_max: float
-    mesh_error: float
-    tracking_excess: float
-    off_optimum_mean: float
-    off_optimum_max: float
-    force_hold: float
-    force_variation_hold: float
-    force_variation_tremor: float
-    force_ripple: float
-    force_step: float
-    posture_jump_max: float
-    stuck_ticks: int
-    lag_ticks: int
-    lag_max: float
-    contact_points: int
-    samples: int
+    penetration_max: float = metric(worst)
+    mesh_depth_max: float = figure("deepest penetration of the true mesh by coal, at `samples` ticks", "m", worst)
+    mesh_depth_p95: float = figure(
+        "95th percentile of the penetration of the true mesh by coal, at `samples` ticks", "m", mean
+    )
+    contact_error_mean: float = figure(
+        "mean distance of contact points from the true mesh by coal, all ticks", "m", mean
+    )
+    contact_error_max: float = figure(
+        "largest distance of contact points from the true mesh by coal, all ticks", "m", worst
+    )
+    mesh_error: float = figure("the larger of mesh_depth_max and contact_error_max", "m", worst)
+    tracking_excess: float = figure(
+        "coupling energy over the optimum on the same surface, mean of the hold, (E - E*) / E*", "", mean
+    )
+    off_optimum_mean: float = figure(
+        "farthest of palm and fingertips from the converged optimum on the mesh, mean", "m", mean
+    )
+    off_optimum_max: float = figure(
+        "farthest of palm and fingertips from the converged optimum on the mesh, most", "m", worst
+    )
+    force_hold: float = metric(mean, of="force_hold_mean")
+    force_variation_hold: float = metric(mean)
+    force_variation_tremor: float = metric(mean)
+    force_ripple: float = metric(worst, of="force_ripple_hold")
+    force_step: float = metric(worst)
+    posture_jump_max: float = figure(
+        "farthest that the graphic hand moved in a tick beyond the haptic hand", "m", worst
+    )
+    stuck_ticks: int = metric(sum)
+    lag_ticks: int = metric(sum)
+    lag_max: float = metric(worst)
+    contact_points: int = figure(
+        "contact points whose distance from the true mesh was measured, those of one place once", "", sum
+    )
+    samples: int = figure("ticks at which the depth in the true mesh was measured", "", sum)
 
 
 @dataclass(frozen=True)
 class ErrorScene:
-    """What the errors of a run are measured against, the same for every method and surface.
+    """Reference of the errors of a run, the same for every method and surface.
 
     Attributes:
         referee: Of the true mesh, world.
-        haptic_placed: The haptic hand at every tick.
-        optimum: The graphic hand of the converged optimum on the mesh, every tick.
-        contact: Ticks in contact, shape (T,); the haptic hand decides, so that they are the same for every method.
+        haptic_placed: Haptic hand of every tick.
+        optimum: Graphic hand of the converged optimum on the mesh, every tick.
+        contact: Ticks in contact of the haptic hand, shape (T,).
         seed: Of the tremor.
     """
 
@@ -86,23 +113,23 @@ class ErrorScene:
 
     @property
     def holds(self) -> list[slice]:
-        """The ticks of each hold."""
+        """Ticks of each hold."""
         return hold_slices(self.haptic.phases, self.haptic.tick_count)
 
 
 def error_scene(
     hand: HandModel, referee: MeshReferee, haptic: TickInput, surface: Any, options: SolverOptions, seed: int = 0
 ) -> ErrorScene:
-    """Prepare what runs on one motion and object are measured against.
+    """Return the reference of runs of one motion on one object.
 
     Args:
         referee: Of the true mesh, world.
-        surface: The same mesh in the kernels' form, closed or not: the arrays of the surface `mesh`.
+        surface: Arrays of the surface `mesh`, closed or not.
         options: Stiffness and lengths of the runs.
         seed: Of the tremor.
 
     Raises:
-        HhsimError: More pairs than the solver holds: the optimum on this mesh cannot be had.
+        HhsimError: The optimum on this mesh has more candidate pairs than the solver holds.
     """
     best = best_hands(hand, surface, options, HandConfiguration.of(haptic))
     placed = forward_kinematics(hand, *HandConfiguration.of(haptic))
@@ -118,16 +145,12 @@ def error_scene(
 
 
 def placed_of(record: TickRecord) -> PlacedHand:
-    """The graphic hand of a run."""
+    """Return the graphic hand of a run."""
     return PlacedHand(record.joints, record.position, record.orientation)
 
 
 def check_finite(record: TickRecord) -> None:
-    """Refuse a run that lost the hand.
-
-    Raises:
-        HhsimError: A joint of the graphic hand is nowhere; the message names the first such tick.
-    """
+    """Raise HhsimError, with the first such tick, if a joint of the graphic hand is not finite."""
     finite = np.isfinite(record.joints).all(axis=(1, 2, 3))
     if not finite.all():
         raise HhsimError(f"the graphic hand is not finite after tick {int(finite.argmin())}")
@@ -136,7 +159,7 @@ def check_finite(record: TickRecord) -> None:
 def first_hold_tremor(
     hand: HandModel, surface: Any, options: SolverOptions, haptic: TickInput, record: TickRecord, seed: int
 ) -> float:
-    """Mean force variation [%] of the first hold, repeated by a hand that trembles; NaN where there is none."""
+    """Return the mean force variation [%] of the first hold, repeated with a tremor; NaN without a hold."""
     holds = hold_slices(haptic.phases, haptic.tick_count)
     if not holds:
         return np.nan
@@ -146,7 +169,7 @@ def first_hold_tremor(
 
 
 def digest_of(record: TickRecord) -> str:
-    """Of the poses and forces of a run: the same for the same bytes."""
+    """Return a digest of the poses and forces of a run."""
     digest = hashlib.sha256()
     for values in (record.position, record.orientation, record.flexion, record.total):
         digest.update(np.ascontiguousarray(values).tobytes())
@@ -154,7 +177,7 @@ def digest_of(record: TickRecord) -> str:
 
 
 def hand_clearance(hand: HandModel, surface: Any, placed: PlacedHand, limit: float) -> FloatArray:
-    """Least signed distance [m] of the hand to a surface at each tick, shape (T,); `limit` is the largest."""
+    """Return the least signed distance [m] of hand and surface at each tick, shape (T,), at most `limit`."""
     palm, finger = metrics.hand_clearance(surface, *hand_shape(hand), *placed, limit=limit)
     return np.asarray(np.minimum(palm, finger.min(axis=1)))
 
@@ -165,15 +188,15 @@ def run_errors(
     """Measure a run.
 
     Args:
-        surface: What the run touched, world: the arrays of the surface that its options name.
-        window: Ticks of the scene that the run did; figures of the holds need all of them and are NaN otherwise.
+        surface: Arrays of the surface that the options name, world.
+        window: Ticks of the scene in the run; figures of the holds need all of them and are NaN otherwise.
     """
     placed = placed_of(record)
     ticks = len(record.position)
     contact = np.flatnonzero(scene.contact[window])
     clearance = _clearance(scene, surface, options, placed, window)
     deepest = np.array([int(clearance.argmin())] if clearance.min(initial=0.0) < 0.0 else [], np.int64)
-    # Spheres that stick out are touched before the user's hand is near the mesh.
+    # Spheres that protrude are touched before the haptic hand is near the mesh.
     looked = np.flatnonzero(scene.contact[window] | (clearance < 2.0 * options.touch))
     mesh = scene.referee.errors(surface, hand_shape(scene.hand), placed, options.touch, looked, deepest)
     off = np.linalg.norm(placed.ends - scene.optimum.at(window).ends, axis=2).max(axis=1)[contact]
@@ -222,11 +245,11 @@ def run_errors(
 def _clearance(
     scene: ErrorScene, surface: Any, options: SolverOptions, placed: PlacedHand, window: slice
 ) -> FloatArray:
-    """Signed distance [m] of the shown hand to what it touched, shape (T,); twice the touching distance is the most."""
+    """Signed distance [m] of graphic hand and surface, shape (T,), at most twice the touching distance."""
     limit = 2.0 * options.touch
     if options.surface != "mesh":
         return hand_clearance(scene.hand, surface, placed, limit)
-    # Triangles take a millisecond a tick, and a hand that is the user's is as far away as that one.
+    # Triangles take a millisecond a tick, and a graphic hand on the free haptic one is as far away.
     haptic = scene.haptic_placed.at(window)
     ticks = len(placed.position)
     parts = [np.abs(one - other).reshape(ticks, -1).max(axis=1) for one, other in zip(placed, haptic)]
@@ -239,7 +262,7 @@ def _clearance(
 def _excess(
     scene: ErrorScene, surface: Any, options: SolverOptions, record: TickRecord, clearance: FloatArray
 ) -> float:
-    """Mean energy above the optimum in the first hold; of ticks without penetration, since a hand inside cheats."""
+    """Mean energy above the optimum in the first hold; of ticks without penetration: a hand inside has too little."""
     hold = scene.holds[0]
     held = np.arange(hold.start, hold.stop)
     chosen = sampled(held[clearance[held] > -options.touch], REFERENCE_TICKS)

@@ -1,10 +1,9 @@
 """Speed against error: methods, surfaces, tree levels, linearisations and QP solvers on the same scenes, in one run.
 
-A scene is one motion of the catalogue on one object; its haptic input is made once, on the finest spheres, and is the
-same for every configuration. What is touched is the leaf spheres of a level or the mesh itself. The runs take turns:
-all configurations of all scenes once, then all again in the opposite order, so that what else the machine does falls on
-all of them; of each tick the median of the repetitions counts. The errors are those of the first repetition, against
-the mesh and the optimum on it; the others must give the same poses.
+A scene is one motion of the catalogue on one object; its haptic input is made once, on the finest spheres. The runs
+take turns: all configurations of all scenes, then all again in the opposite order, so that other load of the machine
+falls on all of them; of each tick the median of the repetitions counts. Errors are those of the first repetition,
+against the mesh and the optimum on it; the others must give the same poses.
 """
 
 from collections.abc import Iterator
@@ -15,13 +14,13 @@ import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.bench.mesh_errors import MOST_HANDS, MeshReferee
-from hhsim.bench.run_errors import ErrorScene, RunErrors, check_finite, digest_of, error_scene, run_errors
+from hhsim.bench.run_errors import ErrorScene, RunErrors, check_finite, check_scenes, digest_of, error_scene, run_errors
 from hhsim.errors import HhsimError, InputError, check_known
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.state import WORK_CANDIDATES, WORK_UNITS
-from hhsim.mesh.catalogue import load_object, object_names
-from hhsim.scene.motion_catalogue import load_script, script_names
+from hhsim.mesh.catalogue import load_object
+from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import make_scene
 from hhsim.scene.synthesis import synthesize
 from hhsim.solver.compile import warm_up
@@ -39,34 +38,33 @@ from hhsim.verify.verify import require_coal
 
 DEFAULT_LEVEL = 4
 NO_LEVEL = 0
-"""Of a configuration that touches the mesh itself, which has no levels."""
+"""Level of a configuration that touches the mesh itself."""
 USUAL: tuple[int, ...] = (1, 2, 3, 12)
 LINEARISATIONS: dict[str, tuple[int, ...]] = {"paper": (1, 2, 3), "penalty": (12,)}
-"""Most linearisations in a tick that are tried, where they are not `USUAL`: `paper` makes all of them, whatever they
-gain, and one as printed; `penalty` linearises once, and the number bounds the rounds that its step is found in."""
+"""Limits of the linearisations in a tick, by method, if not `USUAL`: `paper` makes all of them; `penalty` linearises
+once, and the number bounds the rounds of its step."""
 QP_METHODS = ("coupled", "progressive")
-"""The methods whose programs other QP solvers can solve; the first that is run is the one that they do."""
+"""Methods whose programs other QP solvers can solve; they solve those of the first one that is run."""
 STRETCH = (100, 50)
-"""Other QP solvers are driven from Python, at milliseconds a tick: they get this many ticks before the first hold
-begins and this many of it, and so does our own, beside them."""
+"""Ticks before and after the start of the first hold that QP solvers are compared on: other solvers are driven from
+Python, at milliseconds a tick."""
 
 
 @dataclass(frozen=True)
 class SpeedErrorOptions:
-    """What is run.
+    """Options of the suite.
 
     Attributes:
-        objects: Of the catalogue.
         motions: Scripts of the catalogue that touch the object.
-        methods: Of the solver; None for all that take one of the surfaces.
-        surfaces: What is touched: spheres, of each level; mesh. A method that takes no mesh has spheres alone.
+        methods: None for all that take one of the surfaces.
+        surfaces: Among spheres, of each level, and mesh; a method that takes no mesh has spheres alone.
         levels: Of the sphere tree.
-        linearisations: Most in a tick; None for those of `LINEARISATIONS`.
-        backends: Besides our own QP solver; None for all that are installed.
+        linearisations: Limits in a tick; None for those of `LINEARISATIONS`.
+        backends: QP solvers besides our own; None for all that are installed.
         repetitions: Of every run.
-        rate: Ticks per second [Hz].
+        rate: Tick rate [Hz].
         seed: Of the tremor.
-        hands: Of a run at most, whose depth in the mesh is measured; identical ones count once.
+        hands: Limit of the hands of a run whose depth in the mesh is measured; identical ones count once.
     """
 
     objects: tuple[str, ...] = ("bunny", "teapot", "cube")
@@ -82,15 +80,14 @@ class SpeedErrorOptions:
     hands: int = MOST_HANDS
 
     def __post_init__(self) -> None:
-        """Fill in what is installed, and refuse unknown names, empty lists and impossible numbers."""
+        """Fill in what is installed; raise InputError for unknown names, empty lists and numbers out of range."""
         check_known("surface", self.surfaces, SURFACES.names())
         if self.methods is None:
             known = tuple(name for name in METHODS if self.surfaces_of(name))
             object.__setattr__(self, "methods", known)
         if self.backends is None:
             object.__setattr__(self, "backends", tuple(available_backends()[1:]))
-        check_known("object", self.objects, object_names())
-        check_known("trajectory", self.motions, script_names())
+        check_scenes(self.objects, self.motions)
         check_known("method", self.methods or (), list(METHODS))
         check_known("QP solver", self.backends or (), available_backends())
         for item in ("objects", "motions", "methods", "surfaces", "levels", "linearisations"):
@@ -98,7 +95,7 @@ class SpeedErrorOptions:
                 raise InputError(f"{item}: name at least one")
         for method in self.methods or ():
             if not self.surfaces_of(method):
-                # The solver's own words: it refuses them too.
+                # The solver raises its own error for this pair.
                 SolverOptions(method=method, surface=self.surfaces[0])
         for level in self.levels:
             if not 1 <= level <= MOST_LEVEL:
@@ -108,28 +105,22 @@ class SpeedErrorOptions:
             raise InputError(f"linearisations is {least}: a tick needs at least 1")
         if self.repetitions < 1:
             raise InputError(f"{self.repetitions} repetitions: at least 1 is needed")
-        for motion in self.motions:
-            if not load_script(motion).contact:
-                raise InputError(f"the motion '{motion}' touches nothing: there is no error to measure")
 
     @classmethod
     def quick(cls, **given: Any) -> "SpeedErrorOptions":
-        """About a minute, if no option is given that makes more of it."""
+        """Return options that take about a minute, but for those given."""
         few = {"objects": ("bunny",), "motions": ("grasp", "slide"), "levels": (3, 4, 5), "backends": (), "hands": 40}
         return cls(**{**few, **given})
 
     def surfaces_of(self, method: str) -> tuple[str, ...]:
-        """Those that a method takes."""
+        """Return the surfaces that a method takes."""
         refuses = METHODS[method].refuses_surfaces
         return tuple(name for name in self.surfaces if name == "spheres" or not refuses)
 
 
 @dataclass(frozen=True)
 class Configuration:
-    """One way to solve the hand; `level` is `NO_LEVEL` on the mesh.
-
-    `stretch` if it does part of a motion only, see `STRETCH`.
-    """
+    """One way to solve the hand; `stretch` if for a part of the motion only, see `STRETCH`."""
 
     method: str
     level: int
@@ -140,12 +131,12 @@ class Configuration:
 
     @property
     def is_default(self) -> bool:
-        """Whether this is what the method does if nobody asks for anything else."""
+        """True for the method's own defaults."""
         usual = ("spheres", DEFAULT_LEVEL, usual_linearisations(self.method), False)
         return (self.surface, self.level, self.linearisations, self.stretch) == usual
 
     def solver_options(self) -> SolverOptions:
-        """For the solver."""
+        """Return the options of the solver."""
         return SolverOptions(method=self.method, surface=self.surface, qp=self.qp, linearisations=self.linearisations)
 
 
@@ -154,13 +145,12 @@ class Run:
     """One configuration on one scene.
 
     Attributes:
-        object_name, motion, configuration: What was run.
         cpu, wall: Times of the ticks in contact [s], one array of shape (n,) a repetition.
         candidates, work: Candidate pairs and work units of the same ticks, shape (n,).
         digest: Of its poses and forces.
-        repeatable: Whether all repetitions had the same.
-        ticks: In each repetition.
-        failure: Why it could not be run, or "": more pairs than the solver holds, a hand that is not finite.
+        repeatable: True if all repetitions had the same digest.
+        ticks: Ticks of a repetition.
+        failure: Message of the error that ended it, or "".
     """
 
     object_name: str
@@ -193,21 +183,21 @@ class _Scene:
     motion: str
     errors: ErrorScene
     surfaces: dict[tuple[str, int], Any]
-    """Their arrays, by the surface and the level of a configuration."""
+    """Arrays by the surface and the level of a configuration."""
 
     def stretch(self) -> slice:
-        """The ticks that other QP solvers do."""
+        """Return the ticks that QP solvers are compared on."""
         begin = self.errors.holds[0].start if self.errors.holds else 0
         return slice(max(0, begin - STRETCH[0]), min(len(self.errors.contact), begin + STRETCH[1]))
 
 
 def usual_linearisations(method: str) -> int:
-    """Most linearisations in a tick where nobody asks for a number."""
+    """Return the method's default limit of the linearisations in a tick."""
     return SolverOptions(method=method).linearisations
 
 
 def configurations(options: SpeedErrorOptions) -> list[Configuration]:
-    """What is run on every scene, the whole motion."""
+    """Return the configurations that run every scene, the whole motion."""
     return [
         Configuration(method, level, most, surface=surface)
         for method in options.methods or ()
@@ -218,7 +208,7 @@ def configurations(options: SpeedErrorOptions) -> list[Configuration]:
 
 
 def backend_configurations(options: SpeedErrorOptions) -> list[Configuration]:
-    """What is run on a stretch of the first motion on every object: our QP solver beside the others."""
+    """Return the configurations of all QP solvers, for a stretch of the first motion on every object."""
     methods = [method for method in QP_METHODS if method in (options.methods or ())]
     if not options.backends or not methods:
         return []
@@ -232,10 +222,7 @@ def backend_configurations(options: SpeedErrorOptions) -> list[Configuration]:
 
 
 def measure(options: SpeedErrorOptions, progress: Progress = silent) -> list[Run]:
-    """Run everything.
-
-    Returns:
-        The runs, scene by scene, configuration by configuration.
+    """Return the runs, scene by scene, configuration by configuration.
 
     Raises:
         TrajectoryError: A motion that cannot be done on an object.
@@ -292,7 +279,10 @@ def _repeat(hand: HandModel, scene: _Scene, run: Run) -> None:
     try:
         solver = HandSolver(hand, surface, options)
         if window.start > 0:
-            _begin_at(solver, hand, scene, configuration, window.start)
+            # Where our own QP solver has the hand before the stretch, so that all solvers begin alike.
+            own = HandSolver(hand, surface, replace(configuration, qp=ACTIVE_SET).solver_options())
+            before = own.run(*HandConfiguration.of(haptic).part(0, window.start))
+            solver.place(*HandConfiguration.of(before).at(-1))
         record = solver.run(*HandConfiguration.of(haptic).at(window))
         check_finite(record)
         digest = digest_of(record)
@@ -307,11 +297,3 @@ def _repeat(hand: HandModel, scene: _Scene, run: Run) -> None:
     run.repeatable = run.repeatable and digest == run.digest
     run.cpu.append(1e-9 * record.duration_cpu[contact].astype(np.float64))
     run.wall.append(1e-9 * record.duration_total[contact].astype(np.float64))
-
-
-def _begin_at(solver: HandSolver, hand: HandModel, scene: _Scene, configuration: Configuration, tick: int) -> None:
-    """Put the hand where our own QP solver has it before a tick, so that all begin alike."""
-    surface = scene.surfaces[configuration.surface, configuration.level]
-    own = HandSolver(hand, surface, replace(configuration, qp=ACTIVE_SET).solver_options())
-    record = own.run(*HandConfiguration.of(scene.errors.haptic).part(0, tick))
-    solver.place(*HandConfiguration.of(record).at(-1))

@@ -1,8 +1,8 @@
 """Tables of `hhsim bench`: HDF5 of format `hhsim-bench`, and the same as CSV beside it; SI units.
 
-The HDF5 file has one dataset a column, with its `units` and `long_name`; its root says what was run, on what and from
-what. The CSV file has one line a row; its header names each column and, in brackets, its unit. A number that is missing
-is NaN in the one and an empty cell in the other.
+The HDF5 file has one dataset a column, with its `units` and `long_name`; its root has the options, versions and
+machine. The header of the CSV file names each column and, in brackets, its unit. A missing number is NaN in HDF5 and an
+empty cell in CSV.
 """
 
 import json
@@ -31,7 +31,7 @@ Row: TypeAlias = Mapping[str, Any]
 
 
 def metric_column(metric: str, name: str = "", of: str | Callable[[Any], Any] = "") -> Column:
-    """Return the column of a run metric, which says what it is and in which unit; `name` and `of` as of `Column`."""
+    """Return the column of a run metric, with its label and unit; `name` and `of` as of `Column`."""
     figure = run_metrics()[metric]
     return Column(name or metric, figure.label, figure.stored_unit, of)
 
@@ -41,9 +41,9 @@ class BenchTable(Table):
     """A table that was read back; each row is a dictionary by column name, of str, bool, int or float.
 
     Attributes:
-        suite: That wrote it.
-        options: It was run with.
-        attributes: The other attributes of the file: versions, machine, revision, time.
+        suite: Name of the suite that wrote it.
+        options: Options of the run.
+        attributes: Other attributes of the file: versions, machine, revision, time.
     """
 
     suite: str = ""
@@ -52,17 +52,16 @@ class BenchTable(Table):
 
 
 def csv_path(output_path: Path) -> Path:
-    """Where the CSV file of a table goes that `output_path` is the HDF5 file of."""
+    """Return the path of the CSV file beside the HDF5 file of a table."""
     return output_path.with_suffix(".csv")
 
 
 def check_table_path(output_path: Path) -> None:
-    """Look, before the work, for what would keep a table from being written.
+    """Check before the work that a table can be written.
 
     Raises:
         OutputError: As `hhsim.system.output_path.check_output_path`, for either of the two files; a name that does not
-        end in
-            .h5; or a file is there that is no table, which a slip of the pen must not destroy.
+            end in .h5; or an existing file that is no table.
     """
     if output_path.suffix != ".h5":
         raise OutputError(f"{output_path} must end in .h5: the CSV file of the same name goes beside it")
@@ -85,12 +84,12 @@ def write_table(
     Args:
         output_path: The HDF5 file; its name ends in .h5.
         suite: Name of the suite, as after `hhsim bench`.
-        rows: A value for every column by its name, no more and no less. A column's values are of one kind: str, bool,
-            int or float; None is a missing number (NaN), or a missing word (empty) in a column of words.
+        rows: Values of exactly the columns, by their names. The values of a column have one type: str, bool, int or
+            float; None is a missing number (NaN), or a missing word (empty) in a column of words.
         options: Of the run, as JSON-able values.
 
     Raises:
-        OutputError: As `check_table_path`; or a full disk. What was there before still is.
+        OutputError: As `check_table_path`; or a full disk. An existing table then stays as it is.
     """
     names = [column.name for column in columns]
     if len(set(names)) != len(names):
@@ -125,17 +124,17 @@ def write_table(
 
 
 def table_document(path: Path, columns: Sequence[Column], options: Mapping[str, Any], **more: object) -> dict[str, Any]:
-    """Return where a table is, what was run, and the unit of each column, for JSON; `more` stands after the paths."""
+    """Return paths, options and units of a table for JSON; `more` stands after the paths."""
     units = {column.name: stored_unit(column.unit) for column in columns}
     return {"table": str(path), "csv": str(csv_path(path)), **more, "options": options, "units": units}
 
 
 def is_table(path: Path) -> bool:
-    """Whether a file says that it is a table of `hhsim bench`; False where it cannot be read."""
+    """Return True for a table of `hhsim bench`; False for any other file, or one that cannot be read."""
     try:
         return hdf5_format(path) == FORMAT
     except OSError:
-        # Whatever is wrong with it, the reader of results has the words for it.
+        # The reader of results reports what is wrong with it.
         return False
 
 
@@ -158,7 +157,7 @@ def load_table(path: Path) -> BenchTable:
 
 
 def rows_of(path: Path, suite: str) -> list[dict[str, Cell]]:
-    """The rows of a table of one suite.
+    """Return the rows of a table of one suite.
 
     Raises:
         InputError: As `load_table`; or it is another suite's.
@@ -197,7 +196,7 @@ def _read(file: h5py.File, path: Path) -> BenchTable:
 
 
 def _array(name: str, values: Sequence[Any]) -> AnyArray:
-    """The values of a column as one array: object (of str), bool, int64 or float64."""
+    """Values of a column as one array: object (of str), bool, int64 or float64."""
     plain = [value.item() if isinstance(value, np.generic) else value for value in values]
     kinds = {type(value) for value in plain if value is not None}
     missing = None in plain

@@ -1,9 +1,8 @@
-"""One thread or several: the paper's Fig. 15, detection, response and total by how much of the hand is in contact.
+"""One thread or several: the paper's Fig. 15, detection, response and total by the part of the hand in contact.
 
-The same motions are replayed with one thread and with several, in turns, so that what else the machine does falls on
-all of them alike. Of each tick and each time, the median over the rounds counts; a row is the mean over 100 ticks of
-the closing and the hold, as the paper's figure is the mean over 100 instances. What threads save is wall time; what
-they cost is the processor time of all of them, which includes waiting for work.
+The same motions are replayed with one thread and with several, in turns, so that other load of the machine falls on all
+of them. Of each tick the median over the rounds counts; a row is the mean over 100 ticks of the closing and the hold.
+Threads save wall time and cost the processor time of all of them, waiting for work included.
 """
 
 import os
@@ -18,7 +17,6 @@ from hhsim.errors import InputError, check_known
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.parallel.thread_team import PARTS
-from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import WORK_CANDIDATES
 from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FINGERS, DURATION_FORCE, DURATION_PALM
 from hhsim.mesh.catalogue import load_object, object_names
@@ -34,26 +32,23 @@ from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 
 MOTIONS = {"SF": "touch", "TF": "pinch", "FF": "grasp", "WH": "whole-hand"}
-"""The cases of Fig. 15 (single finger, two and five fingers, whole hand) and the motion of the catalogue for each."""
-
+"""Motion of the catalogue for each case of Fig. 15: single finger, two and five fingers, whole hand."""
 PHASES_APART = {"approach", "release"}
-"""Phases in which the hand comes or goes: not an instance of contact in the figure's sense."""
-
+"""Phases in which the hand comes or goes."""
 PAYS = 1.05
-"""Threads pay where the wall time of one is at least this many times theirs: less is within what such times scatter."""
-
+"""Least speedup at which threads pay: less is within the scatter of such times."""
 STARVED = 0.8
-"""Helpers that ran for less than this share of the ticks' time were kept from working by something else."""
+"""Share of the ticks' time below which other load kept the helpers from running."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ThreadsOptions:
-    """What is measured.
+    """Options of the suite.
 
     Attributes:
-        objects: Of the catalogue; the paper's figure shows a cup and a bunny.
-        level: Of the sphere trees.
+        objects: The paper's figure shows a cup and a bunny.
         threads: Numbers of threads; 1 is always among them.
+        level: Of the sphere trees.
         instances: Ticks in contact that a row is averaged over.
         rounds: Replays of each, of which the median counts.
     """
@@ -65,7 +60,7 @@ class ThreadsOptions:
     rounds: int = 9
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be measured."""
+        """Raise InputError for unknown objects and numbers out of range."""
         check_known("object", self.objects, object_names())
         for threads in self.threads:
             if not 1 <= threads <= PARTS:
@@ -107,7 +102,7 @@ class _Replay:
 
 
 def measure(options: ThreadsOptions, progress: Progress = silent) -> list[dict[str, Any]]:
-    """Replay everything in turns; returns a row a replay, by the names of COLUMNS, times in s.
+    """Replay everything in turns; return a row a replay, by the names of COLUMNS, times in s.
 
     Raises:
         InputError: A motion brings no tick in contact.
@@ -121,14 +116,14 @@ def measure(options: ThreadsOptions, progress: Progress = silent) -> list[dict[s
     for number in range(options.rounds):
         for place, group in enumerate(groups):
             progress(f"round {number + 1} of {options.rounds}", number * len(groups) + place, total)
-            # Turn and turn about: who comes first finds other caches than who comes second.
+            # In turns: the first replay finds other caches than the second.
             for i in range(len(group)):
                 _run(group[(i + number) % len(group)], options.instances)
     return [row for group in groups for row in _rows(group)]
 
 
 def _groups(options: ThreadsOptions, hand: HandModel, progress: Progress) -> list[list[_Replay]]:
-    # One group for each scene and method: the replays that are compared with each other.
+    """One group for each scene and method: the replays that are compared with each other."""
     groups = []
     for name in options.objects:
         mesh = load_object(name).mesh
@@ -137,12 +132,8 @@ def _groups(options: ThreadsOptions, hand: HandModel, progress: Progress) -> lis
             scene = make_scene(mesh, tree, hand, load_script(motion))
             for method in methods_that("takes_threads"):
                 labels = {"object": name, "case": case, "motion": motion, "method": method}
-                groups.append(
-                    [
-                        _Replay(scene, labels, SolverOptions(method=method, threads=threads))
-                        for threads in sorted(options.threads)
-                    ]
-                )
+                solvers = [SolverOptions(method=method, threads=threads) for threads in sorted(options.threads)]
+                groups.append([_Replay(scene, labels, solver) for solver in solvers])
     return groups
 
 
@@ -154,23 +145,19 @@ def _run(replay: _Replay, instances: int) -> None:
     )
     record = solver.run(*HandConfiguration.of(ticks).part(0, last + 1))
     if replay.instances is None:
-        replay.instances = _sample(replay, record, instances)
+        # Ticks with candidate pairs, evenly spread over the phases in which the hand closes and holds.
+        inside = np.zeros(len(record.status), dtype=bool)
+        for phase in ticks.phases:
+            if phase.name not in PHASES_APART:
+                inside[phase.first_tick : phase.last_tick + 1] = True
+        found = np.flatnonzero(inside & (record.work[:, WORK_CANDIDATES] > 0))
+        if len(found) == 0:
+            raise InputError(f"{replay.labels['object']}, {replay.labels['motion']}: no tick is in contact")
+        replay.instances = found[np.linspace(0, len(found) - 1, min(instances, len(found))).round().astype(np.int64)]
         replay.contacts = float(record.work[replay.instances, WORK_CANDIDATES].mean())
     at = replay.instances
     times = np.stack([*record.duration[at].T, record.duration_total[at], record.duration_cpu[at]])
     replay.rounds.append(1e-9 * times)
-
-
-def _sample(replay: _Replay, record: TickRecord, instances: int) -> IntArray:
-    """Ticks with candidate pairs, evenly spread over the phases in which the hand closes and holds."""
-    inside = np.zeros(len(record.status), dtype=bool)
-    for phase in replay.scene.ticks.phases:
-        if phase.name not in PHASES_APART:
-            inside[phase.first_tick : phase.last_tick + 1] = True
-    found = np.flatnonzero(inside & (record.work[:, WORK_CANDIDATES] > 0))
-    if len(found) == 0:
-        raise InputError(f"{replay.labels['object']}, {replay.labels['motion']}: no tick is in contact")
-    return found[np.linspace(0, len(found) - 1, min(instances, len(found))).round().astype(np.int64)]
 
 
 def _rows(group: Sequence[_Replay]) -> list[dict[str, Any]]:
@@ -193,7 +180,7 @@ def _rows(group: Sequence[_Replay]) -> list[dict[str, Any]]:
         )
     alone = next(row for row in rows if row["threads"] == 1)
     for row, replay in zip(rows, group):
-        # Median of the ratios: in a tick that was interrupted the one or the other clock stands still.
+        # Median of the ratios: in an interrupted tick one of the clocks stands still.
         wall, cpu = np.array(replay.rounds)[:, -2:].transpose(1, 0, 2)
         helpers = row["threads"] - 1
         row["helpers_ran"] = float(np.median(cpu / wall - 1.0)) / helpers if helpers else None
@@ -203,10 +190,7 @@ def _rows(group: Sequence[_Replay]) -> list[dict[str, Any]]:
 
 
 def when_threads_pay(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """A sentence for each method and number of threads: in how many scenes it gains by PAYS, and the cost.
-
-    Helpers that had no processor are no ground for a verdict.
-    """
+    """Return a sentence for each method and number of threads: the scenes in which they pay, and the cost."""
     sentences = []
     for method in dict.fromkeys(row["method"] for row in rows):
         for threads in sorted({row["threads"] for row in rows} - {1}):
@@ -231,7 +215,7 @@ def _verdict(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def remarks(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """What a reader must know of the machine: too few processors, or helpers that were kept from working."""
+    """Return remarks on the machine: too few processors, or helpers that did not run."""
     notes = []
     processors = len(os.sched_getaffinity(0))
     most = max(row["threads"] for row in rows)

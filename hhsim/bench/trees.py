@@ -1,7 +1,7 @@
 """Our sphere trees beside those of other programs: error against spheres against CPU time.
 
-Each tree is measured by code that shares nothing with the builder (`hhsim.verify.tree_checks`, which needs coal), or
-where that is not installed as every tree is (`hhsim.trees.error`). Errors are the same in every run; times are not.
+Each tree is measured by code that shares nothing with the builder (`hhsim.verify.tree_checks`, which needs coal), else
+by `hhsim.trees.error`. Errors are the same in every run; times are not.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -29,19 +29,19 @@ BRANCHING = 8
 MOST_SPHERES = BRANCHING**MOST_LEVEL
 
 _REFERENCE_SHAPES = ("cube", "hexagonal-prism", "cylinder", "cup")
-"""Objects whose references are of other proportions than the catalogue's; `tools/build_catalogue.py` makes them."""
+"""Objects whose references have other proportions than the catalogue's; `tools/build_catalogue.py` makes them."""
 
 
 @dataclass(frozen=True)
 class TreesOptions:
-    """What is built.
+    """Options of the suite.
 
     Attributes:
         objects: Names of the catalogue.
-        spheres: Most leaves of the trees.
+        spheres: Limits of the leaves of the trees.
         size: Longest extent of the objects [m].
-        seed: Of the samples that measure.
-        points: Samples of the mesh, and of the spheres, that coal measures a tree at.
+        seed: Of the samples that coal measures at.
+        points: Number of samples of the mesh, and of the spheres.
     """
 
     objects: tuple[str, ...] = ("bunny", "teapot", "cube", "hexagonal-prism", "cylinder", "cup")
@@ -51,12 +51,7 @@ class TreesOptions:
     points: int = 200_000
 
     def __post_init__(self) -> None:
-        """Check the values.
-
-        Raises:
-            InputError: A number of spheres that no tree has.
-            UnknownNameError: No such object.
-        """
+        """Raise InputError for a number of spheres out of range or an unknown object."""
         for count in self.spheres:
             if not 1 <= count <= MOST_SPHERES:
                 raise InputError(f"{count:,} spheres, expected 1 to {MOST_SPHERES:,}")
@@ -85,7 +80,7 @@ COLUMNS = (
 
 
 def comparison_object(name: str, size: float) -> Mesh:
-    """The shape that the references are of, or the object of the catalogue, with a longest extent of `size` [m].
+    """Return the shape of the references, or the object of the catalogue, with a longest extent of `size` [m].
 
     Raises:
         UnknownNameError: No such object.
@@ -99,15 +94,12 @@ def comparison_object(name: str, size: float) -> Mesh:
 
 
 def measure(options: TreesOptions, progress: Progress = silent) -> list[Row]:
-    """Build and measure every tree; rows in the order of objects and sizes, references last of each object.
-
-    Args:
-        progress: Called with (object and spheres, trees done, trees).
+    """Build and measure every tree; return rows in the order of objects and sizes, references last of each object.
 
     Raises:
         HhsimError: An object that the builder cannot do.
     """
-    # Compiles or loads every kernel, so that no tree is timed with that.
+    # Compiles or loads every kernel, so that no tree is timed with it.
     build_sphere_tree(comparison_object("cube", EXTENT), TreeOptions(leaves=BRANCHING**2))
     rows: list[Row] = []
     total = len(options.objects) * len(options.spheres)
@@ -151,7 +143,7 @@ def _row(mesh: Mesh, spheres: int, options: TreesOptions) -> Row:
 
 
 def _measured(mesh: Mesh, tree: SphereTree, options: TreesOptions) -> tuple[float, float, float, str]:
-    """Largest and mean protrusion and largest gap of the leaves [m], and by what they were measured."""
+    """Largest and mean protrusion and largest gap of the leaves [m], and the name of the measuring program."""
     if find_spec("coal") is None:
         own = tree.errors[-1]
         return own.protrusion_max, own.protrusion_mean, own.gap_max, "hhsim"
@@ -185,7 +177,7 @@ def _references(name: str, size: float) -> Iterator[Row]:
 
 
 def missed_bars(rows: Sequence[Mapping[str, Any]], *, with_times: bool = False) -> list[str]:
-    """What our trees fall short of, a sentence each: error, gap and proof, and CPU time if that counts."""
+    """Return the bars that our trees miss, a sentence each: error, gap, proof, and CPU time `with_times`."""
     missed = []
     for row in rows:
         if row["is_reference"]:
@@ -204,6 +196,6 @@ def missed_bars(rows: Sequence[Mapping[str, Any]], *, with_times: bool = False) 
 
 
 def largest_error(row: Mapping[str, Any]) -> float:
-    """How far spheres and mesh are apart at most [m]: the larger of protrusion and gap, as far as they are known."""
+    """Return the larger of protrusion and gap [m], as far as they are known."""
     known = [value for value in (row["protrusion_max"], row["gap_max"]) if value is not None and not np.isnan(value)]
     return float(max(known))

@@ -1,4 +1,4 @@
-"""An object as what engines collide fastest: a ball, a box, or convex parts, found by CoACD and kept in the cache.
+"""Object as the shapes that engines collide fastest: a ball, a box, or convex parts by CoACD, kept in the cache.
 
 CoACD: Wei, Liu, Ling & Su, "Approximate Convex Decomposition for 3D Meshes with Collision-Aware Concavity and Tree
 Search", ACM Transactions on Graphics 41(4), 2022.
@@ -21,13 +21,12 @@ from hhsim.mesh.topology import is_closed
 from hhsim.system.atomic_write import write_atomically
 
 COARSE, FINE = 0.02, 0.01
-"""CoACD's thresholds, as a share of the object's half size: at the lower end of what it takes (0.01 to 1), since parts
-move a contact by as much as they fill of a hollow."""
+"""CoACD's thresholds over the object's half size: the lower end of its range (0.01 to 1), since parts fill hollows."""
 SEED = 0
 CONVEX = 1e-6
-"""A mesh that fills its hull but for this share is convex."""
+"""Largest share of its hull that a convex mesh leaves empty."""
 ROUND = 2e-3
-"""Vertices are on a ball where their distances from its centre differ by no more than this share."""
+"""Largest relative difference of the distances of a ball's vertices from its centre."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +47,7 @@ class Box:
 
 @dataclass(frozen=True, eq=False)
 class Hull:
-    """The convex hull of points, world [m], shape (V, 3)."""
+    """Convex hull of points, world [m], shape (V, 3)."""
 
     points: FloatArray
 
@@ -57,12 +56,7 @@ Part = Ball | Box | Hull
 
 
 def convex_parts(mesh: Mesh, concavity: float = COARSE) -> list[Part]:
-    """The parts of an object; one where it is convex.
-
-    Args:
-        mesh: World [m].
-        concavity: CoACD's threshold, of an object that is not.
-    """
+    """Return the parts of a mesh [m], world; one if it is convex, else those of CoACD's threshold `concavity`."""
     simple = _simple(mesh)
     if simple is not None:
         return [simple]
@@ -76,17 +70,15 @@ def _simple(mesh: Mesh) -> Part | None:
     low, high = points.min(axis=0), points.max(axis=0)
     center = 0.5 * (low + high)
     hull = ConvexHull(points)
-    corners = mesh.vertices[mesh.faces]
-    volume = float(
-        np.einsum("fi,fi->f", corners[:, 0] - center, np.cross(*(corners[:, 1:] - center).swapaxes(0, 1))).sum()
-    )
+    corners = mesh.vertices[mesh.faces] - center
+    volume = float(np.einsum("fi,fi->f", corners[:, 0], np.cross(*corners[:, 1:].swapaxes(0, 1))).sum())
     if abs(volume / 6.0 - hull.volume) > CONVEX * hull.volume:
         return None
     if abs(hull.volume - float(np.prod(high - low))) <= CONVEX * hull.volume:
         return Box(center, 0.5 * (high - low))
     away = np.linalg.norm(points[hull.vertices] - center, axis=1)
     if len(hull.vertices) > 100 and np.ptp(away) <= ROUND * away.max():
-        # Of the same volume: as far out at the corners as in at the faces.
+        # A ball of the same volume: as far out at the corners as in at the faces.
         return Ball(center, float((0.75 * hull.volume / np.pi) ** (1.0 / 3.0)))
     return Hull(points[hull.vertices])
 
@@ -121,7 +113,7 @@ def _decompose(mesh: Mesh, concavity: float) -> list[FloatArray]:
 
 
 def _preparation(mesh: Mesh) -> str:
-    """What CoACD does to a mesh first: left to itself it remeshes one whose triangles touch, 0.6 mm too large."""
+    """CoACD's preprocessing: by default it remeshes a mesh whose triangles touch, 0.6 mm too large."""
     return "off" if is_closed(mesh.faces) else "auto"
 
 

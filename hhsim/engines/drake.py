@@ -1,4 +1,4 @@
-"""Drake: the hand as a multibody with implicit joint controllers, the object as convex parts or a hydroelastic mesh."""
+"""Drake: hand as a multibody with implicit joint controllers, object as convex parts or a hydroelastic mesh."""
 
 import gc
 import time
@@ -8,9 +8,8 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.engines.convex_parts import COARSE, FINE, Ball, Box, convex_parts
-from hhsim.engines.installed import lack_of, require
+from hhsim.engines.installed import lack_of, object_mesh, require
 from hhsim.engines.rigid_hand import PALM, PHALANX_MASS, STILL, RigidHand, earlier, speed_between
-from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS, PHALANGES
 from hhsim.mesh.mesh import Mesh
@@ -19,16 +18,16 @@ from hhsim.solver.outside_method import MethodScene, TickAnswer
 RESPONSE = 0.005
 """τ of `hhsim.engines.rigid_hand` [s]."""
 POINT_STIFFNESS = 1e5
-"""Of a contact [N/m]."""
+"""Stiffness of a contact [N/m]."""
 DISSIPATION = 0.0
-"""Of Hunt and Crossley [s/m]."""
+"""Dissipation of Hunt and Crossley [s/m]."""
 MODULUS = 1e9
-"""Hydroelastic, of the hand's bodies [Pa]."""
+"""Hydroelastic modulus of the hand's bodies [Pa]."""
 RESOLUTION = 2e-3
-"""Of the meshes that Drake makes of the hand's bodies [m]."""
+"""Resolution of the meshes that Drake makes of the hand's bodies [m]."""
 HOLDING = 1e3
-"""How many times as stiff as a flexion the abduction is driven: it is the user's. A locked joint beside joints that are
-controlled ends Drake 1.51 with a segmentation fault."""
+"""Stiffness of the abduction, which is the user's, over that of a flexion. A locked joint beside controlled joints ends
+Drake 1.51 with a segmentation fault."""
 Y, Z = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
 
 
@@ -44,7 +43,7 @@ class Drake:
     def __init__(self, scene: MethodScene) -> None:
         """Build plant and scene."""
         require(self.name, self.missing)
-        # What Drake has of Python holds itself in circles, 0.5 GB of a hydroelastic scene that is no longer run.
+        # Drake's Python objects form cycles, which hold 0.5 GB of an earlier hydroelastic scene.
         gc.collect()
         from pydrake import geometry, math
         from pydrake.common.value import Value
@@ -54,8 +53,7 @@ class Drake:
         from pydrake.systems.analysis import Simulator
         from pydrake.systems.framework import DiagramBuilder
 
-        if scene.mesh is None:
-            raise InputError(f"method {self.name} needs the object's mesh, and it is spheres alone")
+        mesh = object_mesh(self.name, scene)
         self._geometry: Any = geometry
         self._tree: Any = tree
         self._math: Any = math
@@ -64,13 +62,12 @@ class Drake:
         self._scene = scene
         self._hand = RigidHand.of(scene.hand, scene.options.stiffness, RESPONSE)
         builder = DiagramBuilder()
-        self._plant: Any
-        self._plant, graph = multibody.AddMultibodyPlantSceneGraph(builder, scene.period)
-        plant = self._plant
+        plant, graph = multibody.AddMultibodyPlantSceneGraph(builder, scene.period)
+        self._plant: Any = plant
         plant.set_discrete_contact_approximation(multibody.DiscreteContactApproximation.kLagged)
         plant.set_contact_model(getattr(multibody.ContactModel, self.contact_model))
         plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
-        self._add_object(scene.mesh)
+        self._add_object(mesh)
         self._bodies: list[Any] = []
         self._joints: list[Any] = []
         self._add_hand()
@@ -86,7 +83,7 @@ class Drake:
         self._context = plant.GetMyMutableContextFromRoot(self._root)
         self._pull = multibody.ExternallyAppliedSpatialForce()
         self._pull.body_index = self._bodies[PALM].index()
-        # Written to the context anew at every tick: what FixValue returns must not be kept.
+        # Written to the context at every tick: the result of FixValue must not be kept.
         self._pulls: Any = plant.get_applied_spatial_force_input_port()
         self._wanted: Any = plant.get_desired_state_input_port(tree.default_model_instance())
         self._value: Any = Value
@@ -112,7 +109,7 @@ class Drake:
         self._ticks = 0
 
     def tick(self, haptic: HandConfiguration) -> TickAnswer:
-        """Pull at the palm, tell the fingers' controllers, and step."""
+        """Pull at the palm, set the fingers' controllers, and step."""
         plant, context, period = self._plant, self._context, self._scene.period
         before, self._before = self._before, haptic
         speed = STILL if before is None else speed_between(before, haptic, period)
@@ -124,15 +121,9 @@ class Drake:
         )
         self._pull.F_Bq_W = self._spatial.SpatialForce(torque, force)
         self._pulls.FixValue(context, self._value([self._pull]))
-        self._wanted.FixValue(
-            context,
-            np.concatenate(
-                [
-                    self._angles(haptic.abduction, haptic.flexion),
-                    self._angles(np.zeros(len(FINGERS)) + spreading, speed.flexion),
-                ]
-            ),
-        )
+        wanted = self._angles(haptic.abduction, haptic.flexion)
+        speeds = self._angles(np.zeros(len(FINGERS)) + spreading, speed.flexion)
+        self._wanted.FixValue(context, np.concatenate([wanted, speeds]))
         self._ticks += 1
         begun = time.process_time_ns()
         self._simulator.AdvanceTo(self._ticks * period)
@@ -149,7 +140,7 @@ class Drake:
         return np.array(pose.translation()), np.array(pose.rotation().ToQuaternion().wxyz())
 
     def _angles(self, abduction: FloatArray, flexion: FloatArray) -> FloatArray:
-        """As the joints have them, a finger after the other, its abduction first, shape (20,)."""
+        """Angles in the order of the joints: finger by finger, its abduction first, shape (20,)."""
         return np.column_stack([self._hand.abduction_sign * abduction, flexion]).ravel()
 
     def _forces(self) -> FloatArray:
@@ -172,7 +163,7 @@ class Drake:
         return found
 
     def _touching(self, *, hand: bool) -> Any:
-        """What a geometry touches with: no friction, and the stiffness."""
+        """Contact properties of a geometry: no friction, and the stiffness."""
         properties = self._geometry.ProximityProperties()
         self._geometry.AddContactMaterial(
             DISSIPATION, POINT_STIFFNESS, self._multibody.CoulombFriction(0.0, 0.0), properties
@@ -224,7 +215,7 @@ class Drake:
         self._bodies.append(palm)
 
     def _drive(self, joint: Any, stiffness: float, damping: float) -> None:
-        """Have a joint follow the user's, by Drake's own implicit controller."""
+        """Drive a joint to the user's by Drake's implicit controller."""
         actuator = self._plant.AddJointActuator(joint.name(), joint)
         actuator.set_default_rotor_inertia(self._hand.armature)
         actuator.set_controller_gains(self._tree.PdControllerGains(p=stiffness, d=damping))
@@ -233,10 +224,9 @@ class Drake:
     def _hinge(self, parent: Any, place: Any, child: Any, axis: FloatArray, limits: Any) -> Any:
         tree = self._tree
         frame = self._plant.AddFrame(tree.FixedOffsetFrame(f"{child.name()} hinge", parent.body_frame(), place))
-        joint = tree.RevoluteJoint(
-            f"{child.name()}", frame, child.body_frame(), axis, float(limits[0]), float(limits[1])
+        return self._plant.AddJoint(
+            tree.RevoluteJoint(child.name(), frame, child.body_frame(), axis, float(limits[0]), float(limits[1]))
         )
-        return self._plant.AddJoint(joint)
 
 
 class DrakeFine(Drake):

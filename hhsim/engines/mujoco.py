@@ -1,4 +1,4 @@
-"""MuJoCo: the hand as its bodies and position actuators, and the object as convex parts, triangles or spheres."""
+"""MuJoCo: hand as bodies and position actuators, object as convex parts, triangles or spheres."""
 
 import time
 from typing import Any, ClassVar, NamedTuple
@@ -8,34 +8,33 @@ from numpy.typing import NDArray
 
 from hhsim.arrays import FloatArray
 from hhsim.engines.convex_parts import COARSE, FINE, Ball, Box, convex_parts
-from hhsim.engines.installed import lack_of, require
+from hhsim.engines.installed import lack_of, object_mesh, require
 from hhsim.engines.rigid_hand import PALM, PHALANX_MASS, STILL, RigidHand, speed_between
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS, PHALANGES
-from hhsim.mesh.mesh import Mesh
 from hhsim.solver.outside_method import MethodScene, TickAnswer
 
 BODIES = PALM + 1
 THICKNESS = 1e-6
-"""Of a triangle on either side [m]: MuJoCo wants some."""
+"""Thickness of a triangle on either side [m]: MuJoCo needs some."""
 LONGEST = 8e-3
-"""Of a triangle's edges [m], about a finger's radius. MuJoCo 4.0 misses some contacts of a capsule that lies across the
-edge of a triangle larger than itself, and none of such small ones."""
+"""Longest edge of a triangle [m], about a finger's radius: MuJoCo 4.0 misses some contacts of a capsule across the edge
+of a triangle larger than itself."""
 OBJECT = BODIES
-"""Row that contacts without a body of the hand are summed up in."""
+"""Row of the contacts without a body of the hand."""
 
 
 class Tuning(NamedTuple):
-    """What a user of MuJoCo sets.
+    """Settings of MuJoCo.
 
     Attributes:
         response: τ of `hhsim.engines.rigid_hand` [s].
-        steps: In a tick.
+        steps: Steps in a tick.
         solref: Time constant [s] and damping ratio of contacts and joint limits; None for MuJoCo's.
-        solimp: Their impedance; None for MuJoCo's.
-        integrator: By MuJoCo's name.
-        follow: Whether actuators are told the speed of the user's hand.
+        solimp: Impedance of contacts and joint limits; None for MuJoCo's.
+        integrator: MuJoCo's name of it.
+        follow: True if actuators get the speed of the haptic hand.
     """
 
     response: float
@@ -47,21 +46,21 @@ class Tuning(NamedTuple):
 
 
 SOFT = (0.9, 0.95, 0.001, 0.5, 2.0)
-"""MuJoCo's own solimp, written out. Stiffer ones sink no less, and one tick's force jumps by three times as much."""
+"""MuJoCo's own solimp. Stiffer ones sink no less, and one tick's force jumps by three times as much."""
 PLAIN = Tuning(0.01, 1, None, None, "mjINT_EULER", follow=False)
 TUNED = Tuning(0.003, 4, (0.0005, 1.0), SOFT, "mjINT_IMPLICITFAST", follow=True)
 FAST = Tuning(0.003, 1, (0.002, 1.0), SOFT, "mjINT_IMPLICITFAST", follow=True)
-"""The time constant of solref is two steps, the least that MuJoCo's manual calls stable."""
+"""Settings whose solref is two steps, the least that MuJoCo's manual calls stable."""
 
 
 class Contacts(NamedTuple):
-    """Of a step, n of them.
+    """Contacts of a step.
 
     Attributes:
-        row: Among the forces, -1 where there is none, shape (n,).
-        geom: The two that touch, -1 for a flex, shape (n, 2).
-        normal: From the first to the second, world, shape (n, 3).
-        force: Of every constraint [N].
+        row: Index into `force`, -1 without one, shape (n,).
+        geom: The two geoms that touch, -1 for a flex, shape (n, 2).
+        normal: From the first geom to the second, world, shape (n, 3).
+        force: Forces of all constraints [N].
     """
 
     row: NDArray[np.int32]
@@ -101,7 +100,7 @@ class MuJoCo:
         for geom in range(self._model.ngeom):
             body = self._model.body(self._model.geom_bodyid[geom]).name
             self._body_of_geom[geom] = bodies.get(body, OBJECT)
-        # How long after a tick's target the actuators see it, on average over the steps.
+        # Mean delay from a tick's target to the actuators over its steps.
         self._ahead = 0.5 * scene.period * (1.0 + 1.0 / self.tuning.steps)
         self._before: HandConfiguration | None = None
 
@@ -138,11 +137,11 @@ class MuJoCo:
         return TickAnswer(pose, force[:PALM].reshape(len(FINGERS), PHALANGES, 3), force[PALM], native)
 
     def _step(self) -> None:
-        """Bring the data a tick further."""
+        """Advance the data by a tick."""
         self._mujoco.mj_step(self._model, self._data, self.tuning.steps)
 
     def _follow(self, haptic: HandConfiguration) -> None:
-        """Tell the dampers the user's speed, and the springs where the user's hand is while the steps are made."""
+        """Give the dampers the haptic hand's speed, and the springs its place during the steps."""
         before, self._before = self._before, haptic
         speed = STILL if before is None else speed_between(before, haptic, self._scene.period)
         ahead = [
@@ -150,7 +149,7 @@ class MuJoCo:
         ]
         w, x, y, z = haptic.orientation
         back = np.array([w, -x, -y, -z])
-        # Of the palm's six actuators, by where they are in ctrl, in the frame of the user's palm.
+        # The first six actuators are the palm's, in the frame of the haptic palm.
         for i, values in enumerate((speed.linear, speed.angular)):
             turned = np.empty(3)
             self._mujoco.mju_rotVecQuat(turned, values, back)
@@ -158,11 +157,11 @@ class MuJoCo:
         self._data.ctrl[6:] += ahead[2] * speed.flexion.ravel()
 
     def _spread(self, haptic: HandConfiguration) -> None:
-        """Abduction is no joint: it is the user's, and turns the frames that the fingers are in."""
+        """Turn the frames of the fingers by the user's abduction, which is no joint."""
         for f, mount in enumerate(self._mounts):
             self._model.body_quat[mount] = self._hand.mount(f, float(haptic.abduction[f]))
 
-    def _contacts(self) -> "Contacts":
+    def _contacts(self) -> Contacts:
         data = self._data
         return Contacts(data.contact.efc_address, data.contact.geom, data.contact.frame[:, :3], data.efc_force)
 
@@ -188,21 +187,12 @@ class MuJoCo:
         spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_REFSAFE if tuning.solref else 0
 
     def _touching(self) -> dict[str, Any]:
-        """Of every geom: no friction, and the tuning."""
-        given: dict[str, Any] = {"condim": 1}
-        if self.tuning.solref is not None:
-            given["solref"] = self.tuning.solref
-        if self.tuning.solimp is not None:
-            given["solimp"] = self.tuning.solimp
-        return given
-
-    def _mesh(self, scene: MethodScene) -> Mesh:
-        if scene.mesh is None:
-            raise InputError(f"method {self.name} needs the object's mesh, and it is spheres alone")
-        return scene.mesh
+        """Attributes of every geom: no friction, and the tuning."""
+        tuned = {"solref": self.tuning.solref, "solimp": self.tuning.solimp}
+        return {"condim": 1, **{name: value for name, value in tuned.items() if value is not None}}
 
     def _add_object(self, spec: Any, scene: MethodScene) -> None:
-        mesh = self._mesh(scene)
+        mesh = object_mesh(self.name, scene)
         kind = self._mujoco.mjtGeom
         body = spec.worldbody.add_body(name="object")
         given = {**self._touching(), "contype": 0, "conaffinity": 1}
@@ -218,8 +208,7 @@ class MuJoCo:
     def _add_hand(self, spec: Any) -> None:
         mujoco, hand = self._mujoco, self._hand
         world = spec.worldbody
-        user = world.add_body(name="user", mocap=True)
-        user.add_site(name="user")
+        world.add_body(name="user", mocap=True).add_site(name="user")
         palm = world.add_body(
             name="palm", mass=hand.mass, inertia=[hand.inertia] * 3, ipos=[0.0] * 3, explicitinertial=True
         )
@@ -295,7 +284,7 @@ class MuJoCoTriangles(MuJoCo):
         from trimesh import remesh
 
         split: Any = remesh.subdivide_to_size
-        mesh = self._mesh(scene)
+        mesh = object_mesh(self.name, scene)
         vertices, faces = split(mesh.vertices, mesh.faces, LONGEST)
         spec.worldbody.add_body(name="object")
         flex = spec.add_flex()

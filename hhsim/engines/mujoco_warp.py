@@ -1,20 +1,19 @@
-"""MuJoCo-Warp: MuJoCo's model and settings, stepped by a recorded graph of kernels; here one world on the CPU."""
+"""MuJoCo-Warp: MuJoCo's model and settings, stepped by a recorded graph of kernels; one world on the CPU."""
 
 from typing import Any, ClassVar
 
 import numpy as np
 
-from hhsim.engines.installed import lack_of
-from hhsim.engines.mujoco import TUNED, Contacts, MuJoCo, Tuning
-from hhsim.engines.silent import silent
+from hhsim.engines.installed import lack_of, silent
+from hhsim.engines.mujoco import Contacts, MuJoCo
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.solver.outside_method import MethodScene
 
 CONTACTS = 512
-"""Room for them, and for pairs of geoms that are near: a share of the work is done for each place, taken or not."""
+"""Capacity for contacts and candidate pairs; unused capacity costs time too."""
 ROWS = 256
-"""Room for constraints: a row each joint at its limit and each contact."""
+"""Capacity for constraints: a row each joint at its limit and each contact."""
 
 
 class MuJoCoWarp(MuJoCo):
@@ -22,7 +21,6 @@ class MuJoCoWarp(MuJoCo):
 
     missing: ClassVar[str] = lack_of("mujoco-warp", "mujoco", "warp", "mujoco_warp", "coacd")
     name: ClassVar[str] = "mujoco-warp"
-    tuning: ClassVar[Tuning] = TUNED
 
     def __init__(self, scene: MethodScene) -> None:
         """Build the model, compile the kernels if they are not in Warp's cache, and record a tick's steps."""
@@ -41,21 +39,19 @@ class MuJoCoWarp(MuJoCo):
         model = engine.put_model(self._model)
         model.opt.warn_overflow = 0
         data = engine.make_data(self._model, nconmax=CONTACTS, njmax=ROWS)
-        # What is compiled while it is recorded would not be recorded.
+        # Kernels that are compiled during the recording would be missing from it.
         engine.step(model, data)
         with warp.ScopedCapture(device="cpu") as capture:
             for _ in range(self.tuning.steps):
                 engine.step(model, data)
         self._graph = capture.graph
-        # On the CPU these are the engine's own memory. The graph is of this model and these data: both have to stay.
+        # The arrays are the engine's own memory on the CPU, and the graph refers to this model and these data.
         self._kept = model, data
-        self._given = [(model.body_quat.numpy()[0], self._model.body_quat)]
-        self._given += [
-            (getattr(data, name).numpy()[0], getattr(self._data, name)) for name in ("ctrl", "mocap_pos", "mocap_quat")
-        ]
-        self._state = [
-            (getattr(data, name).numpy()[0], getattr(self._data, name)) for name in ("qpos", "qvel", "qacc_warmstart")
-        ]
+        inputs, state = (
+            [(getattr(data, name).numpy()[0], getattr(self._data, name)) for name in names]
+            for names in (("ctrl", "mocap_pos", "mocap_quat"), ("qpos", "qvel", "qacc_warmstart"))
+        )
+        self._inputs, self._state = [(model.body_quat.numpy()[0], self._model.body_quat), *inputs], state
         contact = data.contact
         self._full, self._count = data.overflow.numpy(), data.nacon.numpy()
         self._found = Contacts(
@@ -73,7 +69,7 @@ class MuJoCoWarp(MuJoCo):
         self._full[...] = 0
 
     def _step(self) -> None:
-        for there, here in self._given:
+        for there, here in self._inputs:
             there[...] = here
         self._launch(self._graph)
         for there, here in self._state:

@@ -1,4 +1,4 @@
-"""PyBullet (Bullet 3): the hand as a multibody driven by spring and damper torques, the object as its triangles."""
+"""PyBullet (Bullet 3): hand as a multibody driven by spring and damper torques, object as its triangles."""
 
 import tempfile
 import time
@@ -9,17 +9,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
-from hhsim.engines.installed import lack_of, require
-from hhsim.engines.rigid_hand import (
-    PALM,
-    PHALANX_MASS,
-    STILL,
-    RigidHand,
-    earlier,
-    speed_between,
-)
-from hhsim.engines.silent import silent
-from hhsim.errors import InputError
+from hhsim.engines.installed import lack_of, object_mesh, require, silent
+from hhsim.engines.rigid_hand import PALM, PHALANX_MASS, STILL, RigidHand, earlier, speed_between
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS, PHALANGES
 from hhsim.solver.outside_method import MethodScene, TickAnswer
@@ -27,13 +18,13 @@ from hhsim.solver.outside_method import MethodScene, TickAnswer
 RESPONSE = 0.005
 """τ of `hhsim.engines.rigid_hand` [s]."""
 ITERATIONS = 50
-"""Of the contact solver: Bullet's own; 200 change no figure."""
+"""Iterations of the contact solver, Bullet's default; 200 change no figure."""
 ERP = 0.2
-"""Share of a contact's depth that a step takes back: Bullet's own."""
+"""Share of a contact's depth that a step corrects, Bullet's default."""
 Y, Z = (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 HOLDING = 100.0
-"""What holds the abduction where the user has it [N·m]."""
+"""Torque that holds the abduction at the user's [N·m]."""
 
 
 class PyBullet:
@@ -51,8 +42,7 @@ class PyBullet:
             from pybullet_utils.bullet_client import BulletClient
 
             client = BulletClient(pybullet.DIRECT)
-        if scene.mesh is None:
-            raise InputError(f"method {self.name} needs the object's mesh, and it is spheres alone")
+        mesh = object_mesh(self.name, scene)
         self._scene = scene
         self._hand = RigidHand.of(scene.hand, scene.options.stiffness, RESPONSE)
         self._bullet: Any = client
@@ -65,7 +55,7 @@ class PyBullet:
             contactSlop=0.0,
             deterministicOverlappingPairs=1,
         )
-        self._object = self._add_object(scene.mesh.vertices, scene.mesh.faces)
+        self._object = self._add_object(mesh.vertices, mesh.faces)
         self._body, self._spreads, self._bends = self._add_hand()
         self._row = {-1: PALM} | {link: i for i, link in enumerate(self._bends)}
         self._before: HandConfiguration | None = None
@@ -109,7 +99,7 @@ class PyBullet:
         return TickAnswer(pose, push[:PALM].reshape(len(FINGERS), PHALANGES, 3), push[PALM], native)
 
     def _palm(self) -> tuple[FloatArray, FloatArray]:
-        """Position [m] and orientation w x y z of the shown palm, world."""
+        """Position [m] and orientation (w, x, y, z) of the graphic palm, world."""
         position, (x, y, z, w) = self._bullet.getBasePositionAndOrientation(self._body)
         quaternion = np.array([w, x, y, z])
         return np.array(position), quaternion / np.sqrt(quaternion @ quaternion)
@@ -139,7 +129,7 @@ class PyBullet:
         return found
 
     def _add_hand(self) -> tuple[int, list[int], list[int]]:
-        """The hand, and its links: the one that turns each finger with its abduction, and the fifteen phalanges."""
+        """Body of the hand, and its links: the one that abducts each finger, and the fifteen phalanges."""
         bullet = self._bullet
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "hand.urdf"
@@ -170,7 +160,9 @@ class PyBullet:
 
 
 def _bullet_urdf(hand: RigidHand) -> str:
-    """The hand in the Unified Robot Description Format: five fingers on a palm, each on a hinge for its abduction."""
+    """Hand in the Unified Robot Description Format: five fingers on a palm, each on a hinge for its abduction."""
+    from scipy.spatial.transform import Rotation
+
     palm = "".join(
         f'<collision><origin xyz="{_spaced(center)}"/>'
         f'<geometry><sphere radius="{float(radius)!r}"/></geometry></collision>'
@@ -178,11 +170,9 @@ def _bullet_urdf(hand: RigidHand) -> str:
     )
     parts = [_link("palm", hand.mass, hand.inertia, palm)]
     for f, finger in enumerate(FINGERS):
-        parts.append(_link(f"{finger}_mount", PHALANX_MASS, hand.armature))
-        parts.append(
-            _hinge("palm", f"{finger}_mount", hand.base[f], Z, (-np.pi, np.pi), _roll_pitch_yaw(hand.frame[f]))
-        )
-        before = f"{finger}_mount"
+        before, turn = f"{finger}_mount", Rotation.from_matrix(hand.frame[f]).as_euler("xyz")
+        parts.append(_link(before, PHALANX_MASS, hand.armature))
+        parts.append(_hinge("palm", before, hand.base[f], Z, (-np.pi, np.pi), _spaced(turn)))
         for k in range(PHALANGES):
             name, length = f"{finger}_{k}", float(hand.length[f, k])
             capsule = (
@@ -209,12 +199,6 @@ def _hinge(
         f'<origin xyz="{_spaced(place)}" rpy="{turn}"/><axis xyz="{_spaced(axis)}"/>'
         f'<limit lower="{float(limits[0])!r}" upper="{float(limits[1])!r}" effort="1000" velocity="10000"/></joint>'
     )
-
-
-def _roll_pitch_yaw(matrix: FloatArray) -> str:
-    from scipy.spatial.transform import Rotation
-
-    return _spaced(Rotation.from_matrix(matrix).as_euler("xyz"))
 
 
 def _spaced(values: Iterable[float]) -> str:

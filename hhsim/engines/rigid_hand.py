@@ -1,8 +1,8 @@
-"""The hand as rigid bodies and hinges, for any engine: a palm that the user pulls, and fifteen capsules that bend.
+"""Hand as rigid bodies and hinges, for any engine: a palm that the user pulls, and fifteen capsules that bend.
 
-The coupling G of Eq. 1 is a spring and a damper between the user's hand and the shown one: at rest, and without
-friction, an engine then looks for the same hand as hhsim's own methods. What moves has the virtual mass G τ², so that
-one time τ tunes all of it: the hand alone comes back to the user's as exp(-t/τ), critically damped.
+The coupling G of Eq. 1 is a spring and a damper between haptic and graphic hand: at rest, and without friction, an
+engine then solves for the same hand as hhsim's own methods. Bodies have the virtual mass G τ², so that one time τ tunes
+everything: the free hand returns to the user's as exp(-t/τ), critically damped.
 """
 
 import math
@@ -24,12 +24,12 @@ from hhsim.solver.options import Stiffness
 PALM = PALM_BODY
 """Number of the palm among the bodies; phalanx k of finger f is 3 f + k."""
 PHALANX_MASS = 1e-3
-"""Of a phalanx itself [kg]: engines want some, and what it resists with is its joint's virtual inertia."""
+"""Mass of a phalanx itself [kg]: engines need some; its resistance is the virtual inertia of its joint."""
 
 
 @dataclass(frozen=True, eq=False)
 class RigidHand:
-    """Bodies and joints of a hand, palm frame where nothing else is said.
+    """Bodies and joints of a hand, in the palm's frame.
 
     A finger's frame has x along the straight finger, y along the axis about which a positive angle flexes, z out of its
     back; an abduction turns it about z. Phalanx k begins at its hinge, about y, and runs along x.
@@ -44,7 +44,7 @@ class RigidHand:
         palm_center, palm_radius: Spheres of the palm [m], shapes (P, 3) and (P,).
         mass: Of the palm [kg].
         inertia: Of the palm about its origin, the same about every axis [kg m²].
-        armature: Of each hinge [kg m²].
+        armature: Inertia of each hinge [kg m²].
         stiffness: k_t [N/m], k_r [N·m/rad] and k_θ [N·m/rad] of the coupling.
         damping: Of the same three, critical [N s/m, N·m s/rad].
     """
@@ -60,12 +60,12 @@ class RigidHand:
     mass: float
     inertia: float
     armature: float
-    stiffness: tuple[float, float, float]
-    damping: tuple[float, float, float]
+    stiffness: tuple[float, ...]
+    damping: tuple[float, ...]
 
     @classmethod
     def of(cls, hand: HandModel, stiffness: Stiffness, response: float) -> "RigidHand":
-        """The hand with a coupling whose time constant τ is `response` [s]."""
+        """Return the hand with a coupling whose time constant τ is `response` [s]."""
         springs = (stiffness.translation, stiffness.rotation, stiffness.flexion)
         mass, inertia, armature = (response**2 * k for k in springs)
         return cls(
@@ -81,11 +81,11 @@ class RigidHand:
             inertia=inertia,
             armature=armature,
             stiffness=springs,
-            damping=(2.0 * response * springs[0], 2.0 * response * springs[1], 2.0 * response * springs[2]),
+            damping=tuple(2.0 * response * k for k in springs),
         )
 
     def place(self, finger: int, k: int) -> FloatArray:
-        """Where phalanx k begins in the frame of the one before it, the first one in its finger's [m], shape (3,)."""
+        """Return the origin of phalanx k in the frame of the one before it, or of its finger [m], shape (3,)."""
         return np.array([self.length[finger, k - 1] if k else 0.0, 0.0, 0.0])
 
     @cached_property
@@ -93,7 +93,7 @@ class RigidHand:
         return [tuple(map(float, quaternion)) for quaternion in quaternion_from_matrix(self.frame)]
 
     def mount(self, finger: int, abduction: float) -> tuple[float, float, float, float]:
-        """Palm from finger frame at an abduction [rad], as a quaternion w x y z."""
+        """Return the rotation from finger to palm frame at an abduction [rad], (w, x, y, z)."""
         w, x, y, z = self._frames[finger]
         half = 0.5 * self.abduction_sign * abduction
         c, s = math.cos(half), math.sin(half)
@@ -108,13 +108,13 @@ class RigidHand:
         linear: FloatArray,
         angular: FloatArray,
     ) -> tuple[FloatArray, FloatArray]:
-        """What the coupling does to the palm: force [N] and torque about its origin [N·m], world.
+        """Return the coupling's force on the palm [N] and its torque about the palm's origin [N·m], world.
 
         Args:
-            target: Where the user's hand is.
-            speed: Of the user's hand.
-            position, orientation: Of the shown palm [m], w x y z, world.
-            linear, angular: Its speed [m/s, rad/s], world.
+            target: Haptic hand.
+            speed: Of the haptic hand.
+            position, orientation: Of the graphic palm [m], (w, x, y, z), world.
+            linear, angular: Speed of the graphic palm [m/s, rad/s], world.
         """
         force = self.stiffness[0] * (target.position - position) + self.damping[0] * (speed.linear - linear)
         turn = rotation_between(orientation, target.orientation)
@@ -123,20 +123,13 @@ class RigidHand:
     def bend(
         self, target: HandConfiguration, speed: "HandSpeed", flexion: FloatArray, bending: FloatArray
     ) -> FloatArray:
-        """What the coupling does to the hinges [N·m], shape (15,), where they are bent [rad] and bend [rad/s] so."""
-        return self.stiffness[2] * (target.flexion.ravel() - flexion) + self.damping[2] * (
-            speed.flexion.ravel() - bending
-        )
+        """Return the coupling's torques on the hinges [N·m], shape (15,), from their angles and speeds [rad, rad/s]."""
+        spring = self.stiffness[2] * (target.flexion.ravel() - flexion)
+        return spring + self.damping[2] * (speed.flexion.ravel() - bending)
 
 
 class HandSpeed(NamedTuple):
-    """How fast the user's hand moves.
-
-    Attributes:
-        linear: Of the palm's origin [m/s], world, shape (3,).
-        angular: Of the palm [rad/s], world, shape (3,).
-        flexion: [rad/s], shape (5, 3).
-    """
+    """Speed of the palm [m/s, rad/s], world, shapes (3,), and of the flexion [rad/s], shape (5, 3)."""
 
     linear: FloatArray
     angular: FloatArray
@@ -147,7 +140,7 @@ STILL = HandSpeed(np.zeros(3), np.zeros(3), np.zeros((5, PHALANX_COUNT)))
 
 
 def speed_between(before: HandConfiguration, now: HandConfiguration, period: float) -> HandSpeed:
-    """Mean speed between two ticks of a hand."""
+    """Return the mean speed between two ticks of a hand."""
     return HandSpeed(
         (now.position - before.position) / period,
         rotation_between(before.orientation, now.orientation) / period,
@@ -156,12 +149,12 @@ def speed_between(before: HandConfiguration, now: HandConfiguration, period: flo
 
 
 def rotation_between(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Rotation vector [rad], shape (3,), world, that turns one orientation, w x y z, to another the short way round."""
+    """Return the shortest rotation vector [rad], shape (3,), world, between two orientations (w, x, y, z)."""
     vector = np.empty(3)
     rotation_vector_between(as_argument(first), as_argument(second), vector)
     return vector
 
 
 def earlier(now: HandConfiguration, speed: HandSpeed, time: float) -> HandConfiguration:
-    """Where the user's hand was some time [s] ago, its turning left out: for forces that a step finds as it begins."""
+    """Return the haptic hand some time [s] ago, its rotation unchanged: for forces applied as a step begins."""
     return now._replace(position=now.position - time * speed.linear, flexion=now.flexion - time * speed.flexion)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hhsim.bench.mesh_errors import MeshReferee
+from hhsim.bench.mesh_errors import MeshReferee, sampled
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
@@ -102,3 +102,11 @@ def test_nothing_is_deep_in_a_mesh_that_encloses_nothing() -> None:
     assert np.isnan([found.depth_max, found.depth_p95]).all()
     assert (found.ticks, found.points > 0) == (0, True)
     assert found.contact_max == pytest.approx(5e-4, abs=1e-12)
+
+
+def test_samples_are_spread_over_the_ticks() -> None:
+    many = np.arange(100, 300, 2)
+    assert sampled(many, 5).tolist() == [100, 148, 198, 248, 298]
+    assert sampled(many, 3, [7]).tolist() == [7, 100, 198, 298]
+    assert sampled(many[:2], 5).tolist() == [100, 102]
+    assert sampled(np.zeros(0, np.int64), 5).tolist() == []

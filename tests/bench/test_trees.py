@@ -10,14 +10,7 @@ from conftest import Run
 
 from hhsim.bench import trees
 from hhsim.bench.table import load_table
-from hhsim.bench.trees import (
-    TreesOptions,
-    comparison_object,
-    largest_error,
-    measure,
-    missed_bars,
-)
-from hhsim.errors import InputError, UnknownNameError
+from hhsim.bench.trees import TreesOptions, comparison_object, largest_error, measure, missed_bars
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.trees.published_results import BARS, EXTENT, REFERENCES
 from hhsim.verify.tree_checks import referee
@@ -112,15 +105,6 @@ def test_what_is_a_miss() -> None:
     assert missed_bars([slow], with_times=True) == ["cube, 512 spheres: 2.1 s of CPU time, limit 2.0 s"]
 
 
-def test_what_cannot_be_run_is_refused() -> None:
-    with pytest.raises(InputError, match="0 spheres"):
-        TreesOptions(spheres=(0,))
-    with pytest.raises(InputError, match="32,768"):
-        TreesOptions(spheres=(40_000,))
-    with pytest.raises(UnknownNameError, match="bunny"):
-        TreesOptions(objects=("bunyn",))
-
-
 def test_the_command_writes_three_files(run: Run, tmp_path: Path, few_points: None) -> None:
     answer = run(*SMALL, "--out", "a.h5", "--size", "50")
     assert answer.code == 0, answer.err
@@ -148,23 +132,6 @@ def test_the_command_as_json_and_a_missed_bar(
     assert len(document["missed"]) == 2
     assert "cube, 8 spheres: protrudes" in document["missed"][0] and "s of CPU time" in document["missed"][1]
     assert "hhsim: missed: cube, 8 spheres: protrudes" in answer.err
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("--object", "buny"), "unknown object 'buny': did you mean bunny"),
-        (("--spheres", "0"), "'0', expected whole numbers from 1 to 32768"),
-        (("--spheres", "99999"), "'99999', expected whole numbers from 1 to 32768"),
-        (("--out", "a.txt"), "must end in .h5"),
-        (("--plot", "a.h5"), "no picture by its ending"),
-    ],
-)
-def test_a_wrong_word_is_refused(run: Run, tmp_path: Path, arguments: tuple[str, ...], message: str) -> None:
-    answer = run("bench", "trees", *arguments)
-    assert answer.code == 2
-    assert message in answer.err
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_build_tree_draws(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

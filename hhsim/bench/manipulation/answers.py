@@ -1,7 +1,7 @@
-"""Known answers of a free object with friction: what is exact, and what the solver's ticks come to.
+"""Known answers of a free object with friction, and the solver's.
 
-Motions are compared with the implicit Euler method's own sum, a Δt² n (n + 1) / 2, where they begin from rest: it is
-a Δt t / 2 ahead of a t² / 2, 0.3 % after 0.3 s, and that is the stated discretisation.
+Motions from rest are compared with the sum of the implicit Euler method, a Δt² n (n + 1) / 2, the stated
+discretisation: it is a Δt t / 2 ahead of a t² / 2, 0.3 % after 0.3 s.
 """
 
 import math
@@ -10,10 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hhsim.bench.manipulation.gripped import gripped
-from hhsim.bench.manipulation.gripper import BEHIND, INDEX, REACH, THUMB, closed, gripper, gripper_options
-from hhsim.bench.manipulation.pinch import RATE, Pinch
-from hhsim.bench.manipulation.rest import Rest
+from hhsim.arrays import BoolArray
+from hhsim.bench.manipulation.gripper import BEHIND, INDEX, REACH, THUMB, closed, gripped, gripper, gripper_options
+from hhsim.bench.manipulation.pinch import RATE, Pinch, Rest
 from hhsim.bench.manipulation.stage import Played, away, ball, block, play, touched, turned_by
 from hhsim.scene.free_object import FreeObject
 from hhsim.solver.options import SolverOptions
@@ -21,28 +20,19 @@ from hhsim.solver.options import SolverOptions
 GRAVITY = 9.81
 SLOPE = math.radians(30.0)
 WITHIN = 0.01
-"""A figure that is not 0 holds within this share of it."""
+"""Allowed relative error of a figure that is not 0."""
 SLIPS = 1e-7
-"""A contact slips that goes further than this in a tick [m]."""
+"""Way of a contact in a tick above which it slips [m]."""
 TURNS = 1e-3
-"""A block has turned in the grip by more than this [rad]."""
+"""Angle above which a block has turned in the grip [rad]."""
 TIP_RADIUS = 0.008
 EASED_FROM, EASED_TO = 1.3, 0.8
-"""Shares of the threshold between which a squeeze is let go to find it."""
+"""Shares of the threshold between which a squeeze is eased to find it."""
 
 
 @dataclass(frozen=True)
 class Answer:
-    """One figure that is known, and what was measured.
-
-    Attributes:
-        case: What was played.
-        what: The figure.
-        unit: SI.
-        exact: What it should be.
-        measured: What it is.
-        allowed: By how much it may be off, in its unit.
-    """
+    """One figure of a case in its SI unit: exact, measured, and the allowed difference."""
 
     case: str
     what: str
@@ -53,23 +43,18 @@ class Answer:
 
     @property
     def off(self) -> float:
-        """By how much it is off, in its unit."""
+        """Difference of the measured from the exact figure."""
         return self.measured - self.exact
 
     @property
     def holds(self) -> bool:
-        """Whether that is allowed."""
+        """True if the difference is allowed."""
         return abs(self.off) <= self.allowed
 
 
 @dataclass(frozen=True, kw_only=True)
 class Lengths:
-    """How long the slow cases are played.
-
-    Attributes:
-        rest: A block on a table [s].
-        held: A block at 1.05 times the least squeeze [s].
-    """
+    """Durations [s] of a rest on a table, and of a hold at 1.05 times the least squeeze."""
 
     rest: float = 600.0
     held: float = 60.0
@@ -80,12 +65,12 @@ def _near(case: str, what: str, unit: str, exact: float, measured: float) -> Ans
 
 
 def _way(acceleration: float, ticks: int) -> float:
-    """From the end of the first tick to that of the last one, by implicit Euler from rest [m]."""
+    """Way from the end of the first tick to that of the last one, by implicit Euler from rest [m]."""
     return acceleration * (ticks * (ticks + 1) / 2 - 1) / RATE**2
 
 
 def _down() -> tuple[float, float, float]:
-    """Gravity along a slope, whose table is level."""
+    """Gravity on a slope, in the frame of its surface."""
     return (GRAVITY * math.sin(SLOPE), 0.0, -GRAVITY * math.cos(SLOPE))
 
 
@@ -94,7 +79,7 @@ def _alone(free: FreeObject, size: tuple[float, float, float], ticks: int) -> Pl
 
 
 def slope(lengths: Lengths) -> list[Answer]:
-    """A block on a slope of 30°: it slides, or it sticks."""
+    """Answer for a block on a slope of 30° that slides, and one that sticks."""
     size, ticks = (0.06, 0.06, 0.04), 300
     free = FreeObject.of_mesh(block(size), mass=0.1, friction=0.3, table=-0.02, gravity=_down())
     slides, sticks = _alone(free, size, ticks), _alone(replace(free, friction=0.6), size, 10 * ticks)
@@ -111,7 +96,7 @@ def slope(lengths: Lengths) -> list[Answer]:
 
 
 def rolling(lengths: Lengths) -> list[Answer]:
-    """A ball on a slope of 30°: it rolls with 5/7 g sin θ, or slides and spins up by what friction there is."""
+    """Answer for balls on a slope of 30°: one rolls with 5/7 g sin θ, one slides and spins up by friction."""
     radius, mass, ticks = 0.038, 0.2, 500
     inertia = 0.4 * mass * radius**2
     rows = ((inertia, 0.0, 0.0), (0.0, inertia, 0.0), (0.0, 0.0, inertia))
@@ -134,7 +119,7 @@ def rolling(lengths: Lengths) -> list[Answer]:
 
 
 def flight(lengths: Lengths) -> list[Answer]:
-    """A body that flies and turns on its own, and one that tumbles on a table."""
+    """Answer for a body in free flight, and one that tumbles on a table."""
     size, ticks = (0.1, 0.06, 0.02), 2000
     free = FreeObject.of_mesh(
         block(size), mass=0.3, gravity=(0.0, 0.0, 0.0), velocity=(1.0, 2.0, 3.0), angular_velocity=(1.0, 12.0, 0.5)
@@ -142,14 +127,8 @@ def flight(lengths: Lengths) -> list[Answer]:
     flies = _alone(free, size, ticks)
     momentum = 0.3 * np.linalg.norm(flies.velocity - np.array(free.velocity), axis=1).max()
     spin = np.linalg.norm(flies.angular_momentum(), axis=1)
-    free = replace(
-        *(free,),
-        gravity=(0.0, 0.0, -GRAVITY),
-        table=-0.3,
-        friction=0.5,
-        velocity=(0.5, 0.0, 0.0),
-        angular_velocity=(3, 5, 0.5),
-    )
+    free = replace(free, gravity=(0.0, 0.0, -GRAVITY), table=-0.3, friction=0.5)
+    free = replace(free, velocity=(0.5, 0.0, 0.0), angular_velocity=(3, 5, 0.5))
     falls = _alone(free, size, ticks)
     force = falls.table_wrench[:, :3].sum(axis=0) / RATE + 0.3 * np.array(free.gravity) * ticks / RATE
     gained = 0.3 * (falls.velocity[-1] - np.array(free.velocity))
@@ -165,7 +144,7 @@ def flight(lengths: Lengths) -> list[Answer]:
 
 
 def tipping(lengths: Lengths) -> list[Answer]:
-    """A cube pushed by a smooth fingertip slides below a height of a / 2 μ, and tips above it."""
+    """Answer for a cube pushed by a smooth fingertip: it slides below a height of a / 2 μ, and tips above it."""
     side, friction, low, high = 0.07, 0.8, 0.02, 0.065
     while high - low > 1e-4:
         height = 0.5 * (low + high)
@@ -188,7 +167,7 @@ def _tips(side: float, friction: float, height: float) -> bool:
 
 
 def thresholds(lengths: Lengths) -> list[Answer]:
-    """The squeeze at which a block that is held begins to slip, m g / 2 μ, as it is let go slowly."""
+    """Answer for held blocks, let go slowly: each begins to slip at a squeeze of m g / 2 μ."""
     found = []
     for mass in (0.01, 0.1, 1.0):
         for friction in (0.2, 0.5, 1.0):
@@ -204,7 +183,7 @@ def thresholds(lengths: Lengths) -> list[Answer]:
 
 
 def torsion(lengths: Lengths) -> list[Answer]:
-    """A block held beside its centre turns where friction and torsion together leave their limit.
+    """Answer for a block held beside its centre, which turns once friction and torsion exceed their common limit.
 
     A contact bears (|f| / μ)² + (τ / γ)² up to its normal force squared: the weight's share is m g / 2 μ, the moment's
     m g d / 2 γ.
@@ -222,15 +201,15 @@ def torsion(lengths: Lengths) -> list[Answer]:
     return found
 
 
-def _normal_before(played: Played, event: "np.ndarray[tuple[int, ...], np.dtype[np.bool_]]", pinch: Pinch) -> float:
-    """Normal force on a fingertip [N] right before something happens in the easing; NaN where it does not."""
+def _normal_before(played: Played, event: BoolArray, pinch: Pinch) -> float:
+    """Normal force on a fingertip [N] right before an event in the easing; NaN without one."""
     normal = 0.5 * played.summed(played.normal_force, of_table=False)
     at = np.flatnonzero(event[pinch.eased_from :])
     return float(normal[pinch.eased_from + at[0] - 1]) if at.size and at[0] > 0 else math.nan
 
 
 def held(lengths: Lengths) -> list[Answer]:
-    """A block that is held: where it hangs, and that it stays there at 1.05 times the least squeeze."""
+    """Answer for a block that is held at 1.05 times the least squeeze: its height, and that it stays there."""
     pinch = Pinch(hold=lengths.held, easing=1.0)
     pinch = replace(pinch, squeeze=1.3 * pinch.threshold, eased=1.05 / 1.3)
     played = gripped(pinch)
@@ -247,7 +226,7 @@ def held(lengths: Lengths) -> list[Answer]:
 
 
 def rest(lengths: Lengths) -> list[Answer]:
-    """A cube on a table."""
+    """Answer for a cube on a table."""
     task = Rest(lengths.rest)
     size, table = (task.side, task.side, task.side), -0.5 * task.side
     free = FreeObject.of_mesh(block(size), mass=task.mass, friction=task.friction, table=table)
@@ -257,7 +236,7 @@ def rest(lengths: Lengths) -> list[Answer]:
 
 
 def rest_answers(task: Rest, creep: float, depth: float) -> list[Answer]:
-    """What a rest comes to: how far the cube goes, and how deep it is in the table at most [m]."""
+    """Return the answers of a rest from the creep of the cube and its depth in the table [m]."""
     return [
         Answer("cube on a table", f"creep in {task.seconds:g} s", "m", 0.0, creep, 1e-9),
         Answer("cube on a table", "in the table, most", "m", 0.0, depth, 0.0),
@@ -274,4 +253,4 @@ CASES: dict[str, Callable[[Lengths], list[Answer]]] = {
     "held": held,
     "rest": rest,
 }
-"""What can be played, by name."""
+"""Cases by name."""

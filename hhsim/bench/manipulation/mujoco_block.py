@@ -1,32 +1,23 @@
-"""The block of the bench in MuJoCo, between two round fingertips and at rest, by its default options and by others.
+"""Block of the bench in MuJoCo, between two round fingertips and at rest, by several of MuJoCo's options.
 
-The hand of the bench is two fingers on a palm; here each fingertip is a ball on three position actuators of 1,000 N/m,
-critically damped, as a tracked hand is in an engine. Squeeze, friction, mass and motion are the same. The options are
-those of MuJoCo's documentation ("Computation", "XML Reference"): friction cones pyramidal or elliptic, `impratio`, by
-which friction is harder than contact, `noslip_iterations`, `solref` and `solimp`, the softness of contacts, and how
-many steps a tick takes.
+Each fingertip is a ball on three position actuators of 1,000 N/m, critically damped, as a tracked hand is in an engine.
+Squeeze, friction, mass and motion are those of the bench. The options are those of MuJoCo's documentation
+("Computation", "XML Reference").
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from hhsim.bench.manipulation.pinch import QUIET, RATE, Pinch, PinchOutcome
-from hhsim.bench.manipulation.rest import Rest
+from hhsim.bench.manipulation.pinch import QUIET, RATE, Pinch, PinchOutcome, Rest
 
 TIP_MASS = 0.02
-"""Of a fingertip [kg]."""
+"""Mass of a fingertip [kg]."""
 
 
 @dataclass(frozen=True)
 class EngineOptions:
-    """Of MuJoCo, as its XML has them.
-
-    Attributes:
-        option: Attributes of <option>.
-        contact: Attributes of every geom.
-        steps: Of the engine in a tick of 1 ms.
-    """
+    """Options of MuJoCo: XML attributes of <option> and of every geom, and the steps of a tick of 1 ms."""
 
     option: str = ""
     contact: str = ""
@@ -43,7 +34,7 @@ CONFIGURATIONS = {
         steps=4,
     ),
 }
-"""What is run: as it comes, and as its documentation says to tune it against slip."""
+"""Default options, and those that the documentation recommends against slip."""
 
 
 def mujoco_pinch(pinch: Pinch, options: EngineOptions) -> PinchOutcome:
@@ -72,7 +63,7 @@ def mujoco_pinch(pinch: Pinch, options: EngineOptions) -> PinchOutcome:
 
 
 def mujoco_rest(rest: Rest, options: EngineOptions) -> tuple[float, float]:
-    """How far a cube on a table goes once it has sunk in, after `QUIET` ticks, and how deep it is at most [m].
+    """Return the creep of a cube on a table after `QUIET` ticks, and its largest depth [m].
 
     Raises:
         ImportError: It is not installed.
@@ -108,7 +99,7 @@ def _scene(task: Pinch | Rest, options: EngineOptions) -> str:
 
 
 def _fingers(pinch: Pinch) -> tuple[str, str]:
-    """Fingertips, and what drives them."""
+    """Bodies of the fingertips, and their actuators."""
     half, radius = 0.5 * pinch.side, pinch.tip_radius
     tips = "".join(
         f'<body pos="{sign * (half + radius + pinch.gap)} 0 {half}">'

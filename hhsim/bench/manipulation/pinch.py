@@ -1,31 +1,33 @@
-"""The task of a pinch: close on a block, squeeze, lift it, hold it; and what came of it."""
+"""Tasks and their outcomes: a pinch (close on a block, squeeze, lift, hold), and a cube at rest on a table."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from hhsim.arrays import FloatArray
+from hhsim.bench.manipulation.stage import turned_by
 from hhsim.scene.hand_moves import minimum_jerk
 
 RATE = 1000.0
-"""Ticks per second [Hz]."""
+"""Tick rate [Hz]."""
 QUIET = 500
-"""Ticks of a hold, or a quarter of it, until the lift has died away."""
+"""Ticks of a hold, or a quarter of it, until the lift has decayed."""
 LIFTED = 0.9
-"""A block that came along for this share of the way at least was lifted."""
+"""Least share of the way of a block that was lifted."""
 
 
 @dataclass(frozen=True)
 class PinchOutcome:
-    """What a pinch came to; figures of the hold are those after its first `QUIET` ticks.
+    """Outcome of a pinch; figures of the hold are those after its first `QUIET` ticks.
 
     Attributes:
-        lifted: Whether the block came along.
-        hangs: How far below the command the block hangs [m]; NaN where it was not lifted.
-        creep: How far the block's height changes in the hold [m]; NaN where it was not lifted.
-        depth: Deepest that a fingertip was in the block [m].
-        squeeze: Normal force on a fingertip in the hold, mean [N]; NaN where nobody looked.
+        lifted: True if the block was lifted.
+        hangs: Height of the command over the block [m]; NaN if it was not lifted.
+        creep: Change of the block's height in the hold [m]; NaN if it was not lifted.
+        depth: Largest depth of a fingertip in the block [m].
+        squeeze: Mean normal force on a fingertip in the hold [N]; NaN if not measured.
     """
 
     lifted: bool
@@ -37,21 +39,19 @@ class PinchOutcome:
 
 @dataclass(frozen=True)
 class Pinch:
-    """What is pinched, how hard, and how far it is lifted.
+    """Task of a pinch.
 
     Attributes:
         mass: Of the block [kg].
         friction: μ of all contacts.
         squeeze: Normal force of each fingertip [N].
-        hold: How long the block is held aloft [s].
+        hold: Duration of the hold [s].
         side: Of the block, a cube [m].
-        tip_radius: Of the fingertips [m].
         stiffness: Of the coupling of each fingertip, in all directions [N/m].
-        lift: How far up [m].
+        lift: Height of the lift [m].
         gap: Between fingertip and block at first [m].
-        closing, settling, lifting: How long the fingers close and press, wait, and lift [s].
-        easing: How long they then ease [s], before the hold.
-        eased: To which share of the squeeze.
+        closing, settling, lifting, easing: Durations before the hold [s].
+        eased: Share of the squeeze that is left after the easing.
         gravity: [m/s²].
     """
 
@@ -88,15 +88,15 @@ class Pinch:
 
     @property
     def ticks(self) -> int:
-        """Of the whole."""
+        """Number of ticks."""
         return self.held_from + round(RATE * self.hold)
 
     def closed_at(self, tick: ArrayLike) -> FloatArray:
-        """Share of the way to first contact at the ticks, 0 to 1: in the first half of the closing."""
+        """Return the share of the way to first contact at the ticks: 0 to 1 in the first half of the closing."""
         return minimum_jerk(np.asarray(tick) / (0.5 * RATE * self.closing))
 
     def squeeze_at(self, tick: ArrayLike) -> FloatArray:
-        """Force commanded at the ticks [N]: grows in the second half of the closing, and falls evenly in the easing."""
+        """Return the commanded force at the ticks [N]: it grows at the end of the closing, and falls in the easing."""
         pressed = self.squeeze * minimum_jerk(np.asarray(tick) / (0.5 * RATE * self.closing) - 1.0)
         if self.easing == 0.0:
             return np.asarray(pressed)
@@ -104,15 +104,36 @@ class Pinch:
         return np.asarray(pressed * (1.0 - (1.0 - self.eased) * gone))
 
     def height_at(self, tick: ArrayLike) -> FloatArray:
-        """Height commanded at the ticks [m]."""
+        """Return the commanded height at the ticks [m]."""
         start = RATE * (self.closing + self.settling)
         return self.lift * minimum_jerk((np.asarray(tick) - start) / (RATE * self.lifting))
 
     def outcome(self, height: FloatArray, depth: float, squeeze: float = float("nan")) -> PinchOutcome:
-        """Of the block's height over where it stood at every tick [m], shape (ticks,)."""
+        """Return the outcome from the block's height over its start at every tick [m], shape (ticks,)."""
         held = height[self.held_from :]
         lifted = bool(held[0] > LIFTED * self.lift)
         rest = held[min(QUIET, len(held) // 4) :]
         creep = float(np.abs(rest - rest[0]).max()) if lifted else float("nan")
         hangs = self.lift - float(rest[0]) if lifted else float("nan")
         return PinchOutcome(lifted, hangs, creep, depth, squeeze)
+
+
+@dataclass(frozen=True)
+class Rest:
+    """Task of a cube at rest on a table, in s, kg, m and m/s²; `friction` is μ of cube and table."""
+
+    seconds: float = 600.0
+    mass: float = 0.24
+    friction: float = 0.6
+    side: float = 0.07
+    gravity: float = 9.81
+
+    def creep(self, center: FloatArray, orientation: FloatArray) -> float:
+        """Return the largest way of a corner [m].
+
+        Args:
+            center: Of the cube at every tick [m], shape (ticks, 3).
+            orientation: Of the first and the last of them, (w, x, y, z), shape (2, 4).
+        """
+        moved = float(np.linalg.norm(center - center[0], axis=1).max())
+        return moved + 0.5 * self.side * math.sqrt(3.0) * turned_by(orientation[0], orientation[1])

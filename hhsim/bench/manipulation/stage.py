@@ -1,4 +1,4 @@
-"""What the known answers are played on: a free block or ball, a hand or none near it, and what became of them."""
+"""Stage of the known answers: a free block or ball, a hand, and their recorded motion."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -13,6 +13,7 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion_product, rotation_matrix
 from hhsim.mesh.mesh import Mesh
+from hhsim.motion.analytic_motion import still
 from hhsim.scene.free_object import FreeObject
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
@@ -20,26 +21,26 @@ from hhsim.trees.contact_surface import ContactSurface, contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 
 BLOCK = 1000
-"""Ticks that are run at a time."""
+"""Ticks that are run together."""
 AWAY = np.array([0.0, 0.0, 5.0])
-"""Where a hand is that has nothing to do [m]."""
+"""Place of a hand that touches nothing [m]."""
 TABLE = -1
-"""Stands for the table where others name a body of the hand."""
+"""Body number of the table."""
 
 
 @dataclass(frozen=True, eq=False)
 class Played:
-    """What became of a free object, world frame; first axis the tick.
+    """Motion of a free object, world frame.
 
     Attributes:
-        free: The object as it began.
-        center: Of mass [m], shape (T, 3).
-        orientation: From where it was at first, (w, x, y, z), shape (T, 4).
+        free: Object at the start.
+        center: Centre of mass [m], shape (T, 3).
+        orientation: Relative to the start, (w, x, y, z), shape (T, 4).
         velocity, angular_velocity: [m/s] and [rad/s], shape (T, 3).
         hand_wrench, table_wrench: On the object, [N] and [N·m] about the centre of mass, shape (T, 6).
         table_distance: Of its lowest point [m], shape (T,).
-        palm: Where the palm is shown [m], shape (T, 3).
-        joints: Of the shown hand [m], in the frame that moves with the object, shape (T, 5, 4, 3).
+        palm: Position of the graphic palm [m], shape (T, 3).
+        joints: Of the graphic hand [m], in the object's frame, shape (T, 5, 4, 3).
         status: Flags of the ticks, shape (T,).
         tick, body, point, normal_force, slip: Of every contact that bears a force, first axis the contact.
         period: Of a tick [s].
@@ -65,27 +66,27 @@ class Played:
 
     @property
     def ticks(self) -> int:
-        """How many."""
+        """Number of ticks."""
         return len(self.center)
 
     def summed(self, values: FloatArray, of_table: bool) -> FloatArray:
-        """Sum over the contacts of each tick, of the table or of the hand, shape (T,)."""
+        """Return the sum over the contacts of each tick, of the table or of the hand, shape (T,)."""
         chosen = (self.body == TABLE) == of_table
         return np.asarray(np.bincount(self.tick[chosen], weights=values[chosen], minlength=self.ticks), np.float64)
 
     def slipped(self, of_table: bool) -> FloatArray:
-        """The farthest that a contact slips in each tick [m], shape (T,)."""
+        """Return the largest slip of a contact in each tick [m], shape (T,)."""
         found, chosen = np.zeros(self.ticks), (self.body == TABLE) == of_table
         np.maximum.at(found, self.tick[chosen], self.slip[chosen])
         return found
 
     @cached_property
     def rotation(self) -> FloatArray:
-        """From where it was at first, shape (T, 3, 3)."""
+        """Rotation relative to the start, shape (T, 3, 3)."""
         return np.asarray(rotation_matrix(self.orientation))
 
     def energy(self) -> FloatArray:
-        """Kinetic and potential [J], shape (T,)."""
+        """Return the kinetic and potential energy [J], shape (T,)."""
         free = self.free
         spin = np.einsum("tji,tj->ti", self.rotation, self.angular_velocity)
         rotational = 0.5 * np.einsum("ti,ij,tj->t", spin, np.array(free.inertia), spin)
@@ -94,7 +95,7 @@ class Played:
         return np.asarray(kinetic + rotational + potential, np.float64)
 
     def angular_momentum(self) -> FloatArray:
-        """About the centre of mass [N·m·s], shape (T, 3)."""
+        """Return the angular momentum about the centre of mass [N·m·s], shape (T, 3)."""
         inertia = self.rotation @ np.array(self.free.inertia) @ self.rotation.transpose(0, 2, 1)
         return np.asarray(np.einsum("tij,tj->ti", inertia, self.angular_velocity))
 
@@ -102,13 +103,12 @@ class Played:
 def play(
     free: FreeObject, surface: ContactSurface, hand: HandModel, options: SolverOptions, haptic: HandConfiguration
 ) -> Played:
-    """Run the ticks of a motion.
-
-    Raises:
-        InputError: What cannot be solved.
-    """
-    solver = HandSolver(hand, surface, options, free=free)
-    return _joined(free, list(_blocks(solver, haptic)), options.period)
+    """Run the ticks of a motion."""
+    blocks = list(_blocks(HandSolver(hand, surface, options, free=free), haptic))
+    whole = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
+    turn, shift = whole.pop("turn"), whole.pop("shift")
+    center = np.einsum("tij,j->ti", rotation_matrix(turn), np.array(free.center)) + shift
+    return Played(free=free, center=center, orientation=turn, period=options.period, **whole)
 
 
 def _blocks(solver: HandSolver, haptic: HandConfiguration) -> Iterator[dict[str, NDArray[Any]]]:
@@ -117,18 +117,12 @@ def _blocks(solver: HandSolver, haptic: HandConfiguration) -> Iterator[dict[str,
         record = solver.run(*haptic.part(first, first + BLOCK))
         found = solver.object_ticks
         ticks, rows = len(found.turn), int(found.contact[-1])
-        # The hand is recorded as the object sees it.
+        # The hand is recorded in the object's frame.
         palm = np.einsum("tij,tj->ti", rotation_matrix(found.turn), record.position) + found.shift
-        contacts = {name: np.array(getattr(found, name)[:rows]) for name in ("body", "point", "normal_force", "slip")}
+        names = ("turn", "shift", "velocity", "angular_velocity", "hand_wrench", "table_wrench", "table_distance")
         yield {
-            **{
-                name: getattr(found, name)
-                for name in (
-                    *("turn", "shift", "velocity", "angular_velocity"),
-                    *("hand_wrench", "table_wrench", "table_distance"),
-                )
-            },
-            **contacts,
+            **{name: getattr(found, name) for name in names},
+            **{name: np.array(getattr(found, name)[:rows]) for name in ("body", "point", "normal_force", "slip")},
             "tick": begun + np.repeat(np.arange(ticks), np.diff(found.contact[: ticks + 1])),
             "palm": palm,
             "joints": record.joints,
@@ -137,25 +131,13 @@ def _blocks(solver: HandSolver, haptic: HandConfiguration) -> Iterator[dict[str,
         begun += ticks
 
 
-def _joined(free: FreeObject, blocks: list[dict[str, NDArray[Any]]], period: float) -> Played:
-    whole = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
-    turn, shift = whole.pop("turn"), whole.pop("shift")
-    center = np.einsum("tij,j->ti", rotation_matrix(turn), np.array(free.center)) + shift
-    return Played(free=free, center=center, orientation=turn, period=period, **whole)
-
-
 def away(ticks: int) -> HandConfiguration:
-    """A hand that has nothing to do."""
-    return HandConfiguration(
-        np.tile(AWAY, (ticks, 1)),
-        np.tile([1.0, 0.0, 0.0, 0.0], (ticks, 1)),
-        np.zeros((ticks, 5, 3)),
-        np.zeros((ticks, 5)),
-    )
+    """Return a hand that touches nothing."""
+    return still(AWAY, ticks=ticks)
 
 
 def block(size: ArrayLike, center: ArrayLike = (0.0, 0.0, 0.0)) -> Mesh:
-    """A box [m] about a centre, shape (3,) each."""
+    """Return a box [m] about a centre, shape (3,) each."""
     corners = np.array([[x, y, z] for z in (-0.5, 0.5) for y in (-0.5, 0.5) for x in (-0.5, 0.5)])
     faces = [[0, 2, 1], [1, 2, 3], [4, 5, 6], [5, 7, 6], [0, 1, 4], [1, 5, 4]]
     faces += [[2, 6, 3], [3, 6, 7], [0, 4, 2], [2, 4, 6], [1, 3, 5], [3, 7, 5]]
@@ -163,18 +145,18 @@ def block(size: ArrayLike, center: ArrayLike = (0.0, 0.0, 0.0)) -> Mesh:
 
 
 def touched(mesh: Mesh) -> ContactSurface:
-    """The triangles of a mesh."""
+    """Return the triangles of a mesh as a surface."""
     return contact_surface("mesh", mesh, None)
 
 
 def ball(radius: float) -> ContactSurface:
-    """A ball about the origin, exactly [m]."""
+    """Return an exact ball about the origin [m]."""
     tree = SphereTree(np.zeros((2, 3)), np.full(2, radius), np.array([0, 1]), np.array([-1, 0]))
     return contact_surface("spheres", None, tree)
 
 
 def turned_by(first: ArrayLike, second: ArrayLike) -> float:
-    """Angle between two orientations (w, x, y, z) [rad]."""
+    """Return the angle between two orientations (w, x, y, z) [rad]."""
     back = np.asarray(second) * [1.0, -1.0, -1.0, -1.0]
     w, *rest = quaternion_product(first, back)
     return float(2.0 * np.arctan2(np.linalg.norm(rest), abs(w)))

@@ -1,4 +1,4 @@
-"""The table of `hhsim bench manipulation`: a figure a line, what is exact, what was measured, and by whom."""
+"""Table of `hhsim bench manipulation`: a row for each figure and method, exact and measured."""
 
 import importlib.util
 import math
@@ -8,10 +8,9 @@ from functools import partial
 from typing import Any
 
 from hhsim.bench.manipulation.answers import CASES, Answer, Lengths, rest_answers
-from hhsim.bench.manipulation.gripped import own_outcome
+from hhsim.bench.manipulation.gripper import own_outcome
 from hhsim.bench.manipulation.mujoco_block import CONFIGURATIONS, mujoco_pinch, mujoco_rest
-from hhsim.bench.manipulation.pinch import Pinch, PinchOutcome
-from hhsim.bench.manipulation.rest import Rest
+from hhsim.bench.manipulation.pinch import Pinch, PinchOutcome, Rest
 from hhsim.errors import InputError, check_known
 from hhsim.table.table import Column
 
@@ -21,9 +20,9 @@ Row = Mapping[str, Any]
 OURS = "coupled"
 PINCH = "pinch"
 REST = "rest"
-"""The cases that engines play too."""
+"""Cases that engines play too."""
 SQUEEZES = (1.05, 1.5, 3.0)
-"""Of the pinches, as shares of the least squeeze that bears the weight."""
+"""Squeezes of the pinches over the least one that bears the weight."""
 COLUMNS = (
     Column("case", "what was played"),
     Column("method", "by which method"),
@@ -39,20 +38,14 @@ COLUMNS = (
 
 @dataclass(frozen=True, kw_only=True)
 class ManipulationOptions:
-    """What is played.
-
-    Attributes:
-        cases: Some of `CASES`, and `PINCH`; all of them where there are none.
-        rest: How long a block rests on a table [s].
-        held: How long a block is held [s].
-    """
+    """Options of the suite: names of cases, none for all, and durations of rest and hold [s]."""
 
     cases: tuple[str, ...] = ()
     rest: float = 600.0
     held: float = 60.0
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be played."""
+        """Raise InputError for an unknown case or a duration out of range."""
         check_known("case", self.cases, case_names())
         for name in ("rest", "held"):
             value = getattr(self, name)
@@ -61,17 +54,17 @@ class ManipulationOptions:
 
     @classmethod
     def quick(cls, **named: Any) -> "ManipulationOptions":
-        """The same in a few seconds: short rests and holds."""
+        """Return options with short rests and holds, but for those given."""
         return cls(**{"rest": 10.0, "held": 5.0, **named})
 
 
 def case_names() -> tuple[str, ...]:
-    """Everything that can be played."""
+    """Return the names of all cases."""
     return (*CASES, PINCH)
 
 
 def measure(options: ManipulationOptions, progress: Progress | None = None) -> list[Row]:
-    """Play the cases; the rows of the table."""
+    """Play the cases and return the rows of the table."""
     rows: list[Row] = []
     chosen = options.cases or case_names()
     for done, name in enumerate(chosen):
@@ -95,7 +88,7 @@ def _engine_rests(rest: Rest) -> list[Row]:
 
 
 def pinch_rows(held: float) -> list[Row]:
-    """A pinch by our method, and by MuJoCo with its options where it is installed."""
+    """Return the rows of a pinch by our method, and by MuJoCo with its options if it is installed."""
     players: dict[str, Callable[[Pinch], PinchOutcome]] = {OURS: own_outcome}
     if has_mujoco():
         for name, configuration in CONFIGURATIONS.items():
@@ -118,22 +111,19 @@ def pinch_rows(held: float) -> list[Row]:
 
 
 def has_mujoco() -> bool:
-    """Whether MuJoCo is installed."""
+    """Return True if MuJoCo is installed."""
     return importlib.util.find_spec("mujoco") is not None
 
 
 def missed(rows: Sequence[Row]) -> list[Row]:
-    """The rows whose figure is off by more than it may be."""
+    """Return the rows whose figure is off by more than allowed."""
     return [row for row in rows if row["holds"] == 0]
 
 
 def remarks() -> list[str]:
-    """What a reader should know besides."""
-    return (
-        []
-        if has_mujoco()
-        else ["MuJoCo is not installed, so pinch and rest have our rows alone: pip install 'hhsim[mujoco]'"]
-    )
+    """Return remarks on the table."""
+    note = "MuJoCo is not installed, so pinch and rest have our rows alone: pip install 'hhsim[mujoco]'"
+    return [] if has_mujoco() else [note]
 
 
 def _row(method: str, answer: Answer, *, promised: bool = True) -> Row:

@@ -1,1 +1,1 @@
-"""The paper's whole evaluation."""
+"""Whole evaluation of the paper."""

@@ -1,8 +1,7 @@
-"""The paper's whole evaluation in one run, its printed figures beside ours: Figs. 11 to 15 and Section V-D.
+"""Whole evaluation of the paper in one run: Figs. 11 to 15 and Section V-D.
 
-Every scene is played by every method, in turns, so that what else the machine does falls on all of them; of each tick
-the median of the repetitions counts. Times are those of one thread on the machine at hand; the paper's are of its own
-(Intel Core i7-8700, 3.7 GHz), Fig. 15 with five threads.
+Every scene is played by every method, in turns; of each tick the median of the repetitions counts. Times are those of
+one thread on the machine at hand; the paper's are of an Intel Core i7-8700, 3.7 GHz, Fig. 15 with five threads.
 """
 
 from collections.abc import Sequence
@@ -29,19 +28,19 @@ from hhsim.trees.sphere_tree import SphereTree
 QUICK_LEVEL = 3
 QUICK_INSTANCES = 3
 CONTACTS = {"TF": 131.0, "WH": 250.0}
-"""Contacts at which the paper states a time, by case of Fig. 15."""
+"""Numbers of contacts for which the paper states a time, by case of Fig. 15."""
 CONTACTS_OBJECT = "bunny"
-"""Object on which it does."""
+"""Object of those times."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PaperOptions:
-    """What is measured.
+    """Options of the evaluation.
 
     Attributes:
-        objects: Of the catalogue; None for all.
+        objects: Names of the catalogue; None for all.
         level: Of every sphere tree; None for the paper's, 3 for the simple objects and 4 for the complex ones.
-        instances: Most of a case of Fig. 15.
+        instances: Limit of the instances of a case of Fig. 15.
         repetitions: Of every run.
         seed: Of the instances' places.
     """
@@ -54,7 +53,7 @@ class PaperOptions:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be measured."""
+        """Raise InputError for unknown names, empty lists and numbers out of range."""
         check_known("method", self.methods, list(METHODS))
         check_known("object", self.objects or (), object_names())
         if not self.methods or self.objects == ():
@@ -64,18 +63,18 @@ class PaperOptions:
 
     @classmethod
     def quick(cls) -> "PaperOptions":
-        """Every row from coarse spheres, few instances and one repetition: whether it works, not how fast."""
+        """Return options for every row from coarse spheres, few instances and one repetition: a test of it."""
         return cls(level=QUICK_LEVEL, instances=QUICK_INSTANCES, repetitions=1)
 
     @property
     def whole(self) -> bool:
-        """Whether it is the paper's evaluation, all of it and on trees of the paper's levels."""
+        """True for the whole evaluation on trees of the paper's levels."""
         return self.level is None and self.objects is None
 
 
 @dataclass(frozen=True, eq=False)
 class ContactRun:
-    """A scene at a stated number of contacts, and the margin [m] that brings it about."""
+    """A scene at a stated number of contacts, and the margin [m] that gives it."""
 
     case: str
     wanted: float
@@ -85,18 +84,13 @@ class ContactRun:
 
 @dataclass(frozen=True, eq=False)
 class PaperRuns:
-    """All runs.
-
-    Attributes:
-        scenes: By scene, then by method.
-        at_contacts: The two scenes for which the paper states a number of contacts, by method; empty if left out.
-    """
+    """All runs: by scene, then by method; and those of the scenes for which the paper states a number of contacts."""
 
     scenes: tuple[SceneRun, ...]
     at_contacts: tuple[ContactRun, ...]
 
     def of(self, method: str, *figures: str, object_name: str | None = None, case: str | None = None) -> list[SceneRun]:
-        """The runs of a method in some figures."""
+        """Return the runs of a method in some figures."""
         return [
             run
             for run in self.scenes
@@ -165,6 +159,6 @@ def _at_contacts(options: PaperOptions, stages: Sequence[Stage], progress: Progr
 
 
 def percentile(run: SceneRun, share: float) -> float:
-    """Of the thread time of a run's ticks in contact [s]; NaN without any."""
+    """Return a percentile of the thread time of a run's ticks in contact [s]; NaN without any."""
     times = run.tick_cpu[run.contact]
     return float(np.percentile(times, share)) if times.size else float("nan")

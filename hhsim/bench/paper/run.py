@@ -1,8 +1,4 @@
-"""One scene of the paper's evaluation, replayed by one method: times, contacts, depth, touches, force variation.
-
-The scenes of Fig. 15 are replayed as many short motions, each with the hand a little elsewhere; the others once, as
-long as they are. All of them come out as the same kind of figures.
-"""
+"""One scene of the paper's evaluation, replayed by one method: times, contacts, depth, touches, force variation."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -13,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.arrays import AnyArray, BoolArray, FloatArray
-from hhsim.bench.paper.contact_check import hold_distances
 from hhsim.bench.paper.scenarios import Scenario
-from hhsim.bench.paper.scene import RATE, Stage, held_ticks
+from hhsim.bench.paper.scene import RATE, Stage, held_ticks, hold_distances, ticks_of
 from hhsim.bench.run_errors import digest_of, hand_clearance, placed_of
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
@@ -24,7 +19,6 @@ from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import WORK_CANDIDATES, WORK_TOUCHING
 from hhsim.metrics.metrics import component_variation_rate, force_variation_rate
 from hhsim.metrics.run_ticks import RunTicks
-from hhsim.motion.trajectory import TickInput
 from hhsim.motion.tremor import Disturbance
 from hhsim.replay.tremor_hold import TREMOR, trembling_hold
 from hhsim.scene.contact_goals import TOUCHING, Touch
@@ -32,34 +26,30 @@ from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 
 Times = NDArray[np.float32]
-"""Of millions of ticks, to a nanosecond in ten milliseconds."""
-
+"""Times of millions of ticks, to a nanosecond in ten milliseconds."""
 INDEX = FINGERS.index("index")
 
 COUNTS = 4096
-"""A 12-bit sensor's counts a turn."""
+"""Counts a turn of a 12-bit sensor."""
 GLOVE_RATE = 200.0
-"""Samples per second of a glove such as the paper's [Hz]."""
+"""Sample rate of a glove such as the paper's [Hz]."""
 GLOVE = Disturbance(sensor_counts=COUNTS, sensor_noise=0.25 * 2.0 * math.pi / COUNTS)
-"""A glove on a still hand: readings flicker by one count of a 12-bit sensor. The paper moved the palm by keys."""
+"""Noise of a glove on a still hand: one count of a 12-bit sensor. The paper moved the palm by keys."""
 NOISES: dict[str, tuple[Disturbance, float | None]] = {
     "glove": (GLOVE, GLOVE_RATE),
     "trembling": (replace(TREMOR, sensor_counts=GLOVE.sensor_counts, sensor_noise=GLOVE.sensor_noise), GLOVE_RATE),
 }
-"""How a hold is repeated by a live hand: sensors of the glove alone, and tremor of the palm besides."""
+"""Noises of a repeated hold: sensors of the glove alone, and with tremor of the palm."""
 CARRIES = 0.25
-"""A component below this share of its force (three equal ones carry 0.58 each) is not looked at: of one that is nearly
-zero, a turn of the force by a hair is a large share. The medians over all holds hardly depend on it: they are 0.06 %
-apart at most from 0.1 to 0.5."""
+"""Least share of its force of a component that is measured (three equal ones have 0.58 each): a nearly zero one varies
+by large shares of itself. The medians over all holds differ by 0.06 % at most from 0.1 to 0.5."""
 
 
 @dataclass(frozen=True, eq=False)
 class Variation:
     """Change of the index finger's force from tick to tick in one hold [%], mean and standard deviation.
 
-    Attributes:
-        size: Of the force's size, shape (2,).
-        component: Of each component, shape (3, 2); NaN for a small one (`CARRIES`).
+    `size` is of the force's size, shape (2,); `component` of its components, shape (3, 2), NaN for small ones.
     """
 
     size: FloatArray
@@ -67,7 +57,7 @@ class Variation:
 
 
 class Moment(NamedTuple):
-    """What a picture shows: its name, and the graphic and the haptic hand."""
+    """Name of a picture, and the hands that it shows."""
 
     name: str
     graphic: HandConfiguration
@@ -83,24 +73,22 @@ class Curves(NamedTuple):
 
 @dataclass(eq=False)
 class SceneRun:
-    """A scene played by one method; all times [s], one row for each repetition.
+    """A scene played by one method; ticks are those of all motions, one after the other.
 
-    Ticks are those of all motions, one after the other. A run of many instances keeps no poses and forces: they would
-    be gigabytes.
+    A run of many instances keeps no poses and forces: they would be gigabytes.
 
     Attributes:
-        stage: What was played.
-        candidates, touching: Pairs near each other, and touching, at each tick, shape (T,).
+        candidates, touching: Numbers of candidate pairs and touching pairs, shape (T,).
         status: Of each tick, shape (T,).
-        digest: Of the poses.
-        shown: The ends of the holds and the middles of the slides, in order; none for instances.
+        digest: Of the poses and forces.
+        shown: Ends of the holds and middles of the slides, in order; none for instances.
         curves: Forces; None for instances.
-        contact: Ticks with candidate pairs, of those phases in which fingers close, hold or slide, shape (T,).
-        depth: Deepest in the object's spheres at each tick [m], shape (T,).
-        touches: What was demanded, and how far each was from happening [m], at every hold of every motion.
+        contact: Ticks with candidate pairs while fingers close, hold or slide, shape (T,).
+        depth: Penetration of the object's spheres at each tick [m], shape (T,).
+        touches: Demanded touches and their distances [m], at every hold of every motion.
         variation: Of the index finger's force in the first hold, by the names of NOISES; none for instances.
-        cpu, wall: Of every tick in each repetition, shape (T,).
-        parts: Detection, palm, fingers, force of every tick in each repetition, shape (T, 4).
+        cpu, wall: Times of every tick [s], shape (T,), an array a repetition.
+        parts: Times of detection, palm, fingers and force [s], shape (T, 4), an array a repetition.
     """
 
     stage: Stage
@@ -121,12 +109,12 @@ class SceneRun:
 
     @property
     def scenario(self) -> Scenario:
-        """The scene."""
+        """Scenario of the stage."""
         return self.stage.scenario
 
     @property
     def ticks(self) -> RunTicks:
-        """What run metrics that need no force and no pose are computed from."""
+        """Ticks for run metrics that need no force and no pose."""
         columns: dict[str, AnyArray] = {
             "status": self.status,
             "contacts/candidates": self.candidates,
@@ -137,30 +125,27 @@ class SceneRun:
 
     @cached_property
     def tick_cpu(self) -> FloatArray:
-        """Thread time of each tick, the median of the repetitions [s], shape (T,)."""
+        """CPU time of each tick, the median of the repetitions [s], shape (T,)."""
         return np.median(self.cpu, axis=0).astype(np.float64)
 
     @cached_property
     def tick_wall(self) -> FloatArray:
-        """The same by the clock on the wall [s], shape (T,)."""
+        """Wall time of each tick, the median of the repetitions [s], shape (T,)."""
         return np.median(self.wall, axis=0).astype(np.float64)
 
     @cached_property
     def tick_parts(self) -> FloatArray:
-        """Detection, palm, fingers and force of each tick by the clock on the wall, medians [s], shape (T, 4)."""
+        """Wall times of detection, palm, fingers and force of each tick, medians [s], shape (T, 4)."""
         return np.median(self.parts, axis=0).astype(np.float64)
 
     @cached_property
     def undisturbed(self) -> BoolArray:
-        """Ticks in contact in which the thread was not kept from its processor, shape (T,).
-
-        Wall time is the only time that is known of the parts of a tick, and an interrupted tick's says nothing of it.
-        """
+        """Ticks in contact that were not interrupted, shape (T,): only wall times are known of the parts of a tick."""
         return self.contact & (self.tick_wall <= 1.5 * self.tick_cpu + 5e-6)
 
     @property
     def missed(self) -> list[tuple[Touch, float]]:
-        """Demanded touches that did not happen, and how far [m] they were from it."""
+        """Demanded touches that did not happen, and their distances [m]."""
         return [(touch, distance) for touch, distance in self.touches if not distance < TOUCHING]
 
 
@@ -172,7 +157,8 @@ def play(stage: Stage, options: SolverOptions) -> SceneRun:
     """
     records = _run(stage, options)
     record = joined_record(records)
-    contact = np.concatenate([_acting(motion) for motion in stage.motions]) & (record.work[:, WORK_CANDIDATES] > 0)
+    names = {phase.name for motion in stage.motions for phase in motion.phases} - {"approach", "release"}
+    acting = np.concatenate([ticks_of(motion, *names) for motion in stage.motions])
     touches = []
     for motion, one in zip(stage.motions, records):
         found = hold_distances(stage.script, stage.scenario.object_name, stage.hand, stage.tree, motion, one)
@@ -195,7 +181,7 @@ def play(stage: Stage, options: SolverOptions) -> SceneRun:
         digest=digest_of(record),
         shown=_shown(stage, records[0]) if single else [],
         curves=curves,
-        contact=contact,
+        contact=acting & (record.work[:, WORK_CANDIDATES] > 0),
         # 0 - x and not -x: a free hand has depth 0, not minus 0.
         depth=np.maximum(0.0, 0.0 - hand_clearance(stage.hand, stage.arrays, placed_of(record), 0.0)),
         touches=touches,
@@ -220,10 +206,9 @@ def play_again(run: SceneRun) -> None:
 
 
 def at_contacts(stage: Stage, options: SolverOptions, wanted: float, rounds: int = 10) -> tuple[float, SceneRun]:
-    """The margin [m] with which the hold of a stage's first motion has about so many candidate pairs, and its run.
+    """Return the margin [m] with which the hold of a stage's first motion has about `wanted` candidate pairs; its run.
 
-    Pairs farther off than the margin are no candidates: a wider one lets more in, which costs time and changes nothing
-    else. Halving; the run with the count nearest to the wanted one is kept.
+    A wider margin lets more candidate pairs in, which costs time and changes nothing else. Found by bisection.
     """
     one = replace(stage, motions=stage.motions[:1])
     held = held_ticks(one)
@@ -239,19 +224,14 @@ def at_contacts(stage: Stage, options: SolverOptions, wanted: float, rounds: int
         count = float(record.work[held, WORK_CANDIDATES].mean())
         if best is None or abs(count - wanted) < abs(best[0] - wanted):
             best = count, margin
-        if count < wanted:
-            low = margin
-        else:
-            high = margin
+        low, high = (margin, high) if count < wanted else (low, margin)
     if best is None:
         raise HhsimError(f"{stage.scenario.name}: no margin is small enough for the solver")
     return best[1], play(one, replace(options, margin=best[1]))
 
 
 def joined_record(records: list[TickRecord]) -> TickRecord:
-    """Ticks of several runs, one after the other."""
-    if len(records) == 1:
-        return records[0]
+    """Return the ticks of several runs, one after the other."""
     return TickRecord(*(np.concatenate(columns) for columns in zip(*records)))
 
 
@@ -280,9 +260,7 @@ def _shown(stage: Stage, record: TickRecord) -> list[Moment]:
             name, t = "slide", (phase.first_tick + phase.last_tick) // 2
         else:
             continue
-        graphic = HandConfiguration.of(record).at(t)
-        haptic = HandConfiguration.of(motion).at(t)
-        found.append(Moment(name, graphic, haptic))
+        found.append(Moment(name, HandConfiguration.of(record).at(t), HandConfiguration.of(motion).at(t)))
     return found
 
 
@@ -292,14 +270,6 @@ def _keep_times(run: SceneRun, record: TickRecord) -> None:
     run.parts.append((1e-9 * record.duration).astype(np.float32))
     for name in ("tick_cpu", "tick_wall", "tick_parts", "undisturbed"):
         run.__dict__.pop(name, None)
-
-
-def _acting(motion: TickInput) -> BoolArray:
-    """Ticks in which fingers close, hold or slide: the hand neither comes nor goes."""
-    acting = np.zeros(motion.tick_count, bool)
-    for phase in motion.phases:
-        acting[phase.first_tick : phase.last_tick + 1] = phase.name not in ("approach", "release")
-    return acting
 
 
 def _variation(
@@ -315,7 +285,7 @@ def _variation(
     mean = float(np.linalg.norm(force[settled], axis=1).mean())
     size = force_variation_rate(force)[settled]
     component = component_variation_rate(force, floor=max(CARRIES * mean, 1e-2))[settled]
-    # A component that is rarely large enough says nothing of the hold.
+    # A component that is rarely large enough tells nothing about the hold.
     often = np.isfinite(component).mean(axis=0) > 0.5
     return Variation(
         _mean_std(size), np.array([_mean_std(component[:, k]) if often[k] else (np.nan, np.nan) for k in range(3)])

@@ -1,7 +1,4 @@
-"""The scenes of the paper's evaluation: which motion on which object, figure by figure, with what it must touch.
-
-They are not listed here: a script of the catalogue says in which figure the paper shows its motion, and on what.
-"""
+"""Scenes of the paper's evaluation: scripts of the catalogue declare the figure and the objects of their motion."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +8,7 @@ from hhsim.mesh.catalogue import object_names
 from hhsim.scene.motion_catalogue import load_script, script_names
 
 SLIDING = "sliding"
-"""In place of a figure: the paper describes sliding on the five simple objects without one."""
+"""Stands for a figure: the paper describes sliding on the five simple objects without one."""
 FIGURES = {
     "11": "one finger, two fingers, five fingers with the palm, on five simple objects",
     "12": "no finger, one, two, five, two, one, none",
@@ -21,7 +18,7 @@ FIGURES = {
     "15": "single finger, two fingers, five fingers, whole hand on the complex objects: 100 instances each",
 }
 CASES = ("SF", "TF", "FF", "WH")
-"""The cases of Fig. 15: single finger, two fingers, five fingers, whole hand."""
+"""Cases of Fig. 15: single finger, two fingers, five fingers, whole hand."""
 
 
 @dataclass(frozen=True)
@@ -30,10 +27,9 @@ class Scenario:
 
     Attributes:
         figure: Of `FIGURES`.
-        object_name: Of the object catalogue.
-        motion: Script of the trajectory catalogue.
+        motion: Script of the catalogue.
         case: Of `CASES` in Fig. 15, else empty.
-        instances: Seeded variations of the hand's place.
+        instances: Number of seeded variations of the hand's place.
     """
 
     figure: str
@@ -44,12 +40,12 @@ class Scenario:
 
     @property
     def name(self) -> str:
-        """As on the command line of `hhsim replay`."""
+        """Object and motion as arguments of `hhsim replay`."""
         return f"{self.object_name} {self.motion}"
 
 
 def paper_scenarios(figures: Sequence[str] = tuple(FIGURES)) -> list[Scenario]:
-    """The scenes of some figures: in the order of `FIGURES`, then of the objects, then of the motions or cases.
+    """Return the scenes of some figures: in the order of `FIGURES`, then of the objects, then of the motions or cases.
 
     Raises:
         UnknownNameError: No such figure.

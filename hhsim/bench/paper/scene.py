@@ -1,6 +1,6 @@
-"""What a scene of the paper's evaluation is played on: object, hand, and the hand's motion.
+"""Object, hand and motions of a scene of the paper's evaluation.
 
-A scene of Fig. 15 has many short motions, each with the hand a little elsewhere; the others have one, as long as it is.
+A scene of Fig. 15 has many short motions, each with the hand a little elsewhere; the others have one whole motion.
 """
 
 import itertools
@@ -12,48 +12,44 @@ from functools import cached_property
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray
-from hhsim.bench.paper.contact_check import check_holds
 from hhsim.bench.paper.scenarios import Scenario
 from hhsim.errors import HhsimError
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion_from_matrix
 from hhsim.kernels.hand.kinematics import PALM_BODY
+from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.sphere_tree import TreeArrays
-from hhsim.motion.trajectory import TickInput
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.motion.trajectory import TickInput, Trajectory
 from hhsim.scene.closure_at_pose import PlacedCloser
-from hhsim.scene.contact_goals import TOUCHING
+from hhsim.scene.contact_goals import TOUCHING, touch_distances
 from hhsim.scene.finger_closure import FingerClosure, body_distances
 from hhsim.scene.motion_catalogue import load_script
-from hhsim.scene.script import Script, ScriptPhase
+from hhsim.scene.script import Script
 from hhsim.scene.stored_pose import Placement
 from hhsim.scene.synthesis import planned, synthesize
+from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.sphere_tree import SphereTree
 
 RATE = 1000.0
-"""Ticks a second [Hz], as in the paper."""
-
+"""Tick rate [Hz], as in the paper."""
 SHIFT, TURN = 0.003, math.radians(3.0)
-"""Instances vary the palm's place by this standard deviation [m] and [rad] in each axis."""
+"""Standard deviations of the palm's place in the instances [m] and [rad], in each axis."""
 TRIES = 20
-"""Places that are tried for an instance until one is found from which all named fingers reach; and of these, until one
-is found where the hold really touches what it names."""
+"""Limit of the places tried for an instance from which all named fingers reach; and of these, until a hold touches all
+that it names."""
 SHORT_WAY = 0.01
-"""How far an instance begins from its place [m]."""
+"""Distance from which an instance begins [m]."""
 SHORT_PHASES = {"approach": 0.1, "hold": 0.1, "release": 0.0}
 SHORT_CLOSING = 0.25
-"""Phases of an instance [s]: it comes from nearby, closes as fast as a fist, holds, and the way back is left out."""
+"""Durations of an instance's phases [s]: it comes from nearby, closes as fast as a fist, holds, and ends there."""
 
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """What a scene is played on.
-
-    Attributes:
-        script: Its motion.
-        tree: The object at rest, its frame the world's.
-        motions: The haptic hand, one motion or as many as there are instances.
-    """
+    """Setting of a scene: script, hand, object at rest in the world's frame, and a haptic motion for each instance."""
 
     scenario: Scenario
     script: Script
@@ -63,16 +59,16 @@ class Stage:
 
     @cached_property
     def arrays(self) -> TreeArrays:
-        """The tree as the kernels take it."""
+        """Arrays of the tree."""
         return self.tree.arrays()
 
 
 def make_stage(scenario: Scenario, hand: HandModel, tree: SphereTree, instances: int, seed: int = 0) -> Stage:
-    """Find the hand's place, or places, and make the motions.
+    """Find the hand's places and make the motions.
 
     Args:
         tree: The object.
-        instances: Most motions; a scene that is shown once has one.
+        instances: Limit of the motions; a scene that is shown once has one.
         seed: Of the instances' places.
 
     Raises:
@@ -91,33 +87,54 @@ def make_stage(scenario: Scenario, hand: HandModel, tree: SphereTree, instances:
 
 
 def held_ticks(stage: Stage) -> BoolArray:
-    """Ticks of the holds of all motions, shape (T,)."""
-    parts = []
-    for motion in stage.motions:
-        held = np.zeros(motion.tick_count, bool)
-        for phase in motion.phases:
-            if phase.name == "hold":
-                held[phase.first_tick : phase.last_tick + 1] = True
-        parts.append(held)
-    return np.concatenate(parts)
+    """Return the ticks of the holds of all motions, shape (T,)."""
+    return np.concatenate([ticks_of(motion, "hold") for motion in stage.motions])
+
+
+def ticks_of(motion: TickInput, *phases: str) -> BoolArray:
+    """Return the ticks of a motion in the phases of these names, shape (T,)."""
+    inside = np.zeros(motion.tick_count, bool)
+    for phase in motion.phases:
+        inside[phase.first_tick : phase.last_tick + 1] = phase.name in phases
+    return inside
+
+
+def hold_distances(
+    script: Script, object_name: str, hand: HandModel, tree: SphereTree, ticks: TickInput, record: TickRecord
+) -> list[FloatArray]:
+    """Return for each hold the distance of each demanded touch at its last tick [m]; see `touch_distances`."""
+    found = []
+    holds = [phase.last_tick for phase in ticks.phases if phase.name == "hold"]
+    rotation = np.empty((3, 3))
+    for tick, touches in zip(holds, script.hold_touches, strict=True):
+        quaternion_to_matrix(record.orientation[tick].copy(), rotation)
+        shown = (record.joints[tick], record.position[tick], rotation)
+        found.append(touch_distances(touches, object_name, hand, tree, *shown))
+    return found
+
+
+def check_holds(
+    script: Script, object_name: str, hand: HandModel, tree: SphereTree, motion: Trajectory, options: SolverOptions
+) -> list[FloatArray]:
+    """Play a motion at 1 kHz and return its `hold_distances`."""
+    ticks = motion.resampled(RATE)
+    record = HandSolver(hand, tree.arrays(), options).run(*HandConfiguration.of(ticks))
+    return hold_distances(script, object_name, hand, tree, ticks, record)
 
 
 def _short(script: Script) -> Script:
-    """The same motion, quicker: comes from nearby, closes, holds."""
-    phases: list[ScriptPhase] = []
-    for phase in script.phases:
-        duration = SHORT_PHASES.get(phase.name, SHORT_CLOSING)
-        if duration > 0.0:
-            phases.append(replace(phase, duration=duration))
-    return replace(script, phases=tuple(phases), start_distance=SHORT_WAY)
+    """Quicker motion of a script: it comes from nearby, closes and holds."""
+    durations = [SHORT_PHASES.get(phase.name, SHORT_CLOSING) for phase in script.phases]
+    phases = tuple(replace(phase, duration=time) for phase, time in zip(script.phases, durations) if time > 0.0)
+    return replace(script, phases=phases, start_distance=SHORT_WAY)
 
 
 def _instance(
     scenario: Scenario, script: Script, hand: HandModel, tree: SphereTree, places: Iterator[Placement]
 ) -> TickInput:
-    """A motion whose hold touches all that it names, in the reference optimum (`coupled`).
+    """A motion whose hold by `coupled` touches all that it names.
 
-    Where fingers reach while the palm is held, the palm may still give way to one and take another one off.
+    Fingers that reach while the palm is held may not all touch once the palm yields.
     """
     for place in itertools.islice(places, TRIES):
         motion = synthesize(script, hand, tree, placement=place)
@@ -128,7 +145,7 @@ def _instance(
 
 
 def _places(scenario: Scenario, script: Script, hand: HandModel, tree: SphereTree, seed: int) -> Iterator[Placement]:
-    """Places around the script's own, from which every named finger reaches the object, and the palm if it is to."""
+    """Places around the script's own, from which every named finger reaches the object, and the palm if named."""
     best = planned(script, hand, tree)
     closer = PlacedCloser(script, hand, tree)
     random = np.random.default_rng([seed, *scenario.name.encode()])
@@ -136,15 +153,9 @@ def _places(scenario: Scenario, script: Script, hand: HandModel, tree: SphereTre
     while True:
         for _ in range(TRIES):
             angle = TURN * random.standard_normal(3)
-            turned = turned_by(angle) @ best.rotation
-            place = Placement(
-                "",
-                best.position + SHIFT * random.standard_normal(3),
-                quaternion_from_matrix(turned),
-                best.back,
-                opened,
-                best.abduction,
-            )
+            turned = quaternion_from_matrix(turned_by(angle) @ best.rotation)
+            position = best.position + SHIFT * random.standard_normal(3)
+            place = Placement("", position, turned, best.back, opened, best.abduction)
             closure = closer.close(place)
             clear = closure.reached == script.fingers and _clear(closer, closure)
             if clear and (script.palm_depth == 0.0) == (closure.distance[PALM_BODY] >= 0.0):
@@ -155,13 +166,13 @@ def _places(scenario: Scenario, script: Script, hand: HandModel, tree: SphereTre
 
 
 def _opening(closer: PlacedCloser, closure: FingerClosure) -> FloatArray:
-    """How far the open fingers' first joints are flexed beyond the widest [rad], shape (5,)."""
+    """Flexion of the open fingers' first joints beyond the widest opening [rad], shape (5,)."""
     zero = Placement("", np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3))
     return np.asarray((closure.open - closer.opened(zero))[:, 0] / closer.rates[:, 0])
 
 
 def _clear(closer: PlacedCloser, closure: FingerClosure) -> bool:
-    """Whether the open hand is free of the object where the fingers close; a palm that is to touch may."""
+    """True if the open hand is free of the object at the place where the fingers close."""
     near = body_distances(
         *(closer.hand, closer.tree, closure.position, closure.rotation, closure.open, closure.abduction, closer.work)
     )
@@ -169,7 +180,7 @@ def _clear(closer: PlacedCloser, closure: FingerClosure) -> bool:
 
 
 def turned_by(rotation_vector: FloatArray) -> FloatArray:
-    """Rotation matrix, shape (3, 3), about a rotation vector [rad], shape (3,)."""
+    """Return the rotation matrix, shape (3, 3), of a rotation vector [rad], shape (3,)."""
     angle = float(np.linalg.norm(rotation_vector))
     x, y, z = rotation_vector / angle if angle > 0.0 else np.zeros(3)
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

@@ -1,4 +1,4 @@
-"""The rows of the paper's evaluation: what the paper prints, what each method measured here, and our own bars."""
+"""Rows of the paper's evaluation: the paper's figures, each method's, and our own bars."""
 
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -29,27 +29,24 @@ SIMPLE_MEAN = {
 }
 """Mean tick that the paper prints for the scenes of Fig. 11 [s]."""
 FASTER = 10.0
-"""Our bar for them: so many times below the paper's."""
+"""Ratio of the paper's means to our bars."""
 COMPLEX_P99 = 150e-6
 """Our bar for the p99 of a tick in contact with a complex object [s]."""
 DEPTH = 1e-6
 """Our bar for the depth [m]."""
 OF_ALL = ("variation", "touches")
-"""How the names of rows begin that sum up the holds of all scenes."""
+"""Beginnings of the names of rows that sum up the holds of all scenes."""
 VARIATION = ((0.18, 0.32), (0.18, 0.32), (0.16, 0.29), (0.18, 0.32))
 """Variation of the index finger's force that the paper prints [%], mean and spread: its size, then x, y, z."""
-
-
 MOST_NAMED = 5
-"""Touches that did not happen and are told by name."""
-
+"""Limit of the missed touches that are named."""
 CASE_NAMES = {"SF": "single finger", "TF": "two fingers", "FF": "five fingers", "WH": "whole hand"}
-"""Of Fig. 15."""
+"""Cases of Fig. 15."""
 
 
 @dataclass(frozen=True)
 class PaperRow:
-    """One figure of the paper, and one method's: the columns of `ROW_COLUMNS`, `name` that of the row."""
+    """One figure of the paper, and one method's, see `ROW_COLUMNS`; `name` is the column `row`."""
 
     name: str
     figure: str
@@ -64,16 +61,16 @@ class PaperRow:
 
     @property
     def ratio(self) -> float:
-        """The paper's figure over ours: how many times we are below it; NaN where it prints none, infinite for 0."""
+        """Paper's figure over ours; NaN if it prints none, infinite if ours is 0."""
         return self.paper / self.ours if self.ours > 0.0 else math.inf if self.paper > 0.0 else math.nan
 
     @property
     def passed(self) -> bool:
-        """Whether the bar, if there is one, is kept; what was not measured keeps none."""
+        """True if the bar is kept or there is none; NaN keeps no bar."""
         return bool(math.isnan(self.bar) or self.ours <= self.bar)
 
     def to_json(self) -> dict[str, Any]:
-        """As a row of ROW_COLUMNS."""
+        """Return the row of ROW_COLUMNS."""
         return Table(ROW_COLUMNS, [self]).records[0]
 
 
@@ -92,71 +89,57 @@ ROW_COLUMNS = (
     Column("note", "where the figure comes from"),
 )
 
-Rows = Iterator[PaperRow]
-
 
 def paper_rows(runs: PaperRuns, options: PaperOptions) -> list[PaperRow]:
-    """The table, row by row, each for all methods; rows without a scene, since it was left out, are left out.
+    """Return the table, row by row, each for all methods, without rows whose scenes were left out.
 
-    Bars of rows that sum up all holds (`OF_ALL`) hold for the whole evaluation on the paper's tree levels only.
+    Rows that sum up all holds (`OF_ALL`) have bars in the whole evaluation on the paper's tree levels only.
     """
-    found: list[PaperRow] = []
-    makers = (_simple_means, _sequences, _sliding, _complex, _interactions, _cases, _contacts, _depth, _variation)
-    for make in (*makers, _touches):
-        by_method = [list(make(runs, method)) for method in options.methods]
-        found += [row for same in zip(*by_method, strict=True) for row in same]
+    by_method = [
+        [row for rows in (_simple_objects, _complex_objects, _all_scenes) for row in rows(runs, method)]
+        for method in options.methods
+    ]
+    found = [row for same in zip(*by_method, strict=True) for row in same]
     if not options.whole:
         found = [replace(row, bar=math.nan) if row.name.startswith(OF_ALL) else row for row in found]
     return found
 
 
 def missed(rows: Sequence[PaperRow]) -> list[PaperRow]:
-    """Rows in which a method that promises our bars does not keep one."""
+    """Return the rows in which a method that promises our bars does not keep one."""
     return [row for row in rows if never_penetrates(row.method) and not row.passed]
 
 
-def _simple_means(runs: PaperRuns, method: str) -> Rows:
+def _simple_objects(runs: PaperRuns, method: str) -> Iterator[PaperRow]:
     for name, paper in SIMPLE_MEAN.items():
-        played = runs.of(method, "11", object_name=name)
-        if played:
+        if played := runs.of(method, "11", object_name=name):
             mean = _pooled(played, np.mean)
             yield PaperRow(
                 f"mean_{name}", "11", f"mean tick, {name}", method, "s", paper, f"{1e3 * paper:.2f} ms", mean,
                 paper / FASTER, "touch, pinch, grasp with the palm; ticks in contact",
             )  # fmt: skip
-
-
-def _sequences(runs: PaperRuns, method: str) -> Rows:
     for run in runs.of(method, "12"):
         name = run.scenario.object_name
         yield PaperRow(
             f"sequence_max_{name}", "12", f"longest tick, {name}", method, "s", 1e-3, "< 1 ms",
             float(run.tick_cpu.max()), 1e-3, "none, one, two, five, two, one, none; all ticks",
         )  # fmt: skip
-
-
-def _sliding(runs: PaperRuns, method: str) -> Rows:
-    played = runs.of(method, SLIDING)
-    if played:
+    if played := runs.of(method, SLIDING):
         yield PaperRow(
             "sliding_depth", "V-A", "depth while sliding", method, "m", math.nan,
             "none to be seen", _deepest(played), DEPTH, counted(len(played), "object"),
         )  # fmt: skip
 
 
-def _complex(runs: PaperRuns, method: str) -> Rows:
+def _complex_objects(runs: PaperRuns, method: str) -> Iterator[PaperRow]:
     for name in object_names():
-        played = runs.of(method, "13", object_name=name)
-        if played:
+        if played := runs.of(method, "13", object_name=name):
             worst = max(played, key=lambda run: percentile(run, 99.0))
             yield PaperRow(
                 f"complex_p99_{name}", "13", f"p99 tick, {name}", method, "s", 1.5e-3, "< 1.5 ms",
                 percentile(worst, 99.0), COMPLEX_P99,
                 f"worst of {counted(len(played), 'scene')}: {worst.scenario.motion}",
             )  # fmt: skip
-
-
-def _interactions(runs: PaperRuns, method: str) -> Rows:
     for run in runs.of(method, "14"):
         name, motion = run.scenario.object_name, run.scenario.motion
         yield PaperRow(
@@ -167,12 +150,8 @@ def _interactions(runs: PaperRuns, method: str) -> Rows:
             f"interaction_p99_{name}", "14", f"p99 tick, {name} {motion}", method, "s", 1.5e-3, "all < 1.5 ms",
             percentile(run, 99.0), COMPLEX_P99, f"longest {1e6 * float(run.tick_cpu.max()):.0f} µs",
         )  # fmt: skip
-
-
-def _cases(runs: PaperRuns, method: str) -> Rows:
     for case in CASES:
-        played = runs.of(method, "15", case=case)
-        if played:
+        if played := runs.of(method, "15", case=case):
             contacts = [float(run.candidates[held_ticks(run.stage)].mean()) for run in played]
             instances = sum(len(run.stage.motions) for run in played)
             worst = max(played, key=lambda run: percentile(run, 99.0))
@@ -184,9 +163,6 @@ def _cases(runs: PaperRuns, method: str) -> Rows:
                 f"worst object: {worst.scenario.object_name}; {instances} instances, {min(contacts):.0f} to "
                 f"{max(contacts):.0f} contacts; mean of all {1e6 * _pooled(played, np.mean):.1f} µs",
             )  # fmt: skip
-
-
-def _contacts(runs: PaperRuns, method: str) -> Rows:
     for found in runs.at_contacts:
         if found.run.options.method == method:
             held = held_ticks(found.run.stage)
@@ -199,26 +175,20 @@ def _contacts(runs: PaperRuns, method: str) -> Rows:
             )  # fmt: skip
 
 
-def _depth(runs: PaperRuns, method: str) -> Rows:
-    played = runs.of(method, "11", "12", SLIDING, "13", "14", "15")
-    if played:
-        worst = max(played, key=lambda run: float(run.depth.max()))
-        ticks = sum(len(run.depth) for run in played)
-        motions = counted(sum(len(r.stage.motions) for r in played), "motion")
+def _all_scenes(runs: PaperRuns, method: str) -> Iterator[PaperRow]:
+    whole = runs.of(method, "11", "12", SLIDING, "13", "14", "15")
+    if whole:
+        worst = max(whole, key=lambda run: float(run.depth.max()))
+        ticks = sum(len(run.depth) for run in whole)
+        motions = counted(sum(len(r.stage.motions) for r in whole), "motion")
         yield PaperRow(
             "depth", "V-D", "depth in the spheres, largest", method, "m", 1e-4, "≈ 0.1 mm",
-            _deepest(played), DEPTH, f"{ticks:,} ticks of {motions}; deepest: {worst.scenario.name}",
+            _deepest(whole), DEPTH, f"{ticks:,} ticks of {motions}; deepest: {worst.scenario.name}",
         )  # fmt: skip
-
-
-def _variation(runs: PaperRuns, method: str) -> Rows:
-    played = [run for run in runs.of(method, "11", "13", "14") if run.variation]
-    if not played:
-        return
-    # The paper's palm stood still: keys moved it. A palm that trembles is beyond what its figures are of, so no bar.
+    # The paper's palm stood still, moved by keys: its figures are no bar for a trembling palm.
     names = {"glove": "still palm", "trembling": "trembling palm"}
-    for noise in NOISES:
-        noise_label = names[noise]
+    played = [run for run in runs.of(method, "11", "13", "14") if run.variation]
+    for noise in NOISES if played else ():
         sizes = np.array([run.variation[noise].size for run in played])
         parts = np.array([run.variation[noise].component for run in played])
         for number, (mean, spread) in enumerate(VARIATION):
@@ -230,20 +200,16 @@ def _variation(runs: PaperRuns, method: str) -> Rows:
             defined = np.where(np.isfinite(values[:, 0]), values[:, 0], -1.0)
             largest = f"largest {defined.max():.2f} % ({played[int(defined.argmax())].scenario.name})"
             yield PaperRow(
-                f"variation_{noise}_{part}", "V-D", f"index force, {part}, {noise_label}", method, "%",
+                f"variation_{noise}_{part}", "V-D", f"index force, {part}, {names[noise]}", method, "%",
                 mean, f"{mean:.2f} ± {spread:.2f} %", middle[0],
                 mean if noise == "glove" else math.nan,
                 "not measured: the force is large enough in no hold" if not count else
                 f"change a tick, glove's sensors; ± {middle[1]:.2f} %; median of {counted(count, 'hold')}, {above} "
                 f"above {mean:.2f} %; {largest}",
             )  # fmt: skip
-
-
-def _touches(runs: PaperRuns, method: str) -> Rows:
-    played = runs.of(method, "11", "12", SLIDING, "13", "14", "15")
-    if played:
-        demanded = sum(len(run.touches) for run in played)
-        failed = [(run, touch) for run in played for touch, _ in run.missed]
+    if whole:
+        demanded = sum(len(run.touches) for run in whole)
+        failed = [(run, touch) for run in whole for touch, _ in run.missed]
         named = [f"{run.scenario.name} {touch}" for run, touch in failed[:MOST_NAMED]]
         more = [f"{len(failed) - MOST_NAMED:,} more"] if len(failed) > MOST_NAMED else []
         where = f"; not: {', '.join([*named, *more])}" if failed else ""
@@ -254,7 +220,7 @@ def _touches(runs: PaperRuns, method: str) -> Rows:
 
 
 def _pooled(runs: Sequence[SceneRun], statistic: Callable[[Any], Any]) -> float:
-    """Of the thread times of all ticks in contact [s]."""
+    """Statistic of the CPU times of all ticks in contact [s]."""
     times = np.concatenate([run.tick_cpu[run.contact] for run in runs])
     return float(statistic(times)) if times.size else math.nan
 
@@ -264,7 +230,6 @@ def _deepest(runs: Sequence[SceneRun]) -> float:
 
 
 def _median(values: Any) -> Any:
-    """Over the rows that are defined."""
     defined = values[np.isfinite(values[:, 0])]
     return np.median(defined, axis=0) if len(defined) else np.full(values.shape[1], np.nan)
 
@@ -320,7 +285,7 @@ SCENE_COLUMNS = (
 
 
 def scene_rows(runs: PaperRuns) -> list[dict[str, Any]]:
-    """A row for each scene and method, by the names of SCENE_COLUMNS."""
+    """Return a row for each scene and method, by the names of SCENE_COLUMNS."""
     return Table(SCENE_COLUMNS, runs.scenes).records
 
 

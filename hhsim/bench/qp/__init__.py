@@ -1,1 +1,1 @@
-"""The programs of real ticks, solved by every solver at hand."""
+"""Programs of real ticks, solved by every installed solver."""

@@ -1,10 +1,9 @@
-"""Our QP solver and every other installed one on the same programs; what can be built once is not timed.
+"""Our QP solver and every other installed one on the same programs; preparation is not timed.
 
-All others get the same conditioned program, which is exact to undo: minimise ½ |y|² subject to a_i · y >= r_i, rows of
-length 1, y = (x - x₀) / L, L the largest violation at x₀ (the program's size where nothing is violated there). The
-Hessian is the identity, the solution of the order of 1, and a tolerance means the same to each. Solvers that take the
-Hessian's factor get it. The fast ones, whose solve takes no longer than a call from Python, are called by their native
-interface; the others as qpsolvers does, and timed by the time that it measures around their own call.
+All others get the same conditioned program: minimise ½ |y|² subject to a_i · y >= r_i, rows of length 1, y = (x - x₀) /
+L, L the largest violation at x₀ (the program's size without one). The Hessian is the identity, the solution of the
+order of 1, and a tolerance means the same to each. The fast solvers are called by their native interface, the others
+and their times by qpsolvers.
 """
 
 import time
@@ -23,7 +22,7 @@ from hhsim.kernels.qp.standalone import PROGRAM, solve_repeatedly
 from hhsim.solver.qp import BACKEND_OPTIONS
 
 Solve = Callable[[], tuple[Any, Any, float | None]]
-"""Solves its program once: y, None where it claims no solution; multipliers of the rows; the solver's own seconds."""
+"""Solves a program once: y, None if it claims no solution; multipliers of the rows; the solver's own time [s]."""
 
 WARM, WARM_DAQP = "active-set, warm", "daqp, warm"
 DUAL_ACTIVE_SET_TOLERANCE = 1e-9
@@ -31,15 +30,15 @@ DUAL_ACTIVE_SET_TOLERANCE = 1e-9
 
 @dataclass(frozen=True)
 class Answer:
-    """What a solver answered.
+    """Answer of a solver.
 
     Attributes:
-        x: Shape (n,) [√J]; None where it claims no solution.
+        x: Shape (n,) [√J]; None if it claims no solution.
         multiplier: Of each row as given, shape (m,).
-        call: Time of the call as Python sees it [ns].
-        native: The same without Python's share [ns].
+        call: Time of the call from Python [ns].
+        native: Time of the call without Python's share [ns].
         iterations: Rows added and dropped (ours only).
-        certificate: Farkas' y >= 0 for the normalised rows, shape (m,), where ours proves that nothing satisfies them.
+        certificate: Farkas' y >= 0 for the normalised rows, shape (m,), if ours proves them infeasible.
     """
 
     x: FloatArray | None
@@ -54,12 +53,11 @@ class ProgramSolver:
     """Solves programs one after the other by the active set, in one workspace."""
 
     def __init__(self) -> None:
-        """Allocate the workspace."""
         self._program: Any = np.zeros(1, PROGRAM).view(np.recarray)[0]
         self._work = new_work(21, 1)
 
     def solve(self, program: Program, repeats: int = 1) -> Answer:
-        """Solve a program, from its guess; `repeats` times in one compiled loop, of which the median time counts."""
+        """Solve a program from its guess, `repeats` times in one compiled loop, whose median time counts."""
         self._load(program)
         work, duration = self._work, np.zeros(repeats, dtype=np.int64)
         began = time.perf_counter_ns()
@@ -91,16 +89,16 @@ class ProgramSolver:
 
 
 def prepare(backend: str, program: Program, python_share: float = 0.0) -> Callable[[], Answer]:
-    """Shift, normalise and scale a program and build what a backend needs for it: the answer solves it once, timed.
+    """Return a timed call that solves a program, shifted, normalised and scaled, by a backend.
 
     Args:
-        backend: By name; `daqp, warm` also gets the guess.
-        python_share: What a call of a backend that reports no time of its own takes in Python [ns], see `overhead`.
+        backend: Its name; `daqp, warm` also gets the guess.
+        python_share: Python's share of a call of a backend that reports no time of its own [ns], see `overhead`.
     """
     matrix, norm = program.unit_rows()
     least = program.rhs / norm - matrix @ program.target
     violation = float(least.max(initial=0.0))
-    # Where nothing is violated but by rounding, that would be no unit.
+    # A violation by rounding would be no unit.
     length = violation if violation > 1e-9 * program.size else program.size
     if backend in ("daqp", WARM_DAQP):
         solve = _daqp(matrix, least / length, program.guess if backend == WARM_DAQP else program.guess[:0])
@@ -114,7 +112,7 @@ def prepare(backend: str, program: Program, python_share: float = 0.0) -> Callab
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             began = time.perf_counter_ns()
-            with suppress(Exception):  # whatever a foreign solver raises is its answer
+            with suppress(Exception):  # any exception of another solver is its answer
                 y, z, seconds = solve()
             call = time.perf_counter_ns() - began
         native = max(call - python_share, 0.0) if seconds is None else 1e9 * seconds
@@ -127,11 +125,7 @@ def prepare(backend: str, program: Program, python_share: float = 0.0) -> Callab
 
 
 def overhead(backend: str, repeats: int = 200) -> float:
-    """Median time [ns] of the same call for one row in one variable that nothing violates: hardly more than the call.
-
-    Taken off the call of a backend that reports no time of its own: it counts what little it solves there in the
-    backend's favour.
-    """
+    """Return the median time [ns] of a call with one row in one variable: hardly more than Python's share."""
     none = np.zeros((3, 0), dtype=np.int64)
     trivial = Program("", np.ones((1, 1)), np.zeros((3, 1)), -np.ones(1), none, np.zeros(1), 0.0, 0.0, none[0])
     solve = prepare(backend, trivial)

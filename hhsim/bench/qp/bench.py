@@ -1,8 +1,8 @@
-"""`hhsim bench qp`: the programs of real ticks, solved by every solver at hand.
+"""`hhsim bench qp`: the programs of real ticks, solved by every installed solver.
 
-Ours solves all of them (`hhsim.bench.qp.recorded_problems`), from nothing and from the guess that the tick had, and
-every answer is checked from the program alone (`hhsim.bench.qp.kkt_check`). A fair sample of each kind is solved by
-every solver in turns, and timed.
+Ours solves all of them (`hhsim.bench.qp.recorded_problems`), from nothing and from the guess of the tick, and every
+answer is checked from the program alone (`hhsim.bench.qp.program`). A fair sample of each kind is solved by every
+solver in turns, and timed.
 """
 
 import importlib.metadata
@@ -18,26 +18,25 @@ from typing import Any
 import numpy as np
 
 from hhsim.bench.qp.backends import WARM, WARM_DAQP, Answer, ProgramSolver, overhead, prepare
-from hhsim.bench.qp.kkt_check import CERTIFIED_RADIUS, certified_radius, residual, violation
 from hhsim.bench.qp.problem_file import written
-from hhsim.bench.qp.program import Program
+from hhsim.bench.qp.program import CERTIFIED_RADIUS, Program, certified_radius, residual, violation
 from hhsim.bench.qp.recorded_problems import QpBenchOptions, harvest
 from hhsim.solver.qp import ACTIVE_SET
 from hhsim.system.progress import Progress, silent
 from hhsim.table.table import Column
 
 SAMPLE = 100
-"""Programs of a kind that every solver solves."""
+"""Number of programs of a kind that every solver solves."""
 PATIENCE = 5.0
-"""Time that another solver may spend on a kind [s]; what it has not reached by then it skips."""
+"""Time after which another solver skips the rest of a kind [s]."""
 ROUNDS = 3
-"""Turns that each solver has at each program."""
+"""Turns of each solver at each program."""
 IN_A_ROW = 5
-"""Solves in a turn, of which the median counts: the first finds a cold cache."""
+"""Solves in a turn, whose median counts: the first finds a cold cache."""
 SOLVED_LIMIT = 1e-6
-"""Largest residual, in sizes of the program, of an answer of another solver that counts as a solution."""
+"""Largest residual, in sizes of the program, of a solution of another solver."""
 OWN_LIMIT = 1e-9
-"""What ours is held to."""
+"""Largest residual of a solution of ours."""
 
 COLUMNS = (
     Column("program", "kind of program"),
@@ -60,14 +59,14 @@ COLUMNS = (
 
 @dataclass
 class Tally:
-    """How one solver did on the programs of one kind.
+    """Answers of one solver to the programs of one kind.
 
     Attributes:
-        verdicts: Number of `solved`: right; `refused`: none, and rightly so, the rows contradict each other; `missed`.
-        residual: Of each answer to a program that has a solution, in sizes of the program.
+        verdicts: Numbers of programs solved, refused (rightly: the rows contradict each other) and missed.
+        residual: Of each answer to a feasible program, in sizes of the program.
         iterations: Of each solve.
-        call: Time of each call as Python sees it [ns].
-        native: The same without Python's share [ns].
+        call: Times of the calls from Python [ns].
+        native: Times of the calls without Python's share [ns].
     """
 
     verdicts: Counter[str] = field(default_factory=Counter)
@@ -77,11 +76,11 @@ class Tally:
     native: list[float] = field(default_factory=list)
 
     def count_answer(self, program: Program, answer: Answer, feasible: bool) -> None:
-        """Count what another solver answered."""
+        """Count an answer of another solver."""
         if answer.x is None:
             self.verdicts["missed" if feasible else "refused"] += 1
             return
-        # What answers a contradiction violates some row; what its other residuals are says nothing.
+        # An answer to contradicting rows violates one; its other residuals tell nothing.
         found = residual(program, answer.x, answer.multiplier) if feasible else violation(program, answer.x)
         if feasible:
             self.residual.append(found)
@@ -93,7 +92,7 @@ class Tally:
         self.native.append(float(np.median(native)))
 
     def count_own(self, program: Program, answer: Answer) -> None:
-        """Count what ours answered: its certificate must prove a refusal."""
+        """Count an answer of ours, whose certificate must prove a refusal."""
         self.iterations.append(answer.iterations)
         if answer.x is None:
             certificate = answer.certificate
@@ -102,13 +101,13 @@ class Tally:
             return
         found = residual(program, answer.x, answer.multiplier)
         if program.relaxation > 0.0 and found > OWN_LIMIT:
-            # Rows that contradict each other by rounding are all moved back, see `kernels.qp.active_set`.
+            # Rows that contradict each other by rounding are moved back, see `kernels.qp.active_set`.
             found = min(found, residual(program, answer.x, answer.multiplier, program.relaxation))
         self.residual.append(found)
         self.verdicts["solved" if found <= OWN_LIMIT else "missed"] += 1
 
     def row(self, kind: str, variables: int, rows: Sequence[int], solver: str) -> dict[str, Any]:
-        """A row of the table."""
+        """Return a row of the table."""
         times = {"call": self.call, "native": self.native}
         return {
             "program": kind,
@@ -126,7 +125,7 @@ class Tally:
 
 @dataclass
 class _Kind:
-    """What was harvested of one kind of program: how ours did, and a sample."""
+    """Harvested programs of one kind: sizes, a sample and the tallies."""
 
     variables: int = 0
     rows: list[int] = field(default_factory=list)
@@ -137,10 +136,10 @@ class _Kind:
 def bench_qp(
     options: QpBenchOptions, programs: Path | None = None, progress: Progress = silent
 ) -> list[dict[str, Any]]:
-    """Harvest, solve, check and time; returns a row for each kind of program and solver, by the names of `COLUMNS`.
+    """Harvest, solve, check and time; return a row for each kind of program and solver, by the names of `COLUMNS`.
 
     Args:
-        programs: Where the harvested programs go, see `hhsim.bench.qp.problem_file`; None for nowhere.
+        programs: File of the harvested programs, see `hhsim.bench.qp.problem_file`; None for none.
 
     Raises:
         OutputError: The programs cannot be written.
@@ -192,7 +191,7 @@ def _time(kind: _Kind, python_share: dict[str, float], solver: ProgramSolver) ->
 
 
 def missed_programs(rows: Sequence[dict[str, Any]]) -> list[str]:
-    """What ours missed, a sentence each; empty where it solved or proved everything."""
+    """Return the programs that ours missed, a sentence a kind."""
     return [
         f"{row['program']}, {row['solver']}: {row['missed']} of {row['problems']} programs not solved to "
         f"{OWN_LIMIT:g} and not proved infeasible"
@@ -202,7 +201,7 @@ def missed_programs(rows: Sequence[dict[str, Any]]) -> list[str]:
 
 
 def solver_versions(backends: Sequence[str]) -> dict[str, str]:
-    """Version of each solver besides ours, as installed; empty where it has none."""
+    """Return the installed version of each solver besides ours; empty if it has none."""
     distributions = {"proxqp": "proxsuite", "highs": "highspy", "sip": "sip_python"}
     versions = dict.fromkeys(backends, "")
     for backend in backends:

@@ -2,12 +2,10 @@
 
     minimise ½ xᵀ P x + qᵀ x   subject to   G x <= h
 
-A row is a program: `P`, `q`, `G`, `h` (matrices row by row), `A`, `b`, `lb` and `ub`, which are empty, and `name`: its
-kind, a number and where it was found. The variables are those of `hhsim.bench.qp.program`, so that P is the identity.
-
-The rows are in the order in which a run solves them, tick after tick, for warm starts to be judged by: `scene` says
-where it was found, `kind`, `tick` and `step` (linearisation of the tick, from 0) what it is, and `guess` which rows of
-G the tick expected to be active. What reads the columns of qpbenchmark alone does not see these.
+A row is a program: `P` (the identity, in the variables of `hhsim.bench.qp.program`), `q`, `G`, `h` (matrices row by
+row), `A`, `b`, `lb` and `ub`, which are empty, and `name`: kind, number and scene. The rows are in the order in which a
+run solves them, so that warm starts can be judged. Further columns, which qpbenchmark ignores: `scene`, `kind`, `tick`,
+`step` (linearisation of the tick, from 0) and `guess` (rows of G expected to be active).
 """
 
 from collections.abc import Iterable, Iterator
@@ -22,15 +20,15 @@ from hhsim.system.input_file import read_input
 from hhsim.system.output_path import check_output_path
 
 BATCH = 1000
-"""Programs that wait in memory to be written together."""
+"""Programs that are written together."""
 
 
 def check_problem_file(path: Path) -> None:
-    """Look, before the work, for what would keep programs from being written.
+    """Check before the work that programs can be written.
 
     Raises:
-        OutputError: As `hhsim.system.output_path.check_output_path`; a name that does not end in .parquet; or a file is
-            there that is none, which a slip of the pen must not destroy.
+        OutputError: As `hhsim.system.output_path.check_output_path`; a name that does not end in .parquet; or an
+            existing file that is no Parquet file.
     """
     if path.suffix != ".parquet":
         raise OutputError(f"{path} must end in .parquet: the programs go there")
@@ -40,7 +38,7 @@ def check_problem_file(path: Path) -> None:
 
 
 def written(programs: Iterable[Program], path: Path) -> Iterator[Program]:
-    """The same programs, written on their way to a file that replaces one of that name, however many there are.
+    """Yield the programs, and write them to a file that replaces one of that name.
 
     Raises:
         OutputError: It cannot be written.

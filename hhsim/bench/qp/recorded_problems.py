@@ -1,9 +1,8 @@
-"""Programs that real ticks solve: replays of several objects and motions by both methods, their programs taken out.
+"""Programs of real ticks: replays of several objects and motions by both methods.
 
-A scene is run once, compiled, to see which of its ticks meet the object, and then again: evenly chosen runs of ticks
-are driven phase by phase from Python, and every program of every linearisation is copied as the kernels hold it, the
-guess from the last one included. Within a run no program is left out, so that warm starts can be judged.
-Programs are yielded one by one, so that a hundred thousand of them never lie in memory.
+A scene is run once, compiled, to find the ticks in contact, and then again: evenly chosen runs of ticks are driven
+phase by phase from Python, and every program of every linearisation is copied as the kernels hold it, with the guess.
+Within a run no program is left out, so that warm starts can be judged.
 """
 
 from collections.abc import Iterator, Sequence
@@ -42,28 +41,24 @@ from hhsim.trees.sphere_tree import SphereTree
 
 OBJECTS = ("sphere", "cube", "rock", "cup", "teapot", "bunny")
 RANDOM = "random"
-"""A motion: a new random target every 60 ticks."""
+"""Motion with a new random target every 60 ticks."""
 MOTIONS = ("grasp", "pinch", "whole-hand", "slide", RANDOM)
 
 RANDOM_TICKS = 3000
-"""Length of a random motion, which jumps to a new target every 60 ticks."""
+"""Length of a random motion."""
 GUESSES = 64
+"""Capacity for the guess of a program."""
 RUN, RUNS = 25, 5
-"""Most consecutive ticks that are taken together; of few, as many as make so many runs of a scene."""
+"""Limit of the consecutive ticks of a run, and number of runs of a scene with fewer ticks."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class QpBenchOptions:
-    """What is run.
+    """Options of the suite.
 
     Attributes:
-        problems: Programs to harvest.
-        objects: Of the harvest.
-        motions: Of the harvest.
+        problems: Number of programs to harvest.
         backends: Solvers besides ours; None for all that are installed.
-
-    Raises:
-        UnknownNameError: An object, a motion or a solver that there is not.
     """
 
     problems: int = 100_000
@@ -73,22 +68,18 @@ class QpBenchOptions:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Look, before the work, whether all that is named is there."""
+        """Raise UnknownNameError for an unknown object, motion or solver."""
         check_known("QP solver", self.solvers(), available_backends()[1:])
         check_known("object", self.objects, object_names())
         check_known("motion", self.motions, [*script_names(), RANDOM])
 
     def solvers(self) -> list[str]:
-        """Solvers besides ours."""
+        """Return the solvers besides ours."""
         return available_backends()[1:] if self.backends is None else list(self.backends)
 
 
 def harvest(options: QpBenchOptions, progress: Progress = silent) -> Iterator[Program]:
-    """Programs of real ticks, from all scenes in like number.
-
-    Yields:
-        Programs; where the scenes hold too few, random targets make up the rest.
-    """
+    """Yield programs of real ticks, from all scenes in like number, and from random targets if these have too few."""
     hand = HandModel.default("right")
     found, round_ = 0, 0
     while found < options.problems:
@@ -118,7 +109,6 @@ def _programs(
     hand: HandModel, tree: SphereTree, haptic: HandConfiguration, method: str, quota: int, source: str
 ) -> Iterator[Program]:
     options = SolverOptions(method=method)
-    # Once compiled, to see where there is anything to take.
     record = HandSolver(hand, tree.arrays(), options).run(*haptic)
     expected = np.where(record.work[:, WORK_CANDIDATES] > 0, record.work[:, WORK_LINEARISATIONS], 0)
     expected[0] = 0
@@ -128,7 +118,7 @@ def _programs(
     in_run = np.add.reduceat(expected, np.arange(0, len(expected), length)) * each
     runs = np.flatnonzero(in_run > 0)
     wanted = min(len(runs), -(-quota * len(runs) // max(1, int(in_run.sum()))))
-    # In the middle of as many equal parts, so that few runs are not those of the first touch alone.
+    # In the middle of equal parts, so that few runs are not of the first touch alone.
     evenly = runs[((np.arange(wanted) + 0.5) * len(runs) / max(1, wanted)).astype(np.int64)]
     chosen = np.flatnonzero((expected > 0) & np.isin(np.arange(len(expected)) // length, evenly))
     solver = HandSolver(hand, tree.arrays(), options)
@@ -144,7 +134,7 @@ def _programs(
 
 
 def harvest_tick(solver: HandSolver, haptic: HandConfiguration, tick: int, source: str) -> list[Program]:
-    """Run one tick of a solver that stands before it; returns its programs in the order in which they are solved."""
+    """Run the next tick of a solver; return its programs in the order in which they are solved."""
     workspace = solver.workspace
     state, options = workspace.states[0], workspace.tick_options
     kind = Coupled if solver.options.method == "coupled" else Progressive
@@ -167,7 +157,7 @@ def harvest_tick(solver: HandSolver, haptic: HandConfiguration, tick: int, sourc
 
 
 class _TickPrograms:
-    """The programs that a tick's state holds, copied."""
+    """Copies of the programs in the state of a tick."""
 
     def __init__(self, state: Any, options: Any, source: str, tick: int) -> None:
         self._state, self._options, self._source, self._tick = state, options, source, tick
@@ -179,8 +169,8 @@ class _TickPrograms:
         return self._program("coupled", arrays, self._groups(), self._guess(range(FINGER_COUNT + 1)))
 
     def progressive(self) -> list[Program]:
-        # The last round's programs are at hand. Where the palm has yielded, those of the round before are made again:
-        # its program without the fingers that joined, and theirs behind its solution, which contradict themselves.
+        # The state has the last round's programs. If the palm has yielded, those of the round before are made again:
+        # its program without the fingers that joined, and theirs after its solution, which contradict themselves.
         work, contacts = self._state.progressive, self._state.contacts
         groups = np.array([work.palm_start, work.palm_stop, work.palm_block])
         joined = [f for f in range(FINGER_COUNT) if work.yields[f] >= 0]
@@ -228,7 +218,7 @@ class _TickPrograms:
     def _program(
         self, kind: str, problem: tuple[FloatArray, ...], groups: IntArray, guess: IntArray, scale: float = 1.0
     ) -> Program:
-        """Copy the rows that some group holds, one group behind the other."""
+        """Copy the rows of the groups, one group after the other."""
         common, block, rhs, target = problem
         start, stop, first = groups[:, groups[1] > groups[0]]
         rows = np.concatenate([np.zeros(0, dtype=np.int64), *(np.arange(a, b) for a, b in zip(start, stop))])

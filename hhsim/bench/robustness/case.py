@@ -1,35 +1,33 @@
-"""What a hard case is: seeded runs of a hand against an object, and the figures, each with its bar, that judge them."""
+"""Hard cases: seeded runs of a hand against an object, and the figures, each with its bar, that judge them."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from hhsim.arrays import FloatArray
+from hhsim.bench.robustness.sphere_objects import right_hand, usual_ball
+from hhsim.bench.robustness.triangle_objects import usual_ball_mesh
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.mesh.mesh import Mesh
+from hhsim.metrics.metrics import frozen_decay
 from hhsim.solver.options import BY_SURFACE, SolverOptions
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 
 DEEPEST = 1e-6
 """Penetration [m] that every case allows: a hundredth of what the paper shows, and far below what anybody feels."""
+REST = 20
+"""Ticks after which the force of a frozen input must be still, as for every replay."""
 
 
 @dataclass(frozen=True)
 class Figure:
-    """A measured figure and the bar that it has to keep.
-
-    Attributes:
-        name: What it is.
-        value: Measured; NaN keeps no bar.
-        bar: At most this, or at least.
-        unit: Of both, SI; empty for counts.
-        at_least: The bar is a lower one.
-    """
+    """A measured figure and its bar in SI units; an upper bar unless `at_least`. NaN keeps no bar."""
 
     name: str
     value: float
@@ -39,7 +37,7 @@ class Figure:
 
     @property
     def passed(self) -> bool:
-        """Whether the bar is kept."""
+        """True if the bar is kept."""
         return self.value >= self.bar if self.at_least else self.value <= self.bar
 
 
@@ -48,52 +46,56 @@ class HardRun:
     """One hand that moves against one object.
 
     Attributes:
-        name: Among the runs of its case.
-        tree: The object's leaf spheres, world frame; None where it is triangles alone.
-        motion: What the haptic hand does.
-        adapt: What the case changes in the options of the method.
+        motion: Haptic hand, tick by tick.
+        tree: Leaf spheres of the object, world; None for an object of triangles alone.
+        mesh: Triangles of the object, world; None for an object of spheres alone.
+        adapt: Changes the options of the method for this run.
         lead: Ticks before the motion, judged like it.
-        repeats: How many times the motion is done, one after the other.
-        marks: Ticks of the motion whose shown hand is kept each time.
-        scale: The scene's lengths over those of a hand; penetrations are judged in proportion.
-        mesh: The object's triangles, world frame; None where it is spheres alone.
+        repeats: Number of times that the motion is done, one after the other.
+        marks: Ticks of the motion whose graphic hand is kept each time.
+        scale: Lengths of the scene over those of a usual hand; penetrations are judged in proportion.
     """
 
     name: str
-    hand: HandModel
-    tree: SphereTree | None
     motion: HandConfiguration
+    tree: SphereTree | None = None
+    mesh: Mesh | None = None
+    hand: HandModel = field(default_factory=right_hand)
     adapt: Callable[[SolverOptions], SolverOptions] = lambda options: options
     lead: HandConfiguration | None = None
     repeats: int = 1
     marks: tuple[int, ...] = ()
     scale: float = 1.0
-    mesh: Mesh | None = None
 
     def solver(self, options: SolverOptions) -> SolverOptions:
-        """What it is solved with: on the spheres where there are no triangles, and as the case has it."""
+        """Return the options of this run: with spheres if the object has no triangles, and adapted."""
         if options.surface == "mesh" and self.mesh is None:
             options = replace(options, surface="spheres", skin=BY_SURFACE, touch=BY_SURFACE)
         return self.adapt(options)
 
 
+def ball_run(name: str, motion: HandConfiguration) -> HardRun:
+    """Return a run against the ball that most scenes have."""
+    return HardRun(name, motion, usual_ball(), usual_ball_mesh())
+
+
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What a method made of a run.
+    """Result of a run by one method.
 
     Attributes:
-        options: What it was solved with.
-        record: The ticks of the motion, the last time it was done; None where the method refused the scene.
-        refusal: What the method said when it refused, else empty.
+        options: Options that it was solved with.
+        record: Ticks of the last repeat of the motion; None if the method refused the scene.
+        refusal: Message of the refusal, else empty.
         ticks_done: Ticks of all blocks.
-        penetration: Worst depth over all ticks [m], NaN where the hand was nowhere.
+        penetration: Largest depth over all ticks [m]; NaN if a hand is not finite.
         nonfinite: Numbers of the record that are not finite.
-        limit_excess: How far a joint was beyond its limits at most [rad].
+        limit_excess: Largest excess of a joint beyond its limits [rad].
         stuck: Ticks that kept the last feasible hand.
-        unexplained: Of those, the ones from where a hand can move, see `hhsim.bench.robustness.local_optimality`.
-        lagging: Ticks with distance still to go.
-        lag: The most of it [m].
-        marked: Shown hands at the marks: joints and palm [m], shape (repeats, marks, 21, 3).
+        unexplained: Stuck ticks from which the hand can move, see `hhsim.bench.robustness.local_optimality`.
+        lagging: Ticks that are not converged.
+        lag: Largest distance still to go [m].
+        marked: Graphic hands at the marks: joints and palm [m], shape (repeats, marks, 21, 3).
         memory: Resident memory of the process after each repeat [B], shape (repeats,).
     """
 
@@ -114,12 +116,12 @@ class Outcome:
 
     @property
     def surface(self) -> Any:
-        """What the hand touched, in the kernels' form."""
+        """Arrays of the surface that the hand touched."""
         return contact_surface(self.options.surface, self.run.mesh, self.run.tree).arrays
 
     @property
     def ticks(self) -> TickRecord:
-        """The record of a run that was not refused."""
+        """Record of a run that was not refused."""
         assert self.record is not None
         return self.record
 
@@ -129,13 +131,13 @@ class HardCase:
     """A named scene that breaks methods.
 
     Attributes:
-        name: Kebab-case.
+        name: In kebab-case.
         description: One line.
-        build: Makes the runs from a seed.
-        judge: The case's own figures, from the outcomes in the order of the runs; penetration, finite numbers, limits
-            and stuck ticks are judged for every case alike.
-        may_refuse: A clear refusal is as good as a sound motion.
-        mesh_only: Its objects are triangles alone.
+        build: Returns the runs of a seed.
+        judge: Returns the case's own figures, from the outcomes in the order of the runs; penetration, finite numbers,
+            joint limits and stuck ticks are judged for every case.
+        may_refuse: True if a clear refusal is as good as a sound motion.
+        mesh_only: True if its objects are triangles alone.
     """
 
     name: str
@@ -144,3 +146,25 @@ class HardCase:
     judge: Callable[[Sequence[Outcome]], Sequence[Figure]] = lambda outcomes: ()
     may_refuse: bool = False
     mesh_only: bool = False
+
+
+def rest_figure(outcome: Outcome, ticks: slice, name: str = "ticks to rest") -> Figure:
+    """Return the figure of the ticks that the force takes to rest, once the input is frozen."""
+    decay = frozen_decay(outcome.ticks.total[ticks])
+    return Figure(name, np.inf if decay is None else decay, REST)
+
+
+def rest_of_run(outcome: Outcome, ticks: slice) -> Figure:
+    """Return `rest_figure` under the name of its run."""
+    return rest_figure(outcome, ticks, f"ticks to rest, {outcome.run.name}")
+
+
+def distance_left(outcomes: Sequence[Outcome], name: str, bar: float = 1e-6) -> Figure:
+    """Return the figure of the largest distance [m] of graphic and haptic palm in the last tick of the runs."""
+    away = [np.linalg.norm(o.ticks.position[-1] - o.run.motion.position[-1]) for o in outcomes]
+    return Figure(name, float(np.max(away)), bar, "m")
+
+
+def largest_step(points: ArrayLike) -> float:
+    """Return the largest way of a point from one tick to the next [m]; points of shape (T, ..., 3)."""
+    return float(np.linalg.norm(np.diff(points, axis=0), axis=-1).max())

@@ -1,32 +1,31 @@
-"""The catalogue of hard cases."""
+"""Catalogue of the hard cases."""
 
 from collections.abc import Sequence
 
 from hhsim.bench.robustness.case import HardCase
 from hhsim.bench.robustness.contact_cases import CONTACT_CASES
-from hhsim.bench.robustness.endurance_cases import endurance_case
 from hhsim.bench.robustness.input_cases import INPUT_CASES
-from hhsim.bench.robustness.invariance_cases import INVARIANCE_CASES
+from hhsim.bench.robustness.invariance_cases import INVARIANCE_CASES, endurance_case
 from hhsim.bench.robustness.triangle_cases import TRIANGLE_CASES
 from hhsim.errors import InputError, check_known
 
 ENDURANCE_TICKS = 20_000
-"""Of the closed loops, where nothing else is said; ten minutes at 1 kHz are 600,000."""
+"""Ticks of the closed loops unless given; ten minutes at 1 kHz are 600,000."""
 
 
 def hard_cases(
     names: Sequence[str] = (), ticks: int = ENDURANCE_TICKS, surfaces: Sequence[str] = ("spheres",)
 ) -> tuple[HardCase, ...]:
-    """The cases of these names in the catalogue's order, all of them for none.
+    """Return the cases of these names in the catalogue's order; without names all that the surfaces allow.
 
     Args:
-        names: Kebab-case.
-        ticks: How long the case `endurance` is.
-        surfaces: What the hand touches; without `mesh` there are no cases of triangles alone.
+        names: In kebab-case.
+        ticks: Length of the case `endurance`.
+        surfaces: Surfaces that are touched; without `mesh` there are no cases of triangles alone.
 
     Raises:
         UnknownNameError: No case of that name; the message lists the near ones.
-        InputError: A named case needs another surface.
+        InputError: A named case needs the surface `mesh`.
     """
     cases = (*INPUT_CASES, *CONTACT_CASES, *INVARIANCE_CASES, endurance_case(ticks), *TRIANGLE_CASES)
     check_known("hard case", names, [case.name for case in cases])

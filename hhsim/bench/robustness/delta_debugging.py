@@ -1,7 +1,7 @@
-"""Shrinking: from a long motion that fails to a few ticks that still fail, by delta debugging.
+"""Delta debugging: shrink a long motion that fails to a few ticks that still fail.
 
-Nothing is taken on trust: every candidate is run by a fresh solver, from its first sample, as `hhsim replay` would, and
-kept only where it fails too. (Zeller & Hildebrandt, "Simplifying and isolating failure-inducing input", 2002.)
+A fresh solver runs every candidate from its first sample, as `hhsim replay` does. (Zeller & Hildebrandt, "Simplifying
+and isolating failure-inducing input", 2002.)
 """
 
 from collections.abc import Callable, Iterator
@@ -16,15 +16,15 @@ from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.motion.tick_motion import replayed
 
 MOST_RUNS = 3000
-"""Candidates that are tried at most."""
+"""Limit of the candidates that are tried."""
 MOST_TICKS = 1_000_000
-"""Ticks that all candidates together may run."""
+"""Limit of the ticks of all candidates."""
 FEW_TICKS = 30
-"""A motion of no more ticks is held tick by tick, channel by channel."""
+"""Largest length of a motion that is held tick by tick, channel by channel."""
 
 
 class Trace(NamedTuple):
-    """What a run of a motion gave: which ticks failed, shape (T,), and the graphic hand after each tick."""
+    """Failed ticks of a run, shape (T,), and the graphic hand after each tick."""
 
     failed: BoolArray
     graphic: HandConfiguration
@@ -40,10 +40,10 @@ class Shrunk:
     """A motion that fails.
 
     Attributes:
-        motion: What is left; its first sample is where the graphic hand starts.
+        motion: Its first sample is where the graphic hand starts.
         trace: Of its run.
-        ticks_before: How many ticks the motion had.
-        runs: Candidates that were tried.
+        ticks_before: Length of the motion before shrinking.
+        runs: Number of candidates that were tried.
     """
 
     motion: HandConfiguration
@@ -53,7 +53,7 @@ class Shrunk:
 
     @property
     def tick(self) -> int:
-        """The first tick that fails."""
+        """First tick that fails."""
         return int(np.argmax(self.trace.failed))
 
 
@@ -67,15 +67,13 @@ def delta_debug(
 ) -> Shrunk:
     """Shrink a failing motion.
 
-    Cuts what follows the failure; starts later, at the graphic hand shown before it; drops ticks between; holds
-    fingers, abduction, rotation and position where they were; rounds numbers. Each as long as it still fails.
+    It cuts off the ticks after the failure, starts later, drops ticks between, holds fingers, abduction, rotation and
+    position, and rounds numbers, each as long as the motion still fails.
 
     Args:
         motion: Haptic hand, tick by tick; ticks that are no reading repeat the last one, as for the solver.
-        graphic: The graphic hand after each tick of a longer run that `motion` is the last stretch of, and whose last
-            tick fails. Needed where the motion alone does not fail from its first sample on.
-        most_runs: Candidates that are tried at most.
-        most_ticks: Ticks that all candidates together may run.
+        graphic: Graphic hand after each tick of a longer run that `motion` is the last stretch of and whose last tick
+            fails; needed if the motion alone does not fail from its first sample on.
 
     Raises:
         InputError: Neither the motion nor any end of it fails.
@@ -84,7 +82,7 @@ def delta_debug(
     whole = replayed(motion)
     best = search.failing(whole)
     if best is None and graphic is not None:
-        # The way that led there had the solver's memory too; without it a start close to the failure may fail as well.
+        # The long run had the solver's memory too; without it a start close to the failure may fail as well.
         best = search.first(_starts(whole, graphic, whole.ticks - 1))
     if best is None:
         raise InputError(f"the motion of {motion.ticks:,} ticks does not fail when it is run from its first sample on")
@@ -115,7 +113,7 @@ class _Search:
         self.ticks = 0
 
     def failing(self, motion: HandConfiguration) -> _Failing | None:
-        """The motion up to its first failing tick; None where it does not fail, or nothing more is to be tried."""
+        """Return the motion up to its first failing tick; None if it does not fail, or a limit is reached."""
         if motion.ticks == 0 or self.runs >= self._most_runs or self.ticks >= self._most_ticks:
             return None
         motion = replayed(motion)
@@ -128,17 +126,17 @@ class _Search:
         return _Failing(motion.part(0, end), trace.failed[:end], trace.graphic.part(0, end))
 
     def first(self, candidates: Iterator[HandConfiguration]) -> _Failing | None:
-        """The first of the candidates that fails."""
+        """Return the first of the candidates that fails."""
         return next((found for motion in candidates if (found := self.failing(motion)) is not None), None)
 
 
 def _size(motion: HandConfiguration) -> tuple[int, int]:
-    # Ticks, and numbers that change from one tick to the next.
+    """Number of ticks, and of values that change from one tick to the next."""
     return motion.ticks, sum(int(np.count_nonzero(np.diff(values, axis=0))) for values in motion)
 
 
 def _starts(motion: HandConfiguration, graphic: HandConfiguration, failed: int) -> Iterator[HandConfiguration]:
-    # The last 1, 2, 4, … samples up to the failing one, behind the graphic hand that was shown before them.
+    """Last 1, 2, 4, … samples up to the failing one, after the graphic hand that was shown before them."""
     length = 1
     while length < failed:
         first = failed + 1 - length
@@ -147,7 +145,7 @@ def _starts(motion: HandConfiguration, graphic: HandConfiguration, failed: int) 
 
 
 def _drop(best: _Failing, search: _Search) -> _Failing:
-    # Zeller's ddmin over the samples behind the first one.
+    """Zeller's ddmin over the samples after the first one."""
     pieces = 2
     while best.motion.ticks > 2:
         middle = np.arange(1, best.motion.ticks)
@@ -167,7 +165,7 @@ def _drop(best: _Failing, search: _Search) -> _Failing:
 
 
 def _simplify(best: _Failing, search: _Search) -> _Failing:
-    # Every channel by itself: as at the first sample throughout, else as at the sample before, tick by tick.
+    """Hold every channel by itself: as in the first sample throughout, else as in the sample before, tick by tick."""
     for field, place in _CHANNELS:
         throughout: Place = (slice(None), *place)
         best = _with(best, search, field, throughout, best.motion[field][:1].copy()[throughout])
@@ -178,12 +176,7 @@ def _simplify(best: _Failing, search: _Search) -> _Failing:
     return best
 
 
-_CHANNELS: tuple[tuple[int, tuple[int, ...]], ...] = (
-    *((2, (finger,)) for finger in range(5)),
-    (3, ()),
-    (1, ()),
-    (0, ()),
-)
+_CHANNELS: tuple[tuple[int, tuple[int, ...]], ...] = (*((2, (i,)) for i in range(5)), (3, ()), (1, ()), (0, ()))
 """Field of `HandConfiguration` and place in it: each finger's flexion, the abduction, the orientation, the position."""
 
 
@@ -196,7 +189,7 @@ def _with(best: _Failing, search: _Search, field: int, place: Place, values: Flo
 
 
 def _round(best: _Failing, search: _Search) -> _Failing:
-    # Short numbers read better. The first sample stays: a rounded start can be inside the object.
+    """Round all samples but the first: a rounded start can be inside the object."""
     for field in (0, 2, 3):
         for digits in (2, 3, 4, 5):
             changed = best.motion.copy()

@@ -1,7 +1,7 @@
-"""What counts as a failure of a tick, how a motion is tried for it, and the file that a failure is kept in.
+"""Failures of a tick, trials of a motion for one, and the file that a failure is kept in.
 
-The file is an ordinary trajectory, so that `hhsim replay OBJECT failing.h5` shows the failure; its `source` says, as
-JSON, where it comes from and which command replays it.
+The file is an ordinary trajectory, so that `hhsim replay OBJECT failing.h5` shows the failure; its `source` is JSON
+with the failure's origin and the command that replays it.
 """
 
 import json
@@ -30,21 +30,21 @@ from hhsim.solver.options import SolverOptions
 
 Solver = Callable[[], HandSolver]
 Fails = Callable[[HandConfiguration, TickRecord, Penetration], BoolArray]
-"""Which ticks of a record fail, shape (T,), given the haptic motion and the penetration of the recorded hand."""
+"""Returns the ticks of a record that fail, shape (T,), from the haptic motion and the recorded hand's penetration."""
 
 SAFE_DEPTH = 1e-6
-"""Penetration [m] that a method which promises none may show: the acceptance figure."""
+"""Penetration [m] that a method which promises none may show."""
 MADE_BY = "hhsim failure "
-"""What the source of a kept trajectory begins with."""
+"""Beginning of the source of a kept trajectory."""
 
 
 def recorded_penetration(hand: HandModel, surface: Any, record: TickRecord) -> Penetration:
-    """Depths [m] of the hand that a record holds, by `hhsim.metrics.metrics`; nothing is taken from the solver."""
+    """Return the depths [m] of the recorded hand, computed by `hhsim.metrics.metrics` and not by the solver."""
     return penetration(surface, *hand_shape(hand), record.joints, record.position, record.orientation)
 
 
 def not_finite(record: TickRecord) -> BoolArray:
-    """Ticks whose graphic hand or force is not finite, shape (T,)."""
+    """Return the ticks whose graphic hand or force is not finite, shape (T,)."""
     bad = np.zeros(len(record.status), dtype=bool)
     for name in ("position", "orientation", "flexion", "abduction", "joints", "phalanx", "palm_wrench", "total"):
         values = getattr(record, name)
@@ -53,12 +53,12 @@ def not_finite(record: TickRecord) -> BoolArray:
 
 
 def penetrates(limit: float = SAFE_DEPTH) -> Fails:
-    """Fails where the hand is deeper than `limit` [m] in the object, or nowhere."""
+    """Return the failure of a hand that is deeper than `limit` [m] in the object, or not finite."""
     return lambda motion, record, depth: ~(depth.depth <= limit)
 
 
 def is_stuck(hand: HandModel, pieces: Pieces, options: SolverOptions) -> Fails:
-    """Fails where a tick kept the last hand although `local_optimality` finds a way; finds only the first."""
+    """Return the failure of a stuck tick with a free step; finds only the first."""
 
     def fails(motion: HandConfiguration, record: TickRecord, depth: Penetration) -> BoolArray:
         found = np.zeros(motion.ticks, dtype=bool)
@@ -73,26 +73,23 @@ def is_stuck(hand: HandModel, pieces: Pieces, options: SolverOptions) -> Fails:
     return fails
 
 
-KINDS = ("penetration", "not finite", "stuck")
-"""The failures that have a name."""
-
-
 def failure_of(kind: str, hand: HandModel, pieces: Pieces, options: SolverOptions) -> Fails:
-    """The failure of a name.
+    """Return the failure of a name: penetration, not finite or stuck.
 
     Raises:
         UnknownNameError: No such name.
     """
-    check_known("failure", [kind], KINDS)
-    if kind == "penetration":
-        return penetrates()
-    if kind == "not finite":
-        return lambda motion, record, depth: not_finite(record)
-    return is_stuck(hand, pieces, options)
+    kinds: dict[str, Fails] = {
+        "penetration": penetrates(),
+        "not finite": lambda motion, record, depth: not_finite(record),
+        "stuck": is_stuck(hand, pieces, options),
+    }
+    check_known("failure", [kind], kinds)
+    return kinds[kind]
 
 
 def make_trial(hand: HandModel, solver: Solver, fails: Fails) -> Trial:
-    """A trial for `delta_debugging`: a fresh solver runs the motion from its first sample on, as a replay does."""
+    """Return a trial for `delta_debug`: a fresh solver runs the motion from its first sample on, as a replay does."""
 
     def trial(motion: HandConfiguration) -> Trace:
         fresh = solver()
@@ -105,18 +102,18 @@ def make_trial(hand: HandModel, solver: Solver, fails: Fails) -> Trial:
 
 @dataclass(frozen=True, kw_only=True)
 class Provenance:
-    """Where a kept motion comes from.
+    """Origin of a kept motion.
 
     Attributes:
-        kind: Of failure, see `KINDS`.
-        object: A name of the catalogue or a file.
-        object_options: What a replay must be told of the object, such as "--level 3"; empty for the catalogue's own.
-        method: That fails; the surface that it touches is in `solver`.
+        kind: Name of the failure, see `failure_of`.
+        object: Name of the catalogue or file.
+        object_options: Options of the object that a replay needs, such as "--level 3".
         seed: Of the random targets.
-        tick: Of the long run at which it failed.
-        failing_tick: Of the kept motion at which it fails.
+        tick: Of the long run, at which it failed.
+        failing_tick: Of the kept motion, at which it fails.
         depth: Penetration there [m].
         stress: Options of the random targets.
+        solver: Options of the method, the surface among them.
     """
 
     kind: str
@@ -132,7 +129,7 @@ class Provenance:
     hand: str = "right"
 
     def command(self, path: Path) -> str:
-        """The command that replays the file, with every option that it has a flag for."""
+        """Return the command that replays the file, with every option that has a flag."""
         words = ["hhsim replay", self.object, str(path), f"--method {self.method}", "--samples hold"]
         plain, used = SolverOptions(method=self.method).to_json(), self.solver
         if self.object_options:
@@ -158,7 +155,7 @@ class Provenance:
 
 
 def keep_failure(path: Path, shrunk: Shrunk, provenance: Provenance) -> str:
-    """Write a shrunk failure as a trajectory; returns the command that replays it.
+    """Write a shrunk failure as a trajectory; return the command that replays it.
 
     Raises:
         OutputError: The file cannot be written.

@@ -1,4 +1,4 @@
-"""`hhsim bench hard`: every hard case, for every method; no case can end the bench."""
+"""`hhsim bench hard`: every hard case by every method; no case can end the bench."""
 
 import os
 from collections.abc import Sequence
@@ -31,17 +31,17 @@ from hhsim.table.table import Column, Table
 
 @dataclass(frozen=True)
 class CaseResult:
-    """How one method did in one case.
+    """Result of one method in one case.
 
     Attributes:
-        surface: What of the objects the hand touched; of a case that is spheres alone they, whatever was asked for.
-        figures: All of them, the common ones first; empty where an exception ended the case.
-        reason: Why it failed where no figure says it: the exception, or the refusal; empty otherwise.
-        refused: The method refused the scene with a clear message, which is in `reason`.
-        may_refuse: In this case that is as good as a sound motion.
-        ticks: Ticks done in all runs.
-        stuck, unexplained, lagging: Of those, ticks with these bits.
-        lag: Most distance still to go [m].
+        surface: Surface that the hand touched: spheres in a case of spheres alone.
+        figures: The common ones first; empty if an exception ended the case.
+        reason: Message of the exception or of the refusal, else empty.
+        refused: True if the method refused the scene.
+        may_refuse: True if a refusal is as good as a sound motion in this case.
+        ticks: Ticks of all runs.
+        stuck, unexplained, lagging: Numbers of such ticks.
+        lag: Largest distance still to go [m].
     """
 
     case: str
@@ -59,24 +59,24 @@ class CaseResult:
 
     @property
     def passed(self) -> bool:
-        """Whether every bar was kept."""
+        """True if every bar is kept, or the method refused a scene that it may refuse."""
         if self.refused:
             return self.may_refuse
         return bool(self.figures) and all(figure.passed for figure in self.figures)
 
     @property
     def penetration(self) -> float:
-        """Worst penetration [m]; NaN where the case ended before it was known."""
+        """Deepest penetration [m]; NaN if the case ended before it was known."""
         return self.figures[0].value if self.figures else float("nan")
 
     @property
     def deciding(self) -> Figure | None:
-        """The figure, besides penetration, that failed by most or came nearest to its bar; of equals the last."""
+        """Figure, besides penetration, that is farthest beyond or nearest to its bar; the last of equals."""
         return max(reversed(self.figures[1:]), key=_strain, default=None)
 
 
 def _strain(figure: Figure) -> float:
-    # How much of the bar is used up; what must be zero, and is, uses up nothing.
+    """Share of the bar that is used up; nothing of a bar of zero that is kept."""
     if np.isnan(figure.value):
         return float("inf")
     used, allowed = (figure.bar, figure.value) if figure.at_least else (figure.value, figure.bar)
@@ -86,14 +86,7 @@ def _strain(figure: Figure) -> float:
 def bench_hard(
     cases: Sequence[HardCase], solvers: Sequence[SolverOptions], seed: int = 0, progress: Progress = silent
 ) -> list[CaseResult]:
-    """Run every case with every solver; those of triangles alone with those on the mesh.
-
-    Args:
-        cases: From `hhsim.bench.robustness.cases.hard_cases`.
-        solvers: A method and a surface each; a case whose objects are spheres alone runs on these.
-        seed: Of everything random in the scenes.
-        progress: Called with the case, the runs done and all runs.
-    """
+    """Run every case with every solver; cases of triangles alone with the solvers on the mesh."""
     results = []
     for number, case in enumerate(cases):
         progress(case.name, number * len(solvers), len(cases) * len(solvers))
@@ -112,7 +105,7 @@ def bench_hard(
 
 
 def judge_case(case: HardCase, runs: Sequence[HardRun], options: SolverOptions) -> CaseResult:
-    """One case with one method; an exception, whatever it is, becomes a failure that names it."""
+    """Run one case with one method; any exception becomes a failure that names it."""
     try:
         outcomes = [run_scene(run, options) for run in runs]
         refusals = [outcome.refusal for outcome in outcomes if outcome.refusal]
@@ -138,7 +131,7 @@ def judge_case(case: HardCase, runs: Sequence[HardRun], options: SolverOptions) 
 
 
 def run_scene(run: HardRun, options: SolverOptions) -> Outcome:
-    """Run a scene from its first tick, and measure what is judged of every case alike."""
+    """Run a scene from its first tick, and measure the common figures."""
     outcome = Outcome(run, run.solver(options), None)
     solver = HandSolver(run.hand, outcome.surface, outcome.options)
     marked, memory = [], []
@@ -175,7 +168,7 @@ def _counted(outcome: Outcome, surface: Any, motion: HandConfiguration, record: 
 
 
 def resident_memory() -> float:
-    """Memory of this process that is resident now [B]; its largest so far where the system does not tell."""
+    """Return the resident memory of this process [B]; its largest so far on a system without /proc."""
     try:
         return float(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE")
     except OSError:
@@ -202,7 +195,7 @@ COLUMNS = (
     Column("lag", "most distance still to go", "m", "result.lag"),
     Column("reason", "the refusal or the exception that ended the case", of="result.reason"),
 )
-"""Of the suite's table: a row for every figure of every case and method."""
+"""Columns of the suite's table: a row for every figure of every case and method."""
 
 
 class _Row(NamedTuple):
@@ -211,14 +204,14 @@ class _Row(NamedTuple):
 
 
 def table_rows(results: Sequence[CaseResult]) -> list[dict[str, Any]]:
-    """The rows of `COLUMNS`."""
+    """Return the rows of `COLUMNS`."""
     nothing = Figure("", float("nan"), float("nan"))
     rows = [_Row(result, figure) for result in results for figure in (result.figures or (nothing,))]
     return Table(COLUMNS, rows).records
 
 
 def missed(results: Sequence[CaseResult]) -> list[CaseResult]:
-    """Results of the methods that promise to pass, and did not."""
+    """Return the results of methods that promise to pass and did not."""
     return [result for result in results if never_penetrates(result.method) and not result.passed]
 
 

@@ -1,8 +1,7 @@
-"""Whether a hand that stood still could have moved: the judge of stuck ticks, apart from the solver.
+"""Judge of stuck ticks: searches for a step that a hand which stood still could have taken.
 
-It shares nothing with a tick but the hand's kinematics and the program's solver: distances to leaf spheres or triangles
-are taken by brute force, their derivatives by differences, and whether a step is free is decided by the distances at
-its end.
+It shares nothing with a tick but the hand's kinematics and the QP solver: distances to leaf spheres or triangles are
+computed by brute force, their derivatives by differences, and a step is free if the distances at its end say so.
 """
 
 import numpy as np
@@ -19,11 +18,11 @@ from hhsim.solver.qp import QpProblem, QpStatus, solve
 Pose = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 
 WORTH = 0.01
-"""A way must lower the coupling's energy by this share of what free space would let the same step lower it."""
+"""A step must lower the coupling energy by this share of what the same step lowers it in free space."""
 SHARES = (1.0, 0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4)
 """Shares of the program's step that are tried."""
 ARRIVED = 1e-9
-"""A hand that is this near to the haptic one [m] is there."""
+"""A hand this near to the haptic one [m] has arrived."""
 DIFFERENCE = 1e-6
 """Step of the central differences [m, rad]."""
 
@@ -31,16 +30,16 @@ DIFFERENCE = 1e-6
 def way_out(
     hand: HandModel, pieces: Pieces, options: SolverOptions, graphic: HandConfiguration, haptic: HandConfiguration
 ) -> float:
-    """The share of a step towards the haptic hand that was free and worth taking; 0 where there is none.
+    """Return the fraction of a step towards the haptic hand that was free and worth taking; 0 if there is none.
 
-    A step is as long as the solver's longest near the object, follows the optimum of the linearised contacts, and keeps
-    the abduction. It counts where all pieces stay clear of the hand and the energy falls as the program promised.
+    The step is as long as the solver's longest near the object, follows the optimum of the linearised contacts, and
+    keeps the abduction. It counts if all pieces stay clear of the hand and the energy falls as the program promised.
 
     Args:
         pieces: Of the object, world.
-        options: Of the solver: stiffness, margin, offset.
-        graphic: One tick, where the hand stood still.
-        haptic: One tick, where the user has it, a reading of a hand.
+        options: Stiffness, margin and offset.
+        graphic: One tick, at which the hand stood still.
+        haptic: One tick, a reading of a hand.
     """
     here: Pose = tuple(values[0] for values in graphic)
     goal: Pose = tuple(values[0] for values in haptic)
@@ -103,7 +102,7 @@ def _limit_rows(hand: HandModel, here: Pose) -> tuple[FloatArray, FloatArray]:
 
 
 class _Pairs:
-    """The object's pieces near each body of the hand."""
+    """Pairs of a body of the hand and a piece of the object near it."""
 
     def __init__(self, hand: HandModel, pieces: Pieces, pose: Pose, near: float) -> None:
         self._hand, self._shape = hand, hand_shape(hand)
@@ -115,17 +114,17 @@ class _Pairs:
         return hand_bodies(self._shape, self._hand.joints(*pose), pose[0], pose[1])
 
     def _distances(self, poses: list[Pose]) -> FloatArray:
-        # Signed distances [m] of all near pairs at each pose, shape (P, N).
+        """Signed distances [m] of all near pairs at each pose, shape (P, N)."""
         places = zip(*(self._bodies(pose) for pose in poses), strict=True)
         found = [pieces.distances(body) for pieces, body in zip(self._pieces, places, strict=True)]
         return np.concatenate(found, axis=1)[:, self._chosen]
 
     def least(self, pose: Pose) -> float:
-        """Least signed distance [m] of all near pairs, infinite where there is none."""
+        """Return the least signed distance [m] of all near pairs, infinite without one."""
         return float(self._distances([pose]).min(initial=np.inf))
 
     def linearised(self, pose: Pose) -> tuple[FloatArray, FloatArray]:
-        """Distances, shape (N,), and their derivatives by the 21 variables, shape (N, 21)."""
+        """Return distances, shape (N,), and their derivatives by the 21 variables, shape (N, 21)."""
         steps = DIFFERENCE * np.eye(21)
         here, *there = self._distances([pose, *(_moved(pose, sign * step) for sign in (1.0, -1.0) for step in steps)])
         ahead, behind = np.array(there[:21]), np.array(there[21:])

@@ -1,8 +1,8 @@
-"""The convex pieces of what a hand touches, leaf spheres or triangles, and their distances to its bodies: brute force.
+"""Brute-force distances of a hand's bodies to the convex pieces of an object: leaf spheres or triangles.
 
-What a run by trees reports is held against it, and the judge of stuck ticks measures by it. A triangle's distance to
-the ball at a place of a phalanx's axis is convex along the axis, so its slope is bisected; its nearest point is
-trimesh's, and what is inside of triangles is told by their winding number. No hierarchy, and none of the kernels.
+Runs by trees are checked with it, and the judge of stuck ticks uses it. The distance of a triangle to the ball at a
+point of a phalanx's axis is convex along the axis, so its slope is bisected; its nearest point is trimesh's, and the
+winding number tells inside from outside. No hierarchy, and none of the kernels.
 """
 
 from collections.abc import Sequence
@@ -24,20 +24,14 @@ from hhsim.verify.tree_checks import INSIDE, winding_number
 
 
 class Body(NamedTuple):
-    """A phalanx of a hand, or one of its palm's spheres.
-
-    | field | meaning | shape |
-    |---|---|---|
-    | ends | of the axis [m], world; a sphere has its centre twice | (2, 3) |
-    | radius | there [m] | (2,) |
-    """
+    """A phalanx of a hand or a sphere of its palm: axis ends [m], shape (2, 3), and radii there [m], shape (2,)."""
 
     ends: FloatArray
     radius: FloatArray
 
     @property
     def is_sphere(self) -> bool:
-        """Whether both ends are one."""
+        """True if both ends are one."""
         return bool((self.ends[0] == self.ends[1]).all())
 
 
@@ -45,20 +39,20 @@ class Pieces(Protocol):
     """Convex pieces of an object's surface, world."""
 
     def near(self, body: Body, limit: float) -> "Pieces":
-        """Those that are no farther than `limit` [m]; one that is can be among them."""
+        """Return the pieces no farther than `limit` [m], and perhaps some farther ones."""
 
     def distances(self, places: Sequence[Body]) -> FloatArray:
-        """Signed distances [m] of one body at several places, and of parts of it, to each piece, shape (P, M).
+        """Return signed distances [m] of a body at P places, and of parts of it, to each piece, shape (P, M).
 
-        It is clear of the pieces where none is negative; M is their number or a multiple of it.
+        The body is clear of the pieces if none is negative; M is a multiple of their number.
         """
 
     def least(self, *bodies: Body) -> float:
-        """Signed distance of the nearest body to the object [m], negative inside of it; infinite without a piece."""
+        """Return the signed distance of the nearest body [m], negative inside the object; infinite without a piece."""
 
 
 def hand_bodies(shape: HandShape, joints: ArrayLike, position: ArrayLike, orientation: ArrayLike) -> list[Body]:
-    """All bodies of one hand: the 15 phalanges, then the palm's spheres.
+    """Return all bodies of one hand: the 15 phalanges, then the palm's spheres.
 
     Args:
         joints: [m], world, shape (5, 4, 3).
@@ -79,13 +73,13 @@ def hand_bodies(shape: HandShape, joints: ArrayLike, position: ArrayLike, orient
 def hand_distance(
     pieces: Pieces, shape: HandShape, joints: ArrayLike, position: ArrayLike, orientation: ArrayLike
 ) -> float:
-    """Signed distance of one hand to an object [m], arguments as `hand_bodies`; NaN for a hand that is nowhere."""
+    """Return the signed distance of one hand to an object [m]; NaN if the hand is not finite. See `hand_bodies`."""
     bodies = hand_bodies(shape, joints, position, orientation)
     return pieces.least(*bodies) if all(np.isfinite(body.ends).all() for body in bodies) else float("nan")
 
 
 def pieces_of(surface: str, mesh: Mesh | None, tree: SphereTree | None) -> Pieces:
-    """The pieces of the surface that an option names, in the frame of mesh and tree.
+    """Return the pieces of a surface by its name, in the frame of mesh and tree.
 
     Raises:
         InputError: The object has no such surface.
@@ -104,12 +98,12 @@ class Leaves:
         self._center, self._radius = center, radius
 
     def near(self, body: Body, limit: float) -> "Leaves":
-        """Exactly those."""
+        """Return exactly the spheres within the limit."""
         chosen = self._of(body) <= limit
         return Leaves(self._center[chosen], self._radius[chosen])
 
     def distances(self, places: Sequence[Body]) -> FloatArray:
-        """One a sphere."""
+        """Return one distance a sphere."""
         if len(self._radius) == 0:
             return np.zeros((len(places), 0))
         if places[0].is_sphere:
@@ -118,7 +112,7 @@ class Leaves:
         return np.stack([self._of(body) for body in places])
 
     def least(self, *bodies: Body) -> float:
-        """Over all spheres."""
+        """Return the least distance over all spheres."""
         return float(min(self._of(body).min(initial=np.inf) for body in bodies))
 
     def _of(self, body: Body) -> FloatArray:
@@ -131,7 +125,7 @@ class Leaves:
 
 
 class _Axes(NamedTuple):
-    """Of a body for each of some triangles: start (N, 3) of its axis, from there to its end (N, 3), radii (N,) [m]."""
+    """Axes of bodies, one a triangle: start (N, 3), vector to the end (N, 3), radius there and its change (N,) [m]."""
 
     start: FloatArray
     along: FloatArray
@@ -144,11 +138,11 @@ class _Axes(NamedTuple):
         return cls(ends[:, 0], ends[:, 1] - ends[:, 0], radius[:, 0], radius[:, 1] - radius[:, 0])
 
     def ball(self, share: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Centres and radii at a share of each axis."""
+        """Return centres and radii at a fraction of each axis."""
         return self.start + share[:, None] * self.along, self.size + share * self.drop
 
     def apart(self, share: FloatArray, triangles: ReadyTriangles) -> FloatArray:
-        """Distances [m] of the balls there to their triangles, without a sign."""
+        """Return unsigned distances [m] of the balls there to their triangles."""
         place, size = self.ball(share)
         return np.asarray(np.linalg.norm(away_from_triangles(triangles, place.T), axis=0) - size)
 
@@ -157,7 +151,7 @@ class Triangles:
     """Triangles: corners [m], shape (F, 3, 3); `closed` where they enclose something."""
 
     def __init__(self, corners: FloatArray, closed: bool = False) -> None:
-        # What has no area has neighbours that it lies on.
+        # A triangle without area lies on its neighbours.
         across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         self._corners = corners[(across != 0.0).any(axis=1)]
         self._closed = closed
@@ -165,13 +159,13 @@ class Triangles:
         self._around = np.linalg.norm(self._corners - self._middle[:, None], axis=2).max(axis=1, initial=0.0)
 
     def near(self, body: Body, limit: float) -> "Triangles":
-        """Those whose ball reaches a ball around the body within the limit."""
+        """Return the triangles whose bounding ball is within the limit of one around the body."""
         return Triangles(self._corners[self._near(body, limit)], self._closed)
 
     def distances(self, places: Sequence[Body]) -> FloatArray:
-        """Of a sphere one a triangle; of a phalanx three: its least, and those of the balls at its ends.
+        """Return one distance a triangle for a sphere; for a phalanx also those of the balls at its ends.
 
-        A phalanx that lies flat touches along a line, and what is least of it says nothing of its other end.
+        A phalanx that lies flat touches along a line, and its least distance says nothing of its other end.
         """
         if len(self._corners) == 0:
             return np.zeros((len(places), 0))
@@ -183,7 +177,7 @@ class Triangles:
         return np.concatenate([axes.apart(share, triangles).reshape(len(places), -1) for share in shares], axis=1)
 
     def least(self, *bodies: Body) -> float:
-        """Over all triangles; where the place of a body that is nearest to one is inside, on the other side of it."""
+        """Return the least distance over all triangles, negative if the nearest point of a body's axis is inside."""
         if len(self._corners) == 0:
             return np.inf
         # A triangle is no farther than its middle is from the ball at an end.
@@ -207,7 +201,7 @@ class Triangles:
         return np.flatnonzero(apart <= limit)
 
     def _inside(self, places: FloatArray, clear: FloatArray) -> BoolArray:
-        # Places [m], and how far each is from all triangles [m]: within that of it, all are on one side.
+        """Tell which places are inside; all places within `clear` [m] of one are on the same side."""
         inside = np.zeros(len(places), np.bool_)
         left = np.arange(len(places)) if self._closed else np.zeros(0, np.int64)
         while len(left):

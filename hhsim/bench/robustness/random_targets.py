@@ -1,14 +1,9 @@
-"""Random targets: the motion that provokes a hand-rendering method most for its length.
+"""Random targets: a motion that provokes a hand-rendering method most for its length.
 
-Every `hold` ticks the haptic hand gets a new random target around the object: position, rotation, flexion, abduction.
-It goes there on a straight way, at a bounded speed, whatever the object is in between: through it, into it with the
-palm, with the fingers closed around nothing. The palm then drags fingers into the object that three joint angles cannot
-free; a method that lets the palm ignore the fingers penetrates by centimetres.
-
-The wild mode adds what broken devices do: jumps, NaN and infinities, quaternions of length zero, of another length or
-sign, repeated samples, angles beyond every limit, a hand metres away.
-
-The n-th target depends on seed and n alone, and the motion does not depend on how it is cut into blocks, so that any
+Every `hold` ticks the haptic hand gets a new random target around the object and goes there straight, at a bounded
+speed, through the object if it is in between. The palm then drags fingers into the object that three joint angles
+cannot free; a method that lets the palm ignore the fingers penetrates by centimetres. The wild mode adds the faults of
+broken devices. The n-th target depends on seed and n alone, and the motion does not depend on its blocks, so that any
 stretch of a long run can be made again.
 """
 
@@ -31,18 +26,18 @@ Bound = Literal["palm", "hand", "none"]
 
 @dataclass(frozen=True, kw_only=True)
 class StressOptions:
-    """How the random targets are drawn and walked to.
+    """Distribution of the random targets, and the way to them.
 
     Attributes:
         hold: Ticks from one target to the next.
         position_spread: Standard deviation of each coordinate of the palm's position [m].
         rotation_spread: Standard deviation of each component of the palm's rotation vector [rad].
-        flexion_range: Share of each joint's range that is drawn from, 0 its lower and 1 its upper limit.
-        sweep: Draw the abduction too, within its limits; else it stays 0.
-        longest_step: How far the hand goes in a tick [m].
-        bound: What `longest_step` bounds: the way of the palm's origin (the turning fingers go several times as far),
-            the way of every point of the hand (it seldom arrives within 60 ticks), or nothing: it jumps.
-        wild: What broken devices do, in about every other hold.
+        flexion_range: Part of each joint's range that is drawn from, 0 its lower and 1 its upper limit.
+        sweep: True to draw the abduction within its limits; else it stays 0.
+        longest_step: Largest way in a tick [m].
+        bound: Point that `longest_step` bounds: the palm's origin (turning fingers go several times as far), every
+            point of the hand (it seldom arrives within 60 ticks), or none: the hand jumps.
+        wild: True to add faults of broken devices in about every other hold.
     """
 
     hold: int = 60
@@ -55,7 +50,7 @@ class StressOptions:
     wild: bool = False
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be walked."""
+        """Raise InputError for a value out of its range."""
         if self.hold < 1:
             raise InputError(f"hold is {self.hold}: a target needs at least 1 tick")
         if self.bound not in get_args(Bound):
@@ -68,23 +63,20 @@ class StressOptions:
             raise InputError(f"longest_step is {self.longest_step:g} m: it must be positive")
         low, high = self.flexion_range
         if not 0.0 <= low <= high <= 1.0:
-            raise InputError(
-                f"flexion_range is {low:g} to {high:g}: expected shares of the range, 0 <= low <= high <= 1"
-            )
+            raise InputError(f"flexion_range is {low:g} to {high:g}: expected 0 <= low <= high <= 1")
 
     def to_json(self) -> dict[str, Any]:
-        """All options as plain values."""
+        """Return all options as plain values."""
         return asdict(self)
 
 
 class RandomTargets:
-    """An endless motion towards random targets, handed out in pieces of any length.
+    """Endless motion towards random targets, taken in pieces of any length.
 
     Args:
-        hand: The hand, for its limits and its size.
-        options: How targets are drawn; None for the defaults.
-        center: What the targets lie around [m], world, shape (3,).
-        height: Of the first tick's hand above the centre [m], upright with straight fingers; its target too.
+        options: None for the defaults.
+        center: Centre of the targets [m], world, shape (3,); None for the origin.
+        height: Of the first hand above the centre [m], upright with straight fingers; the first target too.
     """
 
     def __init__(
@@ -96,14 +88,13 @@ class RandomTargets:
         center: FloatArray | None = None,
         height: float = 0.25,
     ) -> None:
-        """Stand at the start; nothing is drawn yet."""
         self.hand = hand
         self.options = StressOptions() if options is None else options
         self.seed = seed
         self.center = np.zeros(3) if center is None else np.asarray(center, dtype=np.float64)
         arrays = hand.arrays()
         self._reach = max(float((arrays.reach + hand.radius[:, 1:]).max()), float(arrays.palm_reach[0]))
-        # How far a turn of each joint moves the finger's farthest point; the abduction turns what the first joint does.
+        # Way of the finger's farthest point by a turn of each joint; the abduction turns as much as the first joint.
         self._lever = arrays.lever[:, 2] + hand.radius[:, 1:].max(axis=1, keepdims=True)
         self._here = (
             self.center + [0.0, 0.0, height],
@@ -115,7 +106,7 @@ class RandomTargets:
         self._left: HandConfiguration | None = None
 
     def take(self, ticks: int) -> HandConfiguration:
-        """The next ticks of the motion."""
+        """Return the next ticks of the motion."""
         pieces = [] if self._left is None else [self._left]
         have = sum(piece.ticks for piece in pieces)
         while have < ticks or not pieces:
@@ -126,12 +117,12 @@ class RandomTargets:
         return whole.part(0, ticks).copy()
 
     def blocks(self, ticks: int, size: int) -> Iterator[HandConfiguration]:
-        """The next `ticks` ticks in blocks of `size`, the last one shorter; one block is in memory at a time."""
+        """Yield the next `ticks` ticks in blocks of `size`, the last one shorter."""
         for first in range(0, ticks, size):
             yield self.take(min(size, ticks - first))
 
     def _hold(self) -> HandConfiguration:
-        # Seeded by the number of the target: what one draws does not shift the next.
+        # Seeded by the number of the target: the draws of one do not shift the next.
         random = np.random.default_rng([self.seed, self._count])
         options = self.options
         target = self._target(random) if self._count else tuple(np.array(part) for part in self._here)
@@ -165,7 +156,7 @@ class RandomTargets:
         change = [b - a for a, b in zip(start, target)]
         way = float(np.linalg.norm(change[0]))
         if self.options.bound == "hand":
-            # No point goes further than all of these together, by the triangle inequality.
+            # No point goes farther than the sum of these, by the triangle inequality.
             bend = (self._lever * np.abs(change[2])).sum(axis=1) + self._lever[:, 0] * np.abs(change[3])
             way += self._reach * float(np.linalg.norm(turn)) + float(bend.max())
         ticks = np.arange(1, self.options.hold + 1)
@@ -179,14 +170,14 @@ class RandomTargets:
             start[2] + share[:, None, None] * change[2],
             start[3] + share[:, None] * change[3],
         )
-        # Where the way ends, it ends at the target and not a rounding beside it.
+        # It ends at the target exactly, without rounding.
         for values, end in zip(motion, target):
             values[share == 1.0] = end
         return motion
 
 
 def _product(first: FloatArray, second: FloatArray) -> FloatArray:
-    # Hamilton products of quaternions (T, 4) with one, shape (4,).
+    """Hamilton products of quaternions (T, 4) with one, shape (4,)."""
     w, v = first[:, :1], first[:, 1:]
     scalar = w * second[0] - v @ second[1:, None]
     return np.concatenate([scalar, w * second[1:] + second[0] * v + np.cross(v, second[1:])], axis=1)
@@ -213,14 +204,14 @@ def _other_sign(random: np.random.Generator, motion: HandConfiguration) -> None:
 
 
 def _repeated(random: np.random.Generator, motion: HandConfiguration) -> None:
-    # Samples that come late and all at once: the last one stays, then the hand is where it would have been.
+    """Samples that come late: the last one stays, then the hand is where it would have been."""
     every = int(random.integers(2, 30))
     for values in motion:
         values[:] = values[np.arange(motion.ticks) // every * every]
 
 
 def _teleport(random: np.random.Generator, motion: HandConfiguration) -> None:
-    # Half a metre away and back, often across the object.
+    """Half a metre away and back, often across the object."""
     shift = random.normal(0.0, 1.0, 3)
     first, last = sorted(random.integers(0, motion.ticks + 1, 2))
     motion.position[first:last] += 0.5 * shift / np.linalg.norm(shift)
@@ -233,14 +224,13 @@ def _far_away(random: np.random.Generator, motion: HandConfiguration) -> None:
 
 def _beyond_limits(random: np.random.Generator, motion: HandConfiguration) -> None:
     first = int(random.integers(motion.ticks))
-    last = first + int(random.integers(1, 30))
-    part = slice(first, last)
+    part = slice(first, first + int(random.integers(1, 30)))
     motion.flexion[part] = random.uniform(-6.0, 6.0, motion.flexion[part].shape)
     motion.abduction[part] = random.uniform(-2.0, 2.0, motion.abduction[part].shape)
 
 
 def _spin(random: np.random.Generator, motion: HandConfiguration) -> None:
-    # Another orientation, any, at every tick.
+    """Any other orientation at every tick."""
     wheel = random.normal(0.0, 1.0, (motion.ticks, 4))
     motion.orientation[:] = wheel / np.linalg.norm(wheel, axis=1, keepdims=True)
 

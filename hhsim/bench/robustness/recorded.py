@@ -1,8 +1,7 @@
 """`hhsim bench recorded`: recordings of real hands, each against every object, by every method, every tick measured.
 
-Penetration is recomputed from the recorded poses, and on a share of the ticks in touch once more by brute force over
-all leaves or triangles; a stuck tick is judged by `hhsim.bench.robustness.local_optimality`. A recording that cannot be
-read or placed is a row with the reason.
+Penetration is recomputed from the recorded poses, and for some ticks in touch by brute force over all leaves or
+triangles. A recording that cannot be read or placed is a row with the reason.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -45,14 +44,14 @@ from hhsim.trees.sphere_tree import SphereTree
 Placing = Literal["auto", "recorded"]
 
 BLOCK = 2048
-"""Ticks that are run and measured at a time."""
+"""Ticks that are run and measured together."""
 BRUTE_TICKS = 12
 """Ticks in touch of each run whose depth is recomputed by brute force."""
 
 
 @dataclass(frozen=True, eq=False)
 class BenchObject:
-    """An object: its name or file, its surface and its sphere tree."""
+    """An object by its name or file."""
 
     name: str
     mesh: Mesh
@@ -61,13 +60,13 @@ class BenchObject:
 
 @dataclass(frozen=True, kw_only=True)
 class RecordedOptions:
-    """How every recording is run.
+    """Options of every run.
 
     Attributes:
-        rate: Ticks a second [Hz].
+        rate: Tick rate [Hz].
         mode: Between two samples: interpolate, or hold the last one.
-        place: The object where the closing fingers meet it, or where the recording says.
-        ticks: Run only so many, those around the grasp, or the first ones where the object is where it was recorded.
+        place: Place of the object: where the closing fingers meet it, or as recorded.
+        ticks: Number of ticks to run, around the grasp, or the first ones of an object placed as recorded; None: all.
         seed: Of the choice of ticks that are recomputed by brute force.
     """
 
@@ -79,10 +78,10 @@ class RecordedOptions:
 
 
 def recording_files(paths: Sequence[Path]) -> list[Path]:
-    """The recordings that files and folders name: all files of a folder that are recordings by their suffix.
+    """Return the recordings among files and in folders, where the suffix tells them.
 
     Raises:
-        InputError: A path that is not there, a folder without recordings, or nothing at all.
+        InputError: A path that is not there, a folder without recordings, or no path.
     """
     found: list[Path] = []
     suffixes = (*RECORDING_SUFFIXES, *imported_suffixes())
@@ -110,13 +109,7 @@ def bench_recorded(
     options: RecordedOptions | None = None,
     progress: Progress = silent,
 ) -> Iterator[RecordedFigures]:
-    """Run every recording against every object by every method, in this order.
-
-    Args:
-        files: Recordings, as `recording_files` lists them.
-        objects: At rest in their own frames.
-        progress: Called with the recording, the runs done and all runs.
-    """
+    """Run every recording against every object by every method, in this order."""
     options = options or RecordedOptions()
     hands = {side: HandModel.default(side) for side in ("right", "left")}
     each = len(objects) * len(solvers)
@@ -148,8 +141,9 @@ def _runs(
         scene, text = _scene(motion, hand, at, options)
     except HhsimError as error:
         for solver in solvers:
-            known = RecordedFigures(recording=name, object=at.name, method=solver.method, surface=solver.surface)
-            yield replace(known, reason=str(error))
+            yield RecordedFigures(
+                recording=name, object=at.name, method=solver.method, surface=solver.surface, reason=str(error)
+            )
         return
     for solver in solvers:
         known = RecordedFigures(
@@ -178,38 +172,30 @@ def _scene(motion: Trajectory, hand: HandModel, at: BenchObject, options: Record
     if options.ticks is None or options.ticks >= total:
         return scene, text
     first = min(max(0, round(middle * options.rate) - options.ticks // 2), total - options.ticks)
-    return replace(scene, ticks=_part(scene.ticks, slice(first, first + options.ticks))), text
-
-
-def _part(ticks: TickInput, part: slice) -> TickInput:
     keys = ("time", "input_seq", "position", "orientation", "flexion", "abduction")
-    arrays: dict[str, Any] = {key: np.ascontiguousarray(getattr(ticks, key)[part]) for key in keys}
-    return replace(ticks, phases=(), **arrays)
+    part = slice(first, first + options.ticks)
+    arrays: dict[str, Any] = {key: np.ascontiguousarray(getattr(scene.ticks, key)[part]) for key in keys}
+    return replace(scene, ticks=replace(scene.ticks, phases=(), **arrays)), text
 
 
 def fastest_fingertip(ticks: TickInput, hand: HandModel) -> float:
-    """Farthest way of a fingertip's centre from one tick to the next [m]; 0 for a single tick."""
+    """Return the largest way of a fingertip's centre in a tick [m]; 0 for a single tick."""
     tips = forward_kinematics(hand, *HandConfiguration.of(ticks)).joints[:, :, 3]
     return float(np.linalg.norm(np.diff(tips, axis=0), axis=2).max(initial=0.0))
 
 
 def run_scene(
-    scene: Scene,
-    solver: SolverOptions,
-    known: RecordedFigures,
-    seed: int = 0,
-    check: Callable[[], None] = lambda: None,
+    scene: Scene, solver: SolverOptions, known: RecordedFigures, seed: int = 0, check: Callable[[], None] = lambda: None
 ) -> RecordedFigures:
     """Run one scene by one method and measure every tick.
 
     Args:
-        scene: Object, hand and recording.
-        known: What is already known of the run.
+        known: Figures that do not come from the run.
         seed: Of the choice of ticks that are recomputed by brute force.
         check: Called between blocks.
 
     Raises:
-        HhsimError: More pairs were near than the solver holds.
+        HhsimError: More candidate pairs than the solver holds.
     """
     solver = solver.at_rate(scene.ticks.rate)
     warm_up(scene.hand, solver)
@@ -229,8 +215,7 @@ def run_scene(
         record = running.run(*motion)
         touching = record.work[:, WORK_TOUCHING] > 0
         depth = recorded_penetration(scene.hand, surface, record).depth
-        stated = (record.status.copy(), record.total.copy(), record.lag.copy())
-        blocks.append((*stated, depth, not_finite(record), touching))
+        blocks.append((record.status, record.total, record.lag, depth, not_finite(record), touching))
         near = record.work[:, WORK_CANDIDATES] > 0
         cpu.add(record.duration_cpu[near])
         candidates = max(candidates, int(record.work[:, WORK_CANDIDATES].max(initial=0)))
@@ -273,7 +258,7 @@ def run_scene(
 
 
 class _BruteForce:
-    """Depths of chosen ticks in touch over all leaves or triangles, one by one."""
+    """Depths of chosen ticks in touch over all leaves or triangles."""
 
     def __init__(self, pieces: Pieces, shape: HandShape, ticks: int, random: np.random.Generator) -> None:
         self._pieces, self._shape, self._random = pieces, shape, random
@@ -281,7 +266,7 @@ class _BruteForce:
         self.ticks, self.depth = 0, float("nan")
 
     def look(self, record: TickRecord, touching: IntArray) -> None:
-        """Recompute some of a block's ticks in touch."""
+        """Recompute the depth of some of a block's ticks in touch."""
         count = min(len(touching), -(-len(record.status) // self._every))
         for tick in self._random.choice(touching, count, replace=False) if count else ():
             shown = record.joints[tick], record.position[tick], record.orientation[tick]

@@ -1,4 +1,4 @@
-"""Objects made of spheres by formula, for scenes that no mesh of the catalogue has: leaves, walls, rings, ridges."""
+"""Objects made of spheres by formula: balls, leaves, walls, rings, moulds."""
 
 import math
 from dataclasses import replace
@@ -17,31 +17,30 @@ from hhsim.trees.hierarchy import build_hierarchy
 from hhsim.trees.sphere_tree import SphereTree
 
 BRANCHING = 8
-
 BALL_RADIUS = 0.038
-"""Of the ball that most scenes have [m]: a hand reaches around it."""
+"""Radius of the ball that most scenes have [m]: a hand reaches around it."""
 
 
 @cache
 def right_hand() -> HandModel:
-    """The hand of every scene that says nothing else."""
+    """Return the hand of most scenes."""
     return HandModel.default()
 
 
 @cache
 def coarse_ball() -> SphereTree:
-    """1,200 spheres, `BALL_RADIUS`: with bumps of a millimetre."""
+    """Return the ball of `BALL_RADIUS` with 1,200 spheres and bumps of a millimetre."""
     return ball(1200, BALL_RADIUS)
 
 
 @cache
 def usual_ball() -> SphereTree:
-    """4,000 spheres, `BALL_RADIUS`."""
+    """Return the ball of `BALL_RADIUS` with 4,000 spheres."""
     return ball(4000, BALL_RADIUS)
 
 
 def tree_of(center: ArrayLike, radius: ArrayLike) -> SphereTree:
-    """A tree over these spheres as leaves, shapes (n, 3) and (n,) or one radius for all [m]."""
+    """Return a tree over these leaf spheres, shapes (n, 3) and (n,), or one radius for all [m]."""
     points = np.asarray(center, np.float64).reshape(-1, 3)
     radii = np.broadcast_to(np.asarray(radius, np.float64), len(points))
     level = 1
@@ -51,7 +50,7 @@ def tree_of(center: ArrayLike, radius: ArrayLike) -> SphereTree:
 
 
 def ball(leaves: int, radius: float) -> SphereTree:
-    """A ball about the origin whose surface is made of overlapping spheres on a Fibonacci lattice [m]."""
+    """Return a ball about the origin, its surface of overlapping spheres on a Fibonacci lattice [m]."""
     index = np.arange(leaves) + 0.5
     polar, turn = np.arccos(1.0 - 2.0 * index / leaves), np.pi * (1.0 + 5.0**0.5) * index
     direction = np.stack([np.cos(turn) * np.sin(polar), np.sin(turn) * np.sin(polar), np.cos(polar)], axis=1)
@@ -61,20 +60,15 @@ def ball(leaves: int, radius: float) -> SphereTree:
 
 
 def disc(radius: float, spacing: float, thickness: float) -> SphereTree:
-    """A round leaf in the plane z = 0 about the origin, of spheres on a triangular lattice [m]."""
-    return tree_of(_disc_points(radius, spacing), 0.5 * thickness)
-
-
-def _disc_points(radius: float, spacing: float) -> FloatArray:
+    """Return a round leaf in the plane z = 0 about the origin, of spheres on a triangular lattice [m]."""
     count = math.ceil(2.0 * radius / spacing)
     i, j = (axis.ravel() for axis in np.meshgrid(np.arange(-count, count + 1), np.arange(-count, count + 1)))
     points = np.stack([spacing * (i + 0.5 * j), spacing * (math.sqrt(0.75) * j), np.zeros(i.size)], axis=1)
-    within: FloatArray = points[np.linalg.norm(points, axis=1) <= radius]
-    return within
+    return tree_of(points[np.linalg.norm(points, axis=1) <= radius], 0.5 * thickness)
 
 
 def plate(width: float, depth: float, spacing: float, radius: float) -> FloatArray:
-    """Centres of a rectangular plate's spheres in the plane z = 0 about the origin [m], shape (n, 3)."""
+    """Return the centres of a rectangular plate's spheres below the plane z = 0 about the origin [m], shape (n, 3)."""
     x = np.arange(-0.5 * width, 0.5 * width + 0.5 * spacing, spacing)
     y = np.arange(-0.5 * depth, 0.5 * depth + 0.5 * spacing, spacing)
     grid = np.stack(np.meshgrid(x, y, [-radius], indexing="ij"), axis=-1)
@@ -82,7 +76,7 @@ def plate(width: float, depth: float, spacing: float, radius: float) -> FloatArr
 
 
 def ring(center: ArrayLike, axis: ArrayLike, inner: float, thickness: float = 3e-3, spheres: int = 60) -> SphereTree:
-    """A ring of round profile about an axis [m]: `inner` is the radius of the hole, `thickness` of the profile."""
+    """Return a ring about an axis [m]: `inner` is the radius of the hole, `thickness` of the round profile."""
     u = np.asarray(axis, np.float64)
     u = u / np.linalg.norm(u)
     v = np.cross(u, [1.0, 0.0, 0.0] if abs(u[0]) < 0.7 else [0.0, 0.0, 1.0])
@@ -93,18 +87,10 @@ def ring(center: ArrayLike, axis: ArrayLike, inner: float, thickness: float = 3e
 
 
 def mould(pose: HandConfiguration, spheres: int, gap: float, radius: float, random: np.random.Generator) -> SphereTree:
-    """Spheres under the hand, each of them as far as `gap` from it: a mould in which it lies on all of them at once.
-
-    Args:
-        pose: The hand, one tick.
-        gap: Between the hand's surface and theirs [m].
-        radius: Theirs [m].
-        random: Where they are.
-    """
+    """Return spheres of a radius [m] under a hand (one tick), each `gap` [m] from it: a mould that it lies in."""
     hand = right_hand()
-    position, orientation, flexion, abduction = (values[0] for values in pose)
-    joints = hand.joints(position, orientation, flexion, abduction)
-    palm = hand.palm_tree.leaf_center @ rotation_matrix(orientation).T + position
+    joints = hand.joints(*pose.at(0))
+    palm = hand.palm_tree.leaf_center @ rotation_matrix(pose.orientation[0]).T + pose.position[0]
     # The hand as many spheres: those of the palm, and some along each round cone.
     share = np.linspace(0.0, 1.0, 120)[:, None]
     along = [
@@ -118,7 +104,7 @@ def mould(pose: HandConfiguration, spheres: int, gap: float, radius: float, rand
     while len(found) < spheres:
         direction = random.normal(size=(1000, 3))
         direction /= np.linalg.norm(direction, axis=1)[:, None]
-        # From below: a hand can be put into the mould, and taken out of it.
+        # From below: a hand can enter the mould and leave it.
         direction[:, 2] = -np.abs(direction[:, 2])
         chosen = random.integers(len(center), size=1000)
         points = center[chosen] + (size[chosen] + gap + radius)[:, None] * direction
@@ -128,15 +114,12 @@ def mould(pose: HandConfiguration, spheres: int, gap: float, radius: float, rand
 
 
 def scaled_hand(hand: HandModel, factor: float) -> HandModel:
-    """The hand with every length times `factor`, also where no person has such a hand."""
+    """Return the hand with every length times `factor`."""
     mesh = hand.palm_mesh
+    lengths = ("hand_length", "hand_breadth", "base", "length", "radius")
     return replace(
         hand,
-        hand_length=hand.hand_length * factor,
-        hand_breadth=hand.hand_breadth * factor,
-        base=hand.base * factor,
-        length=hand.length * factor,
-        radius=hand.radius * factor,
+        **{name: getattr(hand, name) * factor for name in lengths},
         palm_mesh=Mesh(mesh.vertices * factor, mesh.faces, name=mesh.name, source=f"{mesh.source}, times {factor:g}"),
         palm_tree=hand.palm_tree.scaled(factor),
     )

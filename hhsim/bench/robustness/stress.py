@@ -1,28 +1,19 @@
-"""The suite `stress`: random targets against objects, as long as you like, every tick measured from what it shows.
+"""`hhsim bench stress`: random targets against objects, every tick measured from the hand that it shows.
 
-Penetration is recomputed from the recorded hand, and on a share of the ticks once more by brute force over all leaves
-or triangles. A run of any length takes the same memory: ticks are run, measured and forgotten block by block.
+A run of any length takes the same memory: ticks are run, measured and dropped block by block.
 """
 
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
 from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
 
 from hhsim.bench.robustness.delta_debugging import Shrunk, delta_debug
-from hhsim.bench.robustness.failure import (
-    Provenance,
-    failure_of,
-    keep_failure,
-    make_trial,
-    recorded_penetration,
-)
-from hhsim.bench.robustness.stress_case import StressCase
-from hhsim.bench.robustness.stress_measurement import StressMeasure
+from hhsim.bench.robustness.failure import Provenance, failure_of, keep_failure, make_trial, recorded_penetration
+from hhsim.bench.robustness.stress_measurement import StressCase, StressMeasure
 from hhsim.bench.robustness.stress_metrics import KeptFailure, StressFigures
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration, sequence
@@ -38,7 +29,7 @@ MakeSolver = Callable[[StressCase], HandSolver]
 BLOCK = 2048
 """Ticks that are run and measured at a time."""
 STRETCH_BLOCKS = 4
-"""Blocks before a failure that are kept to shrink it from."""
+"""Blocks up to a failure that are kept to shrink it from."""
 
 
 def run_case(
@@ -73,7 +64,7 @@ def run_case(
 
 
 def run_stress(cases: Sequence[StressCase], *, jobs: int = 1, progress: Progress = silent) -> Iterator[StressFigures]:
-    """Run cases, `jobs` of them at a time in processes of their own; figures come in the order of the cases.
+    """Run cases, `jobs` of them at a time in processes of their own; yield their figures in order.
 
     Raises:
         HhsimError: As `run_case`.
@@ -89,19 +80,12 @@ def _run_all(cases: Sequence[StressCase], jobs: int, check: Callable[[], None]) 
         for case in cases:
             yield run_case(case, check=check)
         return
-    with _workers(min(jobs, len(cases))) as pool:
-        waiting = [pool.submit(run_case, case) for case in cases]
-        for future in waiting:
+    # Spawned, not forked: a fork of a process with threads copies locks that nobody will release.
+    pool = ProcessPoolExecutor(min(jobs, len(cases)), mp_context=get_context("spawn"))
+    try:
+        for future in [pool.submit(run_case, case) for case in cases]:
             yield future.result()
             check()
-
-
-@contextmanager
-def _workers(count: int) -> Iterator[ProcessPoolExecutor]:
-    # Spawned, not forked: a fork of a process with threads copies locks that nobody will release.
-    pool = ProcessPoolExecutor(count, mp_context=get_context("spawn"))
-    try:
-        yield pool
     finally:
         pool.shutdown(cancel_futures=True)
 

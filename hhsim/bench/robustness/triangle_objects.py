@@ -1,4 +1,4 @@
-"""Objects made of triangles by formula: those that scenes of spheres stand for, and sheets, edges, soups besides."""
+"""Objects made of triangles by formula: balls, boxes, rings, sheets, edges, soups."""
 
 from collections.abc import Sequence
 from functools import cache
@@ -13,44 +13,44 @@ from hhsim.bench.robustness.sphere_objects import BALL_RADIUS
 from hhsim.mesh.mesh import Mesh
 
 SECTIONS = 96
-"""Sides of what is round."""
+"""Sides of round objects."""
 UPPER = 0.5
-"""How far from its top the upper side of a tube reaches [rad]."""
+"""Angle from the top to which the upper side of a tube reaches [rad]."""
 ALONG_X = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
 """Rotation from the z axis to the x axis."""
 
 
 @cache
 def coarse_ball_mesh() -> Mesh:
-    """1,280 triangles, `BALL_RADIUS`: with flats of a few millimetres."""
+    """Return the ball of `BALL_RADIUS` with 1,280 triangles, a few millimetres wide."""
     return ball_mesh(BALL_RADIUS, 3)
 
 
 @cache
 def usual_ball_mesh() -> Mesh:
-    """5,120 triangles, `BALL_RADIUS`."""
+    """Return the ball of `BALL_RADIUS` with 5,120 triangles."""
     return ball_mesh(BALL_RADIUS)
 
 
 def ball_mesh(radius: float, subdivisions: int = 4) -> Mesh:
-    """A ball about the origin [m], 20 · 4ⁿ triangles."""
+    """Return a ball about the origin [m], 20 · 4ⁿ triangles."""
     return _made("icosphere", subdivisions=subdivisions, radius=radius)
 
 
 def box_mesh(width: float, depth: float, height: float) -> Mesh:
-    """A box about the origin [m], along x, y, z."""
+    """Return a box about the origin [m], along x, y, z."""
     return _made("box", extents=(width, depth, height))
 
 
 def disc_mesh(radius: float, thickness: float) -> Mesh:
-    """A round leaf about the plane z = 0 and the origin [m]."""
+    """Return a round leaf about the plane z = 0 and the origin [m]."""
     return _made("cylinder", radius=radius, height=thickness, sections=SECTIONS)
 
 
 def tube_mesh(radius: float, length: float, facets: int) -> Mesh:
-    """A closed cylinder about the x axis and the origin [m]; its upper side as fine as with so many facets around.
+    """Return a closed cylinder about the x axis and the origin [m].
 
-    The facets that reach farther than `UPPER` from the top are a dozen.
+    Its upper side, up to `UPPER` from the top, is as fine as with so many facets around; the rest has a dozen facets.
     """
     fine, most = 2.0 * np.pi / facets, int(UPPER * facets / (2.0 * np.pi))
     upper = fine * np.arange(-most, most + 1)
@@ -61,29 +61,21 @@ def tube_mesh(radius: float, length: float, facets: int) -> Mesh:
     here = np.arange(count)
     after = (here + 1) % count
     low, high = np.full(count, 2 * count), np.full(count, 2 * count + 1)
-    faces = np.concatenate(
-        [
-            np.column_stack(corners)
-            for corners in (
-                (here, count + here, count + after),
-                (here, count + after, after),
-                (low, here, after),
-                (high, count + after, count + here),
-            )
-        ]
-    )
+    sides = (here, count + here, count + after), (here, count + after, after)
+    lids = (low, here, after), (high, count + after, count + here)
+    faces = np.concatenate([np.column_stack(corners) for corners in (*sides, *lids)])
     vertices = np.concatenate([*ends, [[-x, 0.0, 0.0], [x, 0.0, 0.0]]])
     return outward(Mesh(vertices, faces, name="tube"))
 
 
 def globe_mesh(radius: float, facets: int) -> Mesh:
-    """A ball about the origin [m], poles on the x axis; so many facets around, half as many from pole to pole."""
+    """Return a ball about the origin [m], poles on the x axis; `facets` around, half as many from pole to pole."""
     # trimesh makes twice as many around as the second number says.
     return _made("uv_sphere", radius=radius, count=(facets // 2, facets // 2)).transformed(ALONG_X, np.zeros(3))
 
 
 def ring_mesh(center: ArrayLike, axis: ArrayLike, inner: float, thickness: float = 3e-3) -> Mesh:
-    """A ring of round profile about an axis [m]: `inner` is the radius of the hole, `thickness` of the profile."""
+    """Return a ring about an axis [m]: `inner` is the radius of the hole, `thickness` of the round profile."""
     from trimesh import geometry
 
     align: Any = geometry.align_vectors
@@ -100,7 +92,7 @@ def _made(shape: str, **sizes: Any) -> Mesh:
 
 
 def roof_mesh(length: float, half_width: float, height: float) -> Mesh:
-    """A prism whose ridge is the x axis [m], the roof falling off from it to both sides; closed."""
+    """Return a closed prism whose ridge is the x axis [m]; the roof falls off to both sides."""
     x = 0.5 * length
     profile = [(0.0, 0.0), (-half_width, -height), (half_width, -height)]
     vertices = np.array([(end, y, z) for end in (-x, x) for y, z in profile])
@@ -110,7 +102,7 @@ def roof_mesh(length: float, half_width: float, height: float) -> Mesh:
 
 
 def cone_mesh(radius: float, height: float, sides: int) -> Mesh:
-    """A cone whose apex is the origin, above its base [m]; every side is a triangle. A negative height is a pit."""
+    """Return a cone [m] whose apex is the origin; every side is a triangle. A negative height is a pit."""
     turn = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
     rim = np.stack([radius * np.cos(turn), radius * np.sin(turn), np.full(sides, -height)], axis=1)
     after = 1 + (np.arange(sides) + 1) % sides
@@ -119,16 +111,16 @@ def cone_mesh(radius: float, height: float, sides: int) -> Mesh:
 
 
 def sheet_mesh(width: float, depth: float) -> Mesh:
-    """Two triangles in the plane z = 0 about the origin [m]: a sheet of no thickness."""
+    """Return a sheet of no thickness, two triangles in the plane z = 0 about the origin [m]."""
     return strips_mesh([-0.5 * width, 0.5 * width], [[-0.5 * depth, 0.5 * depth]])
 
 
 def strips_mesh(columns: Sequence[float], rows: Sequence[ArrayLike]) -> Mesh:
-    """Rectangles in the plane z = 0 [m], two triangles each; columns of different rows meet at T-junctions.
+    """Return rectangles in the plane z = 0, two triangles each; columns of different rows meet at T-junctions.
 
     Args:
-        columns: Where they begin and end along x [m], ascending, one more than there are.
-        rows: Where the rectangles of each column begin and end along y [m], ascending.
+        columns: Borders of the columns along x [m], ascending.
+        rows: Borders of the rectangles of each column along y [m], ascending.
     """
     corners: list[tuple[float, float, float]] = []
     for left, right, ys in zip(columns[:-1], columns[1:], rows, strict=True):
@@ -140,15 +132,15 @@ def strips_mesh(columns: Sequence[float], rows: Sequence[ArrayLike]) -> Mesh:
 
 
 def loose_mesh(corners: FloatArray) -> Mesh:
-    """Triangles as they are, corners of shape (F, 3, 3) [m]."""
+    """Return triangles that share no vertices, corners of shape (F, 3, 3) [m]."""
     return Mesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3), name="triangles")
 
 
 def joined_mesh(meshes: Sequence[Mesh]) -> Mesh:
-    """Several meshes as one."""
+    """Return several meshes as one."""
     return loose_mesh(np.concatenate([mesh.triangles for mesh in meshes]))
 
 
 def outward(mesh: Mesh) -> Mesh:
-    """The same with its triangles wound counter-clockwise from outside."""
+    """Return the mesh with its triangles wound counter-clockwise from outside."""
     return mesh if mesh.volume > 0.0 else Mesh(mesh.vertices, mesh.faces[:, ::-1], name=mesh.name)

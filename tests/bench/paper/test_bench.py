@@ -16,7 +16,7 @@ from hhsim.bench.paper.scenarios import Scenario
 from hhsim.bench.paper.scene import held_ticks, make_stage
 from hhsim.bench.paper.table import PaperRow, missed, paper_rows, scene_rows
 from hhsim.bench.table import load_table
-from hhsim.errors import HhsimError, InputError, UnknownNameError
+from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object
@@ -212,22 +212,6 @@ def test_a_glove_s_samples_are_held_and_flicker_by_a_count(monkeypatch: pytest.M
     assert GLOVE.tremor_position == 0.0
 
 
-@pytest.mark.parametrize(
-    ("change", "error"),
-    [
-        ({"methods": ("best",)}, UnknownNameError),
-        ({"objects": ("mug",)}, UnknownNameError),
-        ({"methods": ()}, InputError),
-        ({"objects": ()}, InputError),
-        ({"instances": 0}, InputError),
-        ({"repetitions": 0}, InputError),
-    ],
-)
-def test_what_cannot_be_measured_is_refused(change: dict[str, object], error: type[Exception]) -> None:
-    with pytest.raises(error):
-        PaperOptions(**change)  # type: ignore[arg-type]
-
-
 def test_the_command_writes_tables_and_pictures_and_says_what_it_missed(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -257,11 +241,3 @@ def test_the_command_writes_tables_and_pictures_and_says_what_it_missed(
     again = run("bench", "paper", *arguments, "--out", "paper.h5")
     assert "mean tick, hexagonal-prism" in again.out and "0.48 ms" in again.out
     assert ("missed: " in again.out) == (again.code == 1)
-
-
-def test_the_command_refuses_before_the_work(run: Run, tmp_path: Path) -> None:
-    (tmp_path / "figures").write_text("in the way")
-    answer = run("bench", "paper", "--quick", "--plot", "figures")
-    assert answer.code == 2 and "figures" in answer.err
-    assert run("bench", "paper", "--object", "mug").code == 2
-    assert run("bench", "paper", "--out", "paper.csv").code == 2

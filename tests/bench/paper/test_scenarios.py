@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from sampled import sampled
 
-from hhsim.bench.paper.contact_check import check_holds
 from hhsim.bench.paper.scenarios import Scenario, paper_scenarios
-from hhsim.errors import UnknownNameError
+from hhsim.bench.paper.scene import check_holds
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
@@ -60,12 +59,9 @@ def test_figure_11_is_five_objects_and_three_behaviours() -> None:
         assert len(load_script(motion).hold_touches[0]) == parts
 
 
-def test_figure_12_goes_from_none_to_five_and_back() -> None:
+def test_figure_12_goes_from_none_to_five_and_back_and_sliding_is_on_simple_objects() -> None:
     assert [s.name for s in figure("12")] == ["cylinder sequence", "hexagonal-prism sequence"]
     assert [len(touches) for touches in load_script("sequence").hold_touches] == [1, 2, 5, 2, 1]
-
-
-def test_sliding_is_on_the_five_simple_objects() -> None:
     assert [s.name for s in figure("sliding")] == [f"{name} slide" for name in SIMPLE]
 
 
@@ -95,11 +91,6 @@ def test_figure_15_is_four_cases_a_hundred_times_on_each_complex_object() -> Non
         (motion,) = {s.motion for s in figure("15") if s.case == case}
         assert len(load_script(motion).fingers) == count
         assert (load_script(motion).palm_depth > 0.0) == (case == "WH")
-
-
-def test_an_unknown_figure_is_refused() -> None:
-    with pytest.raises(UnknownNameError, match="unknown figure '16'"):
-        paper_scenarios(["16"])
 
 
 @pytest.mark.parametrize(("object_name", "motion", "level"), AT_LEVELS)

@@ -15,8 +15,7 @@ from qp_problems import (
 
 from hhsim.bench.qp.backends import ProgramSolver
 from hhsim.bench.qp.bench import OWN_LIMIT
-from hhsim.bench.qp.kkt_check import CERTIFIED_RADIUS, certified_radius, residual, violation
-from hhsim.bench.qp.program import Program
+from hhsim.bench.qp.program import CERTIFIED_RADIUS, Program, certified_radius, residual, violation
 
 COUNT = 20
 SOLVER = ProgramSolver()
@@ -89,21 +88,6 @@ def test_programs_of_the_timed_sizes_have_work_in_them(variables: int, rows: int
         assert residual(program, answer.x, answer.multiplier) <= OWN_LIMIT
         active.append(np.count_nonzero(answer.multiplier))
     assert max(active) >= min(3, rows // 10)
-
-
-def test_a_program_keeps_its_rows_whatever_their_layout() -> None:
-    rng = np.random.default_rng(0)
-    for n in (3, 6, 9, 21):
-        matrix, rhs = np.zeros((30, n)), rng.normal(size=30)
-        matrix[:, : min(n, 6)] = rng.normal(size=(30, min(n, 6)))
-        for i in range(30):
-            if n > 6 and i % 3:
-                first = 6 + 3 * int(rng.integers(0, (n - 6) // 3))
-                matrix[i, first : first + 3] = rng.normal(size=3)
-        program = dense_program("", matrix, rhs, np.zeros(n), 1e-12)
-        order = np.lexsort(program.rhs[None])
-        np.testing.assert_array_equal(program.rhs[order], np.sort(rhs))
-        np.testing.assert_array_equal(program.matrix[order], matrix[np.argsort(rhs)])
 
 
 def test_residuals_are_in_sizes_of_the_program() -> None:

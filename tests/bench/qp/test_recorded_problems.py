@@ -10,10 +10,8 @@ from sphere_scenes import Motion, bumpy_ball, random_targets, record_clearance, 
 from hhsim.bench.qp import recorded_problems
 from hhsim.bench.qp.backends import ProgramSolver
 from hhsim.bench.qp.bench import OWN_LIMIT
-from hhsim.bench.qp.kkt_check import CERTIFIED_RADIUS, certified_radius, residual
-from hhsim.bench.qp.program import Program
+from hhsim.bench.qp.program import CERTIFIED_RADIUS, Program, certified_radius, residual
 from hhsim.bench.qp.recorded_problems import RUNS, QpBenchOptions, harvest, harvest_tick
-from hhsim.errors import UnknownNameError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.solver.contact_qp import coupled_problem
@@ -128,11 +126,6 @@ def test_the_harvest_is_the_same_for_the_same_seed(monkeypatch: pytest.MonkeyPat
     assert len(one) == len(same) == len(other) == 10
     assert all(np.array_equal(a.rhs, b.rhs) and np.array_equal(a.target, b.target) for a, b in zip(one, same))
     assert not all(np.array_equal(a.rhs, b.rhs) for a, b in zip(one, other))
-
-
-def test_an_unknown_object_is_named() -> None:
-    with pytest.raises(UnknownNameError, match="sphere"):
-        list(harvest(QpBenchOptions(problems=10, objects=("spere",))))
 
 
 def test_the_programs_of_a_run_are_in_order_and_none_is_left_out() -> None:

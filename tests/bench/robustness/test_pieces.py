@@ -9,14 +9,7 @@ from plain_clearance import brute_clearance
 from sphere_scenes import bumpy_ball, cloud
 
 from hhsim.arrays import FloatArray
-from hhsim.bench.robustness.pieces import (
-    Body,
-    Pieces,
-    Triangles,
-    hand_bodies,
-    hand_distance,
-    pieces_of,
-)
+from hhsim.bench.robustness.pieces import Body, Pieces, Triangles, hand_bodies, hand_distance, pieces_of
 from hhsim.bench.robustness.random_targets import RandomTargets
 from hhsim.bench.robustness.triangle_objects import ball_mesh, box_mesh, ring_mesh, sheet_mesh
 from hhsim.errors import InputError

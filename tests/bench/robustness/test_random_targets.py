@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 from stress_motion import random_targets
 
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
-from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.model import HandModel
 from hhsim.motion.tick_motion import hold_readings
@@ -121,20 +120,3 @@ def test_the_wild_mode_does_what_broken_devices_do() -> None:
     turned = (unit[1:] * unit[:-1]).sum(axis=1)
     assert (turned < -0.9).sum() > 500, "signs flip"
     assert (np.abs(turned) < 0.5).sum() > 500, "it spins"
-
-
-@pytest.mark.parametrize(
-    ("wrong", "message"),
-    [
-        ({"hold": 0}, "hold"),
-        ({"position_spread": -1.0}, "position_spread"),
-        ({"rotation_spread": np.nan}, "rotation_spread"),
-        ({"longest_step": 0.0}, "longest_step"),
-        ({"bound": "finger"}, "palm, hand, none"),
-        ({"flexion_range": (0.5, 1.5)}, "flexion_range"),
-        ({"flexion_range": (0.6, 0.5)}, "flexion_range"),
-    ],
-)
-def test_what_cannot_be_walked_is_refused(wrong: dict[str, Any], message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        StressOptions(**wrong)

@@ -114,12 +114,7 @@ def test_rate_hold_and_a_window_around_the_grasp(folder: Path) -> None:
     at, file = bench_object(), folder / "a.h5"
     whole, held, slow, window = (
         next(bench_recorded([file], [at], [COUPLED], options))
-        for options in (
-            HERE,
-            replace(HERE, mode="hold"),
-            replace(HERE, rate=250.0),
-            RecordedOptions(ticks=100),
-        )
+        for options in (HERE, replace(HERE, mode="hold"), replace(HERE, rate=250.0), RecordedOptions(ticks=100))
     )
     assert held.fastest > 5.0 * whole.fastest, "a held sample comes at a jump"
     assert abs(4 * slow.ticks - whole.ticks) <= 4 and slow.rate == 250.0
@@ -185,8 +180,6 @@ def test_on_the_mesh_the_hand_touches_the_mesh_itself(folder: Path, monkeypatch:
 
 def test_files_and_folders(folder: Path, tmp_path: Path) -> None:
     assert [path.name for path in recording_files([folder, folder / "b.csv"])] == ["a.h5", "b.csv"]
-    with pytest.raises(InputError, match="no such file or folder"):
-        recording_files([tmp_path / "none"])
     empty = tmp_path / "empty"
     empty.mkdir()
     with pytest.raises(InputError, match=r"no recordings in this folder; expected files that end in \.h5"):

@@ -1,0 +1,84 @@
+"""Shared parts of the commands of `hhsim bench`: methods and surfaces, progress, the table."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..arguments.comma_list import names
+from ..arguments.option_group import OptionGroup, shared
+from ..arguments.options import Output
+from ..console import announce_compilation, print_json, progress
+
+if TYPE_CHECKING:
+    from hhsim.solver.options import SolverOptions
+    from hhsim.system.progress import Progress
+    from hhsim.table.table import Column
+
+
+class Solvers(OptionGroup, heading="Solver"):
+    """Methods and surfaces, each with each."""
+
+    methods: tuple[str, ...] | None = shared(
+        names("--method", "methods", "Methods. Default: all that take the surface.")
+    )
+    surfaces: tuple[str, ...] | None = shared(
+        names(
+            "--surface",
+            "surfaces",
+            "What of the objects the hand touches: spheres (of the tree), mesh (its triangles), or both. "
+            "Default: spheres.",
+        )
+    )
+
+    def options(self, usual: Sequence[str], **options: Any) -> "list[SolverOptions]":
+        """Return the options of every solver; without named methods those of `usual` that take the surface.
+
+        Raises:
+            InputError: A method does not take a surface, or an option is out of its range.
+            UnknownNameError: No such method or surface.
+        """
+        from hhsim.solver.method import METHODS
+        from hhsim.solver.options import SolverOptions
+
+        return [
+            SolverOptions(method=method, surface=surface, **options)
+            for surface in self.surfaces or ("spheres",)
+            for method in self.methods or usual
+            if self.methods or surface == "spheres" or not METHODS[method].refuses_surfaces
+        ]
+
+
+@contextmanager
+def measuring(output: Output, *, lines: bool = False) -> "Iterator[Progress]":
+    """Announce compilation and show the progress of the work, unless the output is quiet."""
+    announce_compilation(quiet=output.quiet)
+    with progress(quiet=output.quiet, lines=lines) as report:
+        yield report
+
+
+class SuiteTable:
+    """Table of a suite, at the path that the output names; its picture, if any, is set later."""
+
+    picture: Path | None = None
+
+    def __init__(self, output: Output, suite: str, columns: "Sequence[Column]", options: dict[str, Any]) -> None:
+        self.path, self.suite, self.columns, self.options = output.table_path(suite), suite, columns, options
+
+    def write(self, rows: Sequence[Any]) -> None:
+        """Write the rows as HDF5 and CSV."""
+        from hhsim.bench.table import write_table
+
+        write_table(self.path, self.suite, self.columns, rows, self.options)
+
+    def print_json(self, **more: Any) -> None:
+        """Print paths, options, units and `more` as JSON."""
+        from hhsim.bench.table import table_document
+
+        plot = {} if self.picture is None else {"plot": str(self.picture)}
+        print_json({**table_document(self.path, self.columns, self.options, **plot), **more})
+
+    def print_paths(self) -> None:
+        """Print the paths of the table and the picture."""
+        picture = "" if self.picture is None else f", the picture in {self.picture}"
+        print(f"the table is in {self.path} and {self.path.with_suffix('.csv')}{picture}")

@@ -1,0 +1,106 @@
+"""What the suites refuse before the work: unknown names, numbers out of range, paths that cannot be."""
+
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import Run
+
+from hhsim.bench.mesh_size import MeshSizeOptions
+from hhsim.bench.paper.bench import PaperOptions
+from hhsim.bench.paper.scenarios import paper_scenarios
+from hhsim.bench.peers import PeersOptions
+from hhsim.bench.qp.recorded_problems import QpBenchOptions
+from hhsim.bench.robustness.random_targets import StressOptions
+from hhsim.bench.speed_error import SpeedErrorOptions
+from hhsim.bench.threads import ThreadsOptions
+from hhsim.bench.trees import TreesOptions
+from hhsim.errors import InputError, UnknownNameError
+
+UNKNOWN: tuple[tuple[type, str, str, str], ...] = (
+    (SpeedErrorOptions, "objects", "buny", "unknown object 'buny': did you mean bunny"),
+    (SpeedErrorOptions, "motions", "grip", "unknown trajectory 'grip'"),
+    (SpeedErrorOptions, "methods", "couple", "unknown method 'couple': did you mean coupled"),
+    (SpeedErrorOptions, "backends", "quadprg", "unknown QP solver 'quadprg'"),
+    (SpeedErrorOptions, "surfaces", "mash", "unknown surface 'mash': did you mean mesh"),
+    (TreesOptions, "objects", "bunyn", "bunny"),
+    (ThreadsOptions, "objects", "cap", "'cap'"),
+    (QpBenchOptions, "objects", "spere", "sphere"),
+    (QpBenchOptions, "motions", "graps", "grasp"),
+    (QpBenchOptions, "backends", "dapq", "daqp"),
+    (PaperOptions, "methods", "best", "best"),
+    (PaperOptions, "objects", "mug", "mug"),
+)
+IMPOSSIBLE: tuple[tuple[type, dict[str, Any], str], ...] = (
+    (SpeedErrorOptions, {"motions": ("never",)}, "'never' touches nothing"),
+    (SpeedErrorOptions, {"levels": (6,)}, "tree level 6, expected 1 to 5"),
+    (SpeedErrorOptions, {"levels": ()}, "levels: name at least one"),
+    (SpeedErrorOptions, {"surfaces": (), "methods": ("coupled",)}, "surfaces: name at least one"),
+    (SpeedErrorOptions, {"surfaces": ("mesh",), "methods": ("coupled", "paper")}, "takes the surface spheres"),
+    (SpeedErrorOptions, {"linearisations": (0,)}, "at least 1"),
+    (SpeedErrorOptions, {"repetitions": 0}, "at least 1"),
+    (PeersOptions, {"motions": ("never",)}, "touches nothing"),
+    (PeersOptions, {"repetitions": 0}, "0 repetitions"),
+    (PeersOptions, {"objects": ()}, "objects: name at least one"),
+    (TreesOptions, {"spheres": (0,)}, "0 spheres"),
+    (TreesOptions, {"spheres": (40_000,)}, "32,768"),
+    (ThreadsOptions, {"threads": (1,)}, "nothing to be compared with"),
+    (ThreadsOptions, {"threads": (1, 7)}, "threads is 7: 1 to 6"),
+    (MeshSizeOptions, {"object_name": "buny"}, "bunny"),
+    (MeshSizeOptions, {"subdivisions": (0,)}, "0 subdivisions, expected 1 to 6"),
+    (MeshSizeOptions, {"subdivisions": (7,)}, "7 subdivisions, expected 1 to 6"),
+    (PaperOptions, {"methods": ()}, "at least one method"),
+    (PaperOptions, {"objects": ()}, "at least one method and one object"),
+    (PaperOptions, {"instances": 0}, "at least 1"),
+    (PaperOptions, {"repetitions": 0}, "at least 1"),
+    (StressOptions, {"hold": 0}, "hold"),
+    (StressOptions, {"position_spread": -1.0}, "position_spread"),
+    (StressOptions, {"rotation_spread": np.nan}, "rotation_spread"),
+    (StressOptions, {"longest_step": 0.0}, "longest_step"),
+    (StressOptions, {"bound": "finger"}, "palm, hand, none"),
+    (StressOptions, {"flexion_range": (0.5, 1.5)}, "flexion_range"),
+    (StressOptions, {"flexion_range": (0.6, 0.5)}, "flexion_range"),
+)
+COMMANDS = (
+    ("stress --surface mesh --method paper", "method paper takes the surface spheres, not mesh: "),
+    ("stress bunyn", "unknown object 'bunyn': did you mean bunny?"),
+    ("stress --out x.csv", "x.csv must end in .h5: the CSV file of the same name goes beside it"),
+    ("hard fast-swip", "unknown hard case 'fast-swip': did you mean fast-swipe?"),
+    ("hard flat-finger", "hard case 'flat-finger' is made of triangles alone: it takes --surface mesh"),
+    ("hard --method couple", "unknown method 'couple': did you mean coupled?"),
+    ("trees --spheres 0", "'0', expected whole numbers from 1 to 32768"),
+    ("trees --plot a.h5", "no picture by its ending"),
+    ("qp --qp dapq", "daqp"),
+    ("qp --programs qp.npz", ".parquet"),
+    ("qp --programs thesis.parquet", "exists and is no Parquet file"),
+    ("paper --quick --plot thesis.parquet", "thesis.parquet"),
+    ("recorded nowhere", "nowhere: no such file or folder"),
+)
+
+
+@pytest.mark.parametrize(("options", "field", "name", "message"), UNKNOWN)
+def test_an_unknown_name_is_refused(options: type, field: str, name: str, message: str) -> None:
+    assert field in {one.name for one in fields(options)}
+    with pytest.raises(UnknownNameError, match=message):
+        options(**{field: (name,)})
+
+
+@pytest.mark.parametrize(("options", "values", "message"), IMPOSSIBLE)
+def test_impossible_values_are_refused(options: type, values: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        options(**values)
+
+
+def test_an_unknown_figure_of_the_paper_is_refused() -> None:
+    with pytest.raises(UnknownNameError, match="unknown figure '16'"):
+        paper_scenarios(["16"])
+
+
+@pytest.mark.parametrize(("words", "message"), COMMANDS)
+def test_a_command_refuses_before_the_work(run: Run, tmp_path: Path, words: str, message: str) -> None:
+    (tmp_path / "thesis.parquet").write_text("no programs")
+    answer = run("bench", *words.split())
+    assert answer.code == 2 and message in answer.err
+    assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["thesis.parquet"]
