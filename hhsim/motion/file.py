@@ -3,10 +3,9 @@
 schema_version 1. Attributes of the file: format, schema_version, name, source, licence, device, hand, and, of an
 import, checksums (`Trajectory.checksums`). Datasets, each with `units` and `long_name`: time (T,), position (T, 3),
 orientation (T, 4), flexion (T, 5, 3), abduction (T, 5), object/position (3,), object/orientation (4,) or, of an object
-that moves, (T, 3) and (T, 4), phase/{name, start_time, end_time} (P,), raw/<channel> (T, …), and, where somebody looked
-the samples over, flags (T,): bits whose meaning its attributes `flag_masks` and `flag_meanings` hold, as in the CF
-metadata conventions. Behind the HDF5 file stands its seal (`hhsim.system.checksummed_file`); a file without one is read
-too.
+that moves, (T, 3) and (T, 4), phase/{name, start_time, end_time} (P,), raw/<channel> (T, …), and optional flags (T,):
+bits with the meanings in its attributes `flag_masks` and `flag_meanings`, as in the CF metadata conventions. The HDF5
+file is followed by its seal (`hhsim.system.checksummed_file`); a file without one is read too.
 """
 
 from pathlib import Path
@@ -66,12 +65,9 @@ def save_trajectory(trajectory: Trajectory, path: str | Path) -> None:
 
 
 def check_trajectory_path(path: Path) -> None:
-    """Look, before the work, for what would keep a trajectory from being written.
+    """Raise OutputError if a trajectory cannot be written here.
 
-    Raises:
-        OutputError: As `hhsim.system.output_path.check_output_path`; another suffix; or a file is there that is no
-        trajectory,
-            such as a recording, which a slip of the pen must not destroy.
+    Besides a place that cannot be written, that is another suffix, or a file that is no trajectory, such as a recording.
     """
     check_output_path(path)
     if path.suffix.lower() not in (CSV_SUFFIX, *HDF5_SUFFIXES):
@@ -137,7 +133,7 @@ def _write(trajectory: Trajectory, file: h5py.File) -> None:
 
 
 def read_fields(path: Path) -> dict[str, Any]:
-    """The fields of a trajectory in an HDF5 file, by their names in `Trajectory`; the arrays are not checked.
+    """Read the fields of a trajectory in an HDF5 file, by their names in `Trajectory`, without checking the arrays.
 
     Raises:
         TrajectoryError: Another format, a newer schema, a missing part, or a damaged file.
@@ -187,7 +183,7 @@ def _read(path: Path) -> dict[str, Any]:
 
 
 def _get(file: h5py.File, key: str) -> Any:
-    """The whole dataset; text as str."""
+    """Return the whole dataset; text as str."""
     dataset = file.get(key)
     if not isinstance(dataset, h5py.Dataset):
         raise TrajectoryError(f"no dataset {key}; expected one in every {FORMAT} file")

@@ -1,4 +1,4 @@
-"""A hand motion: time-stamped poses of the haptic hand, the pose of the object, and where the motion comes from.
+"""Trajectory: time-stamped poses of the haptic hand, the pose of the object, and their origin.
 
 World right-handed, z up; quaternions (w, x, y, z); fingers thumb, index, middle, ring, little; joints proximal to
 distal. Positive flexion curls towards the palm, positive abduction turns a finger towards the thumb side.
@@ -21,13 +21,7 @@ from hhsim.motion.resample import (
     newest_sample,
     tick_times,
 )
-from hhsim.motion.validation import (
-    as_numbers,
-    check_finite,
-    check_increasing,
-    check_magnitude,
-    continuous_orientation,
-)
+from hhsim.motion.validation import as_numbers, check_finite, check_increasing, check_magnitude, continuous_orientation
 from hhsim.system.counted import counted
 
 HandSide = Literal["", "right", "left"]
@@ -35,21 +29,21 @@ Checksums = Literal["", "held", "missing"]
 ResampleMode = Literal["interpolate", "hold"]
 
 UNCHECKED = "not every number of the recording has a checksum: damage may pass as motion"
-"""What is said of a recording whose `checksums` are missing."""
+"""Warning for a recording whose `checksums` are missing."""
 MAX_ANGLE = 2.0 * np.pi
-"""A joint angle beyond a full turn [rad] is a recording in degrees."""
+"""Largest joint angle, a full turn [rad]; beyond, the recording is in degrees."""
 MAX_POSITION = 100.0
-"""A palm farther than this from the origin [m] is a recording in millimetres."""
+"""Largest coordinate of a palm [m]; beyond, the recording is in millimetres."""
 
 MOST_TICKS = 36_000_000
-"""A replay of more ticks, 10 hours at 1 kHz, is a stamp in another unit or one that went wrong."""
+"""Largest number of ticks of a replay, 10 hours at 1 kHz; beyond, a stamp is wrong or in another unit."""
 
 
 @dataclass(frozen=True)
 class Phase:
     """A named part of a motion: start_time <= t < end_time [s] on the stamps' clock.
 
-    The last phase holds the last sample too where it ends there.
+    The last phase includes the last sample if it ends there.
     """
 
     name: str
@@ -66,20 +60,19 @@ class TickPhase(NamedTuple):
 
 
 def phase_names(phases: Iterable[Phase | TickPhase]) -> str:
-    """The names of phases as the end of a repr; "" where there are none."""
+    """Return the names of phases as the end of a repr; "" for none."""
     names = ", ".join(phase.name for phase in phases)
     return f"; {names}" if names else ""
 
 
 @dataclass(frozen=True, eq=False)
 class RawChannel:
-    """What the device measured before calibration; carried along, never replayed.
+    """Readings of the device before calibration, stored and never replayed.
 
     Attributes:
         name: A word without slashes.
-        values: Shape (T, …).
-        unit: "" for plain numbers.
-        meaning: One line.
+        values: Readings, shape (T, …).
+        unit: Unit; "" for plain numbers.
     """
 
     name: str
@@ -90,18 +83,18 @@ class RawChannel:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TickInput:
-    """The haptic hand at each tick of the replay; C-contiguous and writable, as the kernels take it.
+    """The haptic hand at each tick of the replay; arrays are C-contiguous and writable, as the kernels take them.
 
     Attributes:
         time: k / rate [s], 0 at the first sample, shape (N,).
         input_seq: Index of the newest sample at or before the tick, shape (N,).
         position: Palm origin [m], shape (N, 3), world.
         orientation: Palm to world, unit (w, x, y, z), shape (N, 4).
-        flexion: [rad], shape (N, 5, 3).
-        abduction: [rad], shape (N, 5).
-        phases: Those that hold a tick.
-        rate: [Hz].
-        object_motion: The object's pose at each tick; None where it stands still.
+        flexion: Joint angles [rad], shape (N, 5, 3).
+        abduction: Joint angles [rad], shape (N, 5).
+        phases: Phases with at least one tick.
+        rate: Ticks a second [Hz].
+        object_motion: The object's pose at each tick; None if it stands still.
     """
 
     time: FloatArray
@@ -123,7 +116,7 @@ class TickInput:
         return int(self.time.shape[0])
 
     def first(self, count: int) -> "TickInput":
-        """The first ticks, all of them where there are no more; a phase that goes on ends with the last one."""
+        """Return the first ticks, at most `count`; a phase that goes on ends with the last one."""
         return TickInput(
             time=self.time[:count],
             input_seq=self.input_seq[:count],
@@ -141,7 +134,7 @@ class TickInput:
         )
 
     def seen_from_object(self) -> "TickInput":
-        """The hand in the frame that moves with the object, and is the world's at the first tick."""
+        """Return the hand in the frame that moves with the object, and is the world's at the first tick."""
         carrier = self.object_motion
         if carrier is None:
             return self
@@ -156,32 +149,29 @@ class TickInput:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Trajectory:
-    """A checked motion: making one validates it.
+    """A checked motion: the constructor validates it.
 
-    Quaternions come out normalised and without sign flips; all arrays are read-only copies.
+    Quaternions become unit and without sign flips; all arrays are read-only copies.
 
     Attributes:
-        time: Strictly increasing stamps [s], any rate, irregular ones too, shape (T,).
+        time: Strictly increasing stamps [s], any rate, also irregular, shape (T,).
         position: Palm origin [m], shape (T, 3), world.
         orientation: Palm to world, (w, x, y, z), shape (T, 4).
-        flexion: [rad], shape (T, 5, 3).
-        abduction: [rad], shape (T, 5).
+        flexion: Joint angles [rad], shape (T, 5, 3).
+        abduction: Joint angles [rad], shape (T, 5).
         phases: In order of time, not overlapping.
-        object_position: Of the object's origin [m], shape (3,), world; constant, or that of the first sample.
+        object_position: Position of the object's origin [m], shape (3,), world; constant, or that of the first sample.
         object_orientation: Object to world, (w, x, y, z), shape (4,); constant, or that of the first sample.
-        name: A short name.
-        source: Who or what made the motion.
-        licence: Under which it may be used.
-        device: What measured it; "" for synthetic ones.
+        source: Person or program that made the motion.
+        licence: Licence of the motion.
+        device: Device that measured it; "" for synthetic motions.
         raw: Channels as the device gave them.
-        hand: Which hand moved; "" where nobody said, or where it fits both.
-        flags: Bits of `hhsim.motion.sample_flags.SampleFlag`, shape (T,), what was mended or is in doubt; None where
-        nobody
-            looked.
-        object_motion: The object's pose at each sample, where it moves; one that stands still becomes
-            `object_position` and `object_orientation`, and None here.
-        checksums: Of the recording that it was made of: "held" where every number agreed with one, "missing" where some
-            have none, so that damage may pass as motion; "" where it is of no recording.
+        hand: Side of the hand; "" if unknown, or if the motion fits both.
+        flags: Bits of `hhsim.motion.sample_flags.SampleFlag`, shape (T,); None for samples that were not examined.
+        object_motion: The object's pose at each sample, if it moves; one that stands still becomes `object_position` and
+            `object_orientation`, and None here.
+        checksums: State of its recording: "held" if every number agreed with a checksum, "missing" if some have none, so
+            that damage may pass as motion; "" without a recording.
 
     Raises:
         TrajectoryError: Wrong shape, no samples, NaN or infinity, stamps that do not increase, a quaternion of length
@@ -207,7 +197,6 @@ class Trajectory:
     checksums: Checksums = ""
 
     def __post_init__(self) -> None:
-        """Check and normalise every field."""
         time = as_numbers("time", self.time)
         if time.ndim != 1:
             raise TrajectoryError(f"time has shape {time.shape}; expected (T,), one stamp [s] a sample")
@@ -249,7 +238,7 @@ class Trajectory:
             object.__setattr__(self, "flags", _checked_flags(self.flags, count))
 
     def _checked_object_motion(self, time: FloatArray) -> ObjectMotion | None:
-        """The object's motion where it is one; its first pose becomes the constant one."""
+        """Return the object's motion if it moves; its first pose becomes the constant one."""
         if self.object_motion is None:
             return None
         label = "object_position"
@@ -284,21 +273,21 @@ class Trajectory:
 
     @property
     def duration(self) -> float:
-        """From the first to the last stamp [s]."""
+        """Time from the first to the last stamp [s]."""
         return float(self.time[-1] - self.time[0])
 
     @property
     def mean_rate(self) -> float:
-        """Samples per second [Hz], 0 for a single sample."""
+        """Samples a second [Hz], 0 for a single sample."""
         return (self.sample_count - 1) / self.duration if self.sample_count > 1 else 0.0
 
     def resampled(self, rate: float, mode: ResampleMode = "interpolate") -> TickInput:
-        """The motion at the ticks of a replay.
+        """Resample the motion to the ticks of a replay.
 
         Args:
-            rate: Ticks per second [Hz].
-            mode: "interpolate": monotone cubic and slerp, no overshoot; "hold": each tick sees the newest sample, as
-                from a glove that is slower than the loop.
+            rate: Ticks a second [Hz].
+            mode: "interpolate": monotone cubic and slerp, no overshoot; "hold": each tick takes the newest sample, as from a
+                glove that is slower than the loop.
 
         Raises:
             InputError: A rate that is not positive, or an unknown mode.
@@ -335,11 +324,11 @@ class Trajectory:
         return TickInput(ticks, newest, position, orientation, flexion, abduction, phases, float(rate), carrier)
 
     def placed(self, object_position: ArrayLike, object_orientation: ArrayLike) -> Self:
-        """The same motion beside an object that stands still, at another pose.
+        """Return the same motion beside an object that stands still at another pose.
 
         Args:
-            object_position: [m], shape (3,), world.
-            object_orientation: (w, x, y, z), shape (4,).
+            object_position: Position [m], shape (3,), world.
+            object_orientation: Quaternion (w, x, y, z), shape (4,).
         """
         return replace(
             self,
@@ -349,7 +338,7 @@ class Trajectory:
         )
 
     def seen_from_object(self) -> Self:
-        """The same motion beside the object where it was at first: the hand as an object that moves sees it."""
+        """Return the motion in the frame that moves with the object, and is the world's at the first sample."""
         if self.object_motion is None:
             return self
         moved = self.object_motion.since(self.object_position, self.object_orientation)

@@ -1,4 +1,4 @@
-"""What makes a motion fit to replay. Every refusal is one line: what is wrong, at which sample, what would be right."""
+"""Checks of a motion. Each raises one line: what is wrong, at which sample, what would be right."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -8,17 +8,13 @@ from hhsim.errors import TrajectoryError
 from hhsim.system.counted import counted
 
 MIN_QUATERNION_NORM = 1e-6
-"""A quaternion shorter than this has no direction left."""
+"""Shortest quaternion that has a direction."""
 UNIT_TOLERANCE = 4.0 * float(np.finfo(np.float64).eps)
-"""A quaternion this close to unit stays as it is, so that a file read back holds the same bytes."""
+"""Largest deviation from unit length that is kept, so that a file read back holds the same bytes."""
 
 
 def as_numbers(label: str, values: ArrayLike) -> FloatArray:
-    """A float64 copy, C-contiguous.
-
-    Raises:
-        TrajectoryError: `values` are not numbers, or rows of unequal length.
-    """
+    """Return a float64 copy, C-contiguous; raise TrajectoryError for what is no array of numbers."""
     try:
         return np.array(values, dtype=np.float64, order="C")
     except (TypeError, ValueError):
@@ -26,7 +22,7 @@ def as_numbers(label: str, values: ArrayLike) -> FloatArray:
 
 
 def check_finite(label: str, values: FloatArray, time: FloatArray | None = None) -> None:
-    """Refuse NaN and infinity."""
+    """Raise TrajectoryError for NaN and infinity."""
     bad = ~np.isfinite(values)
     if bad.any():
         place = _place(np.argwhere(bad)[0], time)
@@ -37,7 +33,7 @@ def check_finite(label: str, values: FloatArray, time: FloatArray | None = None)
 
 
 def check_increasing(time: FloatArray) -> None:
-    """Refuse stamps that repeat or go backwards."""
+    """Raise TrajectoryError for stamps that repeat or go backwards."""
     bad = np.flatnonzero(np.diff(time) <= 0.0) + 1
     if bad.size:
         i = int(bad[0])
@@ -49,7 +45,7 @@ def check_increasing(time: FloatArray) -> None:
 
 
 def check_magnitude(label: str, values: FloatArray, limit: float, unit: str, question: str, time: FloatArray) -> None:
-    """Refuse values beyond `limit`, which betray another unit: `question` says which."""
+    """Raise TrajectoryError for values beyond `limit`, which are in another unit; `question` says which."""
     bad = np.abs(values) > limit
     if bad.any():
         first = np.argwhere(bad)[0]
@@ -60,10 +56,10 @@ def check_magnitude(label: str, values: FloatArray, limit: float, unit: str, que
 
 
 def continuous_orientation(quaternions: FloatArray, time: FloatArray) -> FloatArray:
-    """Unit quaternions without sign flips between neighbours, shape (T, 4).
+    """Return unit quaternions without sign flips between neighbours, shape (T, 4).
 
     Raises:
-        TrajectoryError: A quaternion of length zero, or of one that is no number.
+        TrajectoryError: A quaternion of length zero or infinity.
     """
     with np.errstate(over="ignore"):
         norm = np.linalg.norm(quaternions, axis=1)

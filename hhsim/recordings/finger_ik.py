@@ -1,9 +1,8 @@
-"""Joint angles of our hand from the directions of recorded finger bones.
+"""Joint angles of hhsim's hand from the directions of recorded finger bones.
 
-A recording knows where joints are; our finger is a plane chain that abducts about its dorsal axis w and then flexes
-about axes across u, the direction of the straight finger. The abduction is the plane that the three bones lie nearest
-to: the least eigenvector of a 2 × 2 matrix, defined also for a fist, where the first bone alone says nothing of it. The
-flexions are then angles in that plane. So the angles are those of our hand, whatever the recording's rig calls zero.
+The model's finger is a plane chain that abducts about its dorsal axis w and then flexes about axes across u, the
+direction of the straight finger. The abduction is the plane nearest to the three bones: the least eigenvector of a
+2 × 2 matrix, which is defined for a fist too. The flexions are angles in that plane.
 """
 
 from functools import lru_cache
@@ -19,16 +18,16 @@ from hhsim.recordings.frames import quaternions_of, turned
 
 
 def finger_angles(bones: FloatArray, side: HandSide) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Flexion and abduction that bring our fingers nearest to recorded bones.
+    """Compute the flexion and abduction that fit recorded bones best.
 
     Args:
         bones: Directions of the three bones of each finger from base to tip (thumb: metacarpal first), palm frame, any
             length, NaN where missing, shape (T, 5, 3, 3).
-        side: Which hand; a left hand is the mirror.
+        side: Side of the hand; a left hand is the mirror.
 
     Returns:
-        Flexion [rad], shape (T, 5, 3); abduction [rad], shape (T, 5); and how far each bone is from its fit [rad],
-        shape (T, 5, 3). NaN where a bone of the finger is missing.
+        Flexion [rad], shape (T, 5, 3); abduction [rad], shape (T, 5); angle between each bone and its fit [rad], shape
+        (T, 5, 3). NaN where a bone of the finger is missing.
     """
     distal, dorsal, across = finger_axes(side)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -52,7 +51,7 @@ def finger_angles(bones: FloatArray, side: HandSide) -> tuple[FloatArray, FloatA
 
 @lru_cache
 def finger_axes(side: HandSide) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Where our straight fingers point, out of their backs, and across them to the thumb's side, shapes (5, 3)."""
+    """Return the model's finger axes, each of shape (5, 3): distal, dorsal, and across to the thumb's side."""
     sizes = default_fingers(DEFAULT_HAND_LENGTH, BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH)
     mirror = np.array([-1.0 if side == "left" else 1.0, 1.0, 1.0])
     distal, dorsal = sizes["distal"] * mirror, sizes["dorsal"] * mirror
@@ -65,13 +64,13 @@ def finger_axes(side: HandSide) -> tuple[FloatArray, FloatArray, FloatArray]:
 def finger_joints(
     base: FloatArray, length: FloatArray, flexion: FloatArray, abduction: FloatArray, side: HandSide
 ) -> FloatArray:
-    """Joints and tips of fingers of any size in a posture [m], palm frame, shape (T, 5, 4, 3).
+    """Compute joints and tips of fingers of any size in a posture [m], palm frame, shape (T, 5, 4, 3).
 
     Args:
         base: First joint of each finger [m], palm frame, shape (5, 3).
-        length: Of its bones [m], shape (5, 3).
-        flexion: [rad], shape (T, 5, 3).
-        abduction: [rad], shape (T, 5).
+        length: Lengths of its bones [m], shape (5, 3).
+        flexion: Joint angles [rad], shape (T, 5, 3).
+        abduction: Joint angles [rad], shape (T, 5).
     """
     distal, dorsal, across = finger_axes(side)
     turn = abduction[..., None]
@@ -83,16 +82,16 @@ def finger_joints(
 
 
 def _within_turn(angle: FloatArray) -> FloatArray:
-    """The same angle in (-π/2, 3π/2]: a joint flexes by up to 200° or hyperextends by up to 90°."""
+    """Return the same angle in (-π/2, 3π/2]: a joint flexes by up to 200° or hyperextends by up to 90°."""
     return np.asarray((angle + 0.5 * np.pi) % (2.0 * np.pi) - 0.5 * np.pi)
 
 
 def palm_rotation(fingers: FloatArray, back: FloatArray) -> FloatArray:
-    """Our palm frame from two directions, as quaternions (w, x, y, z), shape (T, 4); NaN where one is missing.
+    """Compute the palm frame from two directions, as quaternions (w, x, y, z), shape (T, 4); NaN where one is missing.
 
     Args:
-        fingers: Towards the fingers, any length, shape (T, 3).
-        back: Out of the back of the hand, roughly across it, shape (T, 3).
+        fingers: Direction to the fingers, any length, shape (T, 3).
+        back: Direction out of the back of the hand, roughly normal to it, shape (T, 3).
     """
     with np.errstate(invalid="ignore", divide="ignore"):
         y = fingers / np.linalg.norm(fingers, axis=1, keepdims=True)
@@ -105,18 +104,18 @@ def palm_rotation(fingers: FloatArray, back: FloatArray) -> FloatArray:
 
 
 def palm_from_knuckles(knuckles: FloatArray, wrist: FloatArray, side: HandSide) -> FloatArray:
-    """Our palm frame as it lies in our own wrist and knuckles, as quaternions (w, x, y, z), shape (T, 4).
+    """Compute the palm frame from wrist and knuckles, as quaternions (w, x, y, z), shape (T, 4).
 
     Args:
         knuckles: First joints of index to little finger, any unit, shape (T, 4, 3).
-        wrist: Its middle, shape (T, 3).
+        wrist: Centre of the wrist, shape (T, 3).
     """
     return quaternion_product(_from_knuckles(knuckles, wrist, side), palm_in_knuckles(side))
 
 
 @lru_cache
 def palm_in_knuckles(side: HandSide) -> FloatArray:
-    """Our palm frame as it lies in the frame of our wrist and knuckles, a quaternion (w, x, y, z), shape (1, 4)."""
+    """Return the model's palm frame in the frame of its wrist and knuckles, a quaternion (w, x, y, z), shape (1, 4)."""
     sizes = default_fingers(DEFAULT_HAND_LENGTH, BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH)
     distal, lateral = PALM_CENTER
     middle = np.array([lateral * BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH, -distal * DEFAULT_HAND_LENGTH, 0.0])
@@ -125,24 +124,24 @@ def palm_in_knuckles(side: HandSide) -> FloatArray:
 
 
 def _from_knuckles(knuckles: FloatArray, wrist: FloatArray, side: HandSide) -> FloatArray:
-    """A frame with y from the wrist to the middle of the knuckles and z out of the back."""
+    """Return a frame with y from the wrist to the centre of the knuckles and z out of the back."""
     across = (knuckles[:, 3] - knuckles[:, 0]) * (-1.0 if side == "left" else 1.0)
     along = knuckles.mean(axis=1) - wrist
     return palm_rotation(along, np.cross(across, along))
 
 
 def palm_origin(knuckles: FloatArray, orientation: FloatArray, side: HandSide) -> FloatArray:
-    """Where our palm has its origin when the middle of our knuckles meets that of recorded ones [m], shape (T, 3).
+    """Compute the palm origin that puts the centre of the model's knuckles at that of recorded ones [m], shape (T, 3).
 
     Args:
         knuckles: First joints of index to little finger [m], shape (T, 4, 3).
-        orientation: Of our palm frame in the same frame, unit (w, x, y, z), shape (T, 4).
+        orientation: Palm frame in the same frame, unit (w, x, y, z), shape (T, 4).
     """
     return np.asarray(knuckles.mean(axis=1) - turned(orientation, middle_of_knuckles(side)))
 
 
 @lru_cache
 def middle_of_knuckles(side: HandSide) -> FloatArray:
-    """Of our hand, from its origin [m], shape (3,)."""
+    """Return the centre of the model's knuckles [m], palm frame, shape (3,)."""
     sizes = default_fingers(DEFAULT_HAND_LENGTH, BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH)
     return np.asarray(sizes["base"][1:].mean(axis=0) * [-1.0 if side == "left" else 1.0, 1.0, 1.0])

@@ -1,4 +1,4 @@
-"""A hand of our own with the sizes of a recorded one: its bones, and its radii or those in proportion to it."""
+"""Hand model with the sizes of a recorded hand: its bones, and its radii or radii in proportion to it."""
 
 import tempfile
 from pathlib import Path
@@ -24,21 +24,21 @@ from hhsim.system.input_file import read_input
 from hhsim.system.output_path import check_output_path
 
 BREADTHS = (0.26, 0.74)
-"""Hand breadths [HL] that our palm can be made of."""
+"""Range of hand breadths that the palm model takes [hand lengths]."""
 SHORTEST = 0.004
-"""A bone shorter than this [m] to the centre of its fingertip is none."""
+"""Shortest bone, to the centre of the fingertip [m]."""
 
 
 class FittedHand(NamedTuple):
     """Sizes of a right hand, or of the mirror of a left one, palm frame.
 
     Attributes:
-        hand_length, hand_breadth: [m].
+        hand_length, hand_breadth: Sizes [m].
         base: First joint of each finger [m], shape (5, 3).
-        length: Of the bones, the last one to the centre of the tip's sphere [m], shape (5, 3).
-        radius: At the joints and the tip [m], shape (5, 4); not growing towards the tip.
-        measured: Whether the radii were recorded.
-        shift: From the palm's origin in the recording to that of this hand, recorded hand's palm frame [m], shape (3,).
+        length: Lengths of the bones, the last one to the centre of the tip's sphere [m], shape (5, 3).
+        radius: Radii at the joints and the tip [m], shape (5, 4); not growing towards the tip.
+        measured: True if the radii were recorded.
+        shift: Vector from the recording's palm origin to that of this hand, recorded palm frame [m], shape (3,).
     """
 
     hand_length: float
@@ -51,11 +51,7 @@ class FittedHand(NamedTuple):
 
 
 def fitted_hand(recording: Recording) -> FittedHand:
-    """The hand of a recording.
-
-    Raises:
-        TrajectoryError: A recording without joint centres, or with bones that are no hand's.
-    """
+    """Fit a hand to a recording; raise TrajectoryError without joint centres, or for bones that are no hand's."""
     bones = recording.bones
     if bones is None:
         raise TrajectoryError(
@@ -89,19 +85,14 @@ def fitted_hand(recording: Recording) -> FittedHand:
 
 
 def for_hand(recording: Recording, hand: FittedHand) -> Recording:
-    """The recording with its palm where that of the fitted hand is: the knuckles are the recorded ones then."""
+    """Return the recording with its palm moved so that the knuckles of the fitted hand are the recorded ones."""
     moved = recording.position + turned(recording.orientation, hand.shift)
     text = f"palm moved by {1e3 * np.linalg.norm(hand.shift):.1f} mm in the hand: its knuckles are the fitted hand's"
     return recording.changed(position=moved).found(note(text))
 
 
 def format_fitted_hand(hand: FittedHand, source: str) -> str:
-    """The hand as the text of a hand file.
-
-    Args:
-        hand: As fitted.
-        source: What it was fitted to, for the remark at its top.
-    """
+    """Return the hand as the text of a hand file; `source` names the recording in its first line."""
     fingers = {
         finger: {
             "base": hand.base[f],
@@ -117,11 +108,7 @@ def format_fitted_hand(hand: FittedHand, source: str) -> str:
 
 
 def check_hand_path(path: Path) -> None:
-    """Look, before the work, whether a hand can be written here.
-
-    Raises:
-        OutputError: A name of another kind of file, another file in the way, or a place that cannot be written.
-    """
+    """Raise OutputError if no hand file can be written: a wrong suffix, another kind of file, or no permission."""
     if path.suffix.lower() != ".toml":
         raise OutputError(f"{path} is no name for a hand file: it has to end in .toml")
     check_output_path(path)
@@ -130,11 +117,7 @@ def check_hand_path(path: Path) -> None:
 
 
 def check_hand_text(text: str) -> None:
-    """Make the hand of a hand file's text, as `hhsim replay --hand-file` will.
-
-    Raises:
-        InputError: No hand can be made of these sizes.
-    """
+    """Raise InputError if `hhsim replay --hand-file` could make no hand of this text."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "fitted-hand.toml"
         path.write_text(text, encoding="utf-8")

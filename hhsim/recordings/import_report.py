@@ -1,4 +1,4 @@
-"""What an import found and did, for people and for machines."""
+"""Report of what an import found and did, for people and for machines."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -15,20 +15,19 @@ from hhsim.table.table import number, words
 
 @dataclass(frozen=True)
 class ImportReport:
-    """The outcome of an import.
+    """Outcome of an import.
 
     Attributes:
-        form: Format of the file, in a word.
-        samples_in, samples_out: Before and after.
-        duration: Of the trajectory [s].
+        form: Name of the file's format.
+        samples_in, samples_out: Samples before and after the repairs.
+        duration: Duration of the trajectory [s].
         mean_rate: Samples a second [Hz].
         longest_step: Longest time between samples [s].
-        hand: Right, left, or "" where nobody said.
-        hand_length: Of the recorded hand [m], None where it is not known.
-        fit: Bones of the recorded hand and the error of its fit; None where joint centres were not recorded.
-        mended: Samples of which a number was changed.
-        findings: In the order of the repairs.
-        flags: How many samples bear each flag.
+        hand: Right, left, or "" if unknown.
+        hand_length: Length of the recorded hand [m], None if unknown.
+        fit: Bones of the recorded hand and the error of its fit; None without joint centres.
+        mended: Number of samples of which a number was changed.
+        flags: Number of samples with each flag.
         checksums: As in `hhsim.motion.trajectory.Trajectory`.
     """
 
@@ -47,7 +46,7 @@ class ImportReport:
     checksums: str
 
     def to_json(self) -> dict[str, Any]:
-        """The report as a document, SI units."""
+        """Return the report as a document, SI units."""
         plain = {name: value for name, value in vars(self).items() if name not in ("form", "findings", "fit")}
         return {
             "format": self.form,
@@ -58,7 +57,7 @@ class ImportReport:
         }
 
     def fit_rows(self) -> list[tuple[Any, ...]]:
-        """Rows of the fit: finger, its error [m], RMS and largest, its bones [m]; none without bones."""
+        """Return rows of finger, RMS and largest error of the fit [m], and its bones [m]; none without bones."""
         fit = self.fit
         return [] if fit is None else list(zip(FINGERS, fit.rms, fit.largest, *fit.length.T))
 
@@ -78,7 +77,7 @@ FIT_COLUMNS = (
 
 
 def make_report(recording: Recording, repaired: Repaired) -> ImportReport:
-    """The report of a recording and of what became of it."""
+    """Make the report of a recording and of its repair."""
     motion = repaired.trajectory
     flags = motion.flags if motion.flags is not None else np.zeros(motion.sample_count, dtype=np.uint32)
     counts = {flag.word: int(marked(flags, flag).sum()) for flag in SampleFlag}

@@ -1,4 +1,4 @@
-"""Text packed by LZ-string into base64 letters, as published Leap Motion recordings are: unpacked.
+"""Decompression of LZ-string's base64 letters, in which published Leap Motion recordings are.
 
 LZ-string is an LZ78 whose codes are as wide as the dictionary needs, least bit first; codes 0 and 1 announce a new
 letter of 8 or 16 bits, code 2 the end.
@@ -8,12 +8,12 @@ from hhsim.errors import TrajectoryError
 
 LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/"
 MOST_LETTERS = 1 << 28
-"""More text than this is a damaged file that grows for ever."""
+"""Longest text; a damaged file may grow for ever."""
 _VALUE = {letter: value for value, letter in enumerate(LETTERS)}
 
 
 class _Bits:
-    """The bits of the letters: six each, the highest first; a number's lowest bit comes first."""
+    """Bits of the letters: six each, the highest first; a number's lowest bit comes first."""
 
     def __init__(self, text: str) -> None:
         try:
@@ -35,11 +35,7 @@ class _Bits:
 
 
 def unpack(text: str) -> str:
-    """The text in LZ-string's base64 letters.
-
-    Raises:
-        TrajectoryError: Other letters, or a text that was damaged or cut short.
-    """
+    """Decompress text; raise TrajectoryError for other letters, or for one that is damaged or cut short."""
     bits = _Bits("".join(text.split()).rstrip("="))
     code = bits.number(2)
     if code == 2:

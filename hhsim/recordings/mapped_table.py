@@ -20,15 +20,15 @@ NO_PLACE = (
 
 
 def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
-    """The recording of a table by its mapping.
+    """Make the recording of a table by its mapping.
 
     Args:
-        name: Of the recording where the mapping names none.
-        form: The word for the format.
+        name: Name of the recording if the mapping has none.
+        form: Name of the format.
 
     Raises:
-        TrajectoryError: A column without numbers.
-        InputError: A column that the table has not.
+        TrajectoryError: A column holds no numbers.
+        InputError: The table has no such column.
     """
     count = len(table.rows)
     findings: list[Finding] = list(table.findings)
@@ -99,7 +99,7 @@ def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
 
 
 def placed(position: FloatArray, orientation: FloatArray, columns: ColumnMap) -> tuple[FloatArray, FloatArray]:
-    """Palm poses in our frames."""
+    """Convert palm poses to our frames."""
     if columns.palm_axes != OURS:
         orientation = to_our_palm(orientation, columns.palm_axes)
     if columns.world_up != "z":
@@ -110,11 +110,10 @@ def placed(position: FloatArray, orientation: FloatArray, columns: ColumnMap) ->
 
 
 def euler_quaternion(angles: FloatArray, order: str) -> FloatArray:
-    """Quaternions (w, x, y, z), shape (T, 4), of Euler angles.
+    """Convert Euler angles [rad], shape (T, 3), to quaternions (w, x, y, z), shape (T, 4).
 
     Args:
-        angles: [rad], shape (T, 3), in the order of `order`.
-        order: Three of XYZ: each turn about an axis that the turns before have turned; of xyz: about fixed axes.
+        order: Order of the angles: three of XYZ for turned axes, or of xyz for fixed ones.
     """
     from scipy.spatial.transform import Rotation
 
@@ -122,7 +121,7 @@ def euler_quaternion(angles: FloatArray, order: str) -> FloatArray:
 
 
 def _phases(table: Table, column: str | None, time: FloatArray) -> tuple[Phase, ...]:
-    """Phases of a column, where the stamps are fit to say when they begin."""
+    """Return the phases of a column if the stamps are fit to say when they begin."""
     if column is None or not np.isfinite(time).all() or (np.diff(time) <= 0.0).any():
         return ()
     return phases_of(table.text(column), time)
