@@ -109,10 +109,8 @@ def parse_csv(text: str, *, name: str = "") -> Trajectory:
         if flags_column is not None:
             flags.append(cells[flags_column])
     if remarks.get(SAMPLES, str(len(rows))) != str(len(rows)):
-        raise TrajectoryError(
-            f"it holds {counted(len(rows), 'sample')} but says # {SAMPLES}: {remarks[SAMPLES]}; was it cut short? "
-            "Expected as many as it says, or no such line"
-        )
+        held = f"it holds {counted(len(rows), 'sample')} but says # {SAMPLES}: {remarks[SAMPLES]}"
+        raise TrajectoryError(f"{held}; was it cut short? Expected as many as it says, or no such line")
     table = np.array(rows, dtype=np.float64).reshape(len(rows), len(columns))
     stated: dict[str, Any] = (
         {"name": name} | {key: remarks[key] for key in TEXTS if key in remarks} | object_pose(remarks)
@@ -149,9 +147,8 @@ def csv_rows(text: str, expected: str) -> tuple[dict[str, str], list[str], Itera
         for number, cells in enumerate(csv.reader(lines[first + 1 :], delimiter=separator), start=first + 2):
             if any(cell.strip() for cell in cells):
                 if len(cells) != len(header):
-                    raise TrajectoryError(
-                        f"line {number} has {len(cells)} values; expected {len(header)} as in the header"
-                    )
+                    expected_count = f"expected {len(header)} as in the header"
+                    raise TrajectoryError(f"line {number} has {len(cells)} values; {expected_count}")
                 yield number, cells
 
     return remarks, header, rows()

@@ -67,7 +67,7 @@ def save_trajectory(trajectory: Trajectory, path: str | Path) -> None:
 def check_trajectory_path(path: Path) -> None:
     """Raise OutputError if a trajectory cannot be written here.
 
-    Besides a place that cannot be written, that is another suffix, or a file that is no trajectory, such as a recording.
+    That is a place that cannot be written, another suffix, or a file that is no trajectory, such as a recording.
     """
     check_output_path(path)
     if path.suffix.lower() not in (CSV_SUFFIX, *HDF5_SUFFIXES):
@@ -139,9 +139,16 @@ def read_fields(path: Path) -> dict[str, Any]:
         TrajectoryError: Another format, a newer schema, a missing part, or a damaged file.
     """
     try:
-        return _read(path)
+        file = open_hdf5(path)
     except DamagedFileError as error:
         raise TrajectoryError(str(error)) from None
+    except PermissionError:
+        raise
+    except OSError:
+        raise TrajectoryError(f"not an HDF5 file, or a damaged one; expected format {FORMAT}") from None
+    try:
+        with file:
+            return _fields(file)
     except (TrajectoryError, PermissionError):
         raise
     except DAMAGE as error:
@@ -149,37 +156,27 @@ def read_fields(path: Path) -> dict[str, Any]:
         raise TrajectoryError(f"a damaged HDF5 file: {reason}") from None
 
 
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        file = open_hdf5(path)
-    except OSError as error:
-        if isinstance(error, PermissionError):
-            raise
-        raise TrajectoryError(f"not an HDF5 file, or a damaged one; expected format {FORMAT}") from None
-    with file:
-        form = file.attrs.get("format")
-        if form != FORMAT:
-            found = f"format '{form}'" if isinstance(form, str) else "no format attribute"
-            raise TrajectoryError(f"{found}; expected {FORMAT}")
-        version = file.attrs.get("schema_version")
-        if not isinstance(version, int | np.integer) or version < 1:
-            raise TrajectoryError(f"schema_version {version}; expected a whole number from 1 to {SCHEMA_VERSION}")
-        if version > SCHEMA_VERSION:
-            raise TrajectoryError(f"schema_version {version} is newer than {SCHEMA_VERSION}: update hhsim to read it")
-        columns = {key: _get(file, f"phase/{key}") for key in PHASE_COLUMNS} if "phase" in file else {}
-        lengths = {len(column) for column in columns.values()}
-        if len(lengths) > 1:
-            raise TrajectoryError("phase/name, start_time and end_time have different lengths")
-        fields = {key: _get(file, key) for key in SAMPLES}
-        fields |= object_fields({key.replace("/", "_"): _get(file, key) for key in OBJECT if key in file})
-        fields |= {key: str(file.attrs.get(key, "")) for key in (*TEXTS, "checksums")}
-        if "flags" in file:
-            fields["flags"] = _get(file, "flags")
-        fields["phases"] = tuple(
-            Phase(str(name), float(start), float(end)) for name, start, end in zip(*columns.values(), strict=True)
-        )
-        fields["raw"] = tuple(_raw_channel(file, key) for key in file.get("raw", ()))
-        return fields
+def _fields(file: h5py.File) -> dict[str, Any]:
+    form, version = file.attrs.get("format"), file.attrs.get("schema_version")
+    if form != FORMAT:
+        found = f"format '{form}'" if isinstance(form, str) else "no format attribute"
+        raise TrajectoryError(f"{found}; expected {FORMAT}")
+    if not isinstance(version, int | np.integer) or version < 1:
+        raise TrajectoryError(f"schema_version {version}; expected a whole number from 1 to {SCHEMA_VERSION}")
+    if version > SCHEMA_VERSION:
+        raise TrajectoryError(f"schema_version {version} is newer than {SCHEMA_VERSION}: update hhsim to read it")
+    columns = {key: _get(file, f"phase/{key}") for key in PHASE_COLUMNS} if "phase" in file else {}
+    if len({len(column) for column in columns.values()}) > 1:
+        raise TrajectoryError("phase/name, start_time and end_time have different lengths")
+    fields = {key: _get(file, key) for key in SAMPLES}
+    fields |= object_fields({key.replace("/", "_"): _get(file, key) for key in OBJECT if key in file})
+    fields |= {key: str(file.attrs.get(key, "")) for key in (*TEXTS, "checksums")}
+    if "flags" in file:
+        fields["flags"] = _get(file, "flags")
+    rows = zip(*columns.values(), strict=True)
+    fields["phases"] = tuple(Phase(str(name), float(start), float(end)) for name, start, end in rows)
+    fields["raw"] = tuple(_raw_channel(file, key) for key in file.get("raw", ()))
+    return fields
 
 
 def _get(file: h5py.File, key: str) -> Any:
@@ -195,6 +192,5 @@ def _get(file: h5py.File, key: str) -> Any:
 
 def _raw_channel(file: h5py.File, key: str) -> RawChannel:
     attributes = file[f"raw/{key}"].attrs
-    return RawChannel(
-        key, _get(file, f"raw/{key}"), str(attributes.get("units", "")), str(attributes.get("long_name", ""))
-    )
+    words = (str(attributes.get(name, "")) for name in ("units", "long_name"))
+    return RawChannel(key, _get(file, f"raw/{key}"), *words)

@@ -22,10 +22,8 @@ def read_npy(data: bytes) -> Any:
     try:
         return np.lib.format.read_array(io.BytesIO(data), allow_pickle=False)
     except (ValueError, EOFError, OSError, *DAMAGE) as error:
-        reason = (
-            str(error).splitlines()[0][:120] if isinstance(error, ValueError) and str(error) else type(error).__name__
-        )
-        raise TrajectoryError(f"not an .npy array, or a damaged one: {reason}") from None
+        line = str(error).splitlines()[0][:120] if isinstance(error, ValueError) and str(error) else ""
+        raise TrajectoryError(f"not an .npy array, or a damaged one: {line or type(error).__name__}") from None
 
 
 def read_npz(data: bytes) -> dict[str, Any]:

@@ -36,7 +36,7 @@ def newest_sample(time: FloatArray, ticks: FloatArray) -> IntArray:
 
 
 def on_stamp(time: FloatArray, ticks: FloatArray, newest: IntArray) -> BoolArray:
-    """Return True where a tick takes its newest sample itself: on its stamp, or after the last one; shape (N,)."""
+    """Return True where a tick takes its newest sample as it is: on a stamp, or after all; shape (N,)."""
     sample: BoolArray = np.abs(ticks - time[newest]) <= STAMP_TOLERANCE
     sample |= newest == time.shape[0] - 1
     return sample
@@ -45,8 +45,8 @@ def on_stamp(time: FloatArray, ticks: FloatArray, newest: IntArray) -> BoolArray
 def monotone_slopes(time: FloatArray, values: FloatArray) -> FloatArray:
     """Compute the slopes of the shape-preserving cubic at the samples [1/s], shape (T, C).
 
-    They are zero at every local extremum, else the weighted harmonic mean of the neighbouring secants, which keeps every
-    interval monotone.
+    They are zero at every local extremum, else the weighted harmonic mean of the neighbouring secants, which keeps
+    every interval monotone.
 
     Args:
         time: Increasing stamps [s], shape (T,), T >= 2.

@@ -117,20 +117,13 @@ class TickInput:
 
     def first(self, count: int) -> "TickInput":
         """Return the first ticks, at most `count`; a phase that goes on ends with the last one."""
-        return TickInput(
-            time=self.time[:count],
-            input_seq=self.input_seq[:count],
-            position=self.position[:count],
-            orientation=self.orientation[:count],
-            flexion=self.flexion[:count],
-            abduction=self.abduction[:count],
-            phases=tuple(
-                phase._replace(last_tick=min(phase.last_tick, count - 1))
-                for phase in self.phases
-                if phase.first_tick < count
-            ),
-            rate=self.rate,
-            object_motion=None if self.object_motion is None else self.object_motion.at(slice(count)),
+        arrays = ("time", "input_seq", "position", "orientation", "flexion", "abduction")
+        phases = [phase for phase in self.phases if phase.first_tick < count]
+        return replace(
+            self,
+            **{name: getattr(self, name)[:count] for name in arrays},
+            phases=tuple(phase._replace(last_tick=min(phase.last_tick, count - 1)) for phase in phases),
+            object_motion=self.object_motion and self.object_motion.at(slice(count)),
         )
 
     def seen_from_object(self) -> "TickInput":
@@ -139,12 +132,8 @@ class TickInput:
         if carrier is None:
             return self
         moved = carrier.since(carrier.position[0], carrier.orientation[0])
-        return replace(
-            self,
-            position=moved.seen_points(self.position),
-            orientation=moved.seen_orientations(self.orientation),
-            object_motion=None,
-        )
+        seen = moved.seen_points(self.position), moved.seen_orientations(self.orientation)
+        return replace(self, position=seen[0], orientation=seen[1], object_motion=None)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -160,18 +149,18 @@ class Trajectory:
         flexion: Joint angles [rad], shape (T, 5, 3).
         abduction: Joint angles [rad], shape (T, 5).
         phases: In order of time, not overlapping.
-        object_position: Position of the object's origin [m], shape (3,), world; constant, or that of the first sample.
+        object_position: Object's origin [m], shape (3,), world; constant, or at the first sample.
         object_orientation: Object to world, (w, x, y, z), shape (4,); constant, or that of the first sample.
         source: Person or program that made the motion.
         licence: Licence of the motion.
         device: Device that measured it; "" for synthetic motions.
         raw: Channels as the device gave them.
         hand: Side of the hand; "" if unknown, or if the motion fits both.
-        flags: Bits of `hhsim.motion.sample_flags.SampleFlag`, shape (T,); None for samples that were not examined.
-        object_motion: The object's pose at each sample, if it moves; one that stands still becomes `object_position` and
-            `object_orientation`, and None here.
-        checksums: State of its recording: "held" if every number agreed with a checksum, "missing" if some have none, so
-            that damage may pass as motion; "" without a recording.
+        flags: Bits of `hhsim.motion.sample_flags.SampleFlag`, shape (T,); None if not examined.
+        object_motion: The object's pose at each sample, if it moves; one that stands still becomes the constant pose,
+            and None here.
+        checksums: State of its recording: "held" if every number agreed with a checksum, "missing" if some have none,
+            so that damage may pass as motion; "" without a recording.
 
     Raises:
         TrajectoryError: Wrong shape, no samples, NaN or infinity, stamps that do not increase, a quaternion of length
@@ -210,9 +199,8 @@ class Trajectory:
             values = as_numbers(label, getattr(self, label))
             expected = (count, *tail)
             if values.shape != expected:
-                raise TrajectoryError(
-                    f"{label} has shape {values.shape}; expected {expected} for {counted(count, 'stamp')}"
-                )
+                stamps = counted(count, "stamp")
+                raise TrajectoryError(f"{label} has shape {values.shape}; expected {expected} for {stamps}")
             check_finite(label, values, time)
             checked[label] = values
         checked["orientation"] = continuous_orientation(checked["orientation"], time)
@@ -246,10 +234,8 @@ class Trajectory:
         orientation = as_numbers("object_orientation", self.object_motion.orientation)
         for name, values, size in ((label, position, 3), ("object_orientation", orientation, 4)):
             if values.shape != (len(time), size):
-                raise TrajectoryError(
-                    f"{name} has shape {values.shape}; expected ({size},), one constant pose, or ({len(time)}, {size}),"
-                    " one a sample"
-                )
+                right = f"({size},), one constant pose, or ({len(time)}, {size}), one a sample"
+                raise TrajectoryError(f"{name} has shape {values.shape}; expected {right}")
             check_finite(name, values, time)
         check_magnitude(label, position, MAX_POSITION, "m", "is it in millimetres?", time)
         try:
@@ -286,8 +272,8 @@ class Trajectory:
 
         Args:
             rate: Ticks a second [Hz].
-            mode: "interpolate": monotone cubic and slerp, no overshoot; "hold": each tick takes the newest sample, as from a
-                glove that is slower than the loop.
+            mode: "interpolate": monotone cubic and slerp, no overshoot; "hold": each tick takes the newest sample, as
+                from a glove that is slower than the loop.
 
         Raises:
             InputError: A rate that is not positive, or an unknown mode.
@@ -342,12 +328,8 @@ class Trajectory:
         if self.object_motion is None:
             return self
         moved = self.object_motion.since(self.object_position, self.object_orientation)
-        return replace(
-            self,
-            position=moved.seen_points(self.position),
-            orientation=moved.seen_orientations(self.orientation),
-            object_motion=None,
-        )
+        seen = moved.seen_points(self.position), moved.seen_orientations(self.orientation)
+        return replace(self, position=seen[0], orientation=seen[1], object_motion=None)
 
 
 def _constant(label: str, given: ArrayLike, size: int) -> FloatArray:

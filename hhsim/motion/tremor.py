@@ -1,4 +1,4 @@
-"""Disturbances that make a scripted motion like a measured one: tremor of the palm, noise of the joint sensors; seeded."""
+"""Seeded disturbances of a scripted motion: tremor of the palm, and noise of the joint sensors."""
 
 import math
 from dataclasses import dataclass

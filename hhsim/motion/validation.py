@@ -26,10 +26,8 @@ def check_finite(label: str, values: FloatArray, time: FloatArray | None = None)
     bad = ~np.isfinite(values)
     if bad.any():
         place = _place(np.argwhere(bad)[0], time)
-        count = int(bad.sum())
-        raise TrajectoryError(
-            f"{label} has {counted(count, 'NaN or infinite value')}, first at {place}; expected finite numbers"
-        )
+        bad_count = counted(int(bad.sum()), "NaN or infinite value")
+        raise TrajectoryError(f"{label} has {bad_count}, first at {place}; expected finite numbers")
 
 
 def check_increasing(time: FloatArray) -> None:
@@ -49,10 +47,8 @@ def check_magnitude(label: str, values: FloatArray, limit: float, unit: str, que
     bad = np.abs(values) > limit
     if bad.any():
         first = np.argwhere(bad)[0]
-        raise TrajectoryError(
-            f"{label} is {values[tuple(first)]:.6g} at {_place(first, time)}, beyond {limit:.4g} {unit}: "
-            f"{question}; expected [{unit}]"
-        )
+        place = f"{values[tuple(first)]:.6g} at {_place(first, time)}"
+        raise TrajectoryError(f"{label} is {place}, beyond {limit:.4g} {unit}: {question}; expected [{unit}]")
 
 
 def continuous_orientation(quaternions: FloatArray, time: FloatArray) -> FloatArray:
@@ -69,10 +65,8 @@ def continuous_orientation(quaternions: FloatArray, time: FloatArray) -> FloatAr
     ):
         none = np.flatnonzero(wrong)
         if none.size:
-            place = _place(none[:1], time)
-            raise TrajectoryError(
-                f"orientation has {counted(none.size, what)}, first at {place}; expected unit (w, x, y, z)"
-            )
+            first = f"{counted(none.size, what)}, first at {_place(none[:1], time)}"
+            raise TrajectoryError(f"orientation has {first}; expected unit (w, x, y, z)")
     off = np.abs(norm - 1.0) > UNIT_TOLERANCE
     unit = np.where(off[:, None], quaternions / norm[:, None], quaternions)
     flips = np.where(np.sum(unit[1:] * unit[:-1], axis=1) < 0.0, -1.0, 1.0)

@@ -172,9 +172,7 @@ def _channels(words: list[str], where: str) -> tuple[str, ...]:
     channels = tuple(word.lower() for word in words[2:])
     fits = len(words) > 1 and words[1].isdecimal() and int(words[1]) == len(channels) == len(set(channels))
     if not fits or not set(channels) <= {*POSITIONS, *ROTATIONS}:
-        raise TrajectoryError(
-            f"{where}: {' '.join(words)[:60]}; expected CHANNELS, their number, and names such as Xposition, Zrotation"
-        )
+        raise TrajectoryError(f"{where}: {' '.join(words)[:60]}; expected CHANNELS, their number, names as Xposition")
     return channels
 
 
@@ -211,14 +209,11 @@ def _motion(lines: list[str], first: int, joints: tuple[Joint, ...], *, complete
         else:
             broken.append(number)
     if len(broken) > 0.25 * len(rows):
-        raise TrajectoryError(
-            f"{len(broken)} of {len(rows)} frames do not hold {width} numbers, first line {broken[0]}; expected one "
-            "for each channel"
-        )
+        what = f"frames without {width} numbers, one a channel; first line {broken[0]}"
+        raise TrajectoryError(f"{len(broken)} of {len(rows)} {what}")
     if broken:
-        findings.append(
-            note(f"{counted(len(broken), 'frame')} without {width} numbers: missing, first line {broken[0]}")
-        )
+        text = f"{counted(len(broken), 'frame')} without {width} numbers: missing, first line {broken[0]}"
+        findings.append(note(text))
     return Bvh(joints, float(step), values, tuple(findings))
 
 

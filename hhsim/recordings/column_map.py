@@ -122,10 +122,8 @@ class OrientationColumns(Settings, frozen=True):
         """Raise InputError for an order that does not fit the number of columns."""
         of_axes = len(self.order) == 3 and set(self.order.lower()) <= set("xyz")
         if self.euler and not (of_axes and self.order in (self.order.lower(), self.order.upper())):
-            raise InputError(
-                f"order = {self.order!r} for 3 columns; expected an Euler order such as ZYX (turned axes) "
-                "or zyx (fixed axes)"
-            )
+            orders = "ZYX (turned axes) or zyx (fixed axes)"
+            raise InputError(f"order = {self.order!r} for 3 columns; expected an Euler order such as {orders}")
         if not self.euler and self.order not in ("wxyz", "xyzw"):
             raise InputError(f"order = {self.order!r} for 4 columns; expected wxyz or xyzw")
 

@@ -152,9 +152,8 @@ def calibrated(
     dead = span == 0.0
     if (dead & bend).any():
         name = CHANNELS[int(np.argmax(dead & bend))]
-        raise InputError(
-            f"{name} reads {low[CHANNELS.index(name)]:g} in the open hand and in the fist: it says nothing"
-        )
+        same = low[CHANNELS.index(name)]
+        raise InputError(f"{name} reads {same:g} in the open hand and in the fist: it says nothing")
     hints = []
     if dead.any():
         names = ", ".join(name for name, out in zip(CHANNELS, dead) if out)

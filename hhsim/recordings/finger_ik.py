@@ -38,14 +38,13 @@ def finger_angles(bones: FloatArray, side: HandSide) -> tuple[FloatArray, FloatA
     off_plane = np.maximum(0.5 * (pp + qq - np.hypot(pp - qq, 2.0 * pq)), 0.0)
     qq = qq + STRAIGHT * off_plane / (off_plane + EXACT) + LEAST
     abduction = 0.5 * np.arctan2(2.0 * pq, qq - pp)
-    forward = np.cos(abduction)[..., None] * along + np.sin(abduction)[..., None] * aside
+    cosine, sine = np.cos(abduction)[..., None], np.sin(abduction)[..., None]
+    forward = cosine * along + sine * aside
     total = np.arctan2(-above, forward)
     # A finger that curls past straight back has turned further, not less.
     total[..., 1:] = total[..., :1] + np.cumsum(_within_turn(np.diff(total, axis=2)), axis=2)
     flexion = np.diff(total, axis=2, prepend=0.0)
-    off = np.arcsin(
-        np.clip(np.abs(np.cos(abduction)[..., None] * aside - np.sin(abduction)[..., None] * along), 0.0, 1.0)
-    )
+    off = np.arcsin(np.clip(np.abs(cosine * aside - sine * along), 0.0, 1.0))
     return flexion, abduction, off
 
 

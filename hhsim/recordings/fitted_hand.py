@@ -54,9 +54,7 @@ def fitted_hand(recording: Recording) -> FittedHand:
     """Fit a hand to a recording; raise TrajectoryError without joint centres, or for bones that are no hand's."""
     bones = recording.bones
     if bones is None:
-        raise TrajectoryError(
-            f"--fit-hand needs the centres of the joints, and {recording.form or 'it'} holds angles only"
-        )
+        raise TrajectoryError(f"--fit-hand needs the centres of joints, and {recording.form or 'it'} has angles only")
     low, high = HAND_LENGTH_RANGE
     if not low <= bones.hand_length <= high:
         raise TrajectoryError(f"--fit-hand: the hand is {bones.hand_length:.3g} m long; expected {low:g} to {high:g} m")
@@ -79,9 +77,8 @@ def fitted_hand(recording: Recording) -> FittedHand:
     mirror = MIRROR if bones.hand == "left" else np.ones(3)
     base = bones.base * mirror
     shift = base[1:].mean(axis=0) - ours["base"][1:].mean(axis=0)
-    return FittedHand(
-        bones.hand_length, breadth, base - shift, length, radius, bones.radius is not None, shift * mirror
-    )
+    measured = bones.radius is not None
+    return FittedHand(bones.hand_length, breadth, base - shift, length, radius, measured, shift * mirror)
 
 
 def for_hand(recording: Recording, hand: FittedHand) -> Recording:
@@ -93,18 +90,12 @@ def for_hand(recording: Recording, hand: FittedHand) -> Recording:
 
 def format_fitted_hand(hand: FittedHand, source: str) -> str:
     """Return the hand as the text of a hand file; `source` names the recording in its first line."""
-    fingers = {
-        finger: {
-            "base": hand.base[f],
-            "length": hand.length[f],
-            **({"radius": hand.radius[f]} if hand.measured else {}),
-        }
-        for f, finger in enumerate(FINGERS)
-    }
+    fingers = {finger: {"base": hand.base[f], "length": hand.length[f]} for f, finger in enumerate(FINGERS)}
+    if hand.measured:
+        fingers = {finger: sizes | {"radius": hand.radius[f]} for f, (finger, sizes) in enumerate(fingers.items())}
     radii = "radii as recorded" if hand.measured else "radii in proportion to its length and breadth"
-    return format_hand_file(
-        hand.hand_length, hand.hand_breadth, fingers, f"Fitted to {source}: bones as medians, {radii}."
-    )
+    title = f"Fitted to {source}: bones as medians, {radii}."
+    return format_hand_file(hand.hand_length, hand.hand_breadth, fingers, title)
 
 
 def check_hand_path(path: Path) -> None:

@@ -15,7 +15,6 @@ from hhsim.hand.quaternion import quaternion_from_matrix, quaternion_product
 
 OURS = ("x", "y", "z")
 WORLD_UP = ("x", "y", "z", "-x", "-y", "-z")
-_UNIT = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
 def axes_matrix(axes: Sequence[str], where: str = "palm axes") -> FloatArray:
@@ -28,9 +27,9 @@ def axes_matrix(axes: Sequence[str], where: str = "palm axes") -> FloatArray:
     Raises:
         InputError: Not three perpendicular axes, or a left-handed frame.
     """
-    if len(axes) != 3 or any(not isinstance(axis, str) or axis.strip("+-") not in _UNIT for axis in axes):
+    if len(axes) != 3 or any(not isinstance(axis, str) or axis.strip("+-") not in OURS for axis in axes):
         raise InputError(f'{where} {list(axes)}: expected three of x, y, z, -x, -y, -z, such as ["-y", "x", "z"]')
-    columns = [(-1.0 if axis.startswith("-") else 1.0) * np.array(_UNIT[axis.strip("+-")]) for axis in axes]
+    columns = [(-1.0 if axis.startswith("-") else 1.0) * np.eye(3)[OURS.index(axis.strip("+-"))] for axis in axes]
     matrix = np.stack(columns, axis=1)
     if not np.isclose(np.linalg.det(matrix), 1.0):
         raise InputError(f"{where} {list(axes)}: left-handed or not across each other; expected a right-handed frame")
@@ -43,18 +42,11 @@ def world_matrix(up: str, where: str = "world_up") -> FloatArray:
     Raises:
         InputError: `up` is no axis; the message begins with `where`.
     """
-    turns = {
-        "z": ("x", "y", "z"),
-        "-z": ("x", "-y", "-z"),
-        "y": ("x", "-z", "y"),
-        "-y": ("x", "z", "-y"),
-        "x": ("-z", "y", "x"),
-        "-x": ("z", "y", "-x"),
-    }
+    turns = {"z": "x y z", "-z": "x -y -z", "y": "x -z y", "-y": "x z -y", "x": "-z y x", "-x": "z y -x"}
     if up not in turns:
         raise InputError(f"{where} = {up!r}: expected one of {', '.join(WORLD_UP)}")
     # Rows: our axes in terms of the recording's.
-    return axes_matrix(turns[up], where).T
+    return axes_matrix(turns[up].split(), where).T
 
 
 def to_our_world(position: FloatArray, orientation: FloatArray, up: str) -> tuple[FloatArray, FloatArray]:

@@ -14,19 +14,11 @@ from hhsim.motion.trajectory import HandSide
 SEGMENTS = ("proximal", "intermediate", "distal", "tip")
 THUMB_SEGMENTS = ("metacarpal", "proximal", "distal", "tip")
 
-KEYPOINTS = (
-    "wrist",
-    *(f"{finger}_{segment}" for finger in FINGERS for segment in (THUMB_SEGMENTS if finger == "thumb" else SEGMENTS)),
-)
+_SEGMENTS_OF = {finger: THUMB_SEGMENTS if finger == "thumb" else SEGMENTS for finger in FINGERS}
+KEYPOINTS = ("wrist", *(f"{finger}_{segment}" for finger in FINGERS for segment in _SEGMENTS_OF[finger]))
 """The 21 joints in MediaPipe's order: the wrist, then thumb to little finger, each from its base to its tip."""
-WEBXR_JOINTS = (
-    "wrist",
-    *(
-        f"{finger}_{segment}"
-        for finger in FINGERS
-        for segment in (THUMB_SEGMENTS if finger == "thumb" else ("metacarpal", *SEGMENTS))
-    ),
-)
+_WEBXR = (f"{finger}_{segment}" for finger in FINGERS for segment in ("metacarpal", *_SEGMENTS_OF[finger]))
+WEBXR_JOINTS = ("wrist", *dict.fromkeys(_WEBXR))
 """The 25 joints of WebXR in its order."""
 OPENXR_JOINTS = ("palm", *WEBXR_JOINTS)
 """The 26 joints of OpenXR in its order."""

@@ -109,9 +109,8 @@ def recording_of_joints(joints: JointPositions, name: str, options: ReadOptions)
     seen = ~(np.ptp(points, axis=1) == 0.0).all(axis=1)
     if not seen.all():
         points[~seen] = np.nan
-        findings.append(
-            note(f"{counted(int((~seen).sum()), 'sample')} with all joints at one point: no hand was seen, so missing")
-        )
+        unseen = counted(int((~seen).sum()), "sample")
+        findings.append(note(f"{unseen} with all joints at one point: no hand was seen, so missing"))
     radius = None if joints.radius is None else metre * joints.radius
     side, side_findings = _side(points, options.hand or joints.hand)
     findings += side_findings
@@ -119,9 +118,8 @@ def recording_of_joints(joints: JointPositions, name: str, options: ReadOptions)
     orientation = palm_from_knuckles(fingers[:, 1:, 0], wrist, side)
     flexion, abduction, off = finger_angles(in_palm(np.diff(fingers, axis=2), orientation), side)
     position = palm_origin(fingers[:, 1:, 0], orientation, side)
-    chains = FingerChains(
-        fingers, wrist, None if radius is None else radius[:, 1:].reshape(-1, len(FINGERS), 4), joints.tip_on_surface
-    )
+    radii = None if radius is None else radius[:, 1:].reshape(-1, len(FINGERS), 4)
+    chains = FingerChains(fingers, wrist, radii, joints.tip_on_surface)
     bones = recorded_bones(chains, Posture(position, orientation, flexion, abduction), side)
     if radius is not None and not joints.tip_on_surface:
         long = f"with that of the middle one the hand is {1e3 * bones.hand_length:.0f} mm long"
@@ -129,12 +127,8 @@ def recording_of_joints(joints: JointPositions, name: str, options: ReadOptions)
     findings.append(note(f"bones are {np.degrees(np.nanmedian(off)):.1f}° off our plane fingers in the median"))
     up = options.world_up or joints.up
     if up is None:
-        findings.append(
-            note(
-                "no world frame: the wrist stands still and level; if the positions are in a world, say which axis "
-                "points up with --world-up"
-            )
-        )
+        text = "no world frame: the wrist stands still and level; if there is one, say its up axis with --world-up"
+        findings.append(note(text))
         # Where the palm is missing it stays so: that sample says nothing of the fingers either.
         lost = np.isnan(orientation).any(axis=1, keepdims=True)
         position = np.where(lost, np.nan, np.zeros_like(position))
@@ -200,25 +194,19 @@ def _scale(joints: JointPositions, options: ReadOptions) -> tuple[float, list[Fi
 
 def _side(points: FloatArray, hand: HandSide) -> tuple[HandSide, list[Finding]]:
     """Return the side of the hand, as stated or by the bend of its fingers, and findings about it."""
-    if hand:
-        bend = _bend(points, hand)
-        if bend < -BENT:
-            text = (
-                f"as a {hand} hand its fingers bend backwards by {np.degrees(-bend):.0f}° on average: is it the other "
-                "hand, or mirrored?"
-            )
-            return hand, [note(text)]
-        if looks_as(points) not in ("", hand):
-            return hand, [note(f"as a {hand} hand its thumb is behind its palm: is it the other hand, or mirrored?")]
+    if not hand:
+        side = bends_as(points)
+        if not side:
+            raise TrajectoryError("the file names no hand, and its fingers are too straight to tell: say --hand")
+        text = f"the file does not say which hand it is: a {side} one by the bend of its fingers; else say --hand"
+        return side, [note(text)]
+    bend = _bend(points, hand)
+    if bend >= -BENT and looks_as(points) in ("", hand):
         return hand, []
-    side = bends_as(points)
-    if not side:
-        raise TrajectoryError(
-            "the file does not say which hand it is, and its fingers are too straight to tell: --hand"
-        )
-    return side, [
-        note(f"the file does not say which hand it is: a {side} one by the way its fingers bend; else say --hand")
-    ]
+    wrong = (
+        f"fingers bend backwards by {np.degrees(-bend):.0f}° on average" if bend < -BENT else "thumb is behind its palm"
+    )
+    return hand, [note(f"as a {hand} hand its {wrong}: is it the other hand, or mirrored?")]
 
 
 def bends_as(points: FloatArray) -> HandSide:
@@ -298,11 +286,8 @@ def _held(joints: JointPositions) -> list[Finding]:
     same = (flat[1:] == flat[:-1]).all(axis=1)
     if not same.size or same.mean() <= HELD:
         return []
-    text = (
-        f"{int(same.sum())} of {len(flat)} samples repeat the one before: the device gives "
-        f"{100 * (1 - same.mean()):.0f} of 100 anew and holds the others; left as they are"
-    )
-    return [note(text)]
+    device = f"the device gives {100 * (1 - same.mean()):.0f} of 100 anew and holds the others"
+    return [note(f"{int(same.sum())} of {len(flat)} samples repeat the one before: {device}; left as they are")]
 
 
 def chosen_side(samples: Mapping[HandSide, int], wanted: HandSide) -> tuple[HandSide, list[Finding]]:

@@ -199,8 +199,16 @@ def _model(fields: Mapping[str, Any]) -> ManoModel:
     parents = np.where(np.arange(JOINTS) == 0, -1, tree).astype(np.int64)
     if not ((parents < np.arange(JOINTS)) & (parents >= np.where(np.arange(JOINTS) == 0, -1, 0))).all():
         raise TrajectoryError("kintree_table is no tree of 16 joints; expected a MANO model")
-    values = list(arrays.values())
-    return ManoModel(*values[:5], parents, *values[5:])
+    return ManoModel(
+        arrays["v_template"],
+        arrays["shapedirs"],
+        arrays["posedirs"],
+        arrays["J_regressor"],
+        arrays["weights"],
+        parents,
+        arrays["hands_components"],
+        arrays["hands_mean"],
+    )
 
 
 def _array(fields: Mapping[str, Any], key: str, shape: tuple[int, ...]) -> FloatArray:

@@ -13,10 +13,7 @@ from hhsim.recordings.recording import Finding, Recording, note
 from hhsim.recordings.unit_detection import ANGLE_UNITS, LENGTH_UNITS, TIME_UNITS
 from hhsim.system.counted import counted
 
-NO_PLACE = (
-    "no columns of the palm's place: it stays at the origin; "
-    "--place-object auto of hhsim replay puts the object into the hand"
-)
+NO_PLACE = "no columns of the palm's place: it stays at the origin; hhsim replay --place-object auto moves the object"
 
 
 def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:

@@ -89,10 +89,8 @@ def _refuse_disorder(recording: Recording) -> None:
     one = float(np.median(change(recording, index[:-1], index[1:])))
     two = float(np.median(change(recording, index[:-2], index[2:])))
     if one > DISORDER_FLOOR and one > DISORDER * two:
-        raise TrajectoryError(
-            f"neighbouring samples are as far apart ({1e3 * one:.0f} mm) as others: the rows are no motion; are "
-            "they out of order?"
-        )
+        apart = f"neighbouring samples are as far apart ({1e3 * one:.0f} mm) as others"
+        raise TrajectoryError(f"{apart}: the rows are no motion; are they out of order?")
 
 
 def _without_outliers(recording: Recording, kind: Kind) -> Recording:

@@ -111,9 +111,8 @@ class Recording:
                 values[~(np.abs(values) <= MOST[key == "time"])] = np.nan
             object.__setattr__(self, key, values)
         if self.object_motion is not None:
-            moved = ObjectMotion(
-                *(as_numbers(f"object's {name}", values) for name, values in self.object_motion._asdict().items())
-            )
+            given = self.object_motion._asdict().items()
+            moved = ObjectMotion(*(as_numbers(f"object's {name}", values) for name, values in given))
             if moved.position.shape != (count, 3) or moved.orientation.shape != (count, 4):
                 raise TrajectoryError(
                     f"the object's motion has shapes {moved.position.shape} and {moved.orientation.shape}; expected "
@@ -122,9 +121,7 @@ class Recording:
             object.__setattr__(self, "object_motion", moved)
         for channel in self.raw:
             if np.ndim(channel.values) == 0 or len(channel.values) != count:
-                raise TrajectoryError(
-                    f"raw channel '{channel.name}' has not one row for each of {counted(count, 'stamp')}"
-                )
+                raise TrajectoryError(f"raw channel '{channel.name}' has not {counted(count, 'row')}, one a stamp")
         flags = np.array(self.flags, dtype=np.uint32) if len(self.flags) else np.zeros(count, dtype=np.uint32)
         if flags.shape != (count,):
             raise TrajectoryError(f"flags has shape {flags.shape}; expected ({count},)")
@@ -144,11 +141,8 @@ class Recording:
     def resized(self, factor: float) -> Self:
         """Return it with the positions of palm and object times a factor."""
         moved = self.object_motion
-        return replace(
-            self,
-            position=self.position * factor,
-            object_motion=moved and moved._replace(position=moved.position * factor),
-        )
+        moved = moved and moved._replace(position=moved.position * factor)
+        return replace(self, position=self.position * factor, object_motion=moved)
 
     def changed(self, **fields: Any) -> Self:
         """Return it with these fields replaced."""

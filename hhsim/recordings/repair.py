@@ -222,9 +222,7 @@ def _check_holes(time: FloatArray, lost: BoolArray, max_gap: float, what: str) -
     if not lost.any():
         return
     if lost.all():
-        raise TrajectoryError(
-            f"{what} is missing in every sample; leave that column out of the mapping if there is none"
-        )
+        raise TrajectoryError(f"{what} is missing in every sample; if there is none, leave it out of the mapping")
     if lost.mean() > MOST_FILLED:
         raise TrajectoryError(f"{what} is missing in {int(lost.sum())} of {lost.size} samples; too many to make up")
     good = np.flatnonzero(~lost)
@@ -252,9 +250,7 @@ def _scaled(recording: Recording, options: RepairOptions) -> Recording:
     if options.scale_to is None:
         return recording.changed(hand_length=length)
     if length is None:
-        raise InputError(
-            "--scale-to needs the length of the recorded hand, which the recording does not tell: --hand-length"
-        )
+        raise InputError("--scale-to needs the length of the recorded hand: say it with --hand-length")
     factor = options.scale_to / length
     middle = recording.position.mean(axis=0)
     lengths = f"from a hand of {1e3 * length:.0f} mm to one of {1e3 * options.scale_to:.0f} mm"
@@ -267,11 +263,8 @@ def _mirrored(recording: Recording, wanted: bool) -> Recording:
     if not wanted:
         return recording
     other = {"right": "left", "left": "right", "": ""}[recording.hand]
-    changed = recording.changed(
-        position=recording.position * [-1.0, 1.0, 1.0],
-        orientation=recording.orientation * [1.0, 1.0, -1.0, -1.0],
-        hand=other,
-    )
+    turned = recording.orientation * [1.0, 1.0, -1.0, -1.0]
+    changed = recording.changed(position=recording.position * [-1.0, 1.0, 1.0], orientation=turned, hand=other)
     return changed.found(note(f"mirrored: x became -x{f', a {other} hand' if other else ''}"))
 
 
@@ -305,10 +298,8 @@ def _tips_moved(first: Recording, second: Recording) -> float:
     """Compute the largest distance between the fingertips of two recordings of one hand, palm frame [m]."""
     usual = default_fingers(DEFAULT_HAND_LENGTH, BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH)["length"]
     length = usual if first.bones is None else first.bones.length
-    tips = [
-        finger_joints(np.zeros((len(FINGERS), 3)), length, each.flexion, each.abduction, first.hand)[:, :, 3]
-        for each in (first, second)
-    ]
+    origin = np.zeros((len(FINGERS), 3))
+    tips = [finger_joints(origin, length, r.flexion, r.abduction, first.hand)[:, :, 3] for r in (first, second)]
     return float(np.linalg.norm(tips[1] - tips[0], axis=2).max())
 
 

@@ -61,17 +61,13 @@ def _stamps(recording: Recording) -> Recording:
     if time.size < 2 or FASTEST_STEP <= step <= SLOWEST_STEP:
         return recording
     stated = "time" in recording.stated
-    how = f" than the one stated? {_corrected('time')}" if stated else "? Say --time-unit"
+    other = f" than the one stated? {_corrected('time')}" if stated else "? Say --time-unit"
+    how = f"are they in another unit{other}"
     if step < FASTEST_STEP:
-        raise TrajectoryError(
-            f"the stamps step by {step:.3g} s, {1.0 / step:,.0f} samples a second; expected [s]: are they in another "
-            f"unit{how}"
-        )
+        raise TrajectoryError(f"the stamps step by {step:.3g} s, {1.0 / step:,.0f} a second; expected [s]: {how}")
     fitting = [unit for unit, (low, high) in STEP_RANGES.items() if low <= step <= high]
     if stated or not fitting:
-        raise TrajectoryError(
-            f"the stamps step by {step:.6g} s, too slow for a hand; expected [s]: are they in another unit{how}"
-        )
+        raise TrajectoryError(f"the stamps step by {step:.6g} s, too slow for a hand; expected [s]: {how}")
     text = f"stamps step by {step:.4g}: taken for {fitting[0]}; if they are not, say --time-unit"
     return _with_clock(_converted(recording, text), TIME_UNITS[fitting[0]])
 
@@ -80,9 +76,8 @@ def _from_zero(recording: Recording) -> Recording:
     time = recording.time[np.isfinite(recording.time)]
     if not time.size or float(np.median(time)) <= LATE:
         return recording
-    return _with_clock(recording, 1.0, -float(time[0])).found(
-        note(f"stamps begin at {time[0]:.6f} s: they count from the first one now")
-    )
+    found = note(f"stamps begin at {time[0]:.6f} s: they count from the first one now")
+    return _with_clock(recording, 1.0, -float(time[0])).found(found)
 
 
 def _lengths(recording: Recording) -> Recording:
@@ -186,6 +181,5 @@ def in_units(
 def _converted(recording: Recording, text: str) -> Recording:
     mark(recording.flags, np.ones(recording.sample_count, dtype=bool), SampleFlag.UNIT)
     first = recording.time[np.isfinite(recording.time)]
-    return recording.found(
-        Finding(SampleFlag.UNIT.word, text, recording.sample_count, float(first.min()) if first.size else None)
-    )
+    begin = float(first.min()) if first.size else None
+    return recording.found(Finding(SampleFlag.UNIT.word, text, recording.sample_count, begin))

@@ -1,7 +1,7 @@
-"""What is wrong with a submission, by name: ticks that are not the scene's, frames, units, and hands that lag behind.
+"""Mistakes of a submission, by name: wrong ticks, frames, units, and hands that lag behind.
 
-Where nothing is near the user's hand, every method shows it as it is. What is off there, and would not be in another
-unit, frame or order, was given in that one.
+Where nothing is near the user's hand, every method shows it as it is. A deviation there that another unit, frame or
+order would remove is a mistake in that one.
 """
 
 from collections.abc import Iterator
@@ -23,23 +23,23 @@ from hhsim.system.counted import counted
 Mended = Iterator[tuple[str, FloatArray]]
 
 FREE = 2e-3
-"""Where the user's hand is farther than this from the object [m], the shown one is the user's."""
+"""Distance of the user's hand from the object [m] beyond which the shown hand is the user's."""
 FEWEST = 20
-"""Free ticks; of a scene with fewer, all ticks are looked at."""
+"""Least number of free ticks; of a scene with fewer, all ticks are compared."""
 TURNS = 0.02
-"""Palms and joints that are as far off the user's [rad] do not follow it."""
+"""Deviation of palms and joints from the user's [rad] above which they do not follow it."""
 MENDS = 0.1
-"""A mistake is named where without it the hand would be off by no more than this share."""
+"""A mistake is named if the deviation without it is at most this share."""
 MOST_SHIFT = 300
-"""Ticks by which a motion is looked for, to both sides."""
+"""Largest shift of a motion that is looked for [ticks]."""
 LEAST_SHIFT = 1e-5
-"""A hand that is nearer than this [m] has no lag that could be told."""
+"""Deviation [m] below which no lag can be measured."""
 INERTIA = 5e-3
-"""A hand may be this far behind the user's [s]: one with a mass is, and one that is shown what was read last."""
+"""Lag behind the user's hand that is no mistake [s]: of a mass, or of a hand that shows the last reading."""
 MOVES = 1e-6
-"""A palm that goes no farther in a tick [m] rests."""
+"""Displacement of a palm in a tick [m] above which it moves."""
 STILL = 0.05
-"""Of the ticks in which the user's hand moves, a share in which the shown one may rest."""
+"""Share of the ticks in which the user's hand moves and the shown one may rest."""
 MOST_FORCE = 1000.0
 """No hand is pushed by more [N]."""
 MOST_DURATION = 1.0
@@ -48,11 +48,7 @@ SCALES = (("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9))
 
 
 def require_scene(submission: Submission, scene: Scene) -> None:
-    """Make sure that a submission is of a scene, with a pose for each of its ticks.
-
-    Raises:
-        InputError: It is of another scene or hand; or ticks are missing, there twice, or of another rate or unit.
-    """
+    """Raise InputError unless a submission is of this scene, with a pose for each of its ticks."""
     digest = scene_digest(scene)
     if not submission.scene:
         raise InputError(f"{_name(submission)} does not say its scene: expected # scene: {digest}")
@@ -74,7 +70,7 @@ def _name(submission: Submission) -> str:
 
 
 def _wrong_ticks(time: FloatArray, wanted: FloatArray, rate: float) -> str:
-    """What is wrong with the times [s]; "" for nothing."""
+    """Describe what is wrong with the times [s]; "" for nothing."""
     ticks, total = len(time), len(wanted)
     expected = f"expected {counted(total, 'tick')}, {rate:g} a second, from 0 s on"
     step = np.diff(time)
@@ -105,11 +101,7 @@ def _wrong_ticks(time: FloatArray, wanted: FloatArray, rate: float) -> str:
 
 
 def suspicions(submission: Submission, scene: Scene) -> tuple[str, ...]:
-    """What poses, forces and times look like that is probably not meant, a line each; none for a sound submission.
-
-    Args:
-        submission: Of this scene (`require_scene`).
-    """
+    """Describe probable mistakes in poses, forces and times of a submission of this scene, a line each."""
     shown, user = submission.poses, HandConfiguration.of(scene.ticks)
     free = _free(scene)
     found = [*_still(shown, user, free)]
@@ -128,7 +120,7 @@ def suspicions(submission: Submission, scene: Scene) -> tuple[str, ...]:
 
 
 def _free(scene: Scene) -> BoolArray:
-    """Ticks in which the user's hand is far from the object."""
+    """Return True for ticks in which the user's hand is far from the object."""
     placed = forward_kinematics(scene.hand, *HandConfiguration.of(scene.ticks))
     palm, finger = hand_clearance(scene.tree.arrays(), *hand_shape(scene.hand), *placed, limit=FREE)
     free = np.asarray(np.minimum(palm, finger.min(axis=1)) >= FREE)
@@ -143,14 +135,12 @@ def _still(shown: HandConfiguration, user: HandConfiguration, free: BoolArray) -
         rests &= (np.diff(values, axis=0) == 0.0).reshape(len(moves), -1).all(axis=1)
     share = float(rests[moves].mean()) if moves.any() else 0.0
     if share > STILL:
-        yield (
-            f"repeated ticks: in {100.0 * share:.0f} % of the ticks the hand stays where it was, while the user's "
-            "moves: another rate?"
-        )
+        rest = f"in {100.0 * share:.0f} % of the ticks the hand rests while the user's moves"
+        yield f"repeated ticks: {rest}: another rate?"
 
 
 def _shift(shown: FloatArray, user: FloatArray, free: BoolArray) -> int:
-    """By how many ticks the shown palm is behind the user's; 0 where that does not explain what it is off."""
+    """Return the lag of the shown palm behind the user's [ticks]; 0 if it does not explain the deviation."""
     ticks = len(shown)
     moves = free & (np.linalg.norm(np.gradient(user, axis=0), axis=1) > MOVES) if ticks > 1 else free
     inner = np.flatnonzero(moves)
@@ -168,7 +158,7 @@ def _shift(shown: FloatArray, user: FloatArray, free: BoolArray) -> int:
 
 
 def _named(off: float, limit: float, mended: Iterator[tuple[str, float]]) -> str | None:
-    """The mistake that explains most of what a part is off; "" where none does, None where the part follows."""
+    """Return the mistake that explains most of a deviation; "" if none does, None for a small deviation."""
     if off <= limit:
         return None
     text, least = min(mended, key=lambda each: each[1])
@@ -204,7 +194,7 @@ def _orientation(shown: FloatArray, user: FloatArray) -> Iterator[str]:
 
 
 def _turned(shown: FloatArray) -> Mended:
-    """Orientations, had they been given otherwise: the mistake, and the orientations mended."""
+    """Yield the mistakes in orientations, and the orientations without each."""
     yield "quaternion x y z w", shown[:, [3, 0, 1, 2]]
     yield "quaternion of the world in the palm's frame", conjugate(shown)
     yield "quaternion x y z w of the world in the palm's frame", conjugate(shown[:, [3, 0, 1, 2]])
@@ -262,7 +252,7 @@ def _angle_off(found: FloatArray, user: FloatArray) -> float:
 
 
 def _forces(submission: Submission, user: HandConfiguration | None) -> Iterator[str]:
-    """What is odd about the forces; their directions, too, where the hands are known not to be in another frame."""
+    """Describe mistakes in the forces; in their directions only if the poses have none."""
     if submission.phalanx_force is None:
         return
     total = submission.phalanx_force.sum(axis=(1, 2))

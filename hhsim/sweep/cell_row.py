@@ -1,4 +1,4 @@
-"""What is kept of a cell besides its result: a row of the table, or why there is none. A small JSON file each."""
+"""Row of a cell in the table, or the reason of its failure: a small JSON file each."""
 
 import json
 from collections.abc import Mapping
@@ -22,11 +22,11 @@ OF_THE_SCENE = (
     *("object", "object_mesh", "level", "max_error", "trajectory", "samples", "place_object", "hand_file"),
     *("tremor_mm_deg", "seed", "ticks"),
 )
-"""What a row repeats of what its result says of the scene."""
+"""Statements of a result about its scene that a row repeats."""
 
 
 def named(cell: Cell) -> dict[str, Any]:
-    """What a plan calls a cell."""
+    """Return the names that a plan gives a cell."""
     return {
         "object": cell.object.name,
         "motion": cell.motion.name,
@@ -49,15 +49,15 @@ def row_of(
     seconds: float,
     repeated: Mapping[str, Any],
 ) -> dict[str, Any]:
-    """The row of a cell that has just ended.
+    """Make the row of a finished cell.
 
     Args:
-        scene: What the result says of the scene.
-        options: That the ticks ran with.
-        result: Name of the result's file; None where it is not kept.
-        own_core: Whether its ticks had a core of their own, so that its times can be compared.
-        seconds: That all of it took.
-        repeated: Mean and deviation of its times, `hhsim.replay.repeated_times.repeated_document`; empty of one run.
+        scene: Description of the scene in the result.
+        options: Options of the run.
+        result: Name of the result's file; None if it is not kept.
+        own_core: True if its ticks had a core of their own, so that its times can be compared.
+        seconds: Duration of all of it.
+        repeated: Mean and deviation of its times, `hhsim.replay.repeated_times.repeated_document`; empty for one run.
     """
     attributes = info.file_attributes()
     return {
@@ -86,7 +86,7 @@ def row_of(
 
 
 def failure_of(cell: Cell, digest: str, reason: str) -> dict[str, Any]:
-    """What is kept of a cell that failed."""
+    """Make the document of a cell that failed."""
     return {
         "format": FORMAT,
         "version": VERSION,
@@ -98,20 +98,12 @@ def failure_of(cell: Cell, digest: str, reason: str) -> dict[str, Any]:
 
 
 def write_row(path: Path, row: Mapping[str, Any]) -> None:
-    """Write a row, or what failed, in one step; what is no number becomes null.
-
-    Raises:
-        OutputError: It cannot be written.
-    """
+    """Write a row, or a failure, in one step; NaN and infinity become null. OutputError if it cannot be written."""
     write_atomically(path, (json.dumps(plain_json(row), indent=1, sort_keys=True, allow_nan=False) + "\n").encode())
 
 
 def read_row(path: Path) -> dict[str, Any]:
-    """Read a row, or what failed.
-
-    Raises:
-        InputError: No such file, or one that is no row.
-    """
+    """Read a row, or a failure; raise InputError for a missing or another file."""
     try:
         found = json.loads(read_input_text(path))
     except (OSError, ValueError) as error:

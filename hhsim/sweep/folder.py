@@ -1,7 +1,7 @@
-"""The folder of a sweep: which cells are done, which failed, and that only one sweep at a time works in it.
+"""Folder of a sweep: cells that are done or failed, and a lock against a second sweep.
 
-`sweep.json` says what it is; `cells/` holds each cell's result (DIGEST.h5) and row (DIGEST.json), or why it failed
-(DIGEST.failed.json). Each appears in one step, so that whatever ends a sweep, what is there is whole.
+`sweep.json` identifies it; `cells/` holds each cell's result (DIGEST.h5) and row (DIGEST.json), or its failure
+(DIGEST.failed.json). Each appears in one step, so that an interrupted sweep leaves only complete files.
 """
 
 import contextlib
@@ -27,14 +27,13 @@ VERSION = 1
 
 
 class SweepFolder:
-    """A sweep's folder, which may not exist yet.
+    """Folder of a sweep, which may not exist yet.
 
     Raises:
-        OutputError: Something else is there.
+        OutputError: Another file or folder is there.
     """
 
     def __init__(self, path: Path) -> None:
-        """Look what is there."""
         self.path = path
         self.cells = path / CELLS
         if path.exists() and not path.is_dir():
@@ -44,11 +43,7 @@ class SweepFolder:
 
     @contextlib.contextmanager
     def taken(self, plan: SweepPlan) -> Iterator[None]:
-        """Make the folder, keep other sweeps out of it, and sweep up what was left half-written.
-
-        Raises:
-            OutputError: It cannot be made or written, or another sweep works in it.
-        """
+        """Make and lock the folder and remove unfinished files; OutputError if it is not writable, or locked."""
         try:
             self.cells.mkdir(parents=True, exist_ok=True)
             lock = os.open(self.path / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
@@ -72,10 +67,7 @@ class SweepFolder:
             os.close(lock)
 
     def done(self, planned: PlannedCell, with_result: bool = False) -> bool:
-        """Whether a cell is done as often as planned, with its result where that is wanted.
-
-        The row of an older plan gets new names.
-        """
+        """Return True if a cell is done as often as planned, with its result if wanted; rename it in its row."""
         path, row = self.row_path(planned), self.row(planned)
         result = row.get("result")
         if not row or (result and not (self.cells / result).is_file()) or (with_result and not result):
@@ -87,29 +79,29 @@ class SweepFolder:
         return True
 
     def row(self, planned: PlannedCell) -> dict[str, Any]:
-        """The row of a cell that was run, however often; empty of any other."""
+        """Return the row of a cell that was run, however often; {} for any other."""
         try:
             return read_row(self.row_path(planned))
         except InputError:
             return {}
 
     def row_path(self, planned: PlannedCell) -> Path:
-        """Where a cell's row is."""
+        """Return the path of a cell's row."""
         return self.cells / f"{planned.digest}.json"
 
     def failure(self, planned: PlannedCell) -> str:
-        """Why a cell failed; "" where it did not."""
+        """Return the reason of a cell's failure; "" if it did not fail."""
         try:
             return str(read_row(self._failure_path(planned)).get("reason", "?"))
         except InputError:
             return ""
 
     def keep_failure(self, planned: PlannedCell, reason: str) -> None:
-        """Keep why a cell failed."""
+        """Write the reason of a cell's failure."""
         write_row(self._failure_path(planned), failure_of(planned.cell, planned.digest, reason))
 
     def forget_failure(self, planned: PlannedCell) -> None:
-        """A cell is run again, or is done now."""
+        """Remove a cell's failure."""
         self._failure_path(planned).unlink(missing_ok=True)
 
     def _failure_path(self, planned: PlannedCell) -> Path:
@@ -122,7 +114,7 @@ class SweepFolder:
 
 
 def is_sweep(path: Path) -> bool:
-    """Whether a folder is one of a sweep."""
+    """Return True if a folder is one of a sweep."""
     try:
         found = json.loads(read_input_text(path / MARK))
     except (OSError, ValueError):

@@ -1,6 +1,6 @@
-"""What hhsim runs on and from: versions, machine, clock, compiled kernels, source revision.
+"""Environment of hhsim: versions, machine, clock, compiled kernels, source revision.
 
-Every result carries it, and `hhsim info` prints it. Nothing here names the user or the host.
+Every result states it, and `hhsim info` prints it. Nothing here names the user or the host.
 """
 
 import importlib.metadata
@@ -25,41 +25,42 @@ DEVELOPMENT_EXTRAS = frozenset({"test", "lint"})
 
 @dataclass(frozen=True)
 class Machine:
-    """The computer, as far as it decides how fast a tick is."""
+    """Properties of the computer that decide how fast a tick is; `cores` are those that this process may use."""
 
     cpu: str
     cores: int
-    """Cores that this process may use."""
     system: str
     python: str
 
 
 @dataclass(frozen=True)
 class Clock:
-    """The clock that times a tick."""
+    """Clock that times a tick.
+
+    Attributes:
+        resolution: Resolution that the system states [s].
+        step: Smallest measured step between two readings [s].
+        source: Clock source of the kernel, such as tsc or kvm-clock.
+    """
 
     function: str
     resolution: float
-    """What the system states [s]."""
     step: float
-    """Smallest step between two readings that was seen just now [s]."""
     source: str
-    """The kernel's clock source, such as tsc or kvm-clock."""
 
 
 @dataclass(frozen=True)
 class Kernels:
-    """Where compiled kernels are kept."""
+    """Folder of the compiled kernels, and whether those of exactly these sources are there already."""
 
     folder: str
     compiled: bool
-    """Whether the kernels of exactly these sources lie there already; if not, the first run compiles them."""
     jit: bool
 
 
 @dataclass(frozen=True)
 class Revision:
-    """The checkout that hhsim runs from; both fields are "unknown" for an installed package."""
+    """Checkout that hhsim runs from; both fields are "unknown" for an installed package."""
 
     commit: str
     dirty: bool | str
@@ -67,7 +68,7 @@ class Revision:
 
 @dataclass(frozen=True)
 class Info:
-    """Everything that `hhsim info` prints."""
+    """Everything that `hhsim info` prints; `missing` are optional packages, by the extra that brings them."""
 
     hhsim: str
     revision: Revision
@@ -76,28 +77,20 @@ class Info:
     kernels: Kernels
     packages: dict[str, str]
     missing: dict[str, list[str]]
-    """Optional packages that are not installed, by the extra that brings them."""
 
     def to_json(self) -> dict[str, Any]:
-        """The same as plain dictionaries, for `json.dumps`."""
+        """Return it as plain dictionaries."""
         return asdict(self)
 
 
 def collect() -> Info:
-    """Look at this process and the machine under it."""
-    return Info(
-        hhsim=__version__,
-        revision=revision(),
-        machine=machine(),
-        clock=_clock(),
-        kernels=_kernels(),
-        packages=package_versions(),
-        missing=_missing_packages(),
-    )
+    """Describe this process and the machine."""
+    missing = _missing_packages()
+    return Info(__version__, revision(), machine(), _clock(), _kernels(), package_versions(), missing)
 
 
 def file_attributes() -> dict[str, str | bool]:
-    """What every file of figures says of its origin: version, revision, time, machine and packages (as JSON)."""
+    """Return version, revision, time, machine and packages (as JSON), for every file of figures."""
     source = revision()
     return {
         "hhsim_version": __version__,
@@ -113,52 +106,34 @@ def machine() -> Machine:
     """Describe the computer without naming it."""
     # Of the process: one of its threads may be kept on a core of its own (`hhsim.system.own_core`).
     cores = len(os.sched_getaffinity(os.getpid())) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return Machine(
-        cpu=_cpu_name(),
-        cores=cores,
-        system=f"{platform.system()} {platform.release()} {platform.machine()}",
-        python=platform.python_version(),
-    )
+    system = f"{platform.system()} {platform.release()} {platform.machine()}"
+    return Machine(_cpu_name(), cores, system, platform.python_version())
 
 
 def package_versions() -> dict[str, str]:
-    """Versions of the packages that hhsim depends on, by name; without the optional ones that are missing."""
-    versions = {}
-    for name, _ in _requirements():
-        version = _version(name)
-        if version is not None:
-            versions[name] = version
-    return versions
+    """Return the versions of the installed packages that hhsim depends on, by name."""
+    installed = {name: _version(name) for name, _ in _requirements()}
+    return {name: version for name, version in installed.items() if version is not None}
 
 
 def revision() -> Revision:
-    """Commit of the checkout that this module lies in, and whether files in it have changed since."""
+    """Return the commit of the checkout of this module, and whether its files are modified."""
     root = Path(__file__).resolve().parents[2]
     if not ((root / ".git").exists() and (root / "pyproject.toml").is_file()):
         return Revision(UNKNOWN, UNKNOWN)
     # Asked again for every file: what is imported from now on is that of the checkout as it is now.
-    status = _git(root, "status", "--porcelain=v2", "--branch", "--untracked-files=no")
-    commit = re.search(r"^# branch\.oid ([0-9a-f]+)$", status or "", re.MULTILINE)
-    if status is None or commit is None:
-        return Revision(UNKNOWN, UNKNOWN)
-    return Revision(commit.group(1), any(not line.startswith("#") for line in status.splitlines()))
-
-
-def _git(root: Path, *arguments: str) -> str | None:
-    environment = os.environ | {"GIT_OPTIONAL_LOCKS": "0", "LC_ALL": "C"}
+    command = ["git", "-C", str(root), "status", "--porcelain=v2", "--branch", "--untracked-files=no"]
+    given = os.environ | {"GIT_OPTIONAL_LOCKS": "0", "LC_ALL": "C"}
     try:
-        answer = subprocess.run(
-            ["git", "-C", str(root), *arguments],
-            capture_output=True,
-            text=True,
-            timeout=10,
-            check=True,
-            env=environment,
-            stdin=subprocess.DEVNULL,
-        )
+        status = subprocess.run(
+            command, capture_output=True, text=True, timeout=10, check=True, env=given, stdin=subprocess.DEVNULL
+        ).stdout
     except (OSError, subprocess.SubprocessError):
-        return None
-    return answer.stdout.strip()
+        return Revision(UNKNOWN, UNKNOWN)
+    commit = re.search(r"^# branch\.oid ([0-9a-f]+)$", status, re.MULTILINE)
+    if commit is None:
+        return Revision(UNKNOWN, UNKNOWN)
+    return Revision(commit.group(1), any(not line.startswith("#") for line in status.strip().splitlines()))
 
 
 def _cpu_name() -> str:
@@ -178,12 +153,8 @@ def _clock() -> Clock:
         source = Path("/sys/devices/system/clocksource/clocksource0/current_clocksource").read_text().strip()
     except OSError:
         source = UNKNOWN
-    return Clock(
-        function=stated.implementation,
-        resolution=stated.resolution,
-        step=min(steps, default=0) * 1e-9 or stated.resolution,
-        source=source,
-    )
+    step = min(steps, default=0) * 1e-9 or stated.resolution
+    return Clock(stated.implementation, stated.resolution, step, source)
 
 
 def _kernels() -> Kernels:
@@ -194,7 +165,7 @@ def _kernels() -> Kernels:
 
 
 def _requirements() -> list[tuple[str, str]]:
-    """Name of each declared dependency that a run can use, with the extra that it belongs to ("" for none)."""
+    """Return the name of each declared dependency for users, with its extra ("" for none)."""
     try:
         declared = importlib.metadata.requires("hhsim") or []
     except importlib.metadata.PackageNotFoundError:

@@ -1,14 +1,14 @@
-"""The one door by which HDF5 files come in: none is parsed before a child process has read it to its end.
+"""Safe opening of HDF5 files: none is parsed before a child process has read it to its end.
 
 The HDF5 library can spin for ever, crash, or ask for all memory on a file with a few wrong bytes. A child with limits
-of time and memory (`hhsim.system.hdf5_probe`) therefore reads each file first. The seal of a file
-(`hhsim.system.checksummed_file`) is looked at before: it tells of accidents, and not of who sealed the file.
+of time and memory (`hhsim.system.hdf5_probe`) therefore reads each file first. The seal
+(`hhsim.system.checksummed_file`) is checked before that: it shows accidents, and does not authenticate.
 """
 
 import sys
 import time
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import h5py
 import numpy as np
@@ -20,40 +20,27 @@ from hhsim.system.checksummed_file import SIZE, seal_holds
 from hhsim.system.input_file import check_ordinary
 
 DAMAGE = (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, MemoryError, OverflowError)
-"""What h5py raises on a file with wrong bytes in it."""
+"""Errors of h5py for a file with wrong bytes."""
 SECONDS = 3.0
-"""What reading a small file may take of the processor's time; it takes milliseconds."""
+"""Processor time for reading a small file [s]; it takes milliseconds."""
 PATIENCE = 10.0
-"""By the wall clock it may take so many times more: where others have the processor, a sound file takes longer too."""
+"""Ratio of wall-clock limit to processor time, for a busy machine."""
 BYTES_PER_SECOND = 20e6
-"""A larger file gets as much more time as it takes at this rate."""
+"""Rate of the additional time for a larger file [byte/s]."""
 
 BEYOND = 1e30
-"""No number of a file of ours is as large, in any unit: what is larger was left by damage."""
+"""Largest number in a file of ours, in any unit; larger ones are damage."""
 
 _SETTLED_NS = 100_000_000
-"""A file that was changed this recently may be changed again within one tick of its time stamp."""
+"""Age of a change [ns] below which the file may change again within one tick of its time stamp."""
 
 
-class _State(NamedTuple):
-    """What tells that a file is the one that was looked at."""
-
-    path: Path
-    size: int
-    changed_ns: int
-    number: int
-
-
-_KNOWN: dict[_State, str] = {}
-"""What is wrong with files that were looked at; "" for nothing."""
+_KNOWN: dict[tuple[Path, int, int, int], str] = {}
+"""Fault of each file that was checked; "" for none."""
 
 
 def read_numbers(dataset: h5py.Dataset, rows: Any = ...) -> NDArray[Any]:
-    """Read rows of a dataset.
-
-    Raises:
-        DamagedFileError: A number beyond `BEYOND`, of which squares and sums would be none.
-    """
+    """Read rows of a dataset; raise DamagedFileError for a number beyond `BEYOND`."""
     values = np.asarray(dataset[rows])
     if values.dtype.kind == "f":
         wild = (np.abs(values) > BEYOND) & np.isfinite(values)
@@ -63,10 +50,10 @@ def read_numbers(dataset: h5py.Dataset, rows: Any = ...) -> NDArray[Any]:
 
 
 def open_hdf5(path: Path) -> h5py.File:
-    """Open a file for reading, once it is known that the library gets through it.
+    """Open a file for reading after a child process has read it.
 
     Raises:
-        DamagedFileError: No ordinary file; its bytes are not those that were sealed, or it cannot be read to its end.
+        DamagedFileError: No ordinary file, other bytes than were sealed, or one that cannot be read to its end.
         BlockingIOError: Another process is writing it.
         OSError: No HDF5 file, or one that cannot be opened.
     """
@@ -80,7 +67,7 @@ def open_hdf5(path: Path) -> h5py.File:
     fault = _KNOWN.get(state)
     if fault is None:
         fault = _fault(path)
-        if time.time_ns() - state.changed_ns > _SETTLED_NS and _state(path) == state:
+        if time.time_ns() - state[2] > _SETTLED_NS and _state(path) == state:
             _KNOWN[state] = fault
     if fault:
         raise DamagedFileError(fault)
@@ -88,7 +75,7 @@ def open_hdf5(path: Path) -> h5py.File:
 
 
 def hdf5_format(path: Path) -> str:
-    """What a file's attribute `format` says; "" where it says nothing, or is no sound HDF5 file.
+    """Return a file's attribute `format`; "" if there is none, or for no sound HDF5 file.
 
     Raises:
         BlockingIOError: Another process is writing it.
@@ -103,13 +90,14 @@ def hdf5_format(path: Path) -> str:
     return found if isinstance(found, str) else ""
 
 
-def _state(path: Path) -> _State:
+def _state(path: Path) -> tuple[Path, int, int, int]:
+    """Return what identifies a file's content: path, size, time of the last change [ns] and inode."""
     found = path.stat()
-    return _State(path.resolve(), found.st_size, found.st_mtime_ns, found.st_ino)
+    return path.resolve(), found.st_size, found.st_mtime_ns, found.st_ino
 
 
 def _fault(path: Path) -> str:
-    """What is wrong with a file; "" for nothing."""
+    """Describe the fault of a file; "" for none."""
     size = path.stat().st_size
     holds = seal_holds(path)
     if holds is False:
@@ -122,19 +110,11 @@ def _fault(path: Path) -> str:
     if end is not None and size < end:
         return f"a damaged HDF5 file: cut short, {size:,} of {end:,} bytes are there"
     seconds = int(SECONDS + size / BYTES_PER_SECOND) + 1
-    try:
-        hdf5_probe.probe(path, size, seconds, PATIENCE * seconds)
-    except hdf5_probe.UnsoundError as error:
-        return f"a damaged HDF5 file: {error}"
-    except hdf5_probe.EndlessError:
-        return f"a damaged file: reading it does not end within {seconds} s"
-    except hdf5_probe.BreakdownError:
-        return "a damaged file: the HDF5 library breaks down over it"
-    return ""
+    return hdf5_probe.probe(path, size, seconds, PATIENCE * seconds)
 
 
 def _is_signed(path: Path) -> bool:
-    """Whether the signature stands where HDF5 looks for it: at 0, 512, 1,024, 2,048 and so on."""
+    """Return True if there is a signature where HDF5 looks for it: at 0, 512, 1,024, 2,048 and so on."""
     size, place = path.stat().st_size, 0
     with path.open("rb") as file:
         while place + len(hdf5_probe.SIGNATURE) <= size:

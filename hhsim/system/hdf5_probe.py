@@ -1,7 +1,7 @@
-"""Reads an HDF5 file from end to end in a child process, to see whether that ends.
+"""Reader of an HDF5 file from end to end in a child process, to see whether that ends.
 
 Every object, attribute and value is visited once, within limits of processor time and memory. The child is a fork of
-this process: it has h5py already, so that a small file costs milliseconds.
+this process: h5py is loaded already, so that a small file costs milliseconds.
 """
 
 import faulthandler
@@ -18,40 +18,25 @@ import h5py
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 MEMORY = 4 << 30
-"""Address space that reading a file may add to the process [bytes]."""
+"""Address space that reading a file may add to the process [byte]."""
 PIECE = 1 << 24
 """Most bytes that are read at a time."""
 ALWAYS, PER_BYTE = 1 << 28, 100
-"""The datasets together state at most so many bytes, and so many more for each byte of the file."""
+"""Largest stated size of all datasets [byte]: so many, and so many more for each byte of the file."""
 
 _SOUND, _BUSY, _UNSOUND = 0, 3, 4
 _ENDLESS = (signal.SIGXCPU, signal.SIGALRM)
 
 
-class UnsoundError(Exception):
-    """A file that HDF5 reads and that nevertheless cannot be right."""
-
-
-class EndlessError(Exception):
-    """A file whose reading did not end in its time."""
-
-
-class BreakdownError(Exception):
-    """A file over which the HDF5 library crashed."""
-
-
-def probe(path: Path, size: int, seconds: int, patience: float) -> None:
-    """Read a file to its end, in a child process.
+def probe(path: Path, size: int, seconds: int, patience: float) -> str:
+    """Read a file to its end in a child process, and describe its fault; "" for none.
 
     Args:
         size: Bytes of the file that are HDF5: all but a seal.
-        seconds: Of processor time that this may take.
-        patience: Seconds that it may take by the wall clock.
+        seconds: Limit of processor time.
+        patience: Limit of wall-clock time [s].
 
     Raises:
-        UnsoundError: The file is damaged; the message says how.
-        EndlessError: It was not read in its time.
-        BreakdownError: The library crashed.
         BlockingIOError: Another process is writing it.
     """
     with warnings.catch_warnings():
@@ -72,18 +57,17 @@ def probe(path: Path, size: int, seconds: int, patience: float) -> None:
         raise
     finally:
         os.close(told)
-    if -code in _ENDLESS:
-        raise EndlessError
     if code == _BUSY:
         raise BlockingIOError("another process is writing it")
+    if -code in _ENDLESS:
+        return f"a damaged file: reading it does not end within {seconds} s"
     if code == _UNSOUND:
-        raise UnsoundError(reason)
-    if code != _SOUND:
-        raise BreakdownError
+        return f"a damaged HDF5 file: {reason}"
+    return "" if code == _SOUND else "a damaged file: the HDF5 library breaks down over it"
 
 
 def _be_the_child(path: Path, size: int, seconds: int, patience: float, tell: int) -> None:
-    """Read the file, tell what is wrong with it, and end; the library's own words go nowhere."""
+    """Read the file, report its fault, and exit; the library's own output is discarded."""
     code = 1
     try:
         # What the parent has left to be collected is the parent's: folders to be removed, files to be closed.
@@ -125,8 +109,7 @@ def read_to_end(path: Path, size: int) -> None:
     """Visit every object, attribute and value of a file of so many bytes, without limits.
 
     Raises:
-        UnsoundError: It states more than such a file holds, or there are bytes behind its end; what h5py raises over
-            wrong bytes is not changed.
+        ValueError: It states more than such a file holds, or there are bytes behind its end; errors of h5py pass.
     """
     left = ALWAYS + PER_BYTE * size
     with h5py.File(path, "r") as file:
@@ -137,18 +120,18 @@ def read_to_end(path: Path, size: int) -> None:
             if isinstance(item, h5py.Dataset):
                 left -= item.nbytes
                 if left < 0:
-                    raise UnsoundError(f"{item.name} states {item.nbytes:,} bytes, more than such a file holds")
+                    raise ValueError(f"{item.name} states {item.nbytes:,} bytes, more than such a file holds")
                 for part in _pieces(item):
                     item[part]
         stopped = not file.attrs.get("complete", 1)
     # A run that was killed may have begun to write what it had no time to count in.
     end = stated_end(path)
     if not stopped and end is not None and size > end:
-        raise UnsoundError("bytes behind its end, which are no seal")
+        raise ValueError("bytes behind its end, which are no seal")
 
 
 def _pieces(dataset: Any) -> Iterator[Any]:
-    """Parts of a dataset, along its first axis."""
+    """Yield slices of a dataset along its first axis."""
     if dataset.shape is None or not dataset.shape:
         yield ()
         return
@@ -158,7 +141,7 @@ def _pieces(dataset: Any) -> Iterator[Any]:
 
 
 def stated_end(path: Path) -> int | None:
-    """How many bytes a file says that it has; None where its head is of no kind that is known here."""
+    """Return the size that a file states in its head [byte]; None for an unknown head."""
     with path.open("rb") as file:
         head = file.read(52)
     # Of a superblock of version 0, 1, and 2 or 3: where the address of the end stands.

@@ -1,6 +1,6 @@
-"""What the system is set to that decides how punctually it wakes a thread, each fact with what would be better.
+"""Settings of the system that decide how punctually it wakes a thread, each with advice.
 
-Nothing here is measured, and no fact alone is a verdict: a machine that does not tell one of them may be as good.
+Nothing here is measured, and no setting alone is a verdict.
 """
 
 import gzip
@@ -12,23 +12,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 NOT_TOLD = "not told"
-"""Stands for what the system has no file for."""
+"""Value of a setting that the system does not report."""
 CAP_IPC_LOCK, CAP_SYS_NICE = 14, 23
-"""Bits of the capabilities that stand above the limits (capabilities(7))."""
+"""Bits of the capabilities that override the limits (capabilities(7))."""
 LIMITS_FILE = "in /etc/security/limits.d/90-hhsim.conf, then log in anew"
 PREEMPTION = {"PREEMPT_NONE": "none", "PREEMPT_VOLUNTARY": "voluntary", "PREEMPT_LAZY": "lazy", "PREEMPT": "full"}
-"""What a kernel is built to begin with, by its configuration, and what `preempt=` calls it."""
+"""Options of the kernel's configuration, and their names in `preempt=`."""
 
 
 @dataclass(frozen=True)
 class SchedulingFact:
-    """One fact.
-
-    Attributes:
-        name: Of what.
-        value: In words.
-        advice: What to change; "" where nothing is to be.
-    """
+    """One setting; `advice` is "" if nothing should be changed."""
 
     name: str
     value: str
@@ -36,11 +30,11 @@ class SchedulingFact:
 
 
 def scheduling_facts(priority: int, root: Path = Path("/")) -> list[SchedulingFact]:
-    """Kernel, processors, governor, limits, and what the host or a container leaves.
+    """Return settings of kernel, processors, governor, limits, host and container.
 
     Args:
-        priority: The highest that is going to be asked for under SCHED_FIFO.
-        root: Where /proc and /sys are.
+        priority: Highest priority under SCHED_FIFO that the loop asks for.
+        root: Folder of /proc and /sys.
     """
     capabilities = _capabilities(root)
     allowed = sorted(os.sched_getaffinity(0))
@@ -71,7 +65,7 @@ def _has_real_time(root: Path) -> bool:
 
 
 def _preemption(root: Path) -> SchedulingFact:
-    """Whether a thread that is to run interrupts the kernel's own work; the last word is the command line's."""
+    """Return whether a ready thread interrupts the kernel's own work; the command line overrides the configuration."""
     name = "kernel interrupts its own work"
     asked = re.findall(r"(?:^|\s)preempt=(\w+)", _text(root / "proc/cmdline"))
     built = re.search(rf"^CONFIG_({'|'.join(PREEMPTION)})=y$", _configuration(root), re.MULTILINE)
@@ -89,7 +83,7 @@ def _preemption(root: Path) -> SchedulingFact:
 
 
 def _configuration(root: Path) -> str:
-    """What the kernel was built with, "" where it is not told."""
+    """Return the configuration of the kernel; "" if it is not reported."""
     packed, plain = root / "proc/config.gz", root / f"boot/config-{platform.release()}"
     try:
         return gzip.decompress(packed.read_bytes()).decode() if packed.exists() else plain.read_text(encoding="utf-8")
@@ -135,7 +129,7 @@ def _memory_limit(capabilities: int | None) -> SchedulingFact:
 
 
 def _throttle(root: Path) -> SchedulingFact:
-    """What real-time threads may take together; a loop of a few per cent never gets there."""
+    """Return the share of time that real-time threads may take together."""
     name = "real-time share of a second"
     used, period = (_number(root / f"proc/sys/kernel/sched_rt_{what}_us") for what in ("runtime", "period"))
     if used is None or not period:
@@ -148,7 +142,7 @@ def _throttle(root: Path) -> SchedulingFact:
 
 
 def _quota(root: Path) -> SchedulingFact:
-    """The CPU time of all threads of a container; what is used up is not to be had at any priority."""
+    """Return the CPU time of all threads of a container."""
     text = _text(root / "sys/fs/cgroup/cpu.max")
     found = re.fullmatch(r"(\d+) (\d+)", text)
     if found is None:
@@ -169,7 +163,7 @@ def _virtual(root: Path) -> SchedulingFact:
 
 
 def _capabilities(root: Path) -> int | None:
-    """Those in effect, as bits; None where they are not told."""
+    """Return the effective capabilities as bits; None if they are not reported."""
     try:
         status = (root / "proc/self/status").read_text(encoding="utf-8", errors="replace")
     except OSError:

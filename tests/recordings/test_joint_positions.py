@@ -95,7 +95,7 @@ def test_without_a_world_the_wrist_stands_still_and_says_so() -> None:
 def test_the_side_is_said_or_told_by_the_fingers_or_asked_for() -> None:
     for side in ("right", "left"):
         told = read(joint_sample(side))
-        assert told.hand == side and f"a {side} one by the way its fingers bend" in words(told)
+        assert told.hand == side and f"a {side} one by the bend of its fingers" in words(told)
     wrong = read(joint_sample("right"), hand="left")
     assert wrong.hand == "left" and "bend backwards" in words(wrong)
     wrong = read(joint_sample("right", bend=0.1), hand="left")
@@ -106,7 +106,7 @@ def test_the_side_is_said_or_told_by_the_fingers_or_asked_for() -> None:
         sample.hand.joints(np.zeros(3), np.eye(4)[0], np.zeros((5, 3)), np.zeros(5)).reshape(20, 3), (9, 1, 1)
     )
     points = np.concatenate([np.tile([-0.006, -0.042, 0.0], (9, 1, 1)), flat], axis=1)
-    with pytest.raises(TrajectoryError, match="too straight to tell: --hand"):
+    with pytest.raises(TrajectoryError, match="too straight to tell: say --hand"):
         read(sample, time=np.arange(9.0), position=points)
 
 
