@@ -208,9 +208,8 @@ def test_what_fails_is_saved_with_what_shows_it_again(name: str, tmp_path: Path)
     assert str(path) in str(failure.value)
     hand, tree = HANDS["left"], scene.tree()
     if name == "cube":
-        assert f"hhsim replay cube {path} --method progressive --samples hold --level 2 --hand left" in str(
-            failure.value
-        )
+        command = f"hhsim replay cube {path} --method progressive --samples hold --level 2 --hand left"
+        assert command in str(failure.value)
     else:
         tree = load_tree(tmp_path / "fuzz-progressive-penetration-tree.h5")
     failing = rerun_failure(path, hand, tree, lambda: Slipping(hand, tree.arrays(), scene.solver))
