@@ -95,11 +95,20 @@ def parse_csv(text: str, *, name: str = "") -> Trajectory:
             line), or a motion that cannot be replayed.
     """
     remarks, header, found = csv_rows(text, "time,px,py,pz,qw,qx,qy,qz,thumb_flex1,…")
-    _check_header(header)
+    columns = (*COLUMNS, *(OBJECT_COLUMNS if any(column in header for column in OBJECT_COLUMNS) else ()))
+    missing = [column for column in columns if column not in header]
+    if missing:
+        shown = ", ".join(missing[:6]) + (f" and {len(missing) - 6} more" if len(missing) > 6 else "")
+        raise TrajectoryError(f"the header lacks {shown}; expected {len(columns)} columns and perhaps {PHASE}")
+    known = (*COLUMNS, *OBJECT_COLUMNS, PHASE, FLAGS)
+    for column in header:
+        if column not in known:
+            raise TrajectoryError(f"the header has an {UnknownNameError('column', column, known)}")
+        if header.count(column) > 1:
+            raise TrajectoryError(f"the header has column {column} twice")
     rows: list[list[float]] = []
     names: list[str] = []
     flags: list[str] = []
-    columns = (*COLUMNS, *(OBJECT_COLUMNS if OBJECT_COLUMNS[0] in header else ()))
     order = [header.index(column) for column in columns]
     phase_column = header.index(PHASE) if PHASE in header else None
     flags_column = header.index(FLAGS) if FLAGS in header else None
@@ -170,20 +179,6 @@ def read_remarks(lines: Sequence[str]) -> tuple[dict[str, str], int]:
 def separator_of(header: str, separators: Sequence[str] = SEPARATORS) -> str:
     """Return the most frequent separator of a header line, of equals the first."""
     return max(separators, key=header.count)
-
-
-def _check_header(header: Sequence[str]) -> None:
-    wanted = (*COLUMNS, *(OBJECT_COLUMNS if any(column in header for column in OBJECT_COLUMNS) else ()))
-    missing = [column for column in wanted if column not in header]
-    if missing:
-        shown = ", ".join(missing[:6]) + (f" and {len(missing) - 6} more" if len(missing) > 6 else "")
-        raise TrajectoryError(f"the header lacks {shown}; expected {len(wanted)} columns and perhaps {PHASE}")
-    known = (*COLUMNS, *OBJECT_COLUMNS, PHASE, FLAGS)
-    for column in header:
-        if column not in known:
-            raise TrajectoryError(f"the header has an {UnknownNameError('column', column, known)}")
-        if header.count(column) > 1:
-            raise TrajectoryError(f"the header has column {column} twice")
 
 
 def numbers_of(cells: Sequence[str], columns: Sequence[str], order: Iterable[int], line: int) -> list[float]:

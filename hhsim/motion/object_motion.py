@@ -23,11 +23,6 @@ class ObjectMotion(NamedTuple):
     position: FloatArray
     orientation: FloatArray
 
-    @property
-    def stands_still(self) -> bool:
-        """True if every pose is the first one."""
-        return all(bool((values == values[:1]).all()) for values in self)
-
     def at(self, index: int | slice | IntArray) -> Self:
         """Return the poses of an index or a slice."""
         return type(self)(self.position[index], self.orientation[index])

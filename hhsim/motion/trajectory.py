@@ -88,10 +88,7 @@ class TickInput:
     Attributes:
         time: k / rate [s], 0 at the first sample, shape (N,).
         input_seq: Index of the newest sample at or before the tick, shape (N,).
-        position: Palm origin [m], shape (N, 3), world.
-        orientation: Palm to world, unit (w, x, y, z), shape (N, 4).
-        flexion: Joint angles [rad], shape (N, 5, 3).
-        abduction: Joint angles [rad], shape (N, 5).
+        position, orientation, flexion, abduction: As in `Trajectory`, N rows.
         phases: Phases with at least one tick.
         rate: Ticks a second [Hz].
         object_motion: The object's pose at each tick; None if it stands still.
@@ -246,7 +243,8 @@ class Trajectory:
         object.__setattr__(self, "object_orientation", motion.orientation[0])
         for values in motion:
             values.setflags(write=False)
-        return None if motion.stands_still else motion
+        still = all(bool((values == values[:1]).all()) for values in motion)
+        return None if still else motion
 
     def __repr__(self) -> str:
         samples = f"{self.sample_count:,} samples in {self.duration:.3f} s"

@@ -10,7 +10,7 @@ from functools import lru_cache
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.hand.model import BREADTH_PER_LENGTH, DEFAULT_HAND_LENGTH, PALM_CENTER, default_fingers
+from hhsim.hand.model import BREADTH_PER_LENGTH, DEFAULT_HAND_LENGTH, MIRROR, PALM_CENTER, default_fingers
 from hhsim.hand.quaternion import conjugate, quaternion_product
 from hhsim.kernels.hand.tracked_hand import EXACT, LEAST, STRAIGHT
 from hhsim.motion.trajectory import HandSide
@@ -49,15 +49,21 @@ def finger_angles(bones: FloatArray, side: HandSide) -> tuple[FloatArray, FloatA
 
 
 @lru_cache
+def usual_fingers(side: HandSide = "right") -> dict[str, FloatArray]:
+    """Return the default hand's fingers, as `hhsim.hand.model.default_fingers`, mirrored for a left hand."""
+    sizes = default_fingers(DEFAULT_HAND_LENGTH, BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH)
+    mirror = MIRROR if side == "left" else np.ones(3)
+    return sizes | {key: sizes[key] * mirror for key in ("base", "distal", "dorsal")}
+
+
+@lru_cache
 def finger_axes(side: HandSide) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the model's finger axes, each of shape (5, 3): distal, dorsal, and across to the thumb's side."""
-    sizes = default_fingers(DEFAULT_HAND_LENGTH, BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH)
-    mirror = np.array([-1.0 if side == "left" else 1.0, 1.0, 1.0])
-    distal, dorsal = sizes["distal"] * mirror, sizes["dorsal"] * mirror
+    distal, dorsal = (usual_fingers(side)[key] for key in ("distal", "dorsal"))
     distal = distal / np.linalg.norm(distal, axis=1, keepdims=True)
     dorsal = dorsal - np.einsum("fi,fi->f", dorsal, distal)[:, None] * distal
     dorsal /= np.linalg.norm(dorsal, axis=1, keepdims=True)
-    return distal, dorsal, mirror[0] * np.cross(dorsal, distal)
+    return distal, dorsal, (-1.0 if side == "left" else 1.0) * np.cross(dorsal, distal)
 
 
 def finger_joints(
@@ -115,11 +121,10 @@ def palm_from_knuckles(knuckles: FloatArray, wrist: FloatArray, side: HandSide) 
 @lru_cache
 def palm_in_knuckles(side: HandSide) -> FloatArray:
     """Return the model's palm frame in the frame of its wrist and knuckles, a quaternion (w, x, y, z), shape (1, 4)."""
-    sizes = default_fingers(DEFAULT_HAND_LENGTH, BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH)
     distal, lateral = PALM_CENTER
     middle = np.array([lateral * BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH, -distal * DEFAULT_HAND_LENGTH, 0.0])
-    mirror = np.array([-1.0 if side == "left" else 1.0, 1.0, 1.0])
-    return conjugate(_from_knuckles((sizes["base"][1:] * mirror)[None], (middle * mirror)[None], side))
+    wrist = middle * (MIRROR if side == "left" else 1.0)
+    return conjugate(_from_knuckles(usual_fingers(side)["base"][None, 1:], wrist[None], side))
 
 
 def _from_knuckles(knuckles: FloatArray, wrist: FloatArray, side: HandSide) -> FloatArray:
@@ -142,5 +147,4 @@ def palm_origin(knuckles: FloatArray, orientation: FloatArray, side: HandSide) -
 @lru_cache
 def middle_of_knuckles(side: HandSide) -> FloatArray:
     """Return the centre of the model's knuckles [m], palm frame, shape (3,)."""
-    sizes = default_fingers(DEFAULT_HAND_LENGTH, BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH)
-    return np.asarray(sizes["base"][1:].mean(axis=0) * [-1.0 if side == "left" else 1.0, 1.0, 1.0])
+    return np.asarray(usual_fingers(side)["base"][1:].mean(axis=0))

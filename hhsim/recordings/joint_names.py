@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.trajectory import HandSide
+from hhsim.system.counted import counted
 
 SEGMENTS = ("proximal", "intermediate", "distal", "tip")
 THUMB_SEGMENTS = ("metacarpal", "proximal", "distal", "tip")
@@ -69,13 +70,9 @@ def joint_name(text: str) -> JointName:
 def joints_found(joints: set[str]) -> str:
     """Return the number and convention of joints for messages, such as "26 OpenXR joints"."""
     known = joints & set(OPENXR_JOINTS)
-    if known == set(OPENXR_JOINTS):
-        return "26 OpenXR joints"
-    if known == set(WEBXR_JOINTS):
-        return "25 WebXR joints"
-    if known == set(KEYPOINTS):
-        return "21 joints in MediaPipe's set"
-    return f"{len(known)} joint{'s' * (len(known) != 1)}"
+    sets = {"OpenXR joints": OPENXR_JOINTS, "WebXR joints": WEBXR_JOINTS, "joints in MediaPipe's set": KEYPOINTS}
+    convention = next((text for text, names in sets.items() if known == set(names)), "")
+    return f"{len(known)} {convention}" if convention else counted(len(known), "joint")
 
 
 def joints_missing(joints: set[str]) -> str:

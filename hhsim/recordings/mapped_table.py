@@ -5,7 +5,7 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.motion.csv_file import phases_of
 from hhsim.motion.sample_flags import SampleFlag, mark
-from hhsim.motion.trajectory import Phase, RawChannel
+from hhsim.motion.trajectory import RawChannel
 from hhsim.recordings.column_map import JOINT_NAMES, ColumnMap
 from hhsim.recordings.csv_table import Table
 from hhsim.recordings.frames import OURS, to_our_palm, to_our_world, turned
@@ -69,7 +69,8 @@ def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
         for key, channel in columns.raw_columns.items()
     )
     position, orientation = placed(position, orientation, columns)
-    phase = columns.phase if columns.phase in table.header else None
+    # Only stamps that increase say when a phase begins.
+    has_phases = columns.phase in table.header and np.isfinite(time).all() and (np.diff(time) > 0.0).all()
     recording = Recording(
         time=time,
         position=position,
@@ -84,7 +85,7 @@ def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
         device=columns.device,
         hand=columns.hand or "",
         hand_length=columns.hand_length,
-        phases=_phases(table, phase, time),
+        phases=phases_of(table.text(str(columns.phase)), time) if has_phases else (),
         raw=raw,
         findings=tuple(findings),
     )
@@ -115,10 +116,3 @@ def euler_quaternion(angles: FloatArray, order: str) -> FloatArray:
     from scipy.spatial.transform import Rotation
 
     return np.asarray(Rotation.from_euler(order, angles).as_quat(scalar_first=True))
-
-
-def _phases(table: Table, column: str | None, time: FloatArray) -> tuple[Phase, ...]:
-    """Return the phases of a column if the stamps are fit to say when they begin."""
-    if column is None or not np.isfinite(time).all() or (np.diff(time) <= 0.0).any():
-        return ()
-    return phases_of(table.text(column), time)

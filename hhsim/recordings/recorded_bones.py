@@ -37,10 +37,7 @@ class Posture(NamedTuple):
     """Fitted palm pose and angles.
 
     Attributes:
-        position: Palm origin [m], world, shape (T, 3).
-        orientation: Palm to world (w, x, y, z), shape (T, 4).
-        flexion: Joint angles [rad], shape (T, 5, 3).
-        abduction: Joint angles [rad], shape (T, 5).
+        position, orientation, flexion, abduction: As in `hhsim.motion.trajectory.Trajectory`.
     """
 
     position: FloatArray

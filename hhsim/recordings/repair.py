@@ -12,13 +12,13 @@ import numpy as np
 from hhsim.arrays import BoolArray, FloatArray
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.fingers import FINGERS
-from hhsim.hand.model import BREADTH_PER_LENGTH, DEFAULT_HAND_LENGTH, HandModel, default_fingers
+from hhsim.hand.model import HandModel
 from hhsim.motion.object_motion import ObjectMotion
 from hhsim.motion.resample import interpolate_orientation
 from hhsim.motion.sample_flags import MENDED, SampleFlag, marked
 from hhsim.motion.trajectory import Phase, Trajectory
 from hhsim.motion.validation import MIN_QUATERNION_NORM, continuous_orientation
-from hhsim.recordings.finger_ik import finger_joints
+from hhsim.recordings.finger_ik import finger_joints, usual_fingers
 from hhsim.recordings.outliers import repair_glitches
 from hhsim.recordings.recording import Finding, Recording, note
 from hhsim.recordings.timestamp_repair import repair_stamps
@@ -52,8 +52,7 @@ class JointLimits(NamedTuple):
 
 def default_limits() -> JointLimits:
     """Return the limits of the default hand; they do not depend on its size."""
-    sizes = default_fingers(DEFAULT_HAND_LENGTH, BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH)
-    return JointLimits(*(sizes[key] for key in JointLimits._fields))
+    return JointLimits(*(usual_fingers()[key] for key in JointLimits._fields))
 
 
 def limits_of(hand: HandModel) -> JointLimits:
@@ -296,8 +295,7 @@ def _limited(recording: Recording, limits: JointLimits | None) -> Recording:
 
 def _tips_moved(first: Recording, second: Recording) -> float:
     """Compute the largest distance between the fingertips of two recordings of one hand, palm frame [m]."""
-    usual = default_fingers(DEFAULT_HAND_LENGTH, BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH)["length"]
-    length = usual if first.bones is None else first.bones.length
+    length = usual_fingers()["length"] if first.bones is None else first.bones.length
     origin = np.zeros((len(FINGERS), 3))
     tips = [finger_joints(origin, length, r.flexion, r.abduction, first.hand)[:, :, 3] for r in (first, second)]
     return float(np.linalg.norm(tips[1] - tips[0], axis=2).max())

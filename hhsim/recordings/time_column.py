@@ -34,13 +34,10 @@ class TimeColumn(NamedTuple):
 
 def time_column(names: Iterable[str]) -> TimeColumn | None:
     """Return the column of stamps among these, or None; of several that of the device, which has no delay."""
-    found = [(name, words) for name in names if (words := _words(name)) & _TIME_WORDS and not words & {"zone", "of"}]
+    words_of = {name: {word.lower() for word in _WORD.findall(name)} for name in names}
+    found = [(name, words) for name, words in words_of.items() if words & _TIME_WORDS and not words & {"zone", "of"}]
     if not found:
         return None
     name, words = next((each for each in found if each[1] & _OWN_CLOCK), found[0])
     unit = next((_UNIT_WORDS[word] for word in sorted(words) if word in _UNIT_WORDS), None)
     return TimeColumn(name, unit, tuple(other for other, _ in found if other != name))
-
-
-def _words(name: str) -> set[str]:
-    return {word.lower() for word in _WORD.findall(name)}

@@ -16,8 +16,8 @@ from dataclasses import replace
 import numpy as np
 
 from hhsim.errors import InputError, TrajectoryError
-from hhsim.hand.model import BREADTH_PER_LENGTH, DEFAULT_HAND_LENGTH, default_fingers
 from hhsim.motion.sample_flags import SampleFlag, mark
+from hhsim.recordings.finger_ik import usual_fingers
 from hhsim.recordings.recording import Finding, Recording, note
 
 TIME_UNITS: dict[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
@@ -128,7 +128,7 @@ def _refuse_few_degrees(recording: Recording) -> None:
     """Refuse angles that as degrees are within ±200° and as radians are beyond what a hand bends."""
     if "angle" in recording.stated:
         return
-    sizes = default_fingers(DEFAULT_HAND_LENGTH, BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH)
+    sizes = usual_fingers()
     least, most = (
         np.concatenate([sizes[f"flexion_{end}"].ravel(), sizes[f"abduction_{end}"]]) for end in ("min", "max")
     )

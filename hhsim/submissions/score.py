@@ -121,7 +121,16 @@ def score(
     doubts = suspicions(submission, scene)
     digest = scene_digest(scene)
     name = f"{SUBMITTED}{submission.method}"
-    with known_for_now(name, _as_method(name, submission)):
+    given = {FORCES: submission.phalanx_force, TIMES: submission.duration}
+    method = Method(
+        summary="poses that were computed elsewhere",
+        engine=cast(Any, partial(_SubmittedEngine, name, submission)),
+        # What they were computed for is to stay out: a depth above the limit is no success, whoever computed them.
+        never_penetrates=True,
+        gives=frozenset(what for what, values in given.items() if values is not None),
+        compiled=False,
+    )
+    with known_for_now(name, method):
         options = SolverOptions(method=name, surface=surface)
         file = submission.path.name if submission.path else ""
         stated = {"method": submission.method, "file": file, "scene": digest, "suspicions": list(doubts)}
@@ -133,19 +142,6 @@ def score(
     known = {key: value for key, value in errors._asdict().items() if np.isfinite(value)}
     state(summary.path, "score", known)
     return Score(summary, errors, doubts, digest)
-
-
-def _as_method(name: str, submission: Submission) -> Method:
-    forces = submission.phalanx_force is not None
-    given = {FORCES: forces, TIMES: submission.duration is not None}
-    return Method(
-        summary="poses that were computed elsewhere",
-        engine=cast(Any, partial(_SubmittedEngine, name, submission)),
-        # What they were computed for is to stay out: a depth above the limit is no success, whoever computed them.
-        never_penetrates=True,
-        gives=frozenset(what for what, there in given.items() if there),
-        compiled=False,
-    )
 
 
 class _SubmittedEngine(OutsideEngine):

@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 
 from hhsim.errors import DamagedFileError
-from hhsim.system import hdf5_input, hdf5_probe
+from hhsim.system import hdf5_input
 from hhsim.system.atomic_write import sealed_hdf5
 from hhsim.system.checksummed_file import SIZE, seal_file, seal_holds, sealed
 from hhsim.system.hdf5_input import hdf5_format, open_hdf5
 
 WRITERS = {"hhsim/result/writer.py", "hhsim/system/atomic_write.py"}
-DOOR = {"hhsim/system/hdf5_input.py", "hhsim/system/hdf5_probe.py"}
+DOOR = {"hhsim/system/hdf5_input.py"}
 
 
 def fill(file: h5py.File) -> None:
@@ -92,7 +92,7 @@ READERS: dict[str, tuple[Callable[..., object], str]] = {
     "processor": (lambda *_: all(itertools.repeat(True)), "reading it does not end within 1 s"),
     "wall clock": (lambda *_: time.sleep(1000), "reading it does not end within 1 s"),
     "crash": (lambda *_: os.abort(), "breaks down"),
-    "memory": (lambda *_: bytearray(2 * hdf5_probe.MEMORY), "MemoryError"),
+    "memory": (lambda *_: bytearray(2 * hdf5_input.MEMORY), "MemoryError"),
 }
 
 
@@ -102,7 +102,7 @@ def test_a_reader_that_never_ends_or_breaks_down_takes_nothing_with_it(
 ) -> None:
     reader, why = READERS[case]
     (tmp_path / "bare.h5").write_bytes(image)
-    monkeypatch.setattr(hdf5_probe, "read_to_end", reader)
+    monkeypatch.setattr(hdf5_input, "read_to_end", reader)
     monkeypatch.setattr(hdf5_input, "SECONDS", 0)
     monkeypatch.setattr(hdf5_input, "PATIENCE", 0.1 if case == "wall clock" else 10.0)
     with pytest.raises(DamagedFileError, match=why):
@@ -124,7 +124,7 @@ def test_datasets_larger_than_their_file_are_not_read(tmp_path: Path, count: int
 def test_what_is_no_hdf5_file_starts_no_child(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "text.h5"
     path.write_text("no HDF5" * 1000)
-    monkeypatch.setattr(hdf5_probe, "probe", lambda *_: pytest.fail("a child was started"))
+    monkeypatch.setattr(hdf5_input, "probe", lambda *_: pytest.fail("a child was started"))
     with pytest.raises(OSError, match="its signature is not there"):
         open_hdf5(path)
     assert hdf5_format(path) == ""
