@@ -51,18 +51,13 @@ class Table:
             if column not in self.header:
                 raise UnknownNameError("column", column, self.header)
             index = self.header.index(column)
-            bad = 0
-            for row, cells in enumerate(self.rows):
-                number = _number(cells[index], self.decimal)
-                if number is None:
-                    bad += 1
-                else:
-                    values[row, place] = number
-            if bad > MOST_BROKEN * max(len(self.rows), 1):
-                example = next(c[index] for c in self.rows if _number(c[index], self.decimal) is None)
-                point = DECIMAL_POINT if "," in example else ""
-                raise TrajectoryError(f"column '{column}' holds '{example[:40]}'; expected numbers{point}")
-            broken += bad
+            numbers = [_number(cells[index], self.decimal) for cells in self.rows]
+            bad = [cells[index] for cells, number in zip(self.rows, numbers) if number is None]
+            if len(bad) > MOST_BROKEN * max(len(self.rows), 1):
+                point = DECIMAL_POINT if "," in bad[0] else ""
+                raise TrajectoryError(f"column '{column}' holds '{bad[0][:40]}'; expected numbers{point}")
+            values[:, place] = [math.nan if number is None else number for number in numbers]
+            broken += len(bad)
         return values, broken
 
     def text(self, column: str) -> list[str]:
@@ -93,7 +88,7 @@ def read_table(
     elif lacks_names(header):
         shown = ", ".join(cell[:12] for cell in header[:3])
         raise TrajectoryError(f"no header line, the first one holds {shown}, …; expected the names of the columns")
-    if twice := next((name for name in header if header.count(name) > 1), ""):
+    if twice := next((name for name in header if name and header.count(name) > 1), ""):
         raise TrajectoryError(f"the header has column '{twice[:40]}' twice")
     findings = []
     if len(lines) > below + 1 and not text.endswith(("\n", "\r")):
@@ -111,10 +106,8 @@ def read_table(
         else:
             broken.append(number)
     if len(broken) > MOST_BROKEN * (len(rows) + len(broken)):
-        raise TrajectoryError(
-            f"{len(broken)} of {len(rows) + len(broken)} lines have another number of cells than the header's "
-            f"{len(header)}, first line {broken[0]}; expected a table"
-        )
+        count = f"{len(broken)} of {len(rows) + len(broken)} lines have another number of cells than the header's"
+        raise TrajectoryError(f"{count} {len(header)}, first line {broken[0]}; expected a table")
     if not rows:
         raise TrajectoryError("no line below the header; expected one a sample")
     if broken:

@@ -34,14 +34,12 @@ SAME_MOMENT = 1e6
 
 @dataclass(frozen=True, eq=False)
 class PoseLines:
-    """Poses of one hand.
+    """Poses of one hand; missing numbers are NaN.
 
     Attributes:
-        time: Stamps from the first one on [s], NaN where missing, shape (T,).
-        stamps: Stamps of the file [ns], NaN where missing, shape (T,).
-        translation: Position of the wrist [m], world, shape (T, 3).
-        orientation: Orientation of the wrist (w, x, y, z), shape (T, 4).
-        numbers: Numbers under the key, NaN where missing, shape (T, N).
+        time: Stamps from the first one on [s], shape (T,); `stamps` are those of the file [ns].
+        translation, orientation: Pose of the wrist [m] (w, x, y, z), world, shapes (T, 3) and (T, 4).
+        numbers: Numbers under the key, shape (T, N).
         betas: Shape of the hand, of the first sample that has it; empty for none.
     """
 

@@ -1,6 +1,7 @@
 """Record that declares a format of recordings, in a module of its own in `hhsim.recordings.formats`."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -95,21 +96,16 @@ class Content:
         """All bytes of the file; TrajectoryError if it is missing, cannot be read or is too large."""
         self.refuse_large()
         assert self.path is not None
-        try:
+        with _readable():
             return read_input(self.path)
-        except OSError as error:
-            raise _unreadable(error) from None
 
     @cached_property
     def head(self) -> bytes:
         """First bytes of the file."""
         if self.path is None or "data" in vars(self):
             return self.data[:HEAD_BYTES]
-        try:
-            with open_input(self.path) as file:
-                return file.read(HEAD_BYTES)
-        except OSError as error:
-            raise _unreadable(error) from None
+        with _readable(), open_input(self.path) as file:
+            return file.read(HEAD_BYTES)
 
     @cached_property
     def beginning(self) -> str:
@@ -132,10 +128,8 @@ class Content:
     def refuse_large(self) -> None:
         """Raise TrajectoryError for a file that is missing, or too large to be read at once."""
         if self.path is not None:
-            try:
+            with _readable():
                 size = self.path.stat().st_size
-            except OSError as error:
-                raise _unreadable(error) from None
             if size > MOST_BYTES:
                 raise TrajectoryError("more than 1 GB; expected a recording of a hand")
 
@@ -174,7 +168,12 @@ def _is_text(text: str) -> bool:
     return sum(sign in "\x00\ufffd" for sign in sample) <= MOST_UNREADABLE * len(sample)
 
 
-def _unreadable(error: OSError) -> TrajectoryError:
-    if isinstance(error, FileNotFoundError):
-        return TrajectoryError("no such file; expected a recording")
-    return TrajectoryError(f"cannot be read: {error.strerror or error}")
+@contextmanager
+def _readable() -> Iterator[None]:
+    """Raise TrajectoryError for an error of the operating system."""
+    try:
+        yield
+    except FileNotFoundError:
+        raise TrajectoryError("no such file; expected a recording") from None
+    except OSError as error:
+        raise TrajectoryError(f"cannot be read: {error.strerror or error}") from None

@@ -55,11 +55,15 @@ def write_scene_folder(scene: Scene, folder: Path) -> str:
         "phases": [phase._asdict() for phase in ticks.phases],
         "units": "m, rad, s, N; world right-handed, z up; quaternions w x y z",
     }
+    lines = [f"# {scene.mesh.name or 'object'} [m], world frame, right-handed, z up"]
+    lines += [f"v {x!r} {y!r} {z!r}" for x, y, z in scene.mesh.vertices.tolist()]
+    lines += [f"f {a} {b} {c}" for a, b, c in (scene.mesh.faces + 1).tolist()]
+    spheres = np.column_stack([scene.tree.leaf_center, scene.tree.leaf_radius])
     files: dict[str, str | bytes] = {
         SCENE_FILE: scene_content(scene),
         "scene.json": json.dumps(description, indent=2) + "\n",
-        "object.obj": _obj(scene),
-        "spheres.csv": _spheres(scene),
+        "object.obj": "\n".join(lines) + "\n",
+        "spheres.csv": Table.of_cells(("x [m]", "y [m]", "z [m]", "radius [m]"), spheres.tolist()).csv(),
         "motion.csv": format_csv(_motion(scene)),
         "hand.json": json.dumps(_numbers(hand), indent=1) + "\n",
         "hand.urdf": hand_urdf(hand),
@@ -112,19 +116,6 @@ def _motion(scene: Scene) -> Trajectory:
         source=motion.source,
         hand=scene.hand.side,
     )
-
-
-def _obj(scene: Scene) -> str:
-    mesh = scene.mesh
-    lines = [f"# {mesh.name or 'object'} [m], world frame, right-handed, z up"]
-    lines += [f"v {x!r} {y!r} {z!r}" for x, y, z in mesh.vertices.tolist()]
-    lines += [f"f {a} {b} {c}" for a, b, c in (mesh.faces + 1).tolist()]
-    return "\n".join(lines) + "\n"
-
-
-def _spheres(scene: Scene) -> str:
-    rows = np.column_stack([scene.tree.leaf_center, scene.tree.leaf_radius])
-    return Table.of_cells(("x [m]", "y [m]", "z [m]", "radius [m]"), rows.tolist()).csv()
 
 
 def _numbers(hand: HandModel) -> dict[str, Any]:

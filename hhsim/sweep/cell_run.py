@@ -1,5 +1,6 @@
 """Run of one cell, in whatever process: what `hhsim replay` makes of the same words, in the sweep's folder."""
 
+import json
 import threading
 import time
 import uuid
@@ -22,7 +23,8 @@ from hhsim.scene.motion_catalogue import resolve_trajectory, trajectory_names
 from hhsim.scene.scene import Scene, side_of
 from hhsim.scene.script import Script
 from hhsim.sweep.cell import OF_THE_SCENE, Cell, SweptObject, file_digest, source_digest
-from hhsim.sweep.cell_row import row_of, write_row
+from hhsim.sweep.folder import PARTIAL, write_row
+from hhsim.system import environment as info
 from hhsim.system.own_core import on_own_core
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.level_choice import coarsest_sphere_tree
@@ -30,8 +32,11 @@ from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.trees.triangle_tree import tree_of_any
 
-PARTIAL = ".partial.h5"
-"""Suffix of a result that is being written, in a name that begins with a point."""
+OF_THE_ROW = (
+    *("object", "object_mesh", "level", "max_error", "trajectory", "samples", "place_object", "hand_file"),
+    *("tremor_mm_deg", "seed", "ticks"),
+)
+"""Statements of a result about its scene that a row repeats."""
 ONE_AT_A_TIME = threading.Lock()
 """Lock of the process: the threads of a cluster's worker must not disturb each other's times."""
 
@@ -117,18 +122,22 @@ def _run(task: CellTask) -> tuple[int, float]:
     finally:
         partial.unlink(missing_ok=True)
     seconds = time.perf_counter() - began
-    row = row_of(
-        cell,
-        task.digest,
-        runs[-1],
-        scene.description,
-        cell.solver_options().at_rate(scene.ticks.rate),
-        result=result,
-        own_core=own_core,
-        seconds=seconds,
-        repeated=repeated,
-    )
-    write_row(folder / f"{task.digest}.json", row)
+    summary, options, origin = runs[-1], cell.solver_options().at_rate(scene.ticks.rate), info.file_attributes()
+    stated = {name: scene.description.get(name) for name in OF_THE_ROW}
+    row = {
+        **origin,
+        **{name: json.loads(str(origin[name])) for name in ("machine", "packages")},
+        **({"repeated": repeated} if repeated else {}),
+        "result": result,
+        "own_core": own_core,
+        "seconds": seconds,
+        "scene": {**stated, "rate": 1.0 / options.period, "solver": options.to_json()},
+        "verdict": summary.verdict.word,
+        "missed": list(summary.verdict.missed),
+        "summary": summary.attributes(),
+        "notes": list(summary.notes),
+    }
+    write_row(folder / f"{task.digest}.json", cell, task.digest, row)
     return sum(summary.ticks for summary in runs), seconds
 
 

@@ -1,4 +1,4 @@
-"""Folder of a sweep: cells that are done or failed, and a lock against a second sweep.
+"""Folder of a sweep: rows of cells that are done or failed, and a lock against a second sweep.
 
 `sweep.json` identifies it; `cells/` holds each cell's result (DIGEST.h5) and row (DIGEST.json), or its failure
 (DIGEST.failed.json). Each appears in one step, so that an interrupted sweep leaves only complete files.
@@ -8,22 +8,26 @@ import contextlib
 import fcntl
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from hhsim.errors import InputError, OutputError
-from hhsim.sweep.cell_row import FAILED, failure_of, named, read_row, write_row
-from hhsim.sweep.cell_run import PARTIAL
+from hhsim.sweep.cell import Cell
 from hhsim.sweep.plan import PlannedCell, SweepPlan
+from hhsim.system import environment as info
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.input_file import read_input_text
+from hhsim.system.plain_json import plain_json
 
 MARK = "sweep.json"
 CELLS = "cells"
 LOCK = ".lock"
-FORMAT = "hhsim-sweep"
-VERSION = 1
+FORMAT, ROW_FORMAT, VERSION = "hhsim-sweep", "hhsim-cell", 1
+FAILED = ".failed.json"
+PARTIAL = ".partial.h5"
+"""Suffix of a result that is being written, in a name that begins with a point."""
 
 
 class SweepFolder:
@@ -74,8 +78,8 @@ class SweepFolder:
             return False
         if row.get("repeated", {}).get("runs", 1) < planned.cell.repeat:
             return False
-        if row["cell"] != named(planned.cell):
-            write_row(path, {**row, "cell": named(planned.cell)})
+        if row["cell"] != _named(planned.cell):
+            write_row(path, planned.cell, planned.digest, row)
         return True
 
     def row(self, planned: PlannedCell) -> dict[str, Any]:
@@ -98,7 +102,8 @@ class SweepFolder:
 
     def keep_failure(self, planned: PlannedCell, reason: str) -> None:
         """Write the reason of a cell's failure."""
-        write_row(self._failure_path(planned), failure_of(planned.cell, planned.digest, reason))
+        content = {"reason": reason, "machine": asdict(info.machine())}
+        write_row(self._failure_path(planned), planned.cell, planned.digest, content)
 
     def forget_failure(self, planned: PlannedCell) -> None:
         """Remove a cell's failure."""
@@ -120,3 +125,32 @@ def is_sweep(path: Path) -> bool:
     except (OSError, ValueError):
         return False
     return isinstance(found, dict) and found.get("format") == FORMAT
+
+
+def write_row(path: Path, cell: Cell, digest: str, content: Mapping[str, Any]) -> None:
+    """Write the row of a cell, or its failure, in one step; NaN and infinity become null.
+
+    Raises:
+        OutputError: It cannot be written.
+    """
+    row = {**content, "format": ROW_FORMAT, "version": VERSION, "digest": digest, "cell": _named(cell)}
+    write_atomically(path, (json.dumps(plain_json(row), indent=1, sort_keys=True, allow_nan=False) + "\n").encode())
+
+
+def read_row(path: Path) -> dict[str, Any]:
+    """Read a row, or a failure; raise InputError for a missing or another file."""
+    try:
+        found = json.loads(read_input_text(path))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: no row of a sweep: {error}") from None
+    if not isinstance(found, dict) or found.get("format") != ROW_FORMAT:
+        raise InputError(f"{path}: no row of a sweep")
+    if found.get("version") != VERSION:
+        raise InputError(f"{path}: version {found.get('version')!r} of a row, this hhsim reads {VERSION}")
+    return found
+
+
+def _named(cell: Cell) -> dict[str, Any]:
+    """Return the names that a plan gives a cell."""
+    names = {"object": cell.object.name, "motion": cell.motion.name, "method": cell.method}
+    return {**names, "surface": cell.surface, "options": cell.options_name, "seed": cell.seed}

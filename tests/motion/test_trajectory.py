@@ -149,8 +149,9 @@ LATE = np.append(np.arange(19) / 100.0, 1e9)
     ],
 )
 def test_ticks_that_cannot_be_are_refused(rate: float, mode: Any, time: FloatArray | None, message: str) -> None:
+    changes: dict[str, Any] = {} if time is None else {"time": time}
     with pytest.raises(InputError, match=message):
-        motion(**({} if time is None else {"time": time})).resampled(rate, mode)
+        motion(**changes).resampled(rate, mode)
 
 
 def test_placed_moves_only_the_object() -> None:

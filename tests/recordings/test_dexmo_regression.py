@@ -104,10 +104,8 @@ def test_poses_that_say_nothing_are_refused() -> None:
 
 def test_the_fit_finds_the_line_that_made_the_angles() -> None:
     random = np.random.default_rng(5)
-    truth = DexmoRegression(
-        DEFAULT.open, DEFAULT.closed, DEFAULT.slope * random.uniform(0.6, 1.2, DEFAULT.slope.shape),
-        random.normal(0.0, 0.1, 20),
-    )  # fmt: skip
+    slope = DEFAULT.slope * random.uniform(0.6, 1.2, DEFAULT.slope.shape)
+    truth = DexmoRegression(DEFAULT.open, DEFAULT.closed, slope, random.normal(0.0, 0.1, 20))
     readings = random.uniform(0.0, 1.0, (200, 11))
     flexion, abduction = truth.angles(readings)
     angles = np.concatenate([flexion.reshape(200, 15), abduction], axis=1)

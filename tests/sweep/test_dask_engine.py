@@ -23,17 +23,8 @@ ignored = pytest.mark.filterwarnings("ignore")
 def tasks(tmp_path: Path, folder: str, text: str = PLAN) -> list[CellTask]:
     plan = load_plan(write_plan(tmp_path, text))
     (tmp_path / folder).mkdir()
-    return [
-        CellTask(
-            planned.cell,
-            planned.digest,
-            str(tmp_path),
-            str(tmp_path / folder),
-            wants_core=False,
-            sources=source_digest(),
-        )
-        for planned in plan.cells
-    ]
+    more: dict[str, Any] = {"wants_core": False, "sources": source_digest()}
+    return [CellTask(cell.cell, cell.digest, str(tmp_path), str(tmp_path / folder), **more) for cell in plan.cells]
 
 
 @ignored

@@ -14,6 +14,7 @@ from hhsim.errors import OutputError
 from hhsim.result.reader import load_result
 from hhsim.sweep import estimate as estimate_module
 from hhsim.sweep import sweep as module
+from hhsim.sweep.cell import source_digest
 from hhsim.sweep.cell_run import CellEnd, CellTask, run_cell
 from hhsim.sweep.engines import CRASHED
 from hhsim.sweep.estimate import estimate
@@ -123,8 +124,6 @@ def test_another_hhsim_or_a_folder_that_is_not_seen_fails_the_cell(tmp_path: Pat
     planned = load_plan(write_plan(tmp_path)).cells[0]
     task = CellTask(planned.cell, planned.digest, str(tmp_path), str(tmp_path), sources="another")
     assert "is another one" in run_cell(task).reason
-    from hhsim.sweep.cell import source_digest
-
     task = CellTask(planned.cell, planned.digest, str(tmp_path), str(tmp_path / "no"), sources=source_digest())
     assert "sees no folder" in run_cell(task).reason
 
