@@ -25,12 +25,7 @@ def tick_times(duration: float, rate: float) -> FloatArray:
 
 
 def newest_sample(time: FloatArray, ticks: FloatArray) -> IntArray:
-    """Return the index of the newest sample at or before each tick, shape (N,).
-
-    Args:
-        time: Increasing stamps [s], shape (T,).
-        ticks: Times [s], shape (N,), none before the first stamp.
-    """
+    """Return the index of the newest sample at or before each tick, shape (N,); no tick is before the first stamp."""
     index = np.searchsorted(time, ticks + STAMP_TOLERANCE, side="right") - 1
     return np.asarray(np.maximum(index, 0), dtype=np.int64)
 
@@ -111,15 +106,12 @@ def interpolate_monotone(time: FloatArray, values: FloatArray, ticks: FloatArray
 
 
 def interpolate_orientation(time: FloatArray, quaternions: FloatArray, ticks: FloatArray) -> FloatArray:
-    """Interpolate between neighbouring samples along the shorter great arc (slerp).
+    """Interpolate between neighbouring samples along the shorter great arc (slerp), unit quaternions of shape (N, 4).
 
     Args:
         time: Increasing stamps [s], shape (T,).
         quaternions: Unit, (w, x, y, z), shape (T, 4).
         ticks: Times [s], shape (N,).
-
-    Returns:
-        Unit quaternions, shape (N, 4).
     """
     newest = newest_sample(time, ticks)
     out = quaternions[newest]

@@ -54,7 +54,8 @@ def fitted_hand(recording: Recording) -> FittedHand:
     """Fit a hand to a recording; raise TrajectoryError without joint centres, or for bones that are no hand's."""
     bones = recording.bones
     if bones is None:
-        raise TrajectoryError(f"--fit-hand needs the centres of joints, and {recording.form or 'it'} has angles only")
+        form = recording.form or "it"
+        raise TrajectoryError(f"--fit-hand needs the centres of the joints, and {form} holds angles only")
     low, high = HAND_LENGTH_RANGE
     if not low <= bones.hand_length <= high:
         raise TrajectoryError(f"--fit-hand: the hand is {bones.hand_length:.3g} m long; expected {low:g} to {high:g} m")

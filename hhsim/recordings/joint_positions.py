@@ -21,7 +21,7 @@ from hhsim.recordings.finger_ik import finger_angles, palm_from_knuckles, palm_o
 from hhsim.recordings.frames import in_palm, to_our_world
 from hhsim.recordings.joint_names import KEYPOINTS
 from hhsim.recordings.recorded_bones import FingerChains, Posture, recorded_bones
-from hhsim.recordings.recording import MOST, Finding, Recording, note
+from hhsim.recordings.recording import Finding, Recording, note, readings
 from hhsim.recordings.recording_format import ReadOptions
 from hhsim.recordings.unit_detection import LENGTH_UNITS
 from hhsim.system.counted import counted
@@ -70,21 +70,12 @@ class JointPositions:
     findings: tuple[Finding, ...] = ()
 
     def __post_init__(self) -> None:
-        """Make infinity and what is beyond any reading missing, and check the shapes."""
-        count = len(self.time)
-        shapes = {"time": (count,), "position": (count, len(KEYPOINTS), 3), "radius": (count, len(KEYPOINTS))}
-        for key, shape in shapes.items():
-            given = getattr(self, key)
-            if given is None:
-                continue
-            values = np.array(given, dtype=np.float64)
-            if values.shape != shape:
-                raise TrajectoryError(f"{key} has shape {values.shape}; expected {shape} for {counted(count, 'stamp')}")
-            with np.errstate(invalid="ignore"):
-                values[~(np.abs(values) <= MOST[key == "time"])] = np.nan
-                if key == "radius":
-                    values[~(values > 0.0)] = np.nan
-            object.__setattr__(self, key, values)
+        count, joints = len(self.time), len(KEYPOINTS)
+        object.__setattr__(self, "time", readings("time", self.time, (count,)))
+        object.__setattr__(self, "position", readings("position", self.position, (count, joints, 3)))
+        if self.radius is not None:
+            radius = readings("radius", self.radius, (count, joints))
+            object.__setattr__(self, "radius", np.where(radius > 0.0, radius, np.nan))
 
 
 def recording_of_joints(joints: JointPositions, name: str, options: ReadOptions) -> Recording:

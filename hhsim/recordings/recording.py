@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from hhsim.arrays import AnyArray, BoolArray, Flags, FloatArray
 from hhsim.errors import TrajectoryError
@@ -43,6 +44,17 @@ class Finding:
 def note(text: str) -> Finding:
     """Return a remark that is not about single samples."""
     return Finding("note", text)
+
+
+def readings(key: str, given: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
+    """Return a float64 copy with NaN for what is no reading; raise TrajectoryError for another shape."""
+    values = as_numbers(key, given)
+    if values.shape != shape:
+        raise TrajectoryError(f"{key} has shape {values.shape}; expected {shape} for {counted(shape[0], 'stamp')}")
+    # Infinity is as little a reading as NaN is, and what overflows when it is squared.
+    with np.errstate(invalid="ignore"):
+        values[~(np.abs(values) <= MOST[key == "time"])] = np.nan
+    return values
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,13 +115,7 @@ class Recording:
             "abduction": (count, 5),
         }
         for key, shape in shapes.items():
-            values = as_numbers(key, getattr(self, key))
-            if values.shape != shape:
-                raise TrajectoryError(f"{key} has shape {values.shape}; expected {shape} for {counted(count, 'stamp')}")
-            # Infinity is as little a reading as NaN is, and what overflows when it is squared.
-            with np.errstate(invalid="ignore"):
-                values[~(np.abs(values) <= MOST[key == "time"])] = np.nan
-            object.__setattr__(self, key, values)
+            object.__setattr__(self, key, readings(key, getattr(self, key), shape))
         if self.object_motion is not None:
             given = self.object_motion._asdict().items()
             moved = ObjectMotion(*(as_numbers(f"object's {name}", values) for name, values in given))

@@ -34,31 +34,6 @@ class Machine:
 
 
 @dataclass(frozen=True)
-class Clock:
-    """Clock that times a tick.
-
-    Attributes:
-        resolution: Resolution that the system states [s].
-        step: Smallest measured step between two readings [s].
-        source: Clock source of the kernel, such as tsc or kvm-clock.
-    """
-
-    function: str
-    resolution: float
-    step: float
-    source: str
-
-
-@dataclass(frozen=True)
-class Kernels:
-    """Folder of the compiled kernels, and whether those of exactly these sources are there already."""
-
-    folder: str
-    compiled: bool
-    jit: bool
-
-
-@dataclass(frozen=True)
 class Revision:
     """Checkout that hhsim runs from; both fields are "unknown" for an installed package."""
 
@@ -66,27 +41,17 @@ class Revision:
     dirty: bool | str
 
 
-@dataclass(frozen=True)
-class Info:
-    """Everything that `hhsim info` prints; `missing` are optional packages, by the extra that brings them."""
-
-    hhsim: str
-    revision: Revision
-    machine: Machine
-    clock: Clock
-    kernels: Kernels
-    packages: dict[str, str]
-    missing: dict[str, list[str]]
-
-    def to_json(self) -> dict[str, Any]:
-        """Return it as plain dictionaries."""
-        return asdict(self)
-
-
-def collect() -> Info:
-    """Describe this process and the machine."""
-    missing = _missing_packages()
-    return Info(__version__, revision(), machine(), _clock(), _kernels(), package_versions(), missing)
+def collect() -> dict[str, Any]:
+    """Describe this process and the machine, as `hhsim info` prints it; `missing` are packages by their extra."""
+    return {
+        "hhsim": __version__,
+        "revision": asdict(revision()),
+        "machine": asdict(machine()),
+        "clock": _clock(),
+        "kernels": _kernels(),
+        "packages": package_versions(),
+        "missing": _missing_packages(),
+    }
 
 
 def file_attributes() -> dict[str, str | bool]:
@@ -145,23 +110,25 @@ def _cpu_name() -> str:
     return found.group(1).strip() if found else platform.processor() or platform.machine() or UNKNOWN
 
 
-def _clock() -> Clock:
+def _clock() -> dict[str, Any]:
+    """Return the clock of ticks: stated resolution and smallest measured step [s], source as the kernel names it."""
     stated = time.get_clock_info("perf_counter")
     readings = [time.perf_counter_ns() for _ in range(2_000)]
     steps = [later - earlier for earlier, later in itertools.pairwise(readings) if later > earlier]
+    step = min(steps, default=0) * 1e-9 or stated.resolution
     try:
         source = Path("/sys/devices/system/clocksource/clocksource0/current_clocksource").read_text().strip()
     except OSError:
         source = UNKNOWN
-    step = min(steps, default=0) * 1e-9 or stated.resolution
-    return Clock(stated.implementation, stated.resolution, step, source)
+    return {"function": stated.implementation, "resolution": stated.resolution, "step": step, "source": source}
 
 
-def _kernels() -> Kernels:
+def _kernels() -> dict[str, Any]:
+    """Return the folder of the compiled kernels, and whether those of exactly these sources are there."""
     from hhsim.kernels.jit import JIT_ENABLED
     from hhsim.kernels.kernel_cache import KERNEL_CACHE, is_cached
 
-    return Kernels(folder=str(KERNEL_CACHE), compiled=is_cached(), jit=JIT_ENABLED)
+    return {"folder": str(KERNEL_CACHE), "compiled": is_cached(), "jit": JIT_ENABLED}
 
 
 def _requirements() -> list[tuple[str, str]]:

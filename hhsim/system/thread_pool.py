@@ -7,7 +7,6 @@ import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager
-from types import TracebackType
 from typing import Any, TypeVar
 
 from hhsim.errors import InputError
@@ -34,9 +33,7 @@ class Workers(AbstractContextManager["Workers"]):
             raise InputError(f"{threads} threads, expected 1 to {MOST_THREADS}")
         self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._pool is not None:
             self._pool.shutdown()
 

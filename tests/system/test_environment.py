@@ -18,7 +18,7 @@ from hhsim.system import environment as info
 
 def test_everything_is_stated_and_can_be_json() -> None:
     collected = info.collect()
-    again = json.loads(json.dumps(collected.to_json()))
+    again = json.loads(json.dumps(collected))
     assert again["hhsim"] == __version__
     assert again["machine"]["cores"] >= 1
     assert again["machine"]["cpu"]
@@ -36,8 +36,8 @@ def test_a_missing_optional_package_is_named_under_its_extra(monkeypatch: pytest
     declared = ["numpy>=2", "no-such-viewer>=1; extra == 'view'", 'no-such-linter; extra == "lint"', "no-such-base<3"]
     monkeypatch.setattr(importlib.metadata, "requires", lambda name: declared)
     collected = info.collect()
-    assert collected.missing == {"view": ["no-such-viewer"], "required": ["no-such-base"]}
-    assert set(collected.packages) == {"numpy"}
+    assert collected["missing"] == {"view": ["no-such-viewer"], "required": ["no-such-base"]}
+    assert set(collected["packages"]) == {"numpy"}
 
 
 def git(folder: Path, *arguments: str) -> str:
@@ -69,5 +69,5 @@ def test_the_revision_is_that_of_the_checkout(tmp_path: Path, monkeypatch: pytes
 
 
 def test_the_machine_is_described_but_not_named() -> None:
-    text = json.dumps(info.collect().to_json()["machine"])
+    text = json.dumps(info.collect()["machine"])
     assert not re.search(rf"\b{re.escape(platform.node())}\b", text) or platform.node() in ("", "localhost")
