@@ -193,13 +193,7 @@ class Trajectory:
         check_increasing(time)
         checked = {"time": time}
         for label, tail in (("position", (3,)), ("orientation", (4,)), ("flexion", (5, 3)), ("abduction", (5,))):
-            values = as_numbers(label, getattr(self, label))
-            expected = (count, *tail)
-            if values.shape != expected:
-                stamps = counted(count, "stamp")
-                raise TrajectoryError(f"{label} has shape {values.shape}; expected {expected} for {stamps}")
-            check_finite(label, values, time)
-            checked[label] = values
+            checked[label] = _rows(label, getattr(self, label), time, tail)
         checked["orientation"] = continuous_orientation(checked["orientation"], time)
         for label in ("flexion", "abduction"):
             check_magnitude(label, checked[label], MAX_ANGLE, "rad", "is it in degrees?", time)
@@ -226,15 +220,10 @@ class Trajectory:
         """Return the object's motion if it moves; its first pose becomes the constant one."""
         if self.object_motion is None:
             return None
-        label = "object_position"
-        position = as_numbers(label, self.object_motion.position)
-        orientation = as_numbers("object_orientation", self.object_motion.orientation)
-        for name, values, size in ((label, position, 3), ("object_orientation", orientation, 4)):
-            if values.shape != (len(time), size):
-                right = f"({size},), one constant pose, or ({len(time)}, {size}), one a sample"
-                raise TrajectoryError(f"{name} has shape {values.shape}; expected {right}")
-            check_finite(name, values, time)
-        check_magnitude(label, position, MAX_POSITION, "m", "is it in millimetres?", time)
+        position = _rows("object_position", self.object_motion.position, time, (3,), "(3,), one constant pose, or ")
+        given = self.object_motion.orientation
+        orientation = _rows("object_orientation", given, time, (4,), "(4,), one constant pose, or ")
+        check_magnitude("object_position", position, MAX_POSITION, "m", "is it in millimetres?", time)
         try:
             motion = ObjectMotion(position, continuous_orientation(orientation, time))
         except TrajectoryError as error:
@@ -328,6 +317,16 @@ class Trajectory:
         moved = self.object_motion.since(self.object_position, self.object_orientation)
         seen = moved.seen_points(self.position), moved.seen_orientations(self.orientation)
         return replace(self, position=seen[0], orientation=seen[1], object_motion=None)
+
+
+def _rows(label: str, given: ArrayLike, time: FloatArray, tail: tuple[int, ...], else_: str = "") -> FloatArray:
+    """Return finite numbers with one row a stamp; `else_` is another shape that would be right, for messages."""
+    values, expected = as_numbers(label, given), (len(time), *tail)
+    if values.shape != expected:
+        stamps = counted(len(time), "stamp")
+        raise TrajectoryError(f"{label} has shape {values.shape}; expected {else_}{expected} for {stamps}")
+    check_finite(label, values, time)
+    return values
 
 
 def _constant(label: str, given: ArrayLike, size: int) -> FloatArray:

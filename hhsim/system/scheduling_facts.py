@@ -4,6 +4,7 @@ Nothing here is measured, and no setting alone is a verdict.
 """
 
 import gzip
+import math
 import os
 import platform
 import re
@@ -36,7 +37,8 @@ def scheduling_facts(priority: int, root: Path = Path("/")) -> list[SchedulingFa
         priority: Highest priority under SCHED_FIFO that the loop asks for.
         root: Folder of /proc and /sys.
     """
-    capabilities = _capabilities(root)
+    capabilities = _capabilities(root) or 0
+    lock, nice = capabilities >> CAP_IPC_LOCK & 1, capabilities >> CAP_SYS_NICE & 1
     allowed = sorted(os.sched_getaffinity(0))
     return [
         _kernel(root),
@@ -45,8 +47,8 @@ def scheduling_facts(priority: int, root: Path = Path("/")) -> list[SchedulingFa
         _isolated(root, allowed),
         SchedulingFact("NUMA nodes", _text(root / "sys/devices/system/node/online")),
         _governor(root, allowed),
-        _priority_limit(capabilities, priority),
-        _memory_limit(capabilities),
+        _limit("rtprio", resource.RLIMIT_RTPRIO, "CAP_SYS_NICE" if nice else "", priority, "rtprio 99"),
+        _limit("memlock", resource.RLIMIT_MEMLOCK, "CAP_IPC_LOCK" if lock else "", math.inf, "memlock unlimited"),
         _throttle(root),
         _quota(root),
         _virtual(root),
@@ -112,20 +114,15 @@ def _governor(root: Path, allowed: list[int]) -> SchedulingFact:
     return SchedulingFact("frequency governor", ", ".join(found) or NOT_TOLD, advice)
 
 
-def _priority_limit(capabilities: int | None, priority: int) -> SchedulingFact:
-    limit = resource.getrlimit(resource.RLIMIT_RTPRIO)[0]
-    above = bool(capabilities and capabilities >> CAP_SYS_NICE & 1)
-    enough = above or limit == resource.RLIM_INFINITY or limit >= priority
-    value = "any, by CAP_SYS_NICE" if above else _limit(limit, 1)
-    return SchedulingFact("limit rtprio", value, "" if enough else f"'{_user()} - rtprio 99' {LIMITS_FILE}")
-
-
-def _memory_limit(capabilities: int | None) -> SchedulingFact:
-    limit = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
-    above = bool(capabilities and capabilities >> CAP_IPC_LOCK & 1)
-    enough = above or limit == resource.RLIM_INFINITY
-    value = "any, by CAP_IPC_LOCK" if above else _limit(limit, 1024, " kB")
-    return SchedulingFact("limit memlock", value, "" if enough else f"'{_user()} - memlock unlimited' {LIMITS_FILE}")
+def _limit(name: str, which: int, above: str, wanted: float, remedy: str) -> SchedulingFact:
+    """Return a limit of the process, which a capability, `above`, overrides."""
+    limit = resource.getrlimit(which)[0]
+    amount = math.inf if limit == resource.RLIM_INFINITY else limit
+    divisor, unit = (1, "") if which == resource.RLIMIT_RTPRIO else (1024, " kB")
+    shown = "unlimited" if amount == math.inf else f"{limit // divisor:,}{unit}"
+    user = os.environ.get("USER") or str(os.getuid())
+    advice = "" if above or amount >= wanted else f"'{user} - {remedy}' {LIMITS_FILE}"
+    return SchedulingFact(f"limit {name}", f"any, by {above}" if above else shown, advice)
 
 
 def _throttle(root: Path) -> SchedulingFact:
@@ -170,14 +167,6 @@ def _capabilities(root: Path) -> int | None:
         return None
     found = re.search(r"^CapEff:\s*([0-9a-f]+)$", status, re.MULTILINE)
     return int(found[1], 16) if found else None
-
-
-def _limit(value: int, divisor: int, unit: str = "") -> str:
-    return "unlimited" if value == resource.RLIM_INFINITY else f"{value // divisor:,}{unit}"
-
-
-def _user() -> str:
-    return os.environ.get("USER") or str(os.getuid())
 
 
 def _number(path: Path) -> int | None:
