@@ -1,9 +1,7 @@
 """Damaged files at every door: each command ends in time, in one line where it refuses, and never with a traceback.
 
-Of a sealed file, no change of a byte goes unnoticed. One without a seal (of a run that was killed, of an older hhsim,
-of another program), or one that was sealed anew over the damage, may be damaged where nobody can tell; there it is
-enough that everything ends, and ends well, and that what is written holds no impossible motion. A recording of another
-program that is taken has the numbers of the sound one, or the command says that they are in doubt.
+No change of a sealed file goes unnoticed. Without a seal, or sealed anew, a file may be damaged unseen: everything ends
+well, and what is written holds no impossible motion, or the command says that the numbers are in doubt.
 """
 
 import json
@@ -48,10 +46,8 @@ pytestmark = pytest.mark.slow
 SECONDS, PROCESSOR_SECONDS = 120.0, 20.0
 """Limits of a command, by the wall clock and of the processor's time, which may compile its kernels."""
 BLOCKS = [range(2), range(2, 6), *(range(first, min(first + 100, 1000)) for first in range(6, 1000, 100))]
-"""Corruptions of a test. `make test` runs the first ones of most kinds, of results one for each command; `make soak` a
-thousand of each."""
 OTHER_BLOCKS = [range(2), *(range(first, min(first + 100, 300)) for first in range(2, 300, 100))]
-"""The same of the other kinds, of which `make soak` runs three hundred."""
+"""Corruptions of a test, of `KINDS` and of `OTHER_KINDS`: `make test` runs the first ones, `make soak` all."""
 
 
 class Kind(NamedTuple):
@@ -135,7 +131,8 @@ def samples(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     motion = load_trajectory(folder / "motion.h5")
     names = ("t", "wrist_pos", "wrist_quat", "flex", "abd")
     arrays = (motion.time, motion.position, motion.orientation, motion.flexion, motion.abduction)
-    np.savez_compressed(folder / "take.npz", **dict(zip(names, arrays)))
+    take: dict[str, Any] = dict(zip(names, arrays))
+    np.savez_compressed(folder / "take.npz", **take)
     (folder / "take.json").write_text(json.dumps(document()))
     (folder / "take.mcap").write_bytes(mcap_bytes(joint_sample(), chunks=3))
     (folder / "take.parquet").write_bytes(lerobot_bytes())
@@ -286,12 +283,7 @@ def test_a_damaged_file_is_refused_in_time_and_in_one_line(
 
 
 @pytest.mark.parametrize(
-    ("kind",),
-    sampled(
-        [(kind,) for kind in (*KINDS, *OTHER_KINDS)],
-        lambda place, case: place in (2, 4, 7),
-    ),
-    ids=name_of,
+    ("kind",), sampled([(kind,) for kind in (*KINDS, *OTHER_KINDS)], lambda place, _: place in (2, 4, 7)), ids=name_of
 )
 def test_the_sound_file_goes_through(
     kind: Kind, samples: dict[str, bytes], server: CommandServer, tmp_path: Path

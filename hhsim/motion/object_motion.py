@@ -13,7 +13,7 @@ from hhsim.hand.quaternion import conjugate, quaternion_product, rotation_matrix
 
 
 class ObjectMotion(NamedTuple):
-    """The object's own frame over time.
+    """Frame of the object over time.
 
     Attributes:
         position: Origin [m], shape (T, 3), world.

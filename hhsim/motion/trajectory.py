@@ -41,7 +41,7 @@ MOST_TICKS = 36_000_000
 
 @dataclass(frozen=True)
 class Phase:
-    """A named part of a motion: start_time <= t < end_time [s] on the stamps' clock.
+    """Named part of a motion: start_time <= t < end_time [s] on the stamps' clock.
 
     The last phase includes the last sample if it ends there.
     """
@@ -52,7 +52,7 @@ class Phase:
 
 
 class TickPhase(NamedTuple):
-    """A phase in ticks, both ends included."""
+    """Phase in ticks, both ends included."""
 
     name: str
     first_tick: int
@@ -83,7 +83,7 @@ class RawChannel:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TickInput:
-    """The haptic hand at each tick of the replay; arrays are C-contiguous and writable, as the kernels take them.
+    """Haptic hand at each tick of the replay; arrays are C-contiguous and writable, as the kernels take them.
 
     Attributes:
         time: k / rate [s], 0 at the first sample, shape (N,).
@@ -135,7 +135,7 @@ class TickInput:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Trajectory:
-    """A checked motion: the constructor validates it.
+    """Checked motion: the constructor validates it.
 
     Quaternions become unit and without sign flips; all arrays are read-only copies.
 

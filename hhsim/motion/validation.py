@@ -59,10 +59,8 @@ def continuous_orientation(quaternions: FloatArray, time: FloatArray) -> FloatAr
     """
     with np.errstate(over="ignore"):
         norm = np.linalg.norm(quaternions, axis=1)
-    for wrong, what in (
-        (norm < MIN_QUATERNION_NORM, "zero quaternion"),
-        (norm == np.inf, "infinitely long quaternion"),
-    ):
+    faults = {"zero quaternion": norm < MIN_QUATERNION_NORM, "infinitely long quaternion": norm == np.inf}
+    for what, wrong in faults.items():
         none = np.flatnonzero(wrong)
         if none.size:
             first = f"{counted(none.size, what)}, first at {_place(none[:1], time)}"

@@ -33,7 +33,7 @@ def finger_angles(bones: FloatArray, side: HandSide) -> tuple[FloatArray, FloatA
     with np.errstate(invalid="ignore", divide="ignore"):
         unit = bones / np.linalg.norm(bones, axis=-1, keepdims=True)
     along, aside, above = (np.einsum("tfki,fi->tfk", unit, axes) for axes in (distal, across, dorsal))
-    # The flexion axis is cos β · across - sin β · distal; β makes the bones' parts along it least.
+    # The flexion axis is cos β · across - sin β · distal; β minimises the bones' components along it.
     pp, pq, qq = (aside**2).sum(axis=2), (aside * along).sum(axis=2), (along**2).sum(axis=2)
     off_plane = np.maximum(0.5 * (pp + qq - np.hypot(pp - qq, 2.0 * pq)), 0.0)
     qq = qq + STRAIGHT * off_plane / (off_plane + EXACT) + LEAST

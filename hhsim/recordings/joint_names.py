@@ -17,12 +17,12 @@ THUMB_SEGMENTS = ("metacarpal", "proximal", "distal", "tip")
 
 _SEGMENTS_OF = {finger: THUMB_SEGMENTS if finger == "thumb" else SEGMENTS for finger in FINGERS}
 KEYPOINTS = ("wrist", *(f"{finger}_{segment}" for finger in FINGERS for segment in _SEGMENTS_OF[finger]))
-"""The 21 joints in MediaPipe's order: the wrist, then thumb to little finger, each from its base to its tip."""
+"""21 joints in MediaPipe's order: the wrist, then thumb to little finger, each from its base to its tip."""
 _WEBXR = (f"{finger}_{segment}" for finger in FINGERS for segment in ("metacarpal", *_SEGMENTS_OF[finger]))
 WEBXR_JOINTS = ("wrist", *dict.fromkeys(_WEBXR))
-"""The 25 joints of WebXR in its order."""
+"""25 joints of WebXR in its order."""
 OPENXR_JOINTS = ("palm", *WEBXR_JOINTS)
-"""The 26 joints of OpenXR in its order."""
+"""26 joints of OpenXR in its order."""
 
 _WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|[0-9]+")
 _FINGER_WORDS = {finger: finger for finger in FINGERS} | {"pointer": "index", "pinky": "little", "pinkie": "little"}

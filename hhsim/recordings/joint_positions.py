@@ -28,19 +28,19 @@ from hhsim.system.counted import counted
 
 HAND_LENGTHS = (0.12, 0.26)
 """Range of distances from the wrist to the middle fingertip [m], children's hands included."""
-BENT = np.radians(8.0)
+LEAST_BEND = np.radians(8.0)
 """Mean flexion from which on the fingers tell the palmar side of the hand [rad]."""
-THUMB = 0.15
+THUMB_HEIGHT = 0.15
 """Distance of the thumb from the plane of wrist and knuckles from which on it tells the palmar side [palm lengths]."""
 UNITY = np.array([1.0, 1.0, -1.0])
 """Factors from Unity's left-handed world to a right-handed one, y up in both."""
-HELD = 0.2
+MOST_REPEATED = 0.2
 """Share of samples that repeat the one before from which on the device is slower than the file."""
 
 
 @dataclass(frozen=True, eq=False)
 class JointPositions:
-    """The 21 joints of `KEYPOINTS` over time, as a device gave them.
+    """Positions of the 21 joints of `KEYPOINTS` over time, as a device gave them.
 
     Attributes:
         time: Stamps [s], or in another unit if `time_stated` is false, NaN where missing, shape (T,).
@@ -192,11 +192,10 @@ def _side(points: FloatArray, hand: HandSide) -> tuple[HandSide, list[Finding]]:
         text = f"the file does not say which hand it is: a {side} one by the bend of its fingers; else say --hand"
         return side, [note(text)]
     bend = _bend(points, hand)
-    if bend >= -BENT and looks_as(points) in ("", hand):
+    if bend >= -LEAST_BEND and looks_as(points) in ("", hand):
         return hand, []
-    wrong = (
-        f"fingers bend backwards by {np.degrees(-bend):.0f}° on average" if bend < -BENT else "thumb is behind its palm"
-    )
+    bent = f"fingers bend backwards by {np.degrees(-bend):.0f}° on average"
+    wrong = bent if bend < -LEAST_BEND else "thumb is behind its palm"
     return hand, [note(f"as a {hand} hand its {wrong}: is it the other hand, or mirrored?")]
 
 
@@ -208,7 +207,7 @@ def bends_as(points: FloatArray) -> HandSide:
     """
     bend = {side: _bend(points, side) for side in _SIDES}
     side = max(_SIDES, key=lambda each: bend[each])
-    return side if bend[side] >= BENT else ""
+    return side if bend[side] >= LEAST_BEND else ""
 
 
 def looks_as(points: FloatArray) -> HandSide:
@@ -218,7 +217,7 @@ def looks_as(points: FloatArray) -> HandSide:
         return side
     above = {side: _thumb_above(points, side) for side in _SIDES}
     side = min(_SIDES, key=lambda each: above[each])
-    return side if above[side] <= -THUMB else ""
+    return side if above[side] <= -THUMB_HEIGHT else ""
 
 
 def in_right_handed_world(points: FloatArray, hand: HandSide) -> tuple[FloatArray, list[Finding]]:
@@ -275,7 +274,7 @@ def _held(joints: JointPositions) -> list[Finding]:
     """Return a finding about samples that repeat the one before."""
     flat = joints.position.reshape(len(joints.time), -1)
     same = (flat[1:] == flat[:-1]).all(axis=1)
-    if not same.size or same.mean() <= HELD:
+    if not same.size or same.mean() <= MOST_REPEATED:
         return []
     device = f"the device gives {100 * (1 - same.mean()):.0f} of 100 anew and holds the others"
     return [note(f"{int(same.sum())} of {len(flat)} samples repeat the one before: {device}; left as they are")]

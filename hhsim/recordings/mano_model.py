@@ -1,4 +1,4 @@
-"""The user's own MANO file, read without running anything that is in it.
+"""Reader of the user's own MANO file, which runs nothing that is in it.
 
 The official files are pickles of Python 2 with arrays, sparse matrices and arrays of the package chumpy. The unpickler
 makes arrays, keeps the state of a few known classes as data, and refuses any other class. Of `.npz` files arrays are
@@ -37,7 +37,7 @@ CONVERT = (
 
 @dataclass(frozen=True, eq=False)
 class ManoModel:
-    """A MANO hand.
+    """MANO hand.
 
     Attributes:
         template: Vertices at rest [m], shape (778, 3).

@@ -1,4 +1,4 @@
-"""The recording of a table whose columns a `hhsim.recordings.column_map.ColumnMap` explains."""
+"""Recording from a table whose columns a `hhsim.recordings.column_map.ColumnMap` explains."""
 
 import numpy as np
 

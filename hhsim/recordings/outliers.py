@@ -17,7 +17,7 @@ from hhsim.motion.sample_flags import SampleFlag
 from hhsim.recordings.hand_displacement import FINGER_ARM, PALM_ARM, change, turn
 from hhsim.recordings.recording import Recording
 
-Way = Callable[[IntArray, IntArray], FloatArray]
+Vectors = Callable[[IntArray, IntArray], FloatArray]
 
 
 @dataclass(frozen=True)
@@ -51,13 +51,13 @@ LONGEST_RUN = 0.25
 LONGEST_COUNT = 25
 MOST_JUMPS = 0.1
 """Largest share of jumps among the steps of a motion."""
-STICKS_OUT = 8.0
+SUSPECT_RATIO = 8.0
 """Ratio of a suspect sample's deviation to the usual one around it."""
 SUSPECT_FLOOR = 0.008
 """Smallest deviation that is not noise [m of a fingertip]."""
 WINDOW = 7
 """Samples on either side that the local deviation is taken from."""
-DISORDER = 0.9
+MOST_DISORDER = 0.9
 """Largest ratio of one-step to two-step distances: 0.5 for a smooth motion, 0.71 for a random walk, 1 for no order."""
 DISORDER_FLOOR = 0.02
 """Smallest mean step whose order matters [m of a fingertip]."""
@@ -88,7 +88,7 @@ def _refuse_disorder(recording: Recording) -> None:
     # Medians: a few spikes are no disorder.
     one = float(np.median(change(recording, index[:-1], index[1:])))
     two = float(np.median(change(recording, index[:-2], index[2:])))
-    if one > DISORDER_FLOOR and one > DISORDER * two:
+    if one > DISORDER_FLOOR and one > MOST_DISORDER * two:
         apart = f"neighbouring samples are as far apart ({1e3 * one:.0f} mm) as others"
         raise TrajectoryError(f"{apart}: the rows are no motion; are they out of order?")
 
@@ -126,7 +126,7 @@ def _without_joint_outliers(recording: Recording) -> Recording:
     return _judged(recording, JOINT, np.asarray(bad.any(axis=1)), jump, worst, clean)
 
 
-def impossible(time: FloatArray, index: IntArray, vector: Way, kind: Kind) -> tuple[BoolArray, BoolArray, float]:
+def impossible(time: FloatArray, index: IntArray, vector: Vectors, kind: Kind) -> tuple[BoolArray, BoolArray, float]:
     """Return masks of outliers and of samples after a jump, and the largest deviation of an outlier.
 
     Args:
@@ -150,7 +150,13 @@ def impossible(time: FloatArray, index: IntArray, vector: Way, kind: Kind) -> tu
 
 
 def _runs(
-    time: FloatArray, index: IntArray, vector: Way, kind: Kind, fast: BoolArray, bad: BoolArray, jump: BoolArray
+    time: FloatArray,
+    index: IntArray,
+    vector: Vectors,
+    kind: Kind,
+    fast: BoolArray,
+    bad: BoolArray,
+    jump: BoolArray,
 ) -> float:
     """Mark runs that the main motion cannot reach, or jumps where they are too long to be outliers."""
     edges = [0, *(np.flatnonzero(fast) + 1).tolist(), index.size]
@@ -174,32 +180,30 @@ def _runs(
     return worst
 
 
-def _spikes(time: FloatArray, index: IntArray, vector: Way, kind: Kind, bad: BoolArray) -> float:
+def _spikes(time: FloatArray, index: IntArray, vector: Vectors, kind: Kind, bad: BoolArray) -> float:
     """Mark single samples that no force could have moved there and back."""
     a, b, c = index[:-2], index[1:-1], index[2:]
     before, after = time[b] - time[a], time[c] - time[b]
     over = vector(a, c)
     off = np.linalg.norm(vector(a, b) - (before / (before + after))[:, None] * over, axis=1)
     spike = (2.0 * off > kind.force * before * after) & (off > kind.noise) & (np.linalg.norm(over, axis=1) < off)
-    # Of neighbours the one that is off most is the spike: beside it the chord itself is bent.
+    # The largest of neighbouring deviations is the spike: its neighbours' chords contain it.
     padded = np.concatenate([[0.0], off, [0.0]])
     spike &= (off >= padded[:-2]) & (off >= padded[2:])
     bad[b[spike]] = True
     return float(off[spike].max(initial=0.0))
 
 
-def _judged(
-    recording: Recording, kind: Kind, bad: BoolArray, jump: BoolArray, worst: float, clean: Recording
-) -> Recording:
-    """Return `clean`, which lacks what is bad, or the recording if nothing is; flag what was found."""
-    total = recording.sample_count
+def _judged(given: Recording, kind: Kind, bad: BoolArray, jump: BoolArray, worst: float, clean: Recording) -> Recording:
+    """Return `clean`, which lacks what is bad, or the given recording if nothing is; flag what was found."""
+    total = given.sample_count
     if (bad | jump).sum() > MOST_JUMPS * total + 3:
         raise TrajectoryError(
             f"the {kind.name} jumps at {int((bad | jump).sum())} of {total} samples, faster than {kind.speed:g} "
             f"{kind.unit}/s: no hand moves so; are the rows out of order, or the stamps wrong?"
         )
     text = f"{kind.name} off by up to {_amount(worst, kind.unit)}, which no hand does: interpolated"
-    recording = clean.flagged(bad, kind.outlier, text) if bad.any() else recording
+    recording = clean.flagged(bad, kind.outlier, text) if bad.any() else given
     text = f"{kind.name} jumps faster than {kind.speed:g} {kind.unit}/s and stays there: left as it is"
     return recording.flagged(jump, SampleFlag.JUMP, text)
 
@@ -228,9 +232,9 @@ def _suspects(recording: Recording) -> Recording:
     off[1:-1] = bend(recording)
     padded = np.pad(off, WINDOW, mode="reflect")
     around = np.lib.stride_tricks.sliding_window_view(padded, 2 * WINDOW + 1)
-    # The sample itself and those beside it, whose chord it bends, are not its surroundings.
+    # The sample and its two neighbours, whose chords contain it, are excluded.
     usual = np.median(np.delete(around, (WINDOW - 1, WINDOW, WINDOW + 1), axis=1), axis=1)
-    suspect = (off > SUSPECT_FLOOR) & (off > STICKS_OUT * usual)
+    suspect = (off > SUSPECT_FLOOR) & (off > SUSPECT_RATIO * usual)
     suspect |= _local_disorder(recording)
     most = _amount(off[suspect].max(initial=0.0), "m")
     text = f"out of line with the samples around by up to {most} of a fingertip: left"
@@ -261,7 +265,7 @@ def _local_disorder(recording: Recording) -> BoolArray:
     ways = np.convolve(one[:-1], kernel, "same") / width
     wide = np.convolve(two, kernel, "same") / width
     found = np.zeros(recording.sample_count, dtype=bool)
-    found[1:-1] = (ways > SUSPECT_FLOOR) & (ways > DISORDER * wide)
+    found[1:-1] = (ways > SUSPECT_FLOOR) & (ways > MOST_DISORDER * wide)
     return found
 
 

@@ -148,7 +148,7 @@ def object_beside(
     if uid not in ways:
         raise InputError(f"--object-track {uid}: {OBJECTS} beside the recording holds {known}")
     track = rows[which == uid]
-    # Of the same moment as the hand: the stamps are those of the same frames.
+    # Hand and object have stamps of the same frames.
     place = np.array([int(np.argmin(np.abs(track[:, 0] - stamp))) if stamp == stamp else 0 for stamp in stamps])
     poses = np.where((np.abs(track[place, 0] - stamps) < SAME_MOMENT)[:, None], track[place, 1:], np.nan)
     found = note(f"object {uid} moves as {OBJECTS} beside it has it, by {ways[uid]:.0f} mm")

@@ -27,7 +27,7 @@ MOST = (1e9, 1e20)
 
 @dataclass(frozen=True)
 class Finding:
-    """One line about a fault in a recording and its repair.
+    """Line about a fault in a recording and its repair.
 
     Attributes:
         kind: A word of `hhsim.motion.sample_flags.SampleFlag`, or "note".
@@ -107,15 +107,9 @@ class Recording:
         count = len(np.atleast_1d(self.time))
         if count > MOST_SAMPLES:
             raise TrajectoryError(f"{count:,} samples; expected at most {MOST_SAMPLES:,}")
-        shapes = {
-            "time": (count,),
-            "position": (count, 3),
-            "orientation": (count, 4),
-            "flexion": (count, 5, 3),
-            "abduction": (count, 5),
-        }
-        for key, shape in shapes.items():
-            object.__setattr__(self, key, readings(key, getattr(self, key), shape))
+        tails = {"time": (), "position": (3,), "orientation": (4,), "flexion": (5, 3), "abduction": (5,)}
+        for key, tail in tails.items():
+            object.__setattr__(self, key, readings(key, getattr(self, key), (count, *tail)))
         if self.object_motion is not None:
             given = self.object_motion._asdict().items()
             moved = ObjectMotion(*(as_numbers(f"object's {name}", values) for name, values in given))

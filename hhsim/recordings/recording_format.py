@@ -136,7 +136,7 @@ class Content:
 
 @dataclass(frozen=True)
 class RecordingFormat:
-    """A format of recordings.
+    """Format of recordings.
 
     Attributes:
         name: Name of the format and of its module.

@@ -168,7 +168,7 @@ def _filled(recording: Recording, max_gap: float) -> Recording:
         if missing[:, column].any():
             angles[:, column : column + 1], _ = _holes_filled(time, angles[:, column : column + 1], max_gap, joint)
     filled = recording.with_angles(angles).changed(position=position, orientation=orientation)
-    # What another finding gives a reason for is not reported again.
+    # Gaps that another finding explains are not reported again.
     new = (turned | lost) & ~marked(filled.flags, SampleFlag.PALM_FILLED | SampleFlag.PALM_OUTLIER)
     filled = filled.flagged(new, SampleFlag.PALM_FILLED, "palm pose missing: interpolated")
     new = missing.any(axis=1) & ~marked(filled.flags, SampleFlag.FINGERS_OUTLIER)

@@ -22,11 +22,11 @@ GAP_STEPS = 3.0
 """Length of a gap [median steps]."""
 MOST_DROPPED = 0.25
 """Largest share of samples that may be left out."""
-PIECE_SHARE = 0.9
+MAIN_PIECE_SHARE = 0.9
 """Share of the samples from which on a piece far from the others is the recording."""
-LONGER = 1.02
+PATH_RATIO = 1.02
 """Ratio of the hand's path sorted by stamps to its path in the file above which some stamps are wrong."""
-CONTRADICTION = 3.0
+DEVIATION_RATIO = 3.0
 """Ratio of the deviation by stamp to that in the file above which a stamp is wrong."""
 NOISE = 2e-3
 """Largest deviation that says nothing about an order [m]."""
@@ -65,7 +65,7 @@ def _in_order(recording: Recording) -> Recording:
     order = np.argsort(time, kind="stable")
     moved = ~_longest_rise(time)
     wrong = np.zeros(time.shape, dtype=bool)
-    if _way(recording, order) > LONGER * _way(recording, np.arange(time.shape[0])):
+    if _path_length(recording, order) > PATH_RATIO * _path_length(recording, np.arange(time.shape[0])):
         wrong = _contradicting(recording, order, moved)
     if wrong.sum() > MOST_DROPPED * recording.sample_count:
         first = int(np.argmax(np.diff(time) < 0.0)) + 1
@@ -110,7 +110,7 @@ def _longest_rise(time: FloatArray) -> BoolArray:
     return member
 
 
-def _way(recording: Recording, order: IntArray) -> float:
+def _path_length(recording: Recording, order: IntArray) -> float:
     """Compute the length of the hand's path through all samples in this order [m]."""
     return float(change(recording, order[:-1], order[1:]).sum())
 
@@ -128,7 +128,7 @@ def _contradicting(recording: Recording, order: IntArray, moved: BoolArray) -> B
         place = int(np.searchsorted(by_rank, rank[i]))
         beside = by_rank[max(place - 1, 0) : place + 1]
         by_stamp = deviation(recording, i, tuple(int(order[r]) for r in beside))
-        wrong[i] = by_stamp > CONTRADICTION * in_file + NOISE
+        wrong[i] = by_stamp > DEVIATION_RATIO * in_file + NOISE
     return wrong
 
 
@@ -159,7 +159,7 @@ def _one_piece(recording: Recording, max_gap: float) -> Recording:
     edges = [0, *broken.tolist(), time.shape[0]]
     sizes = np.diff(edges)
     largest = int(np.argmax(sizes))
-    if sizes[largest] >= PIECE_SHARE * time.shape[0]:
+    if sizes[largest] >= MAIN_PIECE_SHARE * time.shape[0]:
         keep = np.zeros(time.shape[0], dtype=bool)
         keep[edges[largest] : edges[largest + 1]] = True
         return _dropped(recording, keep, f"more than {max_gap:g} s away from the others: left out")

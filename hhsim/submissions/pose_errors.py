@@ -50,7 +50,7 @@ def _mesh_depth(scene: Scene, placed: PlacedHand) -> float:
     if not encloses(scene.mesh):
         return np.nan
     palm, finger = hand_clearance(scene.tree.arrays(), *hand_shape(scene.hand), *placed, limit=NEAR)
-    # The spheres cover the mesh: who is outside of them is not in it.
+    # The spheres cover the mesh: a hand outside of them is outside of the mesh.
     inside = ticks_looked_at(np.minimum(palm, finger.min(axis=1)) < 0.0)
     if inside.size == 0:
         return 0.0

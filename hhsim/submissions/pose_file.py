@@ -48,7 +48,7 @@ LOOSE_UNIT = 1e-3
 
 @dataclass(frozen=True)
 class Part:
-    """One array of a submission.
+    """Array of a submission.
 
     Attributes:
         shape: Shape of a tick's value.
@@ -82,7 +82,7 @@ COLUMNS = {column: name for name, part in PARTS.items() for column in part.colum
 
 @dataclass(frozen=True, eq=False)
 class Submission:
-    """The hand that a method shows at every tick of a scene.
+    """Hand that a method shows at every tick of a scene.
 
     Attributes:
         method: Name of the method.

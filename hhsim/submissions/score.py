@@ -125,7 +125,7 @@ def score(
     method = Method(
         summary="poses that were computed elsewhere",
         engine=cast(Any, partial(_SubmittedEngine, name, submission)),
-        # What they were computed for is to stay out: a depth above the limit is no success, whoever computed them.
+        # A submission is expected to stay outside: a depth above the limit is no success.
         never_penetrates=True,
         gives=frozenset(what for what, values in given.items() if values is not None),
         compiled=False,
@@ -157,7 +157,7 @@ class _SubmittedEngine(OutsideEngine):
         first = self.runner.ticks
         done = super().run(haptic, record)
         took = np.zeros(done) if self.duration is None else np.round(1e9 * self.duration[first : first + done])
-        # What it took here to look a pose up says nothing.
+        # The time of looking a pose up here is no time of the method.
         record.duration_total[:done] = record.duration_cpu[:done] = took
         return done
 

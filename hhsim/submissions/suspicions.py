@@ -22,28 +22,28 @@ from hhsim.system.counted import counted
 
 Mended = Iterator[tuple[str, FloatArray]]
 
-FREE = 2e-3
+FREE_DISTANCE = 2e-3
 """Distance of the user's hand from the object [m] beyond which the shown hand is the user's."""
-FEWEST = 20
+LEAST_FREE_TICKS = 20
 """Least number of free ticks; of a scene with fewer, all ticks are compared."""
-TURNS = 0.02
+ANGLE_TOLERANCE = 0.02
 """Deviation of palms and joints from the user's [rad] above which they do not follow it."""
-MENDS = 0.1
-"""A mistake is named if the deviation without it is at most this share."""
+UNEXPLAINED_SHARE = 0.1
+"""Largest share of a deviation that is left without the mistake that is named."""
 MOST_SHIFT = 300
 """Largest shift of a motion that is looked for [ticks]."""
 LEAST_SHIFT = 1e-5
 """Deviation [m] below which no lag can be measured."""
-INERTIA = 5e-3
+MOST_LAG = 5e-3
 """Lag behind the user's hand that is no mistake [s]: of a mass, or of a hand that shows the last reading."""
-MOVES = 1e-6
+REST_DISPLACEMENT = 1e-6
 """Displacement of a palm in a tick [m] above which it moves."""
-STILL = 0.05
+MOST_RESTING = 0.05
 """Share of the ticks in which the user's hand moves and the shown one may rest."""
 MOST_FORCE = 1000.0
-"""No hand is pushed by more [N]."""
+"""Largest plausible contact force [N]."""
 MOST_DURATION = 1.0
-"""A tick that took longer [s] is one of another unit."""
+"""Longest plausible time of a tick [s]; a longer one is in another unit."""
 SCALES = (("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9))
 
 
@@ -107,7 +107,7 @@ def suspicions(submission: Submission, scene: Scene) -> tuple[str, ...]:
     found = [*_still(shown, user, free)]
     lag = _shift(shown.position, user.position, free)
     seconds = lag / scene.ticks.rate
-    if not 0.0 <= seconds <= INERTIA:
+    if not 0.0 <= seconds <= MOST_LAG:
         which = "behind" if lag > 0 else "ahead of"
         found.append(f"shifted time: {counted(abs(lag), 'tick')} ({1e3 * abs(seconds):g} ms) {which} the user's hand?")
     else:
@@ -122,19 +122,19 @@ def suspicions(submission: Submission, scene: Scene) -> tuple[str, ...]:
 def _free(scene: Scene) -> BoolArray:
     """Return True for ticks in which the user's hand is far from the object."""
     placed = forward_kinematics(scene.hand, *HandConfiguration.of(scene.ticks))
-    palm, finger = hand_clearance(scene.tree.arrays(), *hand_shape(scene.hand), *placed, limit=FREE)
-    free = np.asarray(np.minimum(palm, finger.min(axis=1)) >= FREE)
-    return free if free.sum() >= FEWEST else np.ones(len(free), bool)
+    palm, finger = hand_clearance(scene.tree.arrays(), *hand_shape(scene.hand), *placed, limit=FREE_DISTANCE)
+    free = np.asarray(np.minimum(palm, finger.min(axis=1)) >= FREE_DISTANCE)
+    return free if free.sum() >= LEAST_FREE_TICKS else np.ones(len(free), bool)
 
 
 def _still(shown: HandConfiguration, user: HandConfiguration, free: BoolArray) -> Iterator[str]:
-    moves = np.linalg.norm(np.diff(user.position, axis=0), axis=1) > MOVES
+    moves = np.linalg.norm(np.diff(user.position, axis=0), axis=1) > REST_DISPLACEMENT
     moves &= free[1:]
     rests = np.ones(len(moves), bool)
     for values in shown:
         rests &= (np.diff(values, axis=0) == 0.0).reshape(len(moves), -1).all(axis=1)
     share = float(rests[moves].mean()) if moves.any() else 0.0
-    if share > STILL:
+    if share > MOST_RESTING:
         rest = f"in {100.0 * share:.0f} % of the ticks the hand rests while the user's moves"
         yield f"repeated ticks: {rest}: another rate?"
 
@@ -142,19 +142,19 @@ def _still(shown: HandConfiguration, user: HandConfiguration, free: BoolArray) -
 def _shift(shown: FloatArray, user: FloatArray, free: BoolArray) -> int:
     """Return the lag of the shown palm behind the user's [ticks]; 0 if it does not explain the deviation."""
     ticks = len(shown)
-    moves = free & (np.linalg.norm(np.gradient(user, axis=0), axis=1) > MOVES) if ticks > 1 else free
+    moves = free & (np.linalg.norm(np.gradient(user, axis=0), axis=1) > REST_DISPLACEMENT) if ticks > 1 else free
     inner = np.flatnonzero(moves)
     inner = inner[(inner >= MOST_SHIFT // 10) & (inner < ticks - MOST_SHIFT // 10)]
-    if inner.size < FEWEST:
+    if inner.size < LEAST_FREE_TICKS:
         return 0
     most = min(MOST_SHIFT, ticks // 2)
     off = {}
     for lag in range(-most, most + 1):
         there = inner[(inner - lag >= 0) & (inner - lag < ticks)]
-        if there.size >= FEWEST:
+        if there.size >= LEAST_FREE_TICKS:
             off[lag] = float(np.median(np.linalg.norm(shown[there] - user[there - lag], axis=1)))
     best = min(off, key=lambda lag: (off[lag], abs(lag)))
-    return best if off[0] > LEAST_SHIFT and off[best] < MENDS * off[0] else 0
+    return best if off[0] > LEAST_SHIFT and off[best] < UNEXPLAINED_SHARE * off[0] else 0
 
 
 def _named(off: float, limit: float, mended: Iterator[tuple[str, float]]) -> str | None:
@@ -162,7 +162,7 @@ def _named(off: float, limit: float, mended: Iterator[tuple[str, float]]) -> str
     if off <= limit:
         return None
     text, least = min(mended, key=lambda each: each[1])
-    return text if least < MENDS * off else ""
+    return text if least < UNEXPLAINED_SHARE * off else ""
 
 
 def _position(shown: FloatArray, user: FloatArray, turn: FloatArray) -> Iterator[str]:
@@ -188,7 +188,7 @@ def _orientation(shown: FloatArray, user: FloatArray) -> Iterator[str]:
         return float(np.median(2.0 * np.arccos(np.clip(near, 0.0, 1.0))))
 
     off = apart(shown)
-    why = _named(off, TURNS, ((text, apart(changed)) for text, changed in _turned(shown)))
+    why = _named(off, ANGLE_TOLERANCE, ((text, apart(changed)) for text, changed in _turned(shown)))
     if why is not None:
         yield f"the palm is turned by {off:.3g} rad off the user's where nothing is near: {why or 'another frame'}?"
 
@@ -242,7 +242,7 @@ def _fingers(
         ("abduction", abduction, user_abduction, spread_mistakes),
     ):
         off = _angle_off(found, user)
-        why = _named(off, TURNS, ((text, _angle_off(changed, user)) for text, changed in mistakes.items()))
+        why = _named(off, ANGLE_TOLERANCE, ((text, _angle_off(changed, user)) for text, changed in mistakes.items()))
         if why is not None:
             yield f"{name} is {off:.3g} rad off the user's where nothing is near: {why or 'another motion'}?"
 
@@ -262,7 +262,7 @@ def _forces(submission: Submission, user: HandConfiguration | None) -> Iterator[
         yield f"a force of {size.max():,.6g} N: millinewtons?"
     if user is None:
         return
-    # What keeps the shown hand off the user's is what pushes it.
+    # Contact forces point from the user's hand to the shown one.
     off = submission.poses.position - user.position
     along = float(np.einsum("ti,ti->t", total, off).sum())
     if along < -0.5 * float((size * np.linalg.norm(off, axis=1)).sum()):

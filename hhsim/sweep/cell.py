@@ -31,9 +31,7 @@ DIGITS = 20
 """Hexadecimal digits of a cell's digest: 80 bits."""
 Tremor = Annotated[float, between(0.0, 100.0)]
 TWO = "two numbers, [mm] and [°], such as [0.1, 0.2]"
-OF_THE_SOLVER = tuple(
-    option.name for option in fields(SolverOptions) if option.name not in ("method", "surface", "period")
-)
+OF_THE_SOLVER = tuple(key.name for key in fields(SolverOptions) if key.name not in ("method", "surface", "period"))
 
 
 class SceneOptions(Settings, frozen=True):
@@ -86,7 +84,7 @@ class SweptMotion(Settings, frozen=True, rename={"word": "file"}):
 
 @dataclass(frozen=True)
 class Cell:
-    """One replay.
+    """Replay of a sweep.
 
     Attributes:
         surface: Surface of the object that the hand touches.

@@ -159,7 +159,7 @@ def run_with_client(client: Any, tasks: Sequence[CellTask]) -> Generator[CellEnd
             else:
                 why = " ".join(str(error).split())
                 yield CellEnd(futures[future].digest, f"its worker was lost: {type(error).__name__}: {why}")
-            # Else the scheduler keeps every answer to the end.
+            # The scheduler keeps every answer until its future is released.
             del futures[future]
             future.release()
     finally:

@@ -157,7 +157,7 @@ def _tried(planned: PlannedCell, plan_folder: Path, opens: float) -> tuple[CellE
 
         first, bare = run(FEW), undisturbed(FEW)
         opening = opens * max(0.0, first.seconds - bare.seconds)
-        # Of so few ticks, what else the machine does in between would be taken for a thousand times as much.
+        # The lesser of two runs: a disturbance of so few ticks would be extrapolated.
         some = undisturbed(SOME, every)
         each = max(0.0, some.seconds - bare.seconds) / max(1, some.ticks - bare.ticks)
         seconds = bare.seconds + each * planned.ticks

@@ -69,7 +69,7 @@ def file_attributes() -> dict[str, str | bool]:
 
 def machine() -> Machine:
     """Describe the computer without naming it."""
-    # Of the process: one of its threads may be kept on a core of its own (`hhsim.system.own_core`).
+    # Affinity of the process: a thread may be pinned to one core (`hhsim.system.own_core`).
     cores = len(os.sched_getaffinity(os.getpid())) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     system = f"{platform.system()} {platform.release()} {platform.machine()}"
     return Machine(_cpu_name(), cores, system, platform.python_version())

@@ -182,7 +182,7 @@ def _be_the_child(path: Path, size: int, seconds: int, patience: float, tell: in
     """Read the file, report its fault, and exit; the library's own output is discarded."""
     code = 1
     try:
-        # What the parent has left to be collected is the parent's: folders to be removed, files to be closed.
+        # Finalisers of the parent's garbage would remove its folders and close its files.
         gc.disable()
         faulthandler.disable()
         for number in (signal.SIGINT, signal.SIGTERM, *_ENDLESS):

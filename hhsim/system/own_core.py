@@ -1,4 +1,4 @@
-"""A processor core for each thread that is timed.
+"""Processor core for each thread that is timed.
 
 A core is claimed by a lock on a file in the system's temporary folder, which every process of the user sees and the
 system releases when its holder ends. One thread of each physical core is claimed.

@@ -1,4 +1,4 @@
-"""A few threads for kernels that work on parts of their arrays.
+"""Threads for kernels that work on parts of their arrays.
 
 The parts do not depend on the number of threads, so the results are the same bytes.
 """

@@ -124,16 +124,10 @@ def test_a_recording_that_starts_late_is_replayed_from_its_first_stamp() -> None
 
 
 def test_phases_become_ticks_that_do_not_overlap() -> None:
-    given = motion(
-        count=101,
-        rate=1000.0,
-        phases=(Phase("approach", 0.0, 0.04), Phase("grasp", 0.04, 0.07), Phase("hold", 0.07, 0.1)),
-    )
-    assert given.resampled(1000.0).phases == (
-        TickPhase("approach", 0, 39),
-        TickPhase("grasp", 40, 69),
-        TickPhase("hold", 70, 100),
-    )
+    phases = (Phase("approach", 0.0, 0.04), Phase("grasp", 0.04, 0.07), Phase("hold", 0.07, 0.1))
+    given = motion(count=101, rate=1000.0, phases=phases)
+    wanted = (TickPhase("approach", 0, 39), TickPhase("grasp", 40, 69), TickPhase("hold", 70, 100))
+    assert given.resampled(1000.0).phases == wanted
     assert given.resampled(10.0).phases == (TickPhase("approach", 0, 0), TickPhase("hold", 1, 1))
 
 

@@ -232,11 +232,7 @@ def _turned(axis: FloatArray, angle: float) -> FloatArray:
 
 
 def test_a_scene_that_cannot_be_made_again_is_said(scene: Scene, tmp_path: Path) -> None:
-    for wrong in (
-        {"object": "cat"},
-        {"object": "cube", "trajectory": "touch", "level": "fine"},
-        {"object": "gone.stl"},
-    ):
+    for wrong in ({"object": "cat"}, {"object": "cube", "level": "fine"}, {"object": "gone.stl"}):
         of = replace(example_submission(scene), made_by={"trajectory": "touch", **wrong})
         with pytest.raises(InputError, match=r"cannot be made again: .*; --scene names its folder"):
             scene_of(of)

@@ -292,9 +292,8 @@ def test_a_sound_submission_is_read_bit_for_bit_and_not_suspected(suffix: str, k
     assert word_on(path) == ""
     for name, values in read_submission(path).arrays.items():
         # A quaternion is made unit.
-        assert np.abs(values - arrays[name]).max() <= (
-            {np.float64: 1e-15}.get(kind, 1e-6) if name == "orientation" else 0.0
-        )
+        off = (1e-15 if kind is np.float64 else 1e-6) if name == "orientation" else 0.0
+        assert np.abs(values - arrays[name]).max() <= off
 
 
 def test_a_hand_may_be_a_tick_behind_and_not_ahead() -> None:

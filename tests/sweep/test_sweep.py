@@ -135,10 +135,9 @@ def test_one_sweep_at_a_time_works_in_a_folder_and_no_other_files_are_there(tmp_
         pass
     with SweepFolder(tmp_path / "out").taken(plan):
         pass
-    with pytest.raises(OutputError, match="holds other files"):
-        SweepFolder(tmp_path)
-    with pytest.raises(OutputError, match="is a file"):
-        SweepFolder(tmp_path / "plan.toml")
+    for path, message in ((tmp_path, "holds other files"), (tmp_path / "plan.toml", "is a file")):
+        with pytest.raises(OutputError, match=message):
+            SweepFolder(path)
 
 
 def test_an_estimate_counts_what_is_left_and_writes_nothing(tmp_path: Path, in_this_process: list[str]) -> None:
