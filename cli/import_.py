@@ -277,7 +277,7 @@ def command(
         format_fitted_hand,
     )
     from hhsim.recordings.formats.dexmo import calibration_of
-    from hhsim.recordings.import_report import COLUMNS, FIT_COLUMNS, make_report
+    from hhsim.recordings.import_report import COLUMNS, FIT_COLUMNS, fit_rows, import_document
     from hhsim.recordings.registry import read_recording
     from hhsim.recordings.repair import repair
     from hhsim.system.atomic_write import write_atomically
@@ -314,7 +314,7 @@ def command(
         write_atomically(dexmo.save_calibration, calibration.encode())
     if fit_hand is not None:
         write_atomically(fit_hand, hand_text.encode())
-    report = make_report(recording, repaired)
+    document = import_document(recording, repaired)
     if plot is not None:
         from hhsim.render.import_figure import draw_import
 
@@ -323,7 +323,7 @@ def command(
         print_json(
             {
                 "file": str(file),
-                **report.to_json(),
+                **document,
                 "path": str(output_path),
                 "hand_file": str(fit_hand) if fit_hand else None,
                 "plot": str(plot) if plot else None,
@@ -331,20 +331,22 @@ def command(
         )
     elif not output.quiet:
         written = [str(output_path)] + ([f"its hand to {fit_hand}"] if fit_hand else [])
-        side = f"{report.hand} hand" if report.hand else "hand of a side that the file does not tell"
-        long = f" of {1e3 * report.hand_length:.0f} mm" if report.hand_length is not None else ""
-        title = f"{file.name}, {report.form}: {side}{long}"
-        if report.findings:
-            print_table(Table(COLUMNS, report.findings, title))
+        motion, length = repaired.trajectory, repaired.hand_length
+        side = f"{motion.hand} hand" if motion.hand else "hand of a side that the file does not tell"
+        long = f" of {1e3 * length:.0f} mm" if length is not None else ""
+        title = f"{file.name}, {recording.form}: {side}{long}"
+        if repaired.findings:
+            print_table(Table(COLUMNS, repaired.findings, title))
         else:
             print(f"{title}; nothing was found")
-        if report.fit is not None:
-            print_table(Table(FIT_COLUMNS, report.fit_rows(), "a hand with the recorded bones"))
+        if recording.bones is not None:
+            print_table(Table(FIT_COLUMNS, fit_rows(recording.bones), "a hand with the recorded bones"))
         print(
-            f"{report.samples_out:,} of {report.samples_in:,} samples, {report.duration:.3f} s at "
-            f"{report.mean_rate:.1f} Hz, longest step {1e3 * report.longest_step:.1f} ms, {report.mended:,} mended"
+            f"{motion.sample_count:,} of {recording.sample_count:,} samples, {motion.duration:.3f} s at "
+            f"{motion.mean_rate:.1f} Hz, longest step {1e3 * document['longest_step']:.1f} ms, "
+            f"{repaired.mended:,} mended"
         )
-        if report.checksums == "missing":
+        if motion.checksums == "missing":
             print(UNCHECKED)
         print(f"written to {', '.join(written)}" + (f", drawn in {plot}" if plot else ""))
         if output_path.suffix.lower() == ".csv" and repaired.trajectory.raw:

@@ -2,6 +2,7 @@
 
 import click
 
+from hhsim.system.counted import counted
 from hhsim.table.table import Table
 
 from .arguments import options
@@ -24,26 +25,27 @@ def command(as_json: bool) -> None:
 
     info = collect()
     if as_json:
-        print_json(info.to_json())
+        print_json(info)
         return
-    changed = " with uncommitted changes" if info.revision.dirty is True else ""
-    compiled = "compiled" if info.kernels.compiled else "not compiled yet: the first run does it, once"
+    machine, clock, kernels = info["machine"], info["clock"], info["kernels"]
+    changed = " with uncommitted changes" if info["revision"]["dirty"] is True else ""
+    compiled = "compiled" if kernels["compiled"] else "not compiled yet: the first run does it, once"
     rows = [
-        ("hhsim", info.hhsim),
-        ("revision", f"{info.revision.commit}{changed}"),
-        ("Python", info.machine.python),
-        ("system", info.machine.system),
-        ("processor", f"{info.machine.cpu}, {info.machine.cores} core{'s' * (info.machine.cores != 1)}"),
-        ("clock", f"{info.clock.function}, source {info.clock.source}"),
-        ("clock step", f"{info.clock.step * 1e9:.0f} ns seen, {info.clock.resolution * 1e9:.0f} ns stated"),
-        ("kernels", compiled if info.kernels.jit else "interpreted: NUMBA_DISABLE_JIT is set"),
-        ("kernel cache", info.kernels.folder),
-        *sorted((name, version) for name, version in info.packages.items() if name != "hhsim"),
+        ("hhsim", info["hhsim"]),
+        ("revision", f"{info['revision']['commit']}{changed}"),
+        ("Python", machine["python"]),
+        ("system", machine["system"]),
+        ("processor", f"{machine['cpu']}, {counted(machine['cores'], 'core')}"),
+        ("clock", f"{clock['function']}, source {clock['source']}"),
+        ("clock step", f"{clock['step'] * 1e9:.0f} ns seen, {clock['resolution'] * 1e9:.0f} ns stated"),
+        ("kernels", compiled if kernels["jit"] else "interpreted: NUMBA_DISABLE_JIT is set"),
+        ("kernel cache", kernels["folder"]),
+        *sorted((name, version) for name, version in info["packages"].items() if name != "hhsim"),
         *(
             ("missing", f"{', '.join(names)}: pip install 'hhsim[{extra}]'")
-            for extra, names in info.missing.items()
+            for extra, names in info["missing"].items()
             if extra != "required"
         ),
-        *(("missing", f"{name}: required") for name in info.missing.get("required", [])),
+        *(("missing", f"{name}: required") for name in info["missing"].get("required", [])),
     ]
     print_table(Table.of_cells(("what", "value"), rows))

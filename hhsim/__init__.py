@@ -1,8 +1,7 @@
 """hhsim: benchmark and trajectory replay for virtual-hand haptics.
 
-Units are SI everywhere (m, rad, s, N, N·m); the world is right-handed with z up.
-
-What a program needs first is here by name, and is imported when it is first asked for::
+Units are SI everywhere (m, rad, s, N, N·m); the world is right-handed with z up. Names that most programs need are
+here, and are imported at first use::
 
     import hhsim
 
@@ -84,11 +83,11 @@ _PLACES = {
     "verify_result": "hhsim.verify.verify.verify",
     "view_result": "hhsim.view.viewer.view_result",
 }
-"""Where each of these names is at home."""
+"""Full name of each of these."""
 
 
 def __getattr__(name: str) -> Any:
-    """Import what is asked for: the command line and the kernels must not wait for what they do not use."""
+    """Import a name at its first use, so that the command line and the kernels do not wait for the others."""
     if name not in _PLACES:
         raise AttributeError(f"module 'hhsim' has no attribute '{name}'")
     module, _, attribute = _PLACES[name].rpartition(".")

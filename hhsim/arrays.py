@@ -1,4 +1,4 @@
-"""The types of arrays in annotations; docstrings give shape, unit and frame."""
+"""Types of arrays in annotations; docstrings give shape, unit and frame."""
 
 from typing import Any, TypeAlias
 

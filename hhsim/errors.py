@@ -1,4 +1,4 @@
-"""The errors that hhsim raises on purpose.
+"""Errors that hhsim raises on purpose.
 
 Every message is one line: what is wrong, where, and what would be right. The command line prints it without a
 traceback and exits with `exit_code`.
@@ -9,7 +9,7 @@ from difflib import SequenceMatcher, get_close_matches
 
 
 class HhsimError(Exception):
-    """Anything wrong with what the user gave, or with the place where results should go."""
+    """Any fault of the user's input, or of the place for results."""
 
     exit_code = 2
 
@@ -27,11 +27,11 @@ class TrajectoryError(InputError):
 
 
 class DamagedFileError(InputError):
-    """A file whose bytes are not what they were; the message leaves it to the reader to name the file."""
+    """A file whose bytes have changed; its reader adds the file's name to the message."""
 
 
 class UnknownNameError(InputError):
-    """A name that no catalogue holds; the message lists the near ones."""
+    """A name that no catalogue holds; the message lists similar names."""
 
     def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
         names = sorted(known)
@@ -47,15 +47,11 @@ def _alike(one: str, other: str) -> float:
 
 
 def check_known(kind: str, names: Iterable[str], known: Collection[str]) -> None:
-    """Look whether all `names` of a kind are among the `known` ones.
-
-    Raises:
-        UnknownNameError: One is not.
-    """
+    """Raise UnknownNameError unless all `names` of a kind are `known`."""
     for name in names:
         if name not in known:
             raise UnknownNameError(kind, name, known)
 
 
 class OutputError(HhsimError):
-    """A result that cannot be written: no permission, a full disk, a folder in the way."""
+    """A result that cannot be written: no permission, a full disk, a folder of that name."""

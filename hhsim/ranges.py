@@ -1,4 +1,4 @@
-"""Ranges of the numbers that a run is given, the same for options, for files and for whoever calls the library."""
+"""Ranges of the numbers of a run, the same for options, files and the library's functions."""
 
 from numbers import Integral, Real
 from typing import Any, NamedTuple
@@ -7,7 +7,7 @@ from hhsim.errors import InputError
 
 
 class Range(NamedTuple):
-    """Least and greatest value that a number may have, its unit, and the reason where it is not plain."""
+    """Least and greatest value of a number, its unit, and the reason."""
 
     least: float
     greatest: float
@@ -51,10 +51,10 @@ RANGES = {
 
 
 def check_range(name: str, value: Any) -> Any:
-    """Return a number as int or float, whichever the range of that name in `RANGES` is of.
+    """Return a number as int or float, like the range of that name in `RANGES`.
 
     Raises:
-        InputError: No number, one that is not whole where the range is of such, or one outside of the range.
+        InputError: No number, a fraction where a whole number is expected, or one outside of the range.
     """
     least, greatest, unit, reason = RANGES[name]
     kind: Any = Integral if isinstance(greatest, int) else Real

@@ -1,8 +1,7 @@
-"""Registries: what can be added to hhsim by one new file.
+"""Registries: packages whose modules declare one record each.
 
-Each is a package whose modules declare one record; its name is the module's, with hyphens for underscores. A module is
-found by its name alone and imported when its record is asked for, so that listing names costs nothing. A module
-`registry` in the package declares none.
+A record's name is its module's, with hyphens for underscores. Listing names imports no module. A module `registry` in
+the package declares none.
 """
 
 import pkgutil
@@ -16,13 +15,13 @@ T = TypeVar("T")
 
 
 class Registry(Mapping[str, T], Generic[T]):
-    """The records that the modules of a package declare, by name.
+    """Records that the modules of a package declare, by name.
 
     Args:
-        package: Its dotted name.
+        package: Dotted name of the package.
         attribute: Name of the record in each module.
-        kind: What an unknown name is told to be none of.
-        first: Names in the order in which they are listed; others follow by the alphabet.
+        kind: Noun for a record, in the message for an unknown name.
+        first: Names that are listed first; the others follow by the alphabet.
     """
 
     def __init__(self, package: str, attribute: str, kind: str, first: tuple[str, ...] = ()) -> None:
@@ -32,17 +31,13 @@ class Registry(Mapping[str, T], Generic[T]):
         self.first = first
 
     def names(self) -> list[str]:
-        """Every name, without importing a record."""
+        """Return every name, without importing a record."""
         modules = {module.name for module in pkgutil.iter_modules(import_module(self.package).__path__)}
         found = {name.replace("_", "-") for name in modules - {"registry"}}
         return [name for name in self.first if name in found] + sorted(found - set(self.first))
 
     def __getitem__(self, name: str) -> T:
-        """The record of a name.
-
-        Raises:
-            UnknownNameError: Nothing is called so.
-        """
+        """Import a record; raise UnknownNameError for an unknown name."""
         if name not in self.names():
             raise UnknownNameError(self.kind, name, self.names())
         return cast(T, getattr(import_module(f"{self.package}.{name.replace('-', '_')}"), self.attribute))

@@ -35,7 +35,6 @@ def damaged_hdf5(data: bytes, random: Random) -> bytes:
 
 
 def objects(file: h5py.File) -> list[Any]:
-    """Every group and dataset."""
     found: list[Any] = []
     file.visititems(lambda _, item: found.append(item))
     return found

@@ -2,10 +2,11 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import wraps
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
 from hhsim.recordings.recording import MOTION, Recording
 
 Random = np.random.Generator
@@ -19,70 +20,62 @@ def block(count: int, random: Random, least: int = 1, most: float = 0.3) -> slic
     return slice(first, first + size)
 
 
-def with_values(recording: Recording, key: str, change: Callable[[NDArray[np.float64]], None]) -> Recording:
-    values = getattr(recording, key).copy()
-    change(values)
-    return replace(recording, **{key: values})
+def of(key: str = "") -> Callable[[Callable[[FloatArray, Random], None]], Damage]:
+    """A damage to the values of a field, or of any of a motion, in place."""
+
+    def made(change: Callable[[FloatArray, Random], None]) -> Damage:
+        @wraps(change)
+        def damage(recording: Recording, random: Random) -> Recording:
+            name = key or str(random.choice(MOTION))
+            values = getattr(recording, name).copy()
+            change(values, random)
+            return replace(recording, **{name: values})
+
+        return damage
+
+    return made
 
 
-def holes(recording: Recording, random: Random) -> Recording:
-    key = str(random.choice(MOTION))
+@of()
+def holes(values: FloatArray, random: Random) -> None:
     value = random.choice([np.nan, np.inf, -np.inf])
-
-    def change(values: NDArray[np.float64]) -> None:
-        part = values[block(len(values), random)]
-        if random.random() < 0.5:
-            part[:] = value
-        else:
-            part.reshape(len(part), -1)[:, random.integers(0, part[0].size)] = value
-
-    return with_values(recording, key, change)
+    part = values[block(len(values), random)]
+    if random.random() < 0.5:
+        part[:] = value
+    else:
+        part.reshape(len(part), -1)[:, random.integers(0, part[0].size)] = value
 
 
-def scattered_holes(recording: Recording, random: Random) -> Recording:
-    lost = random.random(recording.sample_count) < random.uniform(0.0, 0.5)
-
-    def change(values: NDArray[np.float64]) -> None:
-        values[lost] = np.nan
-
-    return with_values(recording, str(random.choice(MOTION)), change)
+@of()
+def scattered_holes(values: FloatArray, random: Random) -> None:
+    values[random.random(len(values)) < random.uniform(0.0, 0.5)] = np.nan
 
 
-def zero_quaternions(recording: Recording, random: Random) -> Recording:
-    def change(values: NDArray[np.float64]) -> None:
-        values[block(len(values), random)] = 0.0
-
-    return with_values(recording, "orientation", change)
+@of("orientation")
+def zero_quaternions(values: FloatArray, random: Random) -> None:
+    values[block(len(values), random)] = 0.0
 
 
-def scaled_quaternions(recording: Recording, random: Random) -> Recording:
-    def change(values: NDArray[np.float64]) -> None:
-        values[block(len(values), random, most=1.0)] *= random.uniform(0.1, 10.0)
-
-    return with_values(recording, "orientation", change)
+@of("orientation")
+def scaled_quaternions(values: FloatArray, random: Random) -> None:
+    values[block(len(values), random, most=1.0)] *= random.uniform(0.1, 10.0)
 
 
-def flipped_quaternions(recording: Recording, random: Random) -> Recording:
-    def change(values: NDArray[np.float64]) -> None:
-        values[random.random(len(values)) < random.random()] *= -1.0
-
-    return with_values(recording, "orientation", change)
+@of("orientation")
+def flipped_quaternions(values: FloatArray, random: Random) -> None:
+    values[random.random(len(values)) < random.random()] *= -1.0
 
 
-def broken_quaternions(recording: Recording, random: Random) -> Recording:
-    def change(values: NDArray[np.float64]) -> None:
-        part = values[block(len(values), random, most=0.05)]
-        part[:] = random.normal(size=part.shape)
-
-    return with_values(recording, "orientation", change)
+@of("orientation")
+def broken_quaternions(values: FloatArray, random: Random) -> None:
+    part = values[block(len(values), random, most=0.05)]
+    part[:] = random.normal(size=part.shape)
 
 
-def repeated_stamps(recording: Recording, random: Random) -> Recording:
-    def change(values: NDArray[np.float64]) -> None:
-        part = values[block(len(values), random, least=2)]
-        part[:] = part[0]
-
-    return with_values(recording, "time", change)
+@of("time")
+def repeated_stamps(values: FloatArray, random: Random) -> None:
+    part = values[block(len(values), random, least=2)]
+    part[:] = part[0]
 
 
 def repeated_rows(recording: Recording, random: Random) -> Recording:
@@ -91,20 +84,16 @@ def repeated_rows(recording: Recording, random: Random) -> Recording:
     return recording.chosen(np.sort(np.concatenate([np.arange(count), extra])))
 
 
-def swapped_stamps(recording: Recording, random: Random) -> Recording:
-    def change(values: NDArray[np.float64]) -> None:
-        i, j = random.integers(0, len(values), 2)
-        values[[i, j]] = values[[j, i]]
-
-    return with_values(recording, "time", change)
+@of("time")
+def swapped_stamps(values: FloatArray, random: Random) -> None:
+    i, j = random.integers(0, len(values), 2)
+    values[[i, j]] = values[[j, i]]
 
 
-def wild_stamps(recording: Recording, random: Random) -> Recording:
-    def change(values: NDArray[np.float64]) -> None:
-        chosen = random.integers(0, len(values), random.integers(1, 6))
-        values[chosen] = random.choice([np.nan, 1e9, -1e9, 0.0, float(values[-1] + 40.0)])
-
-    return with_values(recording, "time", change)
+@of("time")
+def wild_stamps(values: FloatArray, random: Random) -> None:
+    chosen = random.integers(0, len(values), random.integers(1, 6))
+    values[chosen] = random.choice([np.nan, 1e9, -1e9, 0.0, float(values[-1] + 40.0)])
 
 
 def shuffled_rows(recording: Recording, random: Random) -> Recording:
@@ -124,66 +113,59 @@ def reversed_rows(recording: Recording, random: Random) -> Recording:
     return recording.chosen(np.arange(recording.sample_count)[::-1])
 
 
-def two_recordings(recording: Recording, random: Random) -> Recording:
-    half = recording.sample_count // 2
-    again = recording.time[: recording.sample_count - half]
-    return replace(recording, time=np.concatenate([recording.time[:half], again]))
+@of("time")
+def two_recordings(values: FloatArray, random: Random) -> None:
+    half = len(values) // 2
+    values[half:] = values[: len(values) - half].copy()
 
 
 def lost_rows(recording: Recording, random: Random) -> Recording:
-    keep = np.ones(recording.sample_count, dtype=bool)
-    keep[block(len(keep), random)] = False
-    return recording.chosen(keep)
+    index = np.arange(recording.sample_count)
+    return recording.chosen(np.delete(index, block(len(index), random)))
 
 
 def cut_short(recording: Recording, random: Random) -> Recording:
     return recording.chosen(np.arange(random.integers(0, recording.sample_count)))
 
 
-def millimetres(recording: Recording, random: Random) -> Recording:
-    return replace(recording, position=recording.position * random.choice([1e3, 1e2, 1.0 / 0.0254]))
+@of("position")
+def millimetres(values: FloatArray, random: Random) -> None:
+    values *= random.choice([1e3, 1e2, 1.0 / 0.0254])
 
 
 def degrees(recording: Recording, random: Random) -> Recording:
-    return replace(recording, flexion=np.degrees(recording.flexion), abduction=np.degrees(recording.abduction))
+    return recording.with_angles(np.degrees(recording.angles))
 
 
-def one_finger_in_degrees(recording: Recording, random: Random) -> Recording:
-    def change(values: NDArray[np.float64]) -> None:
-        values[:, random.integers(0, 5)] *= 180.0 / np.pi
-
-    return with_values(recording, "flexion", change)
+@of("flexion")
+def one_finger_in_degrees(values: FloatArray, random: Random) -> None:
+    values[:, random.integers(0, 5)] *= 180.0 / np.pi
 
 
-def other_clock(recording: Recording, random: Random) -> Recording:
-    return replace(recording, time=recording.time * random.choice([1e3, 1e6, 1e9, 60.0, 1e-3, 1e-6]))
+@of("time")
+def other_clock(values: FloatArray, random: Random) -> None:
+    values *= random.choice([1e3, 1e6, 1e9, 60.0, 1e-3, 1e-6])
 
 
-def position_spikes(recording: Recording, random: Random) -> Recording:
-    def change(values: NDArray[np.float64]) -> None:
-        for _ in range(random.integers(1, 4)):
-            part = values[block(len(values), random, most=0.03)]
-            part += random.normal(size=3) * random.choice([0.1, 0.5, 5.0, 500.0])
-
-    return with_values(recording, "position", change)
+@of("position")
+def position_spikes(values: FloatArray, random: Random) -> None:
+    for _ in range(random.integers(1, 4)):
+        part = values[block(len(values), random, most=0.03)]
+        part += random.normal(size=3) * random.choice([0.1, 0.5, 5.0, 500.0])
 
 
-def angle_spikes(recording: Recording, random: Random) -> Recording:
-    def change(values: NDArray[np.float64]) -> None:
-        for _ in range(random.integers(1, 4)):
-            part = values[block(len(values), random, most=0.03)]
-            off = random.choice([-1.0, 1.0]) * random.uniform(0.8, 90.0)
-            part[:, random.integers(0, 5), random.integers(0, 3)] += off
-
-    return with_values(recording, "flexion", change)
+@of("flexion")
+def angle_spikes(values: FloatArray, random: Random) -> None:
+    for _ in range(random.integers(1, 4)):
+        part = values[block(len(values), random, most=0.03)]
+        off = random.choice([-1.0, 1.0]) * random.uniform(0.8, 90.0)
+        part[:, random.integers(0, 5), random.integers(0, 3)] += off
 
 
-def noise_burst(recording: Recording, random: Random) -> Recording:
-    def change(values: NDArray[np.float64]) -> None:
-        part = values[block(len(values), random, least=8)]
-        part += random.normal(size=part.shape) * random.uniform(0.05, 0.3)
-
-    return with_values(recording, "position", change)
+@of("position")
+def noise_burst(values: FloatArray, random: Random) -> None:
+    part = values[block(len(values), random, least=8)]
+    part += random.normal(size=part.shape) * random.uniform(0.05, 0.3)
 
 
 def frozen(recording: Recording, random: Random) -> Recording:
@@ -193,11 +175,9 @@ def frozen(recording: Recording, random: Random) -> Recording:
     return replace(recording.chosen(index), time=recording.time)
 
 
-def displaced_block(recording: Recording, random: Random) -> Recording:
-    def change(values: NDArray[np.float64]) -> None:
-        values[block(len(values), random, least=2)] += random.choice([-1.0, 1.0]) * random.uniform(0.5, 3.0)
-
-    return with_values(recording, "position", change)
+@of("position")
+def displaced_block(values: FloatArray, random: Random) -> None:
+    values[block(len(values), random, least=2)] += random.choice([-1.0, 1.0]) * random.uniform(0.5, 3.0)
 
 
 DAMAGES: tuple[Damage, ...] = (

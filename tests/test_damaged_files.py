@@ -1,9 +1,7 @@
 """Damaged files at every door: each command ends in time, in one line where it refuses, and never with a traceback.
 
-Of a sealed file, no change of a byte goes unnoticed. One without a seal (of a run that was killed, of an older hhsim,
-of another program), or one that was sealed anew over the damage, may be damaged where nobody can tell; there it is
-enough that everything ends, and ends well, and that what is written holds no impossible motion. A recording of another
-program that is taken has the numbers of the sound one, or the command says that they are in doubt.
+No change of a sealed file goes unnoticed. Without a seal, or sealed anew, a file may be damaged unseen: everything ends
+well, and what is written holds no impossible motion, or the command says that the numbers are in doubt.
 """
 
 import json
@@ -45,22 +43,15 @@ from hhsim.trees.options import TreeOptions
 
 pytestmark = pytest.mark.slow
 
-SECONDS = 120.0
-"""That a command may take over a damaged file, of a machine that has more to do: what hangs would take for ever."""
-PROCESSOR_SECONDS = 20.0
-"""That it may take of the processor's time, where its kernels are compiled."""
+SECONDS, PROCESSOR_SECONDS = 120.0, 20.0
+"""Limits of a command, by the wall clock and of the processor's time, which may compile its kernels."""
 BLOCKS = [range(2), range(2, 6), *(range(first, min(first + 100, 1000)) for first in range(6, 1000, 100))]
-"""Corruptions of a test. `make test` runs the first ones of most kinds, of results one for each command; `make soak` a
-thousand of each."""
 OTHER_BLOCKS = [range(2), *(range(first, min(first + 100, 300)) for first in range(2, 300, 100))]
-"""The same of the other kinds, of which `make soak` runs three hundred."""
+"""Corruptions of a test, of `KINDS` and of `OTHER_KINDS`: `make test` runs the first ones, `make soak` all."""
 
 
 class Kind(NamedTuple):
-    """A kind of file: the name of a sample, what its seal is, and the commands that take it.
-
-    A seal is "kept" from the sound file, or cut off, which leaves it "bare", or made "anew" over the damage.
-    """
+    """Kind of file: a sample's name, its seal ("kept", "bare" without one, or made "anew"), and its commands."""
 
     name: str
     seal: str
@@ -92,21 +83,15 @@ MORE_OF_RESULTS = (
 MOTION_COMMANDS = ("replay cube FILE --level 2 --out again.h5", "import FILE --out taken.h5")
 SESSION_COMMANDS = (
     *RESULT_COMMANDS,
-    "report FILE --json",
-    "verify FILE --every 1 --again --json",
-    "compare FILE FILE",
-    "export FILE out.csv",
+    *("report FILE --json", "verify FILE --every 1 --again --json", "compare FILE FILE", "export FILE out.csv"),
     "gate FILE",
 )
 TREE_COMMANDS = ("replay cup touch --tree FILE --out again.h5",)
 MESH_COMMANDS = ("replay FILE touch --unit m --level 2 --out again.h5",)
 KINDS = (
-    Kind("result.h5", "kept", RESULT_COMMANDS),
-    Kind("result.h5", "bare", RESULT_COMMANDS),
-    Kind("tree.h5", "kept", TREE_COMMANDS),
-    Kind("tree.h5", "bare", TREE_COMMANDS),
-    Kind("motion.h5", "kept", MOTION_COMMANDS),
-    Kind("motion.h5", "bare", MOTION_COMMANDS),
+    *(Kind("result.h5", seal, RESULT_COMMANDS) for seal in ("kept", "bare")),
+    *(Kind("tree.h5", seal, TREE_COMMANDS) for seal in ("kept", "bare")),
+    *(Kind("motion.h5", seal, MOTION_COMMANDS) for seal in ("kept", "bare")),
     Kind("take.npz", "bare", RECORDING_COMMANDS),
     Kind("take.json", "bare", MOTION_COMMANDS),
     Kind("ball.stl", "bare", MESH_COMMANDS),
@@ -114,9 +99,7 @@ KINDS = (
     Kind("take.parquet", "bare", RECORDING_COMMANDS),
 )
 OTHER_KINDS = (
-    Kind("result.h5", "anew", MORE_OF_RESULTS),
-    Kind("driven.h5", "anew", MORE_OF_RESULTS),
-    Kind("free.h5", "anew", MORE_OF_RESULTS),
+    *(Kind(name, "anew", MORE_OF_RESULTS) for name in ("result.h5", "driven.h5", "free.h5")),
     Kind("session.h5", "anew", SESSION_COMMANDS),
     Kind("motion.h5", "anew", (*MOTION_COMMANDS, "view FILE --rerun out.rrd")),
     Kind("tree.h5", "anew", TREE_COMMANDS),
@@ -146,14 +129,10 @@ def samples(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     recording = smooth_recording(60)
     save_trajectory(repair(recording).trajectory, folder / "motion.h5")
     motion = load_trajectory(folder / "motion.h5")
-    np.savez_compressed(
-        folder / "take.npz",
-        t=motion.time,
-        wrist_pos=motion.position,
-        wrist_quat=motion.orientation,
-        flex=motion.flexion,
-        abd=motion.abduction,
-    )
+    names = ("t", "wrist_pos", "wrist_quat", "flex", "abd")
+    arrays = (motion.time, motion.position, motion.orientation, motion.flexion, motion.abduction)
+    take: dict[str, Any] = dict(zip(names, arrays))
+    np.savez_compressed(folder / "take.npz", **take)
     (folder / "take.json").write_text(json.dumps(document()))
     (folder / "take.mcap").write_bytes(mcap_bytes(joint_sample(), chunks=3))
     (folder / "take.parquet").write_bytes(lerobot_bytes())
@@ -304,12 +283,7 @@ def test_a_damaged_file_is_refused_in_time_and_in_one_line(
 
 
 @pytest.mark.parametrize(
-    ("kind",),
-    sampled(
-        [(kind,) for kind in (*KINDS, *OTHER_KINDS)],
-        lambda place, case: place in (2, 4, 7),
-    ),
-    ids=name_of,
+    ("kind",), sampled([(kind,) for kind in (*KINDS, *OTHER_KINDS)], lambda place, _: place in (2, 4, 7)), ids=name_of
 )
 def test_the_sound_file_goes_through(
     kind: Kind, samples: dict[str, bytes], server: CommandServer, tmp_path: Path

@@ -1,7 +1,6 @@
 """Fuzzing: random scenes, motions and options; what fails is shrunk to a few ticks and saved, ready to replay.
 
-By default the same few examples run every time. HHSIM_FUZZ=500 runs 500 new ones; HHSIM_FUZZ_KEEP names the folder that
-failures are saved in, by default hhsim-fuzz in the system's folder for temporary files.
+By default the same few examples run; HHSIM_FUZZ=500 runs 500 new ones, HHSIM_FUZZ_KEEP names the folder of failures.
 """
 
 import os
@@ -51,8 +50,7 @@ STUCK_IS_JUDGED_FROM = 8
 
 
 def keep_folder() -> Path:
-    folder = os.environ.get("HHSIM_FUZZ_KEEP")
-    return Path(folder) if folder else Path(tempfile.gettempdir()) / "hhsim-fuzz"
+    return Path(os.environ.get("HHSIM_FUZZ_KEEP") or Path(tempfile.gettempdir()) / "hhsim-fuzz")
 
 
 @dataclass(frozen=True)
@@ -114,13 +112,8 @@ def scenes(draw: st.DrawFn) -> Scene:
         bound=draw(st.sampled_from(["palm", "hand", "none"])),
         wild=draw(st.booleans()),
     )
-    return Scene(
-        object=draw(objects),
-        seed=draw(st.integers(0, 2**32 - 1)),
-        side=draw(st.sampled_from(["right", "left"])),
-        solver=solver,
-        stress=stress,
-    )
+    side, seed = st.sampled_from(["right", "left"]), st.integers(0, 2**32 - 1)
+    return Scene(draw(objects), draw(seed), draw(side), solver, stress)
 
 
 def check(scene: Scene, make: type[HandSolver] = HandSolver, folder: Path | None = None) -> None:
@@ -208,9 +201,8 @@ def test_what_fails_is_saved_with_what_shows_it_again(name: str, tmp_path: Path)
     assert str(path) in str(failure.value)
     hand, tree = HANDS["left"], scene.tree()
     if name == "cube":
-        assert f"hhsim replay cube {path} --method progressive --samples hold --level 2 --hand left" in str(
-            failure.value
-        )
+        command = f"hhsim replay cube {path} --method progressive --samples hold --level 2 --hand left"
+        assert command in str(failure.value)
     else:
         tree = load_tree(tmp_path / "fuzz-progressive-penetration-tree.h5")
     failing = rerun_failure(path, hand, tree, lambda: Slipping(hand, tree.arrays(), scene.solver))

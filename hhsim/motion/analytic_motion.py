@@ -1,4 +1,4 @@
-"""Haptic hands tick by tick, written down by formula: what scenes that are no recording are moved by."""
+"""Haptic hands tick by tick by formula, for scenes that are no recording."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,7 +11,7 @@ UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 SPREAD, TURN = 0.06, 0.8
 """Standard deviations of a random hand's position about the origin [m] and of its rotation vector [rad]."""
 START = (0.0, 0.0, 0.25)
-"""Where the first one is [m]."""
+"""Position of the first random target [m]."""
 
 
 def still(
@@ -21,7 +21,7 @@ def still(
     abduction: ArrayLike = 0.0,
     ticks: int = 1,
 ) -> HandConfiguration:
-    """One configuration for some ticks; a single number is the angle of every joint; units as usual."""
+    """Repeat one configuration for some ticks; a single number is the angle of every joint."""
     shapes = ((3,), (4,), (5, 3), (5,))
     values = (
         np.broadcast_to(np.asarray(value, np.float64), shape)
@@ -30,20 +30,8 @@ def still(
     return HandConfiguration(*(np.repeat(value[None], ticks, axis=0) for value in values))
 
 
-def random_targets(
-    hand: HandModel,
-    ticks: int,
-    random: np.random.Generator,
-    *,
-    hold: int = 60,
-) -> HandConfiguration:
-    """A new random hand every `hold` ticks, at a jump: the stress that the coupled program was first measured by.
-
-    Args:
-        hand: Its limits bound flexion and abduction.
-        ticks: T.
-        hold: Ticks that a target stands.
-    """
+def random_targets(hand: HandModel, ticks: int, random: np.random.Generator, *, hold: int = 60) -> HandConfiguration:
+    """Generate a new random hand every `hold` ticks, without a transition, within the joint limits of `hand`."""
     count = -(-ticks // hold)
     position = random.normal(0.0, SPREAD, (count, 3))
     position[0] = START

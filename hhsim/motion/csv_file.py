@@ -10,16 +10,15 @@ file read back is the same motion bit for bit. Semicolons or tabs for the commas
 | qw, qx, qy, qz | 1 | palm to world |
 | thumb_flex1, thumb_flex2, thumb_flex3, index_flex1, …, little_flex3 | rad | flexion, proximal to distal |
 | thumb_abd, index_abd, …, little_abd | rad | abduction, positive towards the thumb side |
-| object_px, object_py, object_pz (may be left out) | m | object origin, world, where the object moves |
+| object_px, object_py, object_pz (optional) | m | object origin, world, if the object moves |
 | object_qw, object_qx, object_qy, object_qz (with them) | 1 | object to world |
-| phase (may be left out) | | phase that the sample belongs to, or empty |
-| flags (may be left out) | | sum of the bits of `hhsim.motion.sample_flags.SampleFlag` |
+| phase (optional) | | phase of the sample, or empty |
+| flags (optional) | | sum of the bits of `hhsim.motion.sample_flags.SampleFlag` |
 
-Lines `# key: value` before the header carry name, source, licence, device and hand, object_position (x y z) and
-object_orientation (w x y z) of an object that stands still as numbers with spaces between, and samples, the number of
-lines, so that a file that was cut short is noticed; other such lines are remarks.
-Equal phase names on neighbouring lines are one phase; it ends where
-the next line begins. Raw channels are not part of a CSV file.
+Lines `# key: value` before the header hold name, source, licence, device and hand; object_position (x y z) and
+object_orientation (w x y z) of an object that stands still; and samples, the number of lines, by which a file that was
+cut short is noticed. Equal phase names on neighbouring lines are one phase; it ends where the next line begins. Raw
+channels are not part of a CSV file.
 """
 
 import csv
@@ -49,12 +48,12 @@ TEXTS = ("name", "source", "licence", "device", "hand")
 SAMPLES = "samples"
 SEPARATORS = (",", ";", "\t")
 DECIMAL_POINT = " with a decimal point"
-"""What is expected where a number has a comma."""
+"""Expectation for a number with a comma."""
 POSE_SIZES = {"object_position": 3, "object_orientation": 4}
 
 
 def format_csv(trajectory: Trajectory) -> str:
-    """The CSV text of a motion, without its raw channels."""
+    """Return the CSV text of a motion, without its raw channels."""
     text = io.StringIO()
     for key in TEXTS:
         # A line break in a name would end the remark.
@@ -89,22 +88,27 @@ def format_csv(trajectory: Trajectory) -> str:
 
 
 def parse_csv(text: str, *, name: str = "") -> Trajectory:
-    """The motion of a CSV text.
-
-    Args:
-        text: The content of the file.
-        name: Of the motion where the text names none.
+    """Read the motion of a CSV text; `name` is its name if the text has none.
 
     Raises:
         TrajectoryError: A missing or unknown column, a line of another length, a value that is no number (with its
             line), or a motion that cannot be replayed.
     """
     remarks, header, found = csv_rows(text, "time,px,py,pz,qw,qx,qy,qz,thumb_flex1,…")
-    _check_header(header)
+    columns = (*COLUMNS, *(OBJECT_COLUMNS if any(column in header for column in OBJECT_COLUMNS) else ()))
+    missing = [column for column in columns if column not in header]
+    if missing:
+        shown = ", ".join(missing[:6]) + (f" and {len(missing) - 6} more" if len(missing) > 6 else "")
+        raise TrajectoryError(f"the header lacks {shown}; expected {len(columns)} columns and perhaps {PHASE}")
+    known = (*COLUMNS, *OBJECT_COLUMNS, PHASE, FLAGS)
+    for column in header:
+        if column not in known:
+            raise TrajectoryError(f"the header has an {UnknownNameError('column', column, known)}")
+        if header.count(column) > 1:
+            raise TrajectoryError(f"the header has column {column} twice")
     rows: list[list[float]] = []
     names: list[str] = []
     flags: list[str] = []
-    columns = (*COLUMNS, *(OBJECT_COLUMNS if OBJECT_COLUMNS[0] in header else ()))
     order = [header.index(column) for column in columns]
     phase_column = header.index(PHASE) if PHASE in header else None
     flags_column = header.index(FLAGS) if FLAGS in header else None
@@ -114,10 +118,8 @@ def parse_csv(text: str, *, name: str = "") -> Trajectory:
         if flags_column is not None:
             flags.append(cells[flags_column])
     if remarks.get(SAMPLES, str(len(rows))) != str(len(rows)):
-        raise TrajectoryError(
-            f"it holds {counted(len(rows), 'sample')} but says # {SAMPLES}: {remarks[SAMPLES]}; was it cut short? "
-            "Expected as many as it says, or no such line"
-        )
+        held = f"it holds {counted(len(rows), 'sample')} but says # {SAMPLES}: {remarks[SAMPLES]}"
+        raise TrajectoryError(f"{held}; was it cut short? Expected as many as it says, or no such line")
     table = np.array(rows, dtype=np.float64).reshape(len(rows), len(columns))
     stated: dict[str, Any] = (
         {"name": name} | {key: remarks[key] for key in TEXTS if key in remarks} | object_pose(remarks)
@@ -140,12 +142,8 @@ def parse_csv(text: str, *, name: str = "") -> Trajectory:
 def csv_rows(text: str, expected: str) -> tuple[dict[str, str], list[str], Iterator[tuple[int, list[str]]]]:
     """Return the remarks of a CSV text, the cells of its header, and each row's line number and cells.
 
-    Args:
-        text: The content of the file.
-        expected: What the header line should be, for messages.
-
     Raises:
-        TrajectoryError: No header line, or a row of another length.
+        TrajectoryError: No header line (the message says what is `expected`), or a row of another length.
     """
     lines = text.splitlines()
     remarks, first = read_remarks(lines)
@@ -158,16 +156,15 @@ def csv_rows(text: str, expected: str) -> tuple[dict[str, str], list[str], Itera
         for number, cells in enumerate(csv.reader(lines[first + 1 :], delimiter=separator), start=first + 2):
             if any(cell.strip() for cell in cells):
                 if len(cells) != len(header):
-                    raise TrajectoryError(
-                        f"line {number} has {len(cells)} values; expected {len(header)} as in the header"
-                    )
+                    expected_count = f"expected {len(header)} as in the header"
+                    raise TrajectoryError(f"line {number} has {len(cells)} values; {expected_count}")
                 yield number, cells
 
     return remarks, header, rows()
 
 
 def read_remarks(lines: Sequence[str]) -> tuple[dict[str, str], int]:
-    """The `# key: value` lines, and the index of the header line."""
+    """Return the `# key: value` lines, and the index of the header line."""
     remarks = {}
     for index, line in enumerate(lines):
         if line.startswith("#"):
@@ -180,26 +177,12 @@ def read_remarks(lines: Sequence[str]) -> tuple[dict[str, str], int]:
 
 
 def separator_of(header: str, separators: Sequence[str] = SEPARATORS) -> str:
-    """The separator that a header line has most of, the first of equals."""
+    """Return the most frequent separator of a header line, of equals the first."""
     return max(separators, key=header.count)
 
 
-def _check_header(header: Sequence[str]) -> None:
-    wanted = (*COLUMNS, *(OBJECT_COLUMNS if any(column in header for column in OBJECT_COLUMNS) else ()))
-    missing = [column for column in wanted if column not in header]
-    if missing:
-        shown = ", ".join(missing[:6]) + (f" and {len(missing) - 6} more" if len(missing) > 6 else "")
-        raise TrajectoryError(f"the header lacks {shown}; expected {len(wanted)} columns and perhaps {PHASE}")
-    known = (*COLUMNS, *OBJECT_COLUMNS, PHASE, FLAGS)
-    for column in header:
-        if column not in known:
-            raise TrajectoryError(f"the header has an {UnknownNameError('column', column, known)}")
-        if header.count(column) > 1:
-            raise TrajectoryError(f"the header has column {column} twice")
-
-
 def numbers_of(cells: Sequence[str], columns: Sequence[str], order: Iterable[int], line: int) -> list[float]:
-    """The numbers in the cells of `columns`, which stand at the places `order`.
+    """Return the numbers in the cells of `columns` at the indices `order`.
 
     Raises:
         TrajectoryError: A cell holds none; the message names its line and its column.
@@ -216,11 +199,7 @@ def numbers_of(cells: Sequence[str], columns: Sequence[str], order: Iterable[int
 
 
 def object_pose(remarks: dict[str, str]) -> dict[str, FloatArray]:
-    """The object's pose in the remarks, as far as it is there.
-
-    Raises:
-        TrajectoryError: No numbers, or another count of them.
-    """
+    """Return the object's pose in the remarks, as far as it is there; raise TrajectoryError for wrong numbers."""
     pose = {}
     for key, size in POSE_SIZES.items():
         if key in remarks:
@@ -235,7 +214,7 @@ def object_pose(remarks: dict[str, str]) -> dict[str, FloatArray]:
 
 
 def phases_of(names: Sequence[str], time: FloatArray) -> tuple[Phase, ...]:
-    """Phases from the name at each sample: runs of equal names.
+    """Return phases from the name at each sample: runs of equal names.
 
     A run ends at the stamp after it, the last one at the last stamp.
     """
@@ -250,7 +229,7 @@ def phases_of(names: Sequence[str], time: FloatArray) -> tuple[Phase, ...]:
 
 
 def _phase_names(trajectory: Trajectory) -> list[str]:
-    """The phase of each sample, empty where there is none."""
+    """Return the phase of each sample, "" if there is none."""
     names = [""] * trajectory.sample_count
     last = trajectory.phases[-1]
     for phase in trajectory.phases:

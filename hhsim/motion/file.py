@@ -3,10 +3,9 @@
 schema_version 1. Attributes of the file: format, schema_version, name, source, licence, device, hand, and, of an
 import, checksums (`Trajectory.checksums`). Datasets, each with `units` and `long_name`: time (T,), position (T, 3),
 orientation (T, 4), flexion (T, 5, 3), abduction (T, 5), object/position (3,), object/orientation (4,) or, of an object
-that moves, (T, 3) and (T, 4), phase/{name, start_time, end_time} (P,), raw/<channel> (T, …), and, where somebody looked
-the samples over, flags (T,): bits whose meaning its attributes `flag_masks` and `flag_meanings` hold, as in the CF
-metadata conventions. Behind the HDF5 file stands its seal (`hhsim.system.checksummed_file`); a file without one is read
-too.
+that moves, (T, 3) and (T, 4), phase/{name, start_time, end_time} (P,), raw/<channel> (T, …), and optional flags (T,):
+bits with the meanings in its attributes `flag_masks` and `flag_meanings`, as in the CF metadata conventions. The HDF5
+file is followed by its seal (`hhsim.system.checksummed_file`); a file without one is read too.
 """
 
 from pathlib import Path
@@ -66,12 +65,9 @@ def save_trajectory(trajectory: Trajectory, path: str | Path) -> None:
 
 
 def check_trajectory_path(path: Path) -> None:
-    """Look, before the work, for what would keep a trajectory from being written.
+    """Raise OutputError if a trajectory cannot be written here.
 
-    Raises:
-        OutputError: As `hhsim.system.output_path.check_output_path`; another suffix; or a file is there that is no
-        trajectory,
-            such as a recording, which a slip of the pen must not destroy.
+    That is a place that cannot be written, another suffix, or a file that is no trajectory, such as a recording.
     """
     check_output_path(path)
     if path.suffix.lower() not in (CSV_SUFFIX, *HDF5_SUFFIXES):
@@ -137,15 +133,22 @@ def _write(trajectory: Trajectory, file: h5py.File) -> None:
 
 
 def read_fields(path: Path) -> dict[str, Any]:
-    """The fields of a trajectory in an HDF5 file, by their names in `Trajectory`; the arrays are not checked.
+    """Read the fields of a trajectory in an HDF5 file, by their names in `Trajectory`, without checking the arrays.
 
     Raises:
         TrajectoryError: Another format, a newer schema, a missing part, or a damaged file.
     """
     try:
-        return _read(path)
+        file = open_hdf5(path)
     except DamagedFileError as error:
         raise TrajectoryError(str(error)) from None
+    except PermissionError:
+        raise
+    except OSError:
+        raise TrajectoryError(f"not an HDF5 file, or a damaged one; expected format {FORMAT}") from None
+    try:
+        with file:
+            return _fields(file)
     except (TrajectoryError, PermissionError):
         raise
     except DAMAGE as error:
@@ -153,41 +156,31 @@ def read_fields(path: Path) -> dict[str, Any]:
         raise TrajectoryError(f"a damaged HDF5 file: {reason}") from None
 
 
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        file = open_hdf5(path)
-    except OSError as error:
-        if isinstance(error, PermissionError):
-            raise
-        raise TrajectoryError(f"not an HDF5 file, or a damaged one; expected format {FORMAT}") from None
-    with file:
-        form = file.attrs.get("format")
-        if form != FORMAT:
-            found = f"format '{form}'" if isinstance(form, str) else "no format attribute"
-            raise TrajectoryError(f"{found}; expected {FORMAT}")
-        version = file.attrs.get("schema_version")
-        if not isinstance(version, int | np.integer) or version < 1:
-            raise TrajectoryError(f"schema_version {version}; expected a whole number from 1 to {SCHEMA_VERSION}")
-        if version > SCHEMA_VERSION:
-            raise TrajectoryError(f"schema_version {version} is newer than {SCHEMA_VERSION}: update hhsim to read it")
-        columns = {key: _get(file, f"phase/{key}") for key in PHASE_COLUMNS} if "phase" in file else {}
-        lengths = {len(column) for column in columns.values()}
-        if len(lengths) > 1:
-            raise TrajectoryError("phase/name, start_time and end_time have different lengths")
-        fields = {key: _get(file, key) for key in SAMPLES}
-        fields |= object_fields({key.replace("/", "_"): _get(file, key) for key in OBJECT if key in file})
-        fields |= {key: str(file.attrs.get(key, "")) for key in (*TEXTS, "checksums")}
-        if "flags" in file:
-            fields["flags"] = _get(file, "flags")
-        fields["phases"] = tuple(
-            Phase(str(name), float(start), float(end)) for name, start, end in zip(*columns.values(), strict=True)
-        )
-        fields["raw"] = tuple(_raw_channel(file, key) for key in file.get("raw", ()))
-        return fields
+def _fields(file: h5py.File) -> dict[str, Any]:
+    form, version = file.attrs.get("format"), file.attrs.get("schema_version")
+    if form != FORMAT:
+        found = f"format '{form}'" if isinstance(form, str) else "no format attribute"
+        raise TrajectoryError(f"{found}; expected {FORMAT}")
+    if not isinstance(version, int | np.integer) or version < 1:
+        raise TrajectoryError(f"schema_version {version}; expected a whole number from 1 to {SCHEMA_VERSION}")
+    if version > SCHEMA_VERSION:
+        raise TrajectoryError(f"schema_version {version} is newer than {SCHEMA_VERSION}: update hhsim to read it")
+    columns = {key: _get(file, f"phase/{key}") for key in PHASE_COLUMNS} if "phase" in file else {}
+    if len({len(column) for column in columns.values()}) > 1:
+        raise TrajectoryError("phase/name, start_time and end_time have different lengths")
+    fields = {key: _get(file, key) for key in SAMPLES}
+    fields |= object_fields({key.replace("/", "_"): _get(file, key) for key in OBJECT if key in file})
+    fields |= {key: str(file.attrs.get(key, "")) for key in (*TEXTS, "checksums")}
+    if "flags" in file:
+        fields["flags"] = _get(file, "flags")
+    rows = zip(*columns.values(), strict=True)
+    fields["phases"] = tuple(Phase(str(name), float(start), float(end)) for name, start, end in rows)
+    fields["raw"] = tuple(_raw_channel(file, key) for key in file.get("raw", ()))
+    return fields
 
 
 def _get(file: h5py.File, key: str) -> Any:
-    """The whole dataset; text as str."""
+    """Return the whole dataset; text as str."""
     dataset = file.get(key)
     if not isinstance(dataset, h5py.Dataset):
         raise TrajectoryError(f"no dataset {key}; expected one in every {FORMAT} file")
@@ -199,6 +192,5 @@ def _get(file: h5py.File, key: str) -> Any:
 
 def _raw_channel(file: h5py.File, key: str) -> RawChannel:
     attributes = file[f"raw/{key}"].attrs
-    return RawChannel(
-        key, _get(file, f"raw/{key}"), str(attributes.get("units", "")), str(attributes.get("long_name", ""))
-    )
+    words = (str(attributes.get(name, "")) for name in ("units", "long_name"))
+    return RawChannel(key, _get(file, f"raw/{key}"), *words)

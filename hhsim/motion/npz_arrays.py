@@ -1,4 +1,4 @@
-"""Arrays of `.npz` and `.npy` files, without pickles, and never more than a hand recording can be."""
+"""Arrays of `.npz` and `.npy` files, without pickles, and no more than a hand recording can be."""
 
 import io
 import tokenize
@@ -13,33 +13,23 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
 
 ALWAYS, PER_BYTE = 1 << 28, 100
-"""Arrays together state at most so many bytes, and so many more for each byte of their archive."""
+"""Largest size of all arrays together [byte]: so many, and so many more for each byte of the archive."""
 
 DAMAGE = (MemoryError, SyntaxError, TypeError, KeyError, OverflowError, RecursionError, tokenize.TokenError)
-"""What numpy raises, besides ValueError and its like, for the header of an array that is none."""
+"""Errors of numpy, besides ValueError and its like, for a damaged array header."""
 
 
 def read_npy(data: bytes) -> Any:
-    """The array of an `.npy` file, without pickles.
-
-    Raises:
-        TrajectoryError: No such file, or a damaged one.
-    """
+    """Read the array of an `.npy` file; raise TrajectoryError for another or a damaged file."""
     try:
         return np.lib.format.read_array(io.BytesIO(data), allow_pickle=False)
     except (ValueError, EOFError, OSError, *DAMAGE) as error:
-        reason = (
-            str(error).splitlines()[0][:120] if isinstance(error, ValueError) and str(error) else type(error).__name__
-        )
-        raise TrajectoryError(f"not an .npy array, or a damaged one: {reason}") from None
+        line = str(error).splitlines()[0][:120] if isinstance(error, ValueError) and str(error) else ""
+        raise TrajectoryError(f"not an .npy array, or a damaged one: {line or type(error).__name__}") from None
 
 
 def read_npz(data: bytes) -> dict[str, Any]:
-    """The arrays by their names.
-
-    Raises:
-        TrajectoryError: No archive, or a damaged one.
-    """
+    """Read the arrays of an archive by their names; raise TrajectoryError for another or a damaged file."""
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             entries = archive.infolist()

@@ -1,7 +1,7 @@
-"""An object that moves as recorded: its pose at every sample or tick, and the world as the object sees it.
+"""Object that moves as recorded: its pose at every sample or tick, and the frame that moves with it.
 
-In the frame that moves with the object, and is the world's at the first pose, the object stands still. There a hand is
-solved and measured as beside an object that is fixed; forces and poses are brought back to the world after that.
+In that frame, which is the world's at the first pose, the object stands still. There a hand is solved and measured as
+beside a fixed object; forces and poses are transformed to the world after that.
 """
 
 from typing import Any, NamedTuple, Self
@@ -13,71 +13,66 @@ from hhsim.hand.quaternion import conjugate, quaternion_product, rotation_matrix
 
 
 class ObjectMotion(NamedTuple):
-    """The object's own frame over time.
+    """Frame of the object over time.
 
     Attributes:
-        position: Of its origin [m], shape (T, 3), world.
+        position: Origin [m], shape (T, 3), world.
         orientation: Object to world, unit (w, x, y, z), shape (T, 4).
     """
 
     position: FloatArray
     orientation: FloatArray
 
-    @property
-    def stands_still(self) -> bool:
-        """Whether every pose is the first one."""
-        return all(bool((values == values[:1]).all()) for values in self)
-
     def at(self, index: int | slice | IntArray) -> Self:
-        """Some of its poses."""
+        """Return the poses of an index or a slice."""
         return type(self)(self.position[index], self.orientation[index])
 
     def since(self, position: FloatArray, orientation: FloatArray) -> "RigidMotion":
-        """What moves the object from a pose, shapes (3,) and (4,), to each of its own."""
+        """Compute the motion from a pose, shapes (3,) and (4,), to each of the object's."""
         turn = quaternion_product(self.orientation, conjugate(orientation))
         return RigidMotion(turn, self.position - _turned(turn, np.broadcast_to(position, self.position.shape)))
 
 
 class RigidMotion(NamedTuple):
-    """At each tick x ↦ turn · x + shift: from the frame that moves with the object to the world, and back.
+    """Transformation at each tick from the frame that moves with the object to the world: x ↦ turn · x + shift.
 
     Attributes:
         turn: Unit quaternions (w, x, y, z), shape (T, 4).
-        shift: [m], shape (T, 3).
+        shift: Translation [m], shape (T, 3).
     """
 
     turn: FloatArray
     shift: FloatArray
 
     def points(self, seen: FloatArray) -> FloatArray:
-        """World points [m], shape (T, ..., 3), of those that the object sees."""
+        """Transform points [m], shape (T, ..., 3), from the object's frame to the world."""
         return _turned(self.turn, seen) + _beside(self.shift, seen)
 
     def vectors(self, seen: FloatArray) -> FloatArray:
-        """World vectors, shape (T, ..., 3), of those that the object sees."""
+        """Transform vectors, shape (T, ..., 3), from the object's frame to the world."""
         return _turned(self.turn, seen)
 
     def orientations(self, seen: FloatArray) -> FloatArray:
-        """World quaternions, shape (T, 4), of those that the object sees."""
+        """Transform quaternions, shape (T, 4), from the object's frame to the world."""
         return quaternion_product(self.turn, seen)
 
     def seen_points(self, world: FloatArray) -> FloatArray:
-        """World points [m], shape (T, ..., 3), as the object sees them."""
+        """Transform points [m], shape (T, ..., 3), from the world to the object's frame."""
         return _turned(conjugate(self.turn), world - _beside(self.shift, world))
 
     def seen_vectors(self, world: FloatArray) -> FloatArray:
-        """World vectors, shape (T, ..., 3), as the object sees them."""
+        """Transform vectors, shape (T, ..., 3), from the world to the object's frame."""
         return _turned(conjugate(self.turn), world)
 
     def seen_orientations(self, world: FloatArray) -> FloatArray:
-        """World quaternions, shape (T, 4), as the object sees them."""
+        """Transform quaternions, shape (T, 4), from the world to the object's frame."""
         return quaternion_product(conjugate(self.turn), world)
 
 
 def object_fields(given: dict[str, Any]) -> dict[str, Any]:
-    """Fields of a trajectory for the object_position and object_orientation of a file, which may have a row a sample.
+    """Return fields of a trajectory for the object_position and object_orientation of a file.
 
-    Where one has, that is a motion; the other stands still beside it if it is constant or not there.
+    If one has a row a sample, the object moves; the other may be constant or missing.
     """
     if not any(np.ndim(values) == 2 for values in given.values()):
         return given
@@ -88,7 +83,7 @@ def object_fields(given: dict[str, Any]) -> dict[str, Any]:
 
 
 def _beside(rows: FloatArray, values: FloatArray) -> FloatArray:
-    """One row a tick, shape (T, 3), with the axes that `values` has between."""
+    """Insert the axes of `values` into rows of shape (T, 3)."""
     return rows.reshape(len(rows), *[1] * (values.ndim - 2), 3)
 
 

@@ -1,12 +1,10 @@
-"""From samples at irregular stamps to ticks: monotone cubic, slerp, or hold.
+"""Resampling from irregular stamps to ticks: monotone cubic, slerp, or hold.
 
-The cubic is the shape-preserving one of Fritsch & Butland (SIAM J. Sci. Stat. Comput. 5, 1984; "PCHIP"): between two
-samples it never leaves their range, so a resampled finger flexes no further than the glove said and a palm that rests
-stays at rest.
-Orientations go along the great arc between neighbouring samples.
+The cubic is that of Fritsch & Butland (SIAM J. Sci. Stat. Comput. 5, 1984; "PCHIP"): between two samples it never
+leaves their range, so a resampled finger flexes no further than measured, and a palm that rests stays at rest.
 
-Ticks that fall on a stamp (within `STAMP_TOLERANCE`) take the sample as it is, bit for bit: a recording made at the
-tick rate is replayed unchanged.
+Ticks that fall on a stamp (within `STAMP_TOLERANCE`) take the sample bit for bit: a recording made at the tick rate is
+replayed unchanged.
 """
 
 import numpy as np
@@ -14,46 +12,40 @@ import numpy as np
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 
 STAMP_TOLERANCE = 1e-9
-"""A stamp this close to a tick [s] is that tick: stamps such as 3 · 0.001 and 3 / 1000 differ in the last bit."""
+"""Largest distance of a stamp from a tick at the same time [s]: 3 · 0.001 and 3 / 1000 differ in the last bit."""
 
 SMALL_ARC = 1e-6
-"""Below this angle [rad] between quaternions the chord is the arc in double precision."""
+"""Angle between quaternions [rad] below which chord and arc are equal in double precision."""
 
 
 def tick_times(duration: float, rate: float) -> FloatArray:
-    """K / rate [s] for k = 0, 1, … up to `duration` [s] inclusive, shape (N,)."""
+    """Return k / rate [s] for k = 0, 1, … up to `duration` [s] inclusive, shape (N,)."""
     count = int(np.floor((duration + STAMP_TOLERANCE) * rate)) + 1
     return np.arange(count) / rate
 
 
 def newest_sample(time: FloatArray, ticks: FloatArray) -> IntArray:
-    """Index of the newest sample at or before each tick, shape (N,).
-
-    Args:
-        time: Increasing stamps [s], shape (T,).
-        ticks: [s], shape (N,), none before the first stamp.
-    """
+    """Return the index of the newest sample at or before each tick, shape (N,); no tick is before the first stamp."""
     index = np.searchsorted(time, ticks + STAMP_TOLERANCE, side="right") - 1
     return np.asarray(np.maximum(index, 0), dtype=np.int64)
 
 
 def on_stamp(time: FloatArray, ticks: FloatArray, newest: IntArray) -> BoolArray:
-    """Where a tick falls on its newest sample, or after the last one, and so takes the sample itself; shape (N,)."""
+    """Return True where a tick takes its newest sample as it is: on a stamp, or after all; shape (N,)."""
     sample: BoolArray = np.abs(ticks - time[newest]) <= STAMP_TOLERANCE
     sample |= newest == time.shape[0] - 1
     return sample
 
 
 def monotone_slopes(time: FloatArray, values: FloatArray) -> FloatArray:
-    """Slopes of the shape-preserving cubic at the samples.
+    """Compute the slopes of the shape-preserving cubic at the samples [1/s], shape (T, C).
+
+    They are zero at every local extremum, else the weighted harmonic mean of the neighbouring secants, which keeps
+    every interval monotone.
 
     Args:
         time: Increasing stamps [s], shape (T,), T >= 2.
-        values: Shape (T, C).
-
-    Returns:
-        Slopes [1/s], shape (T, C): zero at every local extremum, else the weighted harmonic mean of the neighbouring
-        secants, which keeps every interval monotone.
+        values: Samples, shape (T, C).
     """
     step = np.diff(time)[:, None]
     secant = np.diff(values, axis=0) / step
@@ -81,7 +73,7 @@ def monotone_slopes(time: FloatArray, values: FloatArray) -> FloatArray:
 
 
 def _end_slope(step: FloatArray, next_step: FloatArray, secant: FloatArray, next_secant: FloatArray) -> FloatArray:
-    """Three-point slope at an end, cut back so that the end interval stays monotone."""
+    """Return the three-point slope at an end, limited so that the end interval stays monotone."""
     slope = ((2.0 * step + next_step) * secant - step * next_secant) / (step + next_step)
     wrong_way = np.sign(slope) != np.sign(secant)
     too_steep = (np.sign(secant) != np.sign(next_secant)) & (np.abs(slope) > 3.0 * np.abs(secant))
@@ -89,15 +81,12 @@ def _end_slope(step: FloatArray, next_step: FloatArray, secant: FloatArray, next
 
 
 def interpolate_monotone(time: FloatArray, values: FloatArray, ticks: FloatArray) -> FloatArray:
-    """Shape-preserving cubic through the samples.
+    """Evaluate the shape-preserving cubic through the samples, shape (N, …), each within its two neighbours' range.
 
     Args:
         time: Increasing stamps [s], shape (T,).
-        values: Shape (T, …), any unit.
-        ticks: [s], shape (N,), within the stamps; later ones take the last sample.
-
-    Returns:
-        Shape (N, …), each channel within the range of the two samples around the tick.
+        values: Samples, shape (T, …), any unit.
+        ticks: Times [s], shape (N,); those after the last stamp take the last sample.
     """
     flat = values.reshape(values.shape[0], -1)
     newest = newest_sample(time, ticks)
@@ -117,15 +106,12 @@ def interpolate_monotone(time: FloatArray, values: FloatArray, ticks: FloatArray
 
 
 def interpolate_orientation(time: FloatArray, quaternions: FloatArray, ticks: FloatArray) -> FloatArray:
-    """Great-arc interpolation (slerp) between neighbouring samples, the short way round.
+    """Interpolate between neighbouring samples along the shorter great arc (slerp), unit quaternions of shape (N, 4).
 
     Args:
         time: Increasing stamps [s], shape (T,).
         quaternions: Unit, (w, x, y, z), shape (T, 4).
-        ticks: [s], shape (N,).
-
-    Returns:
-        Unit quaternions, shape (N, 4).
+        ticks: Times [s], shape (N,).
     """
     newest = newest_sample(time, ticks)
     out = quaternions[newest]

@@ -1,4 +1,4 @@
-"""What an import says about each sample: bits that a trajectory file keeps beside the motion."""
+"""Flags of samples: bits that a trajectory file holds about the faults and repairs of an import."""
 
 from enum import IntFlag
 
@@ -9,7 +9,7 @@ from hhsim.arrays import BoolArray
 
 
 class SampleFlag(IntFlag):
-    """One bit a finding; a sample's flags are their sum, 0 where nothing was found."""
+    """One bit per kind of finding; a sample's flags are their sum, 0 for none."""
 
     REORDERED = 1 << 0
     CUT_BEFORE = 1 << 1
@@ -30,7 +30,7 @@ class SampleFlag(IntFlag):
 
     @property
     def word(self) -> str:
-        """The flag in lower case, as tables and files name it."""
+        """Name of the flag in tables and files, in lower case."""
         return str(self.name).lower()
 
 
@@ -52,7 +52,7 @@ FLAG_MEANINGS: dict[SampleFlag, str] = {
     SampleFlag.INVALID: "the device itself said that it was not sure",
     SampleFlag.ESTIMATED: "a joint angle was computed from others, not measured",
 }
-"""Every flag in one line."""
+"""Meaning of every flag in one line."""
 
 MENDED = (
     SampleFlag.REORDERED
@@ -64,15 +64,15 @@ MENDED = (
     | SampleFlag.RENORMALISED
     | SampleFlag.LIMITED
 )
-"""Flags of samples whose numbers, or place in time, are not what came in."""
+"""Flags of samples whose numbers, or place in time, were changed."""
 
 
 def marked(flags: NDArray[np.uint32], flag: SampleFlag) -> BoolArray:
-    """Where any bit of `flag` is set, shape (T,)."""
+    """Return True where any bit of `flag` is set, shape (T,)."""
     found: BoolArray = (flags & np.uint32(flag.value)) != 0
     return found
 
 
 def mark(flags: NDArray[np.uint32], where: BoolArray, flag: SampleFlag) -> None:
-    """Set `flag` where `where` says, in place."""
+    """Set `flag` in place where `where` is true."""
     flags[where] |= np.uint32(flag.value)

@@ -1,4 +1,4 @@
-"""Configurations tick by tick as a trajectory, and as a replay of that trajectory gives them to a solver."""
+"""Configurations tick by tick as a trajectory, and as a replay of it gives them to a solver."""
 
 import numpy as np
 
@@ -8,13 +8,13 @@ from hhsim.motion.resample import tick_times
 from hhsim.motion.trajectory import MAX_ANGLE, MAX_POSITION, Trajectory
 
 RATE = 1000.0
-"""Ticks per second [Hz]."""
+"""Ticks a second [Hz]."""
 
 
 def hold_readings(motion: HandConfiguration) -> HandConfiguration:
-    """The motion as the solver sees it: a tick that is no reading of a hand repeats the last one that is.
+    """Return the motion with each tick that is no valid reading replaced by the last valid one before it.
 
-    Ticks before the first reading take that one. Where there is no reading at all, nothing is changed.
+    Ticks before the first reading take that one. Without any, nothing is changed.
     """
     sound = np.array([is_finite_configuration(*sample) for sample in zip(*motion)], dtype=bool)
     if sound.all() or not sound.any():
@@ -24,9 +24,9 @@ def hold_readings(motion: HandConfiguration) -> HandConfiguration:
 
 
 def replayed(motion: HandConfiguration) -> HandConfiguration:
-    """The motion as a replay of its trajectory gives it to the solver.
+    """Return the motion as a replay of its trajectory gives it to the solver.
 
-    Held, with unit quaternions of steady sign, and nothing beyond what a trajectory may hold.
+    Invalid readings are held, quaternions are unit and without sign flips, and values are within a trajectory's limits.
     """
     whole = hold_readings(motion)
     bounded = whole._replace(
@@ -38,14 +38,10 @@ def replayed(motion: HandConfiguration) -> HandConfiguration:
 
 
 def trajectory_of(motion: HandConfiguration, *, name: str = "", source: str = "") -> Trajectory:
-    """A checked trajectory with one sample a tick, so that a replay at `RATE` gets the same samples.
-
-    Args:
-        motion: One configuration a tick.
-        source: Who or what made the motion.
+    """Make a checked trajectory with one sample a tick, so that a replay at `RATE` gets the same samples.
 
     Raises:
-        TrajectoryError: The motion holds what no trajectory may; `hold_readings` mends NaN and zero quaternions.
+        TrajectoryError: Values that a trajectory refuses; `hold_readings` replaces NaN and zero quaternions.
     """
     time = tick_times((motion.ticks - 1) / RATE, RATE)
     return Trajectory(time, *motion, name=name, source=source)

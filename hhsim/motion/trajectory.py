@@ -1,4 +1,4 @@
-"""A hand motion: time-stamped poses of the haptic hand, the pose of the object, and where the motion comes from.
+"""Trajectory: time-stamped poses of the haptic hand, the pose of the object, and their origin.
 
 World right-handed, z up; quaternions (w, x, y, z); fingers thumb, index, middle, ring, little; joints proximal to
 distal. Positive flexion curls towards the palm, positive abduction turns a finger towards the thumb side.
@@ -21,13 +21,7 @@ from hhsim.motion.resample import (
     newest_sample,
     tick_times,
 )
-from hhsim.motion.validation import (
-    as_numbers,
-    check_finite,
-    check_increasing,
-    check_magnitude,
-    continuous_orientation,
-)
+from hhsim.motion.validation import as_numbers, check_finite, check_increasing, check_magnitude, continuous_orientation
 from hhsim.system.counted import counted
 
 HandSide = Literal["", "right", "left"]
@@ -35,21 +29,21 @@ Checksums = Literal["", "held", "missing"]
 ResampleMode = Literal["interpolate", "hold"]
 
 UNCHECKED = "not every number of the recording has a checksum: damage may pass as motion"
-"""What is said of a recording whose `checksums` are missing."""
+"""Warning for a recording whose `checksums` are missing."""
 MAX_ANGLE = 2.0 * np.pi
-"""A joint angle beyond a full turn [rad] is a recording in degrees."""
+"""Largest joint angle, a full turn [rad]; beyond, the recording is in degrees."""
 MAX_POSITION = 100.0
-"""A palm farther than this from the origin [m] is a recording in millimetres."""
+"""Largest coordinate of a palm [m]; beyond, the recording is in millimetres."""
 
 MOST_TICKS = 36_000_000
-"""A replay of more ticks, 10 hours at 1 kHz, is a stamp in another unit or one that went wrong."""
+"""Largest number of ticks of a replay, 10 hours at 1 kHz; beyond, a stamp is wrong or in another unit."""
 
 
 @dataclass(frozen=True)
 class Phase:
-    """A named part of a motion: start_time <= t < end_time [s] on the stamps' clock.
+    """Named part of a motion: start_time <= t < end_time [s] on the stamps' clock.
 
-    The last phase holds the last sample too where it ends there.
+    The last phase includes the last sample if it ends there.
     """
 
     name: str
@@ -58,7 +52,7 @@ class Phase:
 
 
 class TickPhase(NamedTuple):
-    """A phase in ticks, both ends included."""
+    """Phase in ticks, both ends included."""
 
     name: str
     first_tick: int
@@ -66,20 +60,19 @@ class TickPhase(NamedTuple):
 
 
 def phase_names(phases: Iterable[Phase | TickPhase]) -> str:
-    """The names of phases as the end of a repr; "" where there are none."""
+    """Return the names of phases as the end of a repr; "" for none."""
     names = ", ".join(phase.name for phase in phases)
     return f"; {names}" if names else ""
 
 
 @dataclass(frozen=True, eq=False)
 class RawChannel:
-    """What the device measured before calibration; carried along, never replayed.
+    """Readings of the device before calibration, stored and never replayed.
 
     Attributes:
         name: A word without slashes.
-        values: Shape (T, …).
-        unit: "" for plain numbers.
-        meaning: One line.
+        values: Readings, shape (T, …).
+        unit: Unit; "" for plain numbers.
     """
 
     name: str
@@ -90,18 +83,15 @@ class RawChannel:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TickInput:
-    """The haptic hand at each tick of the replay; C-contiguous and writable, as the kernels take it.
+    """Haptic hand at each tick of the replay; arrays are C-contiguous and writable, as the kernels take them.
 
     Attributes:
         time: k / rate [s], 0 at the first sample, shape (N,).
         input_seq: Index of the newest sample at or before the tick, shape (N,).
-        position: Palm origin [m], shape (N, 3), world.
-        orientation: Palm to world, unit (w, x, y, z), shape (N, 4).
-        flexion: [rad], shape (N, 5, 3).
-        abduction: [rad], shape (N, 5).
-        phases: Those that hold a tick.
-        rate: [Hz].
-        object_motion: The object's pose at each tick; None where it stands still.
+        position, orientation, flexion, abduction: As in `Trajectory`, N rows.
+        phases: Phases with at least one tick.
+        rate: Ticks a second [Hz].
+        object_motion: The object's pose at each tick; None if it stands still.
     """
 
     time: FloatArray
@@ -123,65 +113,51 @@ class TickInput:
         return int(self.time.shape[0])
 
     def first(self, count: int) -> "TickInput":
-        """The first ticks, all of them where there are no more; a phase that goes on ends with the last one."""
-        return TickInput(
-            time=self.time[:count],
-            input_seq=self.input_seq[:count],
-            position=self.position[:count],
-            orientation=self.orientation[:count],
-            flexion=self.flexion[:count],
-            abduction=self.abduction[:count],
-            phases=tuple(
-                phase._replace(last_tick=min(phase.last_tick, count - 1))
-                for phase in self.phases
-                if phase.first_tick < count
-            ),
-            rate=self.rate,
-            object_motion=None if self.object_motion is None else self.object_motion.at(slice(count)),
+        """Return the first ticks, at most `count`; a phase that goes on ends with the last one."""
+        arrays = ("time", "input_seq", "position", "orientation", "flexion", "abduction")
+        phases = [phase for phase in self.phases if phase.first_tick < count]
+        return replace(
+            self,
+            **{name: getattr(self, name)[:count] for name in arrays},
+            phases=tuple(phase._replace(last_tick=min(phase.last_tick, count - 1)) for phase in phases),
+            object_motion=self.object_motion and self.object_motion.at(slice(count)),
         )
 
     def seen_from_object(self) -> "TickInput":
-        """The hand in the frame that moves with the object, and is the world's at the first tick."""
+        """Return the hand in the frame that moves with the object, and is the world's at the first tick."""
         carrier = self.object_motion
         if carrier is None:
             return self
         moved = carrier.since(carrier.position[0], carrier.orientation[0])
-        return replace(
-            self,
-            position=moved.seen_points(self.position),
-            orientation=moved.seen_orientations(self.orientation),
-            object_motion=None,
-        )
+        seen = moved.seen_points(self.position), moved.seen_orientations(self.orientation)
+        return replace(self, position=seen[0], orientation=seen[1], object_motion=None)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Trajectory:
-    """A checked motion: making one validates it.
+    """Checked motion: the constructor validates it.
 
-    Quaternions come out normalised and without sign flips; all arrays are read-only copies.
+    Quaternions become unit and without sign flips; all arrays are read-only copies.
 
     Attributes:
-        time: Strictly increasing stamps [s], any rate, irregular ones too, shape (T,).
+        time: Strictly increasing stamps [s], any rate, also irregular, shape (T,).
         position: Palm origin [m], shape (T, 3), world.
         orientation: Palm to world, (w, x, y, z), shape (T, 4).
-        flexion: [rad], shape (T, 5, 3).
-        abduction: [rad], shape (T, 5).
+        flexion: Joint angles [rad], shape (T, 5, 3).
+        abduction: Joint angles [rad], shape (T, 5).
         phases: In order of time, not overlapping.
-        object_position: Of the object's origin [m], shape (3,), world; constant, or that of the first sample.
+        object_position: Object's origin [m], shape (3,), world; constant, or at the first sample.
         object_orientation: Object to world, (w, x, y, z), shape (4,); constant, or that of the first sample.
-        name: A short name.
-        source: Who or what made the motion.
-        licence: Under which it may be used.
-        device: What measured it; "" for synthetic ones.
+        source: Person or program that made the motion.
+        licence: Licence of the motion.
+        device: Device that measured it; "" for synthetic motions.
         raw: Channels as the device gave them.
-        hand: Which hand moved; "" where nobody said, or where it fits both.
-        flags: Bits of `hhsim.motion.sample_flags.SampleFlag`, shape (T,), what was mended or is in doubt; None where
-        nobody
-            looked.
-        object_motion: The object's pose at each sample, where it moves; one that stands still becomes
-            `object_position` and `object_orientation`, and None here.
-        checksums: Of the recording that it was made of: "held" where every number agreed with one, "missing" where some
-            have none, so that damage may pass as motion; "" where it is of no recording.
+        hand: Side of the hand; "" if unknown, or if the motion fits both.
+        flags: Bits of `hhsim.motion.sample_flags.SampleFlag`, shape (T,); None if not examined.
+        object_motion: The object's pose at each sample, if it moves; one that stands still becomes the constant pose,
+            and None here.
+        checksums: State of its recording: "held" if every number agreed with a checksum, "missing" if some have none,
+            so that damage may pass as motion; "" without a recording.
 
     Raises:
         TrajectoryError: Wrong shape, no samples, NaN or infinity, stamps that do not increase, a quaternion of length
@@ -207,7 +183,6 @@ class Trajectory:
     checksums: Checksums = ""
 
     def __post_init__(self) -> None:
-        """Check and normalise every field."""
         time = as_numbers("time", self.time)
         if time.ndim != 1:
             raise TrajectoryError(f"time has shape {time.shape}; expected (T,), one stamp [s] a sample")
@@ -218,14 +193,7 @@ class Trajectory:
         check_increasing(time)
         checked = {"time": time}
         for label, tail in (("position", (3,)), ("orientation", (4,)), ("flexion", (5, 3)), ("abduction", (5,))):
-            values = as_numbers(label, getattr(self, label))
-            expected = (count, *tail)
-            if values.shape != expected:
-                raise TrajectoryError(
-                    f"{label} has shape {values.shape}; expected {expected} for {counted(count, 'stamp')}"
-                )
-            check_finite(label, values, time)
-            checked[label] = values
+            checked[label] = _rows(label, getattr(self, label), time, tail)
         checked["orientation"] = continuous_orientation(checked["orientation"], time)
         for label in ("flexion", "abduction"):
             check_magnitude(label, checked[label], MAX_ANGLE, "rad", "is it in degrees?", time)
@@ -249,20 +217,13 @@ class Trajectory:
             object.__setattr__(self, "flags", _checked_flags(self.flags, count))
 
     def _checked_object_motion(self, time: FloatArray) -> ObjectMotion | None:
-        """The object's motion where it is one; its first pose becomes the constant one."""
+        """Return the object's motion if it moves; its first pose becomes the constant one."""
         if self.object_motion is None:
             return None
-        label = "object_position"
-        position = as_numbers(label, self.object_motion.position)
-        orientation = as_numbers("object_orientation", self.object_motion.orientation)
-        for name, values, size in ((label, position, 3), ("object_orientation", orientation, 4)):
-            if values.shape != (len(time), size):
-                raise TrajectoryError(
-                    f"{name} has shape {values.shape}; expected ({size},), one constant pose, or ({len(time)}, {size}),"
-                    " one a sample"
-                )
-            check_finite(name, values, time)
-        check_magnitude(label, position, MAX_POSITION, "m", "is it in millimetres?", time)
+        position = _rows("object_position", self.object_motion.position, time, (3,), "(3,), one constant pose, or ")
+        given = self.object_motion.orientation
+        orientation = _rows("object_orientation", given, time, (4,), "(4,), one constant pose, or ")
+        check_magnitude("object_position", position, MAX_POSITION, "m", "is it in millimetres?", time)
         try:
             motion = ObjectMotion(position, continuous_orientation(orientation, time))
         except TrajectoryError as error:
@@ -271,7 +232,8 @@ class Trajectory:
         object.__setattr__(self, "object_orientation", motion.orientation[0])
         for values in motion:
             values.setflags(write=False)
-        return None if motion.stands_still else motion
+        still = all(bool((values == values[:1]).all()) for values in motion)
+        return None if still else motion
 
     def __repr__(self) -> str:
         samples = f"{self.sample_count:,} samples in {self.duration:.3f} s"
@@ -284,20 +246,20 @@ class Trajectory:
 
     @property
     def duration(self) -> float:
-        """From the first to the last stamp [s]."""
+        """Time from the first to the last stamp [s]."""
         return float(self.time[-1] - self.time[0])
 
     @property
     def mean_rate(self) -> float:
-        """Samples per second [Hz], 0 for a single sample."""
+        """Samples a second [Hz], 0 for a single sample."""
         return (self.sample_count - 1) / self.duration if self.sample_count > 1 else 0.0
 
     def resampled(self, rate: float, mode: ResampleMode = "interpolate") -> TickInput:
-        """The motion at the ticks of a replay.
+        """Resample the motion to the ticks of a replay.
 
         Args:
-            rate: Ticks per second [Hz].
-            mode: "interpolate": monotone cubic and slerp, no overshoot; "hold": each tick sees the newest sample, as
+            rate: Ticks a second [Hz].
+            mode: "interpolate": monotone cubic and slerp, no overshoot; "hold": each tick takes the newest sample, as
                 from a glove that is slower than the loop.
 
         Raises:
@@ -335,11 +297,11 @@ class Trajectory:
         return TickInput(ticks, newest, position, orientation, flexion, abduction, phases, float(rate), carrier)
 
     def placed(self, object_position: ArrayLike, object_orientation: ArrayLike) -> Self:
-        """The same motion beside an object that stands still, at another pose.
+        """Return the same motion beside an object that stands still at another pose.
 
         Args:
-            object_position: [m], shape (3,), world.
-            object_orientation: (w, x, y, z), shape (4,).
+            object_position: Position [m], shape (3,), world.
+            object_orientation: Quaternion (w, x, y, z), shape (4,).
         """
         return replace(
             self,
@@ -349,16 +311,22 @@ class Trajectory:
         )
 
     def seen_from_object(self) -> Self:
-        """The same motion beside the object where it was at first: the hand as an object that moves sees it."""
+        """Return the motion in the frame that moves with the object, and is the world's at the first sample."""
         if self.object_motion is None:
             return self
         moved = self.object_motion.since(self.object_position, self.object_orientation)
-        return replace(
-            self,
-            position=moved.seen_points(self.position),
-            orientation=moved.seen_orientations(self.orientation),
-            object_motion=None,
-        )
+        seen = moved.seen_points(self.position), moved.seen_orientations(self.orientation)
+        return replace(self, position=seen[0], orientation=seen[1], object_motion=None)
+
+
+def _rows(label: str, given: ArrayLike, time: FloatArray, tail: tuple[int, ...], else_: str = "") -> FloatArray:
+    """Return finite numbers with one row a stamp; `else_` is another shape that would be right, for messages."""
+    values, expected = as_numbers(label, given), (len(time), *tail)
+    if values.shape != expected:
+        stamps = counted(len(time), "stamp")
+        raise TrajectoryError(f"{label} has shape {values.shape}; expected {else_}{expected} for {stamps}")
+    check_finite(label, values, time)
+    return values
 
 
 def _constant(label: str, given: ArrayLike, size: int) -> FloatArray:

@@ -1,4 +1,4 @@
-"""What makes a scripted motion look measured: tremor of the palm and the sensors of the joints, seeded."""
+"""Seeded disturbances of a scripted motion: tremor of the palm, and noise of the joint sensors."""
 
 import math
 from dataclasses import dataclass
@@ -18,15 +18,14 @@ Angle = Annotated[float, between(0.0, math.pi, "rad")]
 class Disturbance:
     """Tremor and sensor noise; all off by default.
 
-    Tremor is a sinusoid along a seeded ellipse in space whose longer half axis is the amplitude, so that no excursion
-    exceeds it and one reaches it; position and rotation have an ellipse each. Healthy hands: 8 to 12 Hz, 0.05 to
-    0.1 mm.
+    Tremor is a sinusoid along a seeded ellipse in space whose longer half axis is the amplitude, so that the largest
+    excursion is the amplitude; position and rotation have an ellipse each. Healthy hands: 8 to 12 Hz, 0.05 to 0.1 mm.
 
     Attributes:
         tremor_position: Amplitude of the palm's position [m].
         tremor_rotation: Amplitude of the palm's rotation vector [rad].
-        tremor_frequency: [Hz].
-        sensor_counts: Counts a full turn of the joint sensors; 0 for no quantisation.
+        tremor_frequency: Frequency [Hz].
+        sensor_counts: Counts of the joint sensors per full turn; 0 for no quantisation.
         sensor_noise: Standard deviation of each joint angle before quantisation [rad].
 
     Raises:
@@ -40,22 +39,18 @@ class Disturbance:
     sensor_noise: Angle = 0.0
 
     def __post_init__(self) -> None:
-        """Check the ranges."""
         check_fields(self, TrajectoryError)
 
     def apply(
         self, seed: int, time: FloatArray, position: FloatArray, orientation: FloatArray, flexion: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The disturbed motion.
+        """Disturb position, orientation and flexion; those without a disturbance are the given arrays.
 
         Args:
-            time: [s], shape (T,).
-            position: [m], shape (T, 3), world.
+            time: Stamps [s], shape (T,).
+            position: Palm origin [m], shape (T, 3), world.
             orientation: Unit (w, x, y, z), shape (T, 4).
-            flexion: [rad], shape (T, 5, 3).
-
-        Returns:
-            Position, orientation and flexion; those that nothing disturbs are the given arrays.
+            flexion: Joint angles [rad], shape (T, 5, 3).
         """
         # One stream for each part, so that switching one on leaves the others as they were.
         streams = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(3)]
@@ -75,7 +70,7 @@ class Disturbance:
         return position, orientation, flexion
 
     def _ellipse(self, stream: np.random.Generator, time: FloatArray, amplitude: float) -> FloatArray:
-        """A sin ωt + b cos ωt with seeded a and b, scaled so that the longer half axis is `amplitude`; shape (T, 3)."""
+        """Return a sin ωt + b cos ωt with seeded a and b, scaled to a longer half axis of `amplitude`; shape (T, 3)."""
         axes = stream.normal(size=(3, 2))
         axes *= amplitude / np.linalg.norm(axes, ord=2)
         phase = 2.0 * math.pi * self.tremor_frequency * time
@@ -83,5 +78,5 @@ class Disturbance:
 
     @property
     def is_off(self) -> bool:
-        """Whether nothing is disturbed."""
+        """True if there is no disturbance."""
         return not (self.tremor_position or self.tremor_rotation or self.sensor_counts or self.sensor_noise)

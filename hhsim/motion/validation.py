@@ -1,4 +1,4 @@
-"""What makes a motion fit to replay. Every refusal is one line: what is wrong, at which sample, what would be right."""
+"""Checks of a motion. Each raises one line: what is wrong, at which sample, what would be right."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -8,17 +8,13 @@ from hhsim.errors import TrajectoryError
 from hhsim.system.counted import counted
 
 MIN_QUATERNION_NORM = 1e-6
-"""A quaternion shorter than this has no direction left."""
+"""Shortest quaternion that has a direction."""
 UNIT_TOLERANCE = 4.0 * float(np.finfo(np.float64).eps)
-"""A quaternion this close to unit stays as it is, so that a file read back holds the same bytes."""
+"""Largest deviation from unit length that is kept, so that a file read back holds the same bytes."""
 
 
 def as_numbers(label: str, values: ArrayLike) -> FloatArray:
-    """A float64 copy, C-contiguous.
-
-    Raises:
-        TrajectoryError: `values` are not numbers, or rows of unequal length.
-    """
+    """Return a float64 copy, C-contiguous; raise TrajectoryError for what is no array of numbers."""
     try:
         return np.array(values, dtype=np.float64, order="C")
     except (TypeError, ValueError):
@@ -26,18 +22,16 @@ def as_numbers(label: str, values: ArrayLike) -> FloatArray:
 
 
 def check_finite(label: str, values: FloatArray, time: FloatArray | None = None) -> None:
-    """Refuse NaN and infinity."""
+    """Raise TrajectoryError for NaN and infinity."""
     bad = ~np.isfinite(values)
     if bad.any():
         place = _place(np.argwhere(bad)[0], time)
-        count = int(bad.sum())
-        raise TrajectoryError(
-            f"{label} has {counted(count, 'NaN or infinite value')}, first at {place}; expected finite numbers"
-        )
+        bad_count = counted(int(bad.sum()), "NaN or infinite value")
+        raise TrajectoryError(f"{label} has {bad_count}, first at {place}; expected finite numbers")
 
 
 def check_increasing(time: FloatArray) -> None:
-    """Refuse stamps that repeat or go backwards."""
+    """Raise TrajectoryError for stamps that repeat or go backwards."""
     bad = np.flatnonzero(np.diff(time) <= 0.0) + 1
     if bad.size:
         i = int(bad[0])
@@ -49,34 +43,28 @@ def check_increasing(time: FloatArray) -> None:
 
 
 def check_magnitude(label: str, values: FloatArray, limit: float, unit: str, question: str, time: FloatArray) -> None:
-    """Refuse values beyond `limit`, which betray another unit: `question` says which."""
+    """Raise TrajectoryError for values beyond `limit`, which are in another unit; `question` says which."""
     bad = np.abs(values) > limit
     if bad.any():
         first = np.argwhere(bad)[0]
-        raise TrajectoryError(
-            f"{label} is {values[tuple(first)]:.6g} at {_place(first, time)}, beyond {limit:.4g} {unit}: "
-            f"{question}; expected [{unit}]"
-        )
+        place = f"{values[tuple(first)]:.6g} at {_place(first, time)}"
+        raise TrajectoryError(f"{label} is {place}, beyond {limit:.4g} {unit}: {question}; expected [{unit}]")
 
 
 def continuous_orientation(quaternions: FloatArray, time: FloatArray) -> FloatArray:
-    """Unit quaternions without sign flips between neighbours, shape (T, 4).
+    """Return unit quaternions without sign flips between neighbours, shape (T, 4).
 
     Raises:
-        TrajectoryError: A quaternion of length zero, or of one that is no number.
+        TrajectoryError: A quaternion of length zero or infinity.
     """
     with np.errstate(over="ignore"):
         norm = np.linalg.norm(quaternions, axis=1)
-    for wrong, what in (
-        (norm < MIN_QUATERNION_NORM, "zero quaternion"),
-        (norm == np.inf, "infinitely long quaternion"),
-    ):
+    faults = {"zero quaternion": norm < MIN_QUATERNION_NORM, "infinitely long quaternion": norm == np.inf}
+    for what, wrong in faults.items():
         none = np.flatnonzero(wrong)
         if none.size:
-            place = _place(none[:1], time)
-            raise TrajectoryError(
-                f"orientation has {counted(none.size, what)}, first at {place}; expected unit (w, x, y, z)"
-            )
+            first = f"{counted(none.size, what)}, first at {_place(none[:1], time)}"
+            raise TrajectoryError(f"orientation has {first}; expected unit (w, x, y, z)")
     off = np.abs(norm - 1.0) > UNIT_TOLERANCE
     unit = np.where(off[:, None], quaternions / norm[:, None], quaternions)
     flips = np.where(np.sum(unit[1:] * unit[:-1], axis=1) < 0.0, -1.0, 1.0)

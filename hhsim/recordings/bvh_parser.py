@@ -1,7 +1,7 @@
-"""BVH motion capture text: a tree of joints with offsets and channels, and the channels' values in each frame.
+"""Parser of BVH motion capture text: a tree of joints with offsets and channels, and the channels' values per frame.
 
-A joint's channels are applied in the order in which they are listed: Zrotation Xrotation Yrotation means the turn about
-z, then about the turned x, then about the twice turned y. Angles are in degrees; lengths have no unit.
+A joint's channels are rotations about axes turned by those before, in their order in the file. Angles are in degrees;
+lengths have no unit.
 """
 
 from dataclasses import dataclass, field
@@ -14,24 +14,22 @@ from hhsim.recordings.recording import MOST_SAMPLES, Finding, note
 from hhsim.system.counted import counted
 
 MOST_JOINTS = 2_000
-"""More joints than this are no skeleton."""
+"""Largest number of joints of a skeleton."""
 MOST = 1e9
-"""Numbers beyond this are damage."""
+"""Largest magnitude of a number; numbers beyond are damage."""
 POSITIONS = ("xposition", "yposition", "zposition")
 ROTATIONS = ("xrotation", "yrotation", "zrotation")
 
 
 @dataclass
 class Joint:
-    """A joint of the skeleton, or the end of a bone.
+    """Joint of the skeleton, or the end of a bone (End Site), which is named after its parent with " end".
 
     Attributes:
-        name: Of the joint; of an end, its parent's with " end".
         parent: Index of its parent, -1 for a root.
-        offset: From the parent's joint, in the parent's frame, shape (3,).
-        channels: In lower case, in their order.
+        offset: Vector from the parent's joint, in the parent's frame, shape (3,).
+        channels: Names in lower case, in their order.
         first: Column of the first channel.
-        is_end: Whether it is an End Site.
         children: Indices of its children.
     """
 
@@ -46,13 +44,13 @@ class Joint:
 
 @dataclass(frozen=True, eq=False)
 class Bvh:
-    """A skeleton and its motion.
+    """Skeleton and its motion.
 
     Attributes:
-        joints: Parents before children.
-        frame_time: [s].
+        joints: Joints, parents before children.
+        frame_time: Time between frames [s].
         values: Channels in each frame, NaN where missing, shape (T, C).
-        findings: Frames that are missing or broken.
+        findings: Notes about frames that are missing or broken.
     """
 
     joints: tuple[Joint, ...]
@@ -61,11 +59,11 @@ class Bvh:
     findings: tuple[Finding, ...]
 
     def positions(self) -> FloatArray:
-        """World positions of all joints and ends in the file's unit, shape (T, J, 3)."""
+        """Compute world positions of all joints and ends in the file's unit, shape (T, J, 3)."""
         return self._pose()[0]
 
     def orientations(self) -> FloatArray:
-        """World rotations of all joints, shape (T, J, 3, 3)."""
+        """Compute world rotations of all joints, shape (T, J, 3, 3)."""
         return self._pose()[1]
 
     def _pose(self) -> tuple[FloatArray, FloatArray]:
@@ -83,7 +81,7 @@ class Bvh:
         return at, turned
 
     def _local(self, joint: Joint) -> tuple[FloatArray, FloatArray]:
-        """Place and rotation of a joint in its parent's frame, shapes (T, 3) and (T, 3, 3)."""
+        """Return position and rotation of a joint in its parent's frame, shapes (T, 3) and (T, 3, 3)."""
         count = len(self.values)
         shift = np.tile(joint.offset, (count, 1))
         turn = np.tile(np.eye(3), (count, 1, 1))
@@ -98,7 +96,7 @@ class Bvh:
 
 
 def _about(axis: int, angle: FloatArray) -> FloatArray:
-    """Rotations about a coordinate axis, shape (T, 3, 3)."""
+    """Return rotations about a coordinate axis, shape (T, 3, 3)."""
     i, j = (axis + 1) % 3, (axis + 2) % 3
     turn = np.tile(np.eye(3), (len(angle), 1, 1))
     turn[:, i, i] = turn[:, j, j] = np.cos(angle)
@@ -108,18 +106,14 @@ def _about(axis: int, angle: FloatArray) -> FloatArray:
 
 
 def read_bvh(text: str) -> Bvh:
-    """Read BVH text.
-
-    Raises:
-        TrajectoryError: No BVH, with the line where it stops being one.
-    """
+    """Read BVH text; raise TrajectoryError with the line where it stops being BVH."""
     lines = text.splitlines()
     joints, next_line = _hierarchy(lines)
     return _motion(lines, next_line, joints, complete=text.endswith(("\n", "\r")))
 
 
 def looks_like_bvh(text: str) -> bool:
-    """Whether a text begins as BVH does."""
+    """Return True if a text begins as BVH does."""
     return text.lstrip()[:9].upper() == "HIERARCHY"
 
 
@@ -178,9 +172,7 @@ def _channels(words: list[str], where: str) -> tuple[str, ...]:
     channels = tuple(word.lower() for word in words[2:])
     fits = len(words) > 1 and words[1].isdecimal() and int(words[1]) == len(channels) == len(set(channels))
     if not fits or not set(channels) <= {*POSITIONS, *ROTATIONS}:
-        raise TrajectoryError(
-            f"{where}: {' '.join(words)[:60]}; expected CHANNELS, their number, and names such as Xposition, Zrotation"
-        )
+        raise TrajectoryError(f"{where}: {' '.join(words)[:60]}; expected CHANNELS, their number, names as Xposition")
     return channels
 
 
@@ -217,14 +209,11 @@ def _motion(lines: list[str], first: int, joints: tuple[Joint, ...], *, complete
         else:
             broken.append(number)
     if len(broken) > 0.25 * len(rows):
-        raise TrajectoryError(
-            f"{len(broken)} of {len(rows)} frames do not hold {width} numbers, first line {broken[0]}; expected one "
-            "for each channel"
-        )
+        what = f"frames without {width} numbers, one a channel; first line {broken[0]}"
+        raise TrajectoryError(f"{len(broken)} of {len(rows)} {what}")
     if broken:
-        findings.append(
-            note(f"{counted(len(broken), 'frame')} without {width} numbers: missing, first line {broken[0]}")
-        )
+        text = f"{counted(len(broken), 'frame')} without {width} numbers: missing, first line {broken[0]}"
+        findings.append(note(text))
     return Bvh(joints, float(step), values, tuple(findings))
 
 

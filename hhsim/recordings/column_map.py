@@ -66,10 +66,10 @@ class JointColumn(Settings, frozen=True):
     """One joint angle: scale · (value - offset) · unit.
 
     Attributes:
-        column: Of the table; None where it is made from another joint.
-        joint: The joint that it is made from.
-        scale, offset: Offset in the column's unit; of another joint the scale alone counts.
-        unit: None: that of all joints.
+        column: Column of the table; None for an angle that is computed from another joint's.
+        joint: Joint that the angle is computed from, by the scale alone.
+        scale, offset: Factor, and offset in the column's unit.
+        unit: Unit of the angle; None for the unit of all joints.
     """
 
     column: Name | None = None
@@ -79,13 +79,13 @@ class JointColumn(Settings, frozen=True):
     unit: Angle | None = None
 
     def check(self) -> None:
-        """Refuse two sources, or none."""
+        """Raise InputError unless there is exactly one source."""
         if (self.column is None) == (self.joint is None):
             raise InputError("expected a column, or another joint that it follows")
 
 
 class RawColumn(Settings, frozen=True):
-    """A column that is kept as it is."""
+    """Column that is kept as it is."""
 
     column: Name
     unit: Name = ""
@@ -93,7 +93,7 @@ class RawColumn(Settings, frozen=True):
 
 
 class TimeColumn(Settings, frozen=True):
-    """Column of the stamps."""
+    """Column of the time stamps."""
 
     column: Name
     unit: Literal["s", "ms", "us", "µs", "ns"] | None = None
@@ -119,13 +119,11 @@ class OrientationColumns(Settings, frozen=True):
         return len(self.columns) == 3
 
     def check(self) -> None:
-        """Check the order."""
+        """Raise InputError for an order that does not fit the number of columns."""
         of_axes = len(self.order) == 3 and set(self.order.lower()) <= set("xyz")
         if self.euler and not (of_axes and self.order in (self.order.lower(), self.order.upper())):
-            raise InputError(
-                f"order = {self.order!r} for 3 columns; expected an Euler order such as ZYX (turned axes) "
-                "or zyx (fixed axes)"
-            )
+            orders = "ZYX (turned axes) or zyx (fixed axes)"
+            raise InputError(f"order = {self.order!r} for 3 columns; expected an Euler order such as {orders}")
         if not self.euler and self.order not in ("wxyz", "xyzw"):
             raise InputError(f"order = {self.order!r} for 4 columns; expected wxyz or xyzw")
 
@@ -137,7 +135,7 @@ class AngleUnit(Settings, frozen=True):
 
 
 class ColumnMap(Settings, frozen=True, kw_only=True, rename={"joints": "joint"}):
-    """A checked mapping; the module's docstring says what each field means."""
+    """Checked mapping of columns; the fields are the keys that the module's docstring explains."""
 
     name: Name = ""
     source: Name = ""
@@ -160,7 +158,7 @@ class ColumnMap(Settings, frozen=True, kw_only=True, rename={"joints": "joint"})
     phase: Name | None = None
 
     def check(self) -> None:
-        """Check axes, that there is a time, and what joints follow."""
+        """Raise InputError for wrong axes, a missing time, or a joint that follows one without a column."""
         world_matrix(self.world_up, "world_up")
         axes_matrix(self.palm_axes, "palm_axes")
         if self.time is None and self.rate is None:
@@ -172,17 +170,17 @@ class ColumnMap(Settings, frozen=True, kw_only=True, rename={"joints": "joint"})
 
     @property
     def joint_columns(self) -> dict[str, JointColumn]:
-        """What each joint is read from."""
+        """Source of each joint."""
         return {name: JointColumn(of) if isinstance(of, str) else of for name, of in self.joints.items()}
 
     @property
     def raw_columns(self) -> dict[str, RawColumn]:
-        """The columns that are kept as they are."""
+        """Columns that are kept as they are."""
         return {name: RawColumn(of) if isinstance(of, str) else of for name, of in self.raw.items()}
 
     @property
     def stated(self) -> frozenset[str]:
-        """The units that it names; what it does not name is still open to an option, or to the numbers."""
+        """Units that the mapping states ("time", "length", "angle"); the others are stated by an option or detected."""
         own = any(joint.unit is not None for joint in self.joint_columns.values())
         named = {
             "time": self.time is None or self.time.unit is not None,
@@ -200,30 +198,19 @@ OWN_COLUMNS = ColumnMap(
     orientation=OrientationColumns(("qw", "qx", "qy", "qz")),
     phase=PHASE,
 )
-"""The mapping of our own CSV."""
+"""Mapping of hhsim's own CSV."""
 
 
 def is_own_header(header: tuple[str, ...]) -> bool:
-    """Whether these are the columns of our own CSV."""
+    """Return True if these are the columns of hhsim's own CSV."""
     return set(COLUMNS) <= set(header)
 
 
 def read_column_map(path: Path) -> ColumnMap:
-    """Read a mapping from a TOML file.
-
-    Raises:
-        InputError: No such file, no TOML, or a key or value that no mapping has.
-    """
+    """Read a mapping from a TOML file; raise InputError for a missing file, no TOML, or an unknown key or value."""
     return parse_column_map(read_toml_text(path, "mapping of columns"), where=str(path))
 
 
 def parse_column_map(text: str, *, where: str) -> ColumnMap:
-    """Make a mapping from TOML text.
-
-    Args:
-        where: Names it in messages.
-
-    Raises:
-        InputError: No TOML, or a key or value that no mapping has.
-    """
+    """Read a mapping from TOML text; `where` names the text in error messages."""
     return parse_settings(text, ColumnMap, where)

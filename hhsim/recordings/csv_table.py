@@ -1,4 +1,4 @@
-"""CSV tables of any maker, read with patience: what cannot be read is missing, and said to be.
+"""Reader of CSV tables of any maker, which reports what it cannot read as missing instead of refusing it.
 
 Delimiters are commas, semicolons, tabs or blanks; lines that begin with # before the header are remarks.
 """
@@ -19,18 +19,17 @@ from hhsim.system.counted import counted
 DELIMITERS = (*SEPARATORS, " ")
 MISSING = {"", "nan", "na", "n/a", "null", "none", "-", "inf", "-inf", "+inf", "infinity", "-infinity"}
 MOST_BROKEN = 0.25
-"""Where more lines or cells than this cannot be read, the file is refused."""
+"""Largest share of lines, or of a column's cells, that may be unreadable."""
 
 
 @dataclass(frozen=True)
 class Table:
-    """A table of text.
+    """Table of text cells.
 
     Attributes:
-        header: Names of the columns.
-        rows: Cells, as many a row as names.
+        rows: Cells, as many a row as there are names in the header.
         remarks: The `# key: value` lines before the header.
-        findings: Lines that were left out.
+        findings: Notes about lines that were left out.
     """
 
     header: tuple[str, ...]
@@ -40,11 +39,11 @@ class Table:
     findings: tuple[Finding, ...]
 
     def numbers(self, columns: Sequence[str]) -> tuple[FloatArray, int]:
-        """The numbers of some columns, shape (T, C), NaN where there is none, and how many cells are no number at all.
+        """Return the numbers of some columns, shape (T, C), NaN for missing ones, and the count of unreadable cells.
 
         Raises:
-            TrajectoryError: A column holds no number.
-            UnknownNameError: A column that the table has not; the message lists the near ones.
+            TrajectoryError: A column holds no numbers.
+            UnknownNameError: The table has no such column; the message lists similar names.
         """
         values = np.full((len(self.rows), len(columns)), np.nan)
         broken = 0
@@ -52,22 +51,17 @@ class Table:
             if column not in self.header:
                 raise UnknownNameError("column", column, self.header)
             index = self.header.index(column)
-            bad = 0
-            for row, cells in enumerate(self.rows):
-                number = _number(cells[index], self.decimal)
-                if number is None:
-                    bad += 1
-                else:
-                    values[row, place] = number
-            if bad > MOST_BROKEN * max(len(self.rows), 1):
-                example = next(c[index] for c in self.rows if _number(c[index], self.decimal) is None)
-                point = DECIMAL_POINT if "," in example else ""
-                raise TrajectoryError(f"column '{column}' holds '{example[:40]}'; expected numbers{point}")
-            broken += bad
+            numbers = [_number(cells[index], self.decimal) for cells in self.rows]
+            bad = [cells[index] for cells, number in zip(self.rows, numbers) if number is None]
+            if len(bad) > MOST_BROKEN * max(len(self.rows), 1):
+                point = DECIMAL_POINT if "," in bad[0] else ""
+                raise TrajectoryError(f"column '{column}' holds '{bad[0][:40]}'; expected numbers{point}")
+            values[:, place] = [math.nan if number is None else number for number in numbers]
+            broken += len(bad)
         return values, broken
 
     def text(self, column: str) -> list[str]:
-        """The cells of a column as they are."""
+        """Return the cells of a column as text."""
         index = self.header.index(column)
         return [cells[index].strip() for cells in self.rows]
 
@@ -78,13 +72,11 @@ def read_table(
     """Read a table.
 
     Args:
-        text: The content of the file.
-        delimiter: Between cells; found in the header if not given.
-        names: Of the columns, where the first line is a sample; None where it has them.
+        delimiter: Separator of cells; None detects it in the header.
+        names: Column names of a table without a header line.
 
     Raises:
-        TrajectoryError: No header, or a sample in its place, no line below it, columns of the same name, or most lines
-            of another length.
+        TrajectoryError: No header, no line below it, two columns of the same name, or many lines of another length.
     """
     lines = text.splitlines()
     remarks, first, sign, header = _header(lines, delimiter)
@@ -96,8 +88,7 @@ def read_table(
     elif lacks_names(header):
         shown = ", ".join(cell[:12] for cell in header[:3])
         raise TrajectoryError(f"no header line, the first one holds {shown}, …; expected the names of the columns")
-    twice = next((name for name in header if name and header.count(name) > 1), None)
-    if twice is not None:
+    if twice := next((name for name in header if name and header.count(name) > 1), ""):
         raise TrajectoryError(f"the header has column '{twice[:40]}' twice")
     findings = []
     if len(lines) > below + 1 and not text.endswith(("\n", "\r")):
@@ -115,10 +106,8 @@ def read_table(
         else:
             broken.append(number)
     if len(broken) > MOST_BROKEN * (len(rows) + len(broken)):
-        raise TrajectoryError(
-            f"{len(broken)} of {len(rows) + len(broken)} lines have another number of cells than the header's "
-            f"{len(header)}, first line {broken[0]}; expected a table"
-        )
+        count = f"{len(broken)} of {len(rows) + len(broken)} lines have another number of cells than the header's"
+        raise TrajectoryError(f"{count} {len(header)}, first line {broken[0]}; expected a table")
     if not rows:
         raise TrajectoryError("no line below the header; expected one a sample")
     if broken:
@@ -128,21 +117,17 @@ def read_table(
 
 
 def read_header(text: str) -> tuple[str, ...]:
-    """The names of a table's columns.
-
-    Raises:
-        TrajectoryError: No header.
-    """
+    """Return the names of a table's columns; raise TrajectoryError if there is no header."""
     return _header(text.splitlines(), None)[3]
 
 
 def lacks_names(header: Sequence[str]) -> bool:
-    """Whether what stands for a header is a sample: numbers, some with a fraction; columns may be named 0, 1, 2."""
+    """Return True if a header is a sample: all numbers, and not all whole as the names 0, 1, 2 are."""
     return all(_number(cell, ".") is not None for cell in header) and not all(cell.isdecimal() for cell in header)
 
 
 def _header(lines: Sequence[str], delimiter: str | None) -> tuple[dict[str, str], int, str, tuple[str, ...]]:
-    """The remarks, the index of the header line, its delimiter, and the names in it."""
+    """Return the remarks, the index of the header line, its delimiter, and the names in it."""
     remarks, first = read_remarks(lines)
     if first == len(lines):
         raise TrajectoryError("no header line; expected the names of the columns")
@@ -161,7 +146,7 @@ def _cells(line: str, delimiter: str) -> list[str]:
 
 
 def _number(cell: str, decimal: str) -> float | None:
-    """The number in a cell, NaN where it says that there is none; None where it is no number."""
+    """Return the number in a cell, NaN for one that is marked as missing, None for other text."""
     word = cell.strip().strip('"').lower()
     if word in MISSING:
         return math.nan

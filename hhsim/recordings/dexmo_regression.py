@@ -1,14 +1,12 @@
-"""From the eleven channels of a Dexmo glove to the twenty joint angles of the hand, by linear regression.
+"""Linear regression from the eleven channels of a Dexmo glove to the twenty joint angles of the hand.
 
 The glove senses the metacarpophalangeal joints alone: rotate, split and bend of the thumb, split and bend of the other
-fingers. The joints beyond follow from them as they do when a fist is clenched, by linear regression (Gu and colleagues,
-"Dexmo", CHI 2016, which the paper follows): every angle is an offset plus a slope for each channel. The coefficients of
-that work are not public. The default here is a stated guess: a fist bends the fingers by 85°, 100° and, as the last
-joint follows the middle one with two thirds (Rijpkema & Girard 1991), 67°. Angles measured beside the channels give
-better ones (`fit`).
+fingers. Every angle is an offset plus a slope for each channel (Gu et al., "Dexmo", CHI 2016). The coefficients of that
+work are not public. The default is an assumption: a fist bends the fingers by 85°, 100° and two thirds of that for the
+last joint (Rijpkema & Girard 1991). `fit` finds better ones from angles that were measured beside the channels.
 
 Channels are normalised: 0 is the flat hand with the fingers together, 1 the fist for bend, spread for split, opposed
-for rotate. A glove that gives raw counts is calibrated by poses (`calibrated`), kept as TOML::
+for rotate. Raw counts are calibrated by poses (`calibrated`), stored as TOML::
 
     [channel]                        # readings at 0 and at 1; without them the channels are normalised
     index_bend = { open = 812.0, closed = 3166.0 }
@@ -37,7 +35,7 @@ from hhsim.recordings.unit_detection import ANGLE_UNITS
 from hhsim.system.settings_file import Settings, between, one_of, parse_settings, read_toml_text
 
 CHANNELS = ("thumb_rotate",) + tuple(f"{finger}_{kind}" for finger in FINGERS for kind in ("split", "bend"))
-"""The channels in the glove's order; its pinky is our little finger."""
+"""Channels in the glove's order; its pinky is the little finger."""
 BEND = tuple(CHANNELS.index(f"{finger}_bend") for finger in FINGERS)
 
 DEFAULT_DEGREES: dict[str, dict[str, float]] = {
@@ -53,19 +51,19 @@ DEFAULT_DEGREES: dict[str, dict[str, float]] = {
     "ring_abd": {"ring_split": -10.0},
     "little_abd": {"little_split": -20.0},
 }
-"""The default regression [degrees]; positive abduction turns towards the thumb side."""
+"""Default regression [degrees]; positive abduction turns towards the thumb side."""
 
 Channel = Annotated[str, one_of(CHANNELS)]
 Term = Annotated[str, one_of(("offset", *CHANNELS))]
 Reading = Annotated[float, between(-1e6, 1e6)]
-"""In a calibration no reading and no angle is larger."""
+"""Value of a reading or an angle in a calibration."""
 LEAST_SPAN = 100.0
-"""A channel of raw counts (12 bits) whose two poses are nearer than this says little: a hint goes with it."""
+"""Smallest usual span of a channel of raw 12-bit counts between its two poses; below it a hint is given."""
 
 
 @dataclass(frozen=True)
 class Poses:
-    """When the hand was in the poses of a calibration, each from one stamp to another [s]."""
+    """Time spans of the poses of a calibration, each from one stamp to another [s]."""
 
     open: tuple[float, float]
     fist: tuple[float, float]
@@ -74,13 +72,13 @@ class Poses:
 
 @dataclass(frozen=True, eq=False)
 class DexmoRegression:
-    """The glove's calibration.
+    """Calibration of the glove.
 
     Attributes:
         open, closed: Readings of each channel at 0 and at 1, shape (11,).
-        slope: [rad] of each joint for each normalised channel, shape (20, 11); joints as in `JOINT_NAMES`.
-        offset: [rad] of each joint where all channels are 0, shape (20,).
-        hints: Channels whose readings are doubtful, in words.
+        slope: Angle of each joint for each normalised channel [rad], shape (20, 11); joints as in `JOINT_NAMES`.
+        offset: Angle of each joint where all channels are 0 [rad], shape (20,).
+        hints: Sentences about channels whose readings are doubtful.
     """
 
     open: FloatArray
@@ -91,7 +89,7 @@ class DexmoRegression:
 
     @classmethod
     def default(cls) -> Self:
-        """Normalised channels and the stated default angles."""
+        """Return the default regression for normalised channels."""
         slope, offset = np.zeros((len(JOINT_NAMES), len(CHANNELS))), np.zeros(len(JOINT_NAMES))
         for joint, terms in DEFAULT_DEGREES.items():
             _set(slope, offset, joint, {key: np.radians(value) for key, value in terms.items()})
@@ -99,30 +97,27 @@ class DexmoRegression:
 
     @property
     def counts_raw(self) -> bool:
-        """Whether the readings are raw counts rather than 0 to 1."""
+        """True if the readings are raw counts, not numbers from 0 to 1."""
         return not (np.array_equal(self.open, np.zeros_like(self.open)) and (self.closed == 1.0).all())
 
     def normalised(self, readings: ArrayLike) -> FloatArray:
-        """Channels from 0 to 1, and beyond where the hand goes beyond its two poses; shape (…, 11)."""
+        """Return normalised channels, outside 0 to 1 where the hand exceeds its two poses; shape (…, 11)."""
         return np.asarray((np.asarray(readings, np.float64) - self.open) / (self.closed - self.open))
 
     def angles(self, readings: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Flexion (…, 5, 3) and abduction (…, 5) [rad] from readings of the channels, shape (…, 11)."""
+        """Compute flexion (…, 5, 3) and abduction (…, 5) [rad] from readings of the channels, shape (…, 11)."""
         whole = self.normalised(readings) @ self.slope.T + self.offset
         return whole[..., :15].reshape(*whole.shape[:-1], 5, 3), whole[..., 15:]
 
     def bend_lines(self) -> tuple[FloatArray, FloatArray]:
-        """Angles of each finger as its bend alone moves them [rad]: slope and offset, each of shape (5, 3)."""
+        """Return slope and offset of each finger's angles as functions of its bend [rad], each of shape (5, 3)."""
         slope = np.stack([self.slope[3 * f : 3 * f + 3, BEND[f]] for f in range(len(FINGERS))])
         return slope, self.offset[:15].reshape(len(FINGERS), 3).copy()
 
     def bends(self, flexion: ArrayLike) -> FloatArray:
-        """The normalised bend of each finger that comes nearest to its three angles, 0 to 1, shape (…, 5).
+        """Compute the normalised bend of each finger that fits its flexion [rad] best, shape (…, 5, 3) to (…, 5).
 
-        What a glove that takes a position limit is told. The other channels are taken as 0.
-
-        Args:
-            flexion: [rad], shape (…, 5, 3).
+        It is the position limit for the glove; the other channels are taken as 0.
         """
         slope, offset = self.bend_lines()
         given = np.asarray(flexion, np.float64) - offset
@@ -135,13 +130,12 @@ class DexmoRegression:
 def calibrated(
     regression: DexmoRegression, opened: ArrayLike, fist: ArrayLike, spread: ArrayLike | None = None
 ) -> DexmoRegression:
-    """The regression with the two ends of each channel from poses.
+    """Return the regression with the two ends of each channel from poses.
 
     Args:
-        regression: Whose angles stay.
-        opened: Readings while the hand is flat with the fingers together, shape (N, 11); their median counts.
-        fist: Readings while it is a fist: the other end of the bends.
-        spread: Readings while the fingers are spread and the thumb is opposed: the other end of split and rotate.
+        opened: Readings of the flat hand with the fingers together, shape (N, 11); their median counts.
+        fist: Readings of the fist: the other end of the bends.
+        spread: Readings of the hand with spread fingers and opposed thumb: the other end of split and rotate.
             Without it those channels are left out.
 
     Returns:
@@ -158,9 +152,8 @@ def calibrated(
     dead = span == 0.0
     if (dead & bend).any():
         name = CHANNELS[int(np.argmax(dead & bend))]
-        raise InputError(
-            f"{name} reads {low[CHANNELS.index(name)]:g} in the open hand and in the fist: it says nothing"
-        )
+        same = low[CHANNELS.index(name)]
+        raise InputError(f"{name} reads {same:g} in the open hand and in the fist: it says nothing")
     hints = []
     if dead.any():
         names = ", ".join(name for name, out in zip(CHANNELS, dead) if out)
@@ -187,22 +180,18 @@ def _medians(word: str, readings: ArrayLike) -> FloatArray:
 def fit(
     regression: DexmoRegression, readings: ArrayLike, angles: ArrayLike, joints: Sequence[str] = JOINT_NAMES
 ) -> tuple[DexmoRegression, FloatArray]:
-    """The regression whose joints follow measured angles best, in least squares.
-
-    Each joint keeps the channels that it depends on; their slopes and its offset are found anew.
+    """Fit slopes and offsets to measured angles by least squares; each joint keeps the channels that it depends on.
 
     Args:
-        regression: Which channels each joint depends on, and the ends of the channels.
-        readings: Of the channels, shape (N, 11).
-        angles: Of the joints measured beside them [rad], shape (N, J).
-        joints: Names of these joints.
+        readings: Readings of the channels, shape (N, 11).
+        angles: Angles of `joints` measured beside them [rad], shape (N, J).
 
     Returns:
-        The regression, and what is left of each joint, root mean square [rad], shape (J,).
+        The regression, and the root mean square of each joint's residual [rad], shape (J,).
 
     Raises:
-        InputError: Too few samples, or channels that do not move enough to tell slopes apart.
-        UnknownNameError: A joint that no hand has.
+        InputError: Too few samples, or channels that do not move enough to determine the slopes.
+        UnknownNameError: No hand has such a joint.
     """
     channels, measured = regression.normalised(readings), np.asarray(angles, np.float64)
     if channels.ndim != 2 or measured.shape != (len(channels), len(joints)):
@@ -226,7 +215,7 @@ def fit(
 
 
 def format_calibration(regression: DexmoRegression) -> str:
-    """The TOML text of a calibration, with every joint."""
+    """Return the TOML text of a calibration, with every joint."""
     lines = []
     if regression.counts_raw:
         lines.append("[channel]")
@@ -244,23 +233,12 @@ def format_calibration(regression: DexmoRegression) -> str:
 
 
 def read_calibration(path: Path) -> DexmoRegression:
-    """Read a calibration from a TOML file.
-
-    Raises:
-        InputError: No such file, no TOML, or a key or value that no calibration has.
-    """
+    """Read a calibration from a TOML file; raise InputError for a missing file, no TOML, or a wrong key or value."""
     return parse_calibration(read_toml_text(path, "calibration"), where=str(path))
 
 
 def parse_calibration(text: str, *, where: str) -> DexmoRegression:
-    """Make a calibration from TOML text; joints that it does not name keep their default.
-
-    Args:
-        where: Names it in messages.
-
-    Raises:
-        InputError: No TOML, or a key or value that no calibration has.
-    """
+    """Read a calibration from TOML text, named `where` in messages; joints that it lacks keep their default."""
     table = parse_settings(text, _CalibrationTable, where)
     factor = ANGLE_UNITS[table.angle.unit or "rad"]
     base = DexmoRegression.default()

@@ -1,4 +1,4 @@
-"""A hand of our own with the sizes of a recorded one: its bones, and its radii or those in proportion to it."""
+"""Hand model with the sizes of a recorded hand: its bones, and its radii or radii in proportion to it."""
 
 import tempfile
 from pathlib import Path
@@ -24,21 +24,21 @@ from hhsim.system.input_file import read_input
 from hhsim.system.output_path import check_output_path
 
 BREADTHS = (0.26, 0.74)
-"""Hand breadths [HL] that our palm can be made of."""
+"""Range of hand breadths that the palm model takes [hand lengths]."""
 SHORTEST = 0.004
-"""A bone shorter than this [m] to the centre of its fingertip is none."""
+"""Shortest bone, to the centre of the fingertip [m]."""
 
 
 class FittedHand(NamedTuple):
     """Sizes of a right hand, or of the mirror of a left one, palm frame.
 
     Attributes:
-        hand_length, hand_breadth: [m].
+        hand_length, hand_breadth: Sizes [m].
         base: First joint of each finger [m], shape (5, 3).
-        length: Of the bones, the last one to the centre of the tip's sphere [m], shape (5, 3).
-        radius: At the joints and the tip [m], shape (5, 4); not growing towards the tip.
-        measured: Whether the radii were recorded.
-        shift: From the palm's origin in the recording to that of this hand, recorded hand's palm frame [m], shape (3,).
+        length: Lengths of the bones, the last one to the centre of the tip's sphere [m], shape (5, 3).
+        radius: Radii at the joints and the tip [m], shape (5, 4); not growing towards the tip.
+        measured: True if the radii were recorded.
+        shift: Vector from the recording's palm origin to that of this hand, recorded palm frame [m], shape (3,).
     """
 
     hand_length: float
@@ -51,16 +51,11 @@ class FittedHand(NamedTuple):
 
 
 def fitted_hand(recording: Recording) -> FittedHand:
-    """The hand of a recording.
-
-    Raises:
-        TrajectoryError: A recording without joint centres, or with bones that are no hand's.
-    """
+    """Fit a hand to a recording; raise TrajectoryError without joint centres, or for bones that are no hand's."""
     bones = recording.bones
     if bones is None:
-        raise TrajectoryError(
-            f"--fit-hand needs the centres of the joints, and {recording.form or 'it'} holds angles only"
-        )
+        form = recording.form or "it"
+        raise TrajectoryError(f"--fit-hand needs the centres of the joints, and {form} holds angles only")
     low, high = HAND_LENGTH_RANGE
     if not low <= bones.hand_length <= high:
         raise TrajectoryError(f"--fit-hand: the hand is {bones.hand_length:.3g} m long; expected {low:g} to {high:g} m")
@@ -83,45 +78,29 @@ def fitted_hand(recording: Recording) -> FittedHand:
     mirror = MIRROR if bones.hand == "left" else np.ones(3)
     base = bones.base * mirror
     shift = base[1:].mean(axis=0) - ours["base"][1:].mean(axis=0)
-    return FittedHand(
-        bones.hand_length, breadth, base - shift, length, radius, bones.radius is not None, shift * mirror
-    )
+    measured = bones.radius is not None
+    return FittedHand(bones.hand_length, breadth, base - shift, length, radius, measured, shift * mirror)
 
 
 def for_hand(recording: Recording, hand: FittedHand) -> Recording:
-    """The recording with its palm where that of the fitted hand is: the knuckles are the recorded ones then."""
+    """Return the recording with its palm moved so that the knuckles of the fitted hand are the recorded ones."""
     moved = recording.position + turned(recording.orientation, hand.shift)
     text = f"palm moved by {1e3 * np.linalg.norm(hand.shift):.1f} mm in the hand: its knuckles are the fitted hand's"
     return recording.changed(position=moved).found(note(text))
 
 
 def format_fitted_hand(hand: FittedHand, source: str) -> str:
-    """The hand as the text of a hand file.
-
-    Args:
-        hand: As fitted.
-        source: What it was fitted to, for the remark at its top.
-    """
-    fingers = {
-        finger: {
-            "base": hand.base[f],
-            "length": hand.length[f],
-            **({"radius": hand.radius[f]} if hand.measured else {}),
-        }
-        for f, finger in enumerate(FINGERS)
-    }
+    """Return the hand as the text of a hand file; `source` names the recording in its first line."""
+    fingers = {finger: {"base": hand.base[f], "length": hand.length[f]} for f, finger in enumerate(FINGERS)}
+    if hand.measured:
+        fingers = {finger: sizes | {"radius": hand.radius[f]} for f, (finger, sizes) in enumerate(fingers.items())}
     radii = "radii as recorded" if hand.measured else "radii in proportion to its length and breadth"
-    return format_hand_file(
-        hand.hand_length, hand.hand_breadth, fingers, f"Fitted to {source}: bones as medians, {radii}."
-    )
+    title = f"Fitted to {source}: bones as medians, {radii}."
+    return format_hand_file(hand.hand_length, hand.hand_breadth, fingers, title)
 
 
 def check_hand_path(path: Path) -> None:
-    """Look, before the work, whether a hand can be written here.
-
-    Raises:
-        OutputError: A name of another kind of file, another file in the way, or a place that cannot be written.
-    """
+    """Raise OutputError if no hand file can be written: a wrong suffix, another kind of file, or no permission."""
     if path.suffix.lower() != ".toml":
         raise OutputError(f"{path} is no name for a hand file: it has to end in .toml")
     check_output_path(path)
@@ -130,11 +109,7 @@ def check_hand_path(path: Path) -> None:
 
 
 def check_hand_text(text: str) -> None:
-    """Make the hand of a hand file's text, as `hhsim replay --hand-file` will.
-
-    Raises:
-        InputError: No hand can be made of these sizes.
-    """
+    """Raise InputError if `hhsim replay --hand-file` could make no hand of this text."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "fitted-hand.toml"
         path.write_text(text, encoding="utf-8")

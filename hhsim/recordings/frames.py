@@ -1,11 +1,8 @@
-"""Frames of recordings, and how they become ours.
+"""Frames of recordings, and their conversion to hhsim's.
 
-Ours: world z up, palm x to the little finger, y to the fingers, z out of the back (of a right hand; of a left hand x
-points to the thumb, so that the frame stays right-handed).
-
-A world whose y points up, as in most motion capture and games, is turned about x: (x, y, z) becomes (x, -z, y). A palm
-frame is described by our three axes in terms of the recording's, such as ("-y", "x", "z"): our x is its -y, our y is
-its x.
+World z up; palm x to the little finger, y to the fingers, z out of the back (of a right hand; of a left hand x points
+to the thumb, so that the frame stays right-handed). Palm axes are given in terms of the recording's, such as
+("-y", "x", "z"): our x is its -y, our y is its x.
 """
 
 from collections.abc import Sequence
@@ -18,22 +15,21 @@ from hhsim.hand.quaternion import quaternion_from_matrix, quaternion_product
 
 OURS = ("x", "y", "z")
 WORLD_UP = ("x", "y", "z", "-x", "-y", "-z")
-_UNIT = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
 def axes_matrix(axes: Sequence[str], where: str = "palm axes") -> FloatArray:
-    """Rotation from our frame to the recording's, shape (3, 3): its columns are our axes in the recording's.
+    """Return the rotation from our frame to the recording's, shape (3, 3): its columns are our axes in the recording's.
 
     Args:
         axes: Our x, y, z, each as one of x, y, z, -x, -y, -z of the recording.
-        where: Names them in messages.
+        where: Name of the axes in messages.
 
     Raises:
-        InputError: Not three axes across each other, or a left-handed frame.
+        InputError: Not three perpendicular axes, or a left-handed frame.
     """
-    if len(axes) != 3 or any(not isinstance(axis, str) or axis.strip("+-") not in _UNIT for axis in axes):
+    if len(axes) != 3 or any(not isinstance(axis, str) or axis.strip("+-") not in OURS for axis in axes):
         raise InputError(f'{where} {list(axes)}: expected three of x, y, z, -x, -y, -z, such as ["-y", "x", "z"]')
-    columns = [(-1.0 if axis.startswith("-") else 1.0) * np.array(_UNIT[axis.strip("+-")]) for axis in axes]
+    columns = [(-1.0 if axis.startswith("-") else 1.0) * np.eye(3)[OURS.index(axis.strip("+-"))] for axis in axes]
     matrix = np.stack(columns, axis=1)
     if not np.isclose(np.linalg.det(matrix), 1.0):
         raise InputError(f"{where} {list(axes)}: left-handed or not across each other; expected a right-handed frame")
@@ -41,42 +37,31 @@ def axes_matrix(axes: Sequence[str], where: str = "palm axes") -> FloatArray:
 
 
 def world_matrix(up: str, where: str = "world_up") -> FloatArray:
-    """Rotation from the recording's world to ours, shape (3, 3).
-
-    Args:
-        up: The axis of the recording that points up.
-        where: Names it in messages.
+    """Return the rotation to our world from one whose axis `up` points up, shape (3, 3).
 
     Raises:
-        InputError: No axis.
+        InputError: `up` is no axis; the message begins with `where`.
     """
-    turns = {
-        "z": ("x", "y", "z"),
-        "-z": ("x", "-y", "-z"),
-        "y": ("x", "-z", "y"),
-        "-y": ("x", "z", "-y"),
-        "x": ("-z", "y", "x"),
-        "-x": ("z", "y", "-x"),
-    }
+    turns = {"z": "x y z", "-z": "x -y -z", "y": "x -z y", "-y": "x z -y", "x": "-z y x", "-x": "z y -x"}
     if up not in turns:
         raise InputError(f"{where} = {up!r}: expected one of {', '.join(WORLD_UP)}")
     # Rows: our axes in terms of the recording's.
-    return axes_matrix(turns[up], where).T
+    return axes_matrix(turns[up].split(), where).T
 
 
 def to_our_world(position: FloatArray, orientation: FloatArray, up: str) -> tuple[FloatArray, FloatArray]:
-    """Palm positions (T, 3) and orientations (T, 4, w x y z) of a recording's world in ours."""
+    """Convert palm positions (T, 3) and orientations (T, 4), w x y z, from a world whose axis `up` points up."""
     turn = world_matrix(up)
     return position @ turn.T, quaternion_product(quaternion_from_matrix(turn), orientation)
 
 
 def to_our_palm(orientation: FloatArray, axes: Sequence[str]) -> FloatArray:
-    """Orientations of our palm frame from those of the recording's, (T, 4), w x y z."""
+    """Convert orientations, shape (T, 4), from the recording's palm frame to ours, whose axes are given in it."""
     return quaternion_product(orientation, quaternion_from_matrix(axes_matrix(axes)))
 
 
 def turned(orientation: FloatArray, vector: FloatArray) -> FloatArray:
-    """A vector, shape (3,) or (T, 3), turned by each quaternion (w, x, y, z) of any length, shape (T, 3)."""
+    """Rotate a vector, shape (3,) or (T, 3), by each quaternion (w, x, y, z) of any length, shape (T, 3)."""
     with np.errstate(invalid="ignore", divide="ignore"):
         q = orientation / np.linalg.norm(orientation, axis=1, keepdims=True)
     cross = 2.0 * np.cross(q[:, 1:], vector)
@@ -84,9 +69,9 @@ def turned(orientation: FloatArray, vector: FloatArray) -> FloatArray:
 
 
 def quaternions_of(matrix: FloatArray) -> FloatArray:
-    """Unit quaternions (w, x, y, z), shape (T, 4), of rotation matrices, shape (T, 3, 3).
+    """Convert rotation matrices, shape (T, 3, 3), to unit quaternions (w, x, y, z) without sign flips, shape (T, 4).
 
-    Of steady sign; NaN where a matrix is missing.
+    NaN where a matrix is missing.
     """
     row = quaternion_from_matrix(matrix)
     whole = np.flatnonzero(np.isfinite(row).all(axis=1))
@@ -99,7 +84,7 @@ def quaternions_of(matrix: FloatArray) -> FloatArray:
 
 
 def in_palm(vectors: FloatArray, orientation: FloatArray) -> FloatArray:
-    """World vectors, shape (T, …, 3), in the palm frames of quaternions (w, x, y, z), shape (T, 4)."""
+    """Express world vectors, shape (T, …, 3), in the palm frames of quaternions (w, x, y, z), shape (T, 4)."""
     shape = (len(orientation),) + (1,) * (vectors.ndim - 2) + (3,)
     axis = -orientation[:, 1:].reshape(shape)
     w = orientation[:, :1].reshape(shape[:-1] + (1,))

@@ -1,6 +1,6 @@
-"""How much a hand changes between samples of a recording, as one length: what tells a motion from a heap of samples.
+"""Distance between samples of a recording, as one length.
 
-A turn of the palm counts as the way of a point `PALM_ARM` away from its origin, a joint angle as that of a fingertip.
+A rotation of the palm counts as the displacement of a point at `PALM_ARM`, a joint angle as that of a fingertip.
 """
 
 import numpy as np
@@ -10,15 +10,15 @@ from hhsim.hand.quaternion import conjugate, quaternion_product, rotation_vector
 from hhsim.recordings.recording import Recording
 
 PALM_ARM = 0.1
-"""From the palm's origin to a straight fingertip [m]."""
+"""Distance from the palm's origin to a straight fingertip [m]."""
 FINGER_ARM = 0.04
-"""From a joint to the fingertip, of a usual joint [m]."""
+"""Usual distance from a joint to the fingertip [m]."""
 
 
 def turn(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Rotation vectors [rad] from quaternions `first` to `second`, in the frame of `first`, shape (…, 3).
+    """Compute rotation vectors [rad] from quaternions `first` to `second`, in the frame of `first`, shape (…, 3).
 
-    Any length and sign; NaN or a length of zero gives NaN.
+    The quaternions have any length and sign; NaN or a length of zero gives NaN.
     """
     with np.errstate(invalid="ignore", divide="ignore"):
         a = first / np.linalg.norm(first, axis=-1, keepdims=True)
@@ -27,7 +27,7 @@ def turn(first: FloatArray, second: FloatArray) -> FloatArray:
 
 
 def change(recording: Recording, first: IntArray, second: IntArray) -> FloatArray:
-    """How far the hand is in samples `second` from where it is in `first` [m]; missing numbers count as unchanged."""
+    """Compute the distance of samples `second` from samples `first` [m]; missing numbers count as unchanged."""
     parts = [
         recording.position[second] - recording.position[first],
         PALM_ARM * turn(recording.orientation[first], recording.orientation[second]),
@@ -39,7 +39,7 @@ def change(recording: Recording, first: IntArray, second: IntArray) -> FloatArra
 
 
 def deviation(recording: Recording, sample: int, neighbours: tuple[int, ...]) -> float:
-    """How far a sample is from its nearest neighbour of those given [m]; 0 without any."""
+    """Compute the distance of a sample from the nearest of the given neighbours [m]; 0 without any."""
     if not neighbours:
         return 0.0
     others = np.array(neighbours, dtype=np.int64)

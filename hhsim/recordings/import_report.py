@@ -1,6 +1,5 @@
-"""What an import found and did, for people and for machines."""
+"""Report of what an import found and did, for people and for machines."""
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -8,60 +7,9 @@ import numpy as np
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.sample_flags import FLAG_MEANINGS, SampleFlag, marked
 from hhsim.recordings.recorded_bones import RecordedBones
-from hhsim.recordings.recording import Finding, Recording
+from hhsim.recordings.recording import Recording
 from hhsim.recordings.repair import Repaired
 from hhsim.table.table import number, words
-
-
-@dataclass(frozen=True)
-class ImportReport:
-    """The outcome of an import.
-
-    Attributes:
-        form: Format of the file, in a word.
-        samples_in, samples_out: Before and after.
-        duration: Of the trajectory [s].
-        mean_rate: Samples a second [Hz].
-        longest_step: Longest time between samples [s].
-        hand: Right, left, or "" where nobody said.
-        hand_length: Of the recorded hand [m], None where it is not known.
-        fit: Bones of the recorded hand and the error of its fit; None where joint centres were not recorded.
-        mended: Samples of which a number was changed.
-        findings: In the order of the repairs.
-        flags: How many samples bear each flag.
-        checksums: As in `hhsim.motion.trajectory.Trajectory`.
-    """
-
-    form: str
-    samples_in: int
-    samples_out: int
-    duration: float
-    mean_rate: float
-    longest_step: float
-    hand: str
-    hand_length: float | None
-    fit: RecordedBones | None
-    mended: int
-    findings: tuple[Finding, ...]
-    flags: dict[str, int]
-    checksums: str
-
-    def to_json(self) -> dict[str, Any]:
-        """The report as a document, SI units."""
-        plain = {name: value for name, value in vars(self).items() if name not in ("form", "findings", "fit")}
-        return {
-            "format": self.form,
-            **plain,
-            "fit": None if self.fit is None else self.fit.to_json(),
-            "flag_meanings": {flag.word: FLAG_MEANINGS[flag] for flag in SampleFlag if flag.word in self.flags},
-            "findings": [vars(finding) for finding in self.findings],
-        }
-
-    def fit_rows(self) -> list[tuple[Any, ...]]:
-        """Rows of the fit: finger, its error [m], RMS and largest, its bones [m]; none without bones."""
-        fit = self.fit
-        return [] if fit is None else list(zip(FINGERS, fit.rms, fit.largest, *fit.length.T))
-
 
 COLUMNS = (
     words("finding", lambda finding: finding.kind.replace("_", " ")),
@@ -77,23 +25,29 @@ FIT_COLUMNS = (
 )
 
 
-def make_report(recording: Recording, repaired: Repaired) -> ImportReport:
-    """The report of a recording and of what became of it."""
+def fit_rows(fit: RecordedBones) -> list[tuple[Any, ...]]:
+    """Return rows of finger, RMS and largest error of the fit [m], and its bones [m], for `FIT_COLUMNS`."""
+    return list(zip(FINGERS, fit.rms, fit.largest, *fit.length.T))
+
+
+def import_document(recording: Recording, repaired: Repaired) -> dict[str, Any]:
+    """Return format, samples, times [s], rate [Hz], hand, findings and flags of an import as a document, SI units."""
     motion = repaired.trajectory
     flags = motion.flags if motion.flags is not None else np.zeros(motion.sample_count, dtype=np.uint32)
-    counts = {flag.word: int(marked(flags, flag).sum()) for flag in SampleFlag}
-    return ImportReport(
-        form=recording.form,
-        samples_in=recording.sample_count,
-        samples_out=motion.sample_count,
-        duration=motion.duration,
-        mean_rate=motion.mean_rate,
-        longest_step=float(np.diff(motion.time).max(initial=0.0)),
-        hand=motion.hand,
-        hand_length=repaired.hand_length,
-        fit=recording.bones,
-        mended=repaired.mended,
-        findings=repaired.findings,
-        flags={word: count for word, count in counts.items() if count},
-        checksums=motion.checksums,
-    )
+    counts = {flag: count for flag in SampleFlag if (count := int(marked(flags, flag).sum()))}
+    return {
+        "format": recording.form,
+        "samples_in": recording.sample_count,
+        "samples_out": motion.sample_count,
+        "duration": motion.duration,
+        "mean_rate": motion.mean_rate,
+        "longest_step": float(np.diff(motion.time).max(initial=0.0)),
+        "hand": motion.hand,
+        "hand_length": repaired.hand_length,
+        "mended": repaired.mended,
+        "flags": {flag.word: count for flag, count in counts.items()},
+        "checksums": motion.checksums,
+        "fit": None if recording.bones is None else recording.bones.to_json(),
+        "flag_meanings": {flag.word: FLAG_MEANINGS[flag] for flag in counts},
+        "findings": [vars(finding) for finding in repaired.findings],
+    }

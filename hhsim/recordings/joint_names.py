@@ -1,6 +1,6 @@
-"""Joints of a hand by the names that makers give them, in the words of OpenXR.
+"""Joints of a hand by the names that makers give them, mapped to the names of OpenXR.
 
-A joint stands at the proximal end of the bone that it is named after: index_proximal is the knuckle (MCP),
+A joint lies at the proximal end of the bone that it is named after: index_proximal is the knuckle (MCP),
 thumb_metacarpal the saddle joint (CMC). OpenXR has 26 joints, WebXR 25 (no palm), MediaPipe and MANO 21 (no palm, and
 of the metacarpals the thumb's alone): these 21 are what our hand is fitted to.
 """
@@ -10,50 +10,24 @@ from typing import NamedTuple
 
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.trajectory import HandSide
+from hhsim.system.counted import counted
 
 SEGMENTS = ("proximal", "intermediate", "distal", "tip")
 THUMB_SEGMENTS = ("metacarpal", "proximal", "distal", "tip")
 
-KEYPOINTS = (
-    "wrist",
-    *(f"{finger}_{segment}" for finger in FINGERS for segment in (THUMB_SEGMENTS if finger == "thumb" else SEGMENTS)),
-)
-"""The 21 joints in MediaPipe's order: the wrist, then thumb to little finger, each from its base to its tip."""
-WEBXR_JOINTS = (
-    "wrist",
-    *(
-        f"{finger}_{segment}"
-        for finger in FINGERS
-        for segment in (THUMB_SEGMENTS if finger == "thumb" else ("metacarpal", *SEGMENTS))
-    ),
-)
-"""The 25 joints of WebXR in its order."""
+_SEGMENTS_OF = {finger: THUMB_SEGMENTS if finger == "thumb" else SEGMENTS for finger in FINGERS}
+KEYPOINTS = ("wrist", *(f"{finger}_{segment}" for finger in FINGERS for segment in _SEGMENTS_OF[finger]))
+"""21 joints in MediaPipe's order: the wrist, then thumb to little finger, each from its base to its tip."""
+_WEBXR = (f"{finger}_{segment}" for finger in FINGERS for segment in ("metacarpal", *_SEGMENTS_OF[finger]))
+WEBXR_JOINTS = ("wrist", *dict.fromkeys(_WEBXR))
+"""25 joints of WebXR in its order."""
 OPENXR_JOINTS = ("palm", *WEBXR_JOINTS)
-"""The 26 joints of OpenXR in its order."""
+"""26 joints of OpenXR in its order."""
 
 _WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|[0-9]+")
-_FINGER_WORDS = {
-    "thumb": "thumb",
-    "index": "index",
-    "pointer": "index",
-    "middle": "middle",
-    "ring": "ring",
-    "little": "little",
-    "pinky": "little",
-    "pinkie": "little",
-}
-_SEGMENT_WORDS = {
-    "metacarpal": "metacarpal",
-    "cmc": "metacarpal",
-    "proximal": "proximal",
-    "mcp": "proximal",
-    "intermediate": "intermediate",
-    "pip": "intermediate",
-    "distal": "distal",
-    "dip": "distal",
-    "ip": "distal",
-    "tip": "tip",
-}
+_FINGER_WORDS = {finger: finger for finger in FINGERS} | {"pointer": "index", "pinky": "little", "pinkie": "little"}
+_ABBREVIATIONS = {"cmc": "metacarpal", "mcp": "proximal", "pip": "intermediate", "dip": "distal", "ip": "distal"}
+_SEGMENT_WORDS = {segment: segment for segment in ("metacarpal", *SEGMENTS)} | _ABBREVIATIONS
 _SIDE_WORDS: dict[str, HandSide] = {"left": "left", "l": "left", "right": "right", "r": "right"}
 _COORDINATES = {"x": "x", "y": "y", "z": "z", "px": "x", "py": "y", "pz": "z"}
 _TURN_WORDS = {"rot", "rotation", "quat", "quaternion", "orientation", "euler", "q", "qx", "qy", "qz", "qw", "w"}
@@ -61,12 +35,12 @@ _VALID_WORDS = {"valid", "tracked", "active", "confidence"}
 
 
 class JointName(NamedTuple):
-    """What a name says.
+    """Meaning of a name.
 
     Attributes:
-        side: Right, left, or "" where it does not say.
-        joint: One of `OPENXR_JOINTS`; "" where it names none.
-        part: "x", "y", "z", "radius", "rotation" or "valid"; "" where it names the joint alone.
+        side: Right, left, or "" if the name does not say.
+        joint: One of `OPENXR_JOINTS`; "" if the name has none.
+        part: "x", "y", "z", "radius", "rotation" or "valid"; "" for the joint alone.
     """
 
     side: HandSide
@@ -75,7 +49,7 @@ class JointName(NamedTuple):
 
 
 def joint_name(text: str) -> JointName:
-    """What a name such as left_index_tip_x, XR_HAND_JOINT_INDEX_TIP_EXT or index-finger-phalanx-proximal says."""
+    """Parse a name such as left_index_tip_x, XR_HAND_JOINT_INDEX_TIP_EXT or index-finger-phalanx-proximal."""
     words = [word.lower() for word in _WORD.findall(text)]
     side: HandSide = next((_SIDE_WORDS[word] for word in words if word in _SIDE_WORDS), "")
     finger = next((_FINGER_WORDS[word] for word in words if word in _FINGER_WORDS), "")
@@ -94,18 +68,14 @@ def joint_name(text: str) -> JointName:
 
 
 def joints_found(joints: set[str]) -> str:
-    """How many joints of which convention these are, for messages, such as "26 OpenXR joints"."""
+    """Return the number and convention of joints for messages, such as "26 OpenXR joints"."""
     known = joints & set(OPENXR_JOINTS)
-    if known == set(OPENXR_JOINTS):
-        return "26 OpenXR joints"
-    if known == set(WEBXR_JOINTS):
-        return "25 WebXR joints"
-    if known == set(KEYPOINTS):
-        return "21 joints in MediaPipe's set"
-    return f"{len(known)} joint{'s' * (len(known) != 1)}"
+    sets = {"OpenXR joints": OPENXR_JOINTS, "WebXR joints": WEBXR_JOINTS, "joints in MediaPipe's set": KEYPOINTS}
+    convention = next((text for text, names in sets.items() if known == set(names)), "")
+    return f"{len(known)} {convention}" if convention else counted(len(known), "joint")
 
 
 def joints_missing(joints: set[str]) -> str:
-    """Which of the 21 joints are not among these, for messages; "" where none is missing."""
+    """Return the names of those of the 21 joints that are missing, for messages; "" if none is."""
     missing = [joint for joint in KEYPOINTS if joint not in joints]
     return ", ".join(missing[:4]) + (f" and {len(missing) - 4} more" if len(missing) > 4 else "")

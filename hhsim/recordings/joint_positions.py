@@ -1,8 +1,8 @@
-"""Joint centres of one hand, and the recording that our hand makes of them: the one way for every device.
+"""Recordings of joint centres: the palm and the angles of our hand that fit them, for every device.
 
-Our palm is laid into the wrist and the knuckles as it lies in our own, its origin where our knuckles meet the recorded
-ones; the fingers' angles are those that bring our bones nearest (`hhsim.recordings.finger_ik`). The device's own frames
-of palm and joints are not used: rigs differ in them, joint centres do not.
+The palm frame follows from wrist and knuckles (its origin where our knuckles meet the recorded ones), the fingers'
+angles from the bones (`hhsim.recordings.finger_ik`). The device's own frames of palm and joints are not used: they
+differ between devices, joint centres do not.
 """
 
 from collections.abc import Mapping
@@ -21,41 +21,38 @@ from hhsim.recordings.finger_ik import finger_angles, palm_from_knuckles, palm_o
 from hhsim.recordings.frames import in_palm, to_our_world
 from hhsim.recordings.joint_names import KEYPOINTS
 from hhsim.recordings.recorded_bones import FingerChains, Posture, recorded_bones
-from hhsim.recordings.recording import MOST, Finding, Recording, note
+from hhsim.recordings.recording import Finding, Recording, note, readings
 from hhsim.recordings.recording_format import ReadOptions
 from hhsim.recordings.unit_detection import LENGTH_UNITS
 from hhsim.system.counted import counted
 
 HAND_LENGTHS = (0.12, 0.26)
-"""Hands are this long from the wrist to the middle fingertip [m], children's too: the units' ranges do not meet."""
-BENT = np.radians(8.0)
-"""Fingers that are bent by more than this on average say which side of the hand is the palm."""
-THUMB = 0.15
-"""A thumb that is farther than this, in lengths of the palm, from the plane of wrist and knuckles says it too."""
+"""Range of distances from the wrist to the middle fingertip [m], children's hands included."""
+LEAST_BEND = np.radians(8.0)
+"""Mean flexion from which on the fingers tell the palmar side of the hand [rad]."""
+THUMB_HEIGHT = 0.15
+"""Distance of the thumb from the plane of wrist and knuckles from which on it tells the palmar side [palm lengths]."""
 UNITY = np.array([1.0, 1.0, -1.0])
-"""From Unity's left-handed world to a right-handed one, y up in both."""
-HELD = 0.2
-"""Where a larger share of samples repeats the one before, the device is slower than the file."""
+"""Factors from Unity's left-handed world to a right-handed one, y up in both."""
+MOST_REPEATED = 0.2
+"""Share of samples that repeat the one before from which on the device is slower than the file."""
 
 
 @dataclass(frozen=True, eq=False)
 class JointPositions:
-    """The 21 joints of `KEYPOINTS` over time, as a device gave them.
+    """Positions of the 21 joints of `KEYPOINTS` over time, as a device gave them.
 
     Attributes:
         time: Stamps [s], or in another unit if `time_stated` is false, NaN where missing, shape (T,).
         position: Joint centres in the order of `KEYPOINTS`, NaN where missing, shape (T, 21, 3).
-        form: The word for the format.
-        hand: Which hand; "" where nobody said.
-        unit: Metres a unit of `position`; None where that follows from the length of the hand.
-        up: Axis of the device's world that points up; None where the positions are in no world, so that the wrist has
-            to stand still.
-        radius: From the joint to the skin, in the unit of `position`, shape (T, 21); None where there is none.
-        doubtful: Samples that the device itself was not sure of, shape (T,); None for none.
-        tip_on_surface: Whether the tips are points of the skin; else they are the centres of the fingertips.
-        time_stated: Whether the stamps are known to be seconds.
-        device, source: As in `Recording`.
-        findings: Of the reader.
+        form: Name of the format.
+        hand: Side of the hand; "" if unknown.
+        unit: Unit of `position` [m]; None if it follows from the length of the hand.
+        up: Axis of the device's world that points up; None if there is no world frame: the wrist stands still.
+        radius: Distance from the joint to the skin, in the unit of `position`, shape (T, 21); None without any.
+        doubtful: Samples that the device marked as uncertain, shape (T,); None for none.
+        tip_on_surface: True if the tips are points of the skin, False if they are the centres of the fingertips.
+        time_stated: True if the stamps are known to be seconds.
     """
 
     time: FloatArray
@@ -73,32 +70,19 @@ class JointPositions:
     findings: tuple[Finding, ...] = ()
 
     def __post_init__(self) -> None:
-        """Make infinity and what is beyond any reading missing, and check the shapes."""
-        count = len(self.time)
-        shapes = {"time": (count,), "position": (count, len(KEYPOINTS), 3), "radius": (count, len(KEYPOINTS))}
-        for key, shape in shapes.items():
-            given = getattr(self, key)
-            if given is None:
-                continue
-            values = np.array(given, dtype=np.float64)
-            if values.shape != shape:
-                raise TrajectoryError(f"{key} has shape {values.shape}; expected {shape} for {counted(count, 'stamp')}")
-            with np.errstate(invalid="ignore"):
-                values[~(np.abs(values) <= MOST[key == "time"])] = np.nan
-                if key == "radius":
-                    values[~(values > 0.0)] = np.nan
-            object.__setattr__(self, key, values)
+        count, joints = len(self.time), len(KEYPOINTS)
+        object.__setattr__(self, "time", readings("time", self.time, (count,)))
+        object.__setattr__(self, "position", readings("position", self.position, (count, joints, 3)))
+        if self.radius is not None:
+            radius = readings("radius", self.radius, (count, joints))
+            object.__setattr__(self, "radius", np.where(radius > 0.0, radius, np.nan))
 
 
 def recording_of_joints(joints: JointPositions, name: str, options: ReadOptions) -> Recording:
-    """The recording that our hand makes of joint centres.
-
-    Args:
-        joints: Of the device.
-        options: What the user says: the hand, the unit, the axis that points up.
+    """Fit our hand to joint centres; `options` state hand, unit and the axis that points up.
 
     Raises:
-        TrajectoryError: No sample with wrist and knuckles, a hand of no known side, or none of any known size.
+        TrajectoryError: No sample with wrist and knuckles, a hand of unknown side, or none of a known size.
         InputError: Axes of a palm frame, which joint centres do not have.
     """
     if options.palm_axes is not None:
@@ -116,9 +100,8 @@ def recording_of_joints(joints: JointPositions, name: str, options: ReadOptions)
     seen = ~(np.ptp(points, axis=1) == 0.0).all(axis=1)
     if not seen.all():
         points[~seen] = np.nan
-        findings.append(
-            note(f"{counted(int((~seen).sum()), 'sample')} with all joints at one point: no hand was seen, so missing")
-        )
+        unseen = counted(int((~seen).sum()), "sample")
+        findings.append(note(f"{unseen} with all joints at one point: no hand was seen, so missing"))
     radius = None if joints.radius is None else metre * joints.radius
     side, side_findings = _side(points, options.hand or joints.hand)
     findings += side_findings
@@ -126,12 +109,8 @@ def recording_of_joints(joints: JointPositions, name: str, options: ReadOptions)
     orientation = palm_from_knuckles(fingers[:, 1:, 0], wrist, side)
     flexion, abduction, off = finger_angles(in_palm(np.diff(fingers, axis=2), orientation), side)
     position = palm_origin(fingers[:, 1:, 0], orientation, side)
-    chains = FingerChains(
-        fingers,
-        wrist,
-        None if radius is None else radius[:, 1:].reshape(-1, len(FINGERS), 4),
-        joints.tip_on_surface,
-    )
+    radii = None if radius is None else radius[:, 1:].reshape(-1, len(FINGERS), 4)
+    chains = FingerChains(fingers, wrist, radii, joints.tip_on_surface)
     bones = recorded_bones(chains, Posture(position, orientation, flexion, abduction), side)
     if radius is not None and not joints.tip_on_surface:
         long = f"with that of the middle one the hand is {1e3 * bones.hand_length:.0f} mm long"
@@ -139,12 +118,8 @@ def recording_of_joints(joints: JointPositions, name: str, options: ReadOptions)
     findings.append(note(f"bones are {np.degrees(np.nanmedian(off)):.1f}° off our plane fingers in the median"))
     up = options.world_up or joints.up
     if up is None:
-        findings.append(
-            note(
-                "no world frame: the wrist stands still and level; if the positions are in a world, say which axis "
-                "points up with --world-up"
-            )
-        )
+        text = "no world frame: the wrist stands still and level; if there is one, say its up axis with --world-up"
+        findings.append(note(text))
         # Where the palm is missing it stays so: that sample says nothing of the fingers either.
         lost = np.isnan(orientation).any(axis=1, keepdims=True)
         position = np.where(lost, np.nan, np.zeros_like(position))
@@ -170,14 +145,14 @@ def recording_of_joints(joints: JointPositions, name: str, options: ReadOptions)
         bones=bones,
         findings=tuple(findings),
     )
-    if joints.doubtful is not None and joints.doubtful.any():
+    if joints.doubtful is not None:
         text = "not valid or not tracked, says the device: kept where there are numbers"
         recording = recording.flagged(joints.doubtful, SampleFlag.INVALID, text)
     return recording
 
 
 def _scale(joints: JointPositions, options: ReadOptions) -> tuple[float, list[Finding]]:
-    """Metres a unit, and what there is to say of it."""
+    """Return the unit of the positions [m], and findings about it."""
     wrist, middle = joints.position[:, 0], joints.position[:, 9:13]
     bones = np.linalg.norm(np.diff(middle, axis=1), axis=2).sum(axis=1)
     lengths = np.linalg.norm(middle[:, 0] - wrist, axis=1) + bones
@@ -209,62 +184,51 @@ def _scale(joints: JointPositions, options: ReadOptions) -> tuple[float, list[Fi
 
 
 def _side(points: FloatArray, hand: HandSide) -> tuple[HandSide, list[Finding]]:
-    """Which hand it is, as was said, or as the fingers bend, and what there is to say of it."""
-    if hand:
-        bend = _bend(points, hand)
-        if bend < -BENT:
-            text = (
-                f"as a {hand} hand its fingers bend backwards by {np.degrees(-bend):.0f}° on average: is it the other "
-                "hand, or mirrored?"
-            )
-            return hand, [note(text)]
-        if looks_as(points) not in ("", hand):
-            return hand, [note(f"as a {hand} hand its thumb is behind its palm: is it the other hand, or mirrored?")]
+    """Return the side of the hand, as stated or by the bend of its fingers, and findings about it."""
+    if not hand:
+        side = bends_as(points)
+        if not side:
+            raise TrajectoryError("the file names no hand, and its fingers are too straight to tell: say --hand")
+        text = f"the file does not say which hand it is: a {side} one by the bend of its fingers; else say --hand"
+        return side, [note(text)]
+    bend = _bend(points, hand)
+    if bend >= -LEAST_BEND and looks_as(points) in ("", hand):
         return hand, []
-    side = bends_as(points)
-    if not side:
-        raise TrajectoryError(
-            "the file does not say which hand it is, and its fingers are too straight to tell: --hand"
-        )
-    return side, [
-        note(f"the file does not say which hand it is: a {side} one by the way its fingers bend; else say --hand")
-    ]
+    bent = f"fingers bend backwards by {np.degrees(-bend):.0f}° on average"
+    wrong = bent if bend < -LEAST_BEND else "thumb is behind its palm"
+    return hand, [note(f"as a {hand} hand its {wrong}: is it the other hand, or mirrored?")]
 
 
 def bends_as(points: FloatArray) -> HandSide:
-    """The hand that joint centres in a right-handed world are, by their fingers' bend; "" where that is too little.
+    """Return the side of a hand in a right-handed world by the bend of its fingers; "" if they are too straight.
 
     Args:
-        points: In the order of `KEYPOINTS`, any unit, shape (T, 21, 3).
+        points: Joints in the order of `KEYPOINTS`, any unit, shape (T, 21, 3).
     """
     bend = {side: _bend(points, side) for side in _SIDES}
     side = max(_SIDES, key=lambda each: bend[each])
-    return side if bend[side] >= BENT else ""
+    return side if bend[side] >= LEAST_BEND else ""
 
 
 def looks_as(points: FloatArray) -> HandSide:
-    """The same for a hand that is held open too: by the fingers' bend, else by the side on which the thumb is.
-
-    Args:
-        points: In the order of `KEYPOINTS`, any unit, shape (T, 21, 3).
-    """
+    """Return the side of a hand by the bend of its fingers, else by its thumb; arguments as of `bends_as`."""
     side = bends_as(points)
     if side:
         return side
     above = {side: _thumb_above(points, side) for side in _SIDES}
     side = min(_SIDES, key=lambda each: above[each])
-    return side if above[side] <= -THUMB else ""
+    return side if above[side] <= -THUMB_HEIGHT else ""
 
 
 def in_right_handed_world(points: FloatArray, hand: HandSide) -> tuple[FloatArray, list[Finding]]:
-    """Joint centres in a right-handed world, y up, and what there is to say of it.
+    """Return joint centres in a right-handed world, y up, and findings about it.
 
     In Unity's world z points the other way: there a right hand is a left one's mirror, which its fingers and its thumb
     tell.
 
     Args:
-        points: In the order of `KEYPOINTS`, any unit, shape (T, 21, 3).
-        hand: Which hand it is, as the file or the user says; "" where nobody does: then nothing is turned.
+        points: Joints in the order of `KEYPOINTS`, any unit, shape (T, 21, 3).
+        hand: Side that the file or the user states; if "", nothing is mirrored.
     """
     seen = looks_as(points)
     if not hand or seen == hand:
@@ -287,7 +251,7 @@ _SIDES: tuple[HandSide, HandSide] = ("right", "left")
 
 
 def _bend(points: FloatArray, side: HandSide) -> float:
-    """Mean flexion of the joints of index to little finger, were it this hand [rad]."""
+    """Compute the mean flexion of the joints of index to little finger, if it is a hand of this side [rad]."""
     fingers = points[:, 5:].reshape(-1, 4, 4, 3)
     orientation = palm_from_knuckles(fingers[:, :, 0], points[:, 0], side)
     chains = np.concatenate([fingers[:, :1], fingers], axis=1)
@@ -297,7 +261,7 @@ def _bend(points: FloatArray, side: HandSide) -> float:
 
 
 def _thumb_above(points: FloatArray, side: HandSide) -> float:
-    """How far above its back the thumb is in the mean, were it this hand [lengths of the palm]; below is palmar."""
+    """Compute the thumb's mean height above the back of a hand of this side [palm lengths]; palmar is negative."""
     orientation = palm_from_knuckles(points[:, 5::4], points[:, 0], side)
     from_wrist = in_palm(points - points[:, :1], orientation)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -307,27 +271,23 @@ def _thumb_above(points: FloatArray, side: HandSide) -> float:
 
 
 def _held(joints: JointPositions) -> list[Finding]:
-    """What there is to say of samples that repeat the one before."""
+    """Return a finding about samples that repeat the one before."""
     flat = joints.position.reshape(len(joints.time), -1)
     same = (flat[1:] == flat[:-1]).all(axis=1)
-    if not same.size or same.mean() <= HELD:
+    if not same.size or same.mean() <= MOST_REPEATED:
         return []
-    text = (
-        f"{int(same.sum())} of {len(flat)} samples repeat the one before: the device gives "
-        f"{100 * (1 - same.mean()):.0f} of 100 anew and holds the others; left as they are"
-    )
-    return [note(text)]
+    device = f"the device gives {100 * (1 - same.mean()):.0f} of 100 anew and holds the others"
+    return [note(f"{int(same.sum())} of {len(flat)} samples repeat the one before: {device}; left as they are")]
 
 
 def chosen_side(samples: Mapping[HandSide, int], wanted: HandSide) -> tuple[HandSide, list[Finding]]:
-    """The hand that is asked for, else that of more samples, the right one of equals, and what there is to say of it.
+    """Return the wanted hand, else the one of more samples (of equals the right one), and findings about it.
 
     Args:
-        samples: Of each hand in the file; "" is a hand of no stated side.
-        wanted: What the user says; "" for nothing.
+        samples: Number of samples of each hand in the file; "" is a hand of no stated side.
 
     Raises:
-        TrajectoryError: The hand that is asked for is not in the file.
+        TrajectoryError: The wanted hand is not in the file.
     """
     if wanted and wanted not in samples and "" not in samples:
         raise TrajectoryError(f"no {wanted} hand; the file has {' and '.join(f'a {s} one' for s in samples)}")
@@ -339,22 +299,13 @@ def chosen_side(samples: Mapping[HandSide, int], wanted: HandSide) -> tuple[Hand
 
 
 def evenly(count: int, options: ReadOptions) -> tuple[FloatArray, Finding]:
-    """Stamps [s] of samples that have none, and what there is to say of them.
-
-    Raises:
-        TrajectoryError: Nobody says how many a second there are.
-    """
+    """Make stamps [s] of samples that have none, and the finding about it; TrajectoryError if no rate is stated."""
     if options.rate is None:
         raise TrajectoryError(f"{count} samples without a stamp; say how many there are a second: --rate")
     return np.arange(count) / options.rate, note(f"no stamps: made from the rate, {options.rate:g} Hz")
 
 
 def joints_by_name(positions: dict[str, Any], count: int) -> FloatArray:
-    """The joints of `KEYPOINTS` from those of any larger set, shape (T, 21, 3); what is not there is NaN.
-
-    Args:
-        positions: Arrays of shape (T, 3) by the joints' names.
-        count: T.
-    """
+    """Stack the joints of `KEYPOINTS` from arrays of shape (T, 3) by name, shape (T, 21, 3), NaN for missing joints."""
     missing = np.full((count, 3), np.nan)
     return np.stack([np.asarray(positions.get(joint, missing), dtype=np.float64) for joint in KEYPOINTS], axis=1)

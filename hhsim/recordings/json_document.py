@@ -1,4 +1,4 @@
-"""JSON of any maker, one document or one a line; numbers that are none are missing."""
+"""JSON of any maker, one document or one a line; values that are no numbers become NaN."""
 
 import json
 from collections.abc import Iterator
@@ -8,16 +8,12 @@ from hhsim.errors import TrajectoryError
 from hhsim.recordings.recording import MOST_SAMPLES
 
 MOST = 1e20
-"""Numbers beyond this are no readings: not even nanoseconds since 1970."""
+"""Largest magnitude of a reading: nanoseconds since 1970 are less."""
 SHOWN_KEYS = 6
 
 
 def read_json(text: str) -> Any:
-    """The document, or a list of the documents of its lines.
-
-    Raises:
-        TrajectoryError: Neither; the message says where.
-    """
+    """Return the document, or a list of the documents of its lines; raise TrajectoryError with the place of a fault."""
     try:
         return json.loads(text)
     except (ValueError, RecursionError) as error:
@@ -28,7 +24,7 @@ def read_json(text: str) -> Any:
 
 
 def number(value: Any) -> float:
-    """A number, NaN for anything else."""
+    """Return a number as float, NaN for anything else."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return float("nan")
     # Beyond that it is damage, and what is computed from it overflows.
@@ -36,7 +32,7 @@ def number(value: Any) -> float:
 
 
 def vector(value: Any, names: str = "xyz") -> list[float]:
-    """Numbers of a list of so many, or of an object with these names; NaN where there are none."""
+    """Return the numbers of a list as long as `names`, or of an object with these keys, NaN for missing ones."""
     if isinstance(value, dict):
         return [number(value.get(name)) for name in names]
     if not isinstance(value, list) or len(value) != len(names):
@@ -45,13 +41,13 @@ def vector(value: Any, names: str = "xyz") -> list[float]:
 
 
 def objects(node: Any) -> Iterator[dict[str, Any]]:
-    """The objects of a list; none of anything else."""
+    """Yield the objects of a list; none of anything else."""
     if isinstance(node, list):
         yield from (item for item in node if isinstance(item, dict))
 
 
 def keys_of(document: Any) -> str:
-    """What a document holds, for messages."""
+    """Describe the content of a document, for messages."""
     if isinstance(document, dict):
         names = [str(key)[:24] for key in document]
         return f"an object with {', '.join(names[:SHOWN_KEYS]) or 'nothing'}" + (

@@ -1,11 +1,11 @@
-"""The user's own MANO file: what the joints of a pose need of it, read without running anything that is in it.
+"""Reader of the user's own MANO file, which runs nothing that is in it.
 
-The official files are pickles of Python 2 with arrays, sparse matrices and arrays of the package chumpy. A pickle can
-run any code; this one is read by an unpickler that makes arrays, and keeps the state of a few known classes as data.
-Any other class in it is refused. Of `.npz` files arrays are read, never pickled objects.
+The official files are pickles of Python 2 with arrays, sparse matrices and arrays of the package chumpy. The unpickler
+makes arrays, keeps the state of a few known classes as data, and refuses any other class. Of `.npz` files arrays are
+read, never pickled objects.
 
-Rotation of joint j about its place, after its parent's: the tree and the joint regressor are the file's, vertices move
-by linear blend skinning with shape and pose corrections, as Romero, Tzionas & Black (ACM TOG 36(6), 2017) have them.
+The joint tree and the regressor are the file's; vertices move by linear blend skinning with shape and pose corrections
+(Romero, Tzionas & Black, ACM TOG 36(6), 2017).
 """
 
 import io
@@ -37,16 +37,16 @@ CONVERT = (
 
 @dataclass(frozen=True, eq=False)
 class ManoModel:
-    """A MANO hand.
+    """MANO hand.
 
     Attributes:
         template: Vertices at rest [m], shape (778, 3).
         shapes: Their change with the shape, shape (778, 3, 10).
         corrections: Their change with the pose, shape (778, 3, 135).
         regressor: Joints from vertices, shape (16, 778).
-        weights: Of the joints on each vertex, shape (778, 16).
-        parents: Parent of each joint, shape (16,); the wrist has none and says -1.
-        components: Of the poses, one a row, shape (45, 45).
+        weights: Weights of the joints on each vertex, shape (778, 16).
+        parents: Parent of each joint, shape (16,); -1 for the wrist.
+        components: Principal components of the poses, one a row, shape (45, 45).
         mean: Mean pose [rad], shape (45,).
     """
 
@@ -62,12 +62,12 @@ class ManoModel:
     def keypoints(
         self, rotation: FloatArray, pose: FloatArray, translation: FloatArray, betas: FloatArray
     ) -> FloatArray:
-        """The 21 joints of poses [m], in the order of `hhsim.recordings.joint_names.KEYPOINTS`, shape (T, 21, 3).
+        """Compute the 21 joints of poses [m] in the order of `hhsim.recordings.joint_names.KEYPOINTS`, (T, 21, 3).
 
         Args:
-            rotation: Of the wrist, as a rotation vector [rad], shape (T, 3).
+            rotation: Rotation vector of the wrist [rad], shape (T, 3).
             pose: Rotation vectors of the 15 joints from the flat hand [rad], shape (T, 45).
-            translation: [m], shape (T, 3).
+            translation: Translation [m], shape (T, 3).
             betas: Coefficients of the shape, at most 10.
         """
         shape = np.zeros(SHAPES)
@@ -95,7 +95,7 @@ def read_mano_model(path: Path) -> ManoModel:
     """Read a MANO model.
 
     Raises:
-        TrajectoryError: No such file, something in it that is not data, or arrays missing or of another shape.
+        TrajectoryError: No such file, content that is not data, or arrays missing or of another shape.
     """
     try:
         data = read_input(path, MOST_BYTES)
@@ -109,7 +109,7 @@ def read_mano_model(path: Path) -> ManoModel:
 
 
 class _State:
-    """An object of a class that is not made: its state, as data."""
+    """Object of a class that is not imported: its state, as data."""
 
     def __init__(self, *arguments: Any) -> None:
         self.arguments = arguments
@@ -120,10 +120,10 @@ class _State:
 
 
 class _Unpickler(pickle.Unpickler):
-    """Makes arrays; of sparse matrices and of chumpy's arrays only their state."""
+    """Unpickler that makes arrays; of sparse matrices and of chumpy's arrays only their state."""
 
     def find_class(self, module: str, name: str) -> Any:
-        """A class of these few; nothing else can be reached from the file."""
+        """Return one of a few classes; nothing else can be reached from the file."""
         if module in ("numpy.core.multiarray", "numpy._core.multiarray") and name in ("_reconstruct", "scalar"):
             from numpy._core import multiarray
 
@@ -165,7 +165,7 @@ def _unpickled(data: bytes) -> Mapping[str, Any]:
 
 
 def _plain(value: Any, depth: int = 0) -> Any:
-    """The array in the state of an object; None where there is none."""
+    """Return the array in the state of an object; None if there is none."""
     if not isinstance(value, _State) or depth > 4:
         return value
     state = value.state

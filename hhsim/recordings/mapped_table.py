@@ -1,11 +1,11 @@
-"""The recording of a table whose columns a `hhsim.recordings.column_map.ColumnMap` explains."""
+"""Recording from a table whose columns a `hhsim.recordings.column_map.ColumnMap` explains."""
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.motion.csv_file import phases_of
 from hhsim.motion.sample_flags import SampleFlag, mark
-from hhsim.motion.trajectory import Phase, RawChannel
+from hhsim.motion.trajectory import RawChannel
 from hhsim.recordings.column_map import JOINT_NAMES, ColumnMap
 from hhsim.recordings.csv_table import Table
 from hhsim.recordings.frames import OURS, to_our_palm, to_our_world, turned
@@ -13,22 +13,19 @@ from hhsim.recordings.recording import Finding, Recording, note
 from hhsim.recordings.unit_detection import ANGLE_UNITS, LENGTH_UNITS, TIME_UNITS
 from hhsim.system.counted import counted
 
-NO_PLACE = (
-    "no columns of the palm's place: it stays at the origin; "
-    "--place-object auto of hhsim replay puts the object into the hand"
-)
+NO_PLACE = "no columns of the palm's place: it stays at the origin; hhsim replay --place-object auto moves the object"
 
 
 def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
-    """The recording of a table by its mapping.
+    """Make the recording of a table by its mapping.
 
     Args:
-        name: Of the recording where the mapping names none.
-        form: The word for the format.
+        name: Name of the recording if the mapping has none.
+        form: Name of the format.
 
     Raises:
-        TrajectoryError: A column without numbers.
-        InputError: A column that the table has not.
+        TrajectoryError: A column holds no numbers.
+        InputError: The table has no such column.
     """
     count = len(table.rows)
     findings: list[Finding] = list(table.findings)
@@ -72,7 +69,8 @@ def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
         for key, channel in columns.raw_columns.items()
     )
     position, orientation = placed(position, orientation, columns)
-    phase = columns.phase if columns.phase in table.header else None
+    # Only stamps that increase say when a phase begins.
+    has_phases = columns.phase in table.header and np.isfinite(time).all() and (np.diff(time) > 0.0).all()
     recording = Recording(
         time=time,
         position=position,
@@ -87,7 +85,7 @@ def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
         device=columns.device,
         hand=columns.hand or "",
         hand_length=columns.hand_length,
-        phases=_phases(table, phase, time),
+        phases=phases_of(table.text(str(columns.phase)), time) if has_phases else (),
         raw=raw,
         findings=tuple(findings),
     )
@@ -99,7 +97,7 @@ def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
 
 
 def placed(position: FloatArray, orientation: FloatArray, columns: ColumnMap) -> tuple[FloatArray, FloatArray]:
-    """Palm poses in our frames."""
+    """Convert palm poses to our frames."""
     if columns.palm_axes != OURS:
         orientation = to_our_palm(orientation, columns.palm_axes)
     if columns.world_up != "z":
@@ -110,19 +108,11 @@ def placed(position: FloatArray, orientation: FloatArray, columns: ColumnMap) ->
 
 
 def euler_quaternion(angles: FloatArray, order: str) -> FloatArray:
-    """Quaternions (w, x, y, z), shape (T, 4), of Euler angles.
+    """Convert Euler angles [rad], shape (T, 3), to quaternions (w, x, y, z), shape (T, 4).
 
     Args:
-        angles: [rad], shape (T, 3), in the order of `order`.
-        order: Three of XYZ: each turn about an axis that the turns before have turned; of xyz: about fixed axes.
+        order: Order of the angles: three of XYZ for turned axes, or of xyz for fixed ones.
     """
     from scipy.spatial.transform import Rotation
 
     return np.asarray(Rotation.from_euler(order, angles).as_quat(scalar_first=True))
-
-
-def _phases(table: Table, column: str | None, time: FloatArray) -> tuple[Phase, ...]:
-    """Phases of a column, where the stamps are fit to say when they begin."""
-    if column is None or not np.isfinite(time).all() or (np.diff(time) <= 0.0).any():
-        return ()
-    return phases_of(table.text(column), time)

@@ -1,9 +1,8 @@
-"""Samples that no hand made: spikes, jumps, broken order, a tracker that froze.
+"""Samples that no hand made: outliers, jumps, rows out of order, and a frozen tracker.
 
-A step is impossible where it is faster than a hand (`Kind.speed`, above what is known of punches, flicks and pianists),
-a sample where going there and back would take more than `Kind.force`.
-Runs of samples that the recording reaches and leaves by impossible steps are outliers: their numbers become NaN, to be
-filled like any other hole. What a hand could have done is left as it is, and marked where it sticks out.
+A step is impossible if it is faster than a hand (`Kind.speed`, above what is known of punches, flicks and pianists), a
+sample if going there and back takes more than `Kind.force`. Runs of samples between two impossible steps are outliers:
+their numbers become NaN, to be interpolated. What a hand could have done stays; suspect samples are flagged.
 """
 
 from collections.abc import Callable
@@ -18,20 +17,19 @@ from hhsim.motion.sample_flags import SampleFlag
 from hhsim.recordings.hand_displacement import FINGER_ARM, PALM_ARM, change, turn
 from hhsim.recordings.recording import Recording
 
-Way = Callable[[IntArray, IntArray], FloatArray]
+Vectors = Callable[[IntArray, IntArray], FloatArray]
 
 
 @dataclass(frozen=True)
 class Kind:
-    """What a hand can do with one kind of coordinate.
+    """Limits of a hand's motion in one kind of coordinate.
 
     Attributes:
         key: Field of a `Recording` that holds it; of joints, "angles".
-        name: As messages call it.
-        unit: Of its values.
+        name: Name in messages.
         speed: Fastest change [unit/s].
         force: Largest second derivative [unit/s²].
-        noise: Changes below this are the tracker's [unit].
+        noise: Largest change that is noise of the tracker [unit].
         outlier: Flag of a sample that is replaced.
     """
 
@@ -49,29 +47,29 @@ ORIENTATION = Kind("orientation", "palm orientation", "rad", 50.0, 4000.0, 0.15,
 JOINT = Kind("angles", "joint angle", "rad", 60.0, 5000.0, 0.25, SampleFlag.FINGERS_OUTLIER)
 
 LONGEST_RUN = 0.25
-"""An outlier lasts no longer than this [s]; what does is another place of the hand."""
+"""Longest duration of an outlier [s]; a longer run is another place of the hand."""
 LONGEST_COUNT = 25
 MOST_JUMPS = 0.1
-"""Where more of the steps than this are jumps, the rows are no motion."""
-STICKS_OUT = 8.0
-"""A sample whose deviation is so many times the one around it is suspect."""
+"""Largest share of jumps among the steps of a motion."""
+SUSPECT_RATIO = 8.0
+"""Ratio of a suspect sample's deviation to the usual one around it."""
 SUSPECT_FLOOR = 0.008
-"""Deviations below this [m of a fingertip] are noise."""
+"""Smallest deviation that is not noise [m of a fingertip]."""
 WINDOW = 7
 """Samples on either side that the local deviation is taken from."""
-DISORDER = 0.9
-"""Ways of one step over ways of two: 0.5 for a smooth motion, 0.71 for a random walk, 1 for rows in no order."""
+MOST_DISORDER = 0.9
+"""Largest ratio of one-step to two-step distances: 0.5 for a smooth motion, 0.71 for a random walk, 1 for no order."""
 DISORDER_FLOOR = 0.02
-"""Steps below this on average [m of a fingertip] are noise, whose order does not matter."""
+"""Smallest mean step whose order matters [m of a fingertip]."""
 FROZEN_RUN = 5
-"""So many equal samples in a row are a tracker that repeats itself."""
+"""Number of equal samples in a row of a tracker that repeats itself."""
 
 
 def repair_glitches(recording: Recording) -> Recording:
-    """Outliers made NaN, jumps and suspects marked.
+    """Replace outliers by NaN, and flag jumps and suspect samples.
 
     Args:
-        recording: Stamps increasing, units ours.
+        recording: Recording with increasing stamps, in SI units.
 
     Raises:
         TrajectoryError: Jumps all over: the rows are no motion.
@@ -90,11 +88,9 @@ def _refuse_disorder(recording: Recording) -> None:
     # Medians: a few spikes are no disorder.
     one = float(np.median(change(recording, index[:-1], index[1:])))
     two = float(np.median(change(recording, index[:-2], index[2:])))
-    if one > DISORDER_FLOOR and one > DISORDER * two:
-        raise TrajectoryError(
-            f"neighbouring samples are as far apart ({1e3 * one:.0f} mm) as others: the rows are no motion; are "
-            "they out of order?"
-        )
+    if one > DISORDER_FLOOR and one > MOST_DISORDER * two:
+        apart = f"neighbouring samples are as far apart ({1e3 * one:.0f} mm) as others"
+        raise TrajectoryError(f"{apart}: the rows are no motion; are they out of order?")
 
 
 def _without_outliers(recording: Recording, kind: Kind) -> Recording:
@@ -130,14 +126,14 @@ def _without_joint_outliers(recording: Recording) -> Recording:
     return _judged(recording, JOINT, np.asarray(bad.any(axis=1)), jump, worst, clean)
 
 
-def impossible(time: FloatArray, index: IntArray, vector: Way, kind: Kind) -> tuple[BoolArray, BoolArray, float]:
-    """Samples that are outliers, samples that a jump leads to, and how far the worst outlier is off.
+def impossible(time: FloatArray, index: IntArray, vector: Vectors, kind: Kind) -> tuple[BoolArray, BoolArray, float]:
+    """Return masks of outliers and of samples after a jump, and the largest deviation of an outlier.
 
     Args:
         time: Stamps [s], increasing, shape (T,).
         index: Samples that have a value.
-        vector: From samples to others, given by two arrays of their numbers, shape (N, C).
-        kind: What a hand can do.
+        vector: Function of two arrays of sample indices: the vectors between them, shape (N, C).
+        kind: Limits of a hand's motion.
     """
     bad, jump = np.zeros(time.shape[0], dtype=bool), np.zeros(time.shape[0], dtype=bool)
     worst = 0.0
@@ -154,7 +150,13 @@ def impossible(time: FloatArray, index: IntArray, vector: Way, kind: Kind) -> tu
 
 
 def _runs(
-    time: FloatArray, index: IntArray, vector: Way, kind: Kind, fast: BoolArray, bad: BoolArray, jump: BoolArray
+    time: FloatArray,
+    index: IntArray,
+    vector: Vectors,
+    kind: Kind,
+    fast: BoolArray,
+    bad: BoolArray,
+    jump: BoolArray,
 ) -> float:
     """Mark runs that the main motion cannot reach, or jumps where they are too long to be outliers."""
     edges = [0, *(np.flatnonzero(fast) + 1).tolist(), index.size]
@@ -178,37 +180,32 @@ def _runs(
     return worst
 
 
-def _spikes(time: FloatArray, index: IntArray, vector: Way, kind: Kind, bad: BoolArray) -> float:
+def _spikes(time: FloatArray, index: IntArray, vector: Vectors, kind: Kind, bad: BoolArray) -> float:
     """Mark single samples that no force could have moved there and back."""
     a, b, c = index[:-2], index[1:-1], index[2:]
     before, after = time[b] - time[a], time[c] - time[b]
     over = vector(a, c)
     off = np.linalg.norm(vector(a, b) - (before / (before + after))[:, None] * over, axis=1)
     spike = (2.0 * off > kind.force * before * after) & (off > kind.noise) & (np.linalg.norm(over, axis=1) < off)
-    # Of neighbours the one that is off most is the spike: beside it the chord itself is bent.
+    # The largest of neighbouring deviations is the spike: its neighbours' chords contain it.
     padded = np.concatenate([[0.0], off, [0.0]])
     spike &= (off >= padded[:-2]) & (off >= padded[2:])
     bad[b[spike]] = True
     return float(off[spike].max(initial=0.0))
 
 
-def _judged(
-    recording: Recording, kind: Kind, bad: BoolArray, jump: BoolArray, worst: float, clean: Recording
-) -> Recording:
-    """The recording, or `clean`, which lacks what is bad, with what was found marked."""
-    total = recording.sample_count
+def _judged(given: Recording, kind: Kind, bad: BoolArray, jump: BoolArray, worst: float, clean: Recording) -> Recording:
+    """Return `clean`, which lacks what is bad, or the given recording if nothing is; flag what was found."""
+    total = given.sample_count
     if (bad | jump).sum() > MOST_JUMPS * total + 3:
         raise TrajectoryError(
             f"the {kind.name} jumps at {int((bad | jump).sum())} of {total} samples, faster than {kind.speed:g} "
             f"{kind.unit}/s: no hand moves so; are the rows out of order, or the stamps wrong?"
         )
-    if bad.any():
-        text = f"{kind.name} off by up to {_amount(worst, kind.unit)}, which no hand does: interpolated"
-        recording = clean.flagged(bad, kind.outlier, text)
-    if jump.any():
-        text = f"{kind.name} jumps faster than {kind.speed:g} {kind.unit}/s and stays there: left as it is"
-        recording = recording.flagged(jump, SampleFlag.JUMP, text)
-    return recording
+    text = f"{kind.name} off by up to {_amount(worst, kind.unit)}, which no hand does: interpolated"
+    recording = clean.flagged(bad, kind.outlier, text) if bad.any() else given
+    text = f"{kind.name} jumps faster than {kind.speed:g} {kind.unit}/s and stays there: left as it is"
+    return recording.flagged(jump, SampleFlag.JUMP, text)
 
 
 def _frozen(recording: Recording) -> Recording:
@@ -222,14 +219,12 @@ def _frozen(recording: Recording) -> Recording:
     for first, last in edges.reshape(-1, 2):
         if last - first + 1 >= FROZEN_RUN:
             frozen[first : last + 1] = True
-    if not frozen.any():
-        return recording
     text = "the same numbers over and over: the tracker may have lost the hand; left as they are"
     return recording.flagged(frozen, SampleFlag.FROZEN, text)
 
 
 def _suspects(recording: Recording) -> Recording:
-    """Mark what a hand could do, but what its neighbours do not do."""
+    """Flag samples that a hand could do, but that differ from their neighbours."""
     count = recording.sample_count
     if count < 2 * WINDOW + 2:
         return recording
@@ -237,18 +232,17 @@ def _suspects(recording: Recording) -> Recording:
     off[1:-1] = bend(recording)
     padded = np.pad(off, WINDOW, mode="reflect")
     around = np.lib.stride_tricks.sliding_window_view(padded, 2 * WINDOW + 1)
-    # The sample itself and those beside it, whose chord it bends, are not its surroundings.
+    # The sample and its two neighbours, whose chords contain it, are excluded.
     usual = np.median(np.delete(around, (WINDOW - 1, WINDOW, WINDOW + 1), axis=1), axis=1)
-    suspect = (off > SUSPECT_FLOOR) & (off > STICKS_OUT * usual)
+    suspect = (off > SUSPECT_FLOOR) & (off > SUSPECT_RATIO * usual)
     suspect |= _local_disorder(recording)
-    if not suspect.any():
-        return recording
-    text = f"out of line with the samples around by up to {_amount(off[suspect].max(), 'm')} of a fingertip: left"
+    most = _amount(off[suspect].max(initial=0.0), "m")
+    text = f"out of line with the samples around by up to {most} of a fingertip: left"
     return recording.flagged(suspect, SampleFlag.SUSPECT, text)
 
 
 def bend(recording: Recording) -> FloatArray:
-    """How far each sample but the first and last is from the chord of its neighbours [m of a fingertip]."""
+    """Compute the distance of each sample but the ends from the chord of its neighbours [m of a fingertip]."""
     time, count = recording.time, recording.sample_count
     share = ((time[1:-1] - time[:-2]) / (time[2:] - time[:-2]))[:, None]
     angles = FINGER_ARM * recording.angles
@@ -262,7 +256,7 @@ def bend(recording: Recording) -> FloatArray:
 
 
 def _local_disorder(recording: Recording) -> BoolArray:
-    """Where a window of samples is in no order, though the recording as a whole is."""
+    """Return a mask of windows of samples in no order."""
     index = np.arange(recording.sample_count)
     one = change(recording, index[:-1], index[1:])
     two = change(recording, index[:-2], index[2:])
@@ -271,7 +265,7 @@ def _local_disorder(recording: Recording) -> BoolArray:
     ways = np.convolve(one[:-1], kernel, "same") / width
     wide = np.convolve(two, kernel, "same") / width
     found = np.zeros(recording.sample_count, dtype=bool)
-    found[1:-1] = (ways > SUSPECT_FLOOR) & (ways > DISORDER * wide)
+    found[1:-1] = (ways > SUSPECT_FLOOR) & (ways > MOST_DISORDER * wide)
     return found
 
 

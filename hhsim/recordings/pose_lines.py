@@ -1,9 +1,9 @@
-"""Hand poses as HOT3D keeps them, one JSON object a line: a stamp [ns], and of each hand a wrist's pose and numbers.
+"""Hand poses as HOT3D has them, one JSON object a line: a stamp [ns], and of each hand the wrist's pose and numbers.
 
 `{"timestamp_ns": …, "hand_poses": {"0": {"wrist_xform": {"t_xyz": […], "q_wxyz": […]}, "joint_angles": […]}}}`; hand 0
 is the left one, 1 the right. UmeTrack's numbers are `joint_angles`, MANO's `pose`, with the shape in `betas`.
 
-The objects lie beside, in `dynamic_objects.csv`: object_uid, timestamp[ns], t_wo_x[m] …, q_wo_w …, the pose of each
+The objects' poses are in `dynamic_objects.csv` beside it: object_uid, timestamp[ns], t_wo_x[m] …, q_wo_w …, each
 object's own frame in the same world.
 """
 
@@ -27,27 +27,20 @@ HANDS: dict[str, HandSide] = {"0": "left", "1": "right"}
 MOST_NUMBERS = 256
 OBJECTS = "dynamic_objects.csv"
 OBJECT_UID = "object_uid"
-OBJECT_COLUMNS = (
-    "timestamp[ns]",
-    *(f"t_wo_{axis}[m]" for axis in "xyz"),
-    *(f"q_wo_{part}" for part in "wxyz"),
-)
+OBJECT_COLUMNS = ("timestamp[ns]", *(f"t_wo_{axis}[m]" for axis in "xyz"), *(f"q_wo_{part}" for part in "wxyz"))
 SAME_MOMENT = 1e6
-"""Stamps closer than this [ns] are of one moment: a second camera's."""
+"""Largest time between stamps of one moment, of two cameras [ns]."""
 
 
 @dataclass(frozen=True, eq=False)
 class PoseLines:
-    """The poses of one hand.
+    """Poses of one hand; missing numbers are NaN.
 
     Attributes:
-        time: Stamps from the first one on [s], NaN where missing, shape (T,).
-        stamps: As in the file [ns], NaN where missing, shape (T,).
-        translation: Of the wrist [m], world, shape (T, 3).
-        orientation: Of the wrist (w, x, y, z), shape (T, 4).
-        numbers: Under the key that was asked for, NaN where missing, shape (T, N).
+        time: Stamps from the first one on [s], shape (T,); `stamps` are those of the file [ns].
+        translation, orientation: Pose of the wrist [m] (w, x, y, z), world, shapes (T, 3) and (T, 4).
+        numbers: Numbers under the key, shape (T, N).
         betas: Shape of the hand, of the first sample that has it; empty for none.
-        findings: What there is to say.
     """
 
     hand: HandSide
@@ -61,14 +54,14 @@ class PoseLines:
 
 
 def read_pose_lines(text: str, key: str, wanted: HandSide) -> PoseLines:
-    """The poses of the hand that is asked for, else of the one in more lines, the right one of equals.
+    """Read the poses of the wanted hand, else of the one in more lines (of equals the right one).
 
     Args:
         key: "joint_angles" or "pose".
-        wanted: What the user says; "" for nothing.
+        wanted: Side that the user states; "" for none.
 
     Raises:
-        TrajectoryError: Not such lines, or no such hand in them.
+        TrajectoryError: Other content, or no such hand in it.
     """
     document = read_json(text)
     lines = list(objects(document if isinstance(document, list) else [document]))
@@ -106,7 +99,7 @@ def read_pose_lines(text: str, key: str, wanted: HandSide) -> PoseLines:
 
 
 def _apart(poses: list[tuple[float, dict[str, Any]]]) -> list[tuple[float, dict[str, Any]]]:
-    """The poses without those that come within `SAME_MOMENT` after another."""
+    """Return the poses without those that come within `SAME_MOMENT` after another."""
     kept: list[tuple[float, dict[str, Any]]] = []
     for stamp, pose in poses:
         if not kept or not 0.0 < stamp - kept[-1][0] < SAME_MOMENT:
@@ -125,15 +118,14 @@ def _rows(values: list[Any], width: int) -> FloatArray:
 def object_beside(
     recording: Path | None, stamps: FloatArray, wanted: str | None
 ) -> tuple[ObjectMotion | None, Finding | None]:
-    """The motion of one of the objects that lie beside a recording, and what there is to say.
+    """Read the motion of an object from the table beside a recording, and the finding about it.
 
     Args:
-        recording: The file of the hand.
-        stamps: Of its samples [ns], shape (T,).
-        wanted: The uid of the object; None takes the only one, and of several none.
+        stamps: Stamps of the hand's samples [ns], shape (T,).
+        wanted: Uid of the object; None takes the only one, and of several none.
 
     Raises:
-        InputError: An object is wanted, and there is no such one.
+        InputError: There is no such object.
         TrajectoryError: A table of other columns.
     """
     path = None if recording is None else recording.parent / OBJECTS
@@ -156,7 +148,7 @@ def object_beside(
     if uid not in ways:
         raise InputError(f"--object-track {uid}: {OBJECTS} beside the recording holds {known}")
     track = rows[which == uid]
-    # Of the same moment as the hand: the stamps are those of the same frames.
+    # Hand and object have stamps of the same frames.
     place = np.array([int(np.argmin(np.abs(track[:, 0] - stamp))) if stamp == stamp else 0 for stamp in stamps])
     poses = np.where((np.abs(track[place, 0] - stamps) < SAME_MOMENT)[:, None], track[place, 1:], np.nan)
     found = note(f"object {uid} moves as {OBJECTS} beside it has it, by {ways[uid]:.0f} mm")

@@ -1,12 +1,12 @@
-"""The hand that a recording of joint centres was made with: its bones, its radii, and how well our hand fits them.
+"""Bones and radii of the hand in a recording of joint centres, and the error of our hand's fit to them.
 
-Bones are medians over the recording, so a tracker whose bones breathe gives one hand. The fit's error is the distance
-from each recorded joint to that of a hand of these bones in the fitted posture: what a plane finger with one abduction
-cannot follow, and what the bones breathe.
+Bones are medians over the recording. The fit's error is the distance from each recorded joint to that of a hand of
+these bones in the fitted posture.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,9 +22,9 @@ class FingerChains(NamedTuple):
 
     Attributes:
         joints: First to last joint and tip of each finger [m], shape (T, 5, 4, 3), NaN where missing.
-        wrist: Its middle [m], shape (T, 3).
-        radius: At the same points [m], shape (T, 5, 4); None where the recording has none.
-        tip_on_surface: Whether the tip is a point of the skin; else it is the centre of the fingertip's sphere.
+        wrist: Centre of the wrist [m], shape (T, 3).
+        radius: Radii at the same points [m], shape (T, 5, 4); None if not recorded.
+        tip_on_surface: True if the tip is a point of the skin, False if it is the centre of the fingertip's sphere.
     """
 
     joints: FloatArray
@@ -34,13 +34,10 @@ class FingerChains(NamedTuple):
 
 
 class Posture(NamedTuple):
-    """The palm and the angles that were fitted.
+    """Fitted palm pose and angles.
 
     Attributes:
-        position: Palm origin [m], world, shape (T, 3).
-        orientation: Palm to world (w, x, y, z), shape (T, 4).
-        flexion: [rad], shape (T, 5, 3).
-        abduction: [rad], shape (T, 5).
+        position, orientation, flexion, abduction: As in `hhsim.motion.trajectory.Trajectory`.
     """
 
     position: FloatArray
@@ -54,14 +51,13 @@ class RecordedBones:
     """Sizes of the recorded hand, palm frame, and the error of its fit.
 
     Attributes:
-        hand_length: Wrist to middle fingertip [m].
-        base: First joint of each finger [m], shape (5, 3); the origin is that of the palm in the recording.
-        length: Between joints, the last one to the tip [m], shape (5, 3).
-        radius: At the joints and the tip [m], shape (5, 4); None where the recording has none.
+        hand_length: Length from wrist to middle fingertip [m].
+        base: First joint of each finger [m], shape (5, 3), from the palm's origin in the recording.
+        length: Distances between joints, the last one to the tip [m], shape (5, 3).
+        radius: Radii at the joints and the tip [m], shape (5, 4); None if not recorded.
         tip_on_surface: As in `FingerChains`.
-        rms: Error of the fit of each finger over its joints, its tip and all samples, root of the mean square [m],
-            shape (5,).
-        largest: Its largest [m], shape (5,).
+        rms: Root mean square of the fit's error of each finger over joints, tip and samples [m], shape (5,).
+        largest: Largest error of each finger [m], shape (5,).
     """
 
     hand: HandSide
@@ -74,7 +70,7 @@ class RecordedBones:
     largest: FloatArray
 
     def to_json(self) -> dict[str, dict[str, object]]:
-        """The fit finger by finger, SI units."""
+        """Return the fit finger by finger, SI units."""
         return {
             finger: {
                 "rms": float(self.rms[f]),
@@ -87,41 +83,29 @@ class RecordedBones:
 
 
 def recorded_bones(fingers: FingerChains, posture: Posture, hand: HandSide) -> RecordedBones:
-    """The bones of recorded fingers, and how far a hand of these bones is from them in a posture.
-
-    Args:
-        fingers: As recorded.
-        posture: As fitted.
-    """
+    """Compute the bones of recorded fingers, and the distance of a hand of these bones from them in a posture."""
     at = in_palm(fingers.joints - posture.position[:, None, None], posture.orientation)
     lengths = np.linalg.norm(np.diff(at, axis=2), axis=3)
-    base, length = _median(at[:, :, 0]), _median(lengths)
+    base, length = _finite(np.median, at[:, :, 0]), _finite(np.median, lengths)
     off = np.linalg.norm(at - finger_joints(base, length, posture.flexion, posture.abduction, hand), axis=3)
-    radius = None if fingers.radius is None else _median(fingers.radius)
+    radius = None if fingers.radius is None else _finite(np.median, fingers.radius)
     palm = np.linalg.norm(fingers.joints[:, 2, 0] - fingers.wrist, axis=1)
     tip = 0.0 if fingers.tip_on_surface or radius is None else float(radius[2, 3])
-    with np.errstate(invalid="ignore"):
-        rms = np.sqrt(_mean(off**2))
+    of_finger = off.swapaxes(1, 2).reshape(-1, len(FINGERS))
     return RecordedBones(
         hand=hand,
-        hand_length=float(_median(palm[:, None])[0] + length[2].sum() + tip),
+        hand_length=float(_finite(np.median, palm) + length[2].sum() + tip),
         base=base,
         length=length,
         radius=radius if radius is not None and np.isfinite(radius).all() else None,
         tip_on_surface=fingers.tip_on_surface,
-        rms=rms,
-        largest=np.array([np.max(finger[np.isfinite(finger)], initial=0.0) for finger in off.swapaxes(0, 1)]),
+        rms=np.sqrt(_finite(np.mean, of_finger**2)),
+        largest=np.nan_to_num(_finite(np.max, of_finger)),
     )
 
 
-def _median(values: FloatArray) -> FloatArray:
-    """Medians over the samples of finite values, shape of a sample; NaN where there is none."""
-    flat = values.reshape(len(values), -1)
-    columns = [column[np.isfinite(column)] for column in flat.T]
-    return np.array([np.median(column) if column.size else np.nan for column in columns]).reshape(values.shape[1:])
-
-
-def _mean(values: FloatArray) -> FloatArray:
-    """Means of the finite values of each finger, shape (5,); NaN where there is none."""
-    fingers = [finger[np.isfinite(finger)] for finger in values.swapaxes(0, 1)]
-    return np.array([finger.mean() if finger.size else np.nan for finger in fingers])
+def _finite(statistic: Callable[[FloatArray], Any], rows: FloatArray) -> FloatArray:
+    """Return a statistic of each column's finite values, NaN if it has none."""
+    columns = [column[np.isfinite(column)] for column in rows.reshape(len(rows), -1).T]
+    values = [statistic(column) if column.size else np.nan for column in columns]
+    return np.array(values).reshape(rows.shape[1:])

@@ -1,13 +1,14 @@
-"""A recording as a device or a file gave it: unchecked, with holes, and what its reader has to say about it.
+"""Recording as a device or a file gave it: unchecked, with missing samples, and its reader's findings.
 
-Formats (`hhsim.recordings.formats`) make one; `hhsim.recordings.repair` turns it into a
-`hhsim.motion.trajectory.Trajectory`, or refuses. A missing number is NaN.
+Formats (`hhsim.recordings.formats`) read one; `hhsim.recordings.repair` turns it into a
+`hhsim.motion.trajectory.Trajectory`, or refuses it. A missing number is NaN.
 """
 
 from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from hhsim.arrays import AnyArray, BoolArray, Flags, FloatArray
 from hhsim.errors import TrajectoryError
@@ -19,22 +20,19 @@ from hhsim.recordings.recorded_bones import RecordedBones
 from hhsim.system.counted import counted
 
 MOST_SAMPLES = 10_000_000
-"""More samples than this are no hand recording: three hours at 1 kHz."""
-
-
+"""Largest number of samples of a hand recording: three hours at 1 kHz."""
 MOST = (1e9, 1e20)
-"""Numbers beyond this are no readings of a motion, or of a clock, in any unit."""
+"""Largest magnitude of a reading of a motion, and of a clock, in any unit."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """Something that was found in a recording, and what was done about it.
+    """Line about a fault in a recording and its repair.
 
     Attributes:
         kind: A word of `hhsim.motion.sample_flags.SampleFlag`, or "note".
-        text: One line.
-        samples: How many it concerns; 0 where it is not about single samples.
-        first_time: Stamp of the first of them [s]; None where it is not about single samples.
+        samples: Number of samples with it; 0 if it is not about single samples.
+        first_time: Stamp of the first of them [s], or None.
     """
 
     kind: str
@@ -44,13 +42,24 @@ class Finding:
 
 
 def note(text: str) -> Finding:
-    """A remark that is not about single samples."""
+    """Return a remark that is not about single samples."""
     return Finding("note", text)
+
+
+def readings(key: str, given: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
+    """Return a float64 copy with NaN for what is no reading; raise TrajectoryError for another shape."""
+    values = as_numbers(key, given)
+    if values.shape != shape:
+        raise TrajectoryError(f"{key} has shape {values.shape}; expected {shape} for {counted(shape[0], 'stamp')}")
+    # Infinity is as little a reading as NaN is, and what overflows when it is squared.
+    with np.errstate(invalid="ignore"):
+        values[~(np.abs(values) <= MOST[key == "time"])] = np.nan
+    return values
 
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Samples as they came; frames and units are already ours where the reader knows them.
+    """Samples as they came; frames and units are ours if the reader knows them.
 
     Attributes:
         time: Stamps [s], or in another unit if `stated` lacks "time"; any order, NaN where missing, shape (T,).
@@ -58,17 +67,16 @@ class Recording:
         orientation: Palm to world (w, x, y, z), any length and sign, shape (T, 4).
         flexion: [rad, or another unit if `stated` lacks "angle"], shape (T, 5, 3).
         abduction: The same, shape (T, 5).
-        flags: What the reader already found in each sample, shape (T,); made if not given.
-        stated: The units that the file or the user stated: "time", "length", "angle". Those are not guessed.
-        scaled: Whether the reader has made metres of its lengths, by the user's unit where there is one.
-        form: Format that it was read from, in a word.
+        flags: Flags that the reader set, shape (T,); empty for none.
+        stated: Units that the file or the user stated, which are not detected: "time", "length", "angle".
+        scaled: True if the reader has made metres of its lengths, by the user's unit if there is one.
+        form: Name of the format.
         name, source, licence, device, hand, phases, object_position, object_orientation, raw, checksums: As in
             `Trajectory`.
-        hand_length: Of the recorded hand, wrist crease to middle fingertip [m]; None where it is not known.
-        bones: Of the recorded hand, with the error of the fit; None where joint centres were not recorded.
-        findings: Of the reader.
-        object_motion: The object's pose at each sample, in the palm's world and units, NaN where missing; None where
-            the recording has none.
+        hand_length: Length from wrist crease to middle fingertip [m]; None if unknown.
+        bones: Bones of the recorded hand, with the error of the fit; None without joint centres.
+        object_motion: The object's pose at each sample, in the palm's world and units, NaN where missing; None without
+            any.
     """
 
     time: FloatArray
@@ -96,29 +104,15 @@ class Recording:
     checksums: Checksums = ""
 
     def __post_init__(self) -> None:
-        """Make every array float64 of its own and check the shapes."""
         count = len(np.atleast_1d(self.time))
         if count > MOST_SAMPLES:
             raise TrajectoryError(f"{count:,} samples; expected at most {MOST_SAMPLES:,}")
-        shapes = {
-            "time": (count,),
-            "position": (count, 3),
-            "orientation": (count, 4),
-            "flexion": (count, 5, 3),
-            "abduction": (count, 5),
-        }
-        for key, shape in shapes.items():
-            values = as_numbers(key, getattr(self, key))
-            if values.shape != shape:
-                raise TrajectoryError(f"{key} has shape {values.shape}; expected {shape} for {counted(count, 'stamp')}")
-            # Infinity is as little a reading as NaN is, and what overflows when it is squared.
-            with np.errstate(invalid="ignore"):
-                values[~(np.abs(values) <= MOST[key == "time"])] = np.nan
-            object.__setattr__(self, key, values)
+        tails = {"time": (), "position": (3,), "orientation": (4,), "flexion": (5, 3), "abduction": (5,)}
+        for key, tail in tails.items():
+            object.__setattr__(self, key, readings(key, getattr(self, key), (count, *tail)))
         if self.object_motion is not None:
-            moved = ObjectMotion(
-                *(as_numbers(f"object's {name}", values) for name, values in self.object_motion._asdict().items())
-            )
+            given = self.object_motion._asdict().items()
+            moved = ObjectMotion(*(as_numbers(f"object's {name}", values) for name, values in given))
             if moved.position.shape != (count, 3) or moved.orientation.shape != (count, 4):
                 raise TrajectoryError(
                     f"the object's motion has shapes {moved.position.shape} and {moved.orientation.shape}; expected "
@@ -127,9 +121,7 @@ class Recording:
             object.__setattr__(self, "object_motion", moved)
         for channel in self.raw:
             if np.ndim(channel.values) == 0 or len(channel.values) != count:
-                raise TrajectoryError(
-                    f"raw channel '{channel.name}' has not one row for each of {counted(count, 'stamp')}"
-                )
+                raise TrajectoryError(f"raw channel '{channel.name}' has not {counted(count, 'row')}, one a stamp")
         flags = np.array(self.flags, dtype=np.uint32) if len(self.flags) else np.zeros(count, dtype=np.uint32)
         if flags.shape != (count,):
             raise TrajectoryError(f"flags has shape {flags.shape}; expected ({count},)")
@@ -141,42 +133,41 @@ class Recording:
         return int(self.time.shape[0])
 
     def chosen(self, index: AnyArray) -> Self:
-        """The samples of these numbers (or where a mask is true), in this order."""
+        """Return the samples of these indices (or of a mask), in this order."""
         samples = {key: getattr(self, key)[index] for key in ("time", *MOTION, "flags")}
         raw = tuple(replace(channel, values=channel.values[index]) for channel in self.raw)
         return replace(self, **samples, raw=raw, object_motion=self.object_motion and self.object_motion.at(index))
 
     def resized(self, factor: float) -> Self:
-        """With the lengths of its ways, the palm's and the object's, in another unit."""
+        """Return it with the positions of palm and object times a factor."""
         moved = self.object_motion
-        return replace(
-            self,
-            position=self.position * factor,
-            object_motion=moved and moved._replace(position=moved.position * factor),
-        )
+        moved = moved and moved._replace(position=moved.position * factor)
+        return replace(self, position=self.position * factor, object_motion=moved)
 
     def changed(self, **fields: Any) -> Self:
-        """With these fields replaced."""
+        """Return it with these fields replaced."""
         return replace(self, **fields)
 
     def found(self, *findings: Finding) -> Self:
-        """With these findings added."""
+        """Return it with these findings added."""
         return replace(self, findings=(*self.findings, *findings))
 
     def flagged(self, where: BoolArray, flag: SampleFlag, text: str) -> Self:
-        """With a flag on some samples, at least one, and a finding about them; `where` has shape (T,)."""
+        """Return it with a flag on the samples `where`, shape (T,), and a finding about them; unchanged if none."""
+        if not where.any():
+            return self
         mark(self.flags, where, flag)
         return self.found(Finding(flag.word, text, int(where.sum()), float(self.time[np.argmax(where)])))
 
     @property
     def angles(self) -> FloatArray:
-        """Flexion finger by finger, then abduction [as these], shape (T, 20)."""
+        """Flexion finger by finger, then abduction, shape (T, 20)."""
         return np.concatenate([self.flexion.reshape(self.sample_count, 15), self.abduction], axis=1)
 
     def with_angles(self, angles: FloatArray) -> Self:
-        """With other `angles`."""
+        """Return it with other `angles`."""
         return self.changed(flexion=angles[:, :15].reshape(-1, 5, 3), abduction=angles[:, 15:])
 
 
 MOTION = ("position", "orientation", "flexion", "abduction")
-"""The arrays of a motion, one row a sample."""
+"""Fields of a motion with one row a sample."""

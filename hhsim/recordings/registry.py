@@ -1,4 +1,4 @@
-"""Recordings of every format: which there are, which one a file is of, and the file read as a `Recording`."""
+"""Registry of recording formats: their detection, and reading of a file as a `Recording`."""
 
 import importlib
 from pathlib import Path
@@ -10,29 +10,26 @@ from hhsim.recordings.recording_format import Content, ReadOptions, RecordingFor
 from hhsim.system.media_kind import media_kind
 
 FORMATS_PACKAGE = "hhsim.recordings.formats"
-"""By its name: the formats build upon this package."""
+"""Package that is imported by name, because the formats depend on this package."""
 
 
 def recording_formats() -> dict[str, RecordingFormat]:
-    """Every format by its name, in the order in which a file is offered to them."""
+    """Return every format by its name, in the order of detection."""
     names = importlib.import_module(FORMATS_PACKAGE).format_names()
     formats: list[RecordingFormat] = [importlib.import_module(f"{FORMATS_PACKAGE}.{name}").FORMAT for name in names]
     return {form.name: form for form in sorted(formats, key=lambda form: (form.rank, form.name))}
 
 
 def recording_suffixes() -> tuple[str, ...]:
-    """The endings of the files of all formats."""
+    """Return the suffixes of the files of all formats."""
     return tuple(dict.fromkeys(suffix for form in recording_formats().values() for suffix in form.suffixes))
 
 
 def read_recording(path: str | Path, options: ReadOptions | None = None) -> Recording:
     """Read a recording.
 
-    Args:
-        options: What the user says about it.
-
     Raises:
-        TrajectoryError: No such file, none of the formats, or a damaged one; one line that begins with the path.
+        TrajectoryError: No such file, an unknown format, or a damaged one; one line that begins with the path.
         InputError: Options that do not fit the file.
     """
     source = Path(path)
@@ -47,7 +44,7 @@ def read_recording(path: str | Path, options: ReadOptions | None = None) -> Reco
 
 
 def read_content(content: Content, options: ReadOptions) -> Recording:
-    """The recording in the content of a file; arguments and errors as for `read_recording`."""
+    """Read the recording in the content of a file; errors as of `read_recording`."""
     form = format_of(content, options)
     if options.palm_axes is not None:
         axes_matrix(options.palm_axes, "--palm-axes")
@@ -58,11 +55,11 @@ def read_content(content: Content, options: ReadOptions) -> Recording:
 
 
 def format_of(content: Content, options: ReadOptions) -> RecordingFormat:
-    """The format that the user names, else the first that takes the content for its own.
+    """Return the format that the user names, else the first that detects the content.
 
     Raises:
         UnknownNameError: No format has that name.
-        TrajectoryError: Nothing in the file, or none of the formats.
+        TrajectoryError: Nothing in the file, or an unknown format.
     """
     formats = recording_formats()
     if options.form is not None:

@@ -1,10 +1,10 @@
-"""From a recording to a trajectory: what is wrong is mended where that is safe, marked in each sample, and reported.
+"""Repair of a recording into a trajectory: faults are mended if that is safe, flagged in each sample, and reported.
 
-In this order: units, the part that is asked for, stamps, quaternions, outliers, holes, signs, scale and side, joint
-limits. What is not safe raises one line that says what is wrong, where, and what would be right.
+Order: units, the part to keep, stamps, quaternions, outliers, missing values, signs, scale and side, joint limits.
+What is not safe to mend raises one line: what is wrong, where, and what would be right.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import NamedTuple
 
 import numpy as np
@@ -12,37 +12,37 @@ import numpy as np
 from hhsim.arrays import BoolArray, FloatArray
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.fingers import FINGERS
-from hhsim.hand.model import BREADTH_PER_LENGTH, DEFAULT_HAND_LENGTH, HandModel, default_fingers
+from hhsim.hand.model import HandModel
 from hhsim.motion.object_motion import ObjectMotion
 from hhsim.motion.resample import interpolate_orientation
 from hhsim.motion.sample_flags import MENDED, SampleFlag, marked
 from hhsim.motion.trajectory import Phase, Trajectory
 from hhsim.motion.validation import MIN_QUATERNION_NORM, continuous_orientation
-from hhsim.recordings.finger_ik import finger_joints
+from hhsim.recordings.finger_ik import finger_joints, usual_fingers
 from hhsim.recordings.outliers import repair_glitches
 from hhsim.recordings.recording import Finding, Recording, note
 from hhsim.recordings.timestamp_repair import repair_stamps
 from hhsim.recordings.unit_detection import in_units, repair_units
 
 NORM_TOLERANCE = 1e-3
-"""A quaternion this close to unit length was rounded, not scaled."""
+"""Deviation from unit length of a quaternion that was only rounded."""
 NORM_DAMAGE = 0.02
-"""One whose length differs by this share from the others' has a wrong component."""
+"""Relative deviation from the usual length of a quaternion with a wrong component."""
 MOST_FILLED = 0.5
-"""Where more of the samples than this would be made up, the file is refused."""
+"""Largest share of samples that may be interpolated."""
 LIMIT_TOLERANCE = 1e-6
-"""A joint beyond its limit by less than this [rad] is at the limit."""
+"""Excess over a joint limit that is rounding [rad]."""
 OFTEN = 0.3
-"""A joint that is beyond its limit in more of the samples than this probably has its zero elsewhere."""
+"""Share of samples beyond a limit above which the joint's zero is probably elsewhere."""
 
 JOINTS = tuple(f"{finger} flexion {joint}" for finger in FINGERS for joint in (1, 2, 3)) + tuple(
     f"{finger} abduction" for finger in FINGERS
 )
-"""The 20 joint angles by name: flexion finger by finger, then abduction."""
+"""Names of the 20 joint angles: flexion finger by finger, then abduction."""
 
 
 class JointLimits(NamedTuple):
-    """What a hand can bend [rad]: flexion (5, 3), abduction (5,)."""
+    """Range of a hand's joints [rad]: flexion (5, 3), abduction (5,)."""
 
     flexion_min: FloatArray
     flexion_max: FloatArray
@@ -51,28 +51,27 @@ class JointLimits(NamedTuple):
 
 
 def default_limits() -> JointLimits:
-    """The limits of the default hand; they do not depend on its size."""
-    sizes = default_fingers(DEFAULT_HAND_LENGTH, BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH)
-    return JointLimits(*(sizes[key] for key in JointLimits._fields))
+    """Return the limits of the default hand; they do not depend on its size."""
+    return JointLimits(*(usual_fingers()[key] for key in JointLimits._fields))
 
 
 def limits_of(hand: HandModel) -> JointLimits:
-    """The limits of a hand."""
+    """Return the limits of a hand."""
     return JointLimits(*(getattr(hand, key) for key in JointLimits._fields))
 
 
 @dataclass(frozen=True)
 class RepairOptions:
-    """What the user says about a recording.
+    """Options of the repair.
 
     Attributes:
-        max_gap: Longest hole that is interpolated [s].
-        start, end: The part to keep, on the stamps' clock [s]; None for all.
-        time_unit, length_unit, angle_unit: Of the numbers in the file; None where the file says it, or it is guessed.
-        limits: Joint angles beyond them are set to them; None leaves them.
-        mirror: Make a right hand's motion of a left hand's and the other way round, in the world's yz-plane.
-        hand_length: Of the recorded hand [m]; None where the recording says it or nobody knows.
-        scale_to: Hand length [m] that the palm's way is scaled to, about its mean; None leaves it metric.
+        max_gap: Longest gap that is interpolated [s].
+        start, end: Part to keep, on the stamps' clock [s]; None for all.
+        time_unit, length_unit, angle_unit: Units of the numbers in the file; None if it states them, or to detect them.
+        limits: Limits that joint angles are clipped to; None keeps them.
+        mirror: Mirror a left hand's motion to a right hand's, or the other way round, in the world's yz-plane.
+        hand_length: Length of the recorded hand [m]; None if the recording says it or it is unknown.
+        scale_to: Hand length [m] that the palm's motion is scaled to, about its mean; None keeps it metric.
     """
 
     max_gap: float = 1.0
@@ -88,12 +87,7 @@ class RepairOptions:
 
 
 class Repaired(NamedTuple):
-    """A trajectory, with the bits of each sample in its `flags`.
-
-    Attributes:
-        findings: What was found and done, in the order of the repairs.
-        hand_length: Of the recorded hand [m], None where it is not known.
-    """
+    """Trajectory with flags, the findings in the order of the repairs, and the length of the recorded hand [m]."""
 
     trajectory: Trajectory
     findings: tuple[Finding, ...]
@@ -101,20 +95,16 @@ class Repaired(NamedTuple):
 
     @property
     def mended(self) -> int:
-        """Samples of which a number was changed."""
+        """Number of samples of which a number was changed."""
         flags = self.trajectory.flags
         return int(marked(flags, MENDED).sum()) if flags is not None else 0
 
 
 def repair(recording: Recording, options: RepairOptions | None = None) -> Repaired:
-    """Make a trajectory of a recording.
-
-    Args:
-        recording: As a reader gave it; unchanged.
-        options: What the user says about it.
+    """Make a trajectory of a recording, which stays unchanged.
 
     Raises:
-        TrajectoryError: Nothing in it, or something wrong that cannot be mended safely.
+        TrajectoryError: Nothing in it, or a fault that cannot be mended safely.
         InputError: Options that contradict each other or the recording.
     """
     options = options or RepairOptions()
@@ -159,16 +149,13 @@ def _unit_quaternions(recording: Recording) -> Recording:
             f"orientation is no unit quaternion in {int((damaged | (given & (norm < MIN_QUATERNION_NORM))).sum())} of "
             f"{recording.sample_count} samples (median length {usual:.3g}); expected (w, x, y, z) of length 1"
         )
-    if damaged.any():
-        zero = int((norm[damaged] < MIN_QUATERNION_NORM).sum())
-        text = f"quaternions that are none ({zero} of length zero, the rest off unit length): interpolated"
-        recording = recording.changed(orientation=np.where(damaged[:, None], np.nan, recording.orientation))
-        recording = recording.flagged(damaged, SampleFlag.PALM_FILLED, text)
+    zero = int((norm[damaged] < MIN_QUATERNION_NORM).sum())
+    text = f"quaternions that are none ({zero} of length zero, the rest off unit length): interpolated"
+    recording = recording.changed(orientation=np.where(damaged[:, None], np.nan, recording.orientation))
+    recording = recording.flagged(damaged, SampleFlag.PALM_FILLED, text)
     scaled = given & ~damaged & (np.abs(norm - 1.0) > NORM_TOLERANCE)
-    if scaled.any():
-        text = f"quaternions not of unit length (median {usual:.4g}): scaled"
-        recording = recording.flagged(scaled, SampleFlag.RENORMALISED, text)
-    return recording
+    text = f"quaternions not of unit length (median {usual:.4g}): scaled"
+    return recording.flagged(scaled, SampleFlag.RENORMALISED, text)
 
 
 def _filled(recording: Recording, max_gap: float) -> Recording:
@@ -181,18 +168,15 @@ def _filled(recording: Recording, max_gap: float) -> Recording:
         if missing[:, column].any():
             angles[:, column : column + 1], _ = _holes_filled(time, angles[:, column : column + 1], max_gap, joint)
     filled = recording.with_angles(angles).changed(position=position, orientation=orientation)
-    # What another finding gives a reason for is not reported again.
+    # Gaps that another finding explains are not reported again.
     new = (turned | lost) & ~marked(filled.flags, SampleFlag.PALM_FILLED | SampleFlag.PALM_OUTLIER)
-    if new.any():
-        filled = filled.flagged(new, SampleFlag.PALM_FILLED, "palm pose missing: interpolated")
+    filled = filled.flagged(new, SampleFlag.PALM_FILLED, "palm pose missing: interpolated")
     new = missing.any(axis=1) & ~marked(filled.flags, SampleFlag.FINGERS_OUTLIER)
-    if new.any():
-        filled = filled.flagged(new, SampleFlag.FINGERS_FILLED, "joint angles missing: interpolated")
-    return filled
+    return filled.flagged(new, SampleFlag.FINGERS_FILLED, "joint angles missing: interpolated")
 
 
 def _object_filled(recording: Recording, max_gap: float) -> Recording:
-    """The recording with the holes in its object's motion filled as the palm's are."""
+    """Return the recording with the gaps in its object's motion filled as the palm's are."""
     moved = recording.object_motion
     if moved is None:
         return recording
@@ -210,7 +194,7 @@ def _object_filled(recording: Recording, max_gap: float) -> Recording:
 
 
 def _turns_filled(time: FloatArray, orientation: FloatArray, max_gap: float, what: str) -> tuple[FloatArray, BoolArray]:
-    """Quaternions with their holes interpolated, shape (T, 4), and where those were, shape (T,)."""
+    """Return quaternions with their gaps interpolated, shape (T, 4), and a mask of the gaps, shape (T,)."""
     lost = np.asarray(np.isnan(orientation).any(axis=1))
     _check_holes(time, lost, max_gap, what)
     if not lost.any():
@@ -223,7 +207,7 @@ def _turns_filled(time: FloatArray, orientation: FloatArray, max_gap: float, wha
 
 
 def _holes_filled(time: FloatArray, values: FloatArray, max_gap: float, what: str) -> tuple[FloatArray, BoolArray]:
-    """Values with their holes interpolated, shape (T, C), and where those were, shape (T,)."""
+    """Return values with their gaps interpolated, shape (T, C), and a mask of the gaps, shape (T,)."""
     lost = np.asarray(np.isnan(values).any(axis=1))
     _check_holes(time, lost, max_gap, what)
     if not lost.any():
@@ -237,9 +221,7 @@ def _check_holes(time: FloatArray, lost: BoolArray, max_gap: float, what: str) -
     if not lost.any():
         return
     if lost.all():
-        raise TrajectoryError(
-            f"{what} is missing in every sample; leave that column out of the mapping if there is none"
-        )
+        raise TrajectoryError(f"{what} is missing in every sample; if there is none, leave it out of the mapping")
     if lost.mean() > MOST_FILLED:
         raise TrajectoryError(f"{what} is missing in {int(lost.sum())} of {lost.size} samples; too many to make up")
     good = np.flatnonzero(~lost)
@@ -256,14 +238,10 @@ def _check_holes(time: FloatArray, lost: BoolArray, max_gap: float, what: str) -
 
 
 def _steady_signs(recording: Recording) -> Recording:
-    given = recording.orientation
-    steady = continuous_orientation(given, recording.time)
-    flipped = (steady * given).sum(axis=1) < 0.0
-    changed = recording.changed(orientation=steady)
-    if not flipped.any():
-        return changed
+    steady = continuous_orientation(recording.orientation, recording.time)
+    flipped = (steady * recording.orientation).sum(axis=1) < 0.0
     text = "quaternions of the other sign than the one before: turned, the rotation is the same"
-    return changed.flagged(flipped, SampleFlag.FLIPPED, text)
+    return recording.changed(orientation=steady).flagged(flipped, SampleFlag.FLIPPED, text)
 
 
 def _scaled(recording: Recording, options: RepairOptions) -> Recording:
@@ -271,9 +249,7 @@ def _scaled(recording: Recording, options: RepairOptions) -> Recording:
     if options.scale_to is None:
         return recording.changed(hand_length=length)
     if length is None:
-        raise InputError(
-            "--scale-to needs the length of the recorded hand, which the recording does not tell: --hand-length"
-        )
+        raise InputError("--scale-to needs the length of the recorded hand: say it with --hand-length")
     factor = options.scale_to / length
     middle = recording.position.mean(axis=0)
     lengths = f"from a hand of {1e3 * length:.0f} mm to one of {1e3 * options.scale_to:.0f} mm"
@@ -286,11 +262,8 @@ def _mirrored(recording: Recording, wanted: bool) -> Recording:
     if not wanted:
         return recording
     other = {"right": "left", "left": "right", "": ""}[recording.hand]
-    changed = recording.changed(
-        position=recording.position * [-1.0, 1.0, 1.0],
-        orientation=recording.orientation * [1.0, 1.0, -1.0, -1.0],
-        hand=other,
-    )
+    turned = recording.orientation * [1.0, 1.0, -1.0, -1.0]
+    changed = recording.changed(position=recording.position * [-1.0, 1.0, 1.0], orientation=turned, hand=other)
     return changed.found(note(f"mirrored: x became -x{f', a {other} hand' if other else ''}"))
 
 
@@ -321,41 +294,19 @@ def _limited(recording: Recording, limits: JointLimits | None) -> Recording:
 
 
 def _tips_moved(first: Recording, second: Recording) -> float:
-    """How far apart the fingertips of two recordings of one hand are at most, palm frame [m]."""
-    bones = first.bones
-    length = default_fingers(DEFAULT_HAND_LENGTH, BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH)["length"]
-    if bones is not None:
-        length = bones.length
-    tips = [
-        finger_joints(np.zeros((len(FINGERS), 3)), length, each.flexion, each.abduction, first.hand)[:, :, 3]
-        for each in (first, second)
-    ]
+    """Compute the largest distance between the fingertips of two recordings of one hand, palm frame [m]."""
+    length = usual_fingers()["length"] if first.bones is None else first.bones.length
+    origin = np.zeros((len(FINGERS), 3))
+    tips = [finger_joints(origin, length, r.flexion, r.abduction, first.hand)[:, :, 3] for r in (first, second)]
     return float(np.linalg.norm(tips[1] - tips[0], axis=2).max())
 
 
 def _trajectory(recording: Recording) -> Trajectory:
-    time = recording.time
-    phases = [
-        Phase(phase.name, max(phase.start_time, float(time[0])), min(phase.end_time, float(time[-1])))
+    first, last = float(recording.time[0]), float(recording.time[-1])
+    phases = tuple(
+        Phase(phase.name, max(phase.start_time, first), min(phase.end_time, last))
         for phase in recording.phases
-        if phase.end_time > time[0] and phase.start_time < time[-1]
-    ]
-    given = {"object_position": recording.object_position, "object_orientation": recording.object_orientation}
-    return Trajectory(
-        time=time,
-        position=recording.position,
-        orientation=recording.orientation,
-        flexion=recording.flexion,
-        abduction=recording.abduction,
-        phases=tuple(phases),
-        name=recording.name,
-        source=recording.source,
-        licence=recording.licence,
-        device=recording.device,
-        raw=recording.raw,
-        hand=recording.hand,
-        flags=recording.flags,
-        object_motion=recording.object_motion,
-        checksums=recording.checksums,
-        **{key: value for key, value in given.items() if value is not None},
+        if phase.end_time > first and phase.start_time < last
     )
+    given = {field.name: getattr(recording, field.name) for field in fields(Trajectory)}
+    return Trajectory(**{key: value for key, value in given.items() if value is not None} | {"phases": phases})

@@ -1,8 +1,8 @@
-"""Stamps that repeat, go backwards, are missing or have a hole: put right where the samples themselves say how.
+"""Repair of stamps that repeat, go backwards, are missing or leave gaps.
 
-A sample that comes out of order is sorted in where its place by stamp fits its neighbours at least as well as its place
-in the file; otherwise its stamp is wrong, and it is left out. Where that is true of many, two clocks or two recordings
-are mixed, and nobody can tell which: refused.
+A sample out of order is sorted in if its place by stamp fits its neighbours at least as well as its place in the file;
+otherwise its stamp is wrong, and it is left out. If that is true of many, two clocks or two recordings are mixed:
+refused.
 """
 
 from bisect import bisect_right
@@ -17,44 +17,37 @@ from hhsim.recordings.recording import MOTION, Finding, Recording
 from hhsim.system.counted import counted
 
 SAME_STAMP = 1e-6
-"""Stamps closer than this [s] are one stamp: no glove samples at 1 MHz."""
+"""Smallest time between different stamps [s]: no glove samples at 1 MHz."""
 GAP_STEPS = 3.0
-"""A step longer than so many median ones is a gap."""
+"""Length of a gap [median steps]."""
 MOST_DROPPED = 0.25
-"""Where a larger share of samples would be left out, the file is refused."""
-PIECE_SHARE = 0.9
-"""Of pieces far apart in time, the one with at least this share of the samples is the recording."""
-LONGER = 1.02
-"""Where the order by stamps makes the hand's way longer than the file's order by this factor, some stamps are wrong."""
-CONTRADICTION = 3.0
-"""A place by stamp that fits so many times worse than the place in the file says that the stamp is wrong."""
+"""Largest share of samples that may be left out."""
+MAIN_PIECE_SHARE = 0.9
+"""Share of the samples from which on a piece far from the others is the recording."""
+PATH_RATIO = 1.02
+"""Ratio of the hand's path sorted by stamps to its path in the file above which some stamps are wrong."""
+DEVIATION_RATIO = 3.0
+"""Ratio of the deviation by stamp to that in the file above which a stamp is wrong."""
 NOISE = 2e-3
-"""Deviations below this [m] decide nothing about an order."""
+"""Largest deviation that says nothing about an order [m]."""
 
 
 def repair_stamps(recording: Recording, max_gap: float) -> Recording:
-    """Samples with strictly increasing stamps.
+    """Return samples with strictly increasing stamps.
 
     Args:
-        recording: Stamps in seconds, in any state.
+        recording: Recording with stamps in seconds, in any state.
         max_gap: Longest time without samples that may be bridged [s].
 
     Raises:
-        TrajectoryError: Too many stamps are missing, repeat or contradict the motion, or a hole is too long to bridge.
+        TrajectoryError: Too many stamps are missing, repeat or contradict the motion, or a gap is too long.
     """
-    recording = _without_missing(recording)
-    recording = _in_order(recording)
-    recording = _without_repeats(recording)
-    recording = _one_piece(recording, max_gap)
-    time = recording.time
-    step = np.diff(time)
+    recording = _one_piece(_without_repeats(_in_order(_without_missing(recording))), max_gap)
+    step = np.diff(recording.time)
     usual = float(np.median(step))
     gap = np.concatenate([[False], step > GAP_STEPS * usual])
-    if gap.any():
-        lengths = f"the longest {1e3 * step.max():.0f} ms where {1e3 * usual:.1f} ms is usual"
-        text = f"gaps, {lengths}: the stamps stay, replays interpolate"
-        recording = recording.flagged(gap, SampleFlag.GAP_BEFORE, text)
-    return recording
+    lengths = f"the longest {1e3 * step.max():.0f} ms where {1e3 * usual:.1f} ms is usual"
+    return recording.flagged(gap, SampleFlag.GAP_BEFORE, f"gaps, {lengths}: the stamps stay, replays interpolate")
 
 
 def _without_missing(recording: Recording) -> Recording:
@@ -72,7 +65,7 @@ def _in_order(recording: Recording) -> Recording:
     order = np.argsort(time, kind="stable")
     moved = ~_longest_rise(time)
     wrong = np.zeros(time.shape, dtype=bool)
-    if _way(recording, order) > LONGER * _way(recording, np.arange(time.shape[0])):
+    if _path_length(recording, order) > PATH_RATIO * _path_length(recording, np.arange(time.shape[0])):
         wrong = _contradicting(recording, order, moved)
     if wrong.sum() > MOST_DROPPED * recording.sample_count:
         first = int(np.argmax(np.diff(time) < 0.0)) + 1
@@ -94,7 +87,7 @@ def _in_order(recording: Recording) -> Recording:
 
 
 def _longest_rise(time: FloatArray) -> BoolArray:
-    """Members of a longest non-decreasing subsequence (patience sorting), shape (T,)."""
+    """Return members of a longest non-decreasing subsequence (patience sorting), shape (T,)."""
     count = time.shape[0]
     ends: list[int] = []
     tails: list[float] = []
@@ -117,13 +110,13 @@ def _longest_rise(time: FloatArray) -> BoolArray:
     return member
 
 
-def _way(recording: Recording, order: IntArray) -> float:
-    """How far the hand goes through all samples in this order [m]."""
+def _path_length(recording: Recording, order: IntArray) -> float:
+    """Compute the length of the hand's path through all samples in this order [m]."""
     return float(change(recording, order[:-1], order[1:]).sum())
 
 
 def _contradicting(recording: Recording, order: IntArray, moved: BoolArray) -> BoolArray:
-    """Moved samples that fit their place in the file much better than their place by stamp, shape (T,)."""
+    """Return moved samples that fit their place in the file much better than their place by stamp, shape (T,)."""
     count = recording.sample_count
     rank = np.empty(count, dtype=np.int64)
     rank[order] = np.arange(count)
@@ -135,7 +128,7 @@ def _contradicting(recording: Recording, order: IntArray, moved: BoolArray) -> B
         place = int(np.searchsorted(by_rank, rank[i]))
         beside = by_rank[max(place - 1, 0) : place + 1]
         by_stamp = deviation(recording, i, tuple(int(order[r]) for r in beside))
-        wrong[i] = by_stamp > CONTRADICTION * in_file + NOISE
+        wrong[i] = by_stamp > DEVIATION_RATIO * in_file + NOISE
     return wrong
 
 
@@ -166,7 +159,7 @@ def _one_piece(recording: Recording, max_gap: float) -> Recording:
     edges = [0, *broken.tolist(), time.shape[0]]
     sizes = np.diff(edges)
     largest = int(np.argmax(sizes))
-    if sizes[largest] >= PIECE_SHARE * time.shape[0]:
+    if sizes[largest] >= MAIN_PIECE_SHARE * time.shape[0]:
         keep = np.zeros(time.shape[0], dtype=bool)
         keep[edges[largest] : edges[largest + 1]] = True
         return _dropped(recording, keep, f"more than {max_gap:g} s away from the others: left out")
@@ -179,7 +172,7 @@ def _one_piece(recording: Recording, max_gap: float) -> Recording:
 
 
 def _dropped(recording: Recording, keep: BoolArray, why: str) -> Recording:
-    """Without the samples that are not kept; the next one in the file is marked."""
+    """Return the recording without the samples that are not kept; the next one in the file is flagged."""
     if not keep.any():
         raise TrajectoryError("no usable sample is left; expected at least 2")
     kept = np.flatnonzero(keep)

@@ -1,4 +1,4 @@
-"""Recordings in another unit than they say: told by what no hand can do, and converted where only one unit fits.
+"""Detection of units by what no hand can do, and conversion if only one unit fits.
 
 | what | is wrong where | becomes |
 |---|---|---|
@@ -8,18 +8,16 @@
 | joint angles | one beyond ±200° in more than a fifth of the samples, read as radians | degrees |
 | joint angles | else, three more than 30° beyond a hand's range in so many | refused: they may be degrees |
 
-A unit that the file's mapping or the user stated is not guessed again: there the same signs refuse.
+A unit that the file's mapping or the user states is not detected; there the same signs refuse.
 """
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from hhsim.errors import InputError, TrajectoryError
-from hhsim.hand.model import BREADTH_PER_LENGTH, DEFAULT_HAND_LENGTH, default_fingers
 from hhsim.motion.sample_flags import SampleFlag, mark
-from hhsim.motion.trajectory import Phase
+from hhsim.recordings.finger_ik import usual_fingers
 from hhsim.recordings.recording import Finding, Recording, note
 
 TIME_UNITS: dict[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
@@ -27,29 +25,29 @@ LENGTH_UNITS: dict[str, float] = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "inch": 0.02
 ANGLE_UNITS: dict[str, float] = {"rad": 1.0, "deg": np.pi / 180.0}
 
 SLOWEST_STEP = 0.5
-"""A median step above this [s] is another unit: nobody records a hand at less than 2 Hz."""
+"""Longest median step of stamps in seconds [s]: nobody records a hand at less than 2 Hz."""
 LATE = 1e6
-"""Stamps that begin later than this [s] count from 1970 or from when a computer was started."""
+"""First stamp [s] from which on a clock counts from 1970 or from the computer's start."""
 FASTEST_STEP = 1e-4
-"""A median step below this [s] is another unit: no glove samples at more than 10 kHz."""
-STEP_RANGES = {"ms": (1.0, 100.0), "us": (1e3, 1e5), "ns": (1e6, 1e8)}
+"""Shortest median step of stamps in seconds [s]: no glove samples at more than 10 kHz."""
+STEP_RANGES = {"ms": (1.0, 100.0), "µs": (1e3, 1e5), "ns": (1e6, 1e8)}
 FAR = 8.0
-"""A hand whose usual place is farther than this from the origin [m] is not in metres."""
+"""Largest usual distance from the origin of positions in metres [m]."""
 CERTAINLY_FAR = 100.0
 FAST = 20.0
-"""A usual speed of the palm above this [m/s] is not in metres: a punch reaches 10."""
+"""Largest usual speed of a palm in metres [m/s]: a punch reaches 10."""
 JOINT_LIMIT = np.radians(200.0)
-"""A joint angle beyond this [rad] is no joint's."""
+"""Largest joint angle [rad]."""
 SLACK, JOINTS_BEYOND = np.radians(30.0), 3
-"""So far beyond its range [rad] one joint may be, whose zero is elsewhere; so many joints are not."""
+"""Excess over its range [rad] of a joint whose zero is elsewhere, and number of joints that do not have it together."""
 CERTAINLY_FAST = 200.0
 MANY = 0.2
-"""A unit is wrong in all samples; a glitch is in few."""
+"""Share of samples above which a unit is wrong, not single samples."""
 FEW = 0.05
 
 
 def repair_units(recording: Recording) -> Recording:
-    """Stamps in s, positions in m, angles in rad.
+    """Convert stamps to s, positions to m, angles to rad.
 
     Raises:
         TrajectoryError: A unit is wrong, and several others are possible or the unit was stated.
@@ -62,33 +60,24 @@ def _stamps(recording: Recording) -> Recording:
     step = float(np.median(np.diff(time))) if time.size > 1 else 0.0
     if time.size < 2 or FASTEST_STEP <= step <= SLOWEST_STEP:
         return recording
+    stated = "time" in recording.stated
+    other = f" than the one stated? {_corrected('time')}" if stated else "? Say --time-unit"
+    how = f"are they in another unit{other}"
     if step < FASTEST_STEP:
-        how = _corrected("time") if "time" in recording.stated else "say --time-unit"
-        raise TrajectoryError(
-            f"the stamps step by {step:.3g} s, {1.0 / step:,.0f} samples a second; expected [s]: {how}"
-        )
+        raise TrajectoryError(f"the stamps step by {step:.3g} s, {1.0 / step:,.0f} a second; expected [s]: {how}")
     fitting = [unit for unit, (low, high) in STEP_RANGES.items() if low <= step <= high]
-    if "time" in recording.stated:
-        raise TrajectoryError(
-            f"the stamps step by {step:.6g} s, too slow for a hand: are they in another unit than the one stated? "
-            f"{_corrected('time')}"
-        )
-    if not fitting:
-        raise TrajectoryError(
-            f"the stamps step by {step:.6g} s, too slow for a hand; expected [s]: are they in another unit? Say "
-            "--time-unit"
-        )
-    text = f"stamps step by {step:.4g}: taken for {_shown(fitting[0])}; if they are not, say --time-unit"
-    factor = TIME_UNITS[fitting[0]]
-    return _converted(recording, text).changed(time=recording.time * factor, phases=_rescaled(recording, factor))
+    if stated or not fitting:
+        raise TrajectoryError(f"the stamps step by {step:.6g} s, too slow for a hand; expected [s]: {how}")
+    text = f"stamps step by {step:.4g}: taken for {fitting[0]}; if they are not, say --time-unit"
+    return _with_clock(_converted(recording, text), TIME_UNITS[fitting[0]])
 
 
 def _from_zero(recording: Recording) -> Recording:
     time = recording.time[np.isfinite(recording.time)]
     if not time.size or float(np.median(time)) <= LATE:
         return recording
-    moved = recording.changed(time=recording.time - time[0], phases=_rescaled(recording, 1.0, -float(time[0])))
-    return moved.found(note(f"stamps begin at {time[0]:.6f} s: they count from the first one now"))
+    found = note(f"stamps begin at {time[0]:.6f} s: they count from the first one now")
+    return _with_clock(recording, 1.0, -float(time[0])).found(found)
 
 
 def _lengths(recording: Recording) -> Recording:
@@ -109,7 +98,7 @@ def _lengths(recording: Recording) -> Recording:
 
 
 def _usual_speed(recording: Recording) -> float:
-    """Median speed of the palm [m/s] where it moves at all; 0 without any."""
+    """Return the upper quartile of the palm's speed [m/s] where it moves; 0 without any motion."""
     way = np.linalg.norm(np.diff(recording.position, axis=0), axis=1)
     step = np.diff(recording.time)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -131,17 +120,15 @@ def _angles(recording: Recording) -> Recording:
         raise TrajectoryError(f"{reason}: are they in another unit than the one stated? {_corrected('angle')}")
     if share <= MANY:
         raise TrajectoryError(f"{reason}; expected [rad]: are they in degrees? Say --angle-unit")
-    factor = ANGLE_UNITS["deg"]
-    return _converted(recording, f"{reason}: taken for degrees; if they are not, say --angle-unit").changed(
-        flexion=recording.flexion * factor, abduction=recording.abduction * factor
-    )
+    converted = _converted(recording, f"{reason}: taken for degrees; if they are not, say --angle-unit")
+    return converted.with_angles(angles * ANGLE_UNITS["deg"])
 
 
 def _refuse_few_degrees(recording: Recording) -> None:
-    """Refuse angles so small that no joint would be beyond ±200° in degrees, and so large that no hand bends so."""
+    """Refuse angles that as degrees are within ±200° and as radians are beyond what a hand bends."""
     if "angle" in recording.stated:
         return
-    sizes = default_fingers(DEFAULT_HAND_LENGTH, BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH)
+    sizes = usual_fingers()
     least, most = (
         np.concatenate([sizes[f"flexion_{end}"].ravel(), sizes[f"abduction_{end}"]]) for end in ("min", "max")
     )
@@ -157,54 +144,42 @@ def _refuse_few_degrees(recording: Recording) -> None:
 
 
 def _corrected(key: str) -> str:
-    """Where a unit that was stated is put right."""
+    """Say where a stated unit can be corrected."""
     return f"check --{key}-unit, or the unit in the mapping of the columns"
 
 
-def _rescaled(recording: Recording, factor: float, shift: float = 0.0) -> tuple[Phase, ...]:
-    return tuple(
+def _with_clock(recording: Recording, factor: float, shift: float = 0.0) -> Recording:
+    phases = tuple(
         replace(phase, start_time=factor * phase.start_time + shift, end_time=factor * phase.end_time + shift)
         for phase in recording.phases
     )
+    return recording.changed(time=recording.time * factor + shift, phases=phases)
 
 
 def in_units(
     recording: Recording, *, time: str | None = None, length: str | None = None, angle: str | None = None
 ) -> Recording:
-    """A recording whose units the user states, in ours.
-
-    Args:
-        time, length, angle: What its numbers are in; None where that is left to the file and to guessing.
+    """Convert a recording to our units by those that the user states; None leaves one to the file and to detection.
 
     Raises:
         InputError: The file or its mapping states that unit already.
     """
-    stated = set(recording.stated)
-    for key, unit in (("time", time), ("length", length), ("angle", angle)):
-        if unit is not None and key in stated:
+    given = {"time": time, "length": length, "angle": angle}
+    given = {key: unit for key, unit in given.items() if unit is not None}
+    for key, unit in given.items():
+        if key in recording.stated:
             raise InputError(f"--{key}-unit {unit}: the file, or the mapping of its columns, states that unit already")
-    changed: dict[str, Any] = {}
     if time is not None:
-        changed["time"] = recording.time * TIME_UNITS[time]
-        changed["phases"] = _rescaled(recording, TIME_UNITS[time])
-        stated.add("time")
+        recording = _with_clock(recording, TIME_UNITS[time])
     if length is not None:
         recording = recording.resized(LENGTH_UNITS[length])
-        stated.add("length")
     if angle is not None:
-        changed["flexion"] = recording.flexion * ANGLE_UNITS[angle]
-        changed["abduction"] = recording.abduction * ANGLE_UNITS[angle]
-        stated.add("angle")
-    return recording.changed(stated=frozenset(stated), **changed)
+        recording = recording.with_angles(recording.angles * ANGLE_UNITS[angle])
+    return recording.changed(stated=recording.stated | given.keys())
 
 
 def _converted(recording: Recording, text: str) -> Recording:
     mark(recording.flags, np.ones(recording.sample_count, dtype=bool), SampleFlag.UNIT)
     first = recording.time[np.isfinite(recording.time)]
-    return recording.found(
-        Finding(SampleFlag.UNIT.word, text, recording.sample_count, float(first.min()) if first.size else None)
-    )
-
-
-def _shown(unit: str) -> str:
-    return {"us": "µs"}.get(unit, unit)
+    begin = float(first.min()) if first.size else None
+    return recording.found(Finding(SampleFlag.UNIT.word, text, recording.sample_count, begin))

@@ -1,4 +1,4 @@
-"""How far off the poses of a submission are: in the true mesh, and from the least-energy pose."""
+"""Errors of a submission's poses: depth in the true mesh, and distance from the least-energy pose."""
 
 from typing import NamedTuple
 
@@ -18,7 +18,7 @@ from hhsim.solver.reference_optimum import best_hands
 from hhsim.trees.contact_surface import contact_surface, encloses
 
 NEAR = 1e-3
-"""A tick counts for the least-energy pose if the user's hand is nearer than this to the mesh, or in it [m]."""
+"""Distance of the user's hand from the mesh [m] below which a tick counts for the least-energy pose."""
 
 MESH_DEPTH = Figure("mesh_depth_max", "in the mesh, max", 3, "mm")
 OFF_BEST = Figure("off_best_mean", "off the least-energy pose, mean", 3, "mm")
@@ -26,12 +26,12 @@ OFF_BEST_MAX = Figure("off_best_max", "off the least-energy pose, max", 3, "mm")
 
 
 class PoseErrors(NamedTuple):
-    """What is measured of poses besides the figures of a run; NaN where it is undefined.
+    """Measures of poses besides the figures of a run; NaN where undefined.
 
     Attributes:
-        mesh_depth_max: Deepest that the hand is in the mesh [m]; undefined where the mesh encloses nothing.
-        off_best_mean, off_best_max: Farthest of the five fingertips and the palm from the pose of least coupling energy
-            outside the mesh [m], over the ticks in contact: that of `hhsim.solver.reference_optimum.best_hands`.
+        mesh_depth_max: Largest depth of the hand in the mesh [m]; undefined if the mesh encloses nothing.
+        off_best_mean, off_best_max: Largest distance of the fingertips and the palm from the pose of least coupling
+            energy outside the mesh (`hhsim.solver.reference_optimum.best_hands`) [m], over the ticks in contact.
     """
 
     mesh_depth_max: float
@@ -40,11 +40,7 @@ class PoseErrors(NamedTuple):
 
 
 def pose_errors(scene: Scene, options: SolverOptions, poses: HandConfiguration) -> PoseErrors:
-    """Measure poses, one a tick of the scene.
-
-    Args:
-        options: Stiffness of the coupling, which says what energy a pose has.
-    """
+    """Measure poses, one a tick of the scene; `options` give the stiffness of the coupling energy."""
     placed = forward_kinematics(scene.hand, *poses)
     mean, most = _off_best(scene, options, placed)
     return PoseErrors(_mesh_depth(scene, placed), mean, most)
@@ -54,7 +50,7 @@ def _mesh_depth(scene: Scene, placed: PlacedHand) -> float:
     if not encloses(scene.mesh):
         return np.nan
     palm, finger = hand_clearance(scene.tree.arrays(), *hand_shape(scene.hand), *placed, limit=NEAR)
-    # The spheres cover the mesh: who is outside of them is not in it.
+    # The spheres cover the mesh: a hand outside of them is outside of the mesh.
     inside = ticks_looked_at(np.minimum(palm, finger.min(axis=1)) < 0.0)
     if inside.size == 0:
         return 0.0

@@ -10,12 +10,12 @@ header line, a line a tick. A heading is the name of a column and its unit in br
 | qw, qx, qy, qz | 1 | orientation (T, 4) | palm to world |
 | thumb_flex1, thumb_flex2, thumb_flex3, index_flex1, …, little_flex3 | rad | flexion (T, 5, 3) | proximal to distal |
 | thumb_abd, index_abd, …, little_abd | rad | abduction (T, 5) | positive towards the thumb side |
-| thumb_1_fx, thumb_1_fy, thumb_1_fz, thumb_2_fx, …, little_3_fz | N | phalanx_force (T, 5, 3, 3) | force on each, world
-| | palm_fx, palm_fy, palm_fz | N | palm_force (T, 3) | contact force on the palm, world | | duration | s | duration
-(T,) | what the tick took |
+| thumb_1_fx, thumb_1_fy, …, little_3_fz (optional) | N | phalanx_force (T, 5, 3, 3) | contact force, world |
+| palm_fx, palm_fy, palm_fz (optional) | N | palm_force (T, 3) | contact force on the palm, world |
+| duration (optional) | s | duration (T,) | computing time of the tick |
 
-The last three may be missing. Keys, and attributes of the HDF5 file: `scene`, the digest that `hhsim scene` printed;
-`made_by`, what the scene is made by, as it says; `method`, a name for the table; `hand`, right or left.
+Keys, and attributes of the HDF5 file: `scene`, the digest that `hhsim scene` printed; `made_by`, the words that the
+scene is made by; `method`, a name for the table; `hand`, right or left.
 """
 
 import csv
@@ -43,18 +43,16 @@ FORMAT = "hhsim-poses"
 KEYS = ("scene", "made_by", "method", "hand")
 HDF5_SUFFIXES = (".h5", ".hdf5")
 LOOSE_UNIT = 1e-3
-"""A quaternion whose length is farther than this from 1 is none; one in single precision or of six digits is."""
+"""Largest deviation of a quaternion from unit length; one in single precision or of six digits is nearer."""
 
 
 @dataclass(frozen=True)
 class Part:
-    """One array of a submission.
+    """Array of a submission.
 
     Attributes:
-        shape: Of a tick's value.
-        unit: Of it.
-        columns: Of the CSV table.
-        optional: Whether it may be missing.
+        shape: Shape of a tick's value.
+        columns: Columns of the CSV table.
     """
 
     shape: tuple[int, ...]
@@ -84,18 +82,18 @@ COLUMNS = {column: name for name, part in PARTS.items() for column in part.colum
 
 @dataclass(frozen=True, eq=False)
 class Submission:
-    """The hand that a method shows at every tick of a scene.
+    """Hand that a method shows at every tick of a scene.
 
     Attributes:
-        method: A name for it.
-        scene: Digest of the scene (`hhsim.submissions.scene_file.scene_digest`), or its first digits; "" is not said.
-        time: Since the start of the motion [s], shape (T,).
+        method: Name of the method.
+        scene: Digest of the scene (`hhsim.submissions.scene_file.scene_digest`), or its first digits; "" if not stated.
+        time: Time since the start of the motion [s], shape (T,).
         poses: The shown hand, fields of T rows.
-        phalanx_force: Contact force on each phalanx [N], world, shape (T, 5, 3, 3); None where there are no forces.
-        palm_force: Contact force on the palm [N], world, shape (T, 3); None is none.
-        duration: What each tick took [s], by the method's own measure, shape (T,); None where nobody measured.
-        made_by: What the scene is made by (`hhsim.submissions.scene_file.scene_names`).
-        hand: Of which side, right or left; "" is not said.
+        phalanx_force: Contact force on each phalanx [N], world, shape (T, 5, 3, 3); None without forces.
+        palm_force: Contact force on the palm [N], world, shape (T, 3); None for none.
+        duration: Computing time of each tick [s], measured by the method, shape (T,); None if not measured.
+        made_by: Words that the scene is made by (`hhsim.submissions.scene_file.scene_names`).
+        hand: Side of the hand, right or left; "" if not stated.
     """
 
     method: str
@@ -111,13 +109,13 @@ class Submission:
 
     @property
     def arrays(self) -> dict[str, FloatArray]:
-        """Those that it has, by the names in `PARTS`."""
+        """Arrays that it has, by the names in `PARTS`."""
         values = {"time": self.time, **self.poses._asdict()}
         more = {name: getattr(self, name) for name in PARTS if name not in values}
         return {**values, **{name: array for name, array in more.items() if array is not None}}
 
     def keys(self) -> dict[str, str]:
-        """What it says of itself, by `KEYS`."""
+        """Return its non-empty values of `KEYS`."""
         made = json.dumps(dict(self.made_by)) if self.made_by else ""
         said = {"scene": self.scene, "made_by": made, "method": self.method, "hand": self.hand}
         return {key: value for key, value in said.items() if value}
@@ -127,8 +125,8 @@ def read_submission(path: Path) -> Submission:
     """Read and check a submission, .csv or .h5, as far as it can be checked without its scene.
 
     Raises:
-        InputError: No such file, another format, a column that is missing or of another unit, a wrong shape, what is no
-            finite number, or no unit quaternion; one line that begins with the path.
+        InputError: No such file, another format, a column that is missing or of another unit, a wrong shape, a number
+            that is not finite, or no unit quaternion; one line that begins with the path.
     """
     if not path.exists():
         raise InputError(f"{path}: no such file; expected a submission, .csv or .h5")
@@ -151,7 +149,7 @@ def read_submission(path: Path) -> Submission:
 
 
 def write_submission(submission: Submission, path: Path) -> None:
-    """Write a submission, .csv or .h5; a file that is there is replaced in one step.
+    """Write a submission, .csv or .h5, and replace an existing file in one step.
 
     Raises:
         OutputError: Another suffix, or it cannot be written.
@@ -166,7 +164,7 @@ def write_submission(submission: Submission, path: Path) -> None:
 
 
 def format_poses(submission: Submission) -> str:
-    """The CSV text; numbers in full precision, so that what is read back is the same bit for bit."""
+    """Return the CSV text; numbers have full precision, so that the same bits are read back."""
     text = io.StringIO()
     text.write(f"# format: {FORMAT}\n")
     for key, value in submission.keys().items():
@@ -181,10 +179,10 @@ def format_poses(submission: Submission) -> str:
 
 
 def parse_poses(text: str) -> tuple[dict[str, str], dict[str, FloatArray]]:
-    """What a CSV text says of itself, and its arrays.
+    """Read the keys and the arrays of a CSV text.
 
     Raises:
-        InputError: A missing or unknown column, another unit, a line of another length, or what is no number.
+        InputError: A missing or unknown column, another unit, a line of another length, or a cell without a number.
     """
     said, headings, found = csv_rows(text, "time [s],px [m],py [m],…")
     if said.get("format", FORMAT) != FORMAT:
@@ -201,7 +199,7 @@ def parse_poses(text: str) -> tuple[dict[str, str], dict[str, FloatArray]]:
 
 
 def _columns(headings: Sequence[str]) -> list[str]:
-    """Names of the columns, once all that has to be there is, in the units that are expected."""
+    """Return the names of the columns; raise InputError for missing or unknown ones, or another unit."""
     found = []
     for heading in headings:
         match = re.fullmatch(r"\s*([^\[\]]*?)\s*(?:\[(.*)\])?\s*", heading)
@@ -272,9 +270,8 @@ def _submission(said: Mapping[str, str], arrays: dict[str, FloatArray], path: Pa
     length = np.linalg.norm(arrays["orientation"], axis=1)
     bad = np.flatnonzero(np.abs(length - 1.0) > LOOSE_UNIT)
     if bad.size:
-        raise InputError(
-            f"orientation of tick {bad[0]:,} has length {length[bad[0]]:.4g}; expected a unit quaternion w x y z"
-        )
+        off = f"has length {length[bad[0]]:.4g}"
+        raise InputError(f"orientation of tick {bad[0]:,} {off}; expected a unit quaternion w x y z")
     if "duration" in arrays and (arrays["duration"] < 0.0).any():
         raise InputError(f"duration of tick {int(np.argmax(arrays['duration'] < 0.0)):,} is negative")
     if "palm_force" in arrays and "phalanx_force" not in arrays:
@@ -291,16 +288,8 @@ def _submission(said: Mapping[str, str], arrays: dict[str, FloatArray], path: Pa
     poses = HandConfiguration(*(arrays[name] for name in HandConfiguration._fields))
     poses.orientation[:] /= length[:, None]
     more = {name: arrays.get(name) for name in ("phalanx_force", "palm_force", "duration")}
-    return Submission(
-        method,
-        said.get("scene", ""),
-        arrays["time"],
-        poses,
-        **more,
-        made_by=made_by,
-        hand=said.get("hand", ""),
-        path=path,
-    )
+    scene, hand = said.get("scene", ""), said.get("hand", "")
+    return Submission(method, scene, arrays["time"], poses, **more, made_by=made_by, hand=hand, path=path)
 
 
 def _spelled(shape: tuple[int, ...]) -> str:

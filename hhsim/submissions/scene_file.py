@@ -1,6 +1,6 @@
-"""A scene as one file, format `hhsim-scene` (HDF5): object, sphere tree, hand, and the motion at the tick rate.
+"""Scene as one file, format `hhsim-scene` (HDF5): object, sphere tree, hand, and the motion at the tick rate.
 
-A submission names its scene by a digest of what poses depend on; the tree that they are judged with is no part of it.
+A submission names its scene by a digest of what poses depend on; the sphere tree is no part of it.
 """
 
 import hashlib
@@ -28,7 +28,7 @@ from hhsim.system.hdf5_input import DAMAGE, open_hdf5
 FORMAT = "hhsim-scene"
 SCHEMA_VERSION = 1
 ROUNDED = 9
-"""Decimals of m and rad in the digest: other machines round the same motion otherwise in the last bits."""
+"""Decimals of m and rad in the digest: other machines round the last bits of a motion differently."""
 MOTION = {
     "time": ("s", "since the start of the motion"),
     "input_seq": ("1", "number of the motion's sample in use"),
@@ -39,11 +39,11 @@ MOTION = {
 }
 """Datasets of /motion, a row a tick: unit and meaning."""
 NAMES = ("object", "trajectory", "unit", "size_mm", "level", "hand", "rate", "samples", "seed")
-"""What `hhsim scene` makes a scene by, so that a submission may have it made again."""
+"""Words that `hhsim scene` makes a scene by, so that it can be made again for a submission."""
 
 
 def scene_digest(scene: Scene) -> str:
-    """SHA-256 [hex] of mesh, hand, motion and rate, with lengths and angles to `ROUNDED` decimals."""
+    """Return the SHA-256 [hex] of mesh, hand, motion and rate, with lengths and angles to `ROUNDED` decimals."""
     hand, ticks = scene.hand, scene.ticks
     parts: list[AnyArray] = [scene.mesh.vertices, scene.mesh.faces]
     parts += [hand.base, hand.distal, hand.dorsal, hand.length, hand.radius]
@@ -58,22 +58,18 @@ def scene_digest(scene: Scene) -> str:
 
 
 def scene_names(scene: Scene) -> dict[str, Any]:
-    """What the scene is made by, by the names in `NAMES`; a scene that a program put together may lack some."""
+    """Return the words that the scene is made by; a scene that a program put together may lack some of `NAMES`."""
     said = {**scene.description, "hand": scene.hand.side, "rate": scene.ticks.rate}
     return {name: said[name] for name in NAMES if said.get(name) is not None}
 
 
 def scene_title(names: Mapping[str, Any]) -> str:
-    """Object and motion, for messages."""
+    """Return object and motion, for messages."""
     return f"{names.get('object', 'an object')} {names.get('trajectory', 'and a motion')}"
 
 
 def named_scene(names: Mapping[str, Any]) -> Scene:
-    """Make the scene of `scene_names` again.
-
-    Raises:
-        InputError: No object or trajectory of these names, or what is no name at all.
-    """
+    """Make the scene of `scene_names` again; raise InputError for unknown names or wrong values."""
     try:
         size = names.get("size_mm")
         return open_scene(
@@ -92,17 +88,17 @@ def named_scene(names: Mapping[str, Any]) -> Scene:
 
 
 def scene_content(scene: Scene) -> bytes:
-    """The bytes of the file."""
-    static = static_arrays(
-        scene.mesh, scene.tree, scene.hand, scene.trajectory.object_position, scene.trajectory.object_orientation
-    )
+    """Return the bytes of the scene's file."""
+    motion = scene.trajectory
+    pose = motion.object_position, motion.object_orientation
+    static = static_arrays(scene.mesh, scene.tree, scene.hand, *pose)
     hand = scene.hand
     stated = {
         **scene.description,
         "names": scene_names(scene),
         "object_name": scene.mesh.name,
-        "motion": scene.trajectory.name,
-        "motion_source": scene.trajectory.source,
+        "motion": motion.name,
+        "motion_source": motion.source,
         "rate": scene.ticks.rate,
         "hand": {"side": hand.side, "length": hand.hand_length, "breadth": hand.hand_breadth},
         "checksums": checksums(static),
@@ -130,7 +126,7 @@ def load_scene(path: Path) -> Scene:
     """Read a scene's file.
 
     Raises:
-        InputError: No such file, another format, a damaged one, or arrays that are not those of its checksums.
+        InputError: No such file, another format, a damaged one, or arrays that differ from its checksums.
     """
     if not path.is_file():
         raise InputError(f"{path}: no such file; expected the scene.h5 of a folder that hhsim scene made")
@@ -147,9 +143,8 @@ def _load(path: Path) -> Scene:
         if file.attrs.get("format") != FORMAT:
             raise InputError(f"{path}: format {file.attrs.get('format')}; expected {FORMAT}")
         if file.attrs.get("schema_version") != SCHEMA_VERSION:
-            raise InputError(
-                f"{path}: schema_version {file.attrs.get('schema_version')}; expected {SCHEMA_VERSION}: make it anew"
-            )
+            version = file.attrs.get("schema_version")
+            raise InputError(f"{path}: schema_version {version}; expected {SCHEMA_VERSION}: make it anew")
         said = json.loads(file.attrs["scene"])
         static = {column.name: file[column.name][()] for column in STATIC_COLUMNS}
         motion = {name: file[f"motion/{name}"][()] for name in MOTION}

@@ -1,4 +1,4 @@
-"""A scene as a folder that any software reads: mesh, spheres, motion, hand, and an example of what to send back."""
+"""Scene as a folder that any software reads: mesh, spheres, motion, hand, and an example of a submission."""
 
 import json
 import os
@@ -27,11 +27,7 @@ EXAMPLE = "example-submission.csv"
 
 
 def check_scene_folder(folder: Path) -> None:
-    """Look, before the work, for what would keep a scene's folder from being made.
-
-    Raises:
-        OutputError: There is something of that name, but for an empty folder, or no folder to make it in.
-    """
+    """Raise OutputError if the folder exists and is not empty, or if its parent does not exist."""
     if folder.is_dir() and not any(folder.iterdir()):
         return
     if os.path.lexists(folder):
@@ -42,40 +38,46 @@ def check_scene_folder(folder: Path) -> None:
 
 
 def write_scene_folder(scene: Scene, folder: Path) -> str:
-    """Make the folder of a scene, in one step.
-
-    Args:
-        folder: That is not there yet, or empty.
-
-    Returns:
-        The digest of the scene, which submissions state.
+    """Make the folder of a scene in one step, and return the scene's digest, which submissions state.
 
     Raises:
         OutputError: As `check_scene_folder`, or it cannot be written.
     """
     check_scene_folder(folder)
-    digest = scene_digest(scene)
-    files = {
+    digest, hand, ticks = scene_digest(scene), scene.hand, scene.ticks
+    description = {
+        "format": "hhsim-scene",
+        "scene": digest,
+        "made_by": scene_names(scene),
+        "rate": ticks.rate,
+        "ticks": ticks.tick_count,
+        "hand": hand.side,
+        "phases": [phase._asdict() for phase in ticks.phases],
+        "units": "m, rad, s, N; world right-handed, z up; quaternions w x y z",
+    }
+    lines = [f"# {scene.mesh.name or 'object'} [m], world frame, right-handed, z up"]
+    lines += [f"v {x!r} {y!r} {z!r}" for x, y, z in scene.mesh.vertices.tolist()]
+    lines += [f"f {a} {b} {c}" for a, b, c in (scene.mesh.faces + 1).tolist()]
+    spheres = np.column_stack([scene.tree.leaf_center, scene.tree.leaf_radius])
+    files: dict[str, str | bytes] = {
         SCENE_FILE: scene_content(scene),
-        "scene.json": _text(json.dumps(_description(scene, digest), indent=2) + "\n"),
-        "object.obj": _text(_obj(scene)),
-        "spheres.csv": _text(_spheres(scene)),
-        "motion.csv": _text(format_csv(_motion(scene))),
-        "hand.json": _text(json.dumps(_numbers(scene.hand), indent=1) + "\n"),
-        "hand.urdf": _text(hand_urdf(scene.hand)),
-        "hand.xml": _text(hand_mjcf(scene.hand)),
-        "scene.xml": _text(
-            scene_mjcf(scene.hand, scene.tree, HandConfiguration.of(scene.ticks).at(0), "hand.xml", "object.obj")
-        ),
-        EXAMPLE: _text(format_poses(example_submission(scene))),
-        "README.md": _text(_readme(scene, digest)),
+        "scene.json": json.dumps(description, indent=2) + "\n",
+        "object.obj": "\n".join(lines) + "\n",
+        "spheres.csv": Table.of_cells(("x [m]", "y [m]", "z [m]", "radius [m]"), spheres.tolist()).csv(),
+        "motion.csv": format_csv(_motion(scene)),
+        "hand.json": json.dumps(_numbers(hand), indent=1) + "\n",
+        "hand.urdf": hand_urdf(hand),
+        "hand.xml": hand_mjcf(hand),
+        "scene.xml": scene_mjcf(hand, scene.tree, HandConfiguration.of(ticks).at(0), "hand.xml", "object.obj"),
+        EXAMPLE: format_poses(example_submission(scene)),
+        "README.md": _readme(scene, digest),
     }
     target = folder.absolute()
     part = target.with_name(f".{target.name}.{os.getpid()}.part")
     try:
         part.mkdir()
         for name, content in files.items():
-            (part / name).write_bytes(content)
+            (part / name).write_bytes(content.encode() if isinstance(content, str) else content)
         part.replace(target)
     except OSError as error:
         raise OutputError(f"cannot write {folder}: {error.strerror or error}") from error
@@ -85,7 +87,7 @@ def write_scene_folder(scene: Scene, folder: Path) -> str:
 
 
 def example_submission(scene: Scene) -> Submission:
-    """The user's own hand, which goes through everything, as a submission."""
+    """Return the user's own hand, which penetrates the object, as a submission."""
     ticks = scene.ticks
     return Submission(
         method="the user's own hand",
@@ -95,24 +97,6 @@ def example_submission(scene: Scene) -> Submission:
         made_by=scene_names(scene),
         hand=scene.hand.side,
     )
-
-
-def _text(text: str) -> bytes:
-    return text.encode()
-
-
-def _description(scene: Scene, digest: str) -> dict[str, Any]:
-    ticks = scene.ticks
-    return {
-        "format": "hhsim-scene",
-        "scene": digest,
-        "made_by": scene_names(scene),
-        "rate": ticks.rate,
-        "ticks": ticks.tick_count,
-        "hand": scene.hand.side,
-        "phases": [phase._asdict() for phase in ticks.phases],
-        "units": "m, rad, s, N; world right-handed, z up; quaternions w x y z",
-    }
 
 
 def _motion(scene: Scene) -> Trajectory:
@@ -134,21 +118,8 @@ def _motion(scene: Scene) -> Trajectory:
     )
 
 
-def _obj(scene: Scene) -> str:
-    mesh = scene.mesh
-    lines = [f"# {mesh.name or 'object'} [m], world frame, right-handed, z up"]
-    lines += [f"v {x!r} {y!r} {z!r}" for x, y, z in mesh.vertices.tolist()]
-    lines += [f"f {a} {b} {c}" for a, b, c in (mesh.faces + 1).tolist()]
-    return "\n".join(lines) + "\n"
-
-
-def _spheres(scene: Scene) -> str:
-    rows = np.column_stack([scene.tree.leaf_center, scene.tree.leaf_radius])
-    return Table.of_cells(("x [m]", "y [m]", "z [m]", "radius [m]"), rows.tolist()).csv()
-
-
 def _numbers(hand: HandModel) -> dict[str, Any]:
-    """The hand as plain values; the names are those of `HandModel`."""
+    """Return the hand as plain values; the names are those of `HandModel`."""
     fingers = {}
     for f, finger in enumerate(FINGERS):
         names = ("base", "distal", "dorsal", "length", "radius", "flexion_min", "flexion_max")

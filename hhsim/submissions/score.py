@@ -1,4 +1,4 @@
-"""The score of a submission: its poses through the very code that measures a method, and what it can say besides."""
+"""Score of a submission: its poses through the same code that measures a method, and its errors and suspicions."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from hhsim.replay.verdict import STATED_TIMES
 from hhsim.result.writer import state
 from hhsim.scene.scene import Scene
 from hhsim.solver.known_methods import SUBMITTED, known_for_now
-from hhsim.solver.method import FORCES, TIMES, Engine, Method
+from hhsim.solver.method import FORCES, TIMES, Method
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.outside_method import MethodHere, MethodScene, OutsideEngine, TickAnswer
 from hhsim.submissions.pose_errors import MESH_DEPTH, OFF_BEST, OFF_BEST_MAX, PoseErrors, pose_errors
@@ -34,12 +34,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Score:
-    """What a submission is worth.
+    """Measures of a submission.
 
     Attributes:
-        summary: The table of the run, as `hhsim replay` has it.
-        errors: What is measured besides.
-        suspicions: What is probably not meant, a line each.
+        summary: Table of the run, as `hhsim replay` has it.
+        suspicions: Probable mistakes, a line each.
         scene: Digest of the scene.
     """
 
@@ -50,14 +49,14 @@ class Score:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a reader should know besides, a sentence each."""
+        """Sentences that belong to the table."""
         timed = any(row.name.startswith("tick_") for row in self.summary.rows)
         said = (STATED_TIMES,) if timed else ()
         return (*said, *self.summary.notes)
 
     @property
     def rows(self) -> tuple[SummaryRow, ...]:
-        """The table that matters."""
+        """Short table: depths, distances from the best poses, then the run's figures."""
         named = zip((MESH_DEPTH, OFF_BEST, OFF_BEST_MAX), self.errors)
         own = {row.name: row for row in (SummaryRow(figure, value) for figure, value in named)}
         short = {row.name: row for row in short_table(self.summary.rows, self.summary.verdict.missed)}
@@ -65,20 +64,20 @@ class Score:
         return (*(row for row in depths if row is not None), *own.values(), *short.values())
 
     def to_json(self) -> dict[str, Any]:
-        """For machines: SI units."""
+        """Return it as a document, SI units."""
         more = {"scene": self.scene, **self.errors._asdict(), "suspicions": list(self.suspicions)}
         more["notes"] = list(self.notes)
         return {**self.summary.to_json(), **more}
 
 
 def scene_of(submission: Submission, folder: Path | None = None) -> Scene:
-    """Find the scene of a submission: in a folder, in its own one, or made again by what it says.
+    """Find the scene of a submission: in a folder, beside the submission, or made again by its names.
 
     Args:
-        folder: That `hhsim scene` made; None looks beside the submission.
+        folder: Folder that `hhsim scene` made; None looks beside the submission.
 
     Raises:
-        InputError: It is of another scene, or of one that nobody knows.
+        InputError: Another scene, or an unknown one.
     """
     if folder is not None:
         return load_scene(folder / SCENE_FILE if folder.is_dir() else folder)
@@ -110,9 +109,9 @@ def score(
 
     Args:
         submission: Poses for each tick of the scene.
-        output_path: The result; what is there is replaced when the new one is complete.
-        surface: What of the object contacts are looked for on: spheres or mesh.
-        command: That makes the result, word by word, for the file to say.
+        output_path: The result, replaced when the new one is complete.
+        surface: Surface of the object that contacts are with: spheres or mesh.
+        command: Words of the command line, which the file states.
 
     Raises:
         InputError: It is of another scene, or ticks are missing.
@@ -122,13 +121,21 @@ def score(
     doubts = suspicions(submission, scene)
     digest = scene_digest(scene)
     name = f"{SUBMITTED}{submission.method}"
-    with known_for_now(name, _as_method(name, submission)):
+    given = {FORCES: submission.phalanx_force, TIMES: submission.duration}
+    method = Method(
+        summary="poses that were computed elsewhere",
+        engine=cast(Any, partial(_SubmittedEngine, name, submission)),
+        # A submission is expected to stay outside: a depth above the limit is no success.
+        never_penetrates=True,
+        gives=frozenset(what for what, values in given.items() if values is not None),
+        compiled=False,
+    )
+    with known_for_now(name, method):
         options = SolverOptions(method=name, surface=surface)
         file = submission.path.name if submission.path else ""
         stated = {"method": submission.method, "file": file, "scene": digest, "suspicions": list(doubts)}
-        summary = replay_scene(
-            scene, options, output_path, description={"submission": stated}, command=command, progress=progress
-        )
+        more = {"submission": stated}
+        summary = replay_scene(scene, options, output_path, description=more, command=command, progress=progress)
         progress("the best poses", 0, 1)
         errors = pose_errors(scene, options.at_rate(scene.ticks.rate), submission.poses)
     assert summary.path is not None
@@ -137,25 +144,8 @@ def score(
     return Score(summary, errors, doubts, digest)
 
 
-def _as_method(name: str, submission: Submission) -> Method:
-    forces = submission.phalanx_force is not None
-    given = {FORCES: forces, TIMES: submission.duration is not None}
-    return Method(
-        summary="poses that were computed elsewhere",
-        engine=partial(_engine, name, submission),
-        # What they were computed for is to stay out: a depth above the limit is no success, whoever computed them.
-        never_penetrates=True,
-        gives=frozenset(what for what, there in given.items() if there),
-        compiled=False,
-    )
-
-
-def _engine(name: str, submission: Submission, workspace: "TickWorkspace") -> Engine:
-    return cast(Engine, _SubmittedEngine(name, submission, workspace))
-
-
 class _SubmittedEngine(OutsideEngine):
-    """Answers each tick with the pose that was submitted for it; its times are those that were submitted too."""
+    """Engine that answers each tick with the pose and the time that were submitted for it."""
 
     def __init__(self, name: str, submission: Submission, workspace: "TickWorkspace") -> None:
         made = partial(_SubmittedPoses, submission)
@@ -167,7 +157,7 @@ class _SubmittedEngine(OutsideEngine):
         first = self.runner.ticks
         done = super().run(haptic, record)
         took = np.zeros(done) if self.duration is None else np.round(1e9 * self.duration[first : first + done])
-        # What it took here to look a pose up says nothing.
+        # The time of looking a pose up here is no time of the method.
         record.duration_total[:done] = record.duration_cpu[:done] = took
         return done
 
@@ -177,7 +167,7 @@ class _SubmittedPoses:
         self.submission, self.ticks = submission, 0
 
     def begin(self, pose: HandConfiguration) -> None:
-        """Where the hand stands is the submission's alone."""
+        """Do nothing: the submission alone says where the hand is."""
 
     def tick(self, haptic: HandConfiguration) -> TickAnswer:
         of, i = self.submission, self.ticks

@@ -1,7 +1,7 @@
-"""What is wrong with a submission, by name: ticks that are not the scene's, frames, units, and hands that lag behind.
+"""Mistakes of a submission, by name: wrong ticks, frames, units, and hands that lag behind.
 
-Where nothing is near the user's hand, every method shows it as it is. What is off there, and would not be in another
-unit, frame or order, was given in that one.
+Where nothing is near the user's hand, every method shows it as it is. A deviation there that another unit, frame or
+order would remove is a mistake in that one.
 """
 
 from collections.abc import Iterator
@@ -22,37 +22,33 @@ from hhsim.system.counted import counted
 
 Mended = Iterator[tuple[str, FloatArray]]
 
-FREE = 2e-3
-"""Where the user's hand is farther than this from the object [m], the shown one is the user's."""
-FEWEST = 20
-"""Free ticks; of a scene with fewer, all ticks are looked at."""
-TURNS = 0.02
-"""Palms and joints that are as far off the user's [rad] do not follow it."""
-MENDS = 0.1
-"""A mistake is named where without it the hand would be off by no more than this share."""
+FREE_DISTANCE = 2e-3
+"""Distance of the user's hand from the object [m] beyond which the shown hand is the user's."""
+LEAST_FREE_TICKS = 20
+"""Least number of free ticks; of a scene with fewer, all ticks are compared."""
+ANGLE_TOLERANCE = 0.02
+"""Deviation of palms and joints from the user's [rad] above which they do not follow it."""
+UNEXPLAINED_SHARE = 0.1
+"""Largest share of a deviation that is left without the mistake that is named."""
 MOST_SHIFT = 300
-"""Ticks by which a motion is looked for, to both sides."""
+"""Largest shift of a motion that is looked for [ticks]."""
 LEAST_SHIFT = 1e-5
-"""A hand that is nearer than this [m] has no lag that could be told."""
-INERTIA = 5e-3
-"""A hand may be this far behind the user's [s]: one with a mass is, and one that is shown what was read last."""
-MOVES = 1e-6
-"""A palm that goes no farther in a tick [m] rests."""
-STILL = 0.05
-"""Of the ticks in which the user's hand moves, a share in which the shown one may rest."""
+"""Deviation [m] below which no lag can be measured."""
+MOST_LAG = 5e-3
+"""Lag behind the user's hand that is no mistake [s]: of a mass, or of a hand that shows the last reading."""
+REST_DISPLACEMENT = 1e-6
+"""Displacement of a palm in a tick [m] above which it moves."""
+MOST_RESTING = 0.05
+"""Share of the ticks in which the user's hand moves and the shown one may rest."""
 MOST_FORCE = 1000.0
-"""No hand is pushed by more [N]."""
+"""Largest plausible contact force [N]."""
 MOST_DURATION = 1.0
-"""A tick that took longer [s] is one of another unit."""
+"""Longest plausible time of a tick [s]; a longer one is in another unit."""
 SCALES = (("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9))
 
 
 def require_scene(submission: Submission, scene: Scene) -> None:
-    """Make sure that a submission is of a scene, with a pose for each of its ticks.
-
-    Raises:
-        InputError: It is of another scene or hand; or ticks are missing, there twice, or of another rate or unit.
-    """
+    """Raise InputError unless a submission is of this scene, with a pose for each of its ticks."""
     digest = scene_digest(scene)
     if not submission.scene:
         raise InputError(f"{_name(submission)} does not say its scene: expected # scene: {digest}")
@@ -74,7 +70,7 @@ def _name(submission: Submission) -> str:
 
 
 def _wrong_ticks(time: FloatArray, wanted: FloatArray, rate: float) -> str:
-    """What is wrong with the times [s]; "" for nothing."""
+    """Describe what is wrong with the times [s]; "" for nothing."""
     ticks, total = len(time), len(wanted)
     expected = f"expected {counted(total, 'tick')}, {rate:g} a second, from 0 s on"
     step = np.diff(time)
@@ -105,17 +101,13 @@ def _wrong_ticks(time: FloatArray, wanted: FloatArray, rate: float) -> str:
 
 
 def suspicions(submission: Submission, scene: Scene) -> tuple[str, ...]:
-    """What poses, forces and times look like that is probably not meant, a line each; none for a sound submission.
-
-    Args:
-        submission: Of this scene (`require_scene`).
-    """
+    """Describe probable mistakes in poses, forces and times of a submission of this scene, a line each."""
     shown, user = submission.poses, HandConfiguration.of(scene.ticks)
     free = _free(scene)
     found = [*_still(shown, user, free)]
     lag = _shift(shown.position, user.position, free)
     seconds = lag / scene.ticks.rate
-    if not 0.0 <= seconds <= INERTIA:
+    if not 0.0 <= seconds <= MOST_LAG:
         which = "behind" if lag > 0 else "ahead of"
         found.append(f"shifted time: {counted(abs(lag), 'tick')} ({1e3 * abs(seconds):g} ms) {which} the user's hand?")
     else:
@@ -128,51 +120,49 @@ def suspicions(submission: Submission, scene: Scene) -> tuple[str, ...]:
 
 
 def _free(scene: Scene) -> BoolArray:
-    """Ticks in which the user's hand is far from the object."""
+    """Return True for ticks in which the user's hand is far from the object."""
     placed = forward_kinematics(scene.hand, *HandConfiguration.of(scene.ticks))
-    palm, finger = hand_clearance(scene.tree.arrays(), *hand_shape(scene.hand), *placed, limit=FREE)
-    free = np.asarray(np.minimum(palm, finger.min(axis=1)) >= FREE)
-    return free if free.sum() >= FEWEST else np.ones(len(free), bool)
+    palm, finger = hand_clearance(scene.tree.arrays(), *hand_shape(scene.hand), *placed, limit=FREE_DISTANCE)
+    free = np.asarray(np.minimum(palm, finger.min(axis=1)) >= FREE_DISTANCE)
+    return free if free.sum() >= LEAST_FREE_TICKS else np.ones(len(free), bool)
 
 
 def _still(shown: HandConfiguration, user: HandConfiguration, free: BoolArray) -> Iterator[str]:
-    moves = np.linalg.norm(np.diff(user.position, axis=0), axis=1) > MOVES
+    moves = np.linalg.norm(np.diff(user.position, axis=0), axis=1) > REST_DISPLACEMENT
     moves &= free[1:]
     rests = np.ones(len(moves), bool)
     for values in shown:
         rests &= (np.diff(values, axis=0) == 0.0).reshape(len(moves), -1).all(axis=1)
     share = float(rests[moves].mean()) if moves.any() else 0.0
-    if share > STILL:
-        yield (
-            f"repeated ticks: in {100.0 * share:.0f} % of the ticks the hand stays where it was, while the user's "
-            "moves: another rate?"
-        )
+    if share > MOST_RESTING:
+        rest = f"in {100.0 * share:.0f} % of the ticks the hand rests while the user's moves"
+        yield f"repeated ticks: {rest}: another rate?"
 
 
 def _shift(shown: FloatArray, user: FloatArray, free: BoolArray) -> int:
-    """By how many ticks the shown palm is behind the user's; 0 where that does not explain what it is off."""
+    """Return the lag of the shown palm behind the user's [ticks]; 0 if it does not explain the deviation."""
     ticks = len(shown)
-    moves = free & (np.linalg.norm(np.gradient(user, axis=0), axis=1) > MOVES) if ticks > 1 else free
+    moves = free & (np.linalg.norm(np.gradient(user, axis=0), axis=1) > REST_DISPLACEMENT) if ticks > 1 else free
     inner = np.flatnonzero(moves)
     inner = inner[(inner >= MOST_SHIFT // 10) & (inner < ticks - MOST_SHIFT // 10)]
-    if inner.size < FEWEST:
+    if inner.size < LEAST_FREE_TICKS:
         return 0
     most = min(MOST_SHIFT, ticks // 2)
     off = {}
     for lag in range(-most, most + 1):
         there = inner[(inner - lag >= 0) & (inner - lag < ticks)]
-        if there.size >= FEWEST:
+        if there.size >= LEAST_FREE_TICKS:
             off[lag] = float(np.median(np.linalg.norm(shown[there] - user[there - lag], axis=1)))
     best = min(off, key=lambda lag: (off[lag], abs(lag)))
-    return best if off[0] > LEAST_SHIFT and off[best] < MENDS * off[0] else 0
+    return best if off[0] > LEAST_SHIFT and off[best] < UNEXPLAINED_SHARE * off[0] else 0
 
 
 def _named(off: float, limit: float, mended: Iterator[tuple[str, float]]) -> str | None:
-    """The mistake that explains most of what a part is off; "" where none does, None where the part follows."""
+    """Return the mistake that explains most of a deviation; "" if none does, None for a small deviation."""
     if off <= limit:
         return None
     text, least = min(mended, key=lambda each: each[1])
-    return text if least < MENDS * off else ""
+    return text if least < UNEXPLAINED_SHARE * off else ""
 
 
 def _position(shown: FloatArray, user: FloatArray, turn: FloatArray) -> Iterator[str]:
@@ -198,13 +188,13 @@ def _orientation(shown: FloatArray, user: FloatArray) -> Iterator[str]:
         return float(np.median(2.0 * np.arccos(np.clip(near, 0.0, 1.0))))
 
     off = apart(shown)
-    why = _named(off, TURNS, ((text, apart(changed)) for text, changed in _turned(shown)))
+    why = _named(off, ANGLE_TOLERANCE, ((text, apart(changed)) for text, changed in _turned(shown)))
     if why is not None:
         yield f"the palm is turned by {off:.3g} rad off the user's where nothing is near: {why or 'another frame'}?"
 
 
 def _turned(shown: FloatArray) -> Mended:
-    """Orientations, had they been given otherwise: the mistake, and the orientations mended."""
+    """Yield the mistakes in orientations, and the orientations without each."""
     yield "quaternion x y z w", shown[:, [3, 0, 1, 2]]
     yield "quaternion of the world in the palm's frame", conjugate(shown)
     yield "quaternion x y z w of the world in the palm's frame", conjugate(shown[:, [3, 0, 1, 2]])
@@ -252,7 +242,7 @@ def _fingers(
         ("abduction", abduction, user_abduction, spread_mistakes),
     ):
         off = _angle_off(found, user)
-        why = _named(off, TURNS, ((text, _angle_off(changed, user)) for text, changed in mistakes.items()))
+        why = _named(off, ANGLE_TOLERANCE, ((text, _angle_off(changed, user)) for text, changed in mistakes.items()))
         if why is not None:
             yield f"{name} is {off:.3g} rad off the user's where nothing is near: {why or 'another motion'}?"
 
@@ -262,7 +252,7 @@ def _angle_off(found: FloatArray, user: FloatArray) -> float:
 
 
 def _forces(submission: Submission, user: HandConfiguration | None) -> Iterator[str]:
-    """What is odd about the forces; their directions, too, where the hands are known not to be in another frame."""
+    """Describe mistakes in the forces; in their directions only if the poses have none."""
     if submission.phalanx_force is None:
         return
     total = submission.phalanx_force.sum(axis=(1, 2))
@@ -272,7 +262,7 @@ def _forces(submission: Submission, user: HandConfiguration | None) -> Iterator[
         yield f"a force of {size.max():,.6g} N: millinewtons?"
     if user is None:
         return
-    # What keeps the shown hand off the user's is what pushes it.
+    # Contact forces point from the user's hand to the shown one.
     off = submission.poses.position - user.position
     along = float(np.einsum("ti,ti->t", total, off).sum())
     if along < -0.5 * float((size * np.linalg.norm(off, axis=1)).sum()):

@@ -1,4 +1,4 @@
-"""One replay of a sweep: what it is made of, what it is called, and the digest that it is known by."""
+"""Cell of a sweep: one replay, its parts, its name, and its digest."""
 
 import hashlib
 import json
@@ -28,16 +28,14 @@ from hhsim.system.settings_file import Settings, between
 from hhsim.trees.options import MOST_LEVEL
 
 DIGITS = 20
-"""Letters of a digest: 80 bits, so that no two cells of any sweep share one."""
+"""Hexadecimal digits of a cell's digest: 80 bits."""
 Tremor = Annotated[float, between(0.0, 100.0)]
 TWO = "two numbers, [mm] and [°], such as [0.1, 0.2]"
-OF_THE_SOLVER = tuple(
-    option.name for option in fields(SolverOptions) if option.name not in ("method", "surface", "period")
-)
+OF_THE_SOLVER = tuple(key.name for key in fields(SolverOptions) if key.name not in ("method", "surface", "period"))
 
 
 class SceneOptions(Settings, frozen=True):
-    """Options besides the solver's, by the names that a result states them by, SI."""
+    """Options besides the solver's, by the names in which a result states them, SI."""
 
     level: Annotated[int, between(1, MOST_LEVEL)] | None = None
     max_error: Annotated[float, between(1e-6, 1.0)] | None = None
@@ -49,24 +47,24 @@ class SceneOptions(Settings, frozen=True):
     tremor_mm_deg: Annotated[tuple[Tremor, Tremor], Meta(description=TWO)] | None = None
 
     def check(self) -> None:
-        """Refuse two options that both say the level."""
+        """Raise InputError if two options choose the level."""
         if self.level is not None and self.max_error is not None:
             raise InputError("max_error chooses the level itself: leave level out")
 
 
 OF_THE_SCENE = SceneOptions.__struct_fields__
 BOTH = " = "
-"""Between the names of sets of options that come to the same for a cell."""
+"""Separator of the names of sets of options that are the same for a cell."""
 USUAL_SCENE = {"rate": 1000.0, "samples": "interpolate", "seed": 0}
-"""What a scene has of which nothing else is stated; its level is the object's."""
+"""Defaults of a scene; the level's default depends on the object."""
 
 
 class SweptObject(Settings, frozen=True, rename={"word": "file"}):
-    """An object of a plan.
+    """Object of a plan.
 
     Attributes:
         word: A name of the catalogue, or a mesh file, relative to the plan's folder.
-        name: In tables.
+        name: Name in tables.
         unit, size_mm, thickness_mm: As `hhsim.scene.described_scene.SceneWords`.
     """
 
@@ -78,7 +76,7 @@ class SweptObject(Settings, frozen=True, rename={"word": "file"}):
 
 
 class SweptMotion(Settings, frozen=True, rename={"word": "file"}):
-    """A motion of a plan: a name of the catalogue or a file, relative to the plan's folder, and its name in tables."""
+    """Motion of a plan: a name of the catalogue or a file, relative to the plan's folder, and its name in tables."""
 
     word: str
     name: str = ""
@@ -86,15 +84,15 @@ class SweptMotion(Settings, frozen=True, rename={"word": "file"}):
 
 @dataclass(frozen=True)
 class Cell:
-    """One replay.
+    """Replay of a sweep.
 
     Attributes:
-        surface: Of the object that the hand touches.
-        options_name: What the plan calls its options.
+        surface: Surface of the object that the hand touches.
+        options_name: Name of the options in the plan.
         options: Those of `OF_THE_SOLVER` and `OF_THE_SCENE` that the plan states, SI.
-        ticks: Only the first so many; None for all.
-        repeat: Runs, of which the last one is kept with the mean and the deviation of all their times. No part of the
-            digest, since nothing but times depends on it.
+        ticks: Number of ticks from the first; None for all.
+        repeat: Number of runs. The last one is kept, with the mean and the deviation of all their times. No part of the
+            digest, since it changes only times.
     """
 
     object: SweptObject
@@ -109,7 +107,7 @@ class Cell:
 
     @property
     def label(self) -> str:
-        """In words."""
+        """Name in messages."""
         parts = [self.object.name, self.motion.name, self.method]
         parts += [self.surface] if self.surface != "spheres" else []
         parts += [self.options_name] if self.options else []
@@ -118,15 +116,11 @@ class Cell:
 
     @property
     def stated(self) -> str:
-        """The options that the plan states, as name=value."""
+        """Options that the plan states, as name=value."""
         return " ".join(f"{name}={value}" for name, value in self.options.items())
 
     def solver_options(self) -> SolverOptions:
-        """Of the solver.
-
-        Raises:
-            InputError: Options that the method does not take, or that are out of range.
-        """
+        """Return the solver's options; raise InputError for those that the method refuses, or out of range."""
         given = {name: value for name, value in self.options.items() if name in OF_THE_SOLVER}
         try:
             if "stiffness" in given:
@@ -138,7 +132,7 @@ class Cell:
             raise InputError(f"options of '{self.options_name}': {error}") from None
 
     def words(self) -> SceneWords:
-        """What its scene is asked for by."""
+        """Return the words that describe its scene."""
         stated = {name: self.options[name] for name in SCENE_WORDS if name in self.options}
         if "tremor_mm_deg" in stated:
             stated["tremor_mm_deg"] = tuple(stated["tremor_mm_deg"])
@@ -154,17 +148,14 @@ class Cell:
         )
 
     def _effective_options(self) -> dict[str, Any]:
-        """All options that it runs with, so that those that only state what is usual make no other cell."""
+        """Return all options of its run, so that stating a default makes no other cell."""
         usual = {**USUAL_SCENE, "level": usual_level(self.object.word), "hand_file": self.options.get("hand_file")}
         scene = {name: value for name, value in self.options.items() if name in OF_THE_SCENE}
         told = {name: value for name, value in scene.items() if name not in usual or value != usual[name]}
         return {**self.solver_options().to_json(), **told}
 
     def digest(self, folder: Path) -> str:
-        """What it is known by: the same for the same inputs, options and hhsim, and for no others.
-
-        Args:
-            folder: The plan's, in which its files are.
+        """Return a digest of inputs, options and hhsim's sources; `folder` is the plan's.
 
         Raises:
             InputError: A file that cannot be read.
@@ -191,7 +182,7 @@ SCENE_WORDS = tuple(name for name in OF_THE_SCENE if name not in ("level", "hand
 
 @cache
 def source_digest() -> str:
-    """Of the library's code, and of the motions and objects that ship: whatever changes a figure changes it."""
+    """Return a digest of the library's code, and of the motions and objects that ship."""
     digest = hashlib.sha256()
     root = Path(hhsim.__file__).parent
     parts = [path for path in root.rglob("*.py") if "cli" not in path.relative_to(root).parts]
@@ -204,11 +195,7 @@ def source_digest() -> str:
 
 
 def file_digest(path: Path) -> str:
-    """Of a file's bytes, and of the recording that a demonstration names.
-
-    Raises:
-        InputError: It cannot be read.
-    """
+    """Return a digest of a file, and of the recording that a demonstration names; InputError if it cannot be read."""
     try:
         state = path.stat()
         found, recording = _read_digest(path, state.st_mtime_ns, state.st_size)

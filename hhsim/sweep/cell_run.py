@@ -1,5 +1,6 @@
-"""Runs one cell, in whatever process: what `hhsim replay` makes of the same words, in the sweep's folder."""
+"""Run of one cell, in whatever process: what `hhsim replay` makes of the same words, in the sweep's folder."""
 
+import json
 import threading
 import time
 import uuid
@@ -22,7 +23,8 @@ from hhsim.scene.motion_catalogue import resolve_trajectory, trajectory_names
 from hhsim.scene.scene import Scene, side_of
 from hhsim.scene.script import Script
 from hhsim.sweep.cell import OF_THE_SCENE, Cell, SweptObject, file_digest, source_digest
-from hhsim.sweep.cell_row import row_of, write_row
+from hhsim.sweep.folder import PARTIAL, write_row
+from hhsim.system import environment as info
 from hhsim.system.own_core import on_own_core
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.level_choice import coarsest_sphere_tree
@@ -30,21 +32,24 @@ from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.trees.triangle_tree import tree_of_any
 
-PARTIAL = ".partial.h5"
-"""Ending of a result that is being written, in a name that begins with a point."""
+OF_THE_ROW = (
+    *("object", "object_mesh", "level", "max_error", "trajectory", "samples", "place_object", "hand_file"),
+    *("tremor_mm_deg", "seed", "ticks"),
+)
+"""Statements of a result about its scene that a row repeats."""
 ONE_AT_A_TIME = threading.Lock()
-"""Of a process: a cluster may give its workers several threads, whose ticks would wait for each other."""
+"""Lock of the process: the threads of a cluster's worker must not disturb each other's times."""
 
 
 @dataclass(frozen=True)
 class CellTask:
-    """What a process is told to run.
+    """Task for a process.
 
     Attributes:
-        plan_folder: That its files are in, absolute.
-        folder: Where its files go, absolute; every process that runs cells sees it.
-        keeps_result: Whether the result is kept, and not the row alone.
-        wants_core: Whether it waits for a core of its own.
+        plan_folder: Absolute folder that the plan's files are relative to.
+        folder: Absolute output folder, visible to every process that runs cells.
+        keeps_result: True if the result is kept, not the row alone.
+        wants_core: True if it waits for a core of its own.
         sources: Digest of the hhsim that planned it.
     """
 
@@ -59,12 +64,12 @@ class CellTask:
 
 @dataclass(frozen=True)
 class CellEnd:
-    """How a cell ended.
+    """Outcome of a cell.
 
     Attributes:
-        reason: Why it failed; "" where it is done, and its row is written.
-        ticks: That were run, in all its runs.
-        seconds: That all of it took; of the first one of a process without its scene, with which code is loaded.
+        reason: Reason of its failure; "" if its row is written.
+        ticks: Number of ticks in all its runs.
+        seconds: Duration of all of it; for the first cell of a process without its scene, in which code is loaded.
     """
 
     digest: str
@@ -78,9 +83,8 @@ def run_cell(task: CellTask) -> CellEnd:
     if source_digest() != task.sources:
         return CellEnd(task.digest, "the hhsim of this worker is another one: install the same there")
     if not Path(task.folder).is_dir():
-        return CellEnd(
-            task.digest, f"the worker sees no folder {task.folder}: a sweep needs one that all workers share"
-        )
+        why = f"the worker sees no folder {task.folder}: a sweep needs one that all workers share"
+        return CellEnd(task.digest, why)
     try:
         with ONE_AT_A_TIME:
             ticks, seconds = _run(task)
@@ -118,27 +122,27 @@ def _run(task: CellTask) -> tuple[int, float]:
     finally:
         partial.unlink(missing_ok=True)
     seconds = time.perf_counter() - began
-    row = row_of(
-        cell,
-        task.digest,
-        runs[-1],
-        scene.description,
-        cell.solver_options().at_rate(scene.ticks.rate),
-        result=result,
-        own_core=own_core,
-        seconds=seconds,
-        repeated=repeated,
-    )
-    write_row(folder / f"{task.digest}.json", row)
+    summary, options, origin = runs[-1], cell.solver_options().at_rate(scene.ticks.rate), info.file_attributes()
+    stated = {name: scene.description.get(name) for name in OF_THE_ROW}
+    row = {
+        **origin,
+        **{name: json.loads(str(origin[name])) for name in ("machine", "packages")},
+        **({"repeated": repeated} if repeated else {}),
+        "result": result,
+        "own_core": own_core,
+        "seconds": seconds,
+        "scene": {**stated, "rate": 1.0 / options.period, "solver": options.to_json()},
+        "verdict": summary.verdict.word,
+        "missed": list(summary.verdict.missed),
+        "summary": summary.attributes(),
+        "notes": list(summary.notes),
+    }
+    write_row(folder / f"{task.digest}.json", cell, task.digest, row)
     return sum(summary.ticks for summary in runs), seconds
 
 
 def open_cell(cell: Cell, plan_folder: Path) -> Scene:
-    """The scene of a cell, with what its result says of it.
-
-    Raises:
-        HhsimError: What is not to be had, or cannot be together.
-    """
+    """Make the scene of a cell; raise HhsimError for a part that is missing or does not fit."""
     files = [word for word in (cell.object.word, cell.motion.word) if (plan_folder / word).is_file()]
     of_scene = {name: value for name, value in cell.options.items() if name in (*OF_THE_SCENE, "fingers")}
     what = [cell.object, cell.motion, cell.surface == "mesh", of_scene, cell.seed, cell.ticks]
@@ -147,7 +151,7 @@ def open_cell(cell: Cell, plan_folder: Path) -> Scene:
 
 @dataclass(frozen=True)
 class _SceneKey:
-    """What a scene depends on; a cell that is of it."""
+    """Parts that a scene depends on, and a cell with it."""
 
     says: str
     cell: Cell = field(compare=False)
@@ -167,18 +171,14 @@ def _scene(key: _SceneKey, plan_folder: Path) -> Scene:
 
 
 def cell_hand(cell: Cell, plan_folder: Path, motion: Script | Demonstration | Trajectory) -> HandModel:
-    """The hand that makes a cell's motion.
-
-    Raises:
-        HhsimError: A hand file that is none.
-    """
+    """Return the hand model of a cell; raise HhsimError for a damaged hand file."""
     side = cell.options.get("hand") or side_of(motion)
     sizes = cell.options.get("hand_file")
     return HandModel.default(side) if sizes is None else HandModel.from_toml(plan_folder / sizes, side)
 
 
 def cell_object(cell: Cell, plan_folder: Path) -> tuple[Mesh, SphereTree, int]:
-    """The mesh [m] of a cell, its sphere tree, and the level of that.
+    """Return the mesh [m] of a cell, its sphere tree, and the tree's level.
 
     Raises:
         HhsimError: As `hhsim.mesh.catalogue.resolve_object`, or no tree of that level or error.
@@ -205,11 +205,7 @@ def _object(
 
 
 def motion_of(cell: Cell, folder: Path) -> Script | Demonstration | Trajectory:
-    """The motion of a cell, without tremor; `folder` is the plan's.
-
-    Raises:
-        HhsimError: As `hhsim.scene.motion_catalogue.resolve_trajectory`.
-    """
+    """Return the motion of a cell, without tremor; HhsimError as `hhsim.scene.motion_catalogue.resolve_trajectory`."""
     word = cell.motion.word
     if word in trajectory_names():
         return resolve_trajectory(word)

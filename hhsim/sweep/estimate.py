@@ -1,4 +1,4 @@
-"""How long a sweep is going to take, from cells that were run on this machine: those in its folder, or some tried."""
+"""Estimate of a sweep's duration from cells that ran on this machine: those in its folder, or trials."""
 
 import tempfile
 from collections import Counter
@@ -10,41 +10,40 @@ from typing import Any
 
 from hhsim.sweep.cell import source_digest
 from hhsim.sweep.cell_run import CellEnd, CellTask, run_cell
+from hhsim.sweep.engines import run_in_processes
 from hhsim.sweep.folder import SweepFolder
 from hhsim.sweep.pace import kind, pace_of
 from hhsim.sweep.plan import PlannedCell, SweepPlan
-from hhsim.sweep.process_engine import run_in_processes
 from hhsim.sweep.sweep import prepare
 from hhsim.system.progress import Progress, silent
 
 TRIALS = 12
-"""Cells that are tried, about; at least one of each method, surface and options of which none is done."""
+"""Number of trial cells, at least one of each method, surface and options of which none is done."""
 PATIENCE = 60.0
-"""So long are more cells of a kind tried of which one was [s]."""
+"""Time after which only kinds of cells without a trial are tried [s]."""
 WHOLE = 15.0
-"""A cell that seems to take less is tried as it is [s], any other one by some ticks from all of its motion."""
+"""Estimated duration below which a trial runs the whole cell [s]; else some ticks from all of its motion."""
 FEW, SOME = 5, 50
-"""Ticks of a run for what a cell takes without its ticks, and of one that goes through its motion in large steps."""
+"""Ticks of a run for the time besides ticks, and of one that samples the motion in large steps."""
 MANY, ROUNDS = 500, 3
-"""Ticks of a cell, and how often each process runs it, for what cells take that run beside each other."""
+"""Ticks and repetitions of a cell for the slowdown of cells side by side."""
 LEAST_RATE = 10.0
-"""Of that [Hz]: of a motion of more than 5 s it is the beginning."""
+"""Lowest rate of the sampled motion [Hz]; of a motion of more than 5 s only the beginning is tried."""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """What a sweep comes to.
+    """Size and duration of a sweep.
 
     Attributes:
-        cells: All of the plan.
-        done: Finished before.
-        failed: Failed before.
-        ticks: Of the cells that are still to run, in all their runs.
-        seconds: That these take one after the other, scenes opened and results written; NaN where nothing could be
-            tried.
-        start_up: That a process takes besides: until its code is imported and its kernels are loaded [s].
-        beside: How many times as long a cell takes where as many run at once as are going to.
-        by: What that is estimated from.
+        cells: Number of cells of the plan.
+        done: Number that finished before.
+        failed: Number that failed before.
+        ticks: Ticks of the cells that are left, in all their runs.
+        seconds: Duration of these one after the other, with scenes and files; NaN if none could be tried.
+        start_up: Time until a process has loaded code and kernels [s].
+        beside: Slowdown of cells that run side by side.
+        by: Basis of the estimate.
     """
 
     cells: int
@@ -57,22 +56,19 @@ class Estimate:
     beside: float = 1.0
 
     def elapsed(self, workers: int) -> tuple[float, float]:
-        """What a user waits for [s]: kernels and trees first, then processes that start, then their cells.
-
-        At least, as if no cell hindered another, and as the trials hindered each other.
-        """
+        """Return the least and the likely duration [s]: kernels and trees, start of processes, their cells."""
         left = self.cells - self.done - self.failed
         start, cells = 2.0 * self.start_up, self.seconds / max(1, min(workers, left))
         return (start + cells, start + cells * self.beside) if left else (0.0, 0.0)
 
 
 def estimate(plan: SweepPlan, folder: SweepFolder, workers: int = 1, progress: Progress = silent) -> Estimate:
-    """Count the cells, and estimate what those that are left take: each as the cells most like it that were run.
+    """Count the cells, and estimate the duration of those left from the most similar ones that were run.
 
     Args:
-        plan: What is to be run.
-        folder: Where; it need not exist.
-        workers: Processes, each of which opens a scene for all its cells of that.
+        plan: The plan.
+        folder: Folder of the sweep; it need not exist.
+        workers: Processes, each of which opens a scene once for all its cells.
     """
     done = [planned for planned in plan.cells if folder.done(planned)]
     finished = {planned.digest for planned in done}
@@ -104,7 +100,7 @@ def estimate(plan: SweepPlan, folder: SweepFolder, workers: int = 1, progress: P
 
 
 def _trials(cells: Sequence[PlannedCell]) -> list[PlannedCell]:
-    """Some cells of each kind, spread over its list: objects and motions differ in what a tick takes."""
+    """Return some cells of each kind, spread over its list: ticks differ between objects and motions."""
     kinds: dict[tuple[str, ...], list[PlannedCell]] = {}
     for planned in cells:
         kinds.setdefault(kind(planned.cell), []).append(planned)
@@ -120,7 +116,7 @@ def _trials(cells: Sequence[PlannedCell]) -> list[PlannedCell]:
 
 
 def _scene_of(planned: PlannedCell) -> tuple[str, str, str]:
-    """What the cells of a scene have in common, but for options that need another tree."""
+    """Return the names that cells of one scene share, but for options that need another tree."""
     return planned.cell.object.name, planned.cell.motion.name, planned.cell.surface
 
 
@@ -131,7 +127,7 @@ def _task(planned: PlannedCell, plan_folder: Path, scratch: str, **changes: Any)
 
 
 def _beside(planned: PlannedCell, plan_folder: Path, workers: int) -> tuple[float, float]:
-    """What new processes take to start [s], and how many times as long as here a cell takes in them side by side."""
+    """Return the start-up time of new processes [s], and the slowdown of cells in them."""
     with tempfile.TemporaryDirectory() as scratch:
         task = _task(planned, plan_folder, scratch, ticks=min(planned.ticks, MANY))
         alone = min(run_cell(task).seconds for _ in range(ROUNDS))
@@ -143,11 +139,10 @@ def _beside(planned: PlannedCell, plan_folder: Path, workers: int) -> tuple[floa
 
 
 def _tried(planned: PlannedCell, plan_folder: Path, opens: float) -> tuple[CellEnd, bool]:
-    """What all runs of a cell take, measured or, where it is long, estimated; and whether it was measured.
+    """Return the measured or extrapolated end of all runs of a cell, and True if it was measured.
 
-    `opens` is the share of the cells that open their scene, which those after them in the same process need not.
-
-    The beginning of a motion says nothing of the rest: there the hand touches nothing yet, and ticks are cheap.
+    `opens` is the share of the cells that open their scene. Ticks are sampled from the whole motion, because its
+    beginning has no contacts, and its ticks are fast.
     """
     rate = float(planned.cell.options.get("rate", 1000.0))
     every = max(1.0, min(planned.ticks / SOME, rate / LEAST_RATE))
@@ -162,7 +157,7 @@ def _tried(planned: PlannedCell, plan_folder: Path, opens: float) -> tuple[CellE
 
         first, bare = run(FEW), undisturbed(FEW)
         opening = opens * max(0.0, first.seconds - bare.seconds)
-        # Of so few ticks, what else the machine does in between would be taken for a thousand times as much.
+        # The lesser of two runs: a disturbance of so few ticks would be extrapolated.
         some = undisturbed(SOME, every)
         each = max(0.0, some.seconds - bare.seconds) / max(1, some.ticks - bare.ticks)
         seconds = bare.seconds + each * planned.ticks

@@ -1,40 +1,43 @@
-"""The folder of a sweep: which cells are done, which failed, and that only one sweep at a time works in it.
+"""Folder of a sweep: rows of cells that are done or failed, and a lock against a second sweep.
 
-`sweep.json` says what it is; `cells/` holds each cell's result (DIGEST.h5) and row (DIGEST.json), or why it failed
-(DIGEST.failed.json). Each appears in one step, so that whatever ends a sweep, what is there is whole.
+`sweep.json` identifies it; `cells/` holds each cell's result (DIGEST.h5) and row (DIGEST.json), or its failure
+(DIGEST.failed.json). Each appears in one step, so that an interrupted sweep leaves only complete files.
 """
 
 import contextlib
 import fcntl
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from hhsim.errors import InputError, OutputError
-from hhsim.sweep.cell_row import FAILED, failure_of, named, read_row, write_row
-from hhsim.sweep.cell_run import PARTIAL
+from hhsim.sweep.cell import Cell
 from hhsim.sweep.plan import PlannedCell, SweepPlan
+from hhsim.system import environment as info
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.input_file import read_input_text
+from hhsim.system.plain_json import plain_json
 
 MARK = "sweep.json"
 CELLS = "cells"
 LOCK = ".lock"
-FORMAT = "hhsim-sweep"
-VERSION = 1
+FORMAT, ROW_FORMAT, VERSION = "hhsim-sweep", "hhsim-cell", 1
+FAILED = ".failed.json"
+PARTIAL = ".partial.h5"
+"""Suffix of a result that is being written, in a name that begins with a point."""
 
 
 class SweepFolder:
-    """A sweep's folder, which may not exist yet.
+    """Folder of a sweep, which may not exist yet.
 
     Raises:
-        OutputError: Something else is there.
+        OutputError: Another file or folder is there.
     """
 
     def __init__(self, path: Path) -> None:
-        """Look what is there."""
         self.path = path
         self.cells = path / CELLS
         if path.exists() and not path.is_dir():
@@ -44,11 +47,7 @@ class SweepFolder:
 
     @contextlib.contextmanager
     def taken(self, plan: SweepPlan) -> Iterator[None]:
-        """Make the folder, keep other sweeps out of it, and sweep up what was left half-written.
-
-        Raises:
-            OutputError: It cannot be made or written, or another sweep works in it.
-        """
+        """Make and lock the folder and remove unfinished files; OutputError if it is not writable, or locked."""
         try:
             self.cells.mkdir(parents=True, exist_ok=True)
             lock = os.open(self.path / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
@@ -72,44 +71,42 @@ class SweepFolder:
             os.close(lock)
 
     def done(self, planned: PlannedCell, with_result: bool = False) -> bool:
-        """Whether a cell is done as often as planned, with its result where that is wanted.
-
-        The row of an older plan gets new names.
-        """
+        """Return True if a cell is done as often as planned, with its result if wanted; rename it in its row."""
         path, row = self.row_path(planned), self.row(planned)
         result = row.get("result")
         if not row or (result and not (self.cells / result).is_file()) or (with_result and not result):
             return False
         if row.get("repeated", {}).get("runs", 1) < planned.cell.repeat:
             return False
-        if row["cell"] != named(planned.cell):
-            write_row(path, {**row, "cell": named(planned.cell)})
+        if row["cell"] != _named(planned.cell):
+            write_row(path, planned.cell, planned.digest, row)
         return True
 
     def row(self, planned: PlannedCell) -> dict[str, Any]:
-        """The row of a cell that was run, however often; empty of any other."""
+        """Return the row of a cell that was run, however often; {} for any other."""
         try:
             return read_row(self.row_path(planned))
         except InputError:
             return {}
 
     def row_path(self, planned: PlannedCell) -> Path:
-        """Where a cell's row is."""
+        """Return the path of a cell's row."""
         return self.cells / f"{planned.digest}.json"
 
     def failure(self, planned: PlannedCell) -> str:
-        """Why a cell failed; "" where it did not."""
+        """Return the reason of a cell's failure; "" if it did not fail."""
         try:
             return str(read_row(self._failure_path(planned)).get("reason", "?"))
         except InputError:
             return ""
 
     def keep_failure(self, planned: PlannedCell, reason: str) -> None:
-        """Keep why a cell failed."""
-        write_row(self._failure_path(planned), failure_of(planned.cell, planned.digest, reason))
+        """Write the reason of a cell's failure."""
+        content = {"reason": reason, "machine": asdict(info.machine())}
+        write_row(self._failure_path(planned), planned.cell, planned.digest, content)
 
     def forget_failure(self, planned: PlannedCell) -> None:
-        """A cell is run again, or is done now."""
+        """Remove a cell's failure."""
         self._failure_path(planned).unlink(missing_ok=True)
 
     def _failure_path(self, planned: PlannedCell) -> Path:
@@ -122,9 +119,38 @@ class SweepFolder:
 
 
 def is_sweep(path: Path) -> bool:
-    """Whether a folder is one of a sweep."""
+    """Return True if a folder is one of a sweep."""
     try:
         found = json.loads(read_input_text(path / MARK))
     except (OSError, ValueError):
         return False
     return isinstance(found, dict) and found.get("format") == FORMAT
+
+
+def write_row(path: Path, cell: Cell, digest: str, content: Mapping[str, Any]) -> None:
+    """Write the row of a cell, or its failure, in one step; NaN and infinity become null.
+
+    Raises:
+        OutputError: It cannot be written.
+    """
+    row = {**content, "format": ROW_FORMAT, "version": VERSION, "digest": digest, "cell": _named(cell)}
+    write_atomically(path, (json.dumps(plain_json(row), indent=1, sort_keys=True, allow_nan=False) + "\n").encode())
+
+
+def read_row(path: Path) -> dict[str, Any]:
+    """Read a row, or a failure; raise InputError for a missing or another file."""
+    try:
+        found = json.loads(read_input_text(path))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: no row of a sweep: {error}") from None
+    if not isinstance(found, dict) or found.get("format") != ROW_FORMAT:
+        raise InputError(f"{path}: no row of a sweep")
+    if found.get("version") != VERSION:
+        raise InputError(f"{path}: version {found.get('version')!r} of a row, this hhsim reads {VERSION}")
+    return found
+
+
+def _named(cell: Cell) -> dict[str, Any]:
+    """Return the names that a plan gives a cell."""
+    names = {"object": cell.object.name, "motion": cell.motion.name, "method": cell.method}
+    return {**names, "surface": cell.surface, "options": cell.options_name, "seed": cell.seed}

@@ -1,4 +1,4 @@
-"""Seconds per tick of cells that were run, by which those that are left are estimated."""
+"""Seconds per tick of cells that were run, for the estimate of those left."""
 
 import math
 from collections.abc import Iterable
@@ -12,10 +12,10 @@ from hhsim.system import environment as info
 
 
 class Pace:
-    """What cells took that were run.
+    """Ticks and seconds of cells that were run.
 
     Attributes:
-        cells: How many they are.
+        cells: Number of cells.
     """
 
     def __init__(self) -> None:
@@ -23,18 +23,18 @@ class Pace:
         self._spent: dict[tuple[Any, ...], tuple[int, float]] = {}
 
     def add(self, cell: Cell, ticks: int, seconds: float) -> None:
-        """Count a cell that was run."""
+        """Add a cell that was run."""
         self.cells += 1
         for likeness in _likenesses(cell):
             before = self._spent.get(likeness, (0, 0.0))
             self._spent[likeness] = before[0] + ticks, before[1] + seconds
 
     def knows(self, cell: Cell) -> bool:
-        """Whether one of its method, surface and options was run."""
+        """Return True if a cell of its method, surface and options was run."""
         return kind(cell) in self._spent
 
     def left(self, cells: Iterable[PlannedCell]) -> float:
-        """Estimate what cells take one after the other [s], each as those most like it; NaN where nothing was run."""
+        """Estimate the duration of cells one after the other [s] from the most similar ones; NaN without any."""
         total = 0.0
         for planned in cells:
             known = (self._spent[likeness] for likeness in _likenesses(planned.cell) if likeness in self._spent)
@@ -44,7 +44,7 @@ class Pace:
 
 
 def pace_of(cells: Iterable[PlannedCell], folder: SweepFolder) -> Pace:
-    """The pace of those cells that were run on this machine, however often."""
+    """Return the pace of those cells that ran on this machine."""
     pace, here = Pace(), asdict(info.machine())
     for planned in cells:
         row = folder.row(planned)
@@ -54,18 +54,18 @@ def pace_of(cells: Iterable[PlannedCell], folder: SweepFolder) -> Pace:
 
 
 def kind(cell: Cell) -> tuple[str, ...]:
-    """What decides most of a tick's time: method, surface and options."""
+    """Return what decides most of a tick's time: method, surface and options."""
     return cell.method, cell.surface, cell.options_name
 
 
 def _likenesses(cell: Cell) -> tuple[tuple[Any, ...], ...]:
-    """What a cell has in common with others, the most first."""
+    """Return keys that similar cells share, the most specific first."""
     same, shape, motion = kind(cell), cell.object.name, cell.motion.name
     return (*same, shape, motion), (*same, shape), (*same, None, motion), same, ()
 
 
 def lasting(seconds: float) -> str:
-    """A time as people say it."""
+    """Format a duration for people."""
     if seconds != seconds:
         return "an unknown time"
     if seconds < 120.0:

@@ -1,6 +1,6 @@
-"""What a sweep runs: a TOML file of objects, motions, methods, surfaces and options, each with each.
+"""Plan of a sweep: a TOML file of objects, motions, methods, surfaces and options, each combined with each.
 
-Keys, with their defaults where they have one::
+Keys, with their defaults if they have one::
 
     version = 1
     name = "first"                          # of the folder in results/; default: the file's
@@ -65,7 +65,7 @@ class _PlanTable(Settings, frozen=True, kw_only=True):
 
 @dataclass(frozen=True)
 class PlannedCell:
-    """A cell, its digest, and how many ticks it has."""
+    """Cell, its digest, and its number of ticks."""
 
     cell: Cell
     digest: str
@@ -73,18 +73,17 @@ class PlannedCell:
 
     @property
     def run_ticks(self) -> int:
-        """Of all its runs."""
+        """Number of ticks of all its runs."""
         return self.ticks * self.cell.repeat
 
 
 @dataclass(frozen=True)
 class SweepPlan:
-    """What is run.
+    """Plan with its cells.
 
     Attributes:
-        folder: The plan's; files in it are relative to it.
-        notes: What cannot be together and what comes to the same, and how many cells that are, and what is said of
-            recordings, a sentence each.
+        folder: The plan's folder; its files are relative to it.
+        notes: Sentences about combinations that are left out or the same, and about recordings.
     """
 
     name: str
@@ -95,26 +94,21 @@ class SweepPlan:
 
 
 def load_plan(path: Path) -> SweepPlan:
-    """Read a plan and look at all that it names.
+    """Read a plan and check everything that it names.
 
     Raises:
-        InputError: No such file, no TOML; a key, a name, a file or a value that no plan has; two cells that are the
-            same.
+        InputError: No such file, no TOML; an unknown key, name or file, a wrong value; two cells that are the same.
     """
     return parse_plan(read_toml_text(path, "plan of a sweep"), path.stem, path.parent, str(path))
 
 
 def parse_plan(text: str, name: str, folder: Path, where: str) -> SweepPlan:
-    """Read the text of a plan.
+    """Read the text of a plan; errors as of `load_plan`.
 
     Args:
-        text: TOML.
-        name: Of the sweep where the plan states none.
-        folder: That files are relative to.
-        where: For messages.
-
-    Raises:
-        InputError: As `load_plan`.
+        name: Name of the sweep if the plan states none.
+        folder: Folder that files are relative to.
+        where: Name of the text in messages.
     """
     plan = parse_settings(text, _PlanTable, where)
     objects = _unique(where, "objects", [_object(where, folder, entry) for entry in plan.objects])
@@ -134,7 +128,10 @@ def parse_plan(text: str, name: str, folder: Path, where: str) -> SweepPlan:
             continue
         cell = Cell(shape, motion, method, surface, called, given, seed, plan.ticks, plan.repeat)
         if (method, surface, called) not in checked:
-            _check_options(cell, where)
+            try:
+                cell.solver_options()
+            except InputError as error:
+                raise InputError(f"{where}, [options.{called}], {method}: {error}") from None
             checked.add((method, surface, called))
         ticks = durations[motion.word].ticks(given.get("rate", 1000.0), plan.ticks)
         planned = PlannedCell(cell, cell.digest(folder), ticks)
@@ -143,9 +140,8 @@ def parse_plan(text: str, name: str, folder: Path, where: str) -> SweepPlan:
             names = same.options_name.split(BOTH)
             if called in names or replace(same, options_name=called, options=given) != cell:
                 raise InputError(f"{where}: two cells are the same: {same.label}; {cell.label}")
-            cells[planned.digest] = replace(
-                planned, cell=replace(same, options_name=BOTH.join((same.options_name, called)))
-            )
+            both = replace(same, options_name=BOTH.join((same.options_name, called)))
+            cells[planned.digest] = replace(planned, cell=both)
     if not cells:
         raise InputError(f"{where}: no cell is left: {'; '.join(left_out)}")
     notes = [f"{count:,} cell{'s' * (count > 1)} left out: {why}" for why, count in left_out.items()]
@@ -161,7 +157,7 @@ def parse_plan(text: str, name: str, folder: Path, where: str) -> SweepPlan:
 
 @dataclass(frozen=True)
 class _Motion:
-    """What of a motion decides how many ticks it has, which objects it is for, and what is said of it."""
+    """Duration, objects and remarks of a motion."""
 
     duration: float
     closed: bool
@@ -190,13 +186,6 @@ def _impossible(shape: SweptObject, motion: _Motion, swept: SweptMotion, method:
     if surface != "spheres" and refuses:
         return f"method {method} takes no surface {surface}"
     return ""
-
-
-def _check_options(cell: Cell, where: str) -> None:
-    try:
-        cell.solver_options()
-    except InputError as error:
-        raise InputError(f"{where}, [options.{cell.options_name}], {cell.method}: {error}") from None
 
 
 def _object(where: str, folder: Path, entry: str | SweptObject) -> SweptObject:

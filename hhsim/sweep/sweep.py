@@ -1,4 +1,4 @@
-"""Runs the cells of a plan that are not done yet, by an engine, and keeps what was found of each as soon as it ends."""
+"""Sweep: runs the cells of a plan that are not done yet, and keeps each outcome as soon as it ends."""
 
 from collections.abc import Generator, Sequence
 from contextlib import closing
@@ -9,24 +9,23 @@ from hhsim.errors import HhsimError
 from hhsim.solver.compile import warm_up
 from hhsim.sweep.cell import Cell, source_digest
 from hhsim.sweep.cell_run import CellEnd, CellTask, cell_hand, cell_object, motion_of
-from hhsim.sweep.dask_engine import LOCAL, require_dask, run_on_dask
+from hhsim.sweep.engines import LOCAL, require_dask, run_in_processes, run_on_dask
 from hhsim.sweep.folder import SweepFolder
 from hhsim.sweep.pace import lasting, pace_of
 from hhsim.sweep.plan import PlannedCell, SweepPlan
-from hhsim.sweep.process_engine import run_in_processes
 from hhsim.system.own_core import physical_cores
 from hhsim.system.progress import Progress, silent
 
 
 @dataclass(frozen=True)
 class SweepOptions:
-    """How a plan is run.
+    """Options of a sweep.
 
     Attributes:
-        jobs: Processes of this machine; 0 for one on each physical core.
-        scheduler: Of a Dask cluster, or `hhsim.sweep.dask_engine.LOCAL`; "" for processes.
-        retry_failed: Whether cells that failed before are run again.
-        keep_results: Whether the result of each cell is kept, and not its row alone.
+        jobs: Processes of this machine; 0 for one per physical core.
+        scheduler: Address of a Dask cluster, or `hhsim.sweep.engines.LOCAL`; "" for processes.
+        retry_failed: Run cells again that failed before.
+        keep_results: Keep the result of each cell, not its row alone.
     """
 
     jobs: int = 0
@@ -36,21 +35,21 @@ class SweepOptions:
 
     @property
     def workers(self) -> int:
-        """Processes of this machine."""
+        """Number of processes of this machine."""
         return self.jobs or max(1, len(physical_cores()))
 
 
 @dataclass(frozen=True)
 class SweepSummary:
-    """What a sweep came to.
+    """Outcome of a sweep.
 
     Attributes:
-        cells: Of the plan.
-        run: Done now.
-        done_before: Done by an earlier sweep.
-        failed: Each cell that failed, now or before, and why.
-        ticks: Run now, in all runs of the cells.
-        seconds: That took, with kernels that were loaded and trees that were built.
+        cells: Number of cells of the plan.
+        run: Number of cells done by this sweep.
+        done_before: Number of cells done before.
+        failed: Each cell that failed, now or before, and the reason.
+        ticks: Ticks of this sweep, in all runs.
+        seconds: Duration, with kernels and trees.
     """
 
     cells: int
@@ -62,7 +61,7 @@ class SweepSummary:
 
 
 def run_sweep(plan: SweepPlan, folder: SweepFolder, options: SweepOptions, progress: Progress = silent) -> SweepSummary:
-    """Run what is not done yet.
+    """Run the cells that are not done yet.
 
     Raises:
         InputError: No Dask, or no scheduler.
@@ -102,29 +101,22 @@ def run_sweep(plan: SweepPlan, folder: SweepFolder, options: SweepOptions, progr
                             at_once = max(1, round(spent / (perf_counter() - cells_began)))
                         progress(_cells_and(pace.left(waiting.values()), len(waiting), at_once), number + 1, len(left))
             except KeyboardInterrupt as interrupt:
-                interrupt.add_note(
-                    f"{len(before) + done:,} of {len(plan.cells):,} cells are done, and the same command goes on"
-                )
+                count = f"{len(before) + done:,} of {len(plan.cells):,}"
+                interrupt.add_note(f"{count} cells are done, and the same command goes on")
                 raise
         seconds = perf_counter() - began
-        failed = [
-            (planned.cell, reason)
-            for planned in plan.cells
-            if planned.digest not in before and (reason := folder.failure(planned))
-        ]
-    return SweepSummary(len(plan.cells), done, len(before), tuple(failed), ticks, seconds)
+        reasons = [(cell.cell, folder.failure(cell)) for cell in plan.cells if cell.digest not in before]
+        failed = tuple((cell, reason) for cell, reason in reasons if reason)
+    return SweepSummary(len(plan.cells), done, len(before), failed, ticks, seconds)
 
 
 def _cells_and(seconds: float, cells: int, at_once: int) -> str:
-    """What is being done, and how long that takes yet; nothing of that where it is not known."""
+    """Describe the progress, with the time left if it is known."""
     return f"cells (about {lasting(seconds / min(at_once, cells))} left)" if seconds > 0.0 else "cells"
 
 
 def prepare(plan: SweepPlan, cells: Sequence[PlannedCell], progress: Progress = silent) -> None:
-    """Compile, and build the trees, before there are processes that would all do so at once.
-
-    What cannot be had here fails cell by cell, and is told there.
-    """
+    """Compile kernels and build trees before several processes would do so at once; errors are left to the cells."""
     kinds = {(planned.cell.method, planned.cell.surface): planned.cell for planned in cells}
     shapes = {
         (c.object, c.surface == "mesh", c.options.get("level"), c.options.get("max_error")): c

@@ -1,1 +1,1 @@
-"""What the operating system gives: files, environment, signals, threads."""
+"""Operating system: files, environment, signals, threads."""

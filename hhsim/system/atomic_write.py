@@ -1,6 +1,6 @@
-"""Files that are written in one go: a reader finds the old one or the new one, never half of one.
+"""Atomic writing of files: a reader finds the old file or the new one, never half of one.
 
-An HDF5 file is made in memory first: HDF5 cannot go on after a write that failed, not even to close the file.
+HDF5 files are made in memory first: the library cannot go on after a failed write, not even to close the file.
 """
 
 import os
@@ -15,7 +15,7 @@ from hhsim.system.checksummed_file import sealed
 
 
 def sealed_hdf5(fill: Callable[[h5py.File], object]) -> bytes:
-    """Make the bytes of an HDF5 file whose content `fill` writes, with their seal behind them."""
+    """Return the bytes of an HDF5 file whose content `fill` writes, followed by their seal."""
     with h5py.File("image", "w", driver="core", backing_store=False) as file:
         fill(file)
         file.flush()
@@ -23,29 +23,18 @@ def sealed_hdf5(fill: Callable[[h5py.File], object]) -> bytes:
 
 
 def put_dataset(group: h5py.Group, name: str, data: Any, units: str, long_name: str, **options: Any) -> None:
-    """Write a dataset with its unit and its meaning; `options` as of `h5py.Group.create_dataset`."""
+    """Write a dataset with its unit and meaning; `options` as of `h5py.Group.create_dataset`."""
     dataset = group.create_dataset(name, data=data, track_times=False, **options)
     dataset.attrs["units"], dataset.attrs["long_name"] = units, long_name
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Write a file, or replace it in one step.
-
-    Raises:
-        OutputError: The file cannot be written; what was there before still is.
-    """
+    """Write or replace a file in one step; raise OutputError, with the old file unchanged, if that fails."""
     write_together({path: content})
 
 
 def write_together(contents: Mapping[Path, bytes]) -> None:
-    """Write files, or replace them: none gets its name before all of them are on the disk.
-
-    Args:
-        contents: By path; the last one gets its name last.
-
-    Raises:
-        OutputError: One cannot be written; what was there before still is.
-    """
+    """Write or replace files in their order, none before all are on the disk; OutputError as of `write_atomically`."""
     targets = {path: Path(os.path.realpath(path)) for path in contents}
     partials = {path: target.with_name(f".{target.name}.{os.getpid()}.tmp") for path, target in targets.items()}
     path = Path()

@@ -1,4 +1,4 @@
-"""Tell when kernels have to be compiled, so that nobody takes the wait for a fault."""
+"""Notice that kernels have to be compiled, which explains the wait."""
 
 import functools
 import logging
@@ -12,7 +12,7 @@ COMPILING = "hhsim: compiling the kernels that this needs: once, and again after
 
 
 class _FirstCompilation(event.Listener):  # type: ignore[misc]
-    """Calls `tell` when the first kernel is compiled; one that is loaded from the cache makes no event."""
+    """Listener that calls `tell` at the first compilation; a kernel from the cache makes no event."""
 
     def __init__(self, tell: Callable[[], None]) -> None:
         self._tell: Callable[[], None] | None = tell
@@ -27,7 +27,7 @@ class _FirstCompilation(event.Listener):  # type: ignore[misc]
 
 
 def tell_of_compilation(tell: Callable[[], None]) -> Callable[[], None]:
-    """Call `tell` when the first kernel is compiled from here on; the function that is returned ends that."""
+    """Call `tell` when the first kernel is compiled from here on; return a function that ends that."""
     listener = _FirstCompilation(tell)
     event.register("numba:compile", listener)
     return functools.partial(event.unregister, "numba:compile", listener)
@@ -35,5 +35,5 @@ def tell_of_compilation(tell: Callable[[], None]) -> Callable[[], None]:
 
 @functools.cache
 def log_compilation() -> None:
-    """Log a warning of the logger `hhsim` when this process first compiles a kernel: Python prints it on stderr."""
+    """Log a warning when this process first compiles a kernel; Python prints it on stderr."""
     tell_of_compilation(functools.partial(logging.getLogger("hhsim").warning, COMPILING))

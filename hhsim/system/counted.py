@@ -1,9 +1,9 @@
-"""Counts in texts for people."""
+"""Counts in messages."""
 
 PLURALS = {"vertex": "vertices", "leaf": "leaves"}
-"""Of nouns that do not take an s."""
+"""Irregular plurals."""
 
 
 def counted(count: int, noun: str) -> str:
-    """A number with its noun, in the plural where it is not 1: "1 tick", "3,000 ticks"."""
+    """Return a number with its noun, plural unless it is 1: "1 tick", "3,000 ticks"."""
     return f"{count:,} {noun if count == 1 else PLURALS.get(noun, f'{noun}s')}"

@@ -1,8 +1,7 @@
-"""Ctrl-C where it does no harm.
+"""Deferred Ctrl-C.
 
-Python raises KeyboardInterrupt wherever it happens to be: halfway into a write, or in a weak reference's callback,
-where it is swallowed and the run goes on. A long run therefore only takes note of the first Ctrl-C, and stops between
-two blocks.
+Python raises KeyboardInterrupt at any instruction: within a write, or in a weak reference's callback, where it is
+lost. A long run only notes the first Ctrl-C, and stops between two blocks.
 """
 
 import signal
@@ -18,8 +17,8 @@ _noted = False
 def interruptible_between() -> Iterator[Callable[[], None]]:
     """Hold Ctrl-C back until the function that this yields is called, which then raises KeyboardInterrupt.
 
-    A second Ctrl-C raises at once. Outside of the main thread, where no signal arrives, and where Ctrl-C is ignored or
-    another handler is installed, nothing changes.
+    A second Ctrl-C raises at once. Nothing changes outside of the main thread, where no signal arrives, or if Ctrl-C is
+    ignored or has another handler.
     """
     if not _is_usual():
         yield lambda: None
@@ -35,9 +34,9 @@ def interruptible_between() -> Iterator[Callable[[], None]]:
 
 @contextmanager
 def watched_sigint() -> Iterator[Callable[[], bool]]:
-    """Yield a function that tells whether Ctrl-C was pressed, which raises KeyboardInterrupt as ever.
+    """Yield a function that returns True if Ctrl-C was pressed, which still raises KeyboardInterrupt.
 
-    So that a KeyboardInterrupt that code raises by itself is not taken for one.
+    It distinguishes Ctrl-C from a KeyboardInterrupt that code raises by itself.
     """
     if not _is_usual():
         yield interrupt_is_noted
@@ -47,7 +46,7 @@ def watched_sigint() -> Iterator[Callable[[], bool]]:
 
 
 def interrupt_is_noted() -> bool:
-    """Return whether Ctrl-C was pressed and has been held back since."""
+    """Return True if Ctrl-C was pressed and has been held back since."""
     return _noted
 
 

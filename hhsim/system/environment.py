@@ -1,6 +1,6 @@
-"""What hhsim runs on and from: versions, machine, clock, compiled kernels, source revision.
+"""Environment of hhsim: versions, machine, clock, compiled kernels, source revision.
 
-Every result carries it, and `hhsim info` prints it. Nothing here names the user or the host.
+Every result states it, and `hhsim info` prints it. Nothing here names the user or the host.
 """
 
 import importlib.metadata
@@ -25,79 +25,37 @@ DEVELOPMENT_EXTRAS = frozenset({"test", "lint"})
 
 @dataclass(frozen=True)
 class Machine:
-    """The computer, as far as it decides how fast a tick is."""
+    """Properties of the computer that decide how fast a tick is; `cores` are those that this process may use."""
 
     cpu: str
     cores: int
-    """Cores that this process may use."""
     system: str
     python: str
 
 
 @dataclass(frozen=True)
-class Clock:
-    """The clock that times a tick."""
-
-    function: str
-    resolution: float
-    """What the system states [s]."""
-    step: float
-    """Smallest step between two readings that was seen just now [s]."""
-    source: str
-    """The kernel's clock source, such as tsc or kvm-clock."""
-
-
-@dataclass(frozen=True)
-class Kernels:
-    """Where compiled kernels are kept."""
-
-    folder: str
-    compiled: bool
-    """Whether the kernels of exactly these sources lie there already; if not, the first run compiles them."""
-    jit: bool
-
-
-@dataclass(frozen=True)
 class Revision:
-    """The checkout that hhsim runs from; both fields are "unknown" for an installed package."""
+    """Checkout that hhsim runs from; both fields are "unknown" for an installed package."""
 
     commit: str
     dirty: bool | str
 
 
-@dataclass(frozen=True)
-class Info:
-    """Everything that `hhsim info` prints."""
-
-    hhsim: str
-    revision: Revision
-    machine: Machine
-    clock: Clock
-    kernels: Kernels
-    packages: dict[str, str]
-    missing: dict[str, list[str]]
-    """Optional packages that are not installed, by the extra that brings them."""
-
-    def to_json(self) -> dict[str, Any]:
-        """The same as plain dictionaries, for `json.dumps`."""
-        return asdict(self)
-
-
-def collect() -> Info:
-    """Look at this process and the machine under it."""
-    return Info(
-        hhsim=__version__,
-        revision=revision(),
-        machine=machine(),
-        clock=_clock(),
-        kernels=_kernels(),
-        packages=package_versions(),
-        missing=_missing_packages(),
-    )
+def collect() -> dict[str, Any]:
+    """Describe this process and the machine, as `hhsim info` prints it; `missing` are packages by their extra."""
+    return {
+        "hhsim": __version__,
+        "revision": asdict(revision()),
+        "machine": asdict(machine()),
+        "clock": _clock(),
+        "kernels": _kernels(),
+        "packages": package_versions(),
+        "missing": _missing_packages(),
+    }
 
 
 def file_attributes() -> dict[str, str | bool]:
-    """What every file of figures says of its origin: version, revision, time, machine and packages (as JSON)."""
+    """Return version, revision, time, machine and packages (as JSON), for every file of figures."""
     source = revision()
     return {
         "hhsim_version": __version__,
@@ -111,54 +69,36 @@ def file_attributes() -> dict[str, str | bool]:
 
 def machine() -> Machine:
     """Describe the computer without naming it."""
-    # Of the process: one of its threads may be kept on a core of its own (`hhsim.system.own_core`).
+    # Affinity of the process: a thread may be pinned to one core (`hhsim.system.own_core`).
     cores = len(os.sched_getaffinity(os.getpid())) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return Machine(
-        cpu=_cpu_name(),
-        cores=cores,
-        system=f"{platform.system()} {platform.release()} {platform.machine()}",
-        python=platform.python_version(),
-    )
+    system = f"{platform.system()} {platform.release()} {platform.machine()}"
+    return Machine(_cpu_name(), cores, system, platform.python_version())
 
 
 def package_versions() -> dict[str, str]:
-    """Versions of the packages that hhsim depends on, by name; without the optional ones that are missing."""
-    versions = {}
-    for name, _ in _requirements():
-        version = _version(name)
-        if version is not None:
-            versions[name] = version
-    return versions
+    """Return the versions of the installed packages that hhsim depends on, by name."""
+    installed = {name: _version(name) for name, _ in _requirements()}
+    return {name: version for name, version in installed.items() if version is not None}
 
 
 def revision() -> Revision:
-    """Commit of the checkout that this module lies in, and whether files in it have changed since."""
+    """Return the commit of the checkout of this module, and whether its files are modified."""
     root = Path(__file__).resolve().parents[2]
     if not ((root / ".git").exists() and (root / "pyproject.toml").is_file()):
         return Revision(UNKNOWN, UNKNOWN)
     # Asked again for every file: what is imported from now on is that of the checkout as it is now.
-    status = _git(root, "status", "--porcelain=v2", "--branch", "--untracked-files=no")
-    commit = re.search(r"^# branch\.oid ([0-9a-f]+)$", status or "", re.MULTILINE)
-    if status is None or commit is None:
-        return Revision(UNKNOWN, UNKNOWN)
-    return Revision(commit.group(1), any(not line.startswith("#") for line in status.splitlines()))
-
-
-def _git(root: Path, *arguments: str) -> str | None:
-    environment = os.environ | {"GIT_OPTIONAL_LOCKS": "0", "LC_ALL": "C"}
+    command = ["git", "-C", str(root), "status", "--porcelain=v2", "--branch", "--untracked-files=no"]
+    given = os.environ | {"GIT_OPTIONAL_LOCKS": "0", "LC_ALL": "C"}
     try:
-        answer = subprocess.run(
-            ["git", "-C", str(root), *arguments],
-            capture_output=True,
-            text=True,
-            timeout=10,
-            check=True,
-            env=environment,
-            stdin=subprocess.DEVNULL,
-        )
+        status = subprocess.run(
+            command, capture_output=True, text=True, timeout=10, check=True, env=given, stdin=subprocess.DEVNULL
+        ).stdout
     except (OSError, subprocess.SubprocessError):
-        return None
-    return answer.stdout.strip()
+        return Revision(UNKNOWN, UNKNOWN)
+    commit = re.search(r"^# branch\.oid ([0-9a-f]+)$", status, re.MULTILINE)
+    if commit is None:
+        return Revision(UNKNOWN, UNKNOWN)
+    return Revision(commit.group(1), any(not line.startswith("#") for line in status.strip().splitlines()))
 
 
 def _cpu_name() -> str:
@@ -170,31 +110,29 @@ def _cpu_name() -> str:
     return found.group(1).strip() if found else platform.processor() or platform.machine() or UNKNOWN
 
 
-def _clock() -> Clock:
+def _clock() -> dict[str, Any]:
+    """Return the clock of ticks: stated resolution and smallest measured step [s], source as the kernel names it."""
     stated = time.get_clock_info("perf_counter")
     readings = [time.perf_counter_ns() for _ in range(2_000)]
     steps = [later - earlier for earlier, later in itertools.pairwise(readings) if later > earlier]
+    step = min(steps, default=0) * 1e-9 or stated.resolution
     try:
         source = Path("/sys/devices/system/clocksource/clocksource0/current_clocksource").read_text().strip()
     except OSError:
         source = UNKNOWN
-    return Clock(
-        function=stated.implementation,
-        resolution=stated.resolution,
-        step=min(steps, default=0) * 1e-9 or stated.resolution,
-        source=source,
-    )
+    return {"function": stated.implementation, "resolution": stated.resolution, "step": step, "source": source}
 
 
-def _kernels() -> Kernels:
+def _kernels() -> dict[str, Any]:
+    """Return the folder of the compiled kernels, and whether those of exactly these sources are there."""
     from hhsim.kernels.jit import JIT_ENABLED
     from hhsim.kernels.kernel_cache import KERNEL_CACHE, is_cached
 
-    return Kernels(folder=str(KERNEL_CACHE), compiled=is_cached(), jit=JIT_ENABLED)
+    return {"folder": str(KERNEL_CACHE), "compiled": is_cached(), "jit": JIT_ENABLED}
 
 
 def _requirements() -> list[tuple[str, str]]:
-    """Name of each declared dependency that a run can use, with the extra that it belongs to ("" for none)."""
+    """Return the name of each declared dependency for users, with its extra ("" for none)."""
     try:
         declared = importlib.metadata.requires("hhsim") or []
     except importlib.metadata.PackageNotFoundError:

@@ -1,8 +1,8 @@
 """Calls of code that is not hhsim's, such as a method from outside.
 
-What such code prints goes to stderr, the current folder is as it was after each call, and whatever it raises, an exit
-of the interpreter included, is one exception. This keeps accidents away from hhsim; code that means harm needs a
-process of its own (`hhsim.solver.isolated_method`).
+Its output goes to stderr, the current folder is restored after each call, and anything it raises, an exit of the
+interpreter included, becomes one exception. This protects from accidents; malicious code needs a process of its own
+(`hhsim.solver.isolated_method`).
 """
 
 import ctypes
@@ -20,11 +20,11 @@ _libc = ctypes.CDLL(None)
 
 
 class ForeignError(Exception):
-    """What foreign code raised, as "Type: message"; its `__cause__` is that exception."""
+    """Exception of foreign code, as "Type: message"; its `__cause__` is that exception."""
 
 
 class Timed(NamedTuple):
-    """A value that a call returned, and the wall and CPU time that the call took [ns]."""
+    """Value that a call returned, and its wall and CPU time [ns]."""
 
     value: Any
     wall: int
@@ -35,7 +35,7 @@ def foreign_call(function: Callable[..., Any], *given: Any) -> Timed:
     """Call foreign code and measure it by clocks that were bound before that code was imported.
 
     Raises:
-        ForeignError: It raised an exception, SystemExit and its own KeyboardInterrupt included.
+        ForeignError: The code raised an exception, SystemExit and its own KeyboardInterrupt included.
         KeyboardInterrupt: Ctrl-C was pressed.
     """
     with _own_output(), watched_sigint() as is_pressed:
@@ -51,7 +51,7 @@ def foreign_call(function: Callable[..., Any], *given: Any) -> Timed:
 
 @contextmanager
 def _own_output() -> Iterator[None]:
-    """Lead what is printed to stderr, by compiled code too, and restore the current folder at the end."""
+    """Redirect output to stderr, that of compiled code too, and restore the current folder at the end."""
     folder, shown = Path.cwd(), sys.stdout
     for stream in (shown, sys.__stdout__):
         if stream is not None:

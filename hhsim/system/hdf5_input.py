@@ -1,59 +1,61 @@
-"""The one door by which HDF5 files come in: none is parsed before a child process has read it to its end.
+"""Safe opening of HDF5 files: none is parsed before a child process has read it to its end.
 
 The HDF5 library can spin for ever, crash, or ask for all memory on a file with a few wrong bytes. A child with limits
-of time and memory (`hhsim.system.hdf5_probe`) therefore reads each file first. The seal of a file
-(`hhsim.system.checksummed_file`) is looked at before: it tells of accidents, and not of who sealed the file.
+of time and memory therefore reads each file first: a fork, which has h5py already, so that it takes milliseconds. The
+seal (`hhsim.system.checksummed_file`) is checked before that: it shows accidents, and does not authenticate.
 """
 
+import faulthandler
+import gc
+import os
+import resource
+import signal
 import sys
 import time
+import warnings
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import DamagedFileError
-from hhsim.system import hdf5_probe
 from hhsim.system.checksummed_file import SIZE, seal_holds
 from hhsim.system.input_file import check_ordinary
 
 DAMAGE = (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, MemoryError, OverflowError)
-"""What h5py raises on a file with wrong bytes in it."""
+"""Errors of h5py for a file with wrong bytes."""
 SECONDS = 3.0
-"""What reading a small file may take of the processor's time; it takes milliseconds."""
+"""Processor time for reading a small file [s]; it takes milliseconds."""
 PATIENCE = 10.0
-"""By the wall clock it may take so many times more: where others have the processor, a sound file takes longer too."""
+"""Ratio of wall-clock limit to processor time, for a busy machine."""
 BYTES_PER_SECOND = 20e6
-"""A larger file gets as much more time as it takes at this rate."""
+"""Rate of the additional time for a larger file [byte/s]."""
 
 BEYOND = 1e30
-"""No number of a file of ours is as large, in any unit: what is larger was left by damage."""
+"""Largest number in a file of ours, in any unit; larger ones are damage."""
 
 _SETTLED_NS = 100_000_000
-"""A file that was changed this recently may be changed again within one tick of its time stamp."""
+"""Age of a change [ns] below which the file may change again within one tick of its time stamp."""
+_KNOWN: dict[tuple[Path, int, int, int], str] = {}
+"""Fault of each file that was checked; "" for none."""
 
+SIGNATURE = b"\x89HDF\r\n\x1a\n"
+MEMORY = 4 << 30
+"""Address space that reading a file may add to the process [byte]."""
+PIECE = 1 << 24
+"""Most bytes that are read at a time."""
+ALWAYS, PER_BYTE = 1 << 28, 100
+"""Largest stated size of all datasets [byte]: so many, and so many more for each byte of the file."""
 
-class _State(NamedTuple):
-    """What tells that a file is the one that was looked at."""
-
-    path: Path
-    size: int
-    changed_ns: int
-    number: int
-
-
-_KNOWN: dict[_State, str] = {}
-"""What is wrong with files that were looked at; "" for nothing."""
+_SOUND, _BUSY, _UNSOUND = 0, 3, 4
+_ENDLESS = (signal.SIGXCPU, signal.SIGALRM)
 
 
 def read_numbers(dataset: h5py.Dataset, rows: Any = ...) -> NDArray[Any]:
-    """Read rows of a dataset.
-
-    Raises:
-        DamagedFileError: A number beyond `BEYOND`, of which squares and sums would be none.
-    """
+    """Read rows of a dataset; raise DamagedFileError for a number beyond `BEYOND`."""
     values = np.asarray(dataset[rows])
     if values.dtype.kind == "f":
         wild = (np.abs(values) > BEYOND) & np.isfinite(values)
@@ -63,10 +65,10 @@ def read_numbers(dataset: h5py.Dataset, rows: Any = ...) -> NDArray[Any]:
 
 
 def open_hdf5(path: Path) -> h5py.File:
-    """Open a file for reading, once it is known that the library gets through it.
+    """Open a file for reading after a child process has read it.
 
     Raises:
-        DamagedFileError: No ordinary file; its bytes are not those that were sealed, or it cannot be read to its end.
+        DamagedFileError: No ordinary file, other bytes than were sealed, or one that cannot be read to its end.
         BlockingIOError: Another process is writing it.
         OSError: No HDF5 file, or one that cannot be opened.
     """
@@ -80,7 +82,7 @@ def open_hdf5(path: Path) -> h5py.File:
     fault = _KNOWN.get(state)
     if fault is None:
         fault = _fault(path)
-        if time.time_ns() - state.changed_ns > _SETTLED_NS and _state(path) == state:
+        if time.time_ns() - state[2] > _SETTLED_NS and _state(path) == state:
             _KNOWN[state] = fault
     if fault:
         raise DamagedFileError(fault)
@@ -88,7 +90,7 @@ def open_hdf5(path: Path) -> h5py.File:
 
 
 def hdf5_format(path: Path) -> str:
-    """What a file's attribute `format` says; "" where it says nothing, or is no sound HDF5 file.
+    """Return a file's attribute `format`; "" if there is none, or for no sound HDF5 file.
 
     Raises:
         BlockingIOError: Another process is writing it.
@@ -103,13 +105,14 @@ def hdf5_format(path: Path) -> str:
     return found if isinstance(found, str) else ""
 
 
-def _state(path: Path) -> _State:
+def _state(path: Path) -> tuple[Path, int, int, int]:
+    """Return what identifies a file's content: path, size, time of the last change [ns] and inode."""
     found = path.stat()
-    return _State(path.resolve(), found.st_size, found.st_mtime_ns, found.st_ino)
+    return path.resolve(), found.st_size, found.st_mtime_ns, found.st_ino
 
 
 def _fault(path: Path) -> str:
-    """What is wrong with a file; "" for nothing."""
+    """Describe the fault of a file; "" for none."""
     size = path.stat().st_size
     holds = seal_holds(path)
     if holds is False:
@@ -118,28 +121,143 @@ def _fault(path: Path) -> str:
         size -= SIZE
     if not _is_signed(path):
         raise OSError("no HDF5 file: its signature is not there")
-    end = hdf5_probe.stated_end(path)
+    end = stated_end(path)
     if end is not None and size < end:
         return f"a damaged HDF5 file: cut short, {size:,} of {end:,} bytes are there"
     seconds = int(SECONDS + size / BYTES_PER_SECOND) + 1
-    try:
-        hdf5_probe.probe(path, size, seconds, PATIENCE * seconds)
-    except hdf5_probe.UnsoundError as error:
-        return f"a damaged HDF5 file: {error}"
-    except hdf5_probe.EndlessError:
-        return f"a damaged file: reading it does not end within {seconds} s"
-    except hdf5_probe.BreakdownError:
-        return "a damaged file: the HDF5 library breaks down over it"
-    return ""
+    return probe(path, size, seconds, PATIENCE * seconds)
 
 
 def _is_signed(path: Path) -> bool:
-    """Whether the signature stands where HDF5 looks for it: at 0, 512, 1,024, 2,048 and so on."""
+    """Return True if there is a signature where HDF5 looks for it: at 0, 512, 1,024, 2,048 and so on."""
     size, place = path.stat().st_size, 0
     with path.open("rb") as file:
-        while place + len(hdf5_probe.SIGNATURE) <= size:
+        while place + len(SIGNATURE) <= size:
             file.seek(place)
-            if file.read(len(hdf5_probe.SIGNATURE)) == hdf5_probe.SIGNATURE:
+            if file.read(len(SIGNATURE)) == SIGNATURE:
                 return True
             place = max(512, 2 * place)
     return False
+
+
+def probe(path: Path, size: int, seconds: int, patience: float) -> str:
+    """Read a file to its end in a child process, and describe its fault; "" for none.
+
+    Args:
+        size: Bytes of the file that are HDF5: all but a seal.
+        seconds: Limit of processor time.
+        patience: Limit of wall-clock time [s].
+
+    Raises:
+        BlockingIOError: Another process is writing it.
+    """
+    with warnings.catch_warnings():
+        # Python warns of threads, whose locks a child may find held: this one takes that of h5py, which is made for it.
+        warnings.simplefilter("ignore", DeprecationWarning)
+        told, tell = os.pipe()
+        child = os.fork()
+    if child == 0:
+        _be_the_child(path, size, seconds, patience, tell)
+    os.close(tell)
+    try:
+        code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+        os.set_blocking(told, False)
+        reason = os.read(told, 1000).decode(errors="replace") if code == _UNSOUND else ""
+    except BaseException:
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+        raise
+    finally:
+        os.close(told)
+    if code == _BUSY:
+        raise BlockingIOError("another process is writing it")
+    if -code in _ENDLESS:
+        return f"a damaged file: reading it does not end within {seconds} s"
+    if code == _UNSOUND:
+        return f"a damaged HDF5 file: {reason}"
+    return "" if code == _SOUND else "a damaged file: the HDF5 library breaks down over it"
+
+
+def _be_the_child(path: Path, size: int, seconds: int, patience: float, tell: int) -> None:
+    """Read the file, report its fault, and exit; the library's own output is discarded."""
+    code = 1
+    try:
+        # Finalisers of the parent's garbage would remove its folders and close its files.
+        gc.disable()
+        faulthandler.disable()
+        for number in (signal.SIGINT, signal.SIGTERM, *_ENDLESS):
+            signal.signal(number, signal.SIG_DFL)
+        signal.pthread_sigmask(signal.SIG_SETMASK, ())
+        signal.setitimer(signal.ITIMER_REAL, patience)
+        _limit(resource.RLIMIT_CORE, 0)
+        _limit(resource.RLIMIT_CPU, seconds)
+        _limit(resource.RLIMIT_AS, _address_space() + MEMORY)
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, 1)
+        os.dup2(nowhere, 2)
+        read_to_end(path, size)
+        code = _SOUND
+    except BlockingIOError:
+        code = _BUSY
+    except Exception as error:
+        # Whatever h5py raises over wrong bytes: it has no list of them.
+        code = _UNSOUND
+        os.write(tell, (str(error).splitlines() or [type(error).__name__])[0][:120].encode(errors="replace"))
+    finally:
+        os._exit(code)
+
+
+def _limit(what: int, value: int) -> None:
+    most = resource.getrlimit(what)[1]
+    resource.setrlimit(what, (value if most == resource.RLIM_INFINITY else min(value, most), most))
+
+
+def _address_space() -> int:
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
+    return pages * resource.getpagesize()
+
+
+def read_to_end(path: Path, size: int) -> None:
+    """Visit every object, attribute and value of a file of so many bytes, without limits.
+
+    Raises:
+        ValueError: It states more than such a file holds, or there are bytes behind its end; errors of h5py pass.
+    """
+    left = ALWAYS + PER_BYTE * size
+    with h5py.File(path, "r") as file:
+        objects: list[Any] = [file]
+        file.visititems(lambda _, item: objects.append(item))
+        for item in objects:
+            dict(item.attrs)
+            if isinstance(item, h5py.Dataset):
+                left -= item.nbytes
+                if left < 0:
+                    raise ValueError(f"{item.name} states {item.nbytes:,} bytes, more than such a file holds")
+                for part in _pieces(item):
+                    item[part]
+        stopped = not file.attrs.get("complete", 1)
+    # A run that was killed may have begun to write what it had no time to count in.
+    end = stated_end(path)
+    if not stopped and end is not None and size > end:
+        raise ValueError("bytes behind its end, which are no seal")
+
+
+def _pieces(dataset: Any) -> Iterator[Any]:
+    """Yield slices of a dataset along its first axis."""
+    if dataset.shape is None or not dataset.shape:
+        yield ()
+        return
+    rows = max(1, PIECE * dataset.shape[0] // max(dataset.nbytes, 1))
+    for first in range(0, dataset.shape[0], rows):
+        yield slice(first, first + rows)
+
+
+def stated_end(path: Path) -> int | None:
+    """Return the size that a file states in its head [byte]; None for an unknown head."""
+    with path.open("rb") as file:
+        head = file.read(52)
+    # Of a superblock of version 0, 1, and 2 or 3: where the address of the end stands.
+    place = {0: 40, 1: 44, 2: 28, 3: 28}.get(head[8] if len(head) == 52 else -1)
+    if place is None or not head.startswith(SIGNATURE):
+        return None
+    return int.from_bytes(head[place : place + 8], "little")

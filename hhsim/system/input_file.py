@@ -1,4 +1,4 @@
-"""The one way in which files that people name are opened, so that none keeps its reader waiting or fills the memory."""
+"""Opening of files that users name, which may not block the reader or fill the memory."""
 
 import errno
 import io
@@ -8,26 +8,18 @@ import sys
 from pathlib import Path
 
 MOST_BYTES = 1 << 30
-"""Of a file that is read whole."""
+"""Size of the largest file that is read whole [byte]."""
 LFS_POINTER = b"version https://git-lfs.github.com/spec/v1"
-"""Begins what stands in the place of a file that Git LFS has not fetched."""
+"""Beginning of the pointer in the place of a file that Git LFS has not fetched."""
 
-_KINDS = (
-    (stat.S_ISFIFO, "a named pipe"),
-    (stat.S_ISCHR, "a device"),
-    (stat.S_ISBLK, "a device"),
-    (stat.S_ISSOCK, "a socket"),
-)
+_PIPE, _DEVICE, _SOCKET = "a named pipe", "a device", "a socket"
+_KINDS = {stat.S_IFIFO: _PIPE, stat.S_IFCHR: _DEVICE, stat.S_IFBLK: _DEVICE, stat.S_IFSOCK: _SOCKET}
 
 
 def check_ordinary(path: Path, most: int = MOST_BYTES) -> None:
-    """Refuse what is no ordinary file: nobody may ever write what a pipe or a device waits for. A folder passes.
+    """Raise OSError, whose `strerror` has the reason, for no ordinary file, too many bytes, or a Git LFS pointer.
 
-    Args:
-        most: Bytes of a file that are not too many.
-
-    Raises:
-        OSError: It is none, or too large, or a pointer of Git LFS, or there is no such file; `strerror` says which.
+    A pipe or a device may block for ever. A folder passes.
     """
     _check(path, path.stat(), most)
     if path.is_file() and path.stat().st_size < 1024:
@@ -37,19 +29,14 @@ def check_ordinary(path: Path, most: int = MOST_BYTES) -> None:
 
 
 def _check(path: Path, state: os.stat_result, most: int) -> None:
-    for is_kind, name in _KINDS:
-        if is_kind(state.st_mode):
-            raise OSError(errno.EINVAL, f"{name}, no ordinary file", str(path))
+    if name := _KINDS.get(stat.S_IFMT(state.st_mode)):
+        raise OSError(errno.EINVAL, f"{name}, no ordinary file", str(path))
     if stat.S_ISREG(state.st_mode) and state.st_size > most:
         raise OSError(errno.EFBIG, f"{state.st_size:,} bytes, more than such a file has", str(path))
 
 
 def open_input(path: Path, most: int = sys.maxsize) -> io.BufferedReader:
-    """Open an ordinary file for reading.
-
-    Raises:
-        OSError: As `check_ordinary`; or no permission, or a folder.
-    """
+    """Open an ordinary file for reading; raise OSError as `check_ordinary`, or if it cannot be opened."""
     check_ordinary(path, most)
     # Something else may take the file's place between the look and the opening.
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
@@ -62,21 +49,17 @@ def open_input(path: Path, most: int = sys.maxsize) -> io.BufferedReader:
 
 
 def read_input(path: Path, most: int = MOST_BYTES) -> bytes:
-    """The bytes of an ordinary file.
-
-    Raises:
-        OSError: As `open_input`.
-    """
+    """Return the bytes of an ordinary file; raise OSError as `open_input`."""
     with open_input(path, most) as file:
         return file.read()
 
 
 def read_input_text(path: Path, encoding: str = "utf-8", errors: str = "strict", most: int = MOST_BYTES) -> str:
-    r"""The text of an ordinary file, each line ended by "\n".
+    """Return the text of an ordinary file with lines that end with a newline.
 
     Raises:
         OSError: As `open_input`.
-        UnicodeDecodeError: It is of another encoding.
+        UnicodeDecodeError: Another encoding.
     """
     with io.TextIOWrapper(open_input(path, most), encoding, errors) as file:
         return file.read()

@@ -1,4 +1,4 @@
-"""Percentiles of any number of values in memory that does not grow."""
+"""Percentiles of any number of values in constant memory."""
 
 from collections.abc import Iterable
 from typing import Self
@@ -10,7 +10,7 @@ from hhsim.arrays import IntArray
 
 
 class LogHistogram:
-    """Counts positive values in bins of equal ratio.
+    """Counts of positive values in bins of equal ratio.
 
     A percentile is off by less than half a bin, 0.1 %; the maximum is exact. Histograms of parts of a run add up to
     that of the run, in any order.
@@ -18,17 +18,16 @@ class LogHistogram:
 
     RATIO = 1.002
     LEAST = 1.0
-    """Values below it count as this."""
+    """Smallest value; those below count as this."""
     BINS = 17_000
-    """Up to LEAST · RATIO ** BINS, about 6e14: days, in ns."""
+    """Number of bins, up to LEAST · RATIO ** BINS, about 6e14: days, in ns."""
 
     def __init__(self) -> None:
-        """Hold nothing yet."""
         self.counts: IntArray = np.zeros(self.BINS, dtype=np.int64)
         self.largest = np.nan
 
     def add(self, values: ArrayLike) -> None:
-        """Count values, of any shape."""
+        """Count values of any shape."""
         array = np.asarray(values, dtype=np.float64).ravel()
         if array.size == 0:
             return
@@ -38,7 +37,7 @@ class LogHistogram:
 
     @classmethod
     def sum(cls, parts: Iterable[Self]) -> Self:
-        """The histogram of all values of all parts."""
+        """Return the histogram of all values of all parts."""
         whole = cls()
         for part in parts:
             whole.counts += part.counts
@@ -47,11 +46,11 @@ class LogHistogram:
 
     @property
     def count(self) -> int:
-        """How many values were counted."""
+        """Number of values."""
         return int(self.counts.sum())
 
     def percentile(self, percent: float) -> float:
-        """The value that `percent` of all do not exceed, the nearest rank; NaN where none was counted."""
+        """Return the nearest-rank percentile; NaN without any values."""
         if self.count == 0:
             return np.nan
         rank = max(1, int(np.ceil(0.01 * percent * self.count)))
@@ -60,21 +59,21 @@ class LogHistogram:
 
 
 class CpuTimes:
-    """CPU times of ticks in seconds, for figures that have their histogram in nanoseconds as `cpu`."""
+    """CPU times of ticks in seconds, of classes with a histogram in nanoseconds as `cpu`."""
 
     cpu: LogHistogram
 
     @property
     def cpu_p50(self) -> float:
-        """CPU time of a tick, median [s]."""
+        """Median CPU time of a tick [s]."""
         return 1e-9 * self.cpu.percentile(50.0)
 
     @property
     def cpu_p99(self) -> float:
-        """CPU time of a tick, 99th percentile [s]."""
+        """99th percentile of a tick's CPU time [s]."""
         return 1e-9 * self.cpu.percentile(99.0)
 
     @property
     def cpu_max(self) -> float:
-        """CPU time of a tick, largest [s]."""
+        """Largest CPU time of a tick [s]."""
         return 1e-9 * self.cpu.largest

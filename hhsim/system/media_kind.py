@@ -1,4 +1,4 @@
-"""Pictures, videos, sounds and documents that people name in the place of data, told by their first bytes."""
+"""Detection of pictures, videos, sounds and documents by their first bytes."""
 
 from pathlib import Path
 
@@ -23,7 +23,7 @@ _HEAD_BYTES = 16
 
 
 def media_kind(head: bytes) -> str:
-    """What the first bytes of a file are of, as "a picture (PNG)"; "" where it is none of what people look at."""
+    """Return what a file with these first bytes is, as "a picture (PNG)"; "" for none of them."""
     if head[:4] == b"RIFF":
         return _IN_RIFF.get(head[8:12], "")
     if head[4:8] == b"ftyp":
@@ -33,7 +33,7 @@ def media_kind(head: bytes) -> str:
 
 
 def media_kind_of(path: Path) -> str:
-    """The same of a file; "" where it cannot be read."""
+    """Return the kind of a file; "" if it cannot be read."""
     try:
         with open_input(path) as file:
             return media_kind(file.read(_HEAD_BYTES))

@@ -1,4 +1,4 @@
-"""Where an output goes: the default dated name, and the checks that belong before the work instead of after it."""
+"""Output paths: the default dated name, and checks before the work."""
 
 import os
 import tempfile
@@ -8,15 +8,15 @@ from pathlib import Path
 from hhsim.errors import OutputError
 
 RESULTS = Path("results")
-"""Where results land by default, under the current folder."""
+"""Default folder of results, in the current folder."""
 
 
 def dated_output_path(stem: str, suffix: str = ".h5") -> Path:
-    """Name a file that does not exist yet, such as results/2026-03-01-142530-bunny-grasp.h5, by local time and `stem`.
+    """Return a new path such as results/2026-03-01-142530-bunny-grasp.h5, by local time.
 
     Args:
-        stem: What the file is about; characters that do not belong in a file name become "-".
-        suffix: With its dot.
+        stem: Subject of the file; characters that do not belong in a file name become "-".
+        suffix: Suffix with its dot.
 
     Raises:
         OutputError: The folder cannot be made or written.
@@ -24,7 +24,7 @@ def dated_output_path(stem: str, suffix: str = ".h5") -> Path:
     try:
         RESULTS.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise OutputError(f"cannot make the folder {RESULTS}: {_reason(error)}; name another place") from error
+        raise OutputError(f"cannot make the folder {RESULTS}: {error.strerror or error}; name another place") from error
     kept = "".join(letter if letter.isalnum() or letter in "._-" else "-" for letter in stem)
     name = f"{datetime.now():%Y-%m-%d-%H%M%S}-{kept}"
     path = free_name(RESULTS / f"{name}{suffix}")
@@ -33,7 +33,7 @@ def dated_output_path(stem: str, suffix: str = ".h5") -> Path:
 
 
 def free_name(path: Path) -> Path:
-    """Return `path`, or where that exists the first of path-2, path-3, … that does not."""
+    """Return `path`, or if it exists the first of path-2, path-3, … that does not."""
     candidate, number = path, 2
     while os.path.lexists(candidate):
         candidate, number = path.with_name(f"{path.stem}-{number}{path.suffix}"), number + 1
@@ -41,11 +41,7 @@ def free_name(path: Path) -> Path:
 
 
 def check_output_path(path: Path) -> None:
-    """Look, before the work, for what would keep `path` from being written or replaced.
-
-    Raises:
-        OutputError: A folder or a device in the way, no such folder, no permission.
-    """
+    """Raise OutputError if `path` cannot be written or replaced: a folder or a device, no folder, no permission."""
     target = Path(os.path.realpath(path))
     folder = target.parent
     if target.is_dir():
@@ -60,10 +56,6 @@ def check_output_path(path: Path) -> None:
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
-        raise OutputError(f"cannot write in {folder}: {_reason(error)}; name another place") from error
+        raise OutputError(f"cannot write in {folder}: {error.strerror or error}; name another place") from error
     if target.exists() and not os.access(target, os.W_OK):
         raise OutputError(f"no permission to replace {path}: name another file")
-
-
-def _reason(error: OSError) -> str:
-    return error.strerror or str(error)

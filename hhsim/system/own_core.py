@@ -1,7 +1,7 @@
-"""A core for each thread that is timed, so that what runs beside it does not take its place.
+"""Processor core for each thread that is timed.
 
-A core is claimed by a lock on a file in the system's temporary folder, which every process of the user sees and which
-the system gives back when its holder ends, however it ends. Of the threads of a physical core one alone is claimed.
+A core is claimed by a lock on a file in the system's temporary folder, which every process of the user sees and the
+system releases when its holder ends. One thread of each physical core is claimed.
 """
 
 import contextlib
@@ -17,11 +17,11 @@ from typing import TypeVar
 Answer = TypeVar("Answer")
 
 LOOK_AGAIN = 0.05
-"""While every core is claimed [s]."""
+"""Time between two attempts to claim a core [s]."""
 
 
 def physical_cores() -> list[int]:
-    """A processor of each physical core that this process may use; none where the system keeps no thread on one."""
+    """Return a processor of each physical core that this process may use; none if the system cannot pin threads."""
     if not hasattr(os, "sched_getaffinity"):
         return []
     found: dict[str, int] = {}
@@ -36,12 +36,10 @@ def physical_cores() -> list[int]:
 
 
 def on_own_core(work: Callable[[], Answer]) -> tuple[Answer, bool]:
-    """Do something in a thread that has a core of its own, and wait for a core while others have them all.
-
-    Only the thread is kept there: the rest of the process stays where it may be.
+    """Call `work` in a thread pinned to a core of its own; wait for a core while all are claimed.
 
     Returns:
-        The answer, and whether there was such a core; not where the system keeps no thread on one.
+        The answer, and True if there was such a core; False if the system cannot pin threads.
     """
     with ThreadPoolExecutor(1) as thread:
         return thread.submit(_pinned, work).result()

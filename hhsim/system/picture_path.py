@@ -1,4 +1,4 @@
-"""Where a picture goes: the checks that belong before the work, and the usual place beside a table."""
+"""Output paths of pictures: checks before the work, and the default beside a table."""
 
 from pathlib import Path
 
@@ -7,12 +7,7 @@ from hhsim.system.output_path import check_output_path
 
 
 def check_picture(path: Path) -> None:
-    """Look, before the work, for what would keep the picture from being written.
-
-    Raises:
-        OutputError: As `hhsim.system.output_path.check_output_path`.
-        InputError: matplotlib has no such picture format.
-    """
+    """Raise OutputError if the picture cannot be written, InputError if matplotlib has no such format."""
     from matplotlib.backend_bases import FigureCanvasBase
 
     check_output_path(path)
@@ -22,11 +17,7 @@ def check_picture(path: Path) -> None:
 
 
 def picture_beside(table: Path, named: Path | None) -> Path:
-    """Where the picture of a table of `hhsim bench` goes: where it is named to, or else beside the table, as .png.
-
-    Args:
-        table: The table's file, not written yet.
-        named: By --plot; None where it is not.
+    """Return the path of the picture of a table of `hhsim bench`: as --plot names it, or beside the table, as .png.
 
     Raises:
         OutputError: As `check_picture`; or a picture is there that belongs to no table.

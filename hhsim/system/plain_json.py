@@ -1,4 +1,4 @@
-"""Values for JSON documents, which hold no NaN and no infinity."""
+"""Values for JSON documents, which have no NaN and no infinity."""
 
 import math
 from collections.abc import Mapping
@@ -6,7 +6,7 @@ from typing import Any
 
 
 def plain_json(value: Any) -> Any:
-    """Return a value with null for each NaN and infinity in it, lists for tuples, and keys that are texts."""
+    """Return a value with null for each NaN and infinity in it, lists for tuples, and text keys."""
     if isinstance(value, Mapping):
         return {str(key): plain_json(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

@@ -1,9 +1,10 @@
-"""What the system is set to that decides how punctually it wakes a thread, each fact with what would be better.
+"""Settings of the system that decide how punctually it wakes a thread, each with advice.
 
-Nothing here is measured, and no fact alone is a verdict: a machine that does not tell one of them may be as good.
+Nothing here is measured, and no setting alone is a verdict.
 """
 
 import gzip
+import math
 import os
 import platform
 import re
@@ -12,23 +13,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 NOT_TOLD = "not told"
-"""Stands for what the system has no file for."""
+"""Value of a setting that the system does not report."""
 CAP_IPC_LOCK, CAP_SYS_NICE = 14, 23
-"""Bits of the capabilities that stand above the limits (capabilities(7))."""
+"""Bits of the capabilities that override the limits (capabilities(7))."""
 LIMITS_FILE = "in /etc/security/limits.d/90-hhsim.conf, then log in anew"
 PREEMPTION = {"PREEMPT_NONE": "none", "PREEMPT_VOLUNTARY": "voluntary", "PREEMPT_LAZY": "lazy", "PREEMPT": "full"}
-"""What a kernel is built to begin with, by its configuration, and what `preempt=` calls it."""
+"""Options of the kernel's configuration, and their names in `preempt=`."""
 
 
 @dataclass(frozen=True)
 class SchedulingFact:
-    """One fact.
-
-    Attributes:
-        name: Of what.
-        value: In words.
-        advice: What to change; "" where nothing is to be.
-    """
+    """One setting; `advice` is "" if nothing should be changed."""
 
     name: str
     value: str
@@ -36,13 +31,14 @@ class SchedulingFact:
 
 
 def scheduling_facts(priority: int, root: Path = Path("/")) -> list[SchedulingFact]:
-    """Kernel, processors, governor, limits, and what the host or a container leaves.
+    """Return settings of kernel, processors, governor, limits, host and container.
 
     Args:
-        priority: The highest that is going to be asked for under SCHED_FIFO.
-        root: Where /proc and /sys are.
+        priority: Highest priority under SCHED_FIFO that the loop asks for.
+        root: Folder of /proc and /sys.
     """
-    capabilities = _capabilities(root)
+    capabilities = _capabilities(root) or 0
+    lock, nice = capabilities >> CAP_IPC_LOCK & 1, capabilities >> CAP_SYS_NICE & 1
     allowed = sorted(os.sched_getaffinity(0))
     return [
         _kernel(root),
@@ -51,8 +47,8 @@ def scheduling_facts(priority: int, root: Path = Path("/")) -> list[SchedulingFa
         _isolated(root, allowed),
         SchedulingFact("NUMA nodes", _text(root / "sys/devices/system/node/online")),
         _governor(root, allowed),
-        _priority_limit(capabilities, priority),
-        _memory_limit(capabilities),
+        _limit("rtprio", resource.RLIMIT_RTPRIO, "CAP_SYS_NICE" if nice else "", priority, "rtprio 99"),
+        _limit("memlock", resource.RLIMIT_MEMLOCK, "CAP_IPC_LOCK" if lock else "", math.inf, "memlock unlimited"),
         _throttle(root),
         _quota(root),
         _virtual(root),
@@ -71,7 +67,7 @@ def _has_real_time(root: Path) -> bool:
 
 
 def _preemption(root: Path) -> SchedulingFact:
-    """Whether a thread that is to run interrupts the kernel's own work; the last word is the command line's."""
+    """Return whether a ready thread interrupts the kernel's own work; the command line overrides the configuration."""
     name = "kernel interrupts its own work"
     asked = re.findall(r"(?:^|\s)preempt=(\w+)", _text(root / "proc/cmdline"))
     built = re.search(rf"^CONFIG_({'|'.join(PREEMPTION)})=y$", _configuration(root), re.MULTILINE)
@@ -89,7 +85,7 @@ def _preemption(root: Path) -> SchedulingFact:
 
 
 def _configuration(root: Path) -> str:
-    """What the kernel was built with, "" where it is not told."""
+    """Return the configuration of the kernel; "" if it is not reported."""
     packed, plain = root / "proc/config.gz", root / f"boot/config-{platform.release()}"
     try:
         return gzip.decompress(packed.read_bytes()).decode() if packed.exists() else plain.read_text(encoding="utf-8")
@@ -118,24 +114,19 @@ def _governor(root: Path, allowed: list[int]) -> SchedulingFact:
     return SchedulingFact("frequency governor", ", ".join(found) or NOT_TOLD, advice)
 
 
-def _priority_limit(capabilities: int | None, priority: int) -> SchedulingFact:
-    limit = resource.getrlimit(resource.RLIMIT_RTPRIO)[0]
-    above = bool(capabilities and capabilities >> CAP_SYS_NICE & 1)
-    enough = above or limit == resource.RLIM_INFINITY or limit >= priority
-    value = "any, by CAP_SYS_NICE" if above else _limit(limit, 1)
-    return SchedulingFact("limit rtprio", value, "" if enough else f"'{_user()} - rtprio 99' {LIMITS_FILE}")
-
-
-def _memory_limit(capabilities: int | None) -> SchedulingFact:
-    limit = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
-    above = bool(capabilities and capabilities >> CAP_IPC_LOCK & 1)
-    enough = above or limit == resource.RLIM_INFINITY
-    value = "any, by CAP_IPC_LOCK" if above else _limit(limit, 1024, " kB")
-    return SchedulingFact("limit memlock", value, "" if enough else f"'{_user()} - memlock unlimited' {LIMITS_FILE}")
+def _limit(name: str, which: int, above: str, wanted: float, remedy: str) -> SchedulingFact:
+    """Return a limit of the process, which a capability, `above`, overrides."""
+    limit = resource.getrlimit(which)[0]
+    amount = math.inf if limit == resource.RLIM_INFINITY else limit
+    divisor, unit = (1, "") if which == resource.RLIMIT_RTPRIO else (1024, " kB")
+    shown = "unlimited" if amount == math.inf else f"{limit // divisor:,}{unit}"
+    user = os.environ.get("USER") or str(os.getuid())
+    advice = "" if above or amount >= wanted else f"'{user} - {remedy}' {LIMITS_FILE}"
+    return SchedulingFact(f"limit {name}", f"any, by {above}" if above else shown, advice)
 
 
 def _throttle(root: Path) -> SchedulingFact:
-    """What real-time threads may take together; a loop of a few per cent never gets there."""
+    """Return the share of time that real-time threads may take together."""
     name = "real-time share of a second"
     used, period = (_number(root / f"proc/sys/kernel/sched_rt_{what}_us") for what in ("runtime", "period"))
     if used is None or not period:
@@ -148,7 +139,7 @@ def _throttle(root: Path) -> SchedulingFact:
 
 
 def _quota(root: Path) -> SchedulingFact:
-    """The CPU time of all threads of a container; what is used up is not to be had at any priority."""
+    """Return the CPU time of all threads of a container."""
     text = _text(root / "sys/fs/cgroup/cpu.max")
     found = re.fullmatch(r"(\d+) (\d+)", text)
     if found is None:
@@ -169,21 +160,13 @@ def _virtual(root: Path) -> SchedulingFact:
 
 
 def _capabilities(root: Path) -> int | None:
-    """Those in effect, as bits; None where they are not told."""
+    """Return the effective capabilities as bits; None if they are not reported."""
     try:
         status = (root / "proc/self/status").read_text(encoding="utf-8", errors="replace")
     except OSError:
         return None
     found = re.search(r"^CapEff:\s*([0-9a-f]+)$", status, re.MULTILINE)
     return int(found[1], 16) if found else None
-
-
-def _limit(value: int, divisor: int, unit: str = "") -> str:
-    return "unlimited" if value == resource.RLIM_INFINITY else f"{value // divisor:,}{unit}"
-
-
-def _user() -> str:
-    return os.environ.get("USER") or str(os.getuid())
 
 
 def _number(path: Path) -> int | None:

@@ -1,11 +1,11 @@
-"""Settings that people write, as TOML or JSON, read into declared structures; a fault is told in one line.
+"""Settings files, TOML or JSON, read into declared structures; a fault is one line.
 
 A `Settings` class declares a table: its fields are the keys, their types say what each may hold. The line names the
 file, the path of the key, what is wrong and what would be right; entries of a list count from 1:
 `suite.toml: scene[2].limits.stuck_ticks = -1; expected a number from 0 on, or false`.
 
 No field may be either a number or a text with bounds or a tuple of fixed length: msgspec 0.22 reads beyond its memory
-there. `Annotated[tuple[T, ...], Meta(min_length=2, max_length=2)]` says the same; a test looks at every class.
+there. `Annotated[tuple[T, ...], Meta(min_length=2, max_length=2)]` says the same; a test examines every class.
 
 `where` names the document, or a part of it, in messages; `error` is the class of what is raised.
 """
@@ -25,11 +25,11 @@ from hhsim.system.input_file import read_input_text
 from hhsim.system.media_kind import media_kind_of
 
 MOST_BYTES = 1 << 24
-"""Of a document that somebody has written."""
+"""Size of the largest document [byte]."""
 MOST = 1.7e308
-"""Greatest number where only the least one is bounded: the library knows no infinite bound."""
+"""Greatest number if only the least one is bounded: msgspec has no infinite bound."""
 MOST_SHOWN = 60
-"""Letters of a wrong value that are shown."""
+"""Length of a wrong value in messages."""
 _PLACED = re.compile(r"(?P<what>.*?)(?: - at (?P<key>`key` in )?`\$(?P<path>[^`]*)`)?", re.DOTALL)
 _STEP = re.compile(r"\.(\w+)|\[(\d+|\.\.\.)\]")
 
@@ -37,21 +37,16 @@ Content = TypeVar("Content")
 
 
 class SettingsError(InputError, ValueError):
-    """Values of a table that do not fit together; as a ValueError it is told with its place when a file is read."""
+    """Values of a table that do not fit together; msgspec adds the place to a ValueError."""
 
 
 class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Table of settings: its fields are the keys, their types say what each may hold."""
 
     def check(self) -> None:
-        """Raise an InputError for what the types of the fields cannot say."""
+        """Raise InputError for what the types of the fields cannot express."""
 
     def __post_init__(self) -> None:
-        """Check the values together.
-
-        Raises:
-            SettingsError: They do not fit.
-        """
         try:
             self.check()
         except InputError as error:
@@ -63,48 +58,37 @@ Version = Annotated[Literal[1], msgspec.Meta(description="1, which this hhsim re
 
 
 def a_list(example: str) -> msgspec.Meta:
-    """Return what an `Annotated` list must be, not empty, with an example for messages."""
+    """Return the constraint of an `Annotated` list that is not empty, with an example for messages."""
     return msgspec.Meta(min_length=1, description=f"a list such as {example}")
 
 
 def one_of(names: Iterable[str]) -> msgspec.Meta:
-    """Return what an `Annotated` text, or the key of a dictionary, must be one of."""
+    """Return the constraint of an `Annotated` text, or of the key of a dictionary, to these names."""
     known = tuple(names)
     return msgspec.Meta(pattern=rf"\A({'|'.join(map(re.escape, known))})\Z", extra={"names": known})
 
 
 def between(least: float, most: float = MOST, unit: str = "") -> msgspec.Meta:
-    """Return the range of a number, which goes beside its type in `Annotated`; `unit` is of both ends."""
+    """Return the constraint of an `Annotated` number to a range; `unit` is of both ends."""
     return msgspec.Meta(ge=least, le=most, extra={"unit": unit})
 
 
 def read_settings(path: Path, kind: type[Content], what: str, error: type[InputError] = InputError) -> Content:
-    """Return the content of a TOML file as what `kind` declares.
-
-    Args:
-        what: It should hold, such as "calibration".
+    """Read a TOML file, such as a "calibration" (`what`), as the type `kind` declares it.
 
     Raises:
-        InputError: No such file, no permission, no TOML, or what `kind` does not allow.
+        InputError: No such file, no permission, no TOML, or a fault in the content.
     """
     return parse_settings(read_toml_text(path, what, error), kind, str(path), error)
 
 
 def parse_settings(text: str, kind: type[Content], where: str, error: type[InputError] = InputError) -> Content:
-    """Return the content of a TOML document as what `kind` declares.
-
-    Raises:
-        InputError: No TOML, or what `kind` does not allow.
-    """
+    """Read a TOML document as the type `kind` declares it; raise InputError for no TOML or a fault."""
     return typed(parse_toml(text, where, error), kind, where, error)
 
 
 def typed(document: Any, kind: type[Content], where: str, error: type[InputError] = InputError) -> Content:
-    """Return a document of plain values as what `kind` declares.
-
-    Raises:
-        InputError: It holds what `kind` does not allow.
-    """
+    """Convert a document of plain values to the type `kind`; raise InputError for a fault."""
     try:
         return msgspec.convert(document, kind)
     except msgspec.ValidationError as reason:
@@ -114,11 +98,7 @@ def typed(document: Any, kind: type[Content], where: str, error: type[InputError
 
 
 def check_fields(settings: Any, error: type[InputError] = InputError) -> None:
-    """Refuse a dataclass with a value that the type of its field does not allow.
-
-    Raises:
-        InputError: Such a value; the message begins with the name of the field.
-    """
+    """Raise InputError, which begins with the field's name, for a dataclass with a value that its type refuses."""
     for name, kind in get_type_hints(type(settings), include_extras=True).items():
         value, table = {name: getattr(settings, name)}, GenericAlias(dict, (str, kind))
         try:
@@ -128,14 +108,7 @@ def check_fields(settings: Any, error: type[InputError] = InputError) -> None:
 
 
 def read_toml_text(path: Path, what: str, error: type[InputError] = InputError) -> str:
-    """Return the text of a TOML file.
-
-    Args:
-        what: It should hold, such as "calibration".
-
-    Raises:
-        InputError: No such file, no permission, or no text.
-    """
+    """Return the text of a TOML file that should hold `what`; raise InputError if it cannot be read."""
     try:
         return read_input_text(path, most=MOST_BYTES)
     except FileNotFoundError:
@@ -147,11 +120,7 @@ def read_toml_text(path: Path, what: str, error: type[InputError] = InputError) 
 
 
 def parse_toml(text: str, where: str, error: type[InputError] = InputError) -> dict[str, Any]:
-    """Return the table of a TOML document.
-
-    Raises:
-        InputError: No TOML.
-    """
+    """Return the table of a TOML document; raise InputError for no TOML."""
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as reason:
@@ -160,7 +129,7 @@ def parse_toml(text: str, where: str, error: type[InputError] = InputError) -> d
 
 
 def _fault(reason: msgspec.ValidationError, document: Any, kind: Any) -> str:
-    """Return what a document holds that `kind` does not allow: the place, what is wrong, what would be right."""
+    """Describe the first fault of a document: the place, what is wrong, what would be right."""
     own, text = reason.__cause__, str(reason)
     # The message of a check may look like a place itself.
     found = _PLACED.fullmatch(text.removeprefix(str(own)) if own else text)
@@ -188,7 +157,7 @@ def _fault(reason: msgspec.ValidationError, document: Any, kind: Any) -> str:
 
 
 def _guilty_key(document: Any, table: dict[str, Any], kind: Any, message: str) -> str:
-    """Return the key of a table whose value alone brings the message, which leaves the key out; others are dropped."""
+    """Return the key of a table whose value alone causes the message, which leaves the key out; others are dropped."""
     for key, value in tuple(table.items()):
         table.clear()
         table[key] = value
@@ -201,7 +170,7 @@ def _guilty_key(document: Any, table: dict[str, Any], kind: Any, message: str) -
 
 
 def _inside(kind: Any, step: Any) -> Any:
-    """Return the type of what a key of a table, or an entry of a list, may hold; None of a kind that has neither."""
+    """Return the type of a value in a table, or of an entry of a list; None for a type without these."""
     match kind:
         case inspect.Metadata(type=inner):
             return _inside(inner, step)
@@ -235,7 +204,7 @@ def _names(kind: Any) -> tuple[str, ...]:
 
 
 def _described(kind: Any) -> str:
-    """Return what a value may be, in words."""
+    """Describe the values of a type."""
     match kind:
         case inspect.Metadata(type=inner, extra_json_schema=schema, extra=extra):
             unit = (extra or {}).get("unit")

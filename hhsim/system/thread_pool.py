@@ -1,13 +1,12 @@
-"""A few threads for kernels that run over parts of their arrays.
+"""Threads for kernels that work on parts of their arrays.
 
-The parts are the same however many threads there are, so the results are the same bytes.
+The parts do not depend on the number of threads, so the results are the same bytes.
 """
 
 import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager
-from types import TracebackType
 from typing import Any, TypeVar
 
 from hhsim.errors import InputError
@@ -18,15 +17,12 @@ T = TypeVar("T")
 
 
 def usual_threads() -> int:
-    """One for each processor that this process may use; more than 4 hardly save time."""
+    """Return one for each processor of this process, at most 4, since more hardly save time."""
     return min(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1, 4)
 
 
 class Workers(AbstractContextManager["Workers"]):
-    """Threads that do one part after another; use it in a with statement.
-
-    Args:
-        threads: How many; 1 works in the calling thread.
+    """Threads that do one part after another, for a with statement; 1 works in the calling thread.
 
     Raises:
         InputError: No such number of threads.
@@ -37,10 +33,7 @@ class Workers(AbstractContextManager["Workers"]):
             raise InputError(f"{threads} threads, expected 1 to {MOST_THREADS}")
         self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        """Wait for the threads to end."""
+    def __exit__(self, *_: object) -> None:
         if self._pool is not None:
             self._pool.shutdown()
 
@@ -52,7 +45,7 @@ class Workers(AbstractContextManager["Workers"]):
 
 
 def ranges(count: int, parts: int) -> Iterator[tuple[int, int]]:
-    """Cut range(count) into at most `parts` consecutive ranges that are nearly equal; none is empty unless all are."""
+    """Yield at most `parts` consecutive, nearly equal ranges that cover range(count); none is empty unless all are."""
     parts = max(1, min(parts, count))
     for part in range(parts):
         yield count * part // parts, count * (part + 1) // parts

@@ -5,7 +5,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from hhsim.hand.configuration import sequence
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import conjugate, quaternion, quaternion_product, rotation_matrix, rotation_vector
 from hhsim.motion.analytic_motion import random_targets, still
@@ -38,15 +37,6 @@ def test_a_line_goes_at_constant_speed_and_arrives() -> None:
     np.testing.assert_allclose(steps, np.tile(steps[0], (10, 1)), atol=1e-15)
     turns = rotation_vector(quaternion_product(motion.orientation[4:14], conjugate(motion.orientation[3:13])))
     np.testing.assert_allclose(turns, np.tile(turns[0], (10, 1)), atol=1e-13)
-
-
-def test_joins_are_copies() -> None:
-    motion = still((1.0, 2.0, 3.0), ticks=4)
-    part = motion.part(1, 3).copy()
-    part.position[:] = 0.0
-    assert motion.position.min() == 1.0
-    assert sequence(motion, part).ticks == 6
-    assert motion.part(-1).ticks == 1
 
 
 def test_random_targets_are_reproducible_and_within_the_limits() -> None:

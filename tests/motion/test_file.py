@@ -1,12 +1,9 @@
-import errno
-import os
 from dataclasses import replace
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from sealed_change import changed
 
 from hhsim.errors import OutputError, TrajectoryError
@@ -58,20 +55,16 @@ def test_hdf5_gives_back_every_bit(motion: Trajectory, tmp_path: Path) -> None:
     assert (channel.values == motion.raw[0].values).all()
 
 
-def test_csv_gives_back_every_bit_but_the_raw_channels(motion: Trajectory, tmp_path: Path) -> None:
+@pytest.mark.parametrize("bare", [False, True])
+def test_csv_gives_back_every_bit_but_the_raw_channels(motion: Trajectory, tmp_path: Path, bare: bool) -> None:
+    if bare:
+        motion = Trajectory(
+            motion.time, motion.position, motion.orientation, motion.flexion, motion.abduction, name="m"
+        )
     save_trajectory(motion, tmp_path / "m.csv")
     read = load_trajectory(tmp_path / "m.csv")
     assert_same(read, motion)
     assert read.raw == ()
-
-
-def test_a_bare_motion_goes_both_ways(motion: Trajectory, tmp_path: Path) -> None:
-    bare = Trajectory(motion.time, motion.position, motion.orientation, motion.flexion, motion.abduction)
-    for name in ("m.h5", "m.csv"):
-        save_trajectory(bare, tmp_path / name)
-        read = load_trajectory(tmp_path / name)
-        assert_same(replace(read, name=""), bare)
-    assert read.name == "m"
 
 
 def test_every_dataset_carries_its_unit_and_meaning(motion: Trajectory, tmp_path: Path) -> None:
@@ -89,40 +82,20 @@ def test_every_dataset_carries_its_unit_and_meaning(motion: Trajectory, tmp_path
         assert set(attributes) - {"flag_masks", "flag_meanings"} == {"units", "long_name"}, key
         assert attributes["long_name"], key
     assert seen["time"]["units"] == "s" and seen["flexion"]["units"] == "rad" and seen["position"]["units"] == "m"
+    assert seen["flags"]["flag_meanings"].split() == [flag.word for flag in SampleFlag]
+    assert seen["flags"]["flag_masks"].tolist() == [flag.value for flag in SampleFlag]
 
 
-def test_damage_that_no_seal_tells_is_refused_too(motion: Trajectory, tmp_path: Path) -> None:
+def test_a_file_has_a_seal_that_need_not_be_there(motion: Trajectory, tmp_path: Path) -> None:
     path = tmp_path / "m.h5"
     save_trajectory(motion, path)
-    bare = path.read_bytes()[:-SIZE]
-    random = np.random.default_rng(6)
-    for size in random.integers(0, len(bare), 40):
-        path.write_bytes(bare[:size])
-        with pytest.raises(TrajectoryError) as error:
-            load_trajectory(path)
-        assert "\n" not in str(error.value)
-
-
-def test_the_seal_tells_damage_and_need_not_be_there(motion: Trajectory, tmp_path: Path) -> None:
-    path = tmp_path / "m.h5"
-    save_trajectory(motion, path)
-    whole = path.read_bytes()
     assert seal_holds(path) is True
-    path.write_bytes(whole[:-SIZE])
+    path.write_bytes(path.read_bytes()[:-SIZE])
     assert seal_holds(path) is None
     assert_same(load_trajectory(path), motion)
-    place = whole.index(motion.position.tobytes())
-    other, tail = "its bytes are not those that its checksum is of", "bytes behind its end, which are no seal"
-    for broken, why in (
-        (whole[:place] + bytes([whole[place] ^ 1]) + whole[place + 1 :], other),
-        (whole[:-100] + whole[-99:], other),
-        (whole + b"more", tail),
-        (whole[:-5] + b"0000\n", other),
-        (whole[:-70] + b"0" + whole[-69:], tail),
-    ):
-        path.write_bytes(broken)
-        with pytest.raises(TrajectoryError, match=f"a damaged (HDF5 )?file: {why}"):
-            load_trajectory(path)
+    path.write_bytes(path.read_bytes() + b"more")
+    with pytest.raises(TrajectoryError, match="a damaged HDF5 file: bytes behind its end, which are no seal"):
+        load_trajectory(path)
 
 
 def test_an_import_says_whether_checksums_prove_its_numbers(motion: Trajectory, tmp_path: Path) -> None:
@@ -131,27 +104,6 @@ def test_an_import_says_whether_checksums_prove_its_numbers(motion: Trajectory, 
         assert load_trajectory(tmp_path / "m.h5").checksums == word
         with h5py.File(tmp_path / "m.h5") as file:
             assert ("checksums" in file.attrs) == bool(word)
-
-
-def test_the_file_says_what_its_flags_mean(motion: Trajectory, tmp_path: Path) -> None:
-    save_trajectory(motion, tmp_path / "m.h5")
-    with h5py.File(tmp_path / "m.h5") as file:
-        attributes = dict(file["flags"].attrs)
-        assert file["flags"].dtype == np.uint32
-    words = attributes["flag_meanings"].split()
-    assert words == [flag.word for flag in SampleFlag]
-    assert attributes["flag_masks"].tolist() == [flag.value for flag in SampleFlag]
-
-
-@pytest.mark.parametrize("flags", [np.zeros(49), np.full(50, -1), np.full(50, 0.5), np.full(50, np.nan)])
-def test_flags_are_sums_of_bits(motion: Trajectory, flags: NDArray[np.uint32]) -> None:
-    with pytest.raises(TrajectoryError, match="flags"):
-        replace(motion, flags=flags)
-
-
-def test_the_hand_is_right_or_left(motion: Trajectory) -> None:
-    with pytest.raises(TrajectoryError, match="hand is 'both'; expected right, left"):
-        replace(motion, hand="both")  # type: ignore[arg-type]
 
 
 def test_a_csv_that_was_cut_short_is_noticed(motion: Trajectory, tmp_path: Path) -> None:
@@ -174,90 +126,62 @@ def test_the_same_motion_gives_the_same_bytes(motion: Trajectory, tmp_path: Path
     assert [path.name for path in tmp_path.iterdir()] == [name]
 
 
-def test_a_failed_write_keeps_the_old_file_and_leaves_no_scrap(
-    motion: Trajectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    target = tmp_path / "m.h5"
-    save_trajectory(motion, target)
-    before = target.read_bytes()
-
-    def full(*_args: object) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(Path, "write_bytes", full)
-    with pytest.raises(OutputError, match=r"m.h5: No space left on device$"):
-        save_trajectory(motion, target)
-    assert target.read_bytes() == before
-    assert [path.name for path in tmp_path.iterdir()] == ["m.h5"]
-
-
 def test_unwritable_places_and_suffixes_are_refused(motion: Trajectory, tmp_path: Path) -> None:
-    for name in ("m.h5", "m.csv"):
-        with pytest.raises(OutputError, match=r"cannot write [^:]*: No such file or directory$") as caught:
-            save_trajectory(motion, tmp_path / "nowhere" / name)
-        assert "\n" not in str(caught.value)
+    with pytest.raises(OutputError, match=r"cannot write [^:]*: No such file or directory$"):
+        save_trajectory(motion, tmp_path / "nowhere" / "m.h5")
     with pytest.raises(OutputError, match=r"unknown suffix '.npz'; expected .h5 or .csv"):
         save_trajectory(motion, tmp_path / "m.npz")
 
 
 def test_files_that_are_not_there_or_no_trajectories(motion: Trajectory, tmp_path: Path) -> None:
-    with pytest.raises(TrajectoryError, match="no such file; expected a trajectory"):
-        load_trajectory(tmp_path / "m.h5")
-    with pytest.raises(TrajectoryError, match="a folder; expected"):
-        load_trajectory(tmp_path)
     (tmp_path / "m.npz").touch()
-    with pytest.raises(TrajectoryError, match=r"unknown suffix '.npz'"):
-        load_trajectory(tmp_path / "m.npz")
     (tmp_path / "text.h5").write_text("time,px")
-    with pytest.raises(TrajectoryError, match=r"text.h5: not an HDF5 file, or a damaged one; expected format hhsim-tr"):
-        load_trajectory(tmp_path / "text.h5")
     save_trajectory(motion, tmp_path / "cut.h5")
     whole = (tmp_path / "cut.h5").read_bytes()
     (tmp_path / "cut.h5").write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(TrajectoryError, match="a damaged HDF5 file: cut short, 13,495 of 26,912 bytes are there"):
-        load_trajectory(tmp_path / "cut.h5")
+    for name, message in (
+        ("m.h5", "no such file; expected a trajectory"),
+        ("", "a folder; expected"),
+        ("m.npz", "unknown suffix '.npz'"),
+        ("text.h5", "text.h5: not an HDF5 file, or a damaged one; expected format hhsim-tr"),
+        ("cut.h5", "a damaged HDF5 file: cut short, 13,495 of 26,912 bytes are there"),
+    ):
+        with pytest.raises(TrajectoryError, match=message):
+            load_trajectory(tmp_path / name)
 
 
-def spoil(motion: Trajectory, path: Path, attribute: str, value: object) -> None:
-    save_trajectory(motion, path)
-    with changed(path) as file:
+@pytest.mark.parametrize(
+    ("attribute", "value", "message"),
+    [
+        ("format", "hhsim-tree", r"m.h5: format 'hhsim-tree'; expected hhsim-trajectory"),
+        ("format", 1, "no format attribute; expected hhsim-trajectory"),
+        ("schema_version", 2, "schema_version 2 is newer than 1: update hhsim"),
+        ("schema_version", "one", "schema_version one; expected a whole number"),
+    ],
+)
+def test_other_formats_and_newer_schemas_are_named(
+    motion: Trajectory, tmp_path: Path, attribute: str, value: object, message: str
+) -> None:
+    save_trajectory(motion, tmp_path / "m.h5")
+    with changed(tmp_path / "m.h5") as file:
         file.attrs[attribute] = value
-
-
-def test_other_formats_and_newer_schemas_are_named(motion: Trajectory, tmp_path: Path) -> None:
-    path = tmp_path / "m.h5"
-    spoil(motion, path, "format", "hhsim-tree")
-    with pytest.raises(TrajectoryError, match=r"m.h5: format 'hhsim-tree'; expected hhsim-trajectory"):
-        load_trajectory(path)
-    spoil(motion, path, "schema_version", 2)
-    with pytest.raises(TrajectoryError, match="schema_version 2 is newer than 1: update hhsim"):
-        load_trajectory(path)
-    spoil(motion, path, "schema_version", "one")
-    with pytest.raises(TrajectoryError, match="schema_version one; expected a whole number"):
-        load_trajectory(path)
-    with h5py.File(path, "w") as file:
-        file["x"] = 1.0
-    with pytest.raises(TrajectoryError, match="no format attribute; expected hhsim-trajectory"):
-        load_trajectory(path)
+    with pytest.raises(TrajectoryError, match=message):
+        load_trajectory(tmp_path / "m.h5")
 
 
 def test_missing_or_bad_datasets_are_named_with_the_file(motion: Trajectory, tmp_path: Path) -> None:
     path = tmp_path / "m.h5"
     save_trajectory(motion, path)
-    with changed(path) as file:
-        del file["flexion"]
-    with pytest.raises(TrajectoryError, match=r"m.h5: no dataset flexion; expected one in every"):
-        load_trajectory(path)
-    with changed(path) as file:
-        file["flexion"] = np.zeros((50, 15))
-    with pytest.raises(TrajectoryError, match=r"m.h5: flexion has shape \(50, 15\); expected \(50, 5, 3\)"):
-        load_trajectory(path)
-    with changed(path) as file:
-        del file["flexion"]
-        file["flexion"] = np.zeros((50, 5, 3))
-        file["time"][7] = 0.0
-    with pytest.raises(TrajectoryError, match=r"m.h5: time goes backwards at sample 7"):
-        load_trajectory(path)
+    for change, message in (
+        (None, r"m.h5: no dataset flexion; expected one in every"),
+        (np.zeros((50, 15)), r"m.h5: flexion has shape \(50, 15\); expected \(50, 5, 3\)"),
+    ):
+        with changed(path) as file:
+            file.pop("flexion", None)
+            if change is not None:
+                file["flexion"] = change
+        with pytest.raises(TrajectoryError, match=message):
+            load_trajectory(path)
 
 
 HEADER = (

@@ -98,7 +98,10 @@ def test_a_file_gives_the_objects_motion_back_bit_for_bit(tmp_path: Path, suffix
     assert motion.object_motion is not None and back.object_motion is not None
     for given_, read in zip(motion.object_motion, back.object_motion):
         assert given_.tobytes() == read.tobytes()
-    assert back.flexion.tobytes() == motion.flexion.tobytes()
+    if suffix == ".csv":
+        path.write_text(path.read_text().replace("object_qw", "object_qq"))
+        with pytest.raises(TrajectoryError, match="the header lacks object_qw"):
+            load_trajectory(path)
 
 
 @pytest.mark.parametrize(
@@ -116,11 +119,3 @@ def test_a_bad_motion_of_the_object_is_refused_in_one_line(
 ) -> None:
     with pytest.raises(TrajectoryError, match=says):
         replace(still(), object_motion=ObjectMotion(position, orientation))
-
-
-def test_a_csv_with_a_part_of_the_objects_columns_names_the_others(tmp_path: Path) -> None:
-    path = tmp_path / "m.csv"
-    save_trajectory(carried(still(), swing(TIME)), path)
-    path.write_text(path.read_text().replace("object_qw", "object_qq"))
-    with pytest.raises(TrajectoryError, match="the header lacks object_qw"):
-        load_trajectory(path)

@@ -9,7 +9,6 @@ from hhsim.arrays import FloatArray
 from hhsim.motion.resample import (
     interpolate_monotone,
     interpolate_orientation,
-    monotone_slopes,
     newest_sample,
     on_stamp,
     tick_times,
@@ -66,14 +65,6 @@ def test_monotone_cubic_never_leaves_the_range_of_its_two_samples(values: FloatA
     assert (out <= np.maximum(values[left], values[right])).all()
 
 
-def test_monotone_cubic_passes_through_the_samples_bit_for_bit() -> None:
-    rng = np.random.default_rng(1)
-    time = 0.001 * np.arange(500.0)
-    values = rng.normal(size=(500, 5, 3))
-    out = interpolate_monotone(time, values, np.arange(500) / 1000.0)
-    assert out.tobytes() == values.tobytes()
-
-
 def test_monotone_cubic_keeps_a_rest_exactly_at_rest() -> None:
     time = np.array([0.0, 0.01, 0.02, 0.05, 0.06])
     values = np.array([[0.0], [0.7], [0.7], [0.7], [0.2]])
@@ -87,11 +78,6 @@ def test_two_samples_make_a_straight_line_and_one_sample_stays() -> None:
     np.testing.assert_allclose(line[:, 0], 1.0 + 2.0 * ticks, rtol=1e-15)
     one = interpolate_monotone(np.array([0.0]), np.array([[3.0]]), np.array([0.0]))
     assert one.tolist() == [[3.0]]
-
-
-def test_slopes_at_an_extremum_are_zero() -> None:
-    slopes = monotone_slopes(np.arange(5.0), np.array([[0.0], [2.0], [1.0], [1.0], [4.0]]))
-    assert slopes[1:4, 0].tolist() == [0.0, 0.0, 0.0]
 
 
 @settings(max_examples=60)

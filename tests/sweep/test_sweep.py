@@ -2,10 +2,6 @@
 
 import json
 import os
-import signal
-import subprocess
-import sys
-import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -18,11 +14,12 @@ from hhsim.errors import OutputError
 from hhsim.result.reader import load_result
 from hhsim.sweep import estimate as estimate_module
 from hhsim.sweep import sweep as module
+from hhsim.sweep.cell import source_digest
 from hhsim.sweep.cell_run import CellEnd, CellTask, run_cell
+from hhsim.sweep.engines import CRASHED
 from hhsim.sweep.estimate import estimate
 from hhsim.sweep.folder import SweepFolder
 from hhsim.sweep.plan import load_plan
-from hhsim.sweep.process_engine import CRASHED
 from hhsim.sweep.sweep import SweepOptions, SweepSummary, run_sweep
 
 Run = Callable[..., Any]
@@ -127,8 +124,6 @@ def test_another_hhsim_or_a_folder_that_is_not_seen_fails_the_cell(tmp_path: Pat
     planned = load_plan(write_plan(tmp_path)).cells[0]
     task = CellTask(planned.cell, planned.digest, str(tmp_path), str(tmp_path), sources="another")
     assert "is another one" in run_cell(task).reason
-    from hhsim.sweep.cell import source_digest
-
     task = CellTask(planned.cell, planned.digest, str(tmp_path), str(tmp_path / "no"), sources=source_digest())
     assert "sees no folder" in run_cell(task).reason
 
@@ -140,10 +135,9 @@ def test_one_sweep_at_a_time_works_in_a_folder_and_no_other_files_are_there(tmp_
         pass
     with SweepFolder(tmp_path / "out").taken(plan):
         pass
-    with pytest.raises(OutputError, match="holds other files"):
-        SweepFolder(tmp_path)
-    with pytest.raises(OutputError, match="is a file"):
-        SweepFolder(tmp_path / "plan.toml")
+    for path, message in ((tmp_path, "holds other files"), (tmp_path / "plan.toml", "is a file")):
+        with pytest.raises(OutputError, match=message):
+            SweepFolder(path)
 
 
 def test_an_estimate_counts_what_is_left_and_writes_nothing(tmp_path: Path, in_this_process: list[str]) -> None:
@@ -261,38 +255,6 @@ def test_a_process_that_crashes_fails_one_cell_and_the_others_go_on(tmp_path: Pa
     ((cell, why),) = found.failed
     assert (cell.label, why) == ("cylinder, short, broken_method:Crashing, usual", CRASHED)
     assert {row["cell"]["method"] for row in rows(out)} == {"coupled", "penalty"}
-    assert not list((out / "cells").glob(".*"))
-
-
-@pytest.mark.soak  # what one that is killed has left is made use of as above, and in `test_kill.py`
-@pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="processes are watched on Linux")
-def test_processes_crash_one_cell_are_killed_and_go_on(tmp_path: Path) -> None:
-    """One pool for all of it: to start processes is what takes long here."""
-    (tmp_path / "broken_method.py").write_text(BROKEN)
-    text = PLAN.replace('"penalty"', '"broken_method:Crashing", "penalty", "progressive"')
-    path = write_plan(tmp_path, text)
-    out = tmp_path / "out"
-    entry = ["-c", "from hhsim.cli.main import main; main()"]
-    command = [sys.executable, *entry, "sweep", path.name, "--out", "out", "--jobs", "1", "--json"]
-    first = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-    while first.poll() is None and not (out.exists() and list((out / "cells").glob("*.json"))):
-        time.sleep(0.01)
-    first.send_signal(signal.SIGKILL)
-    first.communicate()
-    kept = {file.name: file.read_bytes() for file in (out / "cells").iterdir() if file.name[0] != "."}
-    assert any(name.endswith(".json") for name in kept)
-    second = subprocess.run(command, cwd=tmp_path, capture_output=True, check=False)
-    document = json.loads(second.stdout)
-    assert second.returncode == 1, second.stderr
-    ((failure),) = document["failed"]
-    label = "cylinder, short, broken_method:Crashing, usual"
-    assert failure == {"cell": label, "options": {"level": 2}, "reason": CRASHED}
-    assert {row["cell"]["method"] for row in rows(out)} == {"coupled", "penalty", "progressive"}
-    for name, content in kept.items():
-        if "failed" not in name and (
-            name.endswith(".json") or (out / "cells" / name).with_suffix(".json").name in kept
-        ):
-            assert (out / "cells" / name).read_bytes() == content
     assert not list((out / "cells").glob(".*"))
 
 

@@ -4,12 +4,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-import h5py
-import numpy as np
 import pytest
 
 from hhsim.errors import OutputError
-from hhsim.system.atomic_write import sealed_hdf5, write_atomically, write_together
+from hhsim.system.atomic_write import write_atomically, write_together
 
 
 def test_a_file_is_written_and_replaced(tmp_path: Path) -> None:
@@ -27,29 +25,6 @@ def test_a_link_keeps_pointing_to_the_new_file(tmp_path: Path) -> None:
     write_atomically(link, b"new")
     assert link.is_symlink()
     assert target.read_bytes() == b"new"
-
-
-def test_an_image_is_an_hdf5_file_and_always_the_same(tmp_path: Path) -> None:
-    values = np.arange(10_000.0)
-
-    def fill(file: h5py.File) -> None:
-        file["values"] = values
-        file.attrs["format"] = "test"
-
-    image = sealed_hdf5(fill)
-    assert image == sealed_hdf5(fill)
-    write_atomically(tmp_path / "a.h5", image)
-    with h5py.File(tmp_path / "a.h5", "r") as file:
-        assert np.array_equal(file["values"][:], values)
-        assert file.attrs["format"] == "test"
-
-
-@pytest.mark.parametrize("name", ["folder", "none/a.txt"])
-def test_what_is_in_the_way_is_told(tmp_path: Path, name: str) -> None:
-    (tmp_path / "folder").mkdir()
-    with pytest.raises(OutputError, match=f"cannot write .*{name}"):
-        write_atomically(tmp_path / name, b"content")
-    assert [path.name for path in tmp_path.iterdir()] == ["folder"]
 
 
 def test_a_full_disk_leaves_the_old_file(tmp_path: Path) -> None:

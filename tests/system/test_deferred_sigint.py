@@ -29,12 +29,6 @@ def test_a_second_interrupt_does_not_wait() -> None:
     assert not done
 
 
-def test_without_an_interrupt_nothing_happens() -> None:
-    with interruptible_between() as check:
-        check()
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
-
-
 def test_an_ignored_interrupt_stays_ignored() -> None:
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:

@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 
 from hhsim.errors import DamagedFileError
-from hhsim.system import hdf5_input, hdf5_probe
+from hhsim.system import hdf5_input
 from hhsim.system.atomic_write import sealed_hdf5
 from hhsim.system.checksummed_file import SIZE, seal_file, seal_holds, sealed
 from hhsim.system.hdf5_input import hdf5_format, open_hdf5
 
 WRITERS = {"hhsim/result/writer.py", "hhsim/system/atomic_write.py"}
-DOOR = {"hhsim/system/hdf5_input.py", "hhsim/system/hdf5_probe.py"}
+DOOR = {"hhsim/system/hdf5_input.py"}
 
 
 def fill(file: h5py.File) -> None:
@@ -88,63 +88,43 @@ def test_no_byte_of_a_sealed_file_changes_unnoticed(image: bytes, tmp_path: Path
             open_hdf5(path)
 
 
-def spin(*_: object) -> None:
-    all(itertools.repeat(True))
+READERS: dict[str, tuple[Callable[..., object], str]] = {
+    "processor": (lambda *_: all(itertools.repeat(True)), "reading it does not end within 1 s"),
+    "wall clock": (lambda *_: time.sleep(1000), "reading it does not end within 1 s"),
+    "crash": (lambda *_: os.abort(), "breaks down"),
+    "memory": (lambda *_: bytearray(2 * hdf5_input.MEMORY), "MemoryError"),
+}
 
 
-@pytest.mark.parametrize("reader", [spin, lambda *_: time.sleep(1000)], ids=["processor", "wall clock"])
-def test_a_reader_that_never_ends_is_ended(
-    reader: Callable[..., None], image: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("case", READERS)
+def test_a_reader_that_never_ends_or_breaks_down_takes_nothing_with_it(
+    case: str, image: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    path = tmp_path / "bare.h5"
-    path.write_bytes(image)
-    monkeypatch.setattr(hdf5_probe, "read_to_end", reader)
+    reader, why = READERS[case]
+    (tmp_path / "bare.h5").write_bytes(image)
+    monkeypatch.setattr(hdf5_input, "read_to_end", reader)
     monkeypatch.setattr(hdf5_input, "SECONDS", 0)
-    monkeypatch.setattr(hdf5_input, "PATIENCE", 10.0 if reader is spin else 0.1)
-    with pytest.raises(DamagedFileError, match="reading it does not end within 1 s"):
-        open_hdf5(path)
-
-
-def test_a_reader_that_breaks_down_takes_nothing_with_it(
-    image: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
-    path = tmp_path / "bare.h5"
-    path.write_bytes(image)
-    monkeypatch.setattr(hdf5_probe, "read_to_end", lambda *_: os.abort())
-    with pytest.raises(DamagedFileError, match="breaks down"):
-        open_hdf5(path)
+    monkeypatch.setattr(hdf5_input, "PATIENCE", 0.1 if case == "wall clock" else 10.0)
+    with pytest.raises(DamagedFileError, match=why):
+        open_hdf5(tmp_path / "bare.h5")
     assert capfd.readouterr() == ("", "")
 
 
-def test_what_takes_too_much_memory_is_refused(image: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / "bare.h5"
-    path.write_bytes(image)
-    monkeypatch.setattr(hdf5_probe, "read_to_end", lambda *_: bytearray(2 * hdf5_probe.MEMORY))
-    with pytest.raises(DamagedFileError, match="MemoryError"):
-        open_hdf5(path)
-
-
-def test_a_dataset_larger_than_its_file_is_not_read(tmp_path: Path) -> None:
-    path = tmp_path / "vast.h5"
-    with h5py.File(path, "w") as file:
-        file.create_dataset("vast", shape=(10**12,), dtype="f8", chunks=(1000,))
-    with pytest.raises(DamagedFileError, match="/vast states 8,000,000,000,000 bytes, more than such a file holds"):
-        open_hdf5(path)
-
-
-def test_datasets_that_are_together_larger_than_their_file_are_not_read(tmp_path: Path) -> None:
-    path = tmp_path / "many.h5"
-    with h5py.File(path, "w") as file:
-        for number in range(40):
-            file.create_dataset(f"{number:02}", shape=(1 << 25,), dtype="f8", chunks=(1 << 20,))
-    with pytest.raises(DamagedFileError, match="/01 states 268,435,456 bytes, more than such a file holds"):
-        open_hdf5(path)
+@pytest.mark.parametrize(
+    ("count", "size", "told"), [(1, 10**12, "/00 states 8,000,000,000,000"), (40, 1 << 25, "/01 states 268,435,456")]
+)
+def test_datasets_larger_than_their_file_are_not_read(tmp_path: Path, count: int, size: int, told: str) -> None:
+    with h5py.File(tmp_path / "vast.h5", "w") as file:
+        for number in range(count):
+            file.create_dataset(f"{number:02}", shape=(size,), dtype="f8", chunks=(1 << 20,))
+    with pytest.raises(DamagedFileError, match=f"{told} bytes, more than such a file holds"):
+        open_hdf5(tmp_path / "vast.h5")
 
 
 def test_what_is_no_hdf5_file_starts_no_child(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "text.h5"
     path.write_text("no HDF5" * 1000)
-    monkeypatch.setattr(hdf5_probe, "probe", lambda *_: pytest.fail("a child was started"))
+    monkeypatch.setattr(hdf5_input, "probe", lambda *_: pytest.fail("a child was started"))
     with pytest.raises(OSError, match="its signature is not there"):
         open_hdf5(path)
     assert hdf5_format(path) == ""

@@ -24,13 +24,9 @@ def test_a_pipe_a_device_and_a_socket_are_refused(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     with socket.socket(socket.AF_UNIX) as listening:
         listening.bind(str(tmp_path / "socket"))
-        for path, kind in (
-            (tmp_path / "pipe", "a named pipe"),
-            (tmp_path / "socket", "a socket"),
-            (Path("/dev/zero"), "a device"),
-        ):
-            with pytest.raises(OSError, match=f"{kind}, no ordinary file"):
-                open_input(path)
+        for path, kind in ((tmp_path / "pipe", "named pipe"), (tmp_path / "socket", "socket"), ("/dev/zero", "device")):
+            with pytest.raises(OSError, match=f"a {kind}, no ordinary file"):
+                open_input(Path(path))
 
 
 def test_a_pipe_that_takes_the_place_of_a_file_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

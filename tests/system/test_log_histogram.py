@@ -12,25 +12,15 @@ from hhsim.system.log_histogram import LogHistogram
 @settings(max_examples=40)
 def test_percentiles_are_those_of_numpy_to_a_thousandth(seed: int, count: int, spread: float) -> None:
     values = np.exp(np.random.default_rng(seed).normal(11.0, spread, count)).astype(np.int64) + 1
-    histogram = LogHistogram()
-    for block in np.array_split(values, 3):
-        histogram.add(block)
+    parts = [LogHistogram() for _ in range(3)]
+    for part, block in zip(parts, np.array_split(values, 3)):
+        part.add(block)
+    histogram = LogHistogram.sum(parts)
     assert histogram.count == count
     assert histogram.largest == values.max()
     for percent in (1.0, 50.0, 99.0, 100.0):
         expected = np.percentile(values, percent, method="inverted_cdf")
         assert histogram.percentile(percent) == pytest.approx(expected, rel=1.001e-3)
-
-
-def test_parts_add_up() -> None:
-    values = np.random.default_rng(1).uniform(1.0, 1e9, 1000)
-    whole, first, second = LogHistogram(), LogHistogram(), LogHistogram()
-    whole.add(values)
-    first.add(values[:300])
-    second.add(values[300:])
-    total = LogHistogram.sum([first, second])
-    np.testing.assert_array_equal(total.counts, whole.counts)
-    assert total.largest == whole.largest
 
 
 def test_nothing_has_no_percentile_and_what_is_off_the_scale_is_kept_at_its_end() -> None:

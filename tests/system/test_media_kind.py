@@ -2,6 +2,7 @@
 
 import io
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -49,14 +50,7 @@ def test_other_media_are_told_and_data_is_none(head: bytes, kind: str) -> None:
 
 @pytest.mark.parametrize(
     "read",
-    [
-        file_kind,
-        load_result,
-        read_triangles,
-        resolve_trajectory,
-        read_recording,
-        lambda path: read_toml_text(path, "x"),
-    ],
+    [file_kind, load_result, read_triangles, resolve_trajectory, read_recording, partial(read_toml_text, what="x")],
 )
 def test_whatever_reads_a_picture_says_that_it_is_one(read: Callable[[Path], Any], tmp_path: Path) -> None:
     path = tmp_path / "picture.png"

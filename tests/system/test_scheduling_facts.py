@@ -10,6 +10,8 @@ import pytest
 
 from hhsim.system.scheduling_facts import NOT_TOLD, SchedulingFact, scheduling_facts
 
+CPU = "sys__devices__system__cpu__"
+
 
 def planted(root: Path, **files: str) -> dict[str, SchedulingFact]:
     for name, text in files.items():
@@ -41,26 +43,14 @@ def test_a_system_that_tells_nothing_is_told_of(root: Path, monkeypatch: pytest.
     [
         ("sys__kernel__realtime", "1\n", "kernel", f"{platform.release()}, PREEMPT_RT", ""),
         ("sys__kernel__realtime", "0\n", "kernel", f"{platform.release()}, no PREEMPT_RT", "PREEMPT_RT"),
-        (
-            "proc__cmdline",
-            "quiet preempt=none rw\n",
-            "kernel interrupts its own work",
-            "none (preempt=)",
-            "preempt=full",
-        ),
+        ("proc__cmdline", "a preempt=none b\n", "kernel interrupts its own work", "none (preempt=)", "preempt=full"),
         ("proc__cmdline", "preempt=none preempt=full\n", "kernel interrupts its own work", "full (preempt=)", ""),
         ("proc__cmdline", "nopreempt=none\n", "kernel interrupts its own work", NOT_TOLD, ""),
         ("sys__kernel__realtime", "1\n", "kernel interrupts its own work", "always (PREEMPT_RT)", ""),
-        ("sys__devices__system__cpu__isolated", "\n", "processors set aside", "none", "isolcpus=3"),
-        ("sys__devices__system__cpu__isolated", "3\n", "processors set aside", "3", ""),
-        (
-            *("sys__devices__system__cpu__cpu3__cpufreq__scaling_governor", "powersave\n"),
-            *("frequency governor", "powersave", "performance"),
-        ),
-        (
-            *("sys__devices__system__cpu__cpu0__cpufreq__scaling_governor", "performance\n"),
-            *("frequency governor", "performance", ""),
-        ),
+        (f"{CPU}isolated", "\n", "processors set aside", "none", "isolcpus=3"),
+        (f"{CPU}isolated", "3\n", "processors set aside", "3", ""),
+        (f"{CPU}cpu3__cpufreq__scaling_governor", "powersave\n", "frequency governor", "powersave", "performance"),
+        (f"{CPU}cpu0__cpufreq__scaling_governor", "performance\n", "frequency governor", "performance", ""),
         ("sys__devices__system__node__online", "0-1\n", "NUMA nodes", "0-1", ""),
         ("sys__fs__cgroup__cpu.max", "max 100000\n", "container's quota", "none", ""),
         ("sys__fs__cgroup__cpu.max", "50000 100000\n", "container's quota", "50 ms in 100 ms", "cpu.max"),

@@ -9,7 +9,7 @@ import pytest
 from msgspec import Meta, inspect
 
 from hhsim.errors import InputError, TrajectoryError
-from hhsim.system.settings_file import Settings, Version, a_list, between, check_fields, one_of, parse_settings, typed
+from hhsim.system.settings_file import Settings, Version, a_list, between, check_fields, one_of, parse_settings
 
 FINGERS = ("thumb", "index")
 READERS = (
@@ -126,11 +126,6 @@ def bounds_of(kind: Any) -> list[Any]:
     if not isinstance(kind, inspect.IntType | inspect.FloatType | inspect.StrType):
         return []
     return [bound for bound in vars_of(kind) if bound is not None]
-
-
-def test_a_document_that_is_no_table_is_told_without_a_key() -> None:
-    with pytest.raises(InputError, match=r"^f.json: \[\]; expected a table"):
-        typed([], dict[str, Any], "f.json")
 
 
 @dataclass

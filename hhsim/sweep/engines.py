@@ -1,27 +1,31 @@
-"""Cells in processes of this machine: a pool of one process for each, so that a crash is known to be of its cell."""
+"""Engines that run cells: processes of this machine, or a Dask cluster (one that runs already, or a local one)."""
 
 import contextlib
 import os
 import signal
 import threading
+import uuid
 from collections import deque
 from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import connection, get_context, parent_process
+from typing import Any
 
+from hhsim.errors import InputError
 from hhsim.sweep.cell_run import CellEnd, CellTask, run_cell
 
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-"""Read by the linear algebra that numpy brings: its threads would take the cores of other cells."""
+"""Environment variables that keep the threads of numpy's linear algebra off the cores of other cells."""
 CRASHED = "its process ended by itself: a crash, or killed for want of memory"
+LOCAL = "local"
+"""Word for a cluster of this machine, in the place of a scheduler's address."""
+PATIENCE = 10
+"""Longest wait for a scheduler [s]."""
 
 
 def run_in_processes(tasks: Sequence[CellTask], jobs: int) -> Generator[CellEnd, None, None]:
-    """Run cells, `jobs` of them at a time; they end in any order.
-
-    Whatever ends this generator ends its processes.
-    """
+    """Run cells, `jobs` at a time; they end in any order. The end of this generator ends its processes."""
     waiting = deque(tasks)
     running: dict[Future[CellEnd], tuple[_Worker, CellTask]] = {}
     workers: list[_Worker] = []
@@ -56,7 +60,7 @@ def run_in_processes(tasks: Sequence[CellTask], jobs: int) -> Generator[CellEnd,
 
 
 class _Worker:
-    """A process that runs one cell after the other."""
+    """Process that runs one cell after the other."""
 
     def __init__(self) -> None:
         # Spawned, not forked: a fork of a process with threads copies locks that nobody will release.
@@ -64,7 +68,7 @@ class _Worker:
         self.process = self.pool.submit(os.getpid)
 
     def stop(self) -> None:
-        """End it now, in the middle of a cell too."""
+        """End it now, also within a cell."""
         self.pool.shutdown(wait=False, cancel_futures=True)
         if self.process.done() and not self.process.cancelled() and self.process.exception() is None:
             with contextlib.suppress(ProcessLookupError):
@@ -73,7 +77,7 @@ class _Worker:
 
 
 def _begin() -> None:
-    """In a worker: Ctrl-C is for the parent, and when that is gone, however it went, there is nobody to work for."""
+    """Start a worker, which ignores Ctrl-C and ends with its parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     threading.Thread(target=_end_with_parent, daemon=True).start()
@@ -98,3 +102,66 @@ def _one_thread() -> Iterator[None]:
                 os.environ.pop(name, None)
             else:
                 os.environ[name] = value
+
+
+def require_dask() -> None:
+    """Raise InputError if Dask is not installed."""
+    try:
+        import distributed  # noqa: F401
+    except ImportError:
+        raise InputError(
+            "--scheduler needs Dask, which is not installed: pip install 'hhsim[sweep]'; without it, --jobs N runs "
+            "cells in processes of this machine"
+        ) from None
+
+
+def run_on_dask(tasks: Sequence[CellTask], scheduler: str, jobs: int) -> Generator[CellEnd, None, None]:
+    """Run cells; they end in any order.
+
+    Args:
+        scheduler: Address of a scheduler, such as tcp://10.0.0.1:8786, or `LOCAL`.
+        jobs: Processes of a local cluster.
+
+    Raises:
+        InputError: No Dask, or no scheduler at that address.
+    """
+    require_dask()
+    from distributed import Client, LocalCluster
+
+    if scheduler != LOCAL:
+        try:
+            client = Client(scheduler, timeout=PATIENCE)
+        except (OSError, ValueError, TypeError) as error:
+            why = " ".join(str(error).split()) or type(error).__name__
+            raise InputError(f"no Dask scheduler at {scheduler}: {why}; dask scheduler starts one") from None
+        with client:
+            yield from run_with_client(client, tasks)
+        return
+    with (
+        LocalCluster(n_workers=jobs, threads_per_worker=1, dashboard_address=None) as cluster,
+        Client(cluster) as client,
+    ):
+        yield from run_with_client(client, tasks)
+
+
+def run_with_client(client: Any, tasks: Sequence[CellTask]) -> Generator[CellEnd, None, None]:
+    """Run cells by a client of any cluster."""
+    from distributed import as_completed
+
+    # A name of its own for each attempt: one that failed before would be answered from memory.
+    attempt = uuid.uuid4().hex[:8]
+    futures = {client.submit(run_cell, task, key=f"hhsim-{task.digest}-{attempt}", pure=False): task for task in tasks}
+    try:
+        for future in as_completed(list(futures)):
+            error = future.exception()
+            if error is None:
+                yield future.result()
+            else:
+                why = " ".join(str(error).split())
+                yield CellEnd(futures[future].digest, f"its worker was lost: {type(error).__name__}: {why}")
+            # The scheduler keeps every answer until its future is released.
+            del futures[future]
+            future.release()
+    finally:
+        for future in futures:
+            future.cancel()
