@@ -1,4 +1,4 @@
-"""Claims that only a recorded session makes: its periods, its latency, its samples, and what they became."""
+"""Claims of a recorded session: its periods, latencies and samples, and which tick used which sample."""
 
 import json
 import signal
@@ -16,29 +16,29 @@ from hhsim.verify.session_summary_checks import session_figures_claims
 
 FINGER_NAMES = ("thumb", "index finger", "middle finger", "ring finger", "little finger")
 JUMPED = "jumped by"
-"""Such a line of the log, after a finger's name, tells that it was not believed."""
+"""Text after a finger's name in the log line on a rejected jump."""
 OLD_SHIFT = 0.01
-"""Of a period: so far a tick moved the next deadline at most in files that do not say which ticks were early."""
+"""Largest shift of a deadline in files without the column `early`, as a fraction of the period."""
 IN_ORDER = ("duration", "stopped", "the command was killed", *(number.name for number in signal.Signals))
-"""Why a session ended whose loop was brought to its end."""
+"""Reasons of an end by the loop itself."""
 DRIVER_DIED = "the glove's driver "
-"""How it begins to say so where the loop was, since that had died."""
+"""Begin of the reason of an end by a dead driver, where the loop survived."""
 BROKEN_OFF = (LOOP_DIED, "the session's supervisor died before the loop began")
-"""Why one ended that was not."""
+"""Reasons of an end without the loop."""
 COUNTERS = (
     *("frames", "samples", "rejected", "other", "malformed", "resyncs", "dropped"),
     *("commands", "commands_refused"),
 )
-"""What a glove's driver counts."""
+"""Counts of a glove's driver."""
 TAKES_COMMANDS = frozenset({"POSITION_LIMIT", "STIFFNESS", "FORCE", "POWER"})
 """Capabilities of a glove that takes commands."""
 AT_THE_END = 100
-"""Commands that free a glove when a session begins and ends, at most."""
+"""Most commands that free a glove at the begin and the end of a session."""
 ONE_CLOCK = "one clock stamps all of them"
 
 
 def session_claims(result: Result) -> list[Claim]:
-    """What a session claims; nothing of a replay."""
+    """Judge the claims of a session; none of a replay."""
     if result.live is None:
         return []
     rows = SessionRows(result)
@@ -61,7 +61,7 @@ def session_claims(result: Result) -> list[Claim]:
 
 
 def _records(rows: SessionRows) -> Claim:
-    """Ticks and samples are numbered by the loop; what is not there was lost, and the file says how many."""
+    """Ticks and samples are in the loop's order, and missing ones are counted as lost."""
     wrong, notes = [], []
     for what, record in (("ticks", np.asarray(rows.result["live/tick/record"])), ("samples", rows.samples["record"])):
         wrong.append(bool((np.diff(record, prepend=-1) < 1).any()))
@@ -80,7 +80,7 @@ def _most_shift(rows: SessionRows) -> int:
 
 
 def _deadlines(rows: SessionRows) -> Claim:
-    """Each tick may move the next deadline a little, those too that are not in the file."""
+    """Every tick, in the file or not, may shift the next deadline a little."""
     ends = rows.deadline + rows.early
     periods = np.diff(rows.period, prepend=rows.period[0] - 1)
     apart = np.diff(ends, prepend=ends[0] - rows.period_ns)
@@ -92,11 +92,11 @@ def _deadlines(rows: SessionRows) -> Claim:
 
 
 def _early(rows: SessionRows) -> Claim:
-    """What makes a tick due early is a sample, and the time of that is when it was due."""
+    """An early tick is due at the time of the sample that makes it due."""
     name = "early ticks"
     says = f"a tick is due before its period ends only with a sample that it takes, and by {EARLIEST:g} periods at most"
     if not rows.tells("early"):
-        return Claim(name, says, NOT_JUDGED, note="the file does not say which ticks were early; it was written before")
+        return Claim(name, says, NOT_JUDGED, note="the file does not say which ticks were early")
     most, early = int(EARLIEST * rows.period_ns), rows.early > 0
     wrong = (rows.early < 0) | (rows.early > most)
     wrong |= early & ((rows.missed > 0) | rows.at_once | (rows.wakeup >= rows.early))
@@ -111,7 +111,7 @@ def _early(rows: SessionRows) -> Claim:
 
 
 def _missed(rows: SessionRows) -> Claim:
-    """A period has a tick or is missed; only a tick whose solver failed is neither, and that is in the log."""
+    """A period has a tick or is missed, except for a tick whose solver failed, which is in the log."""
     gone = np.diff(rows.period, prepend=-1) - 1 - rows.missed
     wrong = (rows.missed < 0) | (gone < 0)
     odd = np.flatnonzero(rows.follows & (gone > 0))
@@ -121,11 +121,11 @@ def _missed(rows: SessionRows) -> Claim:
 
 
 def _causes(rows: SessionRows) -> Claim:
-    """Each missed period has a cause, the one that took most of what was measured, and that fits the stamps."""
+    """The cause of a missed period took most of the measured time, and fits the stamps."""
     name = "causes of missed periods"
     says = "what was missed is named by who took most of the time, which is as much as the stamps leave"
     if "live/tick/cause" not in rows.result:
-        return Claim(name, says, NOT_JUDGED, note="the file does not say who took the time; it was written before")
+        return Claim(name, says, NOT_JUDGED, note="the file does not say who took the time")
     cause = np.asarray(rows.result["live/tick/cause"], np.int64)
     parts = ("computed", "kept", "run_delay", "steal", "device")
     taken = {part: np.asarray(rows.result[f"live/tick/taken/{part}"], np.int64) for part in parts}
@@ -148,7 +148,7 @@ def _causes(rows: SessionRows) -> Claim:
 
 
 def _wakeup(rows: SessionRows) -> Claim:
-    """A tick has its time; one that begins without a sleep is the second of two, in the first half of its period."""
+    """A tick wakes in its period; one that begins at once is the second of two, in the first half of its period."""
     early = np.maximum(0, -rows.wakeup)
     wrong = rows.wakeup // rows.period_ns > rows.missed
     again = rows.follows & np.concatenate([[False], rows.at_once[:-1]])
@@ -162,7 +162,7 @@ def _wakeup(rows: SessionRows) -> Claim:
 
 
 def _latency(rows: SessionRows) -> Claim:
-    """A latency ends where the command is handed over: after the tick's work, and before the loop slept again."""
+    """A latency ends when the command is handed over: after the tick's work, before the loop sleeps again."""
     sampled = np.flatnonzero(rows.latency != -1)
     lost = (rows.safety[sampled] & DEVICE_LOST > 0) & (not rows.dry_run)
     off = np.where((rows.latency[sampled] < 0) | lost, np.inf, 0.0)
@@ -191,7 +191,7 @@ def _samples(rows: SessionRows) -> Claim:
 
 
 def _newest(rows: SessionRows) -> Claim:
-    """No tick goes on with an old hand where a newer one had come, nor with one that may not be used."""
+    """No tick uses an unusable sample, or an old one where a newer usable one was there."""
     used, known = rows.used, rows.used >= 0
     wrong = ~known if rows.samples_whole else np.zeros(len(used), bool)
     wrong[known] |= ~rows.usable[used[known]]
@@ -211,7 +211,7 @@ def _newest(rows: SessionRows) -> Claim:
 
 
 def _haptic(rows: SessionRows) -> Claim:
-    """The user's fingers are those of the sample; one that jumped is not believed, named in the log, and kept free."""
+    """Fingers are those of the sample; one that jumped is named in the log and kept free."""
     known = np.flatnonzero(rows.used >= 0)
     differs = np.zeros((len(known), 5), bool)
     for name in ("flexion", "abduction"):
@@ -229,7 +229,7 @@ def _haptic(rows: SessionRows) -> Claim:
 
 
 def _ended(rows: SessionRows) -> Claim:
-    """Why a session ended is a known cause, and where its loop died no tick says that it stops."""
+    """A session ends by a known reason, and no tick stops where the loop died."""
     ended = str(rows.live["ended"])
     of_loop = ended in IN_ORDER or ended.startswith(DRIVER_DIED)
     told = bool(rows.safety[-1] & STOPPING > 0)
@@ -239,7 +239,7 @@ def _ended(rows: SessionRows) -> Claim:
 
 
 def _counters(rows: SessionRows) -> Claim:
-    """What the driver counted against the samples and the ticks in the file."""
+    """The driver's counts agree with the samples and ticks in the file."""
     name, says = "counters", "the driver counted the samples that are here, and no more commands than periods"
     if not rows.result.complete or str(rows.live["ended"]) not in IN_ORDER:
         return Claim(name, says, NOT_JUDGED, note="the session was cut short, and its driver's last word is older")
@@ -269,6 +269,6 @@ def _counters(rows: SessionRows) -> Claim:
 
 
 def _unclear(rows: SessionRows) -> str:
-    """How many ticks cannot be judged by their samples; the last one never can."""
+    """Note on the ticks that cannot be judged by their samples; the last one never can."""
     unclear = int((~rows.clear).sum())
     return f"of {unclear:,} ticks it is not known when they ended or what they read" if unclear > 1 else ""

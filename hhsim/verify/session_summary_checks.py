@@ -1,4 +1,4 @@
-"""The summary of a recorded session against its rows, by sorting where the loop counts in bins."""
+"""Claims of a session's summary: its figures follow from the rows, by sorting where the loop counts in bins."""
 
 import math
 from collections.abc import Mapping
@@ -6,14 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.verify.claim import Claim, judged
-from hhsim.verify.metric_checks import told_apart
+from hhsim.verify.claim import Claim, judged, told_apart
 from hhsim.verify.session_rows import LOOP_DIED, OLD_NAME, SessionRows
 
 SAME = 1e-9
-"""Figures that differ by this share are the same: sums in another order differ by less."""
+"""Relative tolerance of figures: the rounding of sums in another order."""
 HALF_A_BIN = 1e-3
-"""A percentile is that of a histogram whose bins are 0.2 % wide."""
+"""Relative tolerance of percentiles: half a bin of the loop's histogram, which is 0.2 % wide."""
 PERCENTILES = {"p50": 50.0, "p99": 99.0, "p999": 99.9}
 REASONS = (
     *("stale_input", "not_finite", "solver_failed", "overrun_streak", "device_lost"),
@@ -21,11 +20,11 @@ REASONS = (
 )
 """Names of the bits of `safety`, lowest first."""
 CAUSES = ("missed_computed", "missed_woken_late", "missed_host", "missed_device")
-"""Figures of the missed periods by who took their time, by the numbers of /live/tick/cause, from 1."""
+"""Figures of the missed periods by cause, in the order of /live/tick/cause, from 1."""
 
 
 def session_figures_claims(rows: SessionRows) -> list[Claim]:
-    """The figures of the summary, where there is one."""
+    """Judge the figures of the summary of a complete session."""
     if not rows.result.complete:
         return []
     stored = {name.replace(*OLD_NAME): value for name, value in rows.result.summary.items()}
@@ -54,7 +53,7 @@ def session_figures_claims(rows: SessionRows) -> list[Claim]:
 
 
 def _causes_off(rows: SessionRows, stored: Mapping[str, Any], missed: int) -> list[str]:
-    """What is wrong with the missed periods by cause, where the file tells of causes."""
+    """Errors of the missed periods by cause, as text; none where the file has no causes."""
     if "live/tick/cause" not in rows.result:
         return []
     died = rows.live["ended"] == LOOP_DIED
@@ -74,7 +73,7 @@ def _causes_off(rows: SessionRows, stored: Mapping[str, Any], missed: int) -> li
 
 
 def missed_between(rows: SessionRows) -> tuple[int, int]:
-    """Least and most periods without a tick since the loop began: the rows' own, and those that are in no row."""
+    """Least and most periods without a tick: those of the rows, and those in no row."""
     least = int(rows.missed.sum())
     # A loop that was killed had counted its last tick's or not.
     if rows.live["ended"] == LOOP_DIED:
@@ -83,7 +82,7 @@ def missed_between(rows: SessionRows) -> tuple[int, int]:
 
 
 def counted(rows: SessionRows) -> dict[str, float]:
-    """Counts and maxima; SI units."""
+    """Counts and maxima of the rows, SI units."""
     result = rows.result
     status, seq = np.asarray(result["status"]), np.asarray(result["input_seq"], np.int64)
     steps = np.diff(seq, prepend=-1)
@@ -106,7 +105,7 @@ def counted(rows: SessionRows) -> dict[str, float]:
 
 
 def percentiles(rows: SessionRows) -> dict[str, float]:
-    """Of what was timed [s]: the value that so many per cent do not exceed; NaN where nothing was."""
+    """Percentiles of wake-up, latency and tick time [s]; NaN where nothing was timed."""
     found = {}
     timed = {
         "wakeup": np.maximum(rows.wakeup, 0),
