@@ -28,21 +28,13 @@ def ticks_looked_at(contact: BoolArray) -> IntArray:
 
 @dataclass(frozen=True, eq=False)
 class TouchedObject:
-    """Object on which contacts are looked for, and its mesh.
+    """Object on which contacts are looked for, and its mesh."""
 
-    Attributes:
-        mesh: True surface [m], world.
-        surface: Surface of the solver, world, such as the leaf spheres.
-        shape: Sizes of the hand.
-        fingers: True for modelled fingers, shape (5,).
-        touch: Largest distance of a touching pair [m].
-    """
-
-    mesh: Mesh
-    surface: Any
-    shape: HandShape
-    fingers: BoolArray
-    touch: float
+    mesh: Mesh  # true surface [m], world
+    surface: Any  # surface of the solver, world, such as the leaf spheres
+    shape: HandShape  # sizes of the hand
+    fingers: BoolArray  # true for modelled fingers, shape (5,)
+    touch: float  # largest distance of a touching pair [m]
 
     def contact_error(self, placed: PlacedHand, contact: BoolArray) -> FloatArray:
         """Largest distance of a contact point of each tick from the mesh [m], shape (T,).

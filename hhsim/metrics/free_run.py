@@ -33,23 +33,14 @@ class Datasets(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class FreeRun:
-    """Free object of a run, world frame.
+    """Free object of a run, world frame."""
 
-    Attributes:
-        datasets: Datasets of the result.
-        properties: `FreeObject.to_json` of `hhsim.scene.free_object`.
-        corners: Corners of the box around the object before the first tick [m], shape (8, 3).
-        first: Pose of the object then, shapes (3,) and (4,).
-        stiffness: Diagonal of G, the hand's springs, shape (21,).
-        offset: Clearance that contacts keep [m].
-    """
-
-    datasets: Datasets
-    properties: Mapping[str, Any]
-    corners: AnyArray
-    first: ObjectMotion
-    stiffness: AnyArray
-    offset: float
+    datasets: Datasets  # datasets of the result
+    properties: Mapping[str, Any]  # `FreeObject.to_json` of `hhsim.scene.free_object`
+    corners: AnyArray  # corners of the box around the object before the first tick [m], shape (8, 3)
+    first: ObjectMotion  # pose of the object then, shapes (3,) and (4,)
+    stiffness: AnyArray  # diagonal of G, the hand's springs, shape (21,)
+    offset: float  # clearance that contacts keep [m]
 
     def __getitem__(self, name: str) -> AnyArray:
         return self.datasets[name]

@@ -32,31 +32,19 @@ AWAY = 1e3
 
 
 class Correction(NamedTuple):
-    """Distances of the shown hand from the user's, in the ticks with a touching pair.
+    """Distances of the shown hand from the user's, in the ticks with a touching pair."""
 
-    Attributes:
-        palm: Distance of the palms' origins [m], shape (N,).
-        joints: Mean distance of the twenty joint and tip centres [m], shape (N,).
-        farthest: Largest distance of one of them [m], shape (N,).
-    """
-
-    palm: FloatArray
-    joints: FloatArray
-    farthest: FloatArray
+    palm: FloatArray  # distance of the palms' origins [m], shape (N,)
+    joints: FloatArray  # mean distance of the twenty joint and tip centres [m], shape (N,)
+    farthest: FloatArray  # largest distance of one of them [m], shape (N,)
 
 
 class InputHand(NamedTuple):
-    """Measures of a run's input hand.
+    """Measures of a run's input hand."""
 
-    Attributes:
-        depth: Depth at the deepest tick [m]; 0 where the hand is never inside.
-        correction: Distances in the ticks in which the shown hand touches.
-        free: Largest distance of a joint or tip centre from the user's [m] in free space; NaN for no such tick.
-    """
-
-    depth: float
-    correction: Correction
-    free: float
+    depth: float  # depth at the deepest tick [m]; 0 where the hand is never inside
+    correction: Correction  # distances in the ticks in which the shown hand touches
+    free: float  # largest distance of a joint or tip centre from the user's [m] in free space; NaN for no such tick
 
 
 def input_hand(

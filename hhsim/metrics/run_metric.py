@@ -24,25 +24,15 @@ STORED = {
 
 @dataclass(frozen=True)
 class Figure:
-    """Named number, and its display in a table.
+    """Named number, and its display in a table."""
 
-    Attributes:
-        name: Attribute of the result file and key in JSON.
-        label: Label for people.
-        digits: Digits after the decimal point.
-        unit: Unit of the shown value.
-        less_is_better: False where more is neither better nor worse.
-        signed: True if it may be negative, and the nearer to 0 the better.
-        paper: The paper's figure as printed there, in `unit`, or "".
-    """
-
-    name: str
-    label: str
-    digits: int = 0
-    unit: str = ""
-    less_is_better: bool = True
-    signed: bool = False
-    paper: str = ""
+    name: str  # attribute of the result file and key in JSON
+    label: str  # label for people
+    digits: int = 0  # digits after the decimal point
+    unit: str = ""  # unit of the shown value
+    less_is_better: bool = True  # false where more is neither better nor worse
+    signed: bool = False  # True if it may be negative, and the nearer to 0 the better
+    paper: str = ""  # the paper's figure as printed there, in `unit`, or ""
 
     @property
     def scale(self) -> float:
@@ -61,16 +51,11 @@ class Figure:
 
 @dataclass(frozen=True)
 class Judged:
-    """Judgement of a figure by the gate.
+    """Judgement of a figure by the gate."""
 
-    Attributes:
-        rounding: Difference up to which values are the same [SI, or %].
-        limit: Largest value by default [SI, or %], the same for every method; None for no limit.
-        promise: Attribute of `hhsim.solver.method.Method` without which a method is exempt from the limit; "" for none.
-    """
-
-    rounding: float = 0.0
-    limit: float | None = None
+    rounding: float = 0.0  # difference up to which values are the same [SI, or %]
+    limit: float | None = None  # largest value by default [SI, or %], the same for every method; None for no limit
+    # attribute of `hhsim.solver.method.Method` without which a method is exempt from the limit; "" for none
     promise: str = ""
 
 
@@ -80,32 +65,19 @@ class RunMetric(Figure):
 
     Either `compute` computes it from the ticks in the file, or it needs further runs of the solver: then `own_run` says
     which, and `hhsim.replay.summary` computes it.
-
-    Attributes:
-        place: Place in the table; of equal ones, in the order of their modules.
-        needs: Datasets of /tick that `compute` reads, or a run of its own makes anew.
-        compute: Function of the ticks; None for a figure of runs of its own.
-        own_run: Reason why it does not follow from the ticks, or "".
-        noise: Relative difference of a time between equal runs; infinite where single ticks decide; 0 for exact
-            figures.
-        per_tick: True for a change from tick to tick: the paper's figure is then for ticks of 1 ms.
-        judged: Judgement by the gate; None for none.
-        moving_hold: Display where the hold's input moves, as a live hand's does.
-        moving_hold_only: True if it is shown only there.
-        short: Line of the short table that it stands in, or ""; the last defined of a line's figures stands there.
-        free_only: True for a figure of a free object.
-        unless_zero: True if it has no line where it is 0.
     """
 
-    place: int = 1000
-    needs: tuple[str, ...] = ()
-    compute: Callable[[RunTicks], float] | None = None
-    own_run: str = ""
+    place: int = 1000  # place in the table; of equal ones, in the order of their modules
+    needs: tuple[str, ...] = ()  # datasets of /tick that `compute` reads, or a run of its own makes anew
+    compute: Callable[[RunTicks], float] | None = None  # function of the ticks; None for a figure of runs of its own
+    own_run: str = ""  # reason why it does not follow from the ticks, or ""
+    # relative difference of a time between equal runs; infinite where single ticks decide; 0 for exact figures
     noise: float = 0.0
-    per_tick: bool = False
-    judged: Judged | None = None
-    moving_hold: Figure | None = None
-    moving_hold_only: bool = False
+    per_tick: bool = False  # true for a change from tick to tick: the paper's figure is then for ticks of 1 ms
+    judged: Judged | None = None  # judgement by the gate; None for none
+    moving_hold: Figure | None = None  # display where the hold's input moves, as a live hand's does
+    moving_hold_only: bool = False  # True if it is shown only there
+    # line of the short table that it stands in, or ""; the last defined of a line's figures stands there
     short: str = ""
-    free_only: bool = False
-    unless_zero: bool = False
+    free_only: bool = False  # true for a figure of a free object
+    unless_zero: bool = False  # True if it has no line where it is 0

@@ -41,31 +41,18 @@ class Columns(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class RunTicks:
-    """Data from which the figures of a run are computed.
+    """Data from which the figures of a run are computed."""
 
-    Attributes:
-        columns: Datasets of /tick by name, in a moving object's frame; `run["force/total"]` is one of them.
-        ticks: Number of ticks.
-        phases: Phases of the motion.
-        rate: Ticks per second [Hz].
-        fingers: Number of modelled fingers.
-        all_pairs: Number of pairs of a hand body and an object sphere; 0 where it is not known.
-        touched: The object; None where contacts are not examined.
-        breaks: Ticks before which others are missing, shape (T,); None for none.
-        hand: The hand; None where the user's hand is not examined.
-        free: Motion of a free object; None for another.
-    """
-
-    columns: Columns
-    ticks: int
-    phases: Sequence[TickPhase]
-    rate: float
-    fingers: int
-    all_pairs: int = 0
-    touched: TouchedObject | None = None
-    breaks: BoolArray | None = None
-    hand: HandModel | None = None
-    free: FreeRun | None = None
+    columns: Columns  # datasets of /tick by name, in a moving object's frame; `run["force/total"]` is one of them
+    ticks: int  # number of ticks
+    phases: Sequence[TickPhase]  # phases of the motion
+    rate: float  # ticks per second [Hz]
+    fingers: int  # number of modelled fingers
+    all_pairs: int = 0  # number of pairs of a hand body and an object sphere; 0 where it is not known
+    touched: TouchedObject | None = None  # the object; None where contacts are not examined
+    breaks: BoolArray | None = None  # ticks before which others are missing, shape (T,); None for none
+    hand: HandModel | None = None  # the hand; None where the user's hand is not examined
+    free: FreeRun | None = None  # motion of a free object; None for another
 
     def __getitem__(self, name: str) -> AnyArray:
         return self.columns[name]

@@ -23,20 +23,13 @@ FREED_BY_FAULT = ~(Safety.STOPPING | Safety.DRY_RUN | Safety.NO_INPUT_YET)
 
 
 class FaultCounts(NamedTuple):
-    """Counts of a session's faults; NaN where one is not known.
+    """Counts of a session's faults; NaN where one is not known."""
 
-    Attributes:
-        early: 1 for a session that did not end in order, or whose recording was cut short; else 0.
-        faults: Logged faults; an early end is one at least.
-        malformed, frames: Malformed packets of the glove, and all packets.
-        freed, ticks: Ticks with fingers freed by a fault, and all ticks.
-    """
-
-    early: float
-    faults: float
-    malformed: float
+    early: float  # 1 for a session that did not end in order, or whose recording was cut short; else 0
+    faults: float  # logged faults; an early end is one at least
+    malformed: float  # malformed packets of the glove, and all packets
     frames: float
-    freed: float
+    freed: float  # ticks with fingers freed by a fault, and all ticks
     ticks: float
 
     @property

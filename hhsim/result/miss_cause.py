@@ -33,23 +33,15 @@ def by_name(counts: Iterable[int]) -> dict[str, int]:
 
 
 class TimeTaken(NamedTuple):
-    """Time between the deadlines of two ticks, beyond the sleep that was asked for [ns].
+    """Time between the deadlines of two ticks, beyond the sleep that was asked for [ns]."""
 
-    Attributes:
-        computed: CPU time of the loop's own thread.
-        kept: Wall time in which the thread neither ran nor slept as asked: wall less CPU time of its work, and both
-            delays
-            of its wake-ups.
-        run_delay: Part of `kept` in which the thread was ready and did not run.
-        steal: Time that the host of a virtual machine had the processor, mostly in steps of 10 ms.
-        device: Wall time of the calls to the glove and to the source of the palm's pose.
-    """
-
-    computed: int
+    computed: int  # CPU time of the loop's own thread
+    # wall time in which the thread neither ran nor slept as asked: wall less CPU time of its work, and both delays of
+    # its wake-ups
     kept: int
-    run_delay: int
-    steal: int
-    device: int
+    run_delay: int  # part of `kept` in which the thread was ready and did not run
+    steal: int  # time that the host of a virtual machine had the processor, mostly in steps of 10 ms
+    device: int  # wall time of the calls to the glove and to the source of the palm's pose
 
     def cause(self) -> MissCause:
         """Return the cause that took most.

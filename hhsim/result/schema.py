@@ -101,27 +101,19 @@ _PARTS = {field.name: field.parts for field in TICK_FIELDS}
 
 @dataclass(frozen=True)
 class Column:
-    """One dataset.
+    """One dataset."""
 
-    Attributes:
-        name: Name of the dataset.
-        shape: Shape of a tick's value, or of the whole array where it does not change with time; -1 is any size.
-        dtype: Type as it is stored.
-        units: SI unit.
-        long_name: Description for people.
-        source: Field of the record that it is taken from, as `field` or as `field.part`; "" where it is computed.
-        turns: Transformation to a moving object's frame: "point", "vector" (of 3, or of twice 3), "orientation", or "".
-        optional: True if older files may lack it.
-    """
-
-    name: str
+    name: str  # name of the dataset
+    # shape of a tick's value, or of the whole array where it does not change with time; -1 is any size
     shape: tuple[int, ...]
-    dtype: str
-    units: str
-    long_name: str
+    dtype: str  # type as it is stored
+    units: str  # SI unit
+    long_name: str  # description for people
+    # field of the record that it is taken from, as `field` or as `field.part`; "" where it is computed
     source: str = ""
+    # transformation to a moving object's frame: "point", "vector" (of 3, or of twice 3), "orientation", or ""
     turns: str = ""
-    optional: bool = False
+    optional: bool = False  # True if older files may lack it
 
     @property
     def known_by(self) -> str:

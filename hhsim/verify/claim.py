@@ -17,31 +17,18 @@ NOT_JUDGED = "not judged"
 
 @dataclass(frozen=True)
 class Claim:
-    """One claim and the verdict on it.
+    """One claim and the verdict on it."""
 
-    Attributes:
-        name: Short name of the claim.
-        says: Statement of the file, as a sentence.
-        verdict: `HOLDS`, `FAILS`, `NOT_CLAIMED` or `NOT_JUDGED`.
-        worst: Deviation that is the largest multiple of its tolerance, in `unit`; NaN for none.
-        tolerance: Tolerance of that deviation, in `unit`.
-        unit: SI unit of both.
-        tick: Tick of the worst deviation; None where it belongs to no tick.
-        checked: Number of ticks (or other things) that were judged.
-        why: Reason of the tolerance.
-        note: Remark for the reader.
-    """
-
-    name: str
-    says: str
-    verdict: str
-    worst: float = float("nan")
-    tolerance: float = float("nan")
-    unit: str = "1"
-    tick: int | None = None
-    checked: int = 0
-    why: str = ""
-    note: str = ""
+    name: str  # short name of the claim
+    says: str  # statement of the file, as a sentence
+    verdict: str  # `HOLDS`, `FAILS`, `NOT_CLAIMED` or `NOT_JUDGED`
+    worst: float = float("nan")  # deviation that is the largest multiple of its tolerance, in `unit`; NaN for none
+    tolerance: float = float("nan")  # tolerance of that deviation, in `unit`
+    unit: str = "1"  # SI unit of both
+    tick: int | None = None  # tick of the worst deviation; None where it belongs to no tick
+    checked: int = 0  # number of ticks (or other things) that were judged
+    why: str = ""  # reason of the tolerance
+    note: str = ""  # remark for the reader
 
     @property
     def failed(self) -> bool:

@@ -111,7 +111,6 @@ def own_script(result: Result) -> Script | None:
 
 
 def _input(result: Result) -> Claim:
-    """Unusable inputs are marked as held, and only those; sample numbers start at the first and never go back."""
     held = result["status"] & STATUS_INPUT_INVALID > 0
     numbers = np.asarray(result["input_seq"])
     wrong = np.diff(numbers, prepend=numbers[0]) < 0
@@ -150,7 +149,6 @@ def _phases(result: Result) -> list[Claim]:
 
 
 def _durations(result: Result) -> Claim:
-    """Durations are not negative, and their parts fit in the whole."""
     detect, palm, fingers, force, total = (np.asarray(result[f"duration/{name}"], np.int64) for name in DURATIONS)
     parts = detect + palm + fingers + force
     negative = np.min([detect, palm, fingers, force, total, result["duration/total_cpu"]], axis=0)

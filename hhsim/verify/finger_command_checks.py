@@ -25,7 +25,6 @@ def command_claims(rows: SessionRows) -> list[Claim]:
 
 
 def _reasons(rows: SessionRows) -> Claim:
-    """Every reason that the file shows is given, and no other."""
     result, bits = rows.result, rows.safety
     status = np.asarray(result["status"])
     safety = rows.limits["safety"]
@@ -107,7 +106,6 @@ def _stopping(rows: SessionRows) -> BoolArray:
 
 
 def _free(rows: SessionRows) -> Claim:
-    """With any reason, no finger is pushed: the claim that matters most."""
     free = rows.safety != 0
     pushed = np.where(free, np.abs(rows.stiffness).max(axis=1), 0.0)
     says = "with a reason for it, every finger is free"
@@ -115,7 +113,6 @@ def _free(rows: SessionRows) -> Claim:
 
 
 def _stiffness(rows: SessionRows) -> Claim:
-    """A finger is free, or bears a force and is as stiff as ramp, rise and setting allow."""
     output, period = rows.limits["output"], 1e-9 * rows.period_ns
     eases = _eased(rows)
     good = _good_ticks(rows, eases)
@@ -186,7 +183,6 @@ def _bounds(rows: SessionRows) -> Claim:
 
 
 def _set_points(rows: SessionRows) -> Claim:
-    """Each finger stops at the bend nearest to its shown angles, by least squares, as fast as bends may move."""
     name, says = "set points", "each finger is stopped where the shown hand is, or as near as its speed lets it be"
     bend = rows.limits.get("bend")
     if bend is None:

@@ -91,7 +91,6 @@ def _moment(judge: JudgedTicks, i: int) -> Moment:
 
 
 def _stationarity(judge: JudgedTicks) -> Claim:
-    """KKT of a settled tick: contacts and joint limits balance the coupling."""
     chosen = _judgeable(judge, STUCK | LAG)
     off = np.array([balance(_moment(judge, int(i)), judge.scale) for i in chosen])
     size = np.linalg.norm(judge.pull[judge.chosen] * judge.scale, axis=1)
@@ -101,7 +100,6 @@ def _stationarity(judge: JudgedTicks) -> Claim:
 
 
 def _palm_balance(judge: JudgedTicks) -> Claim:
-    """KKT of the palm at all settled ticks: the contact forces add up to the pull on the palm."""
     settled = np.flatnonzero(judge.status & (STUCK | LAG | CAPACITY_EXCEEDED) == 0)
     total = np.asarray(judge.result["force/total"])[settled]
     size = np.linalg.norm(total, axis=1)
@@ -112,7 +110,6 @@ def _palm_balance(judge: JudgedTicks) -> Claim:
 
 
 def _complementarity(judge: JudgedTicks) -> Claim:
-    """KKT: a body without contact bears no force."""
     chosen = _judgeable(judge, STUCK)
     apart = judge.near.nearest[chosen] > judge.bearing_within[chosen] + LENGTH
     size = np.linalg.norm(judge.stored_forces(judge.chosen[chosen]), axis=2)
@@ -122,7 +119,6 @@ def _complementarity(judge: JudgedTicks) -> Claim:
 
 
 def _balance(judge: JudgedTicks) -> Claim:
-    """The stored forces are pushes along contact normals, and balance the coupling."""
     chosen = _judgeable(judge, STUCK)
     stored = judge.stored_forces(judge.chosen).reshape(len(judge.chosen), -1)
     size, lags = np.linalg.norm(stored, axis=1), judge.status[judge.chosen] & LAG > 0

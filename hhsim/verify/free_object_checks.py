@@ -143,7 +143,6 @@ def free_claims(result: Result) -> list[Claim]:
 
 
 def _contacts(motion: FreeMotion) -> list[Claim]:
-    """Rows of /contact are in the order of the ticks, on known bodies, and no contact is written twice."""
     tick, body, point, normal = motion.tick, motion.body, motion.point, motion.normal
     stored = np.asarray(motion.result["contact/tick"])
     wrong = (np.diff(stored, prepend=0) < 0) | (stored != tick) | (np.asarray(motion.result["contact/body"]) != body)
@@ -167,7 +166,6 @@ def _contacts(motion: FreeMotion) -> list[Claim]:
 
 
 def _solid(motion: FreeMotion) -> Claim:
-    """Centre of mass and inertia agree with trimesh's of the mesh before the first tick."""
     from trimesh.triangles import mass_properties
 
     name, says = "solid", "centre of mass and inertia are those of the mesh, of one density, in the earth's gravity"
@@ -205,7 +203,6 @@ def _velocities(motion: FreeMotion) -> list[Claim]:
 
 
 def _balance(motion: FreeMotion) -> list[Claim]:
-    """Newton's and Euler's equations by the implicit Euler method: with the velocity at the tick's end."""
     rate, heavier = 1.0 / motion.period, 1.0 + motion.damping * motion.period
     result = motion.result
     wrench = np.asarray(result["object/hand_wrench"]) + result["object/table_wrench"]
@@ -262,7 +259,6 @@ def _wrenches(motion: FreeMotion) -> list[Claim]:
 
 
 def _equal_and_opposite(motion: FreeMotion) -> Claim:
-    """The force on each body of the hand is that of its contacts with the object."""
     bodies = np.zeros((len(motion.ticks), PALM + 1, 3))
     chosen = ~motion.of_table
     np.add.at(bodies, (motion.tick[chosen], motion.body[chosen]), motion.force[chosen])
@@ -547,7 +543,6 @@ def _creep(motion: FreeMotion) -> float:
 
 
 def _table(motion: FreeMotion) -> Claim:
-    """Lowest point of the mesh above the table, from the poses."""
     says = "the object's lowest point is above the table, as high as the file says"
     height = motion.free["table"]
     stored = np.asarray(motion.result["object/table_distance"])

@@ -51,7 +51,7 @@ def metric_claims(result: Result) -> list[Claim]:
         off = difference(result[column], own) / np.maximum(1.0, np.nan_to_num(np.abs(own)))
         off = off.reshape(result.ticks, -1).max(axis=1)
         claims.append(judged(name, says, off, 1e-7, "%", why, ticks=ticks))
-    # The figures of a session cover all its periods: `hhsim.verify.session_summary_checks`.
+    # The figures of a session cover all its periods: `hhsim.verify.session_checks`.
     if result.complete and result.live is None:
         claims += _summary_claims(result)
     return claims

@@ -125,7 +125,6 @@ def _placement(result: Result) -> tuple[FloatArray, FloatArray]:
 
 
 def _hand(result: Result) -> Claim:
-    """The hand is the default one of the stated sizes; not judged for a file of sizes."""
     name, says = "hand", "the hand is the one of its side, length and breadth, joint limits and all"
     sizes, static = result.scene["hand"], result.static
     other = Claim(name, says, NOT_JUDGED, unit="m, rad", note="its sizes were given, and are not in the result")
@@ -148,7 +147,6 @@ def _hand(result: Result) -> Claim:
 
 
 def _described(result: Result) -> Claim:
-    """The scene's counts agree with the arrays."""
     scene, static, solver = result.scene, result.static, result.scene["solver"]
     modelled = scene.get("modelled", {})
     leaf, palm, phalanges = len(leaves(result)[1]), len(static["hand/palm_radius"]), 3 * len(solver["fingers"])
@@ -172,7 +170,6 @@ def _described(result: Result) -> Claim:
 
 
 def _palm(result: Result) -> Claim:
-    """The palm's spheres are the leaves of its tree, and cover its mesh."""
     static = result.static
     center, radius = static["hand/palm_center"], static["hand/palm_radius"]
     level = static["hand/palm_tree/level"]

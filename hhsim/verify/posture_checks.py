@@ -5,17 +5,7 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.verify.claim import NOT_CLAIMED, Claim, judged
 from hhsim.verify.kinematics import turn_between
-from hhsim.verify.tick_data import (
-    ABDUCTION_HELD,
-    CAPACITY_EXCEEDED,
-    INPUT_INVALID,
-    LAG,
-    LENGTH,
-    START_INSIDE,
-    STUCK,
-    WHY_LENGTH,
-    JudgedTicks,
-)
+from hhsim.verify.tick_data import ABDUCTION_HELD, LAG, LENGTH, STUCK, UNSETTLED, WHY_LENGTH, JudgedTicks
 
 ANGLE = 1e-9
 """Tolerance of angles [rad]."""
@@ -54,7 +44,7 @@ def _of_the_solver(judge: JudgedTicks, beyond: FloatArray) -> list[Claim]:
 
 
 def _abduction(judge: JudgedTicks) -> Claim:
-    settled = judge.status & (STUCK | LAG | INPUT_INVALID | START_INSIDE | CAPACITY_EXCEEDED | ABDUCTION_HELD) == 0
+    settled = judge.status & (UNSETTLED | ABDUCTION_HELD) == 0
     spread = np.abs(judge.shown.abduction - judge.wanted.abduction).max(axis=1)[settled]
     says = "settled ticks show the user's abduction"
     return judged("abduction", says, spread, ANGLE, "rad", WHY_ANGLE, ticks=judge.numbers[settled])
@@ -71,11 +61,10 @@ def _lag(judge: JudgedTicks) -> Claim:
 
 
 def _free(judge: JudgedTicks) -> list[Claim]:
-    """A settled tick without a contact shows the user's hand."""
     if not judge.safe:
         return []
     clear = np.asarray(judge.result["work/rows"]) == 0
-    settled = clear & (judge.status & (STUCK | LAG | INPUT_INVALID | START_INSIDE | CAPACITY_EXCEEDED) == 0)
+    settled = clear & (judge.status & UNSETTLED == 0)
     at, wanted = judge.shown, judge.wanted
     bend = np.clip(wanted.flexion, judge.hand.flexion_min, judge.hand.flexion_max)
     off = np.maximum(

@@ -52,8 +52,8 @@ class SessionRows:
         self.live: dict[str, Any] = dict(result.live or {})
         self.limits: dict[str, Any] = json.loads(str(self.live["limits"]).replace(*OLD_NAME))
         self.dry_run = bool(self.live["dry_run"])
-        self.bend_step = float(self.limits["output"]["bend_speed"]) / float(result.scene["rate"])
         self.period_ns = round(1e9 / float(result.scene["rate"]))
+        self.bend_step = float(self.limits["output"]["bend_speed"]) * 1e-9 * self.period_ns
         self.numbers = np.arange(result.ticks)
         self.follows = follows(result)
         self.period, self.deadline, self.wakeup, self.latency, self.missed, self.safety = (

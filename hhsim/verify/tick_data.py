@@ -17,6 +17,7 @@ from hhsim.verify.mesh_contacts import ReadyTriangles, near_triangle_pairs, read
 FINGERS = ("thumb", "index", "middle", "ring", "little")
 STUCK, LAG, INPUT_INVALID, START_INSIDE, CAPACITY_EXCEEDED, ABDUCTION_HELD = 1, 2, 4, 8, 16, 32
 """Flags of a tick's status."""
+UNSETTLED = STUCK | LAG | INPUT_INVALID | START_INSIDE | CAPACITY_EXCEEDED
 LENGTH = 1e-9
 """Tolerance of lengths [m]: a thousandth of the smallest that any table shows."""
 BLOCK = 1024

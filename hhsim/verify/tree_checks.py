@@ -36,29 +36,17 @@ SHRINK = 0.35
 
 @dataclass(frozen=True)
 class Verdict:
-    """Measures of one level of a tree.
+    """Measures of one level of a tree."""
 
-    Attributes:
-        level: Level, 0 for the root.
-        spheres: Number of its spheres.
-        gap: Maximum distance of a point of the mesh outside the spheres [m]; 0 for none.
-        slack: Minimum depth of a point of the mesh inside the spheres [m]; negative for a gap.
-        protrusion: Maximum distance of a point of the spheres' union outside the mesh [m].
-        protrusion_mean: Mean over the part of the union's surface that is outside [m].
-        sticking_out: Maximum by which a deeper node sticks out of its ancestor here [m]; below 0 for none.
-        leaf_sticking_out: The same for leaves alone, which a descent of the tree relies on.
-        mesh_points, sphere_points: Numbers of points examined, the searches' included.
-    """
-
-    level: int
-    spheres: int
-    gap: float
-    slack: float
-    protrusion: float
-    protrusion_mean: float
-    sticking_out: float
-    leaf_sticking_out: float
-    mesh_points: int
+    level: int  # level, 0 for the root
+    spheres: int  # number of its spheres
+    gap: float  # maximum distance of a point of the mesh outside the spheres [m]; 0 for none
+    slack: float  # minimum depth of a point of the mesh inside the spheres [m]; negative for a gap
+    protrusion: float  # maximum distance of a point of the spheres' union outside the mesh [m]
+    protrusion_mean: float  # mean over the part of the union's surface that is outside [m]
+    sticking_out: float  # maximum by which a deeper node sticks out of its ancestor here [m]; below 0 for none
+    leaf_sticking_out: float  # the same for leaves alone, which a descent of the tree relies on
+    mesh_points: int  # numbers of points examined, the searches' included
     sphere_points: int
 
 
