@@ -464,10 +464,7 @@ SPOILED: dict[str, tuple[Callable[[Path], object], str]] = {
         forged(lambda file: file.attrs.update(schema_version=DRIVEN_SCHEMA_VERSION + 1)),
         r"newer hhsim \(schema 5; this one reads 4\): upgrade hhsim",
     ),
-    "format": (
-        forged(lambda file: file.attrs.update(format="hhsim-tree")),
     "format": (forged(lambda file: file.attrs.update(format="hhsim-tree")), "'hhsim-tree', not 'hhsim-result'"),
-    ),
     "no format": (lambda path: h5py.File(path, "w").close(), "states no format"),
     "lacking": (forged(lambda file: file.__delitem__("tick/force/total")), "lacks the dataset force/total"),
     "no ticks": (forged(lambda file: file.__delitem__("tick")), "lacks the dataset time"),
