@@ -114,7 +114,11 @@ def gate_suite(
     recorded: dict[str, RecordedScene] = {}
     count = len(suite.scenes)
     for i, scene in enumerate(suite.scenes):
-        found, kept = gate.run(scene, lambda what, i=i: progress(what, i, count))
+
+        def step(what: str, i: int = i) -> None:
+            progress(what, i, count)
+
+        found, kept = gate.run(scene, step)
         rows += found
         recorded |= {} if kept is None else {scene.name: kept}
     progress("done", count, count)

@@ -47,11 +47,9 @@ def run_inputs(result: Result) -> RunInputs:
     """Collect the inputs of a result; the motion is in the object's frame, unless the object is free."""
     result = result if result.free else result.seen_from_object
     scene = result.scene
-    solver = {}
+    solver: dict[str, Any] = {}
     for name, value in scene.get("solver", {}).items():
-        solver |= (
-            {f"{name}.{key}": number for key, number in value.items()} if isinstance(value, dict) else {name: value}
-        )
+        solver |= {f"{name}.{key}": v for key, v in value.items()} if isinstance(value, dict) else {name: value}
     return RunInputs(
         schema=result.schema_version,
         mesh=str(scene.get("object_mesh") or scene.get("checksums", {}).get("object", "")),

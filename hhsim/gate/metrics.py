@@ -142,4 +142,5 @@ def _depth(result: Result) -> AnyArray:
     static = result.static
     shape = (static[f"hand/{name}"] for name in HandShape._fields)
     fingers = [finger in result.fingers for finger in FINGERS]
-    return metrics.penetration(stored_surface(result).arrays, *shape, *(result[name] for name in PLACED), fingers).depth
+    placed = (result[name] for name in PLACED)
+    return metrics.penetration(stored_surface(result).arrays, *shape, *placed, fingers=fingers).depth

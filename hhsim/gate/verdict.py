@@ -42,7 +42,7 @@ class GateRow:
     base: float = math.nan
     limit: float = math.nan
     verdict: str = ""  # verdict against the base; "" where there is no base
-    passed: bool = True  # false where a limit was missed
+    passed: bool = True  # False where a limit was missed
     reason: str = ""  # remark for the reader, or ""
 
     def to_json(self) -> dict[str, Any]:

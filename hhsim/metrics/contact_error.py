@@ -30,10 +30,10 @@ def ticks_looked_at(contact: BoolArray) -> IntArray:
 class TouchedObject:
     """Object on which contacts are looked for, and its mesh."""
 
-    mesh: Mesh  # true surface [m], world
+    mesh: Mesh  # True surface [m], world
     surface: Any  # surface of the solver, world, such as the leaf spheres
     shape: HandShape  # sizes of the hand
-    fingers: BoolArray  # true for modelled fingers, shape (5,)
+    fingers: BoolArray  # True for modelled fingers, shape (5,)
     touch: float  # largest distance of a touching pair [m]
 
     def contact_error(self, placed: PlacedHand, contact: BoolArray) -> FloatArray:

@@ -61,4 +61,4 @@ def _contact_points(
         columns = [np.empty((capacity, 3)) for _ in range(2)]
         pairs = ContactPoints(np.empty(capacity, np.int64), np.empty(capacity, np.int64), *columns)
         count = find_contact_pairs(shape, surface, ticks, *placed, counted, float(touch), pairs)
-    return ContactPoints(*(values[:count] for values in pairs))
+    return ContactPoints(pairs.tick[:count], pairs.body[:count], pairs.point[:count], pairs.normal[:count])

@@ -129,7 +129,7 @@ def hand_clearance(
     center = np.ascontiguousarray(np.asarray(palm_center, dtype=np.float64).reshape(-1, 3).T)
     ticks = joint_array.shape[0]
     palm, finger = np.empty(ticks), np.empty((ticks, 5))
-    shape = HandSurface(as_argument(phalanx_radius), *center, as_argument(palm_radius))
+    shape = HandSurface(as_argument(phalanx_radius), center[0], center[1], center[2], as_argument(palm_radius))
     placed = PlacedHands(joint_array, as_argument(position), rotation_matrix(orientation))
     clearances(surface, shape, placed, float(limit), palm, finger)
     return palm, finger

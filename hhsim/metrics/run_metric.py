@@ -9,18 +9,6 @@ from hhsim.table.table import shown, stored_unit, unit_size
 PAPER_RATE = 1000.0
 """Rate of the paper's haptic loop [Hz]."""
 
-STORED = {
-    "": ("1", 1.0),
-    "units": ("1", 1.0),
-    "% of hold": ("%", 1.0),
-    "mm": ("m", 1e-3),
-    "µm": ("m", 1e-6),
-    "µm/s": ("m/s", 1e-6),
-    "µs": ("s", 1e-6),
-    "µJ": ("J", 1e-6),
-}
-"""Stored unit of shown units, and the size of the shown one in it; others are stored as shown."""
-
 
 @dataclass(frozen=True)
 class Figure:
@@ -30,7 +18,7 @@ class Figure:
     label: str  # label for people
     digits: int = 0  # digits after the decimal point
     unit: str = ""  # unit of the shown value
-    less_is_better: bool = True  # false where more is neither better nor worse
+    less_is_better: bool = True  # False where more is neither better nor worse
     signed: bool = False  # True if it may be negative, and the nearer to 0 the better
     paper: str = ""  # the paper's figure as printed there, in `unit`, or ""
 
@@ -73,11 +61,11 @@ class RunMetric(Figure):
     own_run: str = ""  # reason why it does not follow from the ticks, or ""
     # relative difference of a time between equal runs; infinite where single ticks decide; 0 for exact figures
     noise: float = 0.0
-    per_tick: bool = False  # true for a change from tick to tick: the paper's figure is then for ticks of 1 ms
+    per_tick: bool = False  # True for a change from tick to tick: the paper's figure is then for ticks of 1 ms
     judged: Judged | None = None  # judgement by the gate; None for none
     moving_hold: Figure | None = None  # display where the hold's input moves, as a live hand's does
     moving_hold_only: bool = False  # True if it is shown only there
     # line of the short table that it stands in, or ""; the last defined of a line's figures stands there
     short: str = ""
-    free_only: bool = False  # true for a figure of a free object
+    free_only: bool = False  # True for a figure of a free object
     unless_zero: bool = False  # True if it has no line where it is 0
