@@ -14,12 +14,11 @@ from hhsim.arrays import AnyArray
 from hhsim.gate.input_hash import RunInputs, run_inputs
 from hhsim.gate.limits import OF_SESSIONS, OF_SUBMISSIONS
 from hhsim.hand.fingers import FINGERS
-from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.metrics import metrics
 from hhsim.metrics.run.registry import judged_metrics, known_figures, run_metrics
 from hhsim.metrics.run.stuck_and_lag import is_mostly_stuck
 from hhsim.metrics.run_metric import Figure, RunMetric
-from hhsim.metrics.run_ticks import PLACED, RunTicks, result_ticks
+from hhsim.metrics.run_ticks import RunTicks, result_ticks
 from hhsim.metrics.session_faults import ended_before_its_time, first_mishap, recorded_faults
 from hhsim.replay.limits import stored_promises
 from hhsim.replay.stored_scene import stored_surface
@@ -140,7 +139,7 @@ class _ComputedAnew:
 def _depth(result: Result) -> AnyArray:
     """Penetration [m] of the stored graphic hand in the surface that it touched, shape (T,)."""
     static = result.static
-    shape = (static[f"hand/{name}"] for name in HandShape._fields)
+    shape = static["hand/phalanx_radius"], static["hand/palm_center"], static["hand/palm_radius"]
+    placed = result["graphic/joints"], result["graphic/position"], result["graphic/orientation"]
     fingers = [finger in result.fingers for finger in FINGERS]
-    placed = (result[name] for name in PLACED)
-    return metrics.penetration(stored_surface(result).arrays, *shape, *placed, fingers=fingers).depth
+    return metrics.penetration(stored_surface(result).arrays, *shape, *placed, fingers).depth
