@@ -59,7 +59,7 @@ def sphere_contact(
 def round_cone_contact(
     leaf_center: FloatArray, leaf_radius: FloatArray, a: FloatArray, b: FloatArray, radius_a: float, radius_b: float
 ) -> tuple[FloatArray, FloatArray]:
-    """As `sphere_contact`, for the hull of two spheres (`round_cone_distance`).
+    """Signed distances and points as of `sphere_contact`, for the hull of two spheres (`round_cone_distance`).
 
     The nearest point lies against the gradient of the distance; a leaf centred on the axis has none, and its centre is
     used.

@@ -65,9 +65,9 @@ def export_ticks(
             raise UnknownNameError("dataset", name, known)
     chosen = [known[name] for name in wanted]
     headings = tuple(heading for column in chosen for heading in column_headings(column))
-    part = path.with_name(f"{path.name}.part")
+    unfinished = path.with_name(f"{path.name}.part")
     try:
-        with part.open("w", encoding="utf-8", newline="") as file:
+        with unfinished.open("w", encoding="utf-8", newline="") as file:
             table = csv.writer(file, lineterminator="\n")
             table.writerow(("tick", *headings))
             first = 0
@@ -79,11 +79,11 @@ def export_ticks(
                 flat = [each.reshape(len(each), -1).tolist() for each in values]
                 table.writerows([tick, *itertools.chain(*row)] for tick, row in enumerate(zip(*flat), start=first))
                 first += len(flat[0])
-        part.replace(path)
+        unfinished.replace(path)
     except OSError as error:
         raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
     finally:
-        part.unlink(missing_ok=True)
+        unfinished.unlink(missing_ok=True)
     return headings
 
 

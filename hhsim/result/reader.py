@@ -129,11 +129,11 @@ class Result:
 
     @cached_property
     def seen_from_object(self) -> "Result":
-        """The result in the frame of its object at the first tick; itself where the object stands still."""
+        """Result in the frame of its object at the first tick; itself where the object stands still."""
         return self.seen_by(lambda name, values, now, first: as_object_sees(name, values, now.since(*first)))
 
     def seen_by(self, view: View) -> "Result":
-        """The result as transformed by `view`; itself where the object stands still."""
+        """Result as transformed by `view`; itself where the object stands still."""
         return replace(self, view=view, _loaded={}) if self.driven and self.view is None else self
 
     def object_motion(self, rows: slice | int = slice(None)) -> ObjectMotion:

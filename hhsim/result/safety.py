@@ -47,5 +47,5 @@ def why_free(bits: int) -> str:
 
 
 def why_free_or_held(bits: int) -> str:
-    """As `why_free`, but `HELD` for no reason."""
+    """Reasons of free fingers in words; `HELD` for none."""
     return why_free(bits) or HELD

@@ -117,7 +117,7 @@ class Column:
 
     @property
     def known_by(self) -> str:
-        """What a method must give for it, of `hhsim.solver.method.EVERYTHING`; "" where it is measured."""
+        """Quantity that a method must give for it, of `hhsim.solver.method.EVERYTHING`; "" where it is measured."""
         return next((what for beginning, what in _KNOWN_BY.items() if self.name.startswith(beginning)), "")
 
     def taken(self, record: Mapping[str, NDArray[Any]] | NDArray[Any]) -> NDArray[Any]:

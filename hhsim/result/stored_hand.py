@@ -1,4 +1,4 @@
-"""The hand stored in a result file."""
+"""Hand stored in a result file."""
 
 import numpy as np
 

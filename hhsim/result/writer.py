@@ -115,8 +115,8 @@ class ResultWriter:
         if self.ticks == 0:
             self.path.unlink(missing_ok=True)
             if isinstance(error, OutputError):
-                room = CHUNK_TICKS * sum(table.row_bytes for table in self._tables.values()) + _OVERHEAD
-                error.add_note(f"not one tick is recorded: the first {CHUNK_TICKS} need {1e-6 * room:.1f} MB")
+                needed = CHUNK_TICKS * sum(table.row_bytes for table in self._tables.values()) + _OVERHEAD
+                error.add_note(f"not one tick is recorded: the first {CHUNK_TICKS} need {1e-6 * needed:.1f} MB")
             return
         if size:
             # An unsealed file is still read, by a child process.

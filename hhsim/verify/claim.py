@@ -11,7 +11,7 @@ from hhsim.arrays import FloatArray
 HOLDS = "holds"
 FAILS = "FAILS"
 NOT_CLAIMED = "not claimed"
-"""The file does not claim it; the deviation is shown all the same."""
+"""Verdict on what the file does not claim; the deviation is shown all the same."""
 NOT_JUDGED = "not judged"
 
 

@@ -171,7 +171,7 @@ def phalanges(hand: OwnHand, posed: Posed, fingers: BoolArray) -> Phalanges:
 
 
 def near_palm_rows(hand: OwnHand, posed: Posed, pieces: Groups, near: float) -> tuple[IntArray, IntArray]:
-    """As `near_rows` for the palms' spheres; a palm that is far as a whole is skipped."""
+    """Indices as of `near_rows` for the palms' spheres; a palm that is far as a whole is skipped."""
     from scipy.spatial.distance import cdist
 
     spheres = len(hand.palm_radius)

@@ -171,7 +171,7 @@ def _durations(result: Result) -> Claim:
 
 
 def _work(result: Result) -> list[Claim]:
-    """The weighted work agrees with its parts; bounds where a program's own counts are not stored."""
+    """Judge the weighted work by its parts, with bounds where a program's own counts are not stored."""
     if not never_penetrates(result.scene["solver"]["method"]):
         return []
     work = {name: np.asarray(result[f"work/{name}"], np.int64) for name in ("node_tests", "pair_tests", "units")}

@@ -48,11 +48,11 @@ def _reasons(rows: SessionRows) -> Claim:
         after = rows.used + 1
         bad = ~np.append(rows.usable, True)[after]
         came = np.append(rows.samples["time"], np.iinfo(np.int64).max)[after]
-        told = bits & NOT_FINITE > 0
+        stated = bits & NOT_FINITE > 0
         # A tick that tells a latency took a sample: where it is not the one in use, it cannot be used.
         took = rows.follows & (rows.latency != -1) & (rows.used == np.concatenate([[-2], rows.used[:-1]]))
-        missing = ~told & bad & (took | (came < rows.woke - HANDED_OVER))
-        groundless = told & ~(bad & (came < rows.over)) & (status & INPUT_INVALID == 0)
+        missing = ~stated & bad & (took | (came < rows.woke - HANDED_OVER))
+        groundless = stated & ~(bad & (came < rows.over)) & (status & INPUT_INVALID == 0)
         wrong["not finite"] |= clear & (missing | groundless)
     if rows.dry_run or not safety["watchdog"]:
         wrong["no watchdog"] = bits & NO_WATCHDOG > 0
@@ -122,15 +122,15 @@ def _stiffness(rows: SessionRows) -> Claim:
     least = float(output["contact_force"])
     before = np.concatenate([np.zeros((1, 5)), rows.stiffness[:-1]])
     before[_freed_unseen(rows)] = 0.0
-    # After a gap nobody knows what was told before it.
+    # After a gap nobody knows what was allowed before it.
     most = np.where(rows.follows[:, None], before + output["stiffness_rise"] * period, np.inf)
     if rows.result["live/tick/record"][0] == 0:
         most[0] = output["stiffness_rise"] * period
-    told = np.minimum(target, most)
+    allowed = np.minimum(target, most)
     eased = _since(eases) < _since(rows.safety != 0)
     fall = np.array(output["stiffness"]) * period / float(output.get("ease", 1.0))
-    told = np.where(eased[:, None], np.maximum(told, before - fall), told)
-    beyond = rows.stiffness - told
+    allowed = np.where(eased[:, None], np.maximum(allowed, before - fall), allowed)
+    beyond = rows.stiffness - allowed
     sure = np.isfinite(most) & ~_after_gap(rows)[:, None]
     off = np.where(sure, np.abs(beyond), np.maximum(0.0, beyond))
     # A sum in another order: a force at the limit may be on either side of it.

@@ -70,9 +70,9 @@ def _fingertips(judge: JudgedTicks) -> Claim:
     stiffness = float(judge.options["stiffness"]["contact"])
     tips = fingertip_normals(judge.shown_posed, judge.wanted_posed, bears, stiffness)
     off = np.abs(tips - judge.result["force/fingertip_normal"]).max(axis=(1, 2))
-    room = FORCE * (1.0 + np.abs(tips).max(axis=(1, 2)))
+    tolerance = FORCE * (1.0 + np.abs(tips).max(axis=(1, 2)))
     says = "Fig. 9: k |E E₁| across the distal phalanx"
-    return judged("fingertips", says, off, room, "N", WHY_FORCE, ticks=judge.numbers)
+    return judged("fingertips", says, off, tolerance, "N", WHY_FORCE, ticks=judge.numbers)
 
 
 def force_slack(judge: JudgedTicks, size: FloatArray, ticks: IntArray) -> FloatArray:
@@ -94,9 +94,9 @@ def _stationarity(judge: JudgedTicks) -> Claim:
     chosen = _judgeable(judge, STUCK | LAG)
     off = np.array([balance(_moment(judge, int(i)), judge.scale) for i in chosen])
     size = np.linalg.norm(judge.pull[judge.chosen] * judge.scale, axis=1)
-    room = force_slack(judge, size, judge.chosen)[chosen]
+    tolerance = force_slack(judge, size, judge.chosen)[chosen]
     says = "a settled tick is at the optimum: w = Jᵀλ + μ, λ ≥ 0 at what touches"
-    return judged("stationarity", says, off, room, "N", WHY_SLACK, ticks=judge.chosen[chosen])
+    return judged("stationarity", says, off, tolerance, "N", WHY_SLACK, ticks=judge.chosen[chosen])
 
 
 def _palm_balance(judge: JudgedTicks) -> Claim:
@@ -105,8 +105,8 @@ def _palm_balance(judge: JudgedTicks) -> Claim:
     size = np.linalg.norm(total, axis=1)
     off = np.linalg.norm(judge.pull[settled, :3] - total, axis=1)
     says = "a settled tick's contact forces add up to the pull on the palm"
-    room = force_slack(judge, np.linalg.norm(judge.pull * judge.scale, axis=1)[settled], settled)
-    return judged("palm balance", says, off, np.maximum(room, FORCE * (1.0 + size)), "N", WHY_SLACK, ticks=settled)
+    tolerance = force_slack(judge, np.linalg.norm(judge.pull * judge.scale, axis=1)[settled], settled)
+    return judged("palm balance", says, off, np.maximum(tolerance, FORCE * (1.0 + size)), "N", WHY_SLACK, ticks=settled)
 
 
 def _complementarity(judge: JudgedTicks) -> Claim:
@@ -128,8 +128,8 @@ def _balance(judge: JudgedTicks) -> Claim:
     off = np.empty(len(chosen))
     for n, i in enumerate(chosen):
         at, force, late = _moment(judge, int(i)), stored[i], bool(lags[i])
-        ways = [] if late else [(at.pull, True), (at.pull, False)] if progressive else [(at.pull, False)]
-        off[n] = min((explained(at, judge.scale, force, pull, apart) for pull, apart in ways), default=np.inf)
+        explanations = [] if late else [(at.pull, True), (at.pull, False)] if progressive else [(at.pull, False)]
+        off[n] = min((explained(at, judge.scale, force, pull, apart) for pull, apart in explanations), default=np.inf)
         # On its way, or where the palm of `progressive` yields to a finger: what touches bears what it can.
         # On its way, or where the palm of `progressive` yields to a finger, contacts bear what they can.
         yields = late or (progressive and off[n] > slack[i])
@@ -181,7 +181,7 @@ def _eq_14(judge: JudgedTicks) -> Claim:
         ]
     ).reshape(len(chosen), PALM + 1, 3)
     off = np.abs(own - judge.stored_forces(judge.chosen[chosen])).max(axis=(1, 2))
-    room = FORCE * (1.0 + np.abs(own).sum(axis=(1, 2)))
+    tolerance = FORCE * (1.0 + np.abs(own).sum(axis=(1, 2)))
     count = int(unclear.sum())
     note = f"{counted(count, 'tick')} left out: what touches, or where, is unclear" if count else ""
-    return judged(name, says, off, room, "N", WHY_FORCE, ticks=judge.chosen[chosen], note=note)
+    return judged(name, says, off, tolerance, "N", WHY_FORCE, ticks=judge.chosen[chosen], note=note)

@@ -271,7 +271,7 @@ def _equal_and_opposite(motion: FreeMotion) -> Claim:
 
 
 def _cones(motion: FreeMotion) -> list[Claim]:
-    room = FORCE * (1.0 + np.abs(motion.load))
+    tolerance = FORCE * (1.0 + np.abs(motion.load))
     pushes = np.maximum(0.0, -motion.load)
     along = np.abs((motion.friction * motion.normal).sum(axis=1))
     beyond = np.linalg.norm(motion.friction, axis=1) - motion.coefficient * motion.load
@@ -279,16 +279,16 @@ def _cones(motion: FreeMotion) -> list[Claim]:
     twist = np.abs(motion.torsion) - limit * motion.load
     off = np.maximum.reduce([pushes, along, beyond, np.zeros_like(along)])
     says = "contacts push, and their friction is along the surface and no more than μ times that"
-    cones = judged("friction cones", says, off, room, "N", WHY_FORCE, ticks=motion.tick)
+    cones = judged("friction cones", says, off, tolerance, "N", WHY_FORCE, ticks=motion.tick)
     says = "the moment about a contact's normal is no more than its limit"
-    off, room = np.maximum(twist, 0.0), FORCE * room
-    return [cones, judged("torsion", says, off, room, "N·m", WHY_FORCE, ticks=motion.tick)]
+    off, tolerance = np.maximum(twist, 0.0), FORCE * tolerance
+    return [cones, judged("torsion", says, off, tolerance, "N·m", WHY_FORCE, ticks=motion.tick)]
 
 
 def _slips(motion: FreeMotion) -> list[Claim]:
     """Coulomb: a contact that slips bears all its friction, against its slip."""
-    way, spin = _ways(motion)
-    own = np.linalg.norm(way, axis=1)
+    slid, spin = _slip_and_spin(motion)
+    own = np.linalg.norm(slid, axis=1)
     joints = np.asarray(motion.result["graphic/joints"])
     moved = np.linalg.norm(np.diff(joints, axis=0, prepend=joints[:1]), axis=3).max(axis=(1, 2))
     # A step of the solver is straight, rotation is not: ½ travel² / radius, of the object ½ turn² radius.
@@ -296,17 +296,17 @@ def _slips(motion: FreeMotion) -> list[Claim]:
     arm = np.linalg.norm(motion.point - motion.center[1:][motion.tick], axis=1)
     # Several steps may overshoot their end: one there and one back bends twice.
     bends = np.where(np.asarray(motion.result["work/linearisations"]) > 1, 1.0, 0.5)
-    room = STICKS + 1e-2 * own + (bends * moved**2)[motion.tick] / RADIUS + 0.5 * turn**2 * arm
+    tolerance = STICKS + 1e-2 * own + (bends * moved**2)[motion.tick] / RADIUS + 0.5 * turn**2 * arm
     # The slip is that of the hand as the last step found it, within the step tolerance of its end.
     last = np.where(bends > 0.5, float(motion.result.scene["solver"]["step_tolerance"]), 0.0)
-    room += (moved * last)[motion.tick] / RADIUS
+    tolerance += (moved * last)[motion.tick] / RADIUS
     # A tick that lags goes fractions of its steps, and the rest is taken off the next ones.
-    room += np.where(np.isin(motion.tick, motion.whole), 0.0, 1e-3 * moved[motion.tick])
+    tolerance += np.where(np.isin(motion.tick, motion.whole), 0.0, 1e-3 * moved[motion.tick])
     wrong = (np.asarray(motion.result["contact/sticks"]) == 1) != (motion.slip <= STICKS)
     known = motion.follows[motion.tick]
-    off_by, says = np.abs(own - motion.slip), "the way of a contact along the surface is that of the two bodies"
+    off_by, says = np.abs(own - motion.slip), "the slip of a contact along the surface is that of the two bodies"
     why = "a hundredth, what turns add to straight steps, and a thousandth of the way in a tick that lags"
-    slips = judged("slip", says, off_by[known], room[known], "m", why, ticks=motion.tick[known])
+    slips = judged("slip", says, off_by[known], tolerance[known], "m", why, ticks=motion.tick[known])
     # Friction and moment work on slip and spin; in s = (μ slip, γ spin) and r = (f / μ, τ / γ) the cone is |r| <= λ.
     reach = np.where(motion.of_table, 0.0, float(motion.free["torsion"]))
     slip = np.hypot(motion.coefficient * own, reach * spin)
@@ -314,22 +314,22 @@ def _slips(motion: FreeMotion) -> list[Claim]:
     # Friction is along Γ e with residual |s - Γ e|: while that is below |s| / √2, e is at most 45° off s.
     whole = np.isin(motion.tick, motion.whole) & known
     slides = whole & (motion.slip > 1e-7) & (motion.load > 1e-3)
-    slides &= slip > np.sqrt(2.0) * (off + motion.coefficient * room)
-    power = -((motion.friction * way).sum(axis=1) + motion.torsion * spin) / np.where(slip > 0.0, slip, 1.0)
+    slides &= slip > np.sqrt(2.0) * (off + motion.coefficient * tolerance)
+    power = -((motion.friction * slid).sum(axis=1) + motion.torsion * spin) / np.where(slip > 0.0, slip, 1.0)
     short = np.maximum(0.0, AGAINST * motion.load - power)[slides]
-    says, limit = "a contact that slides bears its friction against its way, to 45 degrees", 1.0 + motion.load[slides]
+    says, limit = "a contact that slides bears its friction against its slip, to 45 degrees", 1.0 + motion.load[slides]
     note = f"{counted(int(slides.sum()), 'contact')} with a slip of more than the tick's friction is off"
     tick = motion.tick[slides]
     return [
         all_true("sticks", "a contact sticks where it slips by no more than a nanometre", wrong, ticks=motion.tick),
         slips,
         judged("sliding", says, short, FORCE * limit, "N", WHY_FORCE, ticks=tick, note=note),
-        _balanced(motion, slip + motion.coefficient * room),
+        _balanced(motion, slip + motion.coefficient * tolerance),
     ]
 
 
 def _balanced(motion: FreeMotion, slip: FloatArray) -> Claim:
-    """The friction residual is no more than the slips: the friction is the convex model's, or better."""
+    """Judge that the friction residual is no more than the slips: the convex model's friction, or better."""
     off = np.asarray(motion.result["object/friction_residual"])
     most = np.zeros(len(off))
     np.maximum.at(most, motion.tick, slip)
@@ -345,7 +345,7 @@ def _balanced(motion: FreeMotion, slip: FloatArray) -> Claim:
     return judged("balanced", says, off, 2.0 * most + CLEAR, "m", why, ticks=motion.ticks, note=note)
 
 
-def _ways(motion: FreeMotion) -> tuple[FloatArray, FloatArray]:
+def _slip_and_spin(motion: FreeMotion) -> tuple[FloatArray, FloatArray]:
     """Slip of each contact in its tick: tangential travel (C, 3) [m] and turn about the normal (C,) [rad].
 
     Hand relative to object, or object relative to table: a point that both share at the end of the tick was at two
@@ -356,7 +356,7 @@ def _ways(motion: FreeMotion) -> tuple[FloatArray, FloatArray]:
     step = turned[:-1] * turned[1:].inv()
     before = center[:-1][tick] + step[tick].apply(point - center[1:][tick])
     of_object = point - before
-    way = np.where(motion.of_table[:, None], of_object, -of_object)
+    slid = np.where(motion.of_table[:, None], of_object, -of_object)
     hand = own_hand(motion.result)
     posed = pose(hand, configurations(motion.result, "graphic"))
     frames = _frames(posed, rotations(configurations(motion.result, "graphic").orientation)[0].as_matrix())
@@ -365,16 +365,16 @@ def _ways(motion: FreeMotion) -> tuple[FloatArray, FloatArray]:
     t, b = tick[chosen], motion.body[chosen]
     local = np.einsum("cji,cj->ci", axes[t, b], point[chosen] - origin[t, b])
     was = origin[t - 1, b] + np.einsum("cij,cj->ci", axes[t - 1, b], local)
-    way[chosen] += point[chosen] - was
+    slid[chosen] += point[chosen] - was
     of_hand = np.einsum("cij,ckj->cik", axes[t, b], axes[t - 1, b])
     turn = np.where(motion.of_table[:, None], 1.0, -1.0) * step.inv().as_rotvec()[tick]
     turn[chosen] += 0.5 * np.stack(
         [of_hand[:, (i + 2) % 3, (i + 1) % 3] - of_hand[:, (i + 1) % 3, (i + 2) % 3] for i in range(3)], axis=1
     )
     first = ~motion.of_table & (tick == 0)
-    way[first] = turn[first] = 0.0
-    along = (way * motion.normal).sum(axis=1)
-    return np.asarray(way - along[:, None] * motion.normal), np.asarray((turn * motion.normal).sum(axis=1))
+    slid[first] = turn[first] = 0.0
+    along = (slid * motion.normal).sum(axis=1)
+    return np.asarray(slid - along[:, None] * motion.normal), np.asarray((turn * motion.normal).sum(axis=1))
 
 
 def _frames(posed: Posed, palm: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -412,8 +412,8 @@ def free_hand_claim(judge: JudgedTicks) -> Claim:
         left = (judge.pull[tick] - borne) * judge.scale
         off[n] = residual(limits.T, left)
     says = "the coupling of a settled tick is borne by its contacts, friction and all, and by joints at their limits"
-    room = force_slack(judge, size, judge.chosen)[places]
-    return judged("hand's balance", says, off, room, "N", WHY_SLACK, ticks=judge.chosen[places])
+    tolerance = force_slack(judge, size, judge.chosen)[places]
+    return judged("hand's balance", says, off, tolerance, "N", WHY_SLACK, ticks=judge.chosen[places])
 
 
 def free_complementarity_claim(judge: JudgedTicks) -> Claim:
@@ -429,8 +429,8 @@ def free_complementarity_claim(judge: JudgedTicks) -> Claim:
     late = judge.status[ticks] & LAG > 0
     to_go = np.where(late, np.asarray(motion.result["lag"])[ticks], 0.0)
     # Steps are straight and rotations are not; the slip may be too large by its clearance.
-    room = CLEAR + judge.moved[ticks].clip(max=float(judge.options["margin"])) ** 2 / RADIUS
-    bears = (np.where(late, judge.bearing, judge.touch) + to_go + room)[:, None] + floats[ticks]
+    tolerance = CLEAR + judge.moved[ticks].clip(max=float(judge.options["margin"])) ** 2 / RADIUS
+    bears = (np.where(late, judge.bearing, judge.touch) + to_go + tolerance)[:, None] + floats[ticks]
     # Distances beyond the margin are unknown.
     nearest = np.minimum(judge.near.nearest[places], float(judge.options["margin"]))
     apart = nearest > bears + LENGTH

@@ -92,13 +92,13 @@ class HandReferee:
     def _round_cone(
         self, a: FloatArray, b: FloatArray, radii: tuple[float, float], limit: float, inside: bool
     ) -> float:
-        """The same for a known side of the axis's middle; a lower bound from `limit` on."""
+        """Signed distance for a known side of the axis's middle; a lower bound from `limit` on."""
 
         def radius(share: float) -> float:
             return (1.0 - share) * radii[0] + share * radii[1]
 
         def piece(low: float, high: float) -> tuple[float, float, float]:
-            """Of the axis from share `low` to `high`: a lower bound, what is reached somewhere, its own distance."""
+            """Lower and upper bound of the axis from share `low` to `high`, and its own distance."""
             first, last = (1.0 - low) * a + low * b, (1.0 - high) * a + high * b
             axis = last - first
             squared = float(axis @ axis)

@@ -74,9 +74,9 @@ def _summary_claims(result: Result) -> list[Claim]:
     off = {}
     for name, value in own.items():
         if name in stored:
-            room = np.nan_to_num(np.abs(value)) + ROUNDING.get(name, 0.0) / SAME
+            tolerance = np.nan_to_num(np.abs(value)) + ROUNDING.get(name, 0.0) / SAME
             apart = float(difference(np.array(stored[name]), np.array(value)))
-            off[name] = apart / room if room > 0.0 else np.inf if apart > 0.0 else 0.0
+            off[name] = apart / tolerance if tolerance > 0.0 else np.inf if apart > 0.0 else 0.0
     wrong = [
         "{} is stored as {}, the ticks give {}".format(name, *told_apart(stored[name], own[name]))
         for name, value in off.items()
@@ -110,7 +110,7 @@ def _number(value: Any) -> float:
 
 
 def required_figures(result: Result) -> list[str]:
-    """What the summary of a complete replay has to have; of a trembling hand only where a hold stands still."""
+    """Figures of a complete replay's summary; of a trembling hand only where a hold stands still."""
     known = known_figures([what for what in EVERYTHING if result.gives(what)])
     names = [name for name in REQUIRED if name in {*known, "ticks"}]
     if result.free:
@@ -120,24 +120,24 @@ def required_figures(result: Result) -> list[str]:
         return names
     hold = next((phase for phase in result.phases if phase.name == "hold"), None)
     if hold is not None:
-        part = slice(hold.first_tick, hold.last_tick + 1)
-        haptic = [np.asarray(result[f"haptic/{name}"])[part] for name in HandConfiguration._fields]
+        rows = slice(hold.first_tick, hold.last_tick + 1)
+        haptic = [np.asarray(result[f"haptic/{name}"])[rows] for name in HandConfiguration._fields]
         if all(np.array_equal(values, np.broadcast_to(values[:1], values.shape)) for values in haptic):
             names += [TREMBLING, f"{TREMBLING}_std"]
     return names
 
 
 def own_summary(result: Result) -> dict[str, float]:
-    """What the summary should say, by the definitions of the documentation; SI, or % where so defined."""
+    """Compute the summary's figures by their documented definitions; SI, or % where so defined."""
     force, status = np.asarray(result["force/total"]), np.asarray(result["status"])
     size = np.sqrt((force**2).sum(axis=1))
     hold = np.zeros(result.ticks, bool)
     ripples = []
     for phase in result.phases:
         if phase.name == "hold":
-            part = slice(phase.first_tick, phase.last_tick + 1)
-            hold[part] = True
-            ripples.append(_ripple(force[part], float(result.scene.get("rate", 1000.0))))
+            rows = slice(phase.first_tick, phase.last_tick + 1)
+            hold[rows] = True
+            ripples.append(_ripple(force[rows], float(result.scene.get("rate", 1000.0))))
     contact = np.asarray(result["contacts/candidates"]) > 0
     cpu, wall = (1e-9 * np.asarray(result[f"duration/{name}"], np.float64) for name in ("total_cpu", "total"))
     every = change_rate(force, ~follows(result))
@@ -192,7 +192,7 @@ def _mean(values: NDArray[np.float64]) -> float:
 
 
 def _quantile(values: FloatArray, share: float) -> float:
-    """Between the two ticks around the share, in proportion."""
+    """Quantile by linear interpolation between ticks."""
     if values.size == 0:
         return float("nan")
     ordered = np.sort(values)
@@ -203,7 +203,7 @@ def _quantile(values: FloatArray, share: float) -> float:
 
 
 def _ripple(force: FloatArray, rate: float) -> float:
-    """RMS [N] between 50 and 400 Hz by scipy's periodogram, the best line taken out, a Hann window."""
+    """RMS [N] between 50 and 400 Hz by scipy's periodogram with a Hann window, without the best line."""
     from scipy.signal import detrend, periodogram
 
     # A method that has no forces has none that shakes.

@@ -66,11 +66,11 @@ def object_motion_claims(result: Result) -> list[Claim]:
             says += ", and as its script carries it"
             off = np.max([off, *(np.abs(a - b).max(axis=1) for a, b in zip(poses, own))], axis=0)
     first = max(float(np.abs(values[0] - static[f"object/{name}"]).max()) for name, values in poses._asdict().items())
-    room = _first_step(result) if result.free else 0.0
+    tolerance = _first_step(result) if result.free else 0.0
     why = "its first step, and what it may be raised by to stand on its table" if result.free else "the same numbers"
     poses_claim = judged("object poses", says, off, 1e-9, "m, 1", "rounding", ticks=np.arange(result.ticks), note=note)
     says = "the object's mesh and tree lie where its first pose has them"
-    return [poses_claim, judged("object at first", says, [first], room, "m, 1", why)]
+    return [poses_claim, judged("object at first", says, [first], tolerance, "m, 1", why)]
 
 
 def _of_the_script(result: Result) -> ObjectMotion | None:

@@ -131,7 +131,7 @@ def _missed(rows: SessionRows) -> Claim:
 
 
 def _causes(rows: SessionRows) -> Claim:
-    """The cause of a missed period took most of the measured time, and fits the stamps."""
+    """Judge that a missed period's cause took most of the measured time, and fits the stamps."""
     name = "causes of missed periods"
     says = "what was missed is named by who took most of the time, which is as much as the stamps leave"
     if "live/tick/cause" not in rows.result:
@@ -174,7 +174,7 @@ def _latency(rows: SessionRows) -> Claim:
     sampled = np.flatnonzero(rows.latency != -1)
     lost = (rows.safety[sampled] & DEVICE_LOST > 0) & (not rows.dry_run)
     off = np.where((rows.latency[sampled] < 0) | lost, np.inf, 0.0)
-    # Of a tick whose newest sample was not used, that one's time is not told.
+    # The time of a newest sample that was not used is unknown.
     usable = np.append(rows.usable, True)
     clear = rows.clear[sampled] & usable[rows.used[sampled] + 1]
     at = sampled[clear]
@@ -237,8 +237,8 @@ def _haptic(rows: SessionRows) -> Claim:
 def _ended(rows: SessionRows) -> Claim:
     ended = str(rows.live["ended"])
     of_loop = ended in IN_ORDER or ended.startswith(DRIVER_DIED)
-    told = bool(rows.safety[-1] & STOPPING > 0)
-    wrong = [rows.result.complete and not (of_loop or ended in BROKEN_OFF), told and ended in BROKEN_OFF]
+    stops = bool(rows.safety[-1] & STOPPING > 0)
+    wrong = [rows.result.complete and not (of_loop or ended in BROKEN_OFF), stops and ended in BROKEN_OFF]
     says = "the session ended by a known cause, which its last tick agrees with"
     return all_true("end", says, wrong, note=f"it is said to have ended by '{ended}'" if any(wrong) else "")
 
@@ -287,8 +287,8 @@ def _figures(rows: SessionRows) -> list[Claim]:
     own = {**_counts(rows), **_percentiles(rows)}
     for name, value in own.items():
         given = float(stored.get(name, math.nan))
-        room = HALF_A_BIN if name.endswith(tuple(PERCENTILES)) else SAME
-        apart = 0.0 if math.isnan(given) and math.isnan(value) else abs(given - value) / (room * max(abs(value), SAME))
+        tolerance = (HALF_A_BIN if name.endswith(tuple(PERCENTILES)) else SAME) * max(abs(value), SAME)
+        apart = 0.0 if math.isnan(given) and math.isnan(value) else abs(given - value) / tolerance
         off.append(apart if name in stored else math.inf)
         if not apart <= 1.0 or name not in stored:
             wrong.append("{} is stored as {}, the rows give {}".format(name, *told_apart(given, value)))

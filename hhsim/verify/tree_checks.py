@@ -31,7 +31,7 @@ WORST = 200
 CHILDREN = 40
 ROUNDS = 5
 SHRINK = 0.35
-"""The search refines the `WORST` points by `CHILDREN` new ones each, for `ROUNDS` rounds, each closer."""
+"""Search parameters: `CHILDREN` new points around each of the `WORST`, for `ROUNDS` rounds, each closer."""
 
 
 @dataclass(frozen=True)
