@@ -1,4 +1,4 @@
-"""Recorded baselines: what a suite's scenes did once, as a JSON file that a project commits."""
+"""Recorded baselines: figures of a suite's scenes, as a JSON file that a project commits."""
 
 import json
 import math
@@ -27,28 +27,16 @@ DIGITS = 15
 
 @dataclass(frozen=True)
 class RecordedScene:
-    """One scene of a baseline.
+    """One scene of a baseline."""
 
-    Attributes:
-        figures: What its run is judged by; `cpu_p50` is NaN.
-        times: Median of each timed process [s]; empty where none was timed.
-        references: Median of the reference workload before each [s].
-    """
-
-    figures: RunFigures
-    times: tuple[float, ...] = ()
-    references: tuple[float, ...] = ()
+    figures: RunFigures  # figures of its run; `cpu_p50` is NaN
+    times: tuple[float, ...] = ()  # median of each timed process [s]; empty where none was timed
+    references: tuple[float, ...] = ()  # median of the reference workload before each [s]
 
 
 @dataclass(frozen=True)
 class Baseline:
-    """A recorded baseline.
-
-    Attributes:
-        source: For messages.
-        reference_version: Of the reference workload that its times were taken beside.
-        scenes: By name.
-    """
+    """Recorded baseline; `source` is for messages, `reference_version` that of the workload beside its times."""
 
     source: str
     reference_version: int
@@ -56,11 +44,7 @@ class Baseline:
 
 
 def write_baseline(path: Path, scenes: Mapping[str, RecordedScene]) -> None:
-    """Write a baseline.
-
-    Raises:
-        OutputError: The file cannot be written.
-    """
+    """Write a baseline; raise OutputError if the file cannot be written."""
     timed = any(scene.times for scene in scenes.values())
     document = {
         "format": FORMAT,
@@ -110,7 +94,7 @@ class _SceneTable(Settings, frozen=True, forbid_unknown_fields=False):
             raise InputError(f"{len(self.times)} times beside {len(self.references)} of the reference workload")
 
     def recorded(self) -> RecordedScene:
-        """Return the scene, with NaN for figures that are undefined or that the file does not know."""
+        """Return the scene, with NaN for figures that are undefined or not in the file."""
         found = {name: self.errors.get(name) for name in judged_metrics()}
         errors = {name: math.nan if value is None else value for name, value in found.items()}
         counters = {name: self.counters[name] for name in COUNTERS if name in self.counters}
@@ -130,7 +114,7 @@ def _scene_json(scene: RecordedScene) -> dict[str, Any]:
 
 
 def _rounded(value: Any) -> Any:
-    """The same with floating-point numbers of `DIGITS` digits, so that last bits make no differences in a history."""
+    """Round floating-point numbers to `DIGITS` digits, so that last bits make no differences in a history."""
     if isinstance(value, Mapping):
         return {str(key): _rounded(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

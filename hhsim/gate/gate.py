@@ -1,4 +1,4 @@
-"""The gate: run a suite, or take a result, judge it against limits and a base, and say yes or no."""
+"""Gate: run a suite or take a result, and judge it against limits and a base."""
 
 import math
 from collections.abc import Mapping
@@ -33,14 +33,14 @@ from hhsim.system.progress import Progress, silent
 
 @dataclass(frozen=True)
 class GateReport:
-    """What the gate found.
+    """Rows and verdict of the gate.
 
     Attributes:
         source: The suite or result.
-        against: What it was compared with, or "".
+        against: Base of the comparison, or "".
         rows: One for each figure.
-        notes: What a reader should know besides, a sentence each.
-        recorded: What can be kept as a baseline, by scene; empty where not every scene ran.
+        notes: Remarks, a sentence each.
+        recorded: Scenes of a baseline to write; empty where not every scene ran.
     """
 
     source: str
@@ -51,12 +51,12 @@ class GateReport:
 
     @property
     def verdict(self) -> str:
-        """The word for all rows: worse where a limit is missed; "" where nothing was compared with anything."""
+        """Verdict of all rows: worse where a limit is missed; "" where nothing was compared."""
         return overall(self.rows)[0]
 
     @property
     def exit_code(self) -> int:
-        """0 ok, 1 a limit was missed, 2 a scene was refused for bad input, 3 cannot compare."""
+        """Exit code: 0 ok, 1 a limit was missed, 2 a scene was refused for bad input, 3 cannot compare."""
         return overall(self.rows)[1]
 
     @property
@@ -66,7 +66,7 @@ class GateReport:
 
     @property
     def refused(self) -> list[str]:
-        """Why scenes, or all of it, could not be run."""
+        """Reasons why scenes, or the whole, could not be run."""
         return [f"{row.scene}: {row.reason}" for row in self.rows if row.verdict == REFUSED]
 
     def to_json(self) -> dict[str, Any]:
@@ -84,7 +84,7 @@ class GateReport:
 
 
 def refused_report(source: str, reason: str) -> GateReport:
-    """Return the report of a suite or a result that cannot be gated at all."""
+    """Return the report of a suite or a result that cannot be gated."""
     return GateReport(source, "", (failed_run(source, reason, refused=True),))
 
 
@@ -98,13 +98,16 @@ def gate_suite(
     record_times: bool = False,
     progress: Progress = silent,
 ) -> GateReport:
-    """Run every scene of a suite and judge it; what hhsim refuses, such as an unknown object, is told in a row.
+    """Run and judge every scene of a suite; bad input, such as an unknown object, becomes a row.
 
     Args:
-        base: What it is compared with, run in the same job.
-        baseline: A recorded one; where both are given, counters are compared with this one, times with `base`.
-        timed: Whether times are judged, by the base and by limits.
-        record_times: Whether times of head are taken for a baseline to come, even where nothing is compared.
+        suite: The suite.
+        head: The judged side.
+        base: Side to compare with, run in the same job.
+        baseline: Recorded one; where both are given, counters are compared with this one, times with `base`.
+        timed: Judge times, by the base and by limits.
+        record_times: Take times of head for a baseline, even where nothing is compared.
+        progress: Called with a label, the scenes done and their number.
     """
     gate = _SuiteGate(suite, head, base, baseline, timed, record_times)
     rows: list[GateRow] = []
@@ -138,13 +141,13 @@ def gate_result(
 ) -> GateReport:
     """Judge a result by limits, and its counters by another result or a baseline.
 
-    Times are not compared: those of two runs that were not run in turn say nothing.
+    Times are not compared, since only runs in turn can be.
 
     Args:
-        suite: Whose `[limits]` and `[counters]` hold; None: the default ones, of which a method that does not promise
-            to hold one is exempt.
-        base: What it is compared with.
-        timed: Whether times that the suite limits are judged.
+        result: The judged result.
+        suite: Suite with the limits; None: the default ones, except those that the method does not promise to hold.
+        base: Result or baseline to compare with.
+        timed: Judge times that the suite limits.
 
     Raises:
         InputError: A result without ticks.
@@ -167,7 +170,7 @@ def gate_result(
         limits, slack = suite.limits_of(kind), suite.slack
     else:
         usual, slack = default_limits(stored_promises(result.scene)), default_suite().slack
-        # Only a limit that somebody wrote is told where the run has no such figure.
+        # A default limit is left out where the run has no such figure.
         runs = (head,) if before is None else (head, before)
         had = {name for run in runs for name, value in run.errors.items() if not math.isnan(value)}
         limits = {name: limit for name, limit in usual.items() if name in had}
@@ -187,7 +190,7 @@ def _judged(
     slack: Mapping[str, float],
     motion_may_change: bool = False,
 ) -> list[GateRow]:
-    """All rows of a run but its time; of a base that was fed with something else, no figure is told."""
+    """Rows of a run but its time; figures of a base with other inputs are left out."""
     inputs = [] if base is None else [judge_inputs(name, head, base, motion_may_change)]
     alike = None if base is None or differences(base.inputs, head.inputs) else base
     counters = [] if alike is None else judge_counters(name, head, alike, slack)
@@ -196,7 +199,7 @@ def _judged(
 
 @dataclass(frozen=True)
 class _SuiteGate:
-    """What every scene of a suite is run and judged with; as the arguments of `gate_suite`."""
+    """Arguments of `gate_suite`."""
 
     suite: GateSuite
     head: Side
@@ -206,7 +209,7 @@ class _SuiteGate:
     record_times: bool
 
     def run(self, scene: GateScene, step: Step) -> tuple[list[GateRow], RecordedScene | None]:
-        """Return the rows of a scene, and what can be recorded of it."""
+        """Return the rows of a scene, and its record for a baseline."""
         step(f"{scene.name}, head")
         try:
             figures = self.head.figures(scene, self.suite.folder)
@@ -223,7 +226,7 @@ class _SuiteGate:
                 of_base = base.figures(scene, self.suite.folder)
             except RunFailed as failed:
                 if failed.refused and base.folder is not None:
-                    # What a change brings with it, the base does not have.
+                    # A change may add scenes that the base does not have.
                     rows.append(inputs_row(scene.name, f"new, so judged by limits alone: {failed}"))
                 else:
                     why = why or str(failed)
@@ -246,7 +249,7 @@ class _SuiteGate:
                 found, recorded = self._timed(scene, base, kept if comparable else None, recorded, step)
                 rows += found
             except RunFailed as failed:
-                # What ran once and does not run again, or not every time.
+                # It ran once and does not run every time.
                 if failed.side == self.head.name:
                     return [*rows, failed_run(scene.name, str(failed))], None
                 rows.append(inputs_row(scene.name, str(failed), NOT_COMPARABLE, "time"))
@@ -255,11 +258,9 @@ class _SuiteGate:
     def _timed(
         self, scene: GateScene, base: Side | None, kept: RecordedScene | None, recorded: RecordedScene, step: Step
     ) -> tuple[list[GateRow], RecordedScene]:
-        """Return the rows of a scene's time, and what can be recorded with its times where they were taken alone.
+        """Return the rows of a scene's time, and its record with the times that were taken alone.
 
-        Args:
-            base: What is run in turn, where its inputs are those of the head.
-            kept: Of the baseline, where its inputs are.
+        `base` is the side to run in turn, `kept` the baseline's scene, both None for other inputs.
         """
         suite, rows = self.suite, []
         if base is not None:

@@ -1,8 +1,7 @@
-"""What was fed into a run, in a form that two runs can be compared by, on one machine or two.
+"""Inputs of a run, in a form that compares runs of different machines.
 
-Meshes are compared by their hash. Trees, hands and motions are results of optimisations: from processor to processor
-their last bits differ, and with them the order of sibling spheres where two are equally good. Of hands and motions,
-weighted sums are compared; of trees, sums that do not depend on the order; with a tolerance.
+Meshes are compared by hash. Trees, hands and motions come from optimisations whose last bits, and the order of equal
+sibling spheres, differ between processors: they are compared by sums with a tolerance, of trees in any order.
 """
 
 from collections.abc import Mapping
@@ -22,50 +21,35 @@ GOLDEN = 0.6180339887498949
 HAND = ("hand/phalanx_radius", "hand/phalanx_length", "hand/palm_center", "hand/palm_radius")
 MOTION = ("haptic/position", "haptic/orientation", "haptic/flexion", "haptic/abduction")
 OF_THE_MOTION = ("motion", "samples", "rate", "seed", "tremor_mm_deg", "place_object")
-"""Options of a replay that say what moves."""
-INPUT_OPTIONS = (
-    *("level", "max_error", "unit", "size_mm", "thickness_mm"),
-    *OF_THE_MOTION,
-)
-"""Options of a replay that say what is fed in; names of files do not."""
+"""Options of a replay that choose the motion."""
+INPUT_OPTIONS = ("level", "max_error", "unit", "size_mm", "thickness_mm", *OF_THE_MOTION)
+"""Options of a replay that choose the input; names of files do not."""
 OF_THE_MESH = ("center", "inertia")
-"""What follows from the mesh and the mass of a free object; a zero among them differs in all its digits."""
+"""Properties of a free object that follow from mesh and mass; a zero among them differs in all its digits."""
 
 
 @dataclass(frozen=True)
 class RunInputs:
-    """What was fed in.
+    """Inputs of a run."""
 
-    Attributes:
-        schema: Of the result file.
-        mesh: SHA-256 of the object's mesh.
-        spheres: Leaves of the object's tree.
-        options: Of the replay, by name; numbers of a free object as `free name`.
-        solver: Options of the solver, by name; those of the stiffness as `stiffness.name`.
-        tree, hand, motion: Sums that hardly two different ones have in common.
-    """
-
-    schema: int
-    mesh: str
-    ticks: int
-    spheres: int
-    options: Mapping[str, Any]
-    solver: Mapping[str, Any]
-    tree: tuple[float, ...]
+    schema: int  # version of the result file
+    mesh: str  # SHA-256 of the object's mesh
+    ticks: int  # number of ticks
+    spheres: int  # number of leaves of the object's tree
+    options: Mapping[str, Any]  # options of the replay, by name; numbers of a free object as `free name`
+    solver: Mapping[str, Any]  # options of the solver, by name; those of the stiffness as `stiffness.name`
+    tree: tuple[float, ...]  # sums that differ for different ones
     hand: tuple[float, ...]
     motion: tuple[float, ...]
 
 
 def run_inputs(result: Result) -> RunInputs:
-    """What a result was made from; the motion is that which the object sees, but of a free one, which the run moved."""
+    """Collect the inputs of a result; the motion is in the object's frame, unless the object is free."""
     result = result if result.free else result.seen_from_object
     scene = result.scene
-    solver = {}
+    solver: dict[str, Any] = {}
     for name, value in scene.get("solver", {}).items():
-        if isinstance(value, dict):
-            solver.update({f"{name}.{part}": number for part, number in value.items()})
-        else:
-            solver[name] = value
+        solver |= {f"{name}.{key}": v for key, v in value.items()} if isinstance(value, dict) else {name: value}
     return RunInputs(
         schema=result.schema_version,
         mesh=str(scene.get("object_mesh") or scene.get("checksums", {}).get("object", "")),
@@ -80,10 +64,9 @@ def run_inputs(result: Result) -> RunInputs:
 
 
 def differences(base: RunInputs, head: RunInputs, *, but_the_motion: bool = False) -> list[str]:
-    """What differs in what two runs were fed with, a few words each; empty where they can be compared.
+    """Differences between two runs' inputs, a few words each; empty where they can be compared.
 
-    Args:
-        but_the_motion: Whether another motion is no difference.
+    `but_the_motion` accepts another motion.
     """
     found = []
     for name, what in (("schema", "result schema"), ("ticks", "number of ticks"), ("spheres", "spheres of the tree")):
@@ -93,7 +76,7 @@ def differences(base: RunInputs, head: RunInputs, *, but_the_motion: bool = Fals
         found.append(f"object mesh: {base.mesh[:12]}… and {head.mesh[:12]}…")
     for kind in ("options", "solver"):
         one, other = getattr(base, kind), getattr(head, kind)
-        # An option that only one of them has is one that came or went between two versions.
+        # Options that only one of them has came or went between two versions.
         both = sorted((one.keys() & other.keys()).difference(OF_THE_MOTION if but_the_motion else ()))
         unlike = [name for name in both if _plain(one[name]) != _plain(other[name])]
         found += [f"{name}: {one[name]} and {other[name]}" for name in unlike]
@@ -110,25 +93,25 @@ def new_options(base: RunInputs, head: RunInputs) -> list[str]:
 
 
 def _free_object(result: Result) -> dict[str, Any]:
-    """Whether the object is free, and what it then is besides its surface."""
+    """Properties of a free object besides its mesh, and whether the object is free."""
     numbers = {f"free {name}": value for name, value in result.scene.get("free", {}).items() if name not in OF_THE_MESH}
     return {"free object": "yes" if result.free else "no", **numbers}
 
 
 def _sums(arrays: Any) -> tuple[float, ...]:
-    """Of each array and column, the sum of the rows with weights from 1 to 2 that differ from row to row."""
+    """Sums of each array's columns, weighted by row with weights from 1 to 2."""
     return tuple(float(value) for array in arrays for value in _column_sums(array))
 
 
 def _moments(center: ArrayLike, radius: ArrayLike) -> tuple[float, ...]:
-    """First and second moments of spheres, about the origin: the same in any order."""
+    """First and second moments of spheres about the origin, which do not depend on their order."""
     spheres = np.concatenate([np.asarray(center, np.float64), np.asarray(radius, np.float64)[:, None]], axis=1)
     square = spheres.T @ spheres
     return tuple(float(value) for value in (*spheres.sum(axis=0), *square[np.triu_indices(4)]))
 
 
 def _column_sums(values: ArrayLike) -> np.ndarray[Any, np.dtype[np.float64]]:
-    # Input that is no number is held by the solver: where it is not, the sums say.
+    # The solver holds input that is not finite.
     array = np.nan_to_num(np.asarray(values, dtype=np.float64), nan=0.0, posinf=0.0, neginf=0.0)
     table = array.reshape(len(array), -1) if array.ndim > 1 else array[:, None]
     weight = 1.0 + (np.arange(len(table)) * GOLDEN) % 1.0
@@ -140,7 +123,7 @@ def _alike(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
 
 
 def _plain(value: Any) -> Any:
-    """A value of an option as it is compared: a baseline keeps fewer digits of numbers than a result does."""
+    """Value of an option for comparison: a baseline keeps fewer digits than a result."""
     if isinstance(value, list | tuple):
         return [_plain(item) for item in value]
     return float(f"{value:.{OPTION_DIGITS}g}") if isinstance(value, float) else value

@@ -1,4 +1,4 @@
-"""The figures that a suite can limit: all of a run, those of a live session, and those of a submission."""
+"""Figures that a suite can limit: those of a run, of a live session, and of a submission."""
 
 from collections.abc import Mapping
 
@@ -10,24 +10,24 @@ from hhsim.replay.limits import default_limits
 from hhsim.submissions.pose_errors import MESH_DEPTH, OFF_BEST, OFF_BEST_MAX
 
 OF_SESSIONS = frozenset(figure.name for figure in (*SESSION_TIMES, *SESSION_FAULTS))
-"""Only a recorded session has them."""
+"""Figures of recorded sessions only."""
 OF_SUBMISSIONS = frozenset(figure.name for figure in (MESH_DEPTH, OFF_BEST, OFF_BEST_MAX))
-"""Only a submission has them."""
+"""Figures of submissions only."""
 OF_MISHAPS = ("ended_early", "faults")
 """Figures of a session whose cause its file states in words."""
 SESSION_DEFAULTS = {fault.name: fault.limit for fault in SESSION_FAULTS}
-"""Limits of a session where a suite sets no other."""
+"""Default limits of a session."""
 OUTSIDE_DEFAULTS = {"free_off_max": default_limits(("follows_input",))["free_off_max"]}
-"""The same of a replay by a method from outside, which does not tell whether its ticks are stuck."""
+"""Default limits of a replay by a method from outside, which does not report stuck ticks."""
 
 
 def limitable() -> dict[str, Figure]:
-    """Every figure that can have a limit, by name."""
+    """Return every figure that can have a limit, by name."""
     more = (*SESSION_TIMES, *SESSION_FAULTS, MESH_DEPTH, OFF_BEST, OFF_BEST_MAX)
     return {**run_metrics(), **{figure.name: figure for figure in more}}
 
 
 def without_times(limits: Mapping[str, float]) -> dict[str, float]:
-    """The limits of what is the same on every machine."""
+    """Return the limits without those of times, which depend on the machine."""
     times = {name for name, metric in run_metrics().items() if metric.noise} | {time.name for time in SESSION_TIMES}
     return {name: limit for name, limit in limits.items() if name not in times}

@@ -1,7 +1,7 @@
-"""What the gate takes from a result: errors, work counters, time, and what was fed in.
+"""Figures that the gate takes from a result: errors, work counters, time, and inputs.
 
-Errors are computed anew from the stored poses and forces where that needs no solver, so that a result whose own summary
-is stale or wrong does not pass.
+Errors are computed anew from the stored poses and forces where no solver is needed, so that a stale summary does not
+pass.
 """
 
 from collections.abc import Collection
@@ -34,10 +34,10 @@ COUNTERS: dict[str, tuple[str, Figure]] = {
     "candidates": ("contacts/candidates", Figure("candidates", "candidate pairs")),
     "work_units": ("work/units", Figure("work_units", "work units")),
 }
-"""Dataset of each counter, of which the sum over all ticks is taken: exact integers."""
+"""Dataset and figure of each counter, the sum over all ticks: exact integers."""
 
 UNITS_OF_WORK = "work/units"
-"""Dataset of the only counter that a method from outside can tell."""
+"""Dataset of the only counter of a method from outside."""
 
 NEVER_UNDEFINED = ("force/total", "graphic/position")
 """Datasets that a sound run has in every tick."""
@@ -45,50 +45,37 @@ NEVER_UNDEFINED = ("force/total", "graphic/position")
 
 @dataclass(frozen=True)
 class RunFigures:
-    """What one run is judged by.
+    """Figures of one run."""
 
-    Attributes:
-        inputs: What was fed in.
-        errors: By the names of `hhsim.metrics.run.registry.judged_metrics`, those that its method tells; NaN where
-            undefined.
-        counters: By the names of `COUNTERS`, those that its method has.
-        cpu_p50: Median CPU time of its ticks in contact, of all ticks where it has no contact [s].
-        others: Figures of `hhsim.gate.limits.limitable` that are judged only where a suite limits them, by name, SI or
-            %; NaN where undefined. Of a session's and a submission's, only of those. None of a baseline.
-        mostly_stuck: True if more than half of its ticks are stuck, which no suite allows.
-        promises: What its method promises, of `hhsim.solver.method.PROMISES`.
-        suspicions: What a submission probably does not mean, a line each.
-        mishap: Of a session that did not end in order, how it ended, else its first fault; "" of any other run.
-        stopped: Of a session that ended before its asked duration, how and when; "" of any other run.
-    """
-
-    inputs: RunInputs
+    inputs: RunInputs  # inputs of the run
+    # figures of `hhsim.metrics.run.registry.judged_metrics` that its method gives; NaN where undefined
     errors: dict[str, float]
-    counters: dict[str, int]
-    cpu_p50: float
+    counters: dict[str, int]  # figures of `COUNTERS` that its method gives
+    cpu_p50: float  # median CPU time of its ticks in contact, of all ticks without contact [s]
+    # figures of `hhsim.gate.limits.limitable` judged only by a suite's limits, SI or %; NaN where undefined
     others: dict[str, float] = field(default_factory=dict)
-    mostly_stuck: bool = False
-    promises: frozenset[str] = frozenset()
-    suspicions: tuple[str, ...] = ()
-    mishap: str = ""
-    stopped: str = ""
+    mostly_stuck: bool = False  # True if more than half of its ticks are stuck, which no suite allows
+    promises: frozenset[str] = frozenset()  # promises of its method, of `hhsim.solver.method.PROMISES`
+    suspicions: tuple[str, ...] = ()  # probable mistakes of a submission, a line each
+    mishap: str = ""  # end of a session out of order, else its first fault; "" for none
+    stopped: str = ""  # reason and time of a session's end before its duration; "" for none
 
     def to_json(self) -> dict[str, Any]:
-        """As plain values; what is undefined is None."""
+        """Return errors, counters and inputs as plain values; None for undefined ones."""
         errors = {name: value if np.isfinite(value) else None for name, value in self.errors.items()}
         return {"inputs": asdict(self.inputs), "errors": errors, "counters": self.counters}
 
 
 def run_figures(result: Result) -> RunFigures:
-    """Judge a result by its ticks.
+    """Compute the figures of a result from its ticks.
 
     Raises:
-        InputError: A dataset that the result's schema does not have, or a tree that is none.
+        InputError: A dataset that the result's schema does not have, or an invalid tree.
     """
     inputs, result = run_inputs(result), result.seen_from_object
     gives = {what for what in EVERYTHING if result.gives(what)}
     known = {column.name for column in TICK_COLUMNS if column.known_by in ("", *gives)}
-    # How many pairs are near is a figure of the pose, and of work only where hhsim looks at them.
+    # The number of near pairs follows from the pose; it is work only for hhsim's methods.
     own = known if WORK in gives else known.intersection((UNITS_OF_WORK,))
     counters = {name: int(np.sum(result[dataset])) for name, (dataset, _) in COUNTERS.items() if dataset in own}
     told, run = known_figures(gives), result_ticks(result, _ComputedAnew(result))
@@ -102,17 +89,16 @@ def run_figures(result: Result) -> RunFigures:
 
 
 def cpu_p50(result: Result) -> float:
-    """Median CPU time of the ticks in contact, of all ticks where there is none [s]."""
+    """Median CPU time of the ticks in contact, of all ticks without contact [s]."""
     contact = result["contacts/candidates"] > 0
     cpu = result["duration/total_cpu"]
     return float(np.median(cpu[contact] if contact.any() else cpu)) * 1e-9
 
 
 def _errors(result: Result, run: RunTicks, known: Collection[str]) -> dict[str, float]:
-    # What is of runs of its own, only the run itself has.
     found = {name: _figure(metric, result, run) for name, metric in judged_metrics().items()}
     lost = {name for name in NEVER_UNDEFINED if name in known and not np.isfinite(result[name]).all()}
-    # A force or a pose that is no number is not one that is not there.
+    # A force or a pose that is not finite is an error, not a missing one.
     return {
         name: np.inf if np.isnan(value) and lost.intersection(judged_metrics()[name].needs) else value
         for name, value in found.items()
@@ -134,7 +120,7 @@ def _figure(metric: RunMetric | None, result: Result, run: RunTicks, name: str =
 
 
 class _ComputedAnew:
-    """Datasets of a result, those that follow from poses and forces computed from them."""
+    """Datasets of a result, with those that follow from poses and forces computed anew."""
 
     def __init__(self, result: Result) -> None:
         self._result = result
@@ -145,7 +131,7 @@ class _ComputedAnew:
             return metrics.force_variation_rate(self._result["force/total"])
         if name == "penetration_depth":
             deepest = np.maximum(stored, _depth(self._result))
-            # A pose that is no number does not pass as free.
+            # A pose that is not finite does not pass as free.
             return np.where(np.isnan(deepest), np.inf, deepest)
         return stored
 
@@ -153,13 +139,7 @@ class _ComputedAnew:
 def _depth(result: Result) -> AnyArray:
     """Penetration [m] of the stored graphic hand in the surface that it touched, shape (T,)."""
     static = result.static
-    return metrics.penetration(
-        stored_surface(result).arrays,
-        static["hand/phalanx_radius"],
-        static["hand/palm_center"],
-        static["hand/palm_radius"],
-        result["graphic/joints"],
-        result["graphic/position"],
-        result["graphic/orientation"],
-        [finger in result.fingers for finger in FINGERS],
-    ).depth
+    shape = static["hand/phalanx_radius"], static["hand/palm_center"], static["hand/palm_radius"]
+    placed = result["graphic/joints"], result["graphic/position"], result["graphic/orientation"]
+    fingers = [finger in result.fingers for finger in FINGERS]
+    return metrics.penetration(stored_surface(result).arrays, *shape, *placed, fingers).depth

@@ -1,4 +1,4 @@
-"""The gate's rows as people and CI systems read them: cells of a table, Markdown, JUnit XML."""
+"""Rows of the gate for people and CI systems: table cells, Markdown, JUnit XML."""
 
 import math
 import re
@@ -13,11 +13,11 @@ from hhsim.table.table import Table, markdown_text, number, shown, unit_size, wo
 
 OK, MISSED = "ok", "MISSED"
 LIMIT_ONLY = "limit only"
-"""Stands for the word against a base where a figure has none and is within, or over, its limit."""
+"""Word of a figure that has a limit and no base."""
 
 
 def number_text(value: float, unit: str = "") -> str:
-    """Return a number of a stored unit as tables show it in `unit`; "—" for none."""
+    """Return a stored number as tables show it in `unit`; "—" for none."""
     shown_value = value / unit_size(unit)
     return "0.000" if 0.0 < abs(shown_value) < 1e-9 else shown(shown_value)
 
@@ -28,7 +28,7 @@ def cells(row: GateRow) -> tuple[str, ...]:
 
 
 def headline(report: GateReport) -> str:
-    """The verdict in one line."""
+    """Return the verdict in one line."""
     missed, refused = len(report.missed), len(report.refused)
     unlike = sum(row.verdict == NOT_COMPARABLE for row in report.rows)
     judged = sum(_state(row) in (OK, MISSED) for row in report.rows)
@@ -39,7 +39,6 @@ def headline(report: GateReport) -> str:
         worse = [row.name for row in report.rows if row.kind == "error" and row.verdict == WORSE]
         compared = sum(bool(row.verdict) and not math.isnan(row.base) for row in report.rows)
         parts += [f"{len(worse)} of {compared} figures compared ({', '.join(dict.fromkeys(worse))})"]
-    # What has no limit, or no value, is within none.
     within = "all within their limits" if judged else "none has a limit and a value"
     outcome = "; ".join(parts) or f"{judged} of {len(report.rows)} figures judged, {within}"
     word = f"{report.verdict}: " if report.verdict else ""
@@ -47,13 +46,13 @@ def headline(report: GateReport) -> str:
 
 
 def reasons(rows: Sequence[GateRow]) -> list[str]:
-    """A line for each row that a reader has to know more of."""
+    """Return a line for each row with a reason."""
     told = (row for row in rows if row.reason and not _has_no_value(row))
     return [f"{row.scene}, {row.label}: {row.reason}{_how_far(row)}" for row in told]
 
 
 def not_judged(report: GateReport) -> list[str]:
-    """Return a line for the limits of a scene on figures that it does not have."""
+    """Return a line for a scene's limits on figures that it does not have."""
     found: dict[tuple[str, str], list[str]] = {}
     for row in filter(_has_no_value, report.rows):
         found.setdefault((row.scene, row.reason), []).append(row.name)
@@ -72,13 +71,13 @@ def _how_far(row: GateRow) -> str:
 
 
 def worth_showing(report: GateReport) -> list[GateRow]:
-    """Return the rows that are not plainly as they were: missed, changed, not to be run or compared, or new."""
+    """Return the rows that are missed, changed, new, or could not be run or compared."""
     told = [row for row in report.rows if row.reason and (row.kind == "inputs" or row.name == "ended_early")]
     return [row for row in report.rows if not row.passed or row.verdict not in (SAME, "") or row in told]
 
 
 def left_out(report: GateReport) -> str:
-    """Return how many rows are neither `worth_showing` nor `not_judged`, by their word; "" where all are."""
+    """Return the number of other rows by their word; "" for none."""
     shown = worth_showing(report)
     rest = [row for row in report.rows if row not in shown and not _has_no_value(row)]
     names = dict.fromkeys(row.name for row in rest if not _word(row))
@@ -87,7 +86,7 @@ def left_out(report: GateReport) -> str:
 
 
 def markdown(report: GateReport) -> str:
-    """A summary for a pull request: what changed or was missed in a table, all the rest folded away."""
+    """Return a summary for a pull request: changed and missed rows in a table, the rest folded."""
     sign = {0: "✅", 3: "⚠️"}.get(report.exit_code, "❌")
     lines = [f"## {sign} hhsim gate", "", markdown_text(headline(report)), ""]
     shown = worth_showing(report)
@@ -102,7 +101,7 @@ def markdown(report: GateReport) -> str:
 
 
 def junit(report: GateReport) -> bytes:
-    """Return JUnit XML: a suite for each scene, a case for each figure; what cannot be run or compared is an error."""
+    """Return JUnit XML: a suite for each scene, a case for each figure; an error is what cannot be run or compared."""
     root = ElementTree.Element("testsuites", name="hhsim gate")
     for scene in dict.fromkeys(row.scene for row in report.rows):
         rows = [row for row in report.rows if row.scene == scene]
@@ -126,7 +125,7 @@ def junit(report: GateReport) -> bytes:
 
 
 def _legal(text: str) -> str:
-    """Text without what XML cannot hold, such as the colours that a program gives its last words."""
+    """Replace characters that XML cannot hold, such as a program's colour codes."""
     return re.sub("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", "?", text)
 
 
@@ -153,4 +152,4 @@ COLUMNS = (
     words("verdict", _word),
     words("outcome", _state),
 )
-"""Of the gate's rows."""
+"""Columns of the gate's rows."""

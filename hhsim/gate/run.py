@@ -1,6 +1,6 @@
-"""Run a scene of the suite by some python's hhsim, in a process of its own.
+"""Runs of a scene by another python's hhsim, in a process of its own.
 
-Only what every version of hhsim has is used of the other side: the command line and the result file.
+Only the command line and the result file are used of the other side.
 """
 
 import json
@@ -28,11 +28,11 @@ PROBE = (
     "import hhsim, json, os; print(json.dumps([hhsim.__version__, os.path.dirname(os.path.abspath(hhsim.__file__))]))"
 )
 BAD_INPUT = 2
-"""Exit code of an hhsim that was asked for what it cannot do."""
+"""Exit code for bad input."""
 
 
 class RunFailed(HhsimError):
-    """A replay of `side` (base or head) that came to no end; `refused` where hhsim said what it was given wrong."""
+    """Replay of `side` (base or head) that failed; `refused` for bad input."""
 
     def __init__(self, message: str, *, side: str, refused: bool) -> None:
         super().__init__(message)
@@ -41,30 +41,18 @@ class RunFailed(HhsimError):
 
 @dataclass(frozen=True)
 class Side:
-    """A python with an hhsim.
+    """Python with an hhsim."""
 
-    Attributes:
-        name: Base or head.
-        version: Of its hhsim.
-        package: The folder that its hhsim is imported from.
-        folder: Where it has the files of the suite; None: in the suite's own folder.
-    """
-
-    name: str
-    python: Path
-    version: str
-    package: str
-    folder: Path | None = None
+    name: str  # base or head
+    python: Path  # the interpreter
+    version: str  # version of its hhsim
+    package: str  # folder that its hhsim is imported from
+    folder: Path | None = None  # folder of its suite's files; None: the suite's own folder
 
     def replay(self, scene: GateScene, folder: Path, read: Callable[[Result], T]) -> T:
-        """Run a scene, or take its session, and read what is wanted from the result, which is then deleted.
+        """Run a scene, or take its session, and return `read` of the result, which is then deleted.
 
-        Args:
-            folder: Of the suite, which paths are relative to where the side has no folder of its own.
-            read: Takes the result.
-
-        Raises:
-            RunFailed: The run did not end well, or its result cannot be read.
+        `folder` is the suite's, to which paths are relative. Raises RunFailed if the run or its result is not sound.
         """
         folder = self.folder or folder
         command = scene.command()
@@ -73,7 +61,7 @@ class Side:
         with tempfile.TemporaryDirectory(prefix="hhsim-gate-") as place:
             out = Path(place) / "run.h5"
             answer = run_python(self.python, MAIN, [*command, "--quiet", "--out", str(out)], folder)
-            # Code 1 says that a run came to its end and missed something: what, its ticks tell.
+            # Code 1: the run ended and missed a limit, which its ticks show.
             if answer.returncode not in (0, 1) or not (out.exists() and load_result(out).complete):
                 lines = [line for line in answer.stderr.strip().splitlines() if line.strip()]
                 reason = lines[-1].removeprefix("hhsim: error: ") if lines else f"exit code {answer.returncode}"
@@ -94,12 +82,12 @@ class Side:
         return RunFailed(why, side=self.name, refused=refused)
 
     def figures(self, scene: GateScene, folder: Path) -> RunFigures:
-        """Run a scene and judge its ticks; raises as `replay_scene`."""
+        """Run a scene and compute its figures; raises as `replay`."""
         return self.replay(scene, folder, run_figures)
 
 
 def find_side(name: str, python: Path, folder: Path | None = None) -> Side:
-    """Look at a python and its hhsim; see `Side`.
+    """Ask a python for its hhsim; see `Side`.
 
     Raises:
         InputError: No interpreter, or one without hhsim.
@@ -119,7 +107,7 @@ def find_side(name: str, python: Path, folder: Path | None = None) -> Side:
 def run_python(
     python: Path, code: str, arguments: Sequence[str], folder: Path, environment: Mapping[str, str] | None = None
 ) -> subprocess.CompletedProcess[str]:
-    """Run code in another python; the current folder is not where its modules come from (-P)."""
+    """Run code in another python; modules do not come from the current folder (-P)."""
     return subprocess.run(
         [str(python), "-P", "-c", code, *arguments],
         cwd=folder,
@@ -133,14 +121,14 @@ def run_python(
 
 
 def this_python() -> Path:
-    """Return the interpreter that runs now."""
+    """Return the running interpreter."""
     return Path(sys.executable)
 
 
 def interleaved_times(
     scene: GateScene, folder: Path, base: Side, head: Side, processes: int, step: Step | None = None
 ) -> tuple[list[float], list[float]]:
-    """Return the p50 [s] of so many processes of base and head, in turn, base first in every other pair.
+    """Return the p50 [s] of each process of base and head, in turn, base first in every other pair.
 
     Raises:
         RunFailed: A run did not end well.
@@ -159,7 +147,7 @@ def interleaved_times(
 def times_beside_reference(
     scene: GateScene, folder: Path, head: Side, processes: int, step: Step | None = None
 ) -> tuple[list[float], list[float]]:
-    """Return the p50 [s] of so many processes, and of the reference workload right before each.
+    """Return the p50 [s] of each process, and of the reference workload right before it.
 
     Raises:
         RunFailed: A run did not end well.

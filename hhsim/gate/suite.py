@@ -1,7 +1,4 @@
-"""What a project gates on: scenes and limits, in a TOML file that it commits (`hhsim-gate.toml`).
-
-`default_suite_text` shows every key; `docs/gate.md` explains them.
-"""
+"""Suite of a gate: scenes and limits, in a TOML file that a project commits (`hhsim-gate.toml`, see docs/gate.md)."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -19,20 +16,20 @@ from hhsim.solver.method_names import ISOLATED, method_names
 from hhsim.system.settings_file import Settings, Version, between, parse_settings, read_toml_text
 
 SUITE_FILE = "hhsim-gate.toml"
-"""The suite of a project, in the folder where the gate is run."""
+"""Suite of a project, in the folder where the gate is run."""
 OWN_ARGUMENTS = ("--out", "--json", "--quiet", "-q", "--rerun", "--method", "--level")
-"""Arguments of `hhsim replay` that the gate gives itself, or has a key for."""
+"""Arguments of `hhsim replay` that the gate sets itself, or has a key for."""
 REPLAY, SUBMISSION, SESSION = "object", "submission", "session"
-"""What a scene is of, by the key that says it: a replay, the poses of other software, a recorded live session."""
+"""Kinds of scenes by their key: a replay, the poses of other software, a recorded live session."""
 KEYS = {
     REPLAY: ("object", "trajectory", "method", "level", "arguments", "timed"),
     SUBMISSION: ("submission", "arguments"),
     SESSION: ("session",),
 }
-"""Keys of a scene besides those that every scene has, by what it is of."""
+"""Keys of each kind of scene besides those of every scene."""
 EVERY = ("name", "motion_may_change", "limits", "counters")
 ONLY_OF = {SESSION: OF_SESSIONS, SUBMISSION: OF_SUBMISSIONS}
-"""Figures that only scenes of one kind have."""
+"""Figures that only one kind of scene has."""
 SCENES = "[[scene]] tables, each with a name, and object and trajectory, submission, or session"
 Share = Annotated[float, between(0.0, 1.0)]
 Word = Annotated[str, Meta(pattern="^[^-]", description="text that is no option: options go to arguments")]
@@ -79,11 +76,11 @@ object = "cup"
 trajectory = "handle"
 method = "coupled"
 """
-"""The suite of a folder that has no `hhsim-gate.toml`, but for the limits that the figures themselves state."""
+"""Default suite, without the limits that the figures themselves state."""
 
 
 class _Judged(Settings, frozen=True, kw_only=True, rename={"slack": "counters"}):
-    """The tables that a suite and each of its scenes have."""
+    """Tables that a suite and each of its scenes have."""
 
     limits: dict[str, Annotated[float, between(0.0)] | Literal[False]] = field(default_factory=dict)
     slack: dict[str, Share] = field(default_factory=dict)
@@ -93,29 +90,28 @@ class _Judged(Settings, frozen=True, kw_only=True, rename={"slack": "counters"})
         check_known("key in counters", self.slack, ("slack", *COUNTERS))
 
     def on_top_of(self, limits: Mapping[str, float], slack: Mapping[str, float]) -> dict[str, Any]:
-        """Return limits and slack with its own in their place; false takes a limit away."""
+        """Return limits and slack, overridden by its own; false removes a limit."""
         every = {name: self.slack.get("slack", share) for name, share in slack.items()}
         kept = {name: limit for name, limit in {**limits, **self.limits}.items() if limit is not False}
         return {"limits": kept, "slack": {name: self.slack.get(name, share) for name, share in every.items()}}
 
 
 class GateScene(_Judged, frozen=True, kw_only=True, rename={"slack": "counters", "may_change": "motion_may_change"}):
-    """One run of the suite: a replay, a submission that is scored, or a session that was recorded.
+    """One run of the suite: a replay, a submission that is scored, or a recorded session.
 
     Attributes:
-        name: In tables and baselines; unique.
+        name: Unique name in tables and baselines.
         object: As `hhsim replay` takes it; a mesh file is relative to the suite's folder.
         trajectory: As `hhsim replay` takes it, a recording too; of a replay only.
         submission: File of the poses of other software.
         session: File of a recorded live session.
         method: As `hhsim replay` takes it, one from outside too.
-        level: Of the sphere tree; None: the object's usual one.
+        level: Level of the sphere tree; None: the object's default.
         arguments: More arguments of `hhsim replay` or `hhsim score`.
-        timed: Whether its time is judged.
-        may_change: As `motion_may_change`; None where the suite says nothing.
-        limits: Largest value of each figure that has a limit, by the names of
-            `hhsim.metrics.run.registry.run_metrics`, SI or %.
-        slack: Of each counter, as a share of the baseline's value.
+        timed: True if its time is judged.
+        may_change: Key `motion_may_change`; None where the suite does not set it.
+        limits: Largest values of figures by the names of `hhsim.metrics.run.registry.run_metrics`, SI or %.
+        slack: Allowed growth of each counter, relative to the baseline.
     """
 
     name: Annotated[str, Meta(min_length=1)]
@@ -131,7 +127,7 @@ class GateScene(_Judged, frozen=True, kw_only=True, rename={"slack": "counters",
 
     @property
     def kind(self) -> str:
-        """`REPLAY`, `SUBMISSION` or `SESSION`, by the key that says what it is of."""
+        """Kind of the scene: `REPLAY`, `SUBMISSION` or `SESSION`."""
         return next(kind for kind in KEYS if getattr(self, kind))
 
     @property
@@ -140,7 +136,7 @@ class GateScene(_Judged, frozen=True, kw_only=True, rename={"slack": "counters",
         return self.kind == SESSION if self.may_change is None else self.may_change
 
     def check(self) -> None:
-        """Check what the kind of the scene allows, the method's name and the arguments."""
+        """Check the keys of the kind, the method's name and the arguments."""
         super().check()
         kinds = [kind for kind in KEYS if getattr(self, kind)]
         if len(kinds) != 1:
@@ -161,10 +157,7 @@ class GateScene(_Judged, frozen=True, kw_only=True, rename={"slack": "counters",
                 raise InputError(f"{item} is no argument to give: the gate gives it, or has a key for it")
 
     def command(self) -> list[str]:
-        """Return the command of hhsim that makes its result, without the options that say where that goes.
-
-        Empty of a session, which is judged as it was recorded.
-        """
+        """Return the command that makes its result, without the output options; empty for a session."""
         if self.session:
             return []
         if self.submission:
@@ -174,17 +167,11 @@ class GateScene(_Judged, frozen=True, kw_only=True, rename={"slack": "counters",
 
 
 class GateTime(Settings, frozen=True):
-    """How times are judged.
+    """Judgement of times."""
 
-    Attributes:
-        limit: Share by which head may be slower than base, both run in one job.
-        recorded_limit: The same against a recorded baseline.
-        processes: Timed processes of each side and scene.
-    """
-
-    limit: Share = 0.05
-    recorded_limit: Share = 0.10
-    processes: Annotated[int, between(3, 100)] = 5
+    limit: Share = 0.05  # relative slowdown allowed against a base run in the same job
+    recorded_limit: Share = 0.10  # the same against a recorded baseline
+    processes: Annotated[int, between(3, 100)] = 5  # timed processes of each side and scene
 
 
 class _SuiteTable(_Judged, frozen=True, kw_only=True, rename={"slack": "counters", "scenes": "scene"}):
@@ -201,26 +188,25 @@ class _SuiteTable(_Judged, frozen=True, kw_only=True, rename={"slack": "counters
 
 
 class GateSuite(_SuiteTable, frozen=True, kw_only=True):
-    """What is gated.
+    """Suite of scenes, in the order of the file.
 
     Attributes:
-        scenes: In the order of the file.
-        folder: The file's; paths in it are relative to it.
-        source: For messages.
-        baseline: The recorded baseline that the file names.
-        limits, slack: For every scene that has none of its own, and for results.
+        folder: Folder of the file, to which paths are relative.
+        source: Name for messages.
+        baseline: Recorded baseline that the file names.
+        limits, slack: Defaults of scenes, and values for results.
     """
 
     folder: Path
     source: str
 
     def limits_of(self, kind: str) -> Mapping[str, float]:
-        """Return the limits of a result of a kind that is no scene of the suite: every one that it can have."""
+        """Return the suite's limits that a result of a kind can have."""
         return usual_limits(kind, self.limits)
 
 
 def usual_limits(kind: str, limits: Mapping[str, float]) -> dict[str, float]:
-    """Return those of the limits of all scenes that one of a kind can have."""
+    """Return the limits that scenes of a kind can have."""
     others = {name for of, names in ONLY_OF.items() if of != kind for name in names}
     return {name: limit for name, limit in limits.items() if name not in others}
 
@@ -229,30 +215,25 @@ def load_suite(path: Path) -> GateSuite:
     """Read a suite.
 
     Raises:
-        InputError: No such file, no TOML, or a key, a name or a value that a suite does not have.
+        InputError: No such file, no TOML, or an unknown key, name or value.
     """
     return parse_suite(read_toml_text(path, "suite"), path.parent, str(path))
 
 
 def default_suite() -> GateSuite:
-    """The suite that ships."""
+    """Return the default suite."""
     return parse_suite(default_suite_text(), Path.cwd(), "the default suite")
 
 
 def default_suite_text() -> str:
-    """The suite that ships, as TOML."""
+    """Return the default suite as TOML."""
     judged = ((metric, metric.judged) for metric in judged_metrics().values() if not metric.free_only)
     limits = [f"{metric.name} = {by.limit:g}  # {metric.label}" for metric, by in judged if by and by.limit is not None]
     return _DEFAULT_SUITE.replace("{limits}", "\n".join(limits))
 
 
 def parse_suite(text: str, folder: Path, source: str) -> GateSuite:
-    """Read the text of a suite.
-
-    Args:
-        text: TOML.
-        folder: That paths in it are relative to.
-        source: For messages.
+    """Parse the TOML of a suite whose paths are relative to `folder`; `source` is for messages.
 
     Raises:
         InputError: As `load_suite`.
@@ -266,7 +247,7 @@ def parse_suite(text: str, folder: Path, source: str) -> GateSuite:
 def _completed(
     scene: GateScene, table: _SuiteTable, limits: Mapping[str, float], slack: Mapping[str, float]
 ) -> GateScene:
-    """Return a scene with the limits and the slack of all scenes where it has none of its own."""
+    """Return a scene with the suite's limits and slack where it has none of its own."""
     if scene.method not in METHODS:
         limits = {name: limit for name, limit in OUTSIDE_DEFAULTS.items() if name not in table.limits} | dict(limits)
     return structs.replace(scene, **scene.on_top_of(usual_limits(scene.kind, limits), slack))

@@ -1,9 +1,9 @@
-"""Compare the tick times of two sides: the one statistic by which head is slower than base.
+"""Comparison of the tick times of two sides.
 
-Mean and p99 of identical code differ by whole factors between runs, and even p50 differs from process to process by
-several percent, since each process has its own memory layout. What repeats is the median over processes of the p50 of
-the CPU time, with base and head run in turn so that both see the same machine: ratios of two such medians are compared
-with a limit of 5 %.
+Mean and p99 of identical code differ by whole factors between runs, and even p50 by several percent between processes,
+whose memory layouts differ. The median over processes of the p50 of the CPU time is stable, with base and head run in
+turn
+so that both see the same machine: ratios of two such medians are compared with a limit of 5 %.
 """
 
 import math
@@ -15,37 +15,25 @@ import numpy as np
 from hhsim.errors import InputError
 
 LEAST_PROCESSES = 3
-"""Of each side: a median of fewer follows every outlier."""
+"""Minimum number of processes of each side: a median of fewer follows every outlier."""
 
 BETTER, SAME, WITHIN, WORSE, NOT_COMPARABLE = "better", "same", "within noise", "worse", "not comparable"
-"""The verdict words."""
+"""Verdicts."""
 
 
 @dataclass(frozen=True)
 class TimeComparison:
-    """Two sides' times.
+    """Comparison of two sides' times."""
 
-    Attributes:
-        base, head: Median over processes of the p50 [s], or [1] where it is divided by the reference workload.
-        ratio: Head / base.
-        spread: Of the larger side, (max - min) / median of its processes.
-        verdict: One of the words; never `same`, which times cannot show.
-    """
-
-    base: float
+    base: float  # median over processes of the p50 [s], or [1] where it is divided by the reference workload
     head: float
-    ratio: float
-    spread: float
-    verdict: str
+    ratio: float  # head / base
+    spread: float  # (max - min) / median over the processes of the side with more spread
+    verdict: str  # one of the verdicts; never `same`, which times cannot show
 
 
 def compare_times(base: Sequence[float], head: Sequence[float], limit: float) -> TimeComparison:
-    """Compare the p50 of processes of two sides.
-
-    Args:
-        base: Median of each process, any unit.
-        head: The same, in the same unit.
-        limit: Share by which head may be slower.
+    """Compare the p50 of processes of two sides, in one unit; `limit` is the allowed relative slowdown.
 
     Raises:
         InputError: Fewer than three processes of a side, or times that are not positive.
@@ -63,5 +51,5 @@ def compare_times(base: Sequence[float], head: Sequence[float], limit: float) ->
 
 
 def base_first(pair: int) -> bool:
-    """Whether base goes first in this pair: base head, head base, …, so that a steady drift favours neither."""
+    """True if base goes first in this pair: alternating, so that a steady drift favours neither."""
     return pair % 2 == 0

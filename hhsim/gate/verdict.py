@@ -15,48 +15,38 @@ from hhsim.metrics.run_metric import Figure
 from hhsim.replay.limits import promised
 
 ROUNDING = 1e-9
-"""Errors that differ by no larger share are the same."""
+"""Relative difference up to which errors are the same."""
 LOST = "no longer told by the method, and the base has it"
 SLIGHT = 1e-3
-"""Errors that differ by no larger share differ by noise: last bits that grew."""
+"""Relative difference up to which errors differ by noise."""
 NO_VALUE, UNTOLD, OVER = "undefined here", "the method does not tell it", "over the limit"
 WORSE_WITHIN = "worse within limits"
-"""The word of all rows where errors are worse and none misses its limit."""
+"""Verdict of all rows where errors are worse and none misses its limit."""
 REFUSED = "refused"
-"""The word of a scene that cannot be run for bad input, beside those of `hhsim.gate.time_comparison`."""
+"""Verdict of a scene that cannot be run for bad input, besides those of `hhsim.gate.time_comparison`."""
 UNJUDGED = (REFUSED, NOT_COMPARABLE)
 EXIT_OK, EXIT_MISSED, EXIT_REFUSED, EXIT_NOT_COMPARABLE = 0, 1, 2, 3
 
 
 @dataclass(frozen=True)
 class GateRow:
-    """One judged figure.
+    """One judged figure."""
 
-    Attributes:
-        scene, kind, name: Which; `kind` is run, inputs, error, counter, time, or limit of a figure that is judged only
-            where the suite limits it.
-        label: For people.
-        unit: In which people read the three numbers.
-        head, base, limit: SI, or % where the metric is so; NaN where there is none.
-        verdict: One of the words against the base; "" where there is no base.
-        passed: False where a limit was missed.
-        reason: What a reader should know, or "".
-    """
-
+    # identification; `kind` is run, inputs, error, counter, time, or limit of a figure that only a suite's limit judges
     scene: str
     kind: str
     name: str
-    label: str
-    unit: str = ""
-    head: float = math.nan
+    label: str  # label for people
+    unit: str = ""  # unit in which people read the three numbers
+    head: float = math.nan  # SI, or % where the metric is so; NaN where there is none
     base: float = math.nan
     limit: float = math.nan
-    verdict: str = ""
-    passed: bool = True
-    reason: str = ""
+    verdict: str = ""  # verdict against the base; "" where there is no base
+    passed: bool = True  # False where a limit was missed
+    reason: str = ""  # remark for the reader, or ""
 
     def to_json(self) -> dict[str, Any]:
-        """Return it as plain values, SI; what there is none of is None."""
+        """Return it as plain values, SI; None for missing numbers."""
         values = {"head": self.head, "base": self.base, "limit": self.limit}
         numbers = {name: value if math.isfinite(value) else None for name, value in values.items()}
         names = ("scene", "kind", "name", "verdict", "passed", "reason")
@@ -64,9 +54,9 @@ class GateRow:
 
 
 def judge_errors(scene: str, head: RunFigures, base: RunFigures | None, limits: Mapping[str, float]) -> list[GateRow]:
-    """Judge errors by absolute limits; what a base had is told beside them and misses nothing.
+    """Judge errors by absolute limits; the base's value is shown beside them.
 
-    What is undefined, such as the force in a hold that the motion does not have, is not judged, unless the base has it.
+    Undefined figures, such as the force of a missing hold, are not judged, unless the base has them.
     """
     rows = []
     method = str(head.inputs.solver.get("method", ""))
@@ -82,7 +72,7 @@ def judge_errors(scene: str, head: RunFigures, base: RunFigures | None, limits: 
         if lost:
             passed, reason = False, LOST
         elif limited and math.isnan(value):
-            # What the base had and the head has not is lost, and with it what the limit is for.
+            # A figure that only the base has is lost.
             passed = math.isnan(before)
             reason = UNTOLD if name not in head.errors else NO_VALUE if passed else f"{NO_VALUE}, and the base has it"
         elif limited and not value <= limit:
@@ -101,10 +91,7 @@ def judge_errors(scene: str, head: RunFigures, base: RunFigures | None, limits: 
 
 
 def judge_others(scene: str, head: RunFigures, limits: Mapping[str, float]) -> list[GateRow]:
-    """Judge figures that have no limit but the suite's own, and a submission that probably is not what it says.
-
-    What is undefined, or not told, is not judged.
-    """
+    """Judge figures that only the suite limits, and suspicions about a submission."""
     rows = []
     for name, figure in limitable().items():
         if name not in limits or name in judged_metrics():
@@ -127,7 +114,7 @@ def judge_others(scene: str, head: RunFigures, limits: Mapping[str, float]) -> l
 
 
 def judge_counters(scene: str, head: RunFigures, base: RunFigures, slack: Mapping[str, float]) -> list[GateRow]:
-    """Judge work counters by those of the base: integers, so that any growth beyond the slack is a real one."""
+    """Judge work counters by those of the base: integers, so that any growth beyond the slack is real."""
     rows = []
     for name, (_, figure) in COUNTERS.items():
         if name not in base.counters:
@@ -145,11 +132,7 @@ def judge_counters(scene: str, head: RunFigures, base: RunFigures, slack: Mappin
 
 
 def judge_inputs(scene: str, head: RunFigures, base: RunFigures, motion_may_change: bool = False) -> GateRow:
-    """Judge whether two runs can be compared at all.
-
-    Args:
-        motion_may_change: Whether another motion is no fault: the run is then judged by its limits alone.
-    """
+    """Judge whether two runs can be compared; with `motion_may_change`, another motion leaves the limits."""
     if found := differences(base.inputs, head.inputs, but_the_motion=motion_may_change):
         return inputs_row(scene, f"different inputs: {'; '.join(found)}", NOT_COMPARABLE)
     if differences(base.inputs, head.inputs):
@@ -161,7 +144,7 @@ def judge_inputs(scene: str, head: RunFigures, base: RunFigures, motion_may_chan
 def judge_time(
     scene: str, head: Sequence[float], base: Sequence[float], limit: float, *, divided: bool = False
 ) -> GateRow:
-    """Judge the time of a tick; `divided` by the reference workload, and then without a unit."""
+    """Judge the time of a tick; `divided` by the reference workload it has no unit."""
     found = compare_times(base, head, limit)
     reason = f"{100.0 * (found.ratio - 1.0):+.1f} %, processes of a side within {100.0 * found.spread:.0f} %"
     label = "tick in contact, CPU, p50" + (" / reference workload" if divided else "")
@@ -171,21 +154,20 @@ def judge_time(
 
 
 def failed_run(scene: str, reason: str, *, refused: bool = False) -> GateRow:
-    """Return the row of a head that breaks in a scene, which is missed, or that refuses it for bad input."""
+    """Return the row of a head that fails in a scene, which is missed, or refuses it for bad input."""
     word = REFUSED if refused else ""
     return GateRow(scene, "run", "run", "runs to the end", verdict=word, passed=refused, reason=reason)
 
 
 def inputs_row(scene: str, reason: str, word: str = "", name: str = "inputs") -> GateRow:
-    """Return the row that says with which word, and why, something can or cannot be compared."""
+    """Return a row with the reason and verdict of a comparison."""
     return GateRow(scene, "inputs", name, name, verdict=word, reason=reason)
 
 
 def overall(rows: Sequence[GateRow]) -> tuple[str, int]:
-    """Return verdict word and exit code of all rows.
+    """Return verdict and exit code of all rows; "" where nothing was compared.
 
-    What is refused weighs most, then a missed limit, then what cannot be compared. The word is "" where nothing was
-    compared with anything.
+    A refusal weighs most, then a missed limit, then a failed comparison.
     """
     words = {row.verdict for row in rows if row.verdict and row.kind != "error"}
     if REFUSED in words:
@@ -196,7 +178,7 @@ def overall(rows: Sequence[GateRow]) -> tuple[str, int]:
         return NOT_COMPARABLE, EXIT_NOT_COMPARABLE
     if any(row.kind == "error" and row.verdict == WORSE for row in rows):
         return WORSE_WITHIN, EXIT_OK
-    # A counter or a time that is worse within its limit is noise to the gate.
+    # A counter or a time that is worse within its limit is noise.
     for word in (BETTER, WORSE, WITHIN):
         if word in words:
             return (BETTER if word == BETTER else WITHIN), EXIT_OK

@@ -1,1 +1,1 @@
-"""What is measured, each figure defined once, and the brute force behind it."""
+"""Measures of a run, each defined once, and brute force to check them."""

@@ -1,7 +1,6 @@
-"""Distances of a hand to every sphere of an object, one by one: no tree, no kernel, no bound; slow, and independent.
+"""Distances of a hand to every sphere of an object, by brute force: slow and independent of trees and kernels.
 
-What a run by trees reports is held against it on a share of the ticks. The round cone's distance is the case table of
-Quilez ("Round cone", 2018), not the clamped axis parameter of the kernels.
+Round cones use the case table of Quilez ("Round cone", 2018), not the clamped axis parameter of the kernels.
 """
 
 import numpy as np
@@ -13,14 +12,9 @@ from hhsim.arrays import FloatArray
 def round_cone_distance(
     points: FloatArray, a: FloatArray, b: FloatArray, radius_a: float, radius_b: float
 ) -> FloatArray:
-    """Signed distance [m] of points to the hull of two spheres, neither inside the other; shape (N,).
+    """Signed distance [m] of points (N, 3) to the hull of two spheres, neither inside the other; shape (N,).
 
-    Args:
-        points: [m], shape (N, 3).
-        a: Centre of the one sphere [m], shape (3,).
-        b: Of the other.
-        radius_a: [m], not less than the other.
-        radius_b: [m].
+    `a`, `b` are the centres [m], shape (3,); `radius_a` [m] is not less than `radius_b`.
     """
     axis = b - a
     square = float(axis @ axis)
@@ -42,34 +36,19 @@ def round_cone_distance(
 
 
 def palm_spheres(palm_center: ArrayLike, position: ArrayLike, orientation: ArrayLike) -> FloatArray:
-    """World centres of the palm's spheres [m], shape (P, 3).
-
-    Args:
-        palm_center: In the palm's frame [m], shape (P, 3).
-        position: Of the palm [m], world, shape (3,).
-        orientation: Palm to world, unit (w, x, y, z), shape (4,).
-    """
+    """World centres of the palm's spheres (P, 3) [m], from the palm's position and orientation (w, x, y, z)."""
     quaternion, center = np.asarray(orientation, np.float64), np.asarray(palm_center, np.float64)
     w, v = float(quaternion[0]), quaternion[1:]
-    turned: FloatArray = (
-        center + 2.0 * (w * np.cross(v, center) + np.cross(v, np.cross(v, center))) + np.asarray(position)
-    )
-    return turned
+    turned = center + 2.0 * (w * np.cross(v, center) + np.cross(v, np.cross(v, center)))
+    return np.asarray(turned + np.asarray(position))
 
 
 def sphere_contact(
     leaf_center: FloatArray, leaf_radius: FloatArray, center: FloatArray, radius: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Signed distances [m] of a sphere to leaves, and the point of each leaf that is nearest to it.
+    """Signed distances (L,) [m] of a sphere to leaf spheres, and the nearest point (L, 3) of each leaf.
 
-    Args:
-        leaf_center: [m], shape (L, 3).
-        leaf_radius: [m], shape (L,).
-        center: Of the sphere [m], shape (3,).
-        radius: Of the sphere [m].
-
-    Returns:
-        Distance (L,) and point (L, 3); of a leaf with the same centre, the point is that centre.
+    For a leaf with the same centre, the point is that centre.
     """
     away = center - leaf_center
     length = np.linalg.norm(away, axis=1)
@@ -80,20 +59,17 @@ def sphere_contact(
 def round_cone_contact(
     leaf_center: FloatArray, leaf_radius: FloatArray, a: FloatArray, b: FloatArray, radius_a: float, radius_b: float
 ) -> tuple[FloatArray, FloatArray]:
-    """As `sphere_contact`, for the hull of two spheres (`round_cone_distance`).
+    """Signed distances and points as of `sphere_contact`, for the hull of two spheres (`round_cone_distance`).
 
-    The nearest place lies against the gradient of the distance; of a leaf centred on the axis, where there is none, the
-    point is that centre.
+    The nearest point lies against the gradient of the distance; a leaf centred on the axis has none, and its centre is
+    used.
     """
     distance = round_cone_distance(leaf_center, a, b, radius_a, radius_b)
     step = 1e-7
-    gradient = np.stack(
-        [
-            round_cone_distance(leaf_center + step * axis, a, b, radius_a, radius_b)
-            - round_cone_distance(leaf_center - step * axis, a, b, radius_a, radius_b)
-            for axis in np.eye(3)
-        ],
-        axis=1,
+    ahead, behind = (
+        np.stack([round_cone_distance(leaf_center + s * axis, a, b, radius_a, radius_b) for axis in np.eye(3)], axis=1)
+        for s in (step, -step)
     )
+    gradient = ahead - behind
     gradient /= np.maximum(np.linalg.norm(gradient, axis=1, keepdims=True), 1e-300)
     return distance - leaf_radius, leaf_center - leaf_radius[:, None] * gradient

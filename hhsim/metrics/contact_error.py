@@ -1,7 +1,4 @@
-"""How far the contacts of a run are from the object's true mesh: what a sphere model hides from its own figures.
-
-A hand that rests on spheres which reach out of the mesh floats over what the user sees, with no depth at all.
-"""
+"""Distance of a run's contacts to the object's true mesh: spheres that reach out of it hold the hand off."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -16,17 +13,13 @@ from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.contact_points import find_contact_points
 
 MOST_CONTACT_ERROR = 1e-3
-"""Contacts farther from the mesh than this [m] are worth a warning: a user sees the gap."""
+"""Distance of contacts from the mesh above which a warning is given [m]: a user sees the gap."""
 MOST_TICKS = 4000
-"""Of a run with more ticks in contact, so many are looked at, spread evenly: a recording may be of ten minutes."""
+"""Number of ticks in contact that are examined at most, spread evenly: recordings last minutes."""
 
 
 def ticks_looked_at(contact: BoolArray) -> IntArray:
-    """The ticks that the figure is of, ascending: all in contact, or `MOST_TICKS` of them, spread evenly.
-
-    Args:
-        contact: Ticks where something may touch, shape (T,).
-    """
+    """Examined ticks, ascending: all in contact (mask (T,)), or `MOST_TICKS` of them, spread evenly."""
     near = np.flatnonzero(contact)
     if near.size == 0:
         return near
@@ -35,30 +28,22 @@ def ticks_looked_at(contact: BoolArray) -> IntArray:
 
 @dataclass(frozen=True, eq=False)
 class TouchedObject:
-    """What contacts are looked for on, and measured against.
+    """Object on which contacts are looked for, and its mesh."""
 
-    Attributes:
-        mesh: The object's true surface [m], world.
-        surface: What the solver had for it, world: such as its leaf spheres.
-        shape: Sizes of the hand.
-        fingers: Which fingers are modelled, shape (5,).
-        touch: A body and a piece of the surface no further apart than this touch [m].
-    """
-
-    mesh: Mesh
-    surface: Any
-    shape: HandShape
-    fingers: BoolArray
-    touch: float
+    mesh: Mesh  # True surface [m], world
+    surface: Any  # surface of the solver, world, such as the leaf spheres
+    shape: HandShape  # sizes of the hand
+    fingers: BoolArray  # True for modelled fingers, shape (5,)
+    touch: float  # largest distance of a touching pair [m]
 
     def contact_error(self, placed: PlacedHand, contact: BoolArray) -> FloatArray:
-        """Farthest that a contact point of a tick is from the mesh [m], shape (T,).
+        """Largest distance of a contact point of each tick from the mesh [m], shape (T,).
 
-        NaN where nothing touches and where nobody looked. A contact point is that of a hand body which is nearest to
-        a piece of the surface that it touches.
+        NaN without contact and in ticks that are not examined. A contact point is the point of a hand body nearest to a
+        touched piece of the surface.
 
         Args:
-            placed: Where the shown hand is at each of T ticks [m], world.
+            placed: Shown hand at each of T ticks [m], world.
             contact: Ticks where something may touch, shape (T,).
         """
         error = np.full(len(contact), np.nan)

@@ -1,4 +1,4 @@
-"""Where a stored hand touches the object, tick by tick: contact points, normals, and the body of the hand."""
+"""Contact points of a stored hand, tick by tick, with normals and bodies."""
 
 from typing import Any
 
@@ -13,11 +13,11 @@ from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.kernels.jit import as_argument
 from hhsim.system.thread_pool import Workers, ranges, usual_threads
 
-ROOM = 64
-"""Room for the pairs of a tick at first; more is made where it is too little."""
+CAPACITY = 64
+"""Initial capacity for the pairs of a tick."""
 
 TICKS_A_THREAD = 500
-"""Fewer are done before a second thread has begun."""
+"""Ticks below which a second thread does not pay."""
 
 
 def find_contact_points(
@@ -29,13 +29,15 @@ def find_contact_points(
     chosen: ArrayLike | None = None,
     fingers: ArrayLike | None = None,
 ) -> ContactPoints:
-    """Every pair of a hand body and a piece of the surface no more than `touch` [m] apart, or inside each other.
+    """All pairs of a hand body and a piece of the surface no more than `touch` [m] apart, or inside each other.
 
     Args:
-        surface: The object's, world.
-        touch: [m]; what a result's contacts/touching counts is within `SolverOptions.touch`.
-        chosen: Ticks to look at, in order; all where it is not given.
-        fingers: Which fingers count, shape (5,), all where it is not given.
+        surface: Surface of the object, world.
+        shape: Sizes of the hand.
+        placed: Hands [m], world.
+        touch: [m]; `SolverOptions.touch` for what contacts/touching of a result counts.
+        chosen: Ticks to examine, in order; None for all.
+        fingers: Fingers that count, shape (5,); None for all.
     """
     ticks = np.arange(len(placed.joints)) if chosen is None else np.asarray(chosen, np.int64)
     counted = np.ones(5, np.bool_) if fingers is None else np.asarray(fingers, np.bool_)
@@ -53,14 +55,10 @@ def find_contact_points(
 def _contact_points(
     surface: Any, shape: HandShape, placed: PlacedHand, touch: float, ticks: IntArray, counted: BoolArray
 ) -> ContactPoints:
-    room = max(ROOM, 4 * len(ticks))
-    count = -1
+    capacity, count = max(CAPACITY, 4 * len(ticks)), -1
     while count < 0:
-        room *= 4
-        pairs = ContactPoints(
-            np.empty(room, np.int64), np.empty(room, np.int64), np.empty((room, 3)), np.empty((room, 3))
-        )
-        count = find_contact_pairs(
-            shape, surface, ticks, placed.joints, placed.position, placed.orientation, counted, float(touch), pairs
-        )
+        capacity *= 4
+        columns = [np.empty((capacity, 3)) for _ in range(2)]
+        pairs = ContactPoints(np.empty(capacity, np.int64), np.empty(capacity, np.int64), *columns)
+        count = find_contact_pairs(shape, surface, ticks, *placed, counted, float(touch), pairs)
     return ContactPoints(pairs.tick[:count], pairs.body[:count], pairs.point[:count], pairs.normal[:count])

@@ -1,4 +1,4 @@
-"""What became of a free object in a run: its motion, the forces on it, and the contacts that bore them."""
+"""Motion, forces and contacts of a free object in a run."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,49 +16,39 @@ from hhsim.motion.trajectory import TickPhase
 from hhsim.result.reader import Result
 
 ON_TABLE = -1
-"""Stands for the table where contacts name a body of the hand."""
+"""Body of a contact with the table."""
 PALM = 15
 SLIPS = 1e-6
-"""A contact that goes further than this in a tick [m] slips: 1 mm/s."""
+"""Smallest travel of a slipping contact in a tick [m]: 1 mm/s."""
 RAISED = 0.9
-"""A hand that goes up takes an object along that comes at least this share of the way."""
+"""Smallest share of the hand's rise in which the object counts as raised."""
 
 
 class Datasets(Protocol):
-    """Datasets of a result by name, those of /tick and of /contact."""
+    """Datasets of /tick and of /contact by name."""
 
     def __getitem__(self, name: str, /) -> AnyArray:
-        """The dataset, world."""
+        """Return the dataset, world."""
 
 
 @dataclass(frozen=True, eq=False)
 class FreeRun:
-    """A run's free object, world frame.
+    """Free object of a run, world frame."""
 
-    Attributes:
-        datasets: Of the result.
-        properties: `FreeObject.to_json` of `hhsim.scene.free_object`.
-        corners: Of the box around the object before the first tick [m], shape (8, 3).
-        first: Its pose then, shapes (3,) and (4,).
-        stiffness: Of the hand's springs, diagonal of G, shape (21,).
-        offset: Clearance that contacts keep [m].
-    """
-
-    datasets: Datasets
-    properties: Mapping[str, Any]
-    corners: AnyArray
-    first: ObjectMotion
-    stiffness: AnyArray
-    offset: float
+    datasets: Datasets  # datasets of the result
+    properties: Mapping[str, Any]  # `FreeObject.to_json` of `hhsim.scene.free_object`
+    corners: AnyArray  # corners of the box around the object before the first tick [m], shape (8, 3)
+    first: ObjectMotion  # pose of the object then, shapes (3,) and (4,)
+    stiffness: AnyArray  # diagonal of G, the hand's springs, shape (21,)
+    offset: float  # clearance that contacts keep [m]
 
     def __getitem__(self, name: str) -> AnyArray:
         return self.datasets[name]
 
     @cached_property
     def moved(self) -> RigidMotion:
-        """From where the object was before the first tick to where it is at the ticks."""
-        poses = ObjectMotion(self["object/position"], self["object/orientation"])
-        return poses.since(*self.first)
+        """Motion of the object from before the first tick to each tick."""
+        return ObjectMotion(self["object/position"], self["object/orientation"]).since(*self.first)
 
     @cached_property
     def center(self) -> AnyArray:
@@ -69,32 +59,31 @@ class FreeRun:
 
     @property
     def weight(self) -> float:
-        """M g [N]."""
+        """Weight M g [N]."""
         return float(self.properties["mass"] * np.linalg.norm(self.properties["gravity"]))
 
     @cached_property
     def of_hand(self) -> NDArray[np.bool_]:
-        """Which contacts are of the hand, and not of the table, shape (C,)."""
+        """True for contacts of the hand, not the table, shape (C,)."""
         return np.asarray(self["contact/body"] != ON_TABLE)
 
     @cached_property
     def friction(self) -> AnyArray:
-        """μ of each contact, shape (C,)."""
-        of_hand = self.properties["friction"]
-        table = self.properties["table_friction"]
+        """Friction coefficient μ of each contact, shape (C,)."""
+        of_hand, table = self.properties["friction"], self.properties["table_friction"]
         return np.asarray(np.where(self.of_hand, of_hand, of_hand if table is None else table))
 
     @property
     def raised(self) -> float:
-        """How far the centre comes above where it is at the first tick [m]."""
+        """Largest rise of the centre above its place at the first tick [m]."""
         height = self.center[:, 2]
         return float((height - height[0]).max())
 
     @cached_property
     def friction_share(self) -> AnyArray:
-        """The most that a contact of the hand rubs at each tick, as a share of what it can bear; shape (T,).
+        """Largest share of its friction limit that a contact of the hand uses at each tick; shape (T,).
 
-        With torsion as one more direction of friction; 0 where nothing is borne, infinite where friction has no room.
+        Torsion counts as one more direction of friction; 0 without force, infinite where the limit is 0.
         """
         rub = np.linalg.norm(self["contact/friction_force"], axis=1)[self.of_hand]
         normal, tick = self["contact/normal_force"][self.of_hand], self["contact/tick"][self.of_hand]
@@ -109,13 +98,13 @@ class FreeRun:
         return most
 
     def displacement(self, first: int, last: int) -> float:
-        """The farthest that a corner of the object's box is at one tick from where it is at another [m]."""
+        """Largest displacement of a corner of the object's box between two ticks [m]."""
         ends = RigidMotion(*(values[[first, last]] for values in self.moved))
         there = ends.points(np.broadcast_to(self.corners, (2, 8, 3)))
         return float(np.linalg.norm(there[1] - there[0], axis=1).max())
 
     def first_to_slip(self, part: slice) -> str:
-        """The part of the hand whose contact slips first in some ticks, with the tick; "" where none does."""
+        """Body of the hand whose contact slips first in some ticks, with the tick, in words; "" for none."""
         tick = self["contact/tick"]
         slips = self.of_hand & (self["contact/slip"] > SLIPS) & (tick >= part.start) & (tick < part.stop)
         at = np.flatnonzero(slips)
@@ -126,11 +115,9 @@ class FreeRun:
         return f"{body_name(int(self['contact/body'][worst]))} at tick {int(tick[worst]):,}"
 
     def left_behind(self, phases: "tuple[TickPhase, ...] | list[TickPhase]", palm: AnyArray) -> str:
-        """Why the object did not come along in the first lift; "" where it did, or where nothing was lifted.
+        """Reason why the object did not come along in the first lift; "" where it did, or nothing was lifted.
 
-        Args:
-            phases: Of the motion.
-            palm: Where the user's palm is at the ticks [m], shape (T, 3).
+        `palm` is the user's palm at the ticks [m], shape (T, 3).
         """
         for phase in phases:
             part = slice(phase.first_tick, min(phase.last_tick + 1, len(palm)))
@@ -147,12 +134,12 @@ class FreeRun:
 
 
 def body_name(body: int) -> str:
-    """What people call a body of the hand."""
+    """Name of a body of the hand."""
     return "palm" if body == PALM else f"{FINGERS[body // 3]}'s {('first', 'second', 'last')[body % 3]} phalanx"
 
 
 def result_free_run(result: Result) -> FreeRun | None:
-    """The free object of a result; None where it has none."""
+    """Build the free object of a result; None where it has none."""
     if not result.free:
         return None
     mesh = Mesh(result.static["object/vertices"], result.static["object/faces"])

@@ -1,7 +1,6 @@
-"""How deep the user's hand was in the object, and how far from it the shown hand had to go.
+"""Depth of the user's hand in the object, and the shown hand's distance from it.
 
-A fact of the motion and of what the method made of it: a recorded hand is in the object by what tracker, hand model and
-mesh are off by, or because its user pressed.
+A recorded hand is inside by the errors of tracker, hand model and mesh, or because its user pressed.
 """
 
 from collections.abc import Callable
@@ -23,58 +22,41 @@ from hhsim.metrics.mesh_penetration import mesh_clearance
 from hhsim.metrics.metrics import penetration
 
 BLOCK_TICKS = 8_192
-"""Hands that are placed at a time."""
+"""Hands placed at a time."""
 FIRST_LOOKS = 32
-"""Ticks between two that are looked at whatever the others are."""
+"""Initial interval of the search for the deepest tick [ticks]."""
 SAME_DEPTH = 1e-6
-"""The deepest tick is found to this [m]: finer than any table shows."""
+"""Tolerance of the search for the deepest tick [m]."""
 AWAY = 1e3
-"""Where a finger is that is not to be measured [m]."""
+"""Place of a finger that is not to be measured [m]."""
 
 
 class Correction(NamedTuple):
-    """How far the shown hand is from the user's, over the ticks with a touching pair.
+    """Distances of the shown hand from the user's, in the ticks with a touching pair."""
 
-    Attributes:
-        palm: Distance of the palms' origins [m], shape (N,).
-        joints: Mean distance of the twenty joint and tip centres [m], shape (N,).
-        farthest: Largest distance of one of them [m], shape (N,).
-    """
-
-    palm: FloatArray
-    joints: FloatArray
-    farthest: FloatArray
+    palm: FloatArray  # distance of the palms' origins [m], shape (N,)
+    joints: FloatArray  # mean distance of the twenty joint and tip centres [m], shape (N,)
+    farthest: FloatArray  # largest distance of one of them [m], shape (N,)
 
 
 class InputHand(NamedTuple):
-    """What of a run's input is told beside its output.
+    """Measures of a run's input hand."""
 
-    Attributes:
-        depth: Of the deepest tick [m]; 0 where the hand is never inside.
-        correction: In the ticks in which the shown hand touches.
-        free: Largest distance of one of the twenty joint and tip centres from the user's [m], over the ticks in which
-            nothing keeps the shown hand from following; NaN where there is none.
-    """
-
-    depth: float
-    correction: Correction
-    free: float
+    depth: float  # depth at the deepest tick [m]; 0 where the hand is never inside
+    correction: Correction  # distances in the ticks in which the shown hand touches
+    free: float  # largest distance of a joint or tip centre from the user's [m] in free space; NaN for no such tick
 
 
 def input_hand(
-    hand: HandModel,
-    depths: "Depths",
-    haptic: HandConfiguration,
-    shown: PlacedHand,
-    touch: BoolArray,
-    near: BoolArray,
+    hand: HandModel, depths: "Depths", haptic: HandConfiguration, shown: PlacedHand, touch: BoolArray, near: BoolArray
 ) -> InputHand:
     """Measure the user's hand and the shown one of a run.
 
     Args:
-        depths: In the object, where it stands still.
-        haptic: The user's hand at each tick, as the object sees it; ticks that are not finite are left out.
-        shown: Where the shown hand is, in the same frame.
+        hand: The hand.
+        depths: Depth function of the object, where it stands still.
+        haptic: User's hand at each tick, in the object's frame; ticks that are not finite are left out.
+        shown: Shown hand, in the same frame.
         touch: Ticks with a touching pair, shape (T,).
         near: Ticks in which the shown hand is near the object, shape (T,).
     """
@@ -95,7 +77,7 @@ def input_hand(
 
 
 def _farthest_outside(depths: "Depths", placed: PlacedHand, apart: FloatArray) -> float:
-    """Return the largest of some distances at whose hand is outside of the object; NaN where none is."""
+    """Largest of some distances at whose hand is outside the object; NaN for none."""
     for ticks in np.split(np.argsort(-apart), range(FIRST_LOOKS, len(apart), FIRST_LOOKS)):
         outside = ticks[depths(placed.at(ticks)).max(axis=1) <= 0.0] if ticks.size else ticks
         if outside.size:
@@ -104,23 +86,18 @@ def _farthest_outside(depths: "Depths", placed: PlacedHand, apart: FloatArray) -
 
 
 Depths = Callable[[PlacedHand], FloatArray]
-"""Depths of some hands [m], shape (T, 6) of each finger and the palm; below 0 by no more than it is free, or 0."""
+"""Depths of some hands [m], (T, 6): each finger and the palm; outside 0, or negative by at most the clearance."""
 
 
 def object_depths(surface: Any, mesh: Mesh, shape: HandShape, fingers: BoolArray) -> Depths:
-    """Depths in what the hand touches: an object's leaf spheres, or its triangles.
-
-    Args:
-        surface: Arrays of the object's surface.
-        fingers: Which ones are modelled, shape (5,).
-    """
+    """Depth function of the object's leaf spheres or triangles; `fingers` (5,) selects the modelled fingers."""
     if isinstance(surface, MeshFeatures) and surface.multiplicity.shape[0] > 0:
         return _mesh_depths(mesh, shape, fingers)
     return _surface_depths(surface, shape, fingers)
 
 
 def _surface_depths(surface: Any, shape: HandShape, fingers: BoolArray) -> Depths:
-    """Depths in single pieces: spheres, or triangles that enclose nothing and are reached through by so much."""
+    """Depths in single pieces: spheres, or triangles that enclose nothing and count as pierced."""
 
     def of(placed: PlacedHand) -> FloatArray:
         found = penetration(surface, *shape, *placed, fingers)
@@ -130,7 +107,7 @@ def _surface_depths(surface: Any, shape: HandShape, fingers: BoolArray) -> Depth
 
 
 def _mesh_depths(mesh: Mesh, shape: HandShape, fingers: BoolArray) -> Depths:
-    """Depths in a closed mesh: of the deepest point of the hand, which a distance of its nearest triangle is not."""
+    """Depths in a closed mesh: of the hand's deepest point, unlike the distance to its nearest triangle."""
     bvh = build_mesh_bvh(*merged_vertices(mesh.vertices, mesh.faces))
     nowhere = np.full((4, 3), AWAY)
     empty = HandShape(shape.phalanx_radius, np.empty((0, 3)), np.empty(0))
@@ -149,27 +126,27 @@ def _mesh_depths(mesh: Mesh, shape: HandShape, fingers: BoolArray) -> Depths:
 
 
 def deepest(depths: Depths, palm_center: FloatArray, placed: PlacedHand, known: float = 0.0) -> float:
-    """Depth of the deepest of some hands [m], to `SAME_DEPTH`; `known` where none is deeper than that.
+    """Depth of the deepest of some hands [m], to `SAME_DEPTH`; `known` where none is deeper.
 
-    No finger is deeper than at another tick by more than its surface moves between them: most are never looked at.
+    No finger is deeper than at another tick by more than its surface moves between them, so most ticks are skipped.
 
     Args:
-        depths: In the object.
+        depths: Depth function of the object.
         palm_center: Centres of the palm's spheres [m], palm frame, shape (P, 3).
         placed: The hands, in the order of time, all of them finite.
-        known: A depth that was found elsewhere [m].
+        known: Depth found elsewhere [m].
     """
     count = len(placed.joints)
     if count == 0:
         return known
-    way = np.concatenate([np.zeros((1, 6)), np.cumsum(_moved(palm_center, placed), axis=0)])
+    travel = np.concatenate([np.zeros((1, 6)), np.cumsum(_moved(palm_center, placed), axis=0)])
     looked = np.unique(np.append(np.arange(0, count, FIRST_LOOKS), count - 1))
     depth = depths(placed.at(looked))
     best = max(known, float(depth.max()))
     while True:
-        # The most that a part can be in between: as deep as at both looks, and what it moved on from them.
-        room = 0.5 * (depth[:-1] + depth[1:] + np.diff(way[looked], axis=0)).max(axis=1)
-        open_ = np.flatnonzero((room > best + SAME_DEPTH) & (np.diff(looked) > 1))
+        # Upper bound in between: the depths at both ends, and the travel from them.
+        bound = 0.5 * (depth[:-1] + depth[1:] + np.diff(travel[looked], axis=0)).max(axis=1)
+        open_ = np.flatnonzero((bound > best + SAME_DEPTH) & (np.diff(looked) > 1))
         if open_.size == 0:
             return best
         more = (looked[open_] + looked[open_ + 1]) // 2
@@ -179,10 +156,10 @@ def deepest(depths: Depths, palm_center: FloatArray, placed: PlacedHand, known: 
 
 
 def _moved(palm_center: FloatArray, placed: PlacedHand) -> FloatArray:
-    """At least the way of any point of each finger's and the palm's surface to the next tick [m], shape (T - 1, 6)."""
+    """Upper bound of the travel of each finger's and the palm's surface to the next tick [m], shape (T - 1, 6)."""
     fingers = np.sqrt((np.diff(placed.joints, axis=0) ** 2).sum(axis=3).max(axis=2))
     low, high = palm_center.min(axis=0), palm_center.max(axis=0)
-    # The palm's spheres are within the box: none moves farther than its farthest corner.
+    # The palm's spheres lie in a box: none moves farther than its farthest corner.
     corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
     places = rotation_matrix(placed.orientation) @ corners.T + placed.position[:, :, None]
     palm = np.sqrt((np.diff(places, axis=0) ** 2).sum(axis=1).max(axis=1))

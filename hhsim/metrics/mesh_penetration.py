@@ -1,7 +1,4 @@
-"""The graphic hand against the object's true mesh: what a sphere model does not say of itself.
-
-By hhsim's own distance kernels, not by an independent library. Exact but slow, so a run is looked at in some ticks.
-"""
+"""Distance of the graphic hand to the object's true mesh by hhsim's own kernels: exact but slow."""
 
 from typing import NamedTuple
 
@@ -17,13 +14,13 @@ from hhsim.kernels.jit import as_argument
 from hhsim.kernels.mesh.bvh import MeshBvh, mesh_signed_distance
 
 RESOLUTION = 1e-4
-"""Length of the pieces that a phalanx's axis is cut into where it is nearest [m]."""
+"""Length of the pieces of a phalanx's axis where it is nearest [m]."""
 FAR = 0.02
-"""Distances from here on are not looked for [m]."""
+"""Largest distance that is looked for [m]."""
 
 
 class ContactError(NamedTuple):
-    """Distance of contact points from the mesh [m]: mean and maximum of all, NaN without any; and how many."""
+    """Mean and maximum distance of contact points from the mesh [m], NaN without any; and their number."""
 
     mean: float
     max: float
@@ -31,35 +28,24 @@ class ContactError(NamedTuple):
 
 
 def mesh_clearance(bvh: MeshBvh, shape: HandShape, placed: PlacedHand, limit: float = FAR) -> FloatArray:
-    """Least signed distance [m] of the hand to the mesh at each tick, shape (T,), negative inside.
+    """Least signed distance [m] of the hand to the mesh at each tick, shape (T,), negative inside, at most `limit` [m].
 
-    Its negative is the design's mesh penetration: the depth of the deepest point of the hand's surface, as long as the
-    object is thicker than that, and beyond an upper bound of it. Above the true value by less than 1 µm where the axes
-    of the phalanges are outside, by no more than 0.05 mm where one is inside.
-
-    Args:
-        bvh: Of the object's closed mesh, world.
-        limit: Stands for everything from here on [m].
+    Its negative is the design's mesh penetration: the depth of the hand's deepest point while the object is thicker
+    than
+    that, and an upper bound beyond. Above the true value by less than 1 µm where the axes of the phalanges are outside,
+    by
+    at most 0.05 mm where one is inside. `bvh` is that of the object's closed mesh, world.
     """
     distance = np.empty(len(placed.joints))
     radius, palm_center, palm_radius = map(as_argument, shape)
-    hand_mesh_distances(
-        radius,
-        palm_center,
-        palm_radius,
-        bvh,
-        placed.joints,
-        placed.position,
-        rotation_matrix(placed.orientation),
-        float(limit),
-        RESOLUTION,
-        distance,
-    )
+    hand = radius, palm_center, palm_radius
+    place = placed.joints, placed.position, rotation_matrix(placed.orientation)
+    hand_mesh_distances(*hand, bvh, *place, float(limit), RESOLUTION, distance)
     return distance
 
 
 def contact_error(bvh: MeshBvh, points: ArrayLike) -> ContactError:
-    """How far contact points, shape (n, 3) [m], are from the mesh."""
+    """Distances of contact points, shape (n, 3) [m], from the mesh."""
     array = np.ascontiguousarray(points, np.float64).reshape(-1, 3)
     if len(array) == 0:
         return ContactError(np.nan, np.nan, 0)

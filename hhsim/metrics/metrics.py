@@ -1,10 +1,8 @@
-"""What is measured of a result: one definition each, used by every command.
+"""Measures of a result, one definition each.
 
-Arrays are those of a result file: T ticks first, forces in N, poses in the world frame. A mask over ticks, shape
-(T,), selects a phase; `phase_mask` makes one. What is undefined is NaN, never 0 and never a warning: a rate of a
-force that is not there, a mean over no ticks.
-
-Penetration depth and force variation are the paper's measures (Section V-D); the others are defined here.
+Arrays are those of a result file: T ticks first, forces in N, poses in the world frame. A mask over ticks, shape (T,),
+selects a phase. What is undefined is NaN: a rate of a force that is not there, a mean over no ticks. Penetration depth
+and force variation are the paper's (Section V-D); the others are defined here.
 """
 
 from dataclasses import dataclass
@@ -21,21 +19,21 @@ from hhsim.kernels.contact.penetration import HandSurface, PlacedHands, clearanc
 from hhsim.kernels.jit import as_argument
 
 FORCE_FLOOR = 0.01
-"""Forces [N] weaker than this have no meaningful rate of change."""
+"""Smallest force with a meaningful rate of change [N]."""
 RIPPLE_BAND = (50.0, 400.0)
-"""Hz: above voluntary motion and tremor, up to where the skin still feels vibration."""
+"""Band above voluntary motion and tremor, up to where the skin still feels vibration [Hz]."""
 RIPPLE_SPAN = 0.25
-"""Length of the parts of which `worst_force_ripple` is the worst [s]."""
+"""Length of the spans of `worst_force_ripple` [s]."""
 RIPPLE_BINS = 4
-"""A ripple is defined once the band starts this many bins of the spectrum above zero; a Hann window smears over two."""
+"""Bins of the spectrum below the band that a ripple needs; a Hann window smears over two."""
 FROZEN_LIMIT = 1e-6
 """Relative one-tick change below which a force with frozen input counts as still."""
 TICK_BUDGET = 1_000_000
-"""One tick of the haptic loop at 1 kHz [ns]."""
+"""Period of the haptic loop at 1 kHz [ns]."""
 
 
 class Penetration(NamedTuple):
-    """Penetration depths [m], 0 where free: depth (T,) of the deepest body, palm (T,), finger (T, 5)."""
+    """Penetration depths [m], 0 where free: deepest body (T,), palm (T,), finger (T, 5)."""
 
     depth: FloatArray
     palm: FloatArray
@@ -44,7 +42,7 @@ class Penetration(NamedTuple):
 
 @dataclass(frozen=True)
 class Statistics:
-    """Of the defined values (not NaN) in a phase; NaN where there is none. `std` is that of the population."""
+    """Statistics of the defined values (not NaN) in a phase; NaN for none. `std` is that of the population."""
 
     mean: float
     std: float
@@ -64,7 +62,7 @@ class TickStatistics:
 
 
 def phase_mask(ticks: int, first: int, last: int) -> BoolArray:
-    """Ticks `first` to `last`, both included, of `ticks`; shape (ticks,)."""
+    """Mask of the ticks `first` to `last`, both included; shape (ticks,)."""
     index = np.arange(ticks)
     return (index >= first) & (index <= last)
 
@@ -90,21 +88,18 @@ def penetration(
     orientation: ArrayLike,
     fingers: ArrayLike | None = None,
 ) -> Penetration:
-    """Penetration depths [m] of the stored graphic hand in the object's surface, tick by tick.
+    """Penetration depths [m] of the stored graphic hand in the object's surface at each tick.
 
     The paper's measure: "the biggest penetration distance between the graphic finger and object spheres during one
-    interaction cycle", here with the palm too. From the stored arrays alone; nothing is taken from the solver.
+    interaction cycle", here with the palm too. Nothing is taken from the solver.
 
     Args:
-        surface: The object's, world: arrays of a surface, such as its leaf spheres.
+        surface: Arrays of the object's surface, such as its leaf spheres, world.
         phalanx_radius: [m], shape (5, 4).
-        palm_center: Centres of the palm's spheres [m], palm frame, shape (P, 3).
-        palm_radius: [m], shape (P,).
-        joints: Of the graphic hand [m], world, shape (T, 5, 4, 3).
-        position: Palm of the graphic hand [m], world, shape (T, 3).
-        orientation: The same, unit quaternions (w, x, y, z), shape (T, 4).
-        fingers: Which fingers count, shape (5,), all where it is not given; the others, which go through the object on
-            purpose, are NaN.
+        palm_center, palm_radius: Spheres of the palm [m], palm frame, shapes (P, 3) and (P,).
+        joints: Joints and tips of the graphic hand [m], world, shape (T, 5, 4, 3).
+        position, orientation: Palm of the graphic hand [m], world, shape (T, 3), and unit quaternions w x y z (T, 4).
+        fingers: Fingers that count, shape (5,), None for all; the others, which may pass through the object, are NaN.
     """
     palm, finger = hand_clearance(
         surface, phalanx_radius, palm_center, palm_radius, joints, position, orientation, limit=0.0
@@ -126,55 +121,43 @@ def hand_clearance(
     orientation: ArrayLike,
     limit: float,
 ) -> tuple[FloatArray, FloatArray]:
-    """Least signed distance [m] of the palm, shape (T,), and of each finger, shape (T, 5), to the object.
+    """Least signed distance [m] of the palm (T,) and of each finger (T, 5) to the object's surface, at most `limit`.
 
-    To its surface; negative inside. `limit` [m] stands for everything from there on. Arguments as `penetration`.
+    Negative inside. The other arguments are those of `penetration`.
     """
     joint_array = as_argument(joints)
     center = np.ascontiguousarray(np.asarray(palm_center, dtype=np.float64).reshape(-1, 3).T)
     ticks = joint_array.shape[0]
     palm, finger = np.empty(ticks), np.empty((ticks, 5))
-    shape = HandSurface(
-        as_argument(phalanx_radius),
-        center[0],
-        center[1],
-        center[2],
-        as_argument(palm_radius),
-    )
-    placed = PlacedHands(
-        joint_array,
-        as_argument(position),
-        rotation_matrix(orientation),
-    )
+    shape = HandSurface(as_argument(phalanx_radius), center[0], center[1], center[2], as_argument(palm_radius))
+    placed = PlacedHands(joint_array, as_argument(position), rotation_matrix(orientation))
     clearances(surface, shape, placed, float(limit), palm, finger)
     return palm, finger
 
 
 def force_variation_rate(force: ArrayLike, floor: float = FORCE_FLOOR) -> FloatArray:
-    """One-tick change of the force's size, |‖F_t‖ - ‖F_{t-1}‖| / ‖F_{t-1}‖ [%].
-
-    The paper's stability measure: the variation rate of the contact force between two adjacent time steps.
+    """One-tick change of the force's size, |‖F_t‖ - ‖F_{t-1}‖| / ‖F_{t-1}‖ [%]: the paper's stability measure.
 
     Args:
         force: [N], shape (T, 3), or (T, 5, 3) for the fingers at once.
         floor: Undefined (NaN) where ‖F_{t-1}‖ is below this [N], and at the first tick.
 
     Returns:
-        [%], shape (T,), or (T, 5).
+        Rates [%], shape (T,), or (T, 5).
     """
     return _rate(np.linalg.norm(_vectors(force), axis=-1), floor)
 
 
 def component_variation_rate(force: ArrayLike, floor: float = FORCE_FLOOR) -> FloatArray:
-    """`force_variation_rate` of each component by itself, |F_{t,i} - F_{t-1,i}| / |F_{t-1,i}| [%]; shape as `force`.
+    """Variation rate of each component, |F_{t,i} - F_{t-1,i}| / |F_{t-1,i}| [%]; shape as `force`.
 
-    The floor holds for the component: one that is near zero has no rate, however strong the others are.
+    NaN where the component is below the floor, however strong the others are.
     """
     return _rate(_vectors(force), floor)
 
 
 def sample_variation_rate(force: ArrayLike, input_seq: ArrayLike, floor: float = FORCE_FLOOR) -> FloatArray:
-    """`force_variation_rate` per new input sample: each tick with a new sample against the one with the sample before.
+    """Variation rate per new input sample: each tick with a new sample against the one with the sample before.
 
     A glove that sends 100 samples/s leaves nine of ten ticks without news, which a rate per tick counts as still.
 
@@ -184,7 +167,7 @@ def sample_variation_rate(force: ArrayLike, input_seq: ArrayLike, floor: float =
         floor: As in `force_variation_rate`.
 
     Returns:
-        [%], shape (T,) or (T, 5); NaN at ticks without a new sample and at the first sample.
+        Rates [%], shape (T,) or (T, 5); NaN at ticks without a new sample and at the first sample.
     """
     vectors = _vectors(force)
     sequence = np.asarray(input_seq)
@@ -196,20 +179,12 @@ def sample_variation_rate(force: ArrayLike, input_seq: ArrayLike, floor: float =
 
 
 def force_ripple(force: ArrayLike, rate: float, low: float = RIPPLE_BAND[0], high: float = RIPPLE_BAND[1]) -> float:
-    """RMS [N] of a force between `low` and `high` [Hz], all components together.
+    """RMS [N] of a force (T, 3) of one uninterrupted phase between `low` and `high` [Hz], all components together.
 
-    The straight line that fits best is taken out of each component, since a hold drifts, and a Hann window keeps slow
-    motion from leaking into the band; the window's own power is divided out, so that a vibration of amplitude A in
-    the band gives A/√2.
-
-    Args:
-        force: [N], shape (T, 3), one uninterrupted phase.
-        rate: Ticks per second [Hz].
-        low: Lower end of the band [Hz], included.
-        high: Upper end [Hz], included; what lies above rate/2 cannot be seen.
-
-    Returns:
-        RMS [N]; NaN with fewer than 4 · rate / low ticks (80 at 1 kHz), where the band cannot be told from the trend.
+    The best straight line is removed from each component, since a hold drifts, and a Hann window keeps slow motion out
+    of
+    the band; its power is divided out, so that a vibration of amplitude A in the band gives A/√2. NaN with fewer than
+    4 · rate / low ticks (80 at 1 kHz) of `rate` [Hz], where the band cannot be told from the trend.
     """
     vectors = _vectors(force)
     ticks = vectors.shape[0]
@@ -227,17 +202,9 @@ def force_ripple(force: ArrayLike, rate: float, low: float = RIPPLE_BAND[0], hig
 
 
 def worst_force_ripple(force: ArrayLike, rate: float, breaks: BoolArray | None = None) -> float:
-    """Largest `force_ripple` of any `RIPPLE_SPAN` of a force [N]: how hard it shakes what makes it, a glove's motor.
+    """Largest `force_ripple` [N] of any `RIPPLE_SPAN` of a force (T, 3): of a recording or a session too.
 
-    It needs no hold: a recording or a session has it too. A step of the force shakes as well, and counts.
-
-    Args:
-        force: [N], shape (T, 3).
-        rate: Ticks per second [Hz].
-        breaks: Ticks before which others are missing, shape (T,): nothing spans them.
-
-    Returns:
-        RMS [N]; NaN where no uninterrupted part is long enough for `force_ripple`.
+    `breaks` are ticks before which others are missing, shape (T,). NaN where no uninterrupted part is long enough.
     """
     vectors = _vectors(force)
     span = round(RIPPLE_SPAN * rate)
@@ -252,15 +219,10 @@ def worst_force_ripple(force: ArrayLike, rate: float, breaks: BoolArray | None =
 
 
 def force_step(force: ArrayLike, moving: BoolArray, hold: BoolArray, floor: float = FORCE_FLOOR) -> float:
-    """Largest one-tick change of the total force while moving, relative to the mean hold force [%].
+    """Largest one-tick change of the total force (T, 3) [N] while moving, ‖F_t - F_{t-1}‖ over the mean hold force [%].
 
-    The change is that of the vector, ‖F_t - F_{t-1}‖: a force that turns at once jerks the hand, whatever its size.
-
-    Args:
-        force: [N], shape (T, 3).
-        moving: Ticks in which the hand moves, shape (T,); each is compared with the tick before it.
-        hold: Ticks in which it holds, shape (T,).
-        floor: Undefined (NaN) where the mean hold force is below this [N], or a phase is empty.
+    Each tick of the mask `moving` (T,) is compared with the tick before. NaN where the mean force in the mask `hold` is
+    below `floor` [N], or a phase is empty.
     """
     vectors = _vectors(force)
     change = np.linalg.norm(np.diff(vectors, axis=0), axis=1)[np.asarray(moving, dtype=bool)[1:]]
@@ -271,18 +233,12 @@ def force_step(force: ArrayLike, moving: BoolArray, hold: BoolArray, floor: floa
 
 
 def contact_force_step(force: ArrayLike, touch: BoolArray, breaks: BoolArray | None = None) -> float:
-    """Largest one-tick change of the total force in contact, ‖F_t - F_{t-1}‖ [N]: the hardest jerk that was felt.
-
-    Of the vector, as in `force_step`, but without a hold: a recording or a session has it too.
+    """Largest one-tick change of the total force (T, 3) in contact, ‖F_t - F_{t-1}‖ [N]; NaN without contact.
 
     Args:
         force: [N], shape (T, 3).
-        touch: Ticks in which the hand touches, shape (T,); each is compared with the tick before it and the one after
-            it, so that a touch that begins or ends at once counts.
+        touch: Ticks in contact, shape (T,), compared with both neighbours, so that a sudden begin or end counts.
         breaks: Ticks before which others are missing, shape (T,): not compared with the tick before.
-
-    Returns:
-        [N]; NaN where nothing touches.
     """
     touching = np.asarray(touch, dtype=bool)
     compared = touching[1:] | touching[:-1]
@@ -293,18 +249,9 @@ def contact_force_step(force: ArrayLike, touch: BoolArray, breaks: BoolArray | N
 
 
 def posture_jump(haptic: ArrayLike, graphic: ArrayLike) -> FloatArray:
-    """How far the shown hand jumps in one tick beyond what the user's hand did [m], shape (T,).
+    """Jump of the shown hand in one tick beyond the user's motion [m], shape (T,); NaN at the first tick.
 
-    The largest motion of any point of the graphic hand since the tick before, less that of any point of the haptic
-    hand, and 0 where the graphic hand moved no more: what a user would see as a jerk, and what a step of the force
-    comes from.
-
-    Args:
-        haptic: Points of the haptic hand [m], world, shape (T, N, 3).
-        graphic: Points of the graphic hand [m], world, shape (T, M, 3).
-
-    Returns:
-        [m]; NaN at the first tick.
+    The largest motion of a graphic point (T, M, 3) less that of a haptic point (T, N, 3) [m], world, at least 0.
     """
     jump: FloatArray = np.full(np.shape(haptic)[0], np.nan)
     theirs, ours = (
@@ -316,18 +263,16 @@ def posture_jump(haptic: ArrayLike, graphic: ArrayLike) -> FloatArray:
 
 
 def frozen_decay(force: ArrayLike, limit: float = FROZEN_LIMIT, floor: float = FORCE_FLOOR) -> int | None:
-    """Ticks that a force goes on changing after the input has frozen.
+    """Number of ticks that a force changes after the input has frozen; None if the last tick still changed.
 
-    The least n such that ‖F_t - F_{t-1}‖ <= limit · max(‖F_{t-1}‖, floor) for every t > n: a limit cycle never gets
-    there, even where the size of the force stays the same.
+    The least n such that ‖F_t - F_{t-1}‖ <= limit · max(‖F_{t-1}‖, floor) for every t > n; a limit cycle has none, even
+    at
+    a constant size of the force. None for fewer than two ticks, too.
 
     Args:
         force: [N], shape (T, 3), from the first tick with frozen input on.
         limit: Relative change that counts as still.
-        floor: Forces weaker than this [N] are measured against it.
-
-    Returns:
-        Number of ticks, 0 if nothing moved; None if the last tick still changed, or with fewer than two ticks.
+        floor: Reference of weaker forces [N].
     """
     vectors = _vectors(force)
     if vectors.shape[0] < 2:
@@ -346,12 +291,8 @@ def tracking_energy(haptic: HandConfiguration, graphic: HandConfiguration, stiff
     """Coupling energy ½ (Δp·k_t Δp + Δφ·k_r Δφ + Σ k_θ Δθ²) [J] between graphic and haptic hand, shape (T,).
 
     The objective of every method (virtual coupling of the paper's Eq. 1). Δφ is the rotation vector from graphic to
-    haptic palm, world.
-
-    Args:
-        haptic: Where the user's hand is.
-        graphic: Where the shown hand is.
-        stiffness: Diagonal of G, shape (21,): 3 times k_t [N/m], 3 times k_r [N·m/rad], 15 times k_θ [N·m/rad].
+    haptic
+    palm, world. `stiffness` is the diagonal of G, shape (21,): 3 k_t [N/m], 3 k_r [N·m/rad], 15 k_θ [N·m/rad].
     """
     diagonal = np.asarray(stiffness, dtype=np.float64)
     if diagonal.shape != (21,):
@@ -360,12 +301,11 @@ def tracking_energy(haptic: HandConfiguration, graphic: HandConfiguration, stiff
     turn = _rotation_vectors(graphic.orientation, haptic.orientation)
     bend = (haptic.flexion - graphic.flexion).reshape(-1, 15)
     offset = np.concatenate([shift, turn, bend], axis=1)
-    energy: FloatArray = 0.5 * (offset * offset) @ diagonal
-    return energy
+    return np.asarray(0.5 * (offset * offset) @ diagonal)
 
 
 def tracking_excess(energy: ArrayLike, reference: ArrayLike, floor: float = 1e-9) -> FloatArray:
-    """How far a method's coupling energy is from the reference optimum's, (energy - reference) / reference [-], (T,).
+    """Excess of a method's coupling energy over the reference optimum's, (energy - reference) / reference [-], (T,).
 
     NaN where the reference is below `floor` [J], that is in free space.
     """
@@ -377,18 +317,12 @@ def tracking_excess(energy: ArrayLike, reference: ArrayLike, floor: float = 1e-9
 
 
 def palm_distance_mm(haptic: ArrayLike, graphic: ArrayLike) -> FloatArray:
-    """How far the shown palm is from the user's, tick by tick [mm], shape (T,).
-
-    Args:
-        haptic: Palm of the user's hand [m], world, shape (T, 3).
-        graphic: Palm of the shown hand [m], world, shape (T, 3).
-    """
-    apart: FloatArray = 1e3 * np.linalg.norm(np.asarray(haptic) - np.asarray(graphic), axis=1)
-    return apart
+    """Distance of the palms (T, 3) [m] of haptic and graphic hand at each tick [mm], shape (T,)."""
+    return np.asarray(1e3 * np.linalg.norm(np.asarray(haptic) - np.asarray(graphic), axis=1))
 
 
 def tick_statistics(duration: ArrayLike) -> TickStatistics:
-    """p50, p99 and maximum [µs] of tick durations [ns], shape (T,), and the share of ticks over 1 ms.
+    """Compute p50, p99 and maximum [µs] of tick durations (T,) [ns], and the share of ticks over 1 ms.
 
     Percentiles interpolate between ticks; all NaN for no ticks.
     """
@@ -416,7 +350,7 @@ def _rate(values: FloatArray, floor: float) -> FloatArray:
 
 
 def _rotation_vectors(source: FloatArray, target: FloatArray) -> FloatArray:
-    # Vectors v [rad], world, with exp(v) source = target, the short way round.
+    """Shortest rotation vectors v [rad], world, with exp(v) source = target."""
     scalar = np.sum(source * target, axis=1)
     a, b = source[:, 1:], target[:, 1:]
     vector = source[:, :1] * b - target[:, :1] * a - np.cross(b, a)
@@ -424,5 +358,4 @@ def _rotation_vectors(source: FloatArray, target: FloatArray) -> FloatArray:
     sine = np.linalg.norm(vector, axis=1)
     small = sine < 1e-8
     scale = np.where(small, 2.0, 2.0 * np.arctan2(sine, np.abs(scalar)) / np.where(small, 1.0, sine))
-    rotation: FloatArray = scale[:, None] * vector
-    return rotation
+    return np.asarray(scale[:, None] * vector)

@@ -1,4 +1,4 @@
-"""The ticks of a run as its figures see them: of a replay that has just ended, or of a result file."""
+"""Ticks of a run as its figures see them, of a replay or of a result file."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,53 +26,40 @@ from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 
 HOLD = "hold"
-"""Phases of this name are held; in the others the hand moves."""
+"""Name of the phases in which the hand is held; in the others it moves."""
 TOUCHING = "contacts/touching"
 PLACED = ("graphic/joints", "graphic/position", "graphic/orientation")
-"""Datasets that say where the shown hand is, in the order of `PlacedHand`."""
+"""Datasets of the shown hand, in the order of `PlacedHand`."""
 
 
 class Columns(Protocol):
     """Datasets of /tick by name, each with a row a tick."""
 
     def __getitem__(self, name: str, /) -> AnyArray:
-        """The dataset."""
+        """Return the dataset."""
 
 
 @dataclass(frozen=True, eq=False)
 class RunTicks:
-    """What the figures of a run are computed from.
+    """Data from which the figures of a run are computed."""
 
-    Attributes:
-        columns: Datasets of /tick by name, as the object sees them where it moves; `run["force/total"]` is one of them.
-        ticks: How many.
-        phases: Of the motion.
-        rate: Ticks per second [Hz].
-        fingers: How many are modelled.
-        all_pairs: Of a hand body and an object sphere; 0 where that is not known.
-        touched: The object; None where contacts are not looked at.
-        breaks: Ticks before which others are missing, shape (T,); None where none are.
-        hand: Whose configurations the columns are; None where the user's hand is not looked at.
-        free: What became of the object where it is free; None where it is not.
-    """
-
-    columns: Columns
-    ticks: int
-    phases: Sequence[TickPhase]
-    rate: float
-    fingers: int
-    all_pairs: int = 0
-    touched: TouchedObject | None = None
-    breaks: BoolArray | None = None
-    hand: HandModel | None = None
-    free: FreeRun | None = None
+    columns: Columns  # datasets of /tick by name, in a moving object's frame; `run["force/total"]` is one of them
+    ticks: int  # number of ticks
+    phases: Sequence[TickPhase]  # phases of the motion
+    rate: float  # ticks per second [Hz]
+    fingers: int  # number of modelled fingers
+    all_pairs: int = 0  # number of pairs of a hand body and an object sphere; 0 where it is not known
+    touched: TouchedObject | None = None  # the object; None where contacts are not examined
+    breaks: BoolArray | None = None  # ticks before which others are missing, shape (T,); None for none
+    hand: HandModel | None = None  # the hand; None where the user's hand is not examined
+    free: FreeRun | None = None  # motion of a free object; None for another
 
     def __getitem__(self, name: str) -> AnyArray:
         return self.columns[name]
 
     @cached_property
     def holds(self) -> list[slice]:
-        """The ticks of each hold."""
+        """Ticks of each hold."""
         return hold_slices(self.phases, self.ticks)
 
     @cached_property
@@ -90,20 +77,19 @@ class RunTicks:
 
     @cached_property
     def contact_error(self) -> AnyArray:
-        """Farthest that a contact of a tick is from the true mesh [m], shape (T,); see `TouchedObject`."""
+        """Largest distance of a tick's contacts from the true mesh [m], shape (T,); see `TouchedObject`."""
         if self.touched is None:
             return np.full(self.ticks, np.nan)
         return self.touched.contact_error(PlacedHand(*(self.columns[name] for name in PLACED)), self.contact)
 
     @cached_property
     def input_hand(self) -> InputHand | None:
-        """How deep the user's hand was, and how far off it the shown one; None where nobody looked."""
+        """Measures of the user's hand; None where it is not examined."""
         if self.hand is None or self.touched is None:
             return None
         haptic = HandConfiguration(*(self.columns[f"haptic/{name}"] for name in HandConfiguration._fields))
         shown = PlacedHand(*(self.columns[name] for name in PLACED))
-        touching = np.asarray(self.columns[TOUCHING] > 0)
-        touched = self.touched
+        touching, touched = np.asarray(self.columns[TOUCHING] > 0), self.touched
         depths = object_depths(touched.surface, touched.mesh, touched.shape, touched.fingers)
         return input_hand(self.hand, depths, haptic, shown, touching, self.contact)
 
@@ -115,12 +101,7 @@ class RunTicks:
 
 
 def result_ticks(result: Result, columns: Columns | None = None) -> RunTicks:
-    """The ticks of a result.
-
-    Args:
-        result: Complete or not.
-        columns: In the place of the file's, such as computed anew; as the object sees them where it moves.
-    """
+    """Build the ticks of a result; `columns` replaces the file's, in a moving object's frame."""
     static = result.static
     level = static["object/tree/level"]
     bodies = static["hand/phalanx_length"].size + static["hand/palm_radius"].size
@@ -149,7 +130,7 @@ def result_ticks(result: Result, columns: Columns | None = None) -> RunTicks:
 
 
 def _hand(result: Result) -> HandModel | None:
-    """The hand of a result; None where its arrays are none."""
+    """Hand of a result; None where its arrays are invalid."""
     try:
         return result_hand(result)
     except (HhsimError, KeyError):
@@ -166,6 +147,6 @@ def _breaks(result: Result) -> BoolArray | None:
 
 
 def hold_slices(phases: Sequence[TickPhase], ticks: int) -> list[slice]:
-    """The ticks of each hold, of so many ticks."""
+    """Ticks of each hold."""
     held = [phase for phase in phases if phase.name == HOLD and phase.first_tick < ticks]
     return [slice(phase.first_tick, min(phase.last_tick + 1, ticks)) for phase in held]

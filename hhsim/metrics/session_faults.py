@@ -1,4 +1,4 @@
-"""What went wrong in a live session: an early end, faults, malformed packets, freed fingers."""
+"""Faults of a live session: an early end, logged faults, malformed packets, freed fingers."""
 
 import json
 import signal
@@ -15,40 +15,26 @@ from hhsim.result.safety import Safety
 from hhsim.result.schema import FAULT
 
 IN_ORDER = frozenset(("duration", "stopped", "SIGINT"))
-"""Why a session ended that came to its end, or that its user stopped."""
+"""Reasons of an orderly end: the duration, or the user."""
 SIGNALS = frozenset(number.name for number in signal.Signals)
-"""Why one ended that somebody else stopped: in order where no duration was asked for."""
-FREED_BY_FAULT = (
-    Safety.STALE_INPUT
-    | Safety.NOT_FINITE
-    | Safety.SOLVER_FAILED
-    | Safety.OVERRUN_STREAK
-    | Safety.DEVICE_LOST
-    | Safety.NO_WATCHDOG
-)
-"""Why the fingers are free where nobody asked for it."""
+"""Reasons of an end by another process: orderly where no duration was asked for."""
+FREED_BY_FAULT = ~(Safety.STOPPING | Safety.DRY_RUN | Safety.NO_INPUT_YET)
+"""Reasons of free fingers that nobody asked for."""
 
 
 class FaultCounts(NamedTuple):
-    """What went wrong in a session, counted; NaN where that is not known.
+    """Counts of a session's faults; NaN where one is not known."""
 
-    Attributes:
-        early: 1 of one that was not brought to its end in order, or whose recording was cut short; else 0.
-        faults: Of its log; an early end is one at least, whether or not somebody was left to log it.
-        malformed, frames: Malformed packets of the glove, and all of them.
-        freed, ticks: Ticks with fingers that were freed by a fault, and all of them.
-    """
-
-    early: float
-    faults: float
-    malformed: float
+    early: float  # 1 for a session that did not end in order, or whose recording was cut short; else 0
+    faults: float  # logged faults; an early end is one at least
+    malformed: float  # malformed packets of the glove, and all packets
     frames: float
-    freed: float
+    freed: float  # ticks with fingers freed by a fault, and all ticks
     ticks: float
 
     @property
     def line(self) -> str:
-        """All of them in a line."""
+        """Return the counts in one line."""
         _, faults, malformed, frames, freed, ticks = ("—" if np.isnan(count) else f"{count:,.0f}" for count in self)
         return (
             f"faults: {faults}{' (ended early)' if self.early else ''}; malformed packets: {malformed} of {frames}; "
@@ -57,18 +43,14 @@ class FaultCounts(NamedTuple):
 
     @property
     def figures(self) -> dict[str, float]:
-        """The figures of `SESSION_FAULTS` by name."""
+        """Return the figures of `SESSION_FAULTS` by name."""
         malformed, freed = _share(self.malformed, self.frames), _share(self.freed, self.ticks)
         return dict(zip((fault.name for fault in SESSION_FAULTS), (self.early, self.faults, malformed, freed)))
 
 
 @dataclass(frozen=True, kw_only=True)
 class SessionFault(Figure):
-    """A figure of what went wrong in a session, a count or in %; NaN where it is undefined.
-
-    Attributes:
-        limit: Largest value of a project that sets none.
-    """
+    """Figure of a session's faults, a count or in %; `limit` is the default one."""
 
     limit: float
 
@@ -80,11 +62,11 @@ SESSION_FAULTS = (
     SessionFault(name="malformed_share", label="malformed packets, of all of the glove's", limit=0.1, **_IN_PERCENT),
     SessionFault(name="freed_share", label="ticks with fingers freed by a fault", limit=1.0, **_IN_PERCENT),
 )
-"""In the order of a table, and of `FaultCounts.figures`."""
+"""Figures in the order of a table, and of `FaultCounts.figures`."""
 
 
 def recorded_faults(session: Result) -> FaultCounts:
-    """Count what went wrong in a recorded session; NaN for what its file lacks, or has damaged."""
+    """Count the faults of a recorded session; NaN for what its file lacks, or has damaged."""
     early = float(bool(broken_off(session)))
 
     def glove(name: str) -> float:
@@ -101,7 +83,7 @@ def recorded_faults(session: Result) -> FaultCounts:
 
 
 def how_it_ended(result: Result) -> str:
-    """Return why a session ended; "" of a replay."""
+    """Reason of a session's end; "" of a replay."""
     if result.live is None:
         return ""
     ended = str(result.live.get("ended") or "")
@@ -109,7 +91,7 @@ def how_it_ended(result: Result) -> str:
 
 
 def ended_before_its_time(result: Result) -> str:
-    """Return how and when a session ended before the duration that was asked for; "" of any other run."""
+    """Reason and time of an end before the duration that was asked for; "" of any other run."""
     ended, asked = how_it_ended(result), result.scene.get("duration")
     if ended in ("", "duration") or not isinstance(asked, int | float):
         return ""
@@ -118,7 +100,7 @@ def ended_before_its_time(result: Result) -> str:
 
 
 def broken_off(result: Result) -> str:
-    """Return why a session ended that was not brought to its end in order; "" where it was, and of a replay."""
+    """Reason of an end out of order; "" of any other run."""
     ended = how_it_ended(result)
     # A file that does not tell the duration tells the signal of a loop whose command was killed.
     in_order = ended in SIGNALS and result.scene.get("duration", "unknown") is None
@@ -128,7 +110,7 @@ def broken_off(result: Result) -> str:
 
 
 def first_mishap(session: Result) -> str:
-    """Return how a session ended that did not end in order, else the first fault of its log, else ""."""
+    """Reason of an end out of order, else the first fault of the log, else ""."""
     if ended := broken_off(session):
         return ended
     faults = np.flatnonzero(session["live/event/level"] == FAULT)

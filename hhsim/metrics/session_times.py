@@ -1,4 +1,4 @@
-"""What is measured of a live session's times: how late its loop woke, from sample to command, the solver's tick."""
+"""Times of a live session: wake-up, latency and the solver's tick."""
 
 from hhsim.metrics.run_metric import Figure
 from hhsim.result.miss_cause import WORDS
@@ -13,7 +13,7 @@ _PERCENTILES = {"p50": "p50", "p99": "p99", "p999": "p99.9", "max": "max"}
 MISSED_BY: tuple[Figure, ...] = tuple(
     Figure(f"missed_{cause.name.lower()}", f"missed: {words}") for cause, words in WORDS.items()
 )
-"""The missed ticks by who took their time; in the /summary of sessions since that is known."""
+"""Missed ticks by cause; in the /summary of sessions that know them."""
 
 SESSION_TIMES: tuple[Figure, ...] = (
     Figure("missed", "missed ticks"),
@@ -23,4 +23,4 @@ SESSION_TIMES: tuple[Figure, ...] = (
         for part, words in _PERCENTILES.items()
     ),
 )
-"""In the order of the session's table; in its /summary by these names, SI units."""
+"""Figures in the order of the session's table and, in SI units, of its /summary."""

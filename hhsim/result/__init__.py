@@ -1,1 +1,1 @@
-"""The result file: its schema, and how it is written and read."""
+"""Result files: schema, writer and reader."""

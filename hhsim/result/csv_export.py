@@ -1,4 +1,4 @@
-"""The ticks of a result as a CSV table: a line a tick, units in the heading."""
+"""Ticks of a result as a CSV table: a line a tick, units in the heading."""
 
 import csv
 import itertools
@@ -22,12 +22,12 @@ USUAL = (
     *("penetration_depth", "contacts/candidates", "contacts/touching"),
     *("duration/total_cpu", "duration/total", "status", "lag"),
 )
-"""Datasets that are written where none are named."""
+"""Datasets written by default."""
 SIZES = {
     "force/size": (Column("force/size", (), "<f8", "N", "size of the total force"), "force/total"),
     "force/finger": (Column("force/finger", (5,), "<f8", "N", "size of the force on each finger"), "force/phalanx"),
 }
-"""Columns that are no datasets: sizes of forces summed over phalanges, and the dataset that each is computed from."""
+"""Columns of force magnitudes, summed over phalanges, and the datasets that they are computed from."""
 ALL = "all"
 SUFFIX = ".csv"
 
@@ -35,20 +35,18 @@ SUFFIX = ".csv"
 def export_ticks(
     result: Result, path: Path, columns: Sequence[str] | None = None, progress: Progress = silent
 ) -> tuple[str, ...]:
-    """Write datasets of every tick.
+    """Write datasets of every tick and return the headings, each with index and unit.
 
     Args:
-        result: Of which; complete or not.
-        path: The table; a file that is there is replaced when the new one is complete.
-        columns: Names of datasets of /tick or of `SIZES`, of a session also of /live/tick, as live/tick/latency; or
-            `all`. None for the usual ones.
-
-    Returns:
-        The headings: name of the dataset, index of the element where there are several, unit in brackets.
+        result: Complete or not.
+        path: The table; an existing one is replaced when the new one is complete.
+        columns: Names of datasets of /tick, of `SIZES` or, of a session, of live/tick; or `all`. None for the usual
+            ones.
+        progress: Called with a label, the ticks done and their number.
 
     Raises:
         UnknownNameError: No such dataset.
-        OutputError: It cannot be written there, the name does not end in .csv, or another table is there.
+        OutputError: It cannot be written there, the name does not end in .csv, or another file is there.
     """
     if path.suffix.lower() != SUFFIX:
         raise OutputError(f"{path} is no name for a table: it has to end in {SUFFIX}")
@@ -67,9 +65,9 @@ def export_ticks(
             raise UnknownNameError("dataset", name, known)
     chosen = [known[name] for name in wanted]
     headings = tuple(heading for column in chosen for heading in column_headings(column))
-    part = path.with_name(f"{path.name}.part")
+    unfinished = path.with_name(f"{path.name}.part")
     try:
-        with part.open("w", encoding="utf-8", newline="") as file:
+        with unfinished.open("w", encoding="utf-8", newline="") as file:
             table = csv.writer(file, lineterminator="\n")
             table.writerow(("tick", *headings))
             first = 0
@@ -81,21 +79,21 @@ def export_ticks(
                 flat = [each.reshape(len(each), -1).tolist() for each in values]
                 table.writerows([tick, *itertools.chain(*row)] for tick, row in enumerate(zip(*flat), start=first))
                 first += len(flat[0])
-        part.replace(path)
+        unfinished.replace(path)
     except OSError as error:
         raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
     finally:
-        part.unlink(missing_ok=True)
+        unfinished.unlink(missing_ok=True)
     return headings
 
 
 def _sizes(force: FloatArray) -> FloatArray:
-    """Sizes of forces [N]: of one a tick, shape (T, 3), or of the sums over phalanges, (T, fingers, 3, 3)."""
+    """Magnitudes of forces (T, 3), or of their sums over phalanges (T, fingers, 3, 3) [N]."""
     return np.asarray(np.linalg.norm(force if force.ndim == 2 else force.sum(axis=2), axis=-1))
 
 
 def column_headings(column: Column) -> Iterator[str]:
-    """A heading for each element of a column, with its unit: `force/total[0] [N]`."""
+    """Yield a heading for each element of a column, with its unit: `force/total[0] [N]`."""
     unit = "" if column.units in ("", "1") else f" [{column.units}]"
     for index in itertools.product(*(range(size) for size in column.shape)):
         place = f"[{','.join(map(str, index))}]" if index else ""
@@ -103,6 +101,6 @@ def column_headings(column: Column) -> Iterator[str]:
 
 
 def _is_ours(path: Path) -> bool:
-    """Whether a file is a table of ticks, which a newer one may replace."""
+    """True if a file is a table of ticks, which a new one may replace."""
     with open_input(path) as file:
         return file.readline(64).startswith(b"tick,")

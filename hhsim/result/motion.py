@@ -1,7 +1,6 @@
-"""The motion in a result file: what the glove of a live session sent, or the haptic hand of a replay, as a trajectory.
+"""Motion in a result file as a trajectory: a session's glove samples, or a replay's haptic hand.
 
-A session's motion is that of its samples, which are as the glove gave them: those that were good, at the times when
-they were read. A glove does not know where the palm is, so the palm is where the session's ticks had it at these times.
+A session's samples are the good ones, at the times when they were read; its palm is that of its ticks at these times.
 """
 
 import json
@@ -23,7 +22,7 @@ HAND = ("position", "orientation", "flexion", "abduction")
 
 
 def holds_a_result(path: Path) -> bool:
-    """Whether a file states that it is a result; one that cannot be read does not."""
+    """True if a file states that it is a result."""
     if path.suffix.lower() not in SUFFIXES or not path.is_file():
         return False
     try:
@@ -33,11 +32,10 @@ def holds_a_result(path: Path) -> bool:
 
 
 def load_result_motion(path: Path) -> Trajectory:
-    """The motion of a result or a session, complete or not, beside the object where it was.
+    """Read the motion of a result or a session, complete or not, and the object's place.
 
     Raises:
-        TrajectoryError: Another schema, a damaged file, no tick or no good sample, or a hand that is not finite; one
-            line that begins with the path.
+        TrajectoryError: Another schema, a damaged file, no tick or no good sample, or a hand that is not finite.
     """
     try:
         with open_hdf5(path) as file:
@@ -113,7 +111,7 @@ def _session(file: h5py.File, path: Path) -> Trajectory:
 
 
 def _columns(file: h5py.File, group: str, names: tuple[str, ...]) -> dict[str, AnyArray]:
-    """Datasets of a table, as long as the shortest of them: a run that was killed may leave them unequal."""
+    """Datasets of a table, cut to the shortest: a killed run may leave them unequal."""
     columns = {name: file[f"{group}/{name}"][()] for name in names}
     rows = min(map(len, columns.values()))
     return {name: values[:rows] for name, values in columns.items()}

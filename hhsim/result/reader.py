@@ -1,7 +1,4 @@
-"""Result files: one replay or session, every tick of it, in HDF5 (format `hhsim-result`, see `hhsim.result.schema`).
-
-`hhsim.result.writer` writes them; this module reads them, complete or not.
-"""
+"""Result files of replays and sessions (format `hhsim-result`, see `hhsim.result.schema`), read complete or not."""
 
 import contextlib
 import json
@@ -44,8 +41,7 @@ from hhsim.system.media_kind import media_kind_of
 from hhsim.system.output_path import check_output_path
 
 View: TypeAlias = Callable[[str, AnyArray, ObjectMotion, ObjectMotion], AnyArray]
-"""Rows of a dataset of /tick by its name, world, as somebody sees them for whom the object stands still where it was at
-first; with its poses at these ticks, and the first one, shapes (3,) and (4,)."""
+"""Transform rows of a /tick dataset: its name, world values, the object's poses at these ticks and the first."""
 
 _HINTS = {
     "hhsim-trajectory": " (to replay a trajectory, give an object first: hhsim replay OBJECT FILE)",
@@ -53,60 +49,47 @@ _HINTS = {
     "hhsim-scene": " (to measure a submission of this scene: hhsim score SUBMISSION --scene FILE)",
     "hhsim-tree": " (to replay with a sphere tree: hhsim replay OBJECT --tree FILE)",
 }
-"""What a file of another format is for."""
+"""Hints on files of other formats."""
 
 _TOGETHER = (
     ("object/tree/center", "object/tree/radius", "object/tree/level", "object/tree/parent"),
     ("hand/palm_tree/center", "hand/palm_tree/radius", "hand/palm_tree/level", "hand/palm_tree/parent"),
     ("hand/palm_center", "hand/palm_radius"),
 )
-"""Arrays that have a row for each sphere."""
+"""Arrays with one row a sphere."""
 
 CHUNK_TICKS = 512
-"""Ticks in a chunk of the file; blocks of this size fill it best."""
+"""Ticks in a chunk of the file, and the best size of a block."""
 
 
 @dataclass(frozen=True, repr=False)
 class Result:
-    """A result file that has been opened and checked; the ticks are read when they are asked for, and kept.
+    """A result file, opened and checked; its datasets are read on demand and kept.
 
     `result["graphic/joints"]` is that dataset of /tick as a read-only array, shape (ticks, *column.shape);
     `result["live/sample/time"]` one of a session (`hhsim.result.schema.sample_columns`).
     """
 
     path: Path
-    complete: bool
-    """False where the run was stopped; the ticks before are sound."""
-    ticks: int
-    """Ticks that every dataset has."""
+    complete: bool  # False if the run was stopped; its ticks are sound
+    ticks: int  # number that every dataset has
     schema_version: int
     hhsim_version: str
     created_utc: str
-    scene: dict[str, Any]
-    """Every option of the run."""
+    scene: dict[str, Any]  # every option of the run
     machine: dict[str, Any]
     packages: dict[str, str]
-    phases: tuple[TickPhase, ...]
-    """Phases that begin within the ticks."""
+    phases: tuple[TickPhase, ...]  # those that begin within the ticks
     summary: dict[str, Any]
-    static: Mapping[str, AnyArray]
-    """The arrays of `STATIC_COLUMNS` by name."""
-    live: Mapping[str, Any] | None = None
-    """What a live session says of itself, the attributes of /live; None for a replay."""
-    command: tuple[str, ...] = ()
-    """The command that made it, word by word as it was typed; empty where a program called the library."""
-    git_revision: str = UNKNOWN
-    """Commit of the hhsim that wrote it."""
-    git_dirty: bool | str = UNKNOWN
-    """Whether its files had changed since."""
-    repeated: Mapping[str, Any] = field(default_factory=dict)
-    """Of a replay that was run several times, how many `runs` and of its `times` mean and std by name; else empty."""
-    score: Mapping[str, float] = field(default_factory=dict, repr=False)
-    """Of a submission, how far its poses are in the mesh and off the best ones [m], by name; else empty."""
-    driven: bool = False
-    """Whether the object moves, and every tick has its pose: `tick/object/position` and `tick/object/orientation`."""
-    view: View | None = field(default=None, compare=False)
-    """Who sees the hands and the forces; None: they are the world's, as in the file."""
+    static: Mapping[str, AnyArray]  # arrays of `STATIC_COLUMNS` by name
+    live: Mapping[str, Any] | None = None  # attributes of /live; None for a replay
+    command: tuple[str, ...] = ()  # as it was typed; empty for a call of the library
+    git_revision: str = UNKNOWN  # commit of the hhsim that wrote it
+    git_dirty: bool | str = UNKNOWN  # True if its files had changed since
+    repeated: Mapping[str, Any] = field(default_factory=dict)  # `runs`, and mean and std of `times` by name
+    score: Mapping[str, float] = field(default_factory=dict, repr=False)  # of a submission: penetration and error [m]
+    driven: bool = False  # True if the object moves: its poses are `object/position` and `object/orientation`
+    view: View | None = field(default=None, compare=False)  # transformation of hands and forces; None: world
     _loaded: dict[str, AnyArray] = field(default_factory=dict, compare=False)
 
     def __repr__(self) -> str:
@@ -117,16 +100,16 @@ class Result:
 
     @property
     def method(self) -> str:
-        """The method that was run; "" where the file does not say."""
+        """Method of the run; "" where the file does not say."""
         return str(self.scene.get("solver", {}).get("method", ""))
 
     @property
     def surface(self) -> str:
-        """What of the object the hand touched: `spheres`, as in every file that does not say, or `mesh`."""
+        """Surface of the object that the hand touched: `spheres`, the default, or `mesh`."""
         return str(self.scene.get("solver", {}).get("surface", "spheres"))
 
     def gives(self, what: str) -> bool:
-        """Whether its method gives something, one of `hhsim.solver.method.EVERYTHING`: hhsim's own give everything."""
+        """True if the method gives something, one of `hhsim.solver.method.EVERYTHING`; hhsim's own give everything."""
         return what in self.scene.get("gives", [what])
 
     @property
@@ -136,28 +119,25 @@ class Result:
 
     @property
     def fingers(self) -> tuple[str, ...]:
-        """Names of the fingers that were modelled."""
+        """Names of the modelled fingers."""
         return tuple(self.scene.get("solver", {}).get("fingers", FINGERS))
 
     @property
     def free(self) -> bool:
-        """Whether its object moved by the forces on it: its contacts are then under `contact/`."""
+        """True if forces move the object; its contacts are under `contact/`."""
         return "free" in self.scene
 
     @cached_property
     def seen_from_object(self) -> "Result":
-        """The same in the frame where the object stands still, at its place of the first tick; itself where it does.
-
-        There its arrays of /object are right at every tick, and what is measured of contact is measured there.
-        """
+        """Result in the frame of its object at the first tick; itself where the object stands still."""
         return self.seen_by(lambda name, values, now, first: as_object_sees(name, values, now.since(*first)))
 
     def seen_by(self, view: View) -> "Result":
-        """The same as `view` sees its ticks; itself where the object stands still."""
+        """Result as transformed by `view`; itself where the object stands still."""
         return replace(self, view=view, _loaded={}) if self.driven and self.view is None else self
 
     def object_motion(self, rows: slice | int = slice(None)) -> ObjectMotion:
-        """The object's pose at the ticks, of one that stands still too."""
+        """Read the object's poses at some ticks."""
         if not self.driven:
             count = len(range(self.ticks)[rows]) if isinstance(rows, slice) else 1
             poses = (self.static["object/position"], self.static["object/orientation"])
@@ -166,7 +146,7 @@ class Result:
             return self._object_motion(file, rows)
 
     def moved_since_first(self, rows: slice | int = slice(None)) -> RigidMotion:
-        """What brings the object from where /object has it to where it is at the ticks."""
+        """Motion of the object from its place of /object to that at the ticks."""
         return self.object_motion(rows).since(self.static["object/position"], self.static["object/orientation"])
 
     def _object_motion(self, file: h5py.File, rows: slice | int) -> ObjectMotion:
@@ -174,7 +154,7 @@ class Result:
         return ObjectMotion(*(_finite_numbers(file["tick"][column.name], part) for column in OBJECT_COLUMNS))
 
     def _rows(self, file: h5py.File, name: str, rows: slice | int) -> AnyArray:
-        """Rows of a dataset of /tick, as whoever looks sees them."""
+        """Read rows of a dataset of /tick in the view's frame."""
         values = read_numbers(file["tick"][name], rows)
         if self.view is None or name not in TURNS:
             return values
@@ -182,8 +162,7 @@ class Result:
         first = ObjectMotion(self.static["object/position"], self.static["object/orientation"])
         if isinstance(rows, slice):
             return self.view(name, values, now, first)
-        one: AnyArray = self.view(name, np.asarray(values)[None], now, first)[0]
-        return one
+        return np.asarray(self.view(name, np.asarray(values)[None], now, first)[0])
 
     def __getitem__(self, name: str) -> AnyArray:
         if name not in self._loaded:
@@ -200,7 +179,7 @@ class Result:
         return self._loaded[name]
 
     def keys(self) -> list[str]:
-        """Names that `result[name]` takes: the datasets of /tick, and those under `live/` and `contact/`."""
+        """Names of all datasets: those of /tick, and those under `live/` and `contact/`."""
         with _opened(self.path) as file:
             found = _dataset_names(file["tick"])
             for group in (LIVE, CONTACT):
@@ -219,23 +198,15 @@ class Result:
         return InputError(f"{self.path}: {error}")
 
     def blocks(self, names: Sequence[str], size: int = CHUNK_TICKS) -> Iterator[dict[str, AnyArray]]:
-        """Datasets of a row a tick, so many ticks at a time: a long session does not fit into memory whole.
-
-        Args:
-            names: Of the datasets of /tick, or of a session's as live/tick/latency.
-            size: Ticks of a block; the last one may have fewer.
-
-        Yields:
-            The arrays of the next block by name.
-        """
+        """Yield datasets of /tick or `live/tick` by name, `size` ticks at a time: sessions may exceed the memory."""
         with _opened(self.path) as file:
             for first in range(0, self.ticks, size):
-                part = slice(first, min(first + size, self.ticks))
-                live = {name: read_numbers(file[name], part) for name in names if name.startswith(f"{LIVE}/")}
-                yield {name: live[name] if name in live else self._rows(file, name, part) for name in names}
+                rows = slice(first, min(first + size, self.ticks))
+                live = {name: read_numbers(file[name], rows) for name in names if name.startswith(f"{LIVE}/")}
+                yield {name: live[name] if name in live else self._rows(file, name, rows) for name in names}
 
     def at(self, tick: int, names: Sequence[str]) -> dict[str, AnyArray]:
-        """One tick of datasets of /tick, without reading the others.
+        """Read one tick of datasets of /tick.
 
         Raises:
             InputError: There is no such tick.
@@ -248,7 +219,7 @@ class Result:
     def _contact_column(self, file: h5py.File, name: str) -> AnyArray:
         if not isinstance(file.get(name), h5py.Dataset):
             raise InputError(f"{self.path} has no dataset {name}: contacts are stored where the object is free")
-        # A run that was killed may have written more contacts than ticks.
+        # A killed run may have written more contacts than ticks.
         ticks, bodies = file[CONTACT]["tick"][...], file[CONTACT]["body"][...]
         if (np.diff(ticks) < 0).any() or (ticks[:1] < 0).any() or ((bodies < -1) | (bodies >= BODIES)).any():
             raise InputError(f"{self.path} is damaged: a contact of no tick, or of no body")
@@ -262,13 +233,13 @@ class Result:
             raise self._no_dataset(name, file.get(name))
         table = file[name.rsplit("/", 1)[0]]
         rows: list[int] = []
-        # A run that was killed may have written a block to some of the datasets and not to the others.
+        # A killed run may have written a block to some of the datasets only.
         table.visititems(lambda _, item: rows.append(len(item)) if isinstance(item, h5py.Dataset) else None)
         of_ticks = f"{table.name}/".startswith(f"/{LIVE_TICK}/")
         return _frozen(read_numbers(file[name], slice(self.ticks if of_ticks else min(rows))))
 
     def phase_at(self, tick: int) -> str:
-        """Name of the phase that a tick is in; "" where it is in none."""
+        """Name of the phase of a tick; "" for none."""
         return next((phase.name for phase in self.phases if phase.first_tick <= tick <= phase.last_tick), "")
 
     def phase(self, name: str) -> slice:
@@ -311,6 +282,7 @@ def load_result(path: str | Path) -> Result:
             kept = [column.name for column in LIVE_TICK_COLUMNS if not column.optional or column.name in loop]
             ticks = min(ticks, *(len(loop[name]) for name in kept))
         attributes = file.attrs
+        dirty = attributes.get("git_dirty", UNKNOWN)
         return Result(
             path=path,
             complete=bool(attributes["complete"]),
@@ -327,7 +299,7 @@ def load_result(path: str | Path) -> Result:
             live=_Stated(_attributes(file[LIVE]), path) if LIVE in file else None,
             command=tuple(json.loads(attributes.get("command", "[]"))),
             git_revision=str(attributes.get("git_revision", UNKNOWN)),
-            git_dirty=_git_dirty(attributes.get("git_dirty", UNKNOWN)),
+            git_dirty=dirty if isinstance(dirty, str) else bool(dirty),
             repeated=_mapping(attributes.get("repeated", "{}")),
             score=_mapping(attributes.get("score", "{}")),
             driven=driven,
@@ -375,18 +347,17 @@ def _dataset_names(group: h5py.Group) -> list[str]:
 def _scene(written: str) -> dict[str, Any]:
     scene = _mapping(written)
     solver = scene.get("solver", {})
-    if "settled" in solver:  # as the option was once called
+    if "settled" in solver:  # the option's name in older files
         solver["step_tolerance"] = solver.pop("settled")
     return scene
 
 
 def check_result_path(path: Path) -> None:
-    """Look, before the work, for what would keep a result from being written to `path`.
+    """Check, before the work, that a result can be written to `path`.
 
     Raises:
-        OutputError: As `hhsim.system.output_path.check_output_path`; a name that does not end as one of a result; or a
-        file is
-            there that is no result, which a slip of the pen must not destroy.
+        OutputError: As `hhsim.system.output_path.check_output_path`; another suffix; or an existing file that is no
+            result.
     """
     check_output_path(path)
     if path.suffix.lower() not in SUFFIXES:
@@ -409,7 +380,7 @@ def _read_phases(file: h5py.File) -> Iterator[TickPhase]:
 
 @contextlib.contextmanager
 def _opened(path: Path) -> Iterator[h5py.File]:
-    """Open for reading, with every failure of the file told as an `InputError`."""
+    """Open for reading; raise InputError for every failure of the file."""
     if not path.exists():
         raise InputError(f"{path}: no such file; expected a result (.h5)")
     if path.is_dir():
@@ -442,7 +413,7 @@ def _check_format(file: h5py.File, path: Path) -> None:
 
 
 _STORED = {"f": "fiu", "i": "iu", "u": "iu", "S": "SO"}
-"""Kinds of values that a file may hold, by the kind of the column."""
+"""Kinds of values accepted in a file, by the kind of the column."""
 
 
 def _check_dataset(group: Mapping[str, Any], column: Column, shape: tuple[int, ...], path: Path) -> None:
@@ -456,17 +427,13 @@ def _check_dataset(group: Mapping[str, Any], column: Column, shape: tuple[int, .
 
 
 def fits(shape: tuple[int, ...], expected: tuple[int, ...]) -> bool:
-    """Whether a shape is the expected one, in which -1 is any size."""
+    """True if a shape is the expected one, in which -1 is any size."""
     return len(shape) == len(expected) and all(want in (-1, have) for have, want in zip(shape, expected))
 
 
 def spelled(shape: tuple[int, ...]) -> str:
-    """A shape as messages show it."""
+    """Return a shape as messages show it."""
     return f"({', '.join('any' if size == -1 else str(size) for size in shape)})"
-
-
-def _git_dirty(value: Any) -> bool | str:
-    return value if isinstance(value, str) else bool(value)
 
 
 def _frozen(array: AnyArray) -> AnyArray:

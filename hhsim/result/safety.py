@@ -1,10 +1,10 @@
-"""Why the fingers of a live session are free: the flags that its file holds, and the words for them."""
+"""Reasons of free fingers in a live session."""
 
 from enum import IntFlag
 
 
 class Safety(IntFlag):
-    """Why the fingers are free (stiffness 0) in a tick; 0: they are not kept free."""
+    """Flags: reasons of free fingers (stiffness 0) in a tick; 0 for none."""
 
     STALE_INPUT = 1
     NOT_FINITE = 2
@@ -34,18 +34,18 @@ AFTER_STALL = {
     "ease": "it falls to nothing within 0.1 s",
     "hold": "it stays as it was",
 }
-"""What can become of the stiffness when too many periods were missed, the default first."""
+"""Choices for the stiffness after too many missed periods, the default first."""
 
 HELD = "held where they touch"
 
 
 def why_free(bits: int) -> str:
-    """What keeps the fingers free, reasons with commas between; "" where nothing does."""
+    """Reasons of free fingers in words, with commas between; "" for none."""
     known = [words for why, words in WORDS.items() if bits & why]
     unknown = bits & ~sum(int(why) for why in WORDS)
     return ", ".join([*known, *([f"reason {unknown}"] if unknown else [])])
 
 
 def why_free_or_held(bits: int) -> str:
-    """As `why_free`, and `HELD` where nothing keeps the fingers free."""
+    """Reasons of free fingers in words; `HELD` for none."""
     return why_free(bits) or HELD

@@ -1,8 +1,7 @@
-"""What a result file holds: the one table that the writer, the reader and the checks go by.
+"""Datasets of a result file (format `hhsim-result`): the table that writer, reader and checks share.
 
-Format `hhsim-result`. A change here raises `SCHEMA_VERSION`, and files of another schema are refused; only an optional
-column may be added without. Where the object moves, /tick holds its pose as well. A result holds all that a run needs,
-so that it can be run again from nothing but itself (`hhsim.replay.repeat`).
+A change raises `SCHEMA_VERSION`, and files of another schema are refused; only an optional column may be added without.
+A result holds all that a run needs, so that it can be run again from nothing else (`hhsim.replay.repeat`).
 """
 
 from collections.abc import Mapping
@@ -15,55 +14,40 @@ from numpy.typing import NDArray
 FORMAT = "hhsim-result"
 SCHEMA_VERSION = 3
 DRIVEN_SCHEMA_VERSION = 4
-"""Of a file whose object moves, which one that knows no such files must not take for one that stands still."""
+"""Version of a file whose object moves; readers of still objects alone refuse it."""
 SCHEMA_VERSIONS = (SCHEMA_VERSION, DRIVEN_SCHEMA_VERSION)
 SUFFIXES = (".h5", ".hdf5")
-"""How the name of a result ends; no mesh, script or suite ends so."""
+"""Suffixes of a result's name."""
 LIVE = "live"
-"""The group that only live sessions have."""
+"""Group of live sessions."""
 LIVE_TICK = "live/tick"
 LIVE_SAMPLE = "live/sample"
 LIVE_EVENT = "live/event"
-"""Its tables: one row a tick, as /tick; one row a sample of the glove; one row a line of the log."""
+"""Tables of a session: one row a tick, as /tick; one a sample of the glove; one a line of the log."""
 
 
 class TickField(NamedTuple):
-    """A field of a tick's record, as the solver and the loop of a session hand it over.
-
-    Attributes:
-        name: Of the field.
-        type: Of its numbers.
-        shape: Of a tick's value.
-        parts: Names of the entries, of a field that several columns are taken from.
-    """
+    """Field of a tick's record, as the solver and the loop of a session hand it over."""
 
     name: str
     type: str = "<i8"
-    shape: tuple[int, ...] = ()
-    parts: tuple[str, ...] = ()
+    shape: tuple[int, ...] = ()  # of a tick's value
+    parts: tuple[str, ...] = ()  # names of the entries that become columns of their own
 
 
 LOOP_FIELDS = (
-    TickField("tick"),
-    TickField("time_ns"),
-    TickField("early_ns"),
-    TickField("wakeup_ns"),
-    TickField("latency_ns"),
-    TickField("missed"),
-    TickField("at_once"),
-    TickField("input_seq"),
-    TickField("safety"),
-    TickField("cause"),
+    *map(TickField, ("tick", "time_ns", "early_ns", "wakeup_ns", "latency_ns", "missed", "at_once", "input_seq")),
+    *map(TickField, ("safety", "cause")),
     TickField("taken", shape=(5,), parts=("computed", "kept", "run_delay", "steal", "device")),
 )
-"""What the loop of a session says of a tick before it is solved; `LIVE_TICK_COLUMNS` says what each is."""
+"""Fields that a session's loop sets before a tick is solved, explained in `LIVE_TICK_COLUMNS`."""
 HAPTIC_FIELDS = (
     TickField("haptic_position", "<f8", (3,)),
     TickField("haptic_orientation", "<f8", (4,)),
     TickField("haptic_flexion", "<f8", (5, 3)),
     TickField("haptic_abduction", "<f8", (5,)),
 )
-"""What the solver is given."""
+"""Input of the solver."""
 SOLVER_FIELDS = (
     TickField("status"),
     TickField("position", "<f8", (3,)),
@@ -88,9 +72,9 @@ SOLVER_FIELDS = (
     ),
     TickField("lag", "<f8"),
 )
-"""What it makes of it, the fields of `hhsim.kernels.tick.block.TickRecord` in their order."""
+"""Output of the solver, the fields of `hhsim.kernels.tick.block.TickRecord` in their order."""
 COMMAND_FIELDS = (TickField("command_bend", "<f8", (5,)), TickField("command_stiffness", "<f8", (5,)))
-"""What the glove was told."""
+"""Commands to the glove."""
 OBJECT_FIELDS = (
     TickField("turn", "<f8", (4,)),
     TickField("shift", "<f8", (3,)),
@@ -109,44 +93,35 @@ OBJECT_FIELDS = (
     TickField("torsional_moment", "<f8", (64,)),
     TickField("slip", "<f8", (64,)),
 )
-"""What it makes of a free object, the fields of `hhsim.kernels.free.record.ObjectRecord` of one tick in their order."""
+"""Output for a free object, the fields of `hhsim.kernels.free.record.ObjectRecord` in their order."""
 TICK_FIELDS = (*LOOP_FIELDS, SOLVER_FIELDS[0], *HAPTIC_FIELDS, *SOLVER_FIELDS[1:], *COMMAND_FIELDS)
-"""The record of a tick of a session, field by field as it lies in the ring."""
+"""Record of a session's tick, in the order of the ring's fields."""
 _PARTS = {field.name: field.parts for field in TICK_FIELDS}
 
 
 @dataclass(frozen=True)
 class Column:
-    """One dataset.
+    """One dataset."""
 
-    Attributes:
-        name: Of the dataset.
-        shape: Of a tick's value, or of the whole array where it does not change with time; -1 is any size.
-        dtype: As it is stored.
-        units: SI.
-        long_name: What it is, for people.
-        source: Field of the record that it is taken from, as `field` or as `field.part`; "" where it is computed.
-        turns: What it is where the object moves and carries the frame that is solved in along: "point", "vector" (of 3,
-            or of twice 3 one after the other) or "orientation"; "" for what no frame changes.
-        optional: Files that were written before there was one lack it, and are read all the same.
-    """
-
-    name: str
+    name: str  # name of the dataset
+    # shape of a tick's value, or of the whole array where it does not change with time; -1 is any size
     shape: tuple[int, ...]
-    dtype: str
-    units: str
-    long_name: str
+    dtype: str  # type as it is stored
+    units: str  # SI unit
+    long_name: str  # description for people
+    # field of the record that it is taken from, as `field` or as `field.part`; "" where it is computed
     source: str = ""
+    # transformation to a moving object's frame: "point", "vector" (of 3, or of twice 3), "orientation", or ""
     turns: str = ""
-    optional: bool = False
+    optional: bool = False  # True if older files may lack it
 
     @property
     def known_by(self) -> str:
-        """What a method must give for it to be known, of `hhsim.solver.method.EVERYTHING`; "" where it is measured."""
+        """Quantity that a method must give for it, of `hhsim.solver.method.EVERYTHING`; "" where it is measured."""
         return next((what for beginning, what in _KNOWN_BY.items() if self.name.startswith(beginning)), "")
 
     def taken(self, record: Mapping[str, NDArray[Any]] | NDArray[Any]) -> NDArray[Any]:
-        """Its rows, from the fields of records by name; first axis the record."""
+        """Rows of the column from the fields of records by name; first axis the record."""
         field, _, part = self.source.partition(".")
         values = record[field]
         return values[:, _PARTS[field].index(part)] if part else values
@@ -160,17 +135,14 @@ _KNOWN_BY = {
     "status": "status",
     "lag": "status",
 }
-"""How the names of datasets begin that only some methods can tell."""
+"""Datasets, by the begin of their names, that only some methods give."""
 
 
 def _hand(of: str, whose: str, field: str) -> tuple[Column, ...]:
     columns = (
         Column("position", (3,), "<f8", "m", f"palm centre of the {whose} hand, world", turns="point"),
         Column(
-            "orientation",
-            (4,),
-            "<f8",
-            "1",
+            *("orientation", (4,), "<f8", "1"),
             f"palm orientation of the {whose} hand, unit quaternion w x y z",
             turns="orientation",
         ),
@@ -184,64 +156,37 @@ TICK_COLUMNS: tuple[Column, ...] = (
     Column("time", (), "<f8", "s", "time of the tick since the start of the trajectory"),
     Column("input_seq", (), "<i8", "1", "number of the input sample that the tick used, from 0", "input_seq"),
     Column(
-        "status",
-        (),
-        "<i4",
-        "1",
-        "0 settled; flags: 1 stuck, 2 lag, 4 input held, 8 began inside, 16 full, 32 abduction held",
-        "status",
+        *("status", (), "<i4", "1"),
+        *("0 settled; flags: 1 stuck, 2 lag, 4 input held, 8 began inside, 16 full, 32 abduction held", "status"),
     ),
     Column("lag", (), "<f8", "m", "distance that the hand still had to go when the tick's budget ended", "lag"),
     *_hand("haptic", "haptic (measured)", "haptic_"),
     *_hand("graphic", "graphic (shown)", ""),
     Column(
-        "graphic/joints",
-        (5, 4, 3),
-        "<f8",
-        "m",
-        "joint and tip positions of the graphic hand, proximal first, world",
-        "joints",
-        "point",
+        *("graphic/joints", (5, 4, 3), "<f8", "m"),
+        *("joint and tip positions of the graphic hand, proximal first, world", "joints", "point"),
     ),
     Column("penetration_depth", (), "<f8", "m", "deepest penetration of any hand body into any object leaf sphere"),
     Column("penetration_palm", (), "<f8", "m", "deepest penetration of the palm"),
     Column("penetration_finger", (5,), "<f8", "m", "deepest penetration of each finger; NaN: not modelled"),
     Column(
-        "force/phalanx",
-        (5, 3, 3),
-        "<f8",
-        "N",
-        "contact force on each phalanx, finger by phalanx, world",
-        "phalanx",
-        "vector",
+        *("force/phalanx", (5, 3, 3), "<f8", "N"),
+        *("contact force on each phalanx, finger by phalanx, world", "phalanx", "vector"),
     ),
     Column(
-        "force/fingertip_normal",
-        (5, 3),
-        "<f8",
-        "N",
-        "normal force at each fingertip, world",
-        "fingertip_normal",
-        "vector",
+        *("force/fingertip_normal", (5, 3), "<f8", "N"),
+        *("normal force at each fingertip, world", "fingertip_normal", "vector"),
     ),
     Column(
-        "force/palm_wrench",
-        (6,),
-        "<f8",
-        "N,N·m",
-        "coupling force (first three) and moment about the palm centre (Eq. 1), world",
-        "palm_wrench",
-        "vector",
+        *("force/palm_wrench", (6,), "<f8", "N,N·m"),
+        *("coupling force (first three) and moment about the palm centre (Eq. 1), world", "palm_wrench", "vector"),
     ),
     Column("force/total", (3,), "<f8", "N", "sum of all contact forces on the hand, world", "total", "vector"),
     Column("force_variation_rate", (), "<f8", "%", "one-tick change of the total force's size; NaN below 0.01 N"),
     Column("force_variation_finger", (5,), "<f8", "%", "one-tick change of each finger's force size; NaN below 0.01 N"),
     Column("duration/detect", (), "<i8", "ns", "wall time of contact detection", "duration.detect"),
     Column(
-        "duration/palm",
-        (),
-        "<i8",
-        "ns",
+        *("duration/palm", (), "<i8", "ns"),
         "time of the palm's (or whole hand's) optimisation; of a method from outside, what it reports",
         "duration.palm",
     ),
@@ -267,7 +212,7 @@ OBJECT_COLUMNS: tuple[Column, ...] = (
     Column("object/position", (3,), "<f8", "m", "origin of the object's own frame at the tick, world"),
     Column("object/orientation", (4,), "<f8", "1", "object to world at the tick, unit quaternion w x y z"),
 )
-"""Datasets under /tick beside those, of an object that moves; /object is then where it was at the first tick."""
+"""Further datasets under /tick for a moving object; /object is then its place at the first tick."""
 
 FREE_COLUMNS: tuple[Column, ...] = (
     Column("object/velocity", (3,), "<f8", "m/s", "velocity of the object's centre of mass, world", "velocity"),
@@ -275,35 +220,24 @@ FREE_COLUMNS: tuple[Column, ...] = (
         "object/angular_velocity", (3,), "<f8", "rad/s", "angular velocity of the object, world", "angular_velocity"
     ),
     Column(
-        "object/hand_wrench",
-        (6,),
-        "<f8",
-        "N,N·m",
-        "force of the hand on the object (first three) and moment about its centre of mass, world",
-        "hand_wrench",
+        *("object/hand_wrench", (6,), "<f8", "N,N·m"),
+        *("force of the hand on the object (first three) and moment about its centre of mass, world", "hand_wrench"),
     ),
     Column("object/table_wrench", (6,), "<f8", "N,N·m", "the same of the table", "table_wrench"),
     Column(
-        "object/table_distance",
-        (),
-        "<f8",
-        "m",
-        "lowest point of the object above the table, negative inside; infinite without a table",
-        "table_distance",
+        *("object/table_distance", (), "<f8", "m"),
+        *("lowest point of the object above the table, negative inside; infinite without a table", "table_distance"),
     ),
     Column(
-        "object/friction_residual",
-        (),
-        "<f8",
-        "m",
+        *("object/friction_residual", (), "<f8", "m"),
         "how far the slip that friction was balanced against is off the slip made, the worst contact: μ times its way",
         "friction_residual",
     ),
 )
-"""Datasets under /tick beside those, of an object that is free; named by the scene's `free`."""
+"""Further datasets under /tick for a free object, described by the scene's `free`."""
 
 CONTACT = "contact"
-"""The group that only results with a free object have."""
+"""Group of results with a free object."""
 
 CONTACT_COLUMNS: tuple[Column, ...] = (
     Column("tick", (), "<i8", "1", "tick that the contact bears a force in, from 0"),
@@ -354,57 +288,34 @@ STATIC_COLUMNS: tuple[Column, ...] = (
 LIVE_TICK_COLUMNS: tuple[Column, ...] = (
     Column("record", (), "<i8", "1", "number of the tick's record since the loop began; a gap: records that were lost"),
     Column(
-        "period",
-        (),
-        "<i8",
-        "1",
-        "number of the tick's period since the loop began; a gap: periods without a tick",
-        "tick",
+        *("period", (), "<i8", "1"),
+        *("number of the tick's period since the loop began; a gap: periods without a tick", "tick"),
     ),
     Column("deadline", (), "<i8", "ns", "CLOCK_MONOTONIC at which the tick was due", "time_ns"),
     Column(
-        "early",
-        (),
-        "<i8",
-        "ns",
-        "how long before its period's end that was, since a sample had come; 0: none had",
-        "early_ns",
+        *("early", (), "<i8", "ns"),
+        *("how long before its period's end that was, since a sample had come; 0: none had", "early_ns"),
         optional=True,
     ),
     Column(
-        "wakeup",
-        (),
-        "<i8",
-        "ns",
-        "how long after the deadline that was slept for, or its own, the tick began",
-        "wakeup_ns",
+        *("wakeup", (), "<i8", "ns"),
+        *("how long after the deadline that was slept for, or its own, the tick began", "wakeup_ns"),
     ),
     Column(
-        "latency",
-        (),
-        "<i8",
-        "ns",
-        "from the newest sample's bytes read to the command handed over; -1: no new sample",
-        "latency_ns",
+        *("latency", (), "<i8", "ns"),
+        *("from the newest sample's bytes read to the command handed over; -1: no new sample", "latency_ns"),
     ),
     Column("missed", (), "<i8", "1", "periods without a tick right before this one", "missed"),
     Column(
-        "at_once",
-        (),
-        "|u1",
-        "1",
-        "1: the work before ended in this period, and the tick began without a sleep",
-        "at_once",
+        *("at_once", (), "|u1", "1"),
+        *("1: the work before ended in this period, and the tick began without a sleep", "at_once"),
         optional=True,
     ),
     Column("safety", (), "<i8", "1", "why the fingers were kept free, sum of bits; 0: they were not", "safety"),
     Column("command_bend", (5,), "<f8", "1", "where each finger was told to stop, 0 flat to 1 fist", "command_bend"),
     Column("command_stiffness", (5,), "<f8", "1", "how hard, 0 free to 1", "command_stiffness"),
     Column(
-        "cause",
-        (),
-        "|u1",
-        "1",
+        *("cause", (), "|u1", "1"),
         "who took the time of the periods missed: 1 computed too long, 2 woken late, 3 the host, 4 the device; 0: none",
         "cause",
         optional=True,
@@ -433,7 +344,7 @@ INFORMATION, WARNING, FAULT = 0, 1, 2
 
 
 def sample_columns(channels: int) -> tuple[Column, ...]:
-    """Datasets under /live/sample, of a glove with so many channels: every sample that came, good or not."""
+    """Datasets under /live/sample, one row for every sample, of a glove with a number of channels."""
     return (
         Column("record", (), "<i8", "1", "number of the sample's record since the loop began; a gap: records lost"),
         Column("seq", (), "<i8", "1", "number of the sample since the glove was opened, from 0", "seq"),
@@ -450,7 +361,7 @@ def sample_columns(channels: int) -> tuple[Column, ...]:
 
 
 def wrong_schema(version: Any) -> str:
-    """What is to be done about a result of another schema, said after its path."""
+    """Message on a result of another schema, to follow its path."""
     if isinstance(version, int | np.integer) and version > DRIVEN_SCHEMA_VERSION:
         return f"was written by a newer hhsim (schema {version}; this one reads {DRIVEN_SCHEMA_VERSION}): upgrade hhsim"
     return f"is a result of schema {version}; this hhsim reads schema {SCHEMA_VERSION} alone: make it anew"

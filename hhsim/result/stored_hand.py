@@ -1,4 +1,4 @@
-"""The hand of a run as its result file holds it, bit for bit."""
+"""Hand stored in a result file."""
 
 import numpy as np
 
@@ -23,7 +23,7 @@ HAND_ARRAYS = {
 
 
 def result_hand(result: Result) -> HandModel:
-    """The hand in a file, whether or not it is the one of the run (`hhsim.replay.stored_scene.stored_hand` looks).
+    """Build the stored hand, unchecked (`hhsim.replay.stored_scene.stored_hand` checks it against the run).
 
     Raises:
         InputError: Arrays that are no hand.

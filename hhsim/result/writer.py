@@ -1,12 +1,10 @@
-"""Writes result files (format `hhsim-result`, see `hhsim.result.schema`) block by block.
+"""Writer of result files (format `hhsim-result`, see `hhsim.result.schema`), block by block.
 
-Each block is flushed, so that a run that is killed leaves a readable file whose attribute `complete` is 0; it becomes 1
-as the very last thing before the file is closed and sealed (`hhsim.system.checksummed_file`). Where a result of that
-name exists already, the new one grows beside it as NAME.partial.h5 and takes its place when it is complete: nothing of
-the old one is lost before.
-
-The space of each block is claimed from the file system before HDF5 writes into it. A full disk is thus found while the
-file is still sound; HDF5 itself cannot go on after a write that failed, not even to close the file.
+Each block is flushed, so that a killed run leaves a readable file with `complete` = 0; it becomes 1 right before the
+file is sealed (`hhsim.system.checksummed_file`). A new result grows as NAME.partial.h5 beside an older one and replaces
+it
+when complete. The space of each block is claimed before HDF5 writes, since HDF5 cannot even close a file after a
+failed write.
 """
 
 import contextlib
@@ -47,32 +45,30 @@ Scalar: TypeAlias = str | int | float | bool
 
 _TICK = "tick"
 _OVERHEAD = 512 * 1024
-"""More than HDF5's own bookkeeping grows by in a block [bytes]."""
+"""Upper bound of HDF5's own growth in a block [bytes]."""
 
 
 class ResultWriter:
-    """Writes a result file block by block; use it in a `with`, and call `finish` last.
+    """Writes a result file block by block in a `with`; call `finish` last.
 
-    Leaving the `with` by an exception keeps what has been written, with complete = 0, and adds a note to the exception
-    that says where it is; a file without any tick is removed.
+    Leaving the `with` by an exception keeps the blocks with complete = 0, and notes their place on the exception; a
+    file
+    without any tick is removed.
 
     Args:
-        path: Where the result goes; an existing result there is replaced when the new one is complete.
+        path: Result; an existing one is replaced when the new one is complete.
         scene: Every option of the run, as JSON-able values.
         static: The arrays of `STATIC_COLUMNS` by name.
         phases: Phases of the trajectory, where they are known already.
-        tables: Of a live session, columns by group; they grow with the ticks.
-        attributes: Of their groups.
-        command: That makes it, as it was typed; empty where a program calls the library.
-        driven: Whether the object moves, so that its pose is a part of each tick.
-        free: Whether it moves by the forces on it, so that these are a part of the file too.
+        tables: Columns of a live session by group; they grow with the ticks.
+        attributes: Attributes of these groups.
+        command: Command as it was typed; empty for a call of the library.
+        driven: True if the object moves and each tick has its pose.
+        free: True if forces move it, and are recorded.
 
     Raises:
         OutputError: The file cannot be made: a folder in the way, no permission, a full disk, a file that is no result.
     """
-
-    path: Path
-    """Where the file is now: NAME.partial.h5 while an older result of the name still stands."""
 
     def __init__(
         self,
@@ -89,9 +85,7 @@ class ResultWriter:
     ) -> None:
         check_result_path(path)
         self._output_path = path
-        self.path = path
-        if path.exists():
-            self.path = free_name(path.with_name(f"{path.stem}.partial{path.suffix}"))
+        self.path = free_name(path.with_name(f"{path.stem}.partial{path.suffix}")) if path.exists() else path
         self._schema = DRIVEN_SCHEMA_VERSION if driven or free else SCHEMA_VERSION
         moving = (*(OBJECT_COLUMNS if driven or free else ()), *(FREE_COLUMNS if free else ()))
         self._tables = {_TICK: _Table((*TICK_COLUMNS, *moving))}
@@ -121,11 +115,11 @@ class ResultWriter:
         if self.ticks == 0:
             self.path.unlink(missing_ok=True)
             if isinstance(error, OutputError):
-                room = CHUNK_TICKS * sum(table.row_bytes for table in self._tables.values()) + _OVERHEAD
-                error.add_note(f"not one tick is recorded: the first {CHUNK_TICKS} need {1e-6 * room:.1f} MB")
+                needed = CHUNK_TICKS * sum(table.row_bytes for table in self._tables.values()) + _OVERHEAD
+                error.add_note(f"not one tick is recorded: the first {CHUNK_TICKS} need {1e-6 * needed:.1f} MB")
             return
         if size:
-            # What cannot be sealed any more is still read, by way of a child process.
+            # An unsealed file is still read, by a child process.
             with contextlib.suppress(OSError):
                 seal_file(self.path, size)
         if error is not None:
@@ -134,7 +128,7 @@ class ResultWriter:
 
     @property
     def ticks(self) -> int:
-        """Ticks written so far."""
+        """Number of ticks written so far."""
         return self._tables[_TICK].rows
 
     def append(
@@ -143,14 +137,12 @@ class ResultWriter:
         others: Mapping[str, Mapping[str, AnyArray]] | None = None,
         attributes: Mapping[str, Mapping[str, Scalar]] | None = None,
     ) -> None:
-        """Write the next ticks, and what else there is, and flush them.
+        """Write the next ticks and rows of other tables, and flush them.
 
         Args:
-            block: One array for each of `TICK_COLUMNS`, and of `OBJECT_COLUMNS` where the object moves, and of
-                `FREE_COLUMNS` where it is free, by its name; each of shape (ticks, *column.shape). Nothing at all where
-                no tick came.
+            block: Arrays of the tick columns by name, each of shape (ticks, *column.shape); empty without ticks.
             others: The same for `tables` and `CONTACT_COLUMNS`, by group.
-            attributes: Of groups, to set or to replace.
+            attributes: Attributes of groups, to set or to replace.
 
         Raises:
             OutputError: The disk is full or gone; the ticks before stay readable.
@@ -173,14 +165,9 @@ class ResultWriter:
             self._tables[group].rows += _count(arrays)
 
     def finish(self, summary: Mapping[str, Scalar], phases: Sequence[TickPhase] | None = None) -> Path:
-        """Write the summary, mark the file complete and give it its final name.
+        """Write the summary's figures by name, mark the file complete and return its final path.
 
-        Args:
-            summary: The figures of the table that `hhsim replay` prints, by name.
-            phases: Phases of the trajectory, where they were not known at the start.
-
-        Returns:
-            Where the result is.
+        `phases` replaces those of the start.
         """
         with _output_errors(self.path):
             self._claim(_OVERHEAD)
@@ -209,15 +196,8 @@ class ResultWriter:
         arrays = _checked(static, STATIC_COLUMNS, lambda column: column.shape)
         scene_json = json.dumps(scene, sort_keys=True)
         self._claim(sum(array.nbytes for array in arrays.values()) + len(scene_json) + 2 * _OVERHEAD)
-        self._file.attrs.update(
-            {
-                "format": FORMAT,
-                "schema_version": self._schema,
-                "complete": 0,
-                **info.file_attributes(),
-                "scene": scene_json,
-            }
-        )
+        first = {"format": FORMAT, "schema_version": self._schema, "complete": 0}
+        self._file.attrs.update({**first, **info.file_attributes(), "scene": scene_json})
         for column in STATIC_COLUMNS:
             _describe(self._file.create_dataset(column.name, data=arrays[column.name]), column)
         for group, table in self._tables.items():
@@ -242,15 +222,12 @@ class ResultWriter:
         group = self._file.create_group("phase")
         names = group.create_dataset("name", data=[phase.name for phase in phases], dtype=h5py.string_dtype())
         _describe(names, Column("name", (-1,), "", "1", "name of each phase of the trajectory"))
-        for name, ticks in (
-            ("first_tick", [phase.first_tick for phase in phases]),
-            ("last_tick", [phase.last_tick for phase in phases]),
-        ):
-            dataset = group.create_dataset(name, data=np.array(ticks, dtype="<i8"))
+        for name in ("first_tick", "last_tick"):
+            dataset = group.create_dataset(name, data=np.array([getattr(phase, name) for phase in phases], dtype="<i8"))
             _describe(dataset, Column(name, (-1,), "<i8", "1", f"{name.split('_')[0]} tick of each phase, from 0"))
 
     def _claim(self, size: int) -> None:
-        """Make the file system set `size` bytes aside behind what HDF5 has allocated."""
+        """Allocate `size` bytes of the file system behind HDF5's own."""
         if not hasattr(os, "posix_fallocate"):
             return
         descriptor = os.open(self.path, os.O_RDWR)
@@ -269,7 +246,7 @@ class ResultWriter:
                         dataset.resize(table.rows, axis=0)
 
     def _close(self) -> int:
-        """Close the file; how many bytes it has then, 0 where that failed."""
+        """Close the file and return its size in bytes, 0 for a failure."""
         size = 0
         with contextlib.suppress(OSError, RuntimeError):
             self._file.flush()
@@ -282,10 +259,10 @@ class ResultWriter:
 
 
 def state_repeats(path: Path, repeated: Mapping[str, Any]) -> None:
-    """Say in a complete result how its times differed over the runs of which it holds the last one, and seal it anew.
+    """Store the spread of the times over several runs in a complete result, and seal it anew.
 
     Args:
-        path: The result.
+        path: The result, of the last run.
         repeated: `runs`, how many, and `times`: mean and std by the name of the figure, SI or %.
 
     Raises:
@@ -295,12 +272,7 @@ def state_repeats(path: Path, repeated: Mapping[str, Any]) -> None:
 
 
 def state(path: Path, name: str, document: Mapping[str, Any]) -> None:
-    """Add a JSON document to the attributes of a complete result, and seal it anew.
-
-    Args:
-        path: The result.
-        name: Of the attribute.
-        document: Plain values; NaN is null.
+    """Add a JSON document as attribute `name` to a complete result, and seal it anew.
 
     Raises:
         OutputError: The file cannot be written.
@@ -315,27 +287,24 @@ def state(path: Path, name: str, document: Mapping[str, Any]) -> None:
 
 @dataclass
 class _Table:
-    """A group whose datasets grow together."""
+    """Group whose datasets grow together."""
 
     columns: Sequence[Column]
     rows: int = 0
 
     def growth(self, arrays: Mapping[str, AnyArray]) -> int:
-        """Most bytes that these rows make the datasets grow by."""
+        """Upper bound of the datasets' growth by these rows [bytes]."""
         count = _count(arrays)
-        if count == 0:
-            return 0
         new_chunks = -(-(self.rows + count) // CHUNK_TICKS) - -(-self.rows // CHUNK_TICKS)
         return new_chunks * CHUNK_TICKS * self.row_bytes
 
     @property
     def row_bytes(self) -> int:
-        """Size of a row."""
         return sum(np.dtype(column.dtype).itemsize * math.prod(column.shape) for column in self.columns)
 
 
 def _rows(arrays: Mapping[str, AnyArray], columns: Sequence[Column]) -> dict[str, AnyArray]:
-    """Rows of a table in the file's types, all columns of the same length."""
+    """Convert the rows of a table to the file's types; all columns have the same length."""
     rows = _checked(arrays, columns, lambda column: (-1, *column.shape))
     counts = {len(array) for array in rows.values()}
     if len(counts) != 1:
@@ -350,7 +319,7 @@ def _count(arrays: Mapping[str, AnyArray]) -> int:
 def _checked(
     arrays: Mapping[str, AnyArray], columns: Sequence[Column], shape_of: Callable[[Column], tuple[int, ...]]
 ) -> dict[str, AnyArray]:
-    """Give each column its array in the file's type; a caller that hands over the wrong ones has a bug."""
+    """Convert each column's array to the file's type; raise ValueError for a caller's wrong arrays."""
     names = {column.name for column in columns}
     if arrays.keys() != names:
         raise ValueError(
@@ -378,7 +347,7 @@ def _describe(dataset: h5py.Dataset, column: Column) -> None:
 
 @contextlib.contextmanager
 def _output_errors(path: Path) -> Iterator[None]:
-    """Tell a failure of the file system as an `OutputError`."""
+    """Raise OutputError for a failure of the file system."""
     try:
         yield
     except (OSError, RuntimeError) as error:

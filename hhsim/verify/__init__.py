@@ -1,1 +1,1 @@
-"""The referee: every claim of a result checked by other code."""
+"""Referee: every claim of a result checked by other code."""

@@ -1,8 +1,4 @@
-"""Claims that only a second run can judge: the motion made anew, every tick solved once more, every figure with it.
-
-It shares the solver with the file, so it says nothing of whether the solver is right; the other claims do. It says that
-the file is what this solver makes of this input.
-"""
+"""Claims that a second run judges: the motion, the ticks and the figures made once more by the same solver."""
 
 import numpy as np
 
@@ -20,22 +16,18 @@ from hhsim.scene.recorded_grasp_pose import place_at_grasp
 from hhsim.scene.scene import make_scene
 from hhsim.scene.script import Script
 from hhsim.system.progress import Progress
-from hhsim.verify.claim import NOT_JUDGED, Claim, judged
-from hhsim.verify.metric_checks import difference, told_apart
+from hhsim.verify.claim import NOT_JUDGED, Claim, difference, judged, told_apart
 from hhsim.verify.origin_checks import own_object, own_tree
 
 SAME_MOTION = 1e-9
-"""Hands that differ by this [m, rad] are the same motion: what resampling rounds to on another machine."""
+"""Tolerance of the hands of one motion [m, rad]: rounding of the resampling on another machine."""
 SAME_FIGURE = 1e-6
-"""Figures of a second run that differ by this share are the same."""
+"""Relative tolerance of the figures of a second run."""
+_TICKS = "the input run once more gives the same ticks, bit for bit, but for the times"
 
 
 def again_claims(result: Result, progress: Progress) -> list[Claim]:
-    """The motion, the ticks and the figures of runs of their own.
-
-    Args:
-        result: Of a replay or a session.
-    """
+    """Judge the motion, the ticks and the figures of a replay or a session by a second run."""
     claims = [_motion(result)]
     try:
         hand, options, surface = stored_hand(result), stored_options(result), stored_surface(result)
@@ -49,9 +41,6 @@ def again_claims(result: Result, progress: Progress) -> list[Claim]:
         own = figures_of_own_runs(hand, surface, options, haptic, result_ticks(result))
         claims.append(_figures(result, own, again))
     return claims
-
-
-_TICKS = "the input run once more gives the same ticks, bit for bit, but for the times"
 
 
 def _ticks(again: RunAgain) -> Claim:
@@ -97,7 +86,7 @@ def _motion(result: Result) -> Claim:
     count = min(result.ticks, ticks.tick_count)
     wanted = HandConfiguration.of(ticks)
     off = np.zeros(result.ticks)
-    # Of a run that was stopped, the ticks that are there.
+    # A run that was stopped has fewer ticks.
     off[count:] = np.inf
     made_of = {f"haptic/{part}": getattr(wanted, part) for part in HandConfiguration._fields}
     still = ObjectMotion(*(result.static[f"object/{part}"][None] for part in ObjectMotion._fields))
@@ -113,9 +102,8 @@ def _motion(result: Result) -> Claim:
     if result.complete and (ticks.tick_count > count or ticks.phases != result.phases):
         off[-1] = np.inf
     note = "" if str(result.scene.get("trajectory")) in trajectory_names() else f"as {_word(result)} is now"
-    return judged(
-        name, says, off, SAME_MOTION, "m, rad", "rounding on another machine", ticks=np.arange(result.ticks), note=note
-    )
+    why = "rounding on another machine"
+    return judged(name, says, off, SAME_MOTION, "m, rad", why, ticks=np.arange(result.ticks), note=note)
 
 
 def _word(result: Result) -> str:
@@ -126,11 +114,7 @@ def _word(result: Result) -> str:
 
 
 def _made_again(result: Result) -> TickInput:
-    """The ticks' input, as the command that made the file has it.
-
-    Raises:
-        HhsimError: A motion that is not there any more, or that needs a tree that is not.
-    """
+    """Make the input of the ticks as the command of the file did; raise HhsimError if motion or tree are missing."""
     scene = result.scene
     motion = resolve_trajectory(_word(result))
     if isinstance(motion, Script) and scene.get("tremor_mm_deg"):
@@ -146,7 +130,10 @@ def _made_again(result: Result) -> TickInput:
     if isinstance(motion, Trajectory):
         motion = place_at_grasp(motion, hand, tree).motion
     made = make_scene(
-        *(mesh, tree, hand, motion),
+        mesh,
+        tree,
+        hand,
+        motion,
         rate=result.rate,
         mode=scene.get("samples", "interpolate"),
         seed=int(scene.get("seed") or 0),

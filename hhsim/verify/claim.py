@@ -1,53 +1,42 @@
-"""What a referee says of one claim of a result: whether it holds, where it is worst, and what is let pass and why."""
+"""Verdict of the referee on one claim of a result, with the worst deviation, its tick and the tolerance."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hhsim.arrays import FloatArray
+
 HOLDS = "holds"
 FAILS = "FAILS"
 NOT_CLAIMED = "not claimed"
-"""What the file does not say; the figure is shown all the same."""
+"""Verdict on what the file does not claim; the deviation is shown all the same."""
 NOT_JUDGED = "not judged"
 
 
 @dataclass(frozen=True)
 class Claim:
-    """One claim and the verdict on it.
+    """One claim and the verdict on it."""
 
-    Attributes:
-        name: Short.
-        says: What the file claims.
-        verdict: `HOLDS`, `FAILS`, `NOT_CLAIMED` or `NOT_JUDGED`.
-        worst: Deviation where it is the largest share of what is let pass, SI; NaN where there is none to tell.
-        tolerance: What is let pass there.
-        unit: Of both.
-        tick: Where the worst was found; None where it is no matter of a tick.
-        checked: Ticks (or other things) that were looked at.
-        why: Why this tolerance.
-        note: What else a reader should know.
-    """
-
-    name: str
-    says: str
-    verdict: str
-    worst: float = float("nan")
-    tolerance: float = float("nan")
-    unit: str = "1"
-    tick: int | None = None
-    checked: int = 0
-    why: str = ""
-    note: str = ""
+    name: str  # short name of the claim
+    says: str  # statement of the file, as a sentence
+    verdict: str  # `HOLDS`, `FAILS`, `NOT_CLAIMED` or `NOT_JUDGED`
+    worst: float = float("nan")  # deviation that is the largest multiple of its tolerance, in `unit`; NaN for none
+    tolerance: float = float("nan")  # tolerance of that deviation, in `unit`
+    unit: str = "1"  # SI unit of both
+    tick: int | None = None  # tick of the worst deviation; None where it belongs to no tick
+    checked: int = 0  # number of ticks (or other things) that were judged
+    why: str = ""  # reason of the tolerance
+    note: str = ""  # remark for the reader
 
     @property
     def failed(self) -> bool:
-        """Whether the claim is false."""
+        """True if the claim is false."""
         return self.verdict == FAILS
 
     def to_json(self) -> dict[str, Any]:
-        """As plain values, SI."""
+        """Return the fields as plain values, SI."""
         return asdict(self)
 
 
@@ -62,12 +51,9 @@ def judged(
     ticks: ArrayLike | None = None,
     note: str = "",
 ) -> Claim:
-    """The verdict on deviations, one a tick or thing; NaN is one that is as wrong as can be.
+    """Judge deviations, shape (N,) and not negative, against tolerances, a scalar or shape (N,).
 
-    Args:
-        deviation: Not negative, shape (N,).
-        tolerance: One for all, or shape (N,); the worst is where the deviation is most tolerances.
-        ticks: Which tick each is of, shape (N,); None where they are of no tick.
+    The worst deviation is the largest multiple of its tolerance; NaN fails. `ticks`, shape (N,), are the deviations'.
     """
     found = np.atleast_1d(np.asarray(deviation, np.float64))
     limit = np.broadcast_to(np.asarray(tolerance, np.float64), found.shape)
@@ -76,29 +62,32 @@ def judged(
     with np.errstate(over="ignore"):
         share = np.where(np.isnan(found), np.inf, found / np.maximum(limit, np.finfo(float).tiny))
     worst = int(share.argmax())
-    return Claim(
-        name,
-        says,
-        HOLDS if share[worst] <= 1.0 else FAILS,
-        float(found[worst]),
-        float(limit[worst]),
-        unit,
-        None if ticks is None or found[worst] == 0.0 else int(np.asarray(ticks)[worst]),
-        found.size,
-        why,
-        note,
-    )
+    verdict = HOLDS if share[worst] <= 1.0 else FAILS
+    tick = None if ticks is None or found[worst] == 0.0 else int(np.asarray(ticks)[worst])
+    return Claim(name, says, verdict, float(found[worst]), float(limit[worst]), unit, tick, found.size, why, note)
 
 
 def all_true(
     name: str, says: str, wrong: ArrayLike, *, ticks: ArrayLike | None = None, note: str = "", why: str = "exact"
 ) -> Claim:
-    """The verdict on what is either right or wrong: `wrong` is True where it is not, shape (N,)."""
+    """Judge flags `wrong`, shape (N,): the claim fails if any is True, and its worst figure is their number."""
     found = np.atleast_1d(np.asarray(wrong, bool))
     claim = judged(name, says, found.astype(float), 0.5, "1", why, ticks=ticks, note=note)
     if claim.verdict == NOT_JUDGED:
         return claim
-    if not claim.failed:
-        return Claim(name, says, claim.verdict, 0.0, 0.0, "", None, claim.checked, why, note)
     count = int(found.sum())
-    return Claim(name, says, FAILS, float(count), 0.0, "", claim.tick, claim.checked, why, note or f"{count:,} wrong")
+    note = note or (f"{count:,} wrong" if count else "")
+    return replace(claim, worst=float(count), tolerance=0.0, unit="", note=note)
+
+
+def difference(stored: FloatArray, own: FloatArray) -> FloatArray:
+    """|stored − own|; 0 where both are NaN, infinite where one is."""
+    stored = np.asarray(stored, np.float64)
+    one, other = np.isnan(stored), np.isnan(own)
+    return np.where(one & other, 0.0, np.where(one | other, np.inf, np.abs(stored - own)))
+
+
+def told_apart(stored: float, own: float) -> tuple[str, str]:
+    """Both numbers as text, with the fewest digits, at least six, that show their difference."""
+    digits = next((n for n in range(6, 18) if f"{stored:.{n}g}" != f"{own:.{n}g}"), 6)
+    return f"{stored:.{digits}g}", f"{own:.{digits}g}"

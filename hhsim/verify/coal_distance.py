@@ -1,8 +1,7 @@
-"""The referee's distances to leaf spheres and triangles, held against an established collision library, coal.
+"""Distances of the hand to leaf spheres and triangles by the collision library coal.
 
-Coal knows no round cones, but balls: the union of balls along an axis is min over s of d(x(s)) − r(s) away. A sphere
-and a triangle are convex, so d is convex along the axis, and its tangents, by coal's nearest points, bound it from
-below. The next place that is asked is where two tangents meet, until they meet at what was found.
+Coal has no round cones but balls: the cone's distance is the minimum of d(x(s)) − r(s) along its axis. d is convex, so
+its tangents, from coal's nearest points, bound it from below; the next s is where two tangents meet.
 """
 
 import math
@@ -15,27 +14,26 @@ from hhsim.arrays import FloatArray
 from hhsim.mesh.mesh import Mesh
 
 EXACT = 1e-9
-"""Bounds this near to each other [m] have met."""
+"""Tolerance of the bounds of a distance [m]."""
 _MOST_PLACES = 200
-"""Far more than bounds take to meet."""
 NO_AREA = 1e-12
-"""A triangle that is no higher than this share of its longest side is a line: less than `EXACT` is lost on it."""
+"""Ratio of a triangle's height to its longest side below which it is a line; less than `EXACT` is lost on it."""
 
 Shape = tuple[Any, Any]
-"""One of coal's shapes, and where it is."""
+"""Shape of coal and its placement."""
 
 
 def sphere_shapes(center: FloatArray, radius: FloatArray) -> Callable[[int], Shape]:
-    """Spheres by their number; centres [m] (L, 3), radii [m] (L,)."""
+    """Return a function from a sphere's index to its shape; centres [m] (L, 3), radii [m] (L,)."""
     import coal
 
     return lambda i: (coal.Sphere(float(radius[i])), coal.Transform3s(np.eye(3), np.array(center[i])))
 
 
 def triangle_shapes(mesh: Mesh) -> Callable[[int], Shape]:
-    """Triangles of a mesh by their number, each as a hierarchy of one: coal has no distance of a triangle alone.
+    """Return a function from a triangle's index to its shape: a hierarchy of one triangle, or a line without area.
 
-    Of one without area it says that everything touches it: that is a line.
+    Coal has no distance of a lone triangle, and none of one without area.
     """
     import coal
 
@@ -59,12 +57,9 @@ def triangle_shapes(mesh: Mesh) -> Callable[[int], Shape]:
 
 
 def coal_distance(a: FloatArray, b: FloatArray, radius_a: float, radius_b: float, shape: Any, place: Any) -> float:
-    """Signed distance [m] of the hull of two balls to a sphere or a triangle, at most `EXACT` too large.
+    """Signed distance [m] of the hull of two balls to a shape of coal, at most `EXACT` too large.
 
-    Args:
-        a, b: Centres of the spheres [m], shape (3,).
-        radius_a, radius_b: Theirs [m].
-        shape: Of coal.
+    `a`, `b` are the centres of the balls [m], shape (3,), with their radii [m].
     """
     import coal
 
@@ -73,13 +68,13 @@ def coal_distance(a: FloatArray, b: FloatArray, radius_a: float, radius_b: float
     axis, drop = b - a, radius_b - radius_a
 
     def tangent(share: float) -> tuple[float, float, float]:
-        """The place, the distance there and its slope."""
+        """Share of the axis, distance there and slope."""
         at = a + share * axis
         there.setTranslation(at)
         answer.clear()
         distance = float(coal.distance(shape, place, ball, there, request, answer))
         away = at - np.array(answer.getNearestPoint1())
-        # Inside of a sphere the nearest point is farther out.
+        # Inside a sphere the nearest point is farther out.
         slope = float(away @ axis) / (math.copysign(float(np.linalg.norm(away)), distance) or math.inf)
         return share, distance - radius_a - share * drop, slope - drop
 
@@ -98,7 +93,7 @@ def coal_distance(a: FloatArray, b: FloatArray, radius_a: float, radius_b: float
 
 
 def frame_along(axis: FloatArray) -> FloatArray:
-    """A rotation that turns z along an axis [m], shape (3, 3); any about it, and any for an axis of no length."""
+    """A rotation that turns z along an axis [m], shape (3, 3); the identity for an axis of no length."""
     x, y, z = axis.tolist()
     length = math.hypot(x, y, z)
     if length == 0.0:

@@ -1,7 +1,7 @@
-"""The referee's own distances between a hand and spheres: which pairs are near, where, and how far apart.
+"""Distances between the hand and spheres: near pairs, contact points and signed distances, by bisection.
 
-The distance of a phalanx (a round cone, the union of balls x(s), r(s) along its axis) to a sphere's centre is the
-least of |x(s) − c| − r(s), which is convex in s: its slope is bisected. No tree and none of the solver's formulas.
+A phalanx is a round cone, the union of balls with centre x(s) and radius r(s) along its axis. Its distance to a
+sphere's centre c is the minimum of |x(s) − c| − r(s), which is convex in s.
 """
 
 from collections.abc import Sequence
@@ -15,51 +15,38 @@ from hhsim.verify.kinematics import OwnHand, Posed
 PALM = 15
 BODIES = 16
 CHUNK = 64
-"""Ticks at once: what a finest tree's distances fit in memory for."""
+"""Ticks searched at once, to bound the memory."""
 GROUP, MOST_GROUPS = 12, 2048
-"""Pieces of a group, and more where there would be more groups than so many."""
+"""Pieces of a group, unless that makes more groups than the second number."""
 HALVINGS = 56
-"""As many as a double has digits: the place on the axis is as exact as its length."""
+"""Bisection steps: as many as a double has digits."""
 
 
 class Pairs(NamedTuple):
-    """Near pairs of a hand body and a piece of the surface: a leaf sphere, or a triangle of the mesh.
+    """Near pairs of a hand body and a piece of the surface: a leaf sphere, or a triangle of the mesh."""
 
-    | field | meaning | shape |
-    |---|---|---|
-    | tick | of the ticks that were looked at, ascending | (N,) |
-    | body | 0 to 14 the phalanges, 15 the palm | (N,) |
-    | leaf | number of the sphere or the triangle | (N,) |
-    | distance | signed [m] | (N,) |
-    | point | of the hand's surface, nearest to the piece [m], world | (N, 3) |
-    | normal | unit, from the object to the hand | (N, 3) |
-    """
-
-    tick: IntArray
-    body: IntArray
-    leaf: IntArray
-    distance: FloatArray
-    point: FloatArray
-    normal: FloatArray
+    tick: IntArray  # index of the searched tick, ascending (N,)
+    body: IntArray  # 0 to 14: phalanges, 15: palm (N,)
+    leaf: IntArray  # index of the sphere or the triangle (N,)
+    distance: FloatArray  # signed [m] (N,)
+    point: FloatArray  # nearest point of the hand's surface [m], world (N, 3)
+    normal: FloatArray  # unit, from the object to the hand (N, 3)
 
     def of(self, tick: int) -> "Pairs":
-        """Those of one tick."""
+        """Pairs of one tick."""
         first, last = np.searchsorted(self.tick, [tick, tick + 1])
         return self.at(np.arange(first, last))
 
     def within(self, limit: float) -> "Pairs":
-        """Those no more than `limit` [m] apart."""
+        """Pairs no more than `limit` [m] apart."""
         return self.at(np.flatnonzero(self.distance <= limit))
 
     def at(self, rows: IntArray) -> "Pairs":
-        """Some of them, in the order of `rows`."""
-        return Pairs(
-            *(self.tick[rows], self.body[rows], self.leaf[rows]),
-            *(self.distance[rows], self.point[rows], self.normal[rows]),
-        )
+        """Pairs at `rows`, in their order."""
+        return Pairs._make(values[rows] for values in self)
 
     def bodies(self, ticks: int) -> IntArray:
-        """How many bodies have a pair at each tick, shape (ticks,)."""
+        """Number of bodies that have a pair at each tick, shape (ticks,)."""
         return np.bincount(np.unique(self.tick * BODIES + self.body) // BODIES, minlength=ticks)
 
     def nearest(self, ticks: int) -> FloatArray:
@@ -70,51 +57,39 @@ class Pairs(NamedTuple):
 
 
 class Groups(NamedTuple):
-    """Pieces of a surface, each inside of a ball, in groups of neighbours: a body far from a group is far from each.
+    """Pieces of a surface in groups of neighbours, with balls around pieces and groups to skip distant ones."""
 
-    | field | meaning | shape |
-    |---|---|---|
-    | order | numbers of the pieces, group by group | (L,) |
-    | first | where each group begins in `order`, and where the last one ends | (G + 1,) |
-    | middle, around | ball around each group [m] | (G, 3), (G,) |
-    | center, radius | ball around each piece [m], by its number | (L, 3), (L,) |
-    """
-
-    order: IntArray
-    first: IntArray
-    middle: FloatArray
-    around: FloatArray
-    center: FloatArray
-    radius: FloatArray
+    order: IntArray  # indices of the pieces, group by group (L,)
+    first: IntArray  # start of each group in `order`, and the end of the last (G + 1,)
+    middle: FloatArray  # centres of the balls around the groups [m] (G, 3)
+    around: FloatArray  # their radii [m] (G,)
+    center: FloatArray  # centres of the balls around the pieces [m] (L, 3)
+    radius: FloatArray  # their radii [m] (L,)
 
 
 def grouped(center: FloatArray, radius: FloatArray) -> Groups:
     """Group pieces by halving them at the median of their longest extent; balls of centres (L, 3), radii (L,) [m]."""
     most = max(GROUP, len(radius) // MOST_GROUPS)
-    waiting, parts = [np.arange(len(radius))], []
+    waiting, groups = [np.arange(len(radius))], []
     while waiting:
         rows = waiting.pop()
         if len(rows) <= most:
-            parts.append(rows)
+            groups.append(rows)
             continue
         rows = rows[np.argsort(center[rows, np.ptp(center[rows], axis=0).argmax()], kind="stable")]
         waiting += [rows[: len(rows) // 2], rows[len(rows) // 2 :]]
-    middle = np.array([0.5 * (center[rows].min(axis=0) + center[rows].max(axis=0)) for rows in parts])
-    around = np.array(
-        [(np.linalg.norm(center[rows] - at, axis=1) + radius[rows]).max() for rows, at in zip(parts, middle)]
-    )
-    first = np.cumsum([0, *(len(rows) for rows in parts)])
-    return Groups(np.concatenate(parts), first, middle, around, center, radius)
+    middle = np.array([0.5 * (center[rows].min(axis=0) + center[rows].max(axis=0)) for rows in groups])
+    around = [(np.linalg.norm(center[rows] - at, axis=1) + radius[rows]).max() for rows, at in zip(groups, middle)]
+    first = np.cumsum([0, *(len(rows) for rows in groups)])
+    return Groups(np.concatenate(groups), first, middle, np.array(around), center, radius)
 
 
 def near_rows(
     a: FloatArray, b: FloatArray, thick: FloatArray, pieces: Groups, near: float
 ) -> tuple[IntArray, IntArray]:
-    """Which capsules and pieces are no more than `near` [m] apart by their balls: numbers of both.
+    """Indices of capsules and pieces whose balls are no more than `near` [m] apart.
 
-    Args:
-        a, b: Ends of the capsules' axes [m], shape (N, 3).
-        thick: Their radii [m], shape (N,); -inf for one that is near nothing.
+    `a`, `b` are the ends of the capsules' axes [m], shape (N, 3), `thick` their radii [m], -inf to leave one out.
     """
     from scipy.spatial.distance import cdist
 
@@ -140,23 +115,17 @@ def near_rows(
 
 
 def near_pairs(hand: OwnHand, posed: Posed, spheres: Groups, fingers: BoolArray, near: float) -> Pairs:
-    """All pairs of a body and a sphere no more than `near` [m] apart.
-
-    Args:
-        spheres: World.
-        fingers: Which fingers count, shape (5,).
-        near: [m].
-    """
+    """All pairs of a body and a sphere no more than `near` [m] apart, world; `fingers` (5,) selects the fingers."""
     found: list[Pairs] = []
     for first in range(0, len(posed.joints), CHUNK):
-        part = Posed(*(values[first : first + CHUNK] for values in posed))
-        both = (_phalanges(hand, part, spheres, fingers, near), _palm(hand, part, spheres, near))
+        some = Posed(*(values[first : first + CHUNK] for values in posed))
+        both = (_phalanges(hand, some, spheres, fingers, near), _palm(hand, some, spheres, near))
         found.extend(pairs._replace(tick=pairs.tick + first) for pairs in both)
     return joined(found)
 
 
 def joined(parts: Sequence[Pairs]) -> Pairs:
-    """Pairs of several searches together, by tick and body."""
+    """Pairs of several searches together, sorted by tick and body."""
     pairs = Pairs(*(np.concatenate(values) for values in zip(*parts)))
     return pairs.at(np.lexsort((pairs.body, pairs.tick)))
 
@@ -164,12 +133,9 @@ def joined(parts: Sequence[Pairs]) -> Pairs:
 def axis_places(
     a: FloatArray, b: FloatArray, radius_a: FloatArray, radius_b: FloatArray, center: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Where on the axes of round cones their least distance to points is: the place [m] (N, 3), the radius there [m].
+    """Points of N axes where the round cones a, b, radius_a, radius_b are nearest to `center`, and the radii there [m].
 
-    Args:
-        a, b: Ends of the axes [m], shape (N, 3).
-        radius_a, radius_b: There [m], shape (N,).
-        center: The points [m], shape (N, 3).
+    Ends, centres and points have shape (N, 3), radii (N,).
     """
     axis, drop = b - a, radius_b - radius_a
     low, high = np.zeros(len(a)), np.ones(len(a))
@@ -186,20 +152,17 @@ def axis_places(
 
 
 class Phalanges(NamedTuple):
-    """Round cones of all phalanges of some hands, 15 a tick: ends of the axes [m] (N, 3), radii there [m] (N,).
+    """Round cones of all phalanges of some hands, 15 a tick."""
 
-    `thick` (N,) [m] is the larger radius; -inf of a finger that does not count.
-    """
-
-    a: FloatArray
-    b: FloatArray
-    radius_a: FloatArray
+    a: FloatArray  # start of the axes [m] (N, 3)
+    b: FloatArray  # end of the axes [m] (N, 3)
+    radius_a: FloatArray  # radii at both ends [m] (N,)
     radius_b: FloatArray
-    thick: FloatArray
+    thick: FloatArray  # larger radius [m], -inf for a finger that does not count (N,)
 
 
 def phalanges(hand: OwnHand, posed: Posed, fingers: BoolArray) -> Phalanges:
-    """The phalanges of hands; `fingers` (5,) are those that count."""
+    """Round cones of the phalanges of hands; `fingers` (5,) selects the fingers that count."""
     ticks = len(posed.joints)
     a, b = posed.joints[:, :, :3].reshape(-1, 3), posed.joints[:, :, 1:].reshape(-1, 3)
     radius_a, radius_b = (np.tile(hand.radius[:, part].ravel(), ticks) for part in (slice(3), slice(1, 4)))
@@ -208,7 +171,7 @@ def phalanges(hand: OwnHand, posed: Posed, fingers: BoolArray) -> Phalanges:
 
 
 def near_palm_rows(hand: OwnHand, posed: Posed, pieces: Groups, near: float) -> tuple[IntArray, IntArray]:
-    """As `near_rows`, of the palms' spheres: a palm that is far as a whole is not looked at sphere by sphere."""
+    """Indices as of `near_rows` for the palms' spheres; a palm that is far as a whole is skipped."""
     from scipy.spatial.distance import cdist
 
     spheres = len(hand.palm_radius)
@@ -224,7 +187,7 @@ def _phalanges(hand: OwnHand, posed: Posed, spheres: Groups, fingers: BoolArray,
     row, leaf = near_rows(of.a, of.b, of.thick, spheres, near)
     center, radius = spheres.center[leaf], spheres.radius[leaf]
     place, size = axis_places(of.a[row], of.b[row], of.radius_a[row], of.radius_b[row], center)
-    return _pairs(row // 15, row % 15, leaf, place, size, center, radius, near)
+    return ball_pairs(row // 15, row % 15, leaf, place, size, place - center, radius, near)
 
 
 def _palm(hand: OwnHand, posed: Posed, spheres: Groups, near: float) -> Pairs:
@@ -232,23 +195,27 @@ def _palm(hand: OwnHand, posed: Posed, spheres: Groups, near: float) -> Pairs:
     count = len(hand.palm_radius)
     place, size = posed.palm.reshape(-1, 3)[row], hand.palm_radius[row % count]
     body = np.full(len(row), PALM)
-    return _pairs(row // count, body, leaf, place, size, spheres.center[leaf], spheres.radius[leaf], near)
+    center, radius = spheres.center[leaf], spheres.radius[leaf]
+    return ball_pairs(row // count, body, leaf, place, size, place - center, radius, near)
 
 
-def _pairs(
+def ball_pairs(
     tick: IntArray,
     body: IntArray,
     leaf: IntArray,
     place: FloatArray,
     size: FloatArray,
-    center: FloatArray,
-    radius: FloatArray,
+    away: FloatArray,
+    radius: FloatArray | float,
     near: float,
 ) -> Pairs:
-    away = place - center
+    """Pairs of the hand's balls (`place`, `size`) and pieces no more than `near` [m] apart.
+
+    `away` [m], shape (N, 3), leads to each ball's centre from the sphere's centre, of a given radius [m], or from the
+    nearest point of the triangle, with radius 0.
+    """
     length = np.linalg.norm(away, axis=1)
     normal = away / np.where(length > 0.0, length, 1.0)[:, None]
     distance = length - size - radius
-    chosen = distance <= near
-    point = place - size[:, None] * normal
-    return Pairs(tick[chosen], body[chosen], leaf[chosen], distance[chosen], point[chosen], normal[chosen])
+    pairs = Pairs(tick, body, leaf, distance, place - size[:, None] * normal, normal)
+    return pairs.at(np.flatnonzero(distance <= near))

@@ -1,4 +1,4 @@
-"""Claims of what the hand touches, how deep it is in it and how far off the true mesh, at the chosen ticks."""
+"""Claims of touching pairs, penetration depths and the distance of contacts to the true mesh, at the chosen ticks."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from hhsim.arrays import FloatArray
 from hhsim.metrics.contact_error import ticks_looked_at
 from hhsim.replay.stored_scene import stored_mesh
 from hhsim.system.counted import counted
-from hhsim.verify.claim import NOT_CLAIMED, NOT_JUDGED, Claim, all_true, judged
+from hhsim.verify.claim import NOT_CLAIMED, NOT_JUDGED, Claim, all_true, difference, judged
 from hhsim.verify.coal_distance import EXACT, coal_distance, sphere_shapes, triangle_shapes
 from hhsim.verify.contacts import PALM
 from hhsim.verify.file_checks import follows, leaves
@@ -14,13 +14,11 @@ from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LENGTH, WHY_LENGTH, Judged
 from hhsim.verify.tree_checks import TrueSurface, nearest_on
 
 RESTS = 0.25
-"""A tick predicts no hand that moved by less than this share of the step that ends a tick."""
+"""Largest motion of a tick whose successor predicts no hand, as a ratio of `step_tolerance`."""
 NEVER_IN = 1e-12
-"""Rounding of a distance [m]: what promises not to penetrate may be this deep."""
-
-
+"""Rounding of a distance [m]: the depth allowed to a method that never penetrates."""
 CONTACT_ERROR = "contact_error_max"
-"""The figure of the summary that is of contacts off the mesh."""
+"""Figure of the summary on contacts off the mesh."""
 _OFF_MESH = (
     "contacts off the mesh",
     "the contacts of the ticks that the summary is of are as far from the true mesh as it says",
@@ -28,7 +26,7 @@ _OFF_MESH = (
 
 
 def depth_claims(judge: JudgedTicks) -> list[Claim]:
-    """Depths, touching pairs, and the nearest pair by a library."""
+    """Judge depths, touching pairs, candidates, and the nearest pair by a library."""
     depth = np.maximum(0.0, -judge.near.nearest)
     finger = depth[:, :PALM].reshape(-1, 5, 3).max(axis=2)
     finger[:, ~judge.fingers] = np.nan
@@ -39,19 +37,10 @@ def depth_claims(judge: JudgedTicks) -> list[Claim]:
 
 def _depth(judge: JudgedTicks, own: FloatArray) -> Claim:
     result, chosen = judge.result, judge.chosen
-    stored = np.concatenate(
-        [
-            np.asarray(result["penetration_depth"])[chosen, None],
-            np.asarray(result["penetration_palm"])[chosen, None],
-            np.asarray(result["penetration_finger"])[chosen],
-        ],
-        axis=1,
-    )
-    one, other = np.isnan(own), np.isnan(stored)
-    off = np.where(one & other, 0.0, np.where(one | other, np.inf, np.abs(own - stored))).max(axis=1)
-    return judged(
-        "depth", f"the depth in the {judge.result.surface} is as stored", off, LENGTH, "m", WHY_LENGTH, ticks=chosen
-    )
+    depths = [np.asarray(result[f"penetration_{name}"])[chosen] for name in ("depth", "palm", "finger")]
+    off = difference(np.column_stack(depths), own).max(axis=1)
+    says = f"the depth in the {judge.result.surface} is as stored"
+    return judged("depth", says, off, LENGTH, "m", WHY_LENGTH, ticks=chosen)
 
 
 def _inside(judge: JudgedTicks, most: FloatArray) -> Claim:
@@ -75,10 +64,10 @@ def _touching(judge: JudgedTicks) -> Claim:
 
 
 def _candidates(judge: JudgedTicks) -> list[Claim]:
-    """A tick begins at the hand of the tick before, and what is within the margin there enters its first program.
+    """A tick begins at the hand of the tick before; what is within the margin there enters its first program.
 
-    A hand that moved in that tick may begin farther on, where it was predicted to be: that tick is not looked at.
-    Of triangles only what a step may reach is listed: at least twice the step that ends a tick.
+    Skipped after a tick that moved, since a prediction may begin elsewhere. On a mesh only triangles within a step's
+    reach (twice the final step) are listed.
     """
     if not judge.safe:
         return []
@@ -102,7 +91,7 @@ def _candidates(judge: JudgedTicks) -> list[Claim]:
 def _by_library(judge: JudgedTicks) -> Claim:
     pieces = triangle_shapes(stored_mesh(judge.result)) if judge.on_mesh else sphere_shapes(*leaves(judge.result))
     hand, pairs, posed, off, ticks = judge.hand, judge.pairs, judge.chosen_posed, [], []
-    # Sorted by tick, then distance: the first of each tick is its nearest.
+    # Sorted by tick, then distance: the first of each tick is its nearest pair.
     pairs = pairs.at(np.flatnonzero(np.isin(pairs.tick, judge.asked)))
     order = np.lexsort((pairs.distance, pairs.tick))
     for n in order[np.unique(pairs.tick[order], return_index=True)[1]]:
@@ -119,34 +108,30 @@ def _by_library(judge: JudgedTicks) -> Claim:
         found = coal_distance(a, b, first, last, *pieces(leaf))
         off.append(abs(found - float(pairs.distance[n])))
         ticks.append(int(judge.chosen[i]))
-    return judged(
-        "distance by coal",
+    says, why = (
         "the nearest pair is as far apart as the collision library has it",
-        off,
-        LENGTH + EXACT,
-        "m",
-        "a nanometre, and the bounds of the library's distance",
-        ticks=ticks,
-        note="" if off else "nothing is near",
+        "a nanometre, and the library's bounds",
     )
+    note = "" if off else "nothing is near"
+    return judged("distance by coal", says, off, LENGTH + EXACT, "m", why, ticks=ticks, note=note)
 
 
 def contact_error_claim(judge: JudgedTicks) -> Claim:
-    """The summary's figure against the contacts of the chosen ticks."""
+    """Judge the summary's distance of contacts to the true mesh by the contacts of the chosen ticks."""
     result = judge.result
     if CONTACT_ERROR not in result.summary:
         return Claim(*_OFF_MESH, NOT_JUDGED, checked=0, note="the file does not state it")
     surface = TrueSurface(stored_mesh(result), open_too=True)
-    # Of a long run the figure is of some ticks, and says nothing of the others.
+    # The figure of a long run covers some ticks only.
     stated_of = np.isin(judge.chosen, ticks_looked_at(np.asarray(result["contacts/candidates"]) > 0))
     stated_of &= np.isin(np.arange(len(judge.chosen)), judge.asked)
     touching = judge.touching.at(np.flatnonzero(stated_of[judge.touching.tick]))
-    # A hand at rest touches at the same points over and over.
+    # Equal contact points of a hand at rest are measured once.
     points, place = np.unique(np.round(touching.point, 12), axis=0, return_inverse=True)
     away = nearest_on(surface.model, points)[0][place.ravel()]
     stated = float(result.summary[CONTACT_ERROR])
     over = np.maximum(0.0, away - stated) if np.isfinite(stated) else away
     if len(judge.asked) == len(judge.chosen) == result.ticks and np.isfinite(stated):
-        # Of all ticks that it is of, the farthest is as far as it says.
+        # With every tick judged, the farthest contact equals the figure.
         over = np.where(away == away.max(initial=-np.inf), np.abs(away - stated), over)
     return judged(*_OFF_MESH, over, LENGTH, "m", WHY_LENGTH, ticks=judge.chosen[touching.tick])

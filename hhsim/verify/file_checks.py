@@ -1,5 +1,6 @@
-"""Claims of a result file about itself: that it is whole, in order, and that its object and tree belong together."""
+"""Claims of a result file about itself: completeness, order, and the consistency of object, tree and checksums."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -25,35 +26,31 @@ from hhsim.solver.method import never_penetrates
 from hhsim.verify.claim import HOLDS, NOT_CLAIMED, NOT_JUDGED, Claim, all_true, judged
 
 SAMPLES = 10_000
-"""Random points on the mesh, uniform by area, besides its vertices and the middles of its edges."""
+"""Number of random points on the mesh, uniform by area, besides vertices and edge midpoints."""
 COVER = 1e-9
-"""A point of the mesh this far outside of all leaves [m] is covered: less than any figure is stated to."""
+"""Tolerance of a point outside all leaves [m]."""
 FEW, NEIGHBOURS = 4, 24
-"""Of the spheres nearest to a point, so many are tried first, and so many before all of them are."""
+"""Numbers of nearest spheres tried for a point before all of them are."""
 KNOWN_STATUS = 63
 LARGEST, LEAST_SQUARE = 1e6, 1e-12
-"""A hand whose numbers are larger together [m, rad], or whose quaternion has no length to speak of, is none."""
+"""Limits of a usable hand: sum of its absolute values [m, rad], and squared length of its quaternion."""
 STAMP = 1e-9
-"""A stamp this close to a tick [s] is that tick."""
+"""Tolerance between a stamp and its tick [s]."""
 BETWEEN_CLOCKS = 1e-3
-"""So long [s] may what happens between reading one clock and the other take: an interrupt of the system."""
+"""Longest interrupt between the readings of two clocks [s]."""
 DURATIONS = ("detect", "palm", "fingers", "force", "total")
 
 
 def file_claims(result: Result) -> list[Claim]:
-    """The claims that need no geometry but the tree's."""
+    """Judge the claims that need no geometry but the tree's."""
+    unknown, ticks = (result["status"] < 0) | (result["status"] > KNOWN_STATUS), np.arange(result.ticks)
     return [
         _complete(result),
         _checksums(result),
         _time(result),
         _input(result),
         *_phases(result),
-        all_true(
-            "status",
-            "every tick's status is made of known flags",
-            (result["status"] < 0) | (result["status"] > KNOWN_STATUS),
-            ticks=np.arange(result.ticks),
-        ),
+        all_true("status", "every tick's status is made of known flags", unknown, ticks=ticks),
         _durations(result),
         *_work(result),
         _tree_order(result),
@@ -63,7 +60,7 @@ def file_claims(result: Result) -> list[Claim]:
 
 
 def follows(result: Result) -> NDArray[np.bool_]:
-    """Whether the row before each tick is the tick before it: not so of the first, and after a session's gaps; (T,)."""
+    """True for ticks whose row before is the tick before: not the first, nor after a session's gap; shape (T,)."""
     after = np.zeros(result.ticks, bool)
     after[1:] = True if result.live is None else np.diff(result["live/tick/record"]) == 1
     return after
@@ -78,38 +75,29 @@ def _complete(result: Result) -> Claim:
 
 def _checksums(result: Result) -> Claim:
     found, stated = checksums(result.static), result.scene.get("checksums", {})
-    wrong = [what for part, what in PARTS.items() if found[part] != stated.get(part)]
-    return all_true(
-        "checksums",
-        "object, tree and hand are those of the run",
-        np.array([found[part] != stated.get(part) for part in PARTS]),
-        note=f"not those of the run: {', '.join(wrong)}" if wrong else "",
-    )
+    wrong = {what: found[part] != stated.get(part) for part, what in PARTS.items()}
+    names = ", ".join(what for what, differs in wrong.items() if differs)
+    note = f"not those of the run: {names}" if names else ""
+    return all_true("checksums", "object, tree and hand are those of the run", list(wrong.values()), note=note)
 
 
 def _time(result: Result) -> Claim:
+    ticks, time, why = np.arange(result.ticks), result["time"], "rounding of time stamps"
     if result.live is not None:
         deadline = np.asarray(result["live/tick/deadline"])
-        off = np.abs(result["time"] - 1e-9 * (deadline - deadline[0]))
-        says, why = "the time of a tick is that of its deadline", "rounding of time stamps"
-        return judged("time", says, off, 1e-9, "s", why, ticks=np.arange(result.ticks))
-    ticks, rate = np.arange(result.ticks), float(result.scene.get("rate", 0.0))
+        off = np.abs(time - 1e-9 * (deadline - deadline[0]))
+        return judged("time", "the time of a tick is that of its deadline", off, 1e-9, "s", why, ticks=ticks)
+    rate = float(result.scene.get("rate", 0.0))
     if rate <= 0.0:
-        return all_true("time", "time goes on from tick to tick", ~(np.diff(result["time"]) > 0.0), ticks=ticks[1:])
+        return all_true("time", "time goes on from tick to tick", ~(np.diff(time) > 0.0), ticks=ticks[1:])
     period = float(result.scene["solver"].get("period", 1.0 / rate))
-    return judged(
-        "time",
-        f"a tick every {1e3 / rate:g} ms from 0 on, which is the solver's period",
-        np.maximum(np.abs(result["time"] - ticks / rate), abs(period - 1.0 / rate)),
-        1e-9,
-        "s",
-        "rounding of time stamps",
-        ticks=ticks,
-    )
+    off = np.maximum(np.abs(time - ticks / rate), abs(period - 1.0 / rate))
+    says = f"a tick every {1e3 / rate:g} ms from 0 on, which is the solver's period"
+    return judged("time", says, off, 1e-9, "s", why, ticks=ticks)
 
 
 def usable(result: Result) -> BoolArray:
-    """Ticks whose user's hand is one: finite, of no absurd size, with a quaternion that has a length; shape (T,)."""
+    """True for ticks whose haptic hand is finite, of plausible size, with a quaternion of some length; shape (T,)."""
     parts = [np.asarray(result[f"haptic/{name}"]) for name in ("position", "flexion", "abduction")]
     total = np.sum([np.abs(values).reshape(result.ticks, -1).sum(axis=1) for values in parts], axis=0)
     square = (np.asarray(result["haptic/orientation"]) ** 2).sum(axis=1)
@@ -117,13 +105,12 @@ def usable(result: Result) -> BoolArray:
 
 
 def own_script(result: Result) -> Script | None:
-    """The script of the catalogue that a replay says it is of; None for another motion."""
+    """Script of the catalogue that a replay names; None for another motion."""
     name = result.scene.get("trajectory")
     return load_script(name) if result.live is None and name in script_names() else None
 
 
 def _input(result: Result) -> Claim:
-    """Finite, or marked as held, and only then; sample numbers begin with the first one and never go back."""
     held = result["status"] & STATUS_INPUT_INVALID > 0
     numbers = np.asarray(result["input_seq"])
     wrong = np.diff(numbers, prepend=numbers[0]) < 0
@@ -131,7 +118,7 @@ def _input(result: Result) -> Claim:
     wrong |= held == usable(result) if result.gives("status") else ~usable(result)
     script = own_script(result)
     if script is not None:
-        # A stamp that is this near to a tick is that tick's.
+        # A stamp within `STAMP` of a tick belongs to it.
         newest = np.floor((np.arange(result.ticks) / result.rate + STAMP) * script.rate)
         wrong |= numbers != np.minimum(newest, script.sample_count - 1)
     says = "samples are used in their order, from the first on, and those and no others are held that are no hand"
@@ -162,7 +149,6 @@ def _phases(result: Result) -> list[Claim]:
 
 
 def _durations(result: Result) -> Claim:
-    """Non-negative, and the parts in the whole."""
     detect, palm, fingers, force, total = (np.asarray(result[f"duration/{name}"], np.int64) for name in DURATIONS)
     parts = detect + palm + fingers + force
     negative = np.min([detect, palm, fingers, force, total, result["duration/total_cpu"]], axis=0)
@@ -178,30 +164,24 @@ def _durations(result: Result) -> Claim:
         off = np.where(fingers != 0, np.inf, off)
     elif method == "progressive" and contact.any() and not fingers[contact].any():
         off = np.where(contact, np.inf, off)
-    return judged(
-        "durations",
-        "the parts of a tick's time fit in the whole, as do its threads, and are those that the method has",
-        off,
-        0.0,
-        "s",
-        "one clock measures all, the parts inside of the whole; of CPU time an interrupt of 1 ms; programs of the "
-        "fingers alone are progressive's",
-        ticks=np.arange(result.ticks),
-    )
+    says = "the parts of a tick's time fit in the whole, as do its threads, and are those that the method has"
+    why = "one clock measures all, the parts inside of the whole; of CPU time an interrupt of 1 ms; programs of the "
+    why += "fingers alone are progressive's"
+    return judged("durations", says, off, 0.0, "s", why, ticks=np.arange(result.ticks))
 
 
 def _work(result: Result) -> list[Claim]:
-    """The weighted work against its parts; only how much each program but the largest found and kept is not stored."""
+    """Judge the weighted work by its parts, with bounds where a program's own counts are not stored."""
     if not never_penetrates(result.scene["solver"]["method"]):
         return []
     work = {name: np.asarray(result[f"work/{name}"], np.int64) for name in ("node_tests", "pair_tests", "units")}
     steps, rows = np.asarray(result["work/linearisations"]), np.asarray(result["work/rows"])
     least = UNITS_LINEARISATION * steps + UNITS_QP_ITERATION * np.asarray(result["work/qp_iterations"])
     least += UNITS_NODE_TEST * work["node_tests"] + UNITS_PAIR_TEST * work["pair_tests"]
-    # Of a pair there are at most two contacts: a phalanx that lies flat has one at each end.
+    # A pair has at most two contacts: a flat phalanx has one at each end.
     found = 2 * np.asarray(result["contacts/candidates"])
     most = least + (UNITS_CONTACT * found + UNITS_ROW * rows) * steps
-    # Rows of a free object's table are of no contact of the hand.
+    # Rows of a free object's table belong to no contact of the hand.
     least += (UNITS_ROW if result.free else UNITS_CONTACT + UNITS_ROW) * rows
     outside = (work["units"] < least) | (work["units"] > most)
     outside |= steps > int(result.scene["solver"]["linearisations"])
@@ -228,29 +208,28 @@ def _tree_order(result: Result) -> Claim:
     above = np.where(wrong, 0, parent)
     wrong |= (index > 0) & (level != level[above] + 1)
     wrong |= ~(radius > 0.0)
-    # Breadth first: a walk relies on children that stand together.
+    # Breadth first: a descent relies on adjacent children.
     wrong[1:] |= parent[1:] < parent[:-1]
     return all_true("tree order", "each sphere has its parent on the level above, children together", wrong)
 
 
 def _tree_encloses(result: Result) -> Claim:
-    """What a walk down the tree relies on: no leaf sticks out of a sphere above it."""
+    """No leaf sticks out of a sphere above it, which a descent of the tree relies on."""
     center, radius, level, parent = _tree(result)
     leaf = np.flatnonzero(level == level.max(initial=0))
     out = np.zeros(len(leaf))
     above = leaf.copy()
-    # No chain of parents is longer than there are spheres, whatever levels a damaged file states.
+    # At most as many steps as there are spheres, whatever levels a damaged file states.
     for _ in range(min(int(level.max(initial=0)), len(radius) - 1)):
         above = np.clip(parent[above], 0, len(radius) - 1)
         away = np.linalg.norm(center[leaf] - center[above], axis=1)
         out = np.maximum(out, away + radius[leaf] - radius[above])
-    return judged(
-        "tree encloses", "every leaf lies inside of the spheres above it", out, 1e-9, "m", "rounding of a world frame"
-    )
+    says = "every leaf lies inside of the spheres above it"
+    return judged("tree encloses", says, out, 1e-9, "m", "rounding of a world frame")
 
 
 def cover(result: Result) -> Claim:
-    """Whether the leaves hold the mesh: vertices, middles of edges and random points of it."""
+    """Judge whether the leaves cover the mesh: its vertices, edge midpoints and random points."""
     vertices, faces = np.array(result.static["object/vertices"]), np.array(result.static["object/faces"])
     says, why = "the leaf spheres cover the object's surface", "less than any figure is stated to"
     try:
@@ -260,14 +239,12 @@ def cover(result: Result) -> Claim:
     claim = judged("cover", says, gap, COVER, "m", why)
     if covers(result):
         return claim
-    return Claim(
-        *(claim.name, claim.says, NOT_CLAIMED, claim.worst, claim.tolerance, "m", None, claim.checked, why),
-        "this tree was not built to cover the mesh, or the file does not say how it was",
-    )
+    note = "this tree was not built to cover the mesh, or the file does not say how it was"
+    return replace(claim, verdict=NOT_CLAIMED, tick=None, note=note)
 
 
 def outside_spheres(vertices: FloatArray, faces: IntArray, center: FloatArray, radius: FloatArray) -> FloatArray:
-    """How far points of a mesh are outside of spheres [m]: its vertices, its edges' middles, random points; (N,).
+    """Distance [m] of a mesh's vertices, edge midpoints and random points outside spheres, 0 inside, shape (N,).
 
     Raises:
         MeshError: Arrays that are no mesh.
@@ -276,7 +253,7 @@ def outside_spheres(vertices: FloatArray, faces: IntArray, center: FloatArray, r
     from scipy.spatial.distance import cdist
 
     require_usable_arrays(vertices, faces, "its mesh")
-    # Squares of areas would be no numbers.
+    # Squares of areas would overflow.
     if np.abs(vertices).max() > LARGEST_NUMBER:
         return np.array([np.inf])
     a, b, c = vertices[faces].transpose(1, 0, 2)
@@ -288,21 +265,21 @@ def outside_spheres(vertices: FloatArray, faces: IntArray, center: FloatArray, r
     inner = a[which] + s * (b - a)[which] + t * (c - a)[which]
     points = np.concatenate([vertices[np.unique(faces)], 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a), inner])
     tree, out = cKDTree(center), np.ones(len(points))
-    # The nearest few hold most points, and more are dear.
+    # The nearest few spheres hold most points.
     for count in sorted({min(FEW, len(radius)), min(NEIGHBOURS, len(radius))}):
         rest = np.flatnonzero(out > 0.0)
         away, near = tree.query(points[rest], count)
         away, near = np.reshape(away, (-1, count)), np.reshape(near, (-1, count))
         out[rest] = (away - radius[near]).min(axis=1)
-    # Of spheres of unlike size, the one that holds a point need not be among the nearest.
+    # Of spheres of different sizes, the one that holds a point need not be among the nearest.
     rest = np.flatnonzero(out > 0.0)
-    for part in np.array_split(rest, max(1, len(rest) // 1000)):
-        if part.size:
-            out[part] = (cdist(points[part], center) - radius).min(axis=1)
+    for rows in np.array_split(rest, max(1, len(rest) // 1000)):
+        if rows.size:
+            out[rows] = (cdist(points[rows], center) - radius).min(axis=1)
     return np.asarray(np.maximum(out, 0.0), np.float64)
 
 
 def covers(result: Result) -> bool:
-    """Whether the tree is one that hhsim built to cover the mesh."""
+    """True if hhsim built the tree to cover the mesh."""
     options = result.scene.get("tree_options") or {}
     return result.scene.get("tree") is None and options.get("cover") == "outer"

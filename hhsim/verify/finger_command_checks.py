@@ -1,4 +1,4 @@
-"""Claims of what a session's fingers were told: free where there is a reason, and within the limits everywhere else."""
+"""Claims of the commands to a session's fingers: free for every reason, and within the limits otherwise."""
 
 import math
 
@@ -11,21 +11,20 @@ from hhsim.verify.session_rows import HANDED_OVER, QUIET, SessionRows
 STALE, NOT_FINITE, SOLVER_FAILED, OVERRUN, DEVICE_LOST, STOPPING, NO_WATCHDOG, DRY_RUN, NO_INPUT = (
     1 << bit for bit in range(9)
 )
-"""Why the fingers are free: bits of `safety`."""
+"""Reasons of free fingers: bits of `safety`."""
 INPUT_INVALID, CAPACITY_EXCEEDED = 4, 16
-"""Flags of a tick's status: an input that is not finite, and more contacts than the solver holds."""
+"""Status flags: an input that is not finite, and more contacts than the solver holds."""
 ROUNDING = 1e-9
-"""Commands that differ by this are the same; a glove has a few thousand steps."""
+"""Tolerance of commands; a glove has a few thousand steps."""
 WHY_ROUNDING = "rounding; a glove has a few thousand steps"
 
 
 def command_claims(rows: SessionRows) -> list[Claim]:
-    """Reasons, free fingers, stiffness and set points."""
+    """Judge reasons, free fingers, stiffness and set points."""
     return [_reasons(rows), _free(rows), _stiffness(rows), _bounds(rows), _set_points(rows)]
 
 
 def _reasons(rows: SessionRows) -> Claim:
-    """Each reason that the file itself shows is given, and none that cannot be."""
     result, bits = rows.result, rows.safety
     status = np.asarray(result["status"])
     safety = rows.limits["safety"]
@@ -49,11 +48,11 @@ def _reasons(rows: SessionRows) -> Claim:
         after = rows.used + 1
         bad = ~np.append(rows.usable, True)[after]
         came = np.append(rows.samples["time"], np.iinfo(np.int64).max)[after]
-        told = bits & NOT_FINITE > 0
+        stated = bits & NOT_FINITE > 0
         # A tick that tells a latency took a sample: where it is not the one in use, it cannot be used.
         took = rows.follows & (rows.latency != -1) & (rows.used == np.concatenate([[-2], rows.used[:-1]]))
-        missing = ~told & bad & (took | (came < rows.woke - HANDED_OVER))
-        groundless = told & ~(bad & (came < rows.over)) & (status & INPUT_INVALID == 0)
+        missing = ~stated & bad & (took | (came < rows.woke - HANDED_OVER))
+        groundless = stated & ~(bad & (came < rows.over)) & (status & INPUT_INVALID == 0)
         wrong["not finite"] |= clear & (missing | groundless)
     if rows.dry_run or not safety["watchdog"]:
         wrong["no watchdog"] = bits & NO_WATCHDOG > 0
@@ -64,7 +63,7 @@ def _reasons(rows: SessionRows) -> Claim:
 
 
 def _release_at(rows: SessionRows) -> int:
-    """Periods missed in a row that free the fingers; a stall that is held or eased may last as long as a heartbeat."""
+    """Missed periods in a row that free the fingers; a stall that is held or eased may last as long as a heartbeat."""
     safety = rows.limits["safety"]
     most = int(safety["overruns"])
     if safety.get("after_stall", "release") == "release":
@@ -73,7 +72,7 @@ def _release_at(rows: SessionRows) -> int:
 
 
 def _eased(rows: SessionRows) -> BoolArray:
-    """Ticks after a stall that begin to ease the stiffness; none where that was not asked for."""
+    """True for ticks after a stall that begin to ease the stiffness, where that was configured."""
     safety = rows.limits["safety"]
     if safety.get("after_stall") != "ease":
         return np.zeros(len(rows.numbers), bool)
@@ -81,13 +80,13 @@ def _eased(rows: SessionRows) -> BoolArray:
 
 
 def _overrun(rows: SessionRows, most: int) -> BoolArray:
-    """Ticks that end at least so many periods missed one after the other, or that lasted as long."""
+    """True for ticks after at least `most` missed periods in a row, or that lasted as long."""
     lasted = np.asarray(rows.result["duration/total"], np.int64) >= most * rows.period_ns
     return np.asarray((_streak(rows) >= most) | lasted)
 
 
 def _streak(rows: SessionRows) -> IntArray:
-    """Periods missed in a row, or begun late, before each tick, as far back as the file goes without a gap."""
+    """Number of periods missed or begun late in a row before each tick, since the last gap of the file."""
     late = rows.missed + rows.at_once
     sums = np.cumsum(late)
     # What was missed before a gap, or before a tick that is not in the file, is not counted.
@@ -97,7 +96,7 @@ def _streak(rows: SessionRows) -> IntArray:
 
 
 def _stopping(rows: SessionRows) -> BoolArray:
-    """Only a session's last tick stops, and where it ended in its time or was told to, it does."""
+    """True for ticks wrong about stopping: only the last tick stops, and it does if the session ended in order."""
     stopping = rows.safety & STOPPING > 0
     wrong = stopping & (rows.numbers < len(stopping) - 1)
     if rows.result.complete and rows.live["ended"] in ("duration", "stopped"):
@@ -107,7 +106,6 @@ def _stopping(rows: SessionRows) -> BoolArray:
 
 
 def _free(rows: SessionRows) -> Claim:
-    """The claim that matters most: with any reason, no finger is pushed on."""
     free = rows.safety != 0
     pushed = np.where(free, np.abs(rows.stiffness).max(axis=1), 0.0)
     says = "with a reason for it, every finger is free"
@@ -115,7 +113,6 @@ def _free(rows: SessionRows) -> Claim:
 
 
 def _stiffness(rows: SessionRows) -> Claim:
-    """A finger is free, or as stiff as ramp, rise and its configured stiffness let it be, and then it bears a force."""
     output, period = rows.limits["output"], 1e-9 * rows.period_ns
     eases = _eased(rows)
     good = _good_ticks(rows, eases)
@@ -125,15 +122,15 @@ def _stiffness(rows: SessionRows) -> Claim:
     least = float(output["contact_force"])
     before = np.concatenate([np.zeros((1, 5)), rows.stiffness[:-1]])
     before[_freed_unseen(rows)] = 0.0
-    # After a gap nobody knows what was told before it.
+    # After a gap nobody knows what was allowed before it.
     most = np.where(rows.follows[:, None], before + output["stiffness_rise"] * period, np.inf)
     if rows.result["live/tick/record"][0] == 0:
         most[0] = output["stiffness_rise"] * period
-    told = np.minimum(target, most)
+    allowed = np.minimum(target, most)
     eased = _since(eases) < _since(rows.safety != 0)
     fall = np.array(output["stiffness"]) * period / float(output.get("ease", 1.0))
-    told = np.where(eased[:, None], np.maximum(told, before - fall), told)
-    beyond = rows.stiffness - told
+    allowed = np.where(eased[:, None], np.maximum(allowed, before - fall), allowed)
+    beyond = rows.stiffness - allowed
     sure = np.isfinite(most) & ~_after_gap(rows)[:, None]
     off = np.where(sure, np.abs(beyond), np.maximum(0.0, beyond))
     # A sum in another order: a force at the limit may be on either side of it.
@@ -145,12 +142,12 @@ def _stiffness(rows: SessionRows) -> Claim:
 
 
 def _freed_unseen(rows: SessionRows) -> BoolArray:
-    """Ticks right after one that is not in the file, since its solver failed: that one freed the fingers."""
+    """True for ticks after one that is not in the file because its solver failed: that one freed the fingers."""
     return np.asarray(rows.follows & ~np.append(False, rows.closed[:-1]))
 
 
 def _good_ticks(rows: SessionRows, eases: BoolArray) -> IntArray:
-    """Ticks since the fingers were last freed or eased, this one included; after a gap as many as can be."""
+    """Number of ticks since the fingers were freed or eased, this one included; the maximum after a gap."""
     freed = rows.safety != 0
     begun = np.where(eases, rows.numbers - 1, -1)
     last = np.where(freed, rows.numbers, np.where(_freed_unseen(rows), rows.numbers - 1, -1))
@@ -159,13 +156,13 @@ def _good_ticks(rows: SessionRows, eases: BoolArray) -> IntArray:
 
 
 def _since(happened: BoolArray) -> IntArray:
-    """Ticks since something was last the case; more than there are where it never was."""
+    """Number of ticks since a flag was True; more than there are for never."""
     numbers = np.arange(len(happened))
     return numbers - np.maximum.accumulate(np.where(happened, numbers, -len(happened)))
 
 
 def _after_gap(rows: SessionRows) -> BoolArray:
-    """Ticks between a gap in the records and when the fingers were next freed: their ramp began nobody knows when."""
+    """True for ticks between a gap in the records and the next freeing of the fingers: their ramp is unknown."""
     gap = ~rows.follows
     gap[0] = rows.result["live/tick/record"][0] > 0
     last_gap = np.maximum.accumulate(np.where(gap, rows.numbers, -1))
@@ -174,38 +171,31 @@ def _after_gap(rows: SessionRows) -> BoolArray:
     return np.asarray(last_gap > last_freed)
 
 
-def _move(rows: SessionRows) -> float:
-    """How far a set point goes in a tick."""
-    return float(rows.limits["output"]["bend_speed"]) * 1e-9 * rows.period_ns
-
-
 def _bounds(rows: SessionRows) -> Claim:
     outside = np.maximum(0.0, np.maximum(-rows.bend, rows.bend - 1.0)).max(axis=1)
     stiff = np.maximum(-rows.stiffness, rows.stiffness - np.array(rows.limits["output"]["stiffness"])).max(axis=1)
     step = np.abs(np.diff(rows.bend, axis=0)).max(axis=1, initial=0.0)
     fast = np.zeros(len(outside))
-    fast[1:] = np.where(rows.follows[1:], np.maximum(0.0, step - _move(rows)), 0.0)
-    # Of what is not a number, no maximum is taken.
+    fast[1:] = np.where(rows.follows[1:], np.maximum(0.0, step - rows.bend_step), 0.0)
     off = np.max([outside, np.maximum(0.0, stiff), fast], axis=0)
     says = "bends are 0 to 1 and move no faster than their limit; no finger is stiffer than its setting"
     return judged("command bounds", says, off, ROUNDING, "1", WHY_ROUNDING, ticks=rows.numbers)
 
 
 def _set_points(rows: SessionRows) -> Claim:
-    """Each finger is stopped at the bend nearest to its shown angles, by least squares, as fast as that may move."""
     name, says = "set points", "each finger is stopped where the shown hand is, or as near as its speed lets it be"
     bend = rows.limits.get("bend")
     if bend is None:
-        note = "the file does not hold what a bend is in angles; it was written before hhsim stored that"
+        note = "the file does not hold what a bend is in angles"
         return Claim(name, says, NOT_JUDGED, note=note)
     flexion = np.asarray(rows.result["graphic/flexion"]) - np.array(bend["offset"])
     own = np.stack([_fitted(np.array(slope), flexion[:, f]) for f, slope in enumerate(bend["slope"])], axis=1)
     own = np.clip(own, 0.0, 1.0)
-    before, move = np.concatenate([own[:1], rows.bend[:-1]]), _move(rows)
+    before, move = np.concatenate([own[:1], rows.bend[:-1]]), rows.bend_step
     expected = np.clip(before + np.clip(own - before, -move, move), 0.0, 1.0)
     finite = np.isfinite(own).all(axis=1)
     finite &= np.isfinite(np.asarray(rows.result["force/phalanx"]).reshape(len(own), -1)).all(axis=1)
-    # A hand that is not a number moves nothing.
+    # A hand that is not finite moves nothing.
     expected = np.where(finite[:, None], expected, before)
     known = rows.follows.copy()
     known[0] = bool(finite[0]) and rows.result["live/tick/record"][0] == 0
@@ -214,7 +204,7 @@ def _set_points(rows: SessionRows) -> Claim:
 
 
 def _fitted(slope: FloatArray, flexion: FloatArray) -> FloatArray:
-    """The bend that comes nearest to a finger's three angles (T, 3) [rad]; 0 where a bend moves none of them."""
+    """Bend nearest to a finger's three angles (T, 3) [rad]; 0 where a bend moves none of them."""
     if not slope.any():
         return np.zeros(len(flexion))
     return np.asarray((np.linalg.pinv(slope[:, None]) @ flexion.T)[0], np.float64)

@@ -1,4 +1,4 @@
-"""Claims of the forces: the wrench and the fingertips of all ticks, and at the chosen ones what balances them."""
+"""Claims of the forces: wrench and fingertips at all ticks, balance and complementarity at the chosen ones."""
 
 import numpy as np
 
@@ -15,34 +15,35 @@ from hhsim.verify.forces import (
     moment,
     on_its_way,
     proxy_forces,
-    pushes_alone,
+    residual,
 )
 from hhsim.verify.kinematics import Posed, turn_between
 from hhsim.verify.paper_contacts import on_another_part
 from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, STUCK, JudgedTicks
 
 FORCE = 1e-6
-"""Forces that differ by this share, or by this [N], are the same: a ten-thousandth of the least that has a rate."""
+"""Relative tolerance of forces, and absolute one [N]: a ten-thousandth of the least force that has a rate."""
 WHY_FORCE = "a millionth: a ten-thousandth of the least force that has a rate"
 TURN = 4.0
-"""Normals at the end of a tick differ from those of its last program by at most its last step over the radii that
-roll on each other; times this for moments, whose levers move as well, and for both hands of a contact."""
+"""Factor of the turn of the normals in a tick's last step, which is the step over the rolling radii; it covers the
+levers of moments and both bodies of a contact."""
 LEAN = 0.03
-"""Sine of the angle by which a contact's normal on a mesh may lie beside the line to the nearest point (1.7 degrees,
-docs/methods.md). The forces of a tick on its way are those of such a normal; at rest both are one."""
+"""Sine of the largest angle between a mesh contact's normal and the line to the nearest point (1.7°, docs/methods.md);
+the forces of a tick on its way follow such a normal, at rest both agree."""
 WHY_SLACK = "a millionth, and how far normals turn in the tick's last step, after which the program is not solved again"
+NAME, SAYS = "forces", "contact forces follow from the configuration"
 
 
 def force_claims(judge: JudgedTicks) -> list[Claim]:
-    """What the method and its force model claim of the forces."""
+    """Judge the forces that the method and its force model claim."""
     claims = [_wrench(judge)]
     if not judge.result.gives("work"):
         given = judge.result.gives("forces")
         note = "the method is not hhsim's, " + ("and these are what it said" if given else "and said none")
-        return [*claims, Claim("forces", "contact forces follow from the configuration", NOT_JUDGED, note=note)]
+        return [*claims, Claim(NAME, SAYS, NOT_JUDGED, note=note)]
     claims.append(_fingertips(judge))
     if judge.result.free:
-        # With friction these are other claims: `hhsim.verify.free_object_checks`.
+        # Friction has other claims: `hhsim.verify.free_object_checks`.
         return claims
     method, force = judge.options["method"], judge.options["force"]
     if method == "coupled":
@@ -54,7 +55,7 @@ def force_claims(judge: JudgedTicks) -> list[Claim]:
     if judge.safe:
         return [*claims, _complementarity(judge), _balance(judge), *_stuck_forces(judge)]
     note = f"of method {method} they do not: its programs are gone"
-    return [*claims, Claim("forces", "contact forces follow from the configuration", NOT_JUDGED, note=note)]
+    return [*claims, Claim(NAME, SAYS, NOT_JUDGED, note=note)]
 
 
 def _wrench(judge: JudgedTicks) -> Claim:
@@ -69,18 +70,18 @@ def _fingertips(judge: JudgedTicks) -> Claim:
     stiffness = float(judge.options["stiffness"]["contact"])
     tips = fingertip_normals(judge.shown_posed, judge.wanted_posed, bears, stiffness)
     off = np.abs(tips - judge.result["force/fingertip_normal"]).max(axis=(1, 2))
-    room = FORCE * (1.0 + np.abs(tips).max(axis=(1, 2)))
+    tolerance = FORCE * (1.0 + np.abs(tips).max(axis=(1, 2)))
     says = "Fig. 9: k |E E₁| across the distal phalanx"
-    return judged("fingertips", says, off, room, "N", WHY_FORCE, ticks=judge.numbers)
+    return judged("fingertips", says, off, tolerance, "N", WHY_FORCE, ticks=judge.numbers)
 
 
 def force_slack(judge: JudgedTicks, size: FloatArray, ticks: IntArray) -> FloatArray:
-    """Tolerance [N] at some ticks of forces of a size (n,): multipliers are of the program a step before."""
+    """Tolerance [N] of forces of size (n,) at some ticks: multipliers belong to the program one step earlier."""
     return FORCE * (1.0 + size) + TURN * size * judge.last_step[ticks] / judge.rolling
 
 
 def _judgeable(judge: JudgedTicks, without: int) -> IntArray:
-    """Of the chosen ticks, those without some status flags; places in `chosen`."""
+    """Places in `chosen` of the ticks without some status flags."""
     return np.flatnonzero(judge.status[judge.chosen] & (without | CAPACITY_EXCEEDED) == 0)
 
 
@@ -90,28 +91,25 @@ def _moment(judge: JudgedTicks, i: int) -> Moment:
 
 
 def _stationarity(judge: JudgedTicks) -> Claim:
-    """KKT: the coupling of a settled tick is balanced by pushes at what touches and joints at their limits."""
     chosen = _judgeable(judge, STUCK | LAG)
     off = np.array([balance(_moment(judge, int(i)), judge.scale) for i in chosen])
     size = np.linalg.norm(judge.pull[judge.chosen] * judge.scale, axis=1)
-    room = force_slack(judge, size, judge.chosen)[chosen]
+    tolerance = force_slack(judge, size, judge.chosen)[chosen]
     says = "a settled tick is at the optimum: w = Jᵀλ + μ, λ ≥ 0 at what touches"
-    return judged("stationarity", says, off, room, "N", WHY_SLACK, ticks=judge.chosen[chosen])
+    return judged("stationarity", says, off, tolerance, "N", WHY_SLACK, ticks=judge.chosen[chosen])
 
 
 def _palm_balance(judge: JudgedTicks) -> Claim:
-    """KKT of the palm's place, at all ticks: whatever touches pushes the whole hand, and the coupling holds it."""
     settled = np.flatnonzero(judge.status & (STUCK | LAG | CAPACITY_EXCEEDED) == 0)
     total = np.asarray(judge.result["force/total"])[settled]
     size = np.linalg.norm(total, axis=1)
     off = np.linalg.norm(judge.pull[settled, :3] - total, axis=1)
     says = "a settled tick's contact forces add up to the pull on the palm"
-    room = force_slack(judge, np.linalg.norm(judge.pull * judge.scale, axis=1)[settled], settled)
-    return judged("palm balance", says, off, np.maximum(room, FORCE * (1.0 + size)), "N", WHY_SLACK, ticks=settled)
+    tolerance = force_slack(judge, np.linalg.norm(judge.pull * judge.scale, axis=1)[settled], settled)
+    return judged("palm balance", says, off, np.maximum(tolerance, FORCE * (1.0 + size)), "N", WHY_SLACK, ticks=settled)
 
 
 def _complementarity(judge: JudgedTicks) -> Claim:
-    """KKT: what does not touch bears nothing."""
     chosen = _judgeable(judge, STUCK)
     apart = judge.near.nearest[chosen] > judge.bearing_within[chosen] + LENGTH
     size = np.linalg.norm(judge.stored_forces(judge.chosen[chosen]), axis=2)
@@ -121,7 +119,6 @@ def _complementarity(judge: JudgedTicks) -> Claim:
 
 
 def _balance(judge: JudgedTicks) -> Claim:
-    """The stored forces are pushes along normals at what touches, and balance the coupling."""
     chosen = _judgeable(judge, STUCK)
     stored = judge.stored_forces(judge.chosen).reshape(len(judge.chosen), -1)
     size, lags = np.linalg.norm(stored, axis=1), judge.status[judge.chosen] & LAG > 0
@@ -131,14 +128,14 @@ def _balance(judge: JudgedTicks) -> Claim:
     off = np.empty(len(chosen))
     for n, i in enumerate(chosen):
         at, force, late = _moment(judge, int(i)), stored[i], bool(lags[i])
-        ways = [] if late else [(at.pull, True), (at.pull, False)] if progressive else [(at.pull, False)]
-        off[n] = min((explained(at, judge.scale, force, pull, apart) for pull, apart in ways), default=np.inf)
+        explanations = [] if late else [(at.pull, True), (at.pull, False)] if progressive else [(at.pull, False)]
+        off[n] = min((explained(at, judge.scale, force, pull, apart) for pull, apart in explanations), default=np.inf)
         # On its way, or where the palm of `progressive` yields to a finger: what touches bears what it can.
+        # On its way, or where the palm of `progressive` yields to a finger, contacts bear what they can.
         yields = late or (progressive and off[n] > slack[i])
         if yields and judge.on_mesh:
-            # Which faces, edges and corners near by are rows of the program, and which follow from others, is the
-            # solver's choice; what it is free to choose is where the pushes act, not that they are pushes.
-            alone = pushes_alone(at, force)
+            # The solver chooses which features are rows of the program; all must be pushes, wherever they act.
+            alone = residual(at.bodies.T, force)
             if late and alone < off[n]:
                 slack[i] += LEAN * size[i]
             off[n] = min(off[n], alone)
@@ -159,7 +156,7 @@ def _stuck_forces(judge: JudgedTicks) -> list[Claim]:
 
 
 def _eq_14(judge: JudgedTicks) -> Claim:
-    """Eq. 14 over what touches; left out are ticks with a pair within a nanometre of the limit, or found otherwise."""
+    """Eq. 14 over touching pairs; ticks with a pair within 1 nm of the limit, or an ambiguous one, are left out."""
     from scipy.spatial.transform import Rotation
 
     name, says = "Eq. 14", "each body's force is the sum of k |p_g − p_h| n over what touches"
@@ -184,13 +181,7 @@ def _eq_14(judge: JudgedTicks) -> Claim:
         ]
     ).reshape(len(chosen), PALM + 1, 3)
     off = np.abs(own - judge.stored_forces(judge.chosen[chosen])).max(axis=(1, 2))
-    return judged(
-        *(name, says, off),
-        FORCE * (1.0 + np.abs(own).sum(axis=(1, 2))),
-        "N",
-        WHY_FORCE,
-        ticks=judge.chosen[chosen],
-        note=f"{counted(int(unclear.sum()), 'tick')} left out: what touches, or where, is unclear"
-        if unclear.any()
-        else "",
-    )
+    tolerance = FORCE * (1.0 + np.abs(own).sum(axis=(1, 2)))
+    count = int(unclear.sum())
+    note = f"{counted(count, 'tick')} left out: what touches, or where, is unclear" if count else ""
+    return judged(name, says, off, tolerance, "N", WHY_FORCE, ticks=judge.chosen[chosen], note=note)

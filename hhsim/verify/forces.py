@@ -1,9 +1,8 @@
-"""The referee's own forces: what the stored configurations demand, solved by other means than the solver's.
+"""Forces that the stored configurations demand, by nonnegative least squares and clarabel.
 
-Notation: q the 21 variables (palm 6, flexion 15), G the coupling, w = G (q_g − q_h) what the coupling pulls with. At
-the optimum w = Jᵀλ + μ with λ ≥ 0 at what touches and μ at joint limits only. The multipliers need not be unique, w
-is; so the stored forces are right if some λ ≥ 0 gives both them and w, which a nonnegative least squares decides.
-Residuals are in N, in the metric of the coupling: moments divided by √(k_r / k_t), joint torques by √(k_θ / k_t).
+Notation: q are the 21 variables (palm 6, flexion 15), G the coupling, w = G (q_g − q_h) its pull. At the optimum
+w = Jᵀλ + μ with λ ≥ 0 at contacts and μ at joint limits. λ need not be unique, so stored forces are right if some
+λ ≥ 0 gives both them and w. Residuals are in N: moments are divided by √(k_r / k_t), joint torques by √(k_θ / k_t).
 """
 
 from typing import NamedTuple
@@ -15,35 +14,24 @@ from hhsim.verify.contacts import PALM, Pairs
 from hhsim.verify.kinematics import OwnHand, Posed
 
 AT_LIMIT = 1e-9
-"""A joint this near to its limit [rad] can bear on it."""
+"""Distance to a joint's limit [rad] within which the limit can bear a torque."""
 BODY_COLUMNS = 3 * (PALM + 1)
 
 
 class Moment(NamedTuple):
-    """One tick: what touches, and the coupling there.
+    """Contacts, joint limits and pull of the coupling at one tick."""
 
-    | field | meaning | shape |
-    |---|---|---|
-    | jacobian | of the touching pairs' distances by q | (N, 21) |
-    | limits | rows of the joints that are at a limit | (M, 21) |
-    | room | how far each joint may still go down and up [rad] | (2, 15) |
-    | bodies | 1 · normal of each pair in its body's three columns | (N, 48) |
-    | pull | w, [N] and [N·m] | (21,) |
-    | distance | of the pairs [m] | (N,) |
-    | body | of the pairs | (N,) |
-    """
-
-    jacobian: FloatArray
-    limits: FloatArray
-    room: FloatArray
-    bodies: FloatArray
-    pull: FloatArray
-    distance: FloatArray
-    body: IntArray
+    jacobian: FloatArray  # derivative of the contacts' distances by q (N, 21)
+    limits: FloatArray  # rows of the joints at a limit (M, 21)
+    range_left: FloatArray  # range of each joint down and up [rad] (2, 15)
+    bodies: FloatArray  # normal of each contact in its body's three columns (N, 48)
+    pull: FloatArray  # w [N, N·m] (21,)
+    distance: FloatArray  # of the contacts [m] (N,)
+    body: IntArray  # of the contacts (N,)
 
 
 def moment(hand: OwnHand, posed: Posed, flexion: FloatArray, pairs: Pairs, i: int, pull: FloatArray) -> Moment:
-    """The tick `i` of `posed`, whose touching pairs are `pairs`; flexion (5, 3) [rad], pull (21,)."""
+    """Build the `Moment` of tick `i` of `posed` from its contacts, flexion (5, 3) [rad] and pull (21,)."""
     count = len(pairs.body)
     jacobian, bodies = np.zeros((count, 21)), np.zeros((count, BODY_COLUMNS))
     jacobian[:, :3] = pairs.normal
@@ -56,30 +44,24 @@ def moment(hand: OwnHand, posed: Posed, flexion: FloatArray, pairs: Pairs, i: in
     columns = 6 + 3 * finger[:, None] + np.arange(3)
     jacobian[rows[:, None], columns] = np.where(np.arange(3) <= last[:, None], torque, 0.0)
     unit = np.eye(21)[6:]
-    room = np.stack([(flexion - hand.flexion_min).ravel(), (hand.flexion_max - flexion).ravel()])
-    limits = np.concatenate([unit[room[0] <= AT_LIMIT], -unit[room[1] <= AT_LIMIT]])
-    return Moment(jacobian, limits, room, bodies, pull, pairs.distance, pairs.body)
+    left = np.stack([(flexion - hand.flexion_min).ravel(), (hand.flexion_max - flexion).ravel()])
+    limits = np.concatenate([unit[left[0] <= AT_LIMIT], -unit[left[1] <= AT_LIMIT]])
+    return Moment(jacobian, limits, left, bodies, pull, pairs.distance, pairs.body)
 
 
-def balance(at: Moment, scale: FloatArray, pull: FloatArray | None = None) -> float:
-    """How far [N] the coupling is from being balanced by pushes at what touches and joints at their limits.
-
-    Args:
-        scale: Of the 21 rows, to N.
-        pull: Another one than the coupling's, shape (21,).
-    """
-    wanted = (at.pull if pull is None else pull) * scale
-    return _residual((np.concatenate([at.jacobian, at.limits]) * scale).T, wanted)
+def balance(at: Moment, scale: FloatArray) -> float:
+    """Residual [N] of balancing the coupling by contacts and joint limits; `scale` takes the 21 rows to N."""
+    return residual((np.concatenate([at.jacobian, at.limits]) * scale).T, at.pull * scale)
 
 
 def explained(at: Moment, scale: FloatArray, stored: FloatArray, pull: FloatArray, apart: bool) -> float:
-    """How far [N] stored forces are from pushes at what touches that also balance a pull.
+    """Residual [N] of explaining stored forces by contact pushes that also balance a pull.
 
     Args:
-        scale: Of the 21 rows, to N.
+        scale: Factors of the 21 rows, to N.
         stored: Force of each body [N], the palm's last, shape (48,).
         pull: Shape (21,).
-        apart: Palm and fingers each bear their own: contacts of a finger do not push the palm.
+        apart: Palm and fingers balance separately: contacts of a finger do not push the palm.
     """
     jacobian = at.jacobian
     if apart:
@@ -88,20 +70,14 @@ def explained(at: Moment, scale: FloatArray, stored: FloatArray, pull: FloatArra
     limits = at.limits * scale
     rows = np.concatenate([jacobian * scale, limits]).T
     forces = np.concatenate([at.bodies, np.zeros((len(limits), BODY_COLUMNS))]).T
-    return _residual(np.concatenate([rows, forces]), np.concatenate([pull * scale, stored]))
-
-
-def pushes_alone(at: Moment, stored: FloatArray) -> float:
-    """How far [N] stored forces, shape (48,), are from pushes at what touches, whatever they balance."""
-    return _residual(at.bodies.T, stored)
+    return residual(np.concatenate([rows, forces]), np.concatenate([pull * scale, stored]))
 
 
 def on_its_way(at: Moment, diagonal: FloatArray, offset: float) -> FloatArray:
-    """What bears the coupling of a hand that is not where it wants to be, shape (21,), by clarabel.
+    """Contact forces of a hand that is still on its way, as generalised forces (21,), by clarabel.
 
-    Of the step δ that comes nearest to the user's hand, δ*, without coming nearer to anything that touches and without
-    leaving a joint's range, G (δ − δ*) is borne by what touches and by the limits that the step would meet; this is the
-    part of what touches. Nothing is asked of contacts nearer than `offset` [m] but not to come nearer.
+    They are the contacts' part of G (δ − δ*): δ is the step nearest to the wanted step δ* that keeps all contacts at
+    their distance, or at `offset` [m] if that is less, and all joints within their range.
     """
     import clarabel
     from scipy.sparse import csc_matrix
@@ -111,29 +87,21 @@ def on_its_way(at: Moment, diagonal: FloatArray, offset: float) -> FloatArray:
         return np.zeros(21)
     joints = np.eye(21)[6:]
     rows = np.concatenate([at.jacobian, joints, -joints])
-    bound = np.concatenate([np.minimum(offset - at.distance, 0.0), -np.maximum(at.room, 0.0).ravel()])
+    bound = np.concatenate([np.minimum(offset - at.distance, 0.0), -np.maximum(at.range_left, 0.0).ravel()])
     root = np.sqrt(diagonal)
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-12
-    solution = clarabel.DefaultSolver(
-        csc_matrix(np.eye(21)),
-        at.pull / root,
-        csc_matrix(-rows / root),
-        -bound,
-        [clarabel.NonnegativeConeT(len(rows))],
-        settings,
-    ).solve()
+    cones = [clarabel.NonnegativeConeT(len(rows))]
+    quadratic, constraints = csc_matrix(np.eye(21)), csc_matrix(-rows / root)
+    solution = clarabel.DefaultSolver(quadratic, at.pull / root, constraints, -bound, cones, settings).solve()
     return np.asarray(at.jacobian.T @ np.array(solution.z)[:count], np.float64)
 
 
 def proxy_forces(pairs: Pairs, graphic: Posed, haptic: Posed, turn: FloatArray, i: int, stiffness: float) -> FloatArray:
-    """Eq. 14 summed over pairs, each body's force [N], shape (16, 3).
+    """Forces [N] of each body by Eq. 14, the sum of k |p_g − p_h| n over contacts, shape (16, 3).
 
-    Args:
-        turn: Graphic to haptic palm, shape (3, 3).
-        i: The tick, of both hands.
-        stiffness: k [N/m].
+    `turn` (3, 3) rotates the graphic to the haptic palm at tick `i`, `stiffness` is k [N/m].
     """
     found = np.zeros((PALM + 1, 3))
     for body, point, normal in zip(pairs.body, pairs.point, pairs.normal):
@@ -148,7 +116,7 @@ def proxy_forces(pairs: Pairs, graphic: Posed, haptic: Posed, turn: FloatArray, 
 
 
 def fingertip_normals(graphic: Posed, haptic: Posed, bears: BoolArray, stiffness: float) -> FloatArray:
-    """Fig. 9: k |E E₁| across the distal phalanx, of the fingers that bear a force (T, 5); shape (T, 5, 3) [N]."""
+    """Fig. 9: k |E E₁| across the distal phalanx of the fingers (T, 5) that bear a force, shape (T, 5, 3) [N]."""
     off = graphic.joints[:, :, 3] - haptic.joints[:, :, 3]
     along = graphic.joints[:, :, 3] - graphic.joints[:, :, 2]
     along = along / np.linalg.norm(along, axis=2, keepdims=True)
@@ -159,7 +127,7 @@ def fingertip_normals(graphic: Posed, haptic: Posed, bears: BoolArray, stiffness
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Cross products along the last axis: numpy's takes longer to begin than a tick's takes."""
+    """Cross products along the last axis; numpy's are slower for one tick's few."""
     (x, y, z), (u, v, w) = np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0)
     return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=-1)
 
@@ -171,7 +139,8 @@ def _phalanx_frame(posed: Posed, i: int, f: int, k: int) -> FloatArray:
     return np.stack([axis, along, np.cross(axis, along)], axis=1)
 
 
-def _residual(matrix: FloatArray, wanted: FloatArray) -> float:
+def residual(matrix: FloatArray, wanted: FloatArray) -> float:
+    """Residual of the nonnegative least squares matrix · x = wanted, x ≥ 0."""
     from scipy.optimize import nnls
 
     if matrix.shape[1] == 0 or not np.isfinite(wanted).all():

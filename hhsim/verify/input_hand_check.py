@@ -1,4 +1,4 @@
-"""The claims of how the user's hand goes from sample to sample, how deep it was, and how far off the shown one is."""
+"""Claims of the user's hand: its motion between samples, its depth, and the correction of the shown hand."""
 
 import numpy as np
 
@@ -15,40 +15,41 @@ DEPTH = "input_depth_max"
 CORRECTION = ("correction_palm_mean", "correction_palm_max", "correction_joint_mean", "correction_joint_max")
 FIGURES = (DEPTH, *CORRECTION)
 SEARCHED = 1e-6
-"""The deepest tick is found to this [m]."""
+"""Tolerance of the search for the deepest tick [m]."""
 BETWEEN = 1e-8
-"""What is off the curve between two samples by no more [m, rad] lies on it: a stamp is a tick's to a nanosecond."""
+"""Tolerance of the curve between two samples [m, rad]: a stamp belongs to its tick within a nanosecond."""
 FIRST_LOOKS = 20
-"""Ticks between two that are looked at whatever the others are."""
+"""Initial interval of the search for the deepest tick [ticks]."""
 
 
 def input_hand_claims(judge: JudgedTicks) -> list[Claim]:
-    """What the summary says of the user's hand; nothing of a session, which has no summary, or of an older file."""
+    """Judge the summary's figures of the user's hand; none of a session, or of an older file without them."""
     if judge.result.live is not None or not judge.result.complete or DEPTH not in judge.result.summary:
         return []
     return [_depth(judge), _correction(judge)]
 
 
 def motion_claim(result: Result) -> Claim:
-    """What the ticks of one sample have in common: between two samples all goes along one curve, or stands still.
+    """Judge that the ticks of one sample lie on one curve, or stand still.
 
-    The curve is a cubic of each number, whose fourth differences are nothing, and for a quaternion a steady turn.
+    The curve is a cubic of each number, whose fourth differences are zero, and for a quaternion a steady turn.
     """
     name, says = "motion", "between two samples, the user's hand and the object go as samples are told to be joined"
     if result.live is not None:
         return Claim(name, says, NOT_JUDGED, note="a glove's samples are claims of their own")
     held = result.scene.get("samples") == "hold"
     seq, off = np.asarray(result["input_seq"]), np.full(result.ticks, np.nan)
-    things = ["haptic"] if result.free or not result.driven else ["haptic", "object"]
-    for thing in things:
-        for part in HandConfiguration._fields if thing == "haptic" else ("position", "orientation"):
-            rows = np.asarray(result[f"{thing}/{part}"]).reshape(result.ticks, -1)
-            turns = part == "orientation" and not held
-            way, size = (_turns(rows), 1) if turns else (rows, 1 if held else 4)
-            bent = np.abs(np.diff(way, size, axis=0)).max(axis=1, initial=0.0)
-            reach = result.ticks - len(bent)
-            same = np.flatnonzero(seq[reach:] == seq[: len(bent)])
-            off[same + reach] = np.fmax(off[same + reach], bent[same])
+    names = [f"haptic/{name}" for name in HandConfiguration._fields]
+    if result.driven and not result.free:
+        names += ["object/position", "object/orientation"]
+    for column in names:
+        rows = np.asarray(result[column]).reshape(result.ticks, -1)
+        turns = column.endswith("orientation") and not held
+        steps, order = (_turns(rows), 1) if turns else (rows, 1 if held else 4)
+        bent = np.abs(np.diff(steps, order, axis=0)).max(axis=1, initial=0.0)
+        reach = result.ticks - len(bent)
+        same = np.flatnonzero(seq[reach:] == seq[: len(bent)])
+        off[same + reach] = np.fmax(off[same + reach], bent[same])
     known = np.flatnonzero(~np.isnan(off))
     if known.size == 0:
         note = "no sample has ticks enough to tell; --again makes the motion once more"
@@ -59,7 +60,7 @@ def motion_claim(result: Result) -> Claim:
 
 
 def _turns(quaternion: FloatArray) -> FloatArray:
-    """Turn from each tick to the next [rad], as the first tick's axes have it, shape (T - 1, 3)."""
+    """Rotation vector from each tick to the next [rad], in the first tick's frame, shape (T - 1, 3)."""
     here, none = rotations(quaternion)
     turn = np.asarray((here[:-1].inv() * here[1:]).as_rotvec())
     turn[none[:-1] | none[1:]] = np.inf
@@ -71,11 +72,11 @@ def _depth(judge: JudgedTicks) -> Claim:
     if judge.on_mesh:
         return Claim(name, says, NOT_JUDGED, unit="m", note="inside a mesh the referee has no depth of its own")
     stated, looked = float(judge.result.summary[DEPTH]), np.append(judge.numbers[:-1:FIRST_LOOKS], judge.numbers[-1])
-    way, depth = np.concatenate([[0.0], np.cumsum(_moved(judge))]), _depths(judge, looked)
+    travel, depth = np.concatenate([[0.0], np.cumsum(_moved(judge))]), _depths(judge, looked)
     while True:
         # A depth changes by no more than the hand moves.
-        room = 0.5 * (depth[:-1] + depth[1:] + np.diff(way[looked]))
-        gaps = np.flatnonzero((room > depth.max() + SEARCHED) & (np.diff(looked) > 1))
+        bound = 0.5 * (depth[:-1] + depth[1:] + np.diff(travel[looked]))
+        gaps = np.flatnonzero((bound > depth.max() + SEARCHED) & (np.diff(looked) > 1))
         if gaps.size == 0:
             break
         more = (looked[gaps] + looked[gaps + 1]) // 2
@@ -85,7 +86,7 @@ def _depth(judge: JudgedTicks) -> Claim:
 
 
 def _depths(judge: JudgedTicks, ticks: IntArray) -> FloatArray:
-    """Of the user's hand in the leaf spheres at some ticks [m], shape (len(ticks),)."""
+    """Depth of the user's hand in the leaf spheres at some ticks [m], shape (len(ticks),)."""
     if len(ticks) == 0:
         return np.empty(0)
     posed = Posed(*(values[ticks] for values in judge.wanted_posed))
@@ -94,7 +95,7 @@ def _depths(judge: JudgedTicks, ticks: IntArray) -> FloatArray:
 
 
 def _moved(judge: JudgedTicks) -> FloatArray:
-    """Way of the farthest joint or palm sphere of the user's hand to the next tick [m], shape (T - 1,)."""
+    """Travel of the farthest joint or palm sphere of the user's hand to the next tick [m], shape (T - 1,)."""
     posed = judge.wanted_posed
     joints = np.linalg.norm(np.diff(posed.joints, axis=0), axis=3).max(axis=(1, 2))
     palm = np.linalg.norm(np.diff(posed.palm, axis=0), axis=2).max(axis=1)
@@ -114,6 +115,6 @@ def _correction(judge: JudgedTicks) -> Claim:
     if len(palm):
         found = np.array([palm.mean(), palm.max(), joints.mean(), joints.max()])
     stated = np.array([float(result.summary.get(name, np.inf)) for name in CORRECTION])
-    # Where nothing touches there is no such figure.
+    # Without contact there is no such figure.
     off = np.where(np.isnan(stated) & np.isnan(found), 0.0, np.abs(stated - found))
     return judged("correction", says, off, LENGTH, "m", WHY_LENGTH)

@@ -1,8 +1,8 @@
-"""The referee's own hand: forward kinematics by scipy's rotations, from nothing but what a result file holds.
+"""Forward kinematics of the stored hands, by scipy's rotations.
 
-A finger is straight along `distal` at zero angles. Abduction turns it about `dorsal`, each flexion about the axis that
-turns `distal` away from `dorsal`; every joint turns all that lies beyond it. The solver's kinematics add the angles up
-and use sines and cosines in the finger's plane; here the rotations themselves are chained.
+A finger is straight along `distal` at zero angles. Abduction rotates it about `dorsal`, flexion about
+`dorsal` × `distal`; each joint rotates all beyond it. The solver adds angles up in the finger's plane; here the
+rotations are chained.
 """
 
 from typing import TYPE_CHECKING, NamedTuple
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class OwnHand(NamedTuple):
-    """The hand of a result, palm frame; fields as the file's, `sign` -1 for a left hand, whose abduction mirrors."""
+    """Hand of a result, palm frame; fields as in the file, `sign` -1 for a left hand, whose abduction mirrors."""
 
     base: FloatArray
     distal: FloatArray
@@ -42,7 +42,7 @@ class Posed(NamedTuple):
 
 
 def own_hand(result: Result) -> OwnHand:
-    """The hand of a result."""
+    """Read the hand of a result."""
     static = {name: np.array(values) for name, values in result.static.items()}
     return OwnHand(
         base=static["hand/base"],
@@ -59,12 +59,12 @@ def own_hand(result: Result) -> OwnHand:
 
 
 def configurations(result: Result, whose: str) -> HandConfiguration:
-    """The graphic or the haptic hand of every tick, as stored."""
+    """Read the graphic or the haptic hand of every tick."""
     return HandConfiguration(*(np.array(result[f"{whose}/{name}"]) for name in HandConfiguration._fields))
 
 
 def pose(hand: OwnHand, at: HandConfiguration) -> Posed:
-    """Where the hand is; NaN in every part of one that is nowhere: a number that is none, a quaternion of no length."""
+    """Compute the posture of each hand; NaN for a configuration that is not finite or has no orientation."""
     from scipy.spatial.transform import Rotation
 
     ticks = len(at.position)
@@ -89,10 +89,7 @@ def pose(hand: OwnHand, at: HandConfiguration) -> Posed:
 
 
 def turn_between(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Rotation vectors [rad], world, shape (T, 3), that take the first orientation to the second, both w x y z.
-
-    NaN where one of them is no orientation.
-    """
+    """Rotation vectors [rad], world, (T, 3), between orientations w x y z; NaN if one is invalid."""
     (there, neither), (here, nor) = rotations(second), rotations(first)
     turn = np.array((there * here.inv()).as_rotvec(), np.float64)
     turn[neither | nor] = np.nan
@@ -100,10 +97,10 @@ def turn_between(first: FloatArray, second: FloatArray) -> FloatArray:
 
 
 def rotations(quaternion: FloatArray) -> "tuple[Rotation, BoolArray]":
-    """Rotations of quaternions w x y z (T, 4), and which are none, shape (T,), for which no turn stands."""
+    """Rotations of quaternions w x y z (T, 4), and a mask (T,) of the invalid ones, replaced by the identity."""
     from scipy.spatial.transform import Rotation
 
-    # scipy refuses all of them for one that has no length, or whose length is no number.
+    # scipy rejects all of them for one without a finite, positive length.
     with np.errstate(over="ignore"):
         length = np.linalg.norm(quaternion, axis=1)
     none = ~((length > 0.0) & (length < np.inf))

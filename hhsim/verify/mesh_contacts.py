@@ -1,7 +1,6 @@
-"""The referee's own distances between a hand and triangles: which pairs are near, where, and how far apart.
+"""Distances between the hand and triangles: near pairs, contact points and signed distances, by bisection.
 
-The distance of a triangle to the ball at a place of a phalanx's axis is convex along the axis, so its slope is
-bisected. No hierarchy, no features and none of the solver's formulas.
+The distance of a triangle to the ball at a point of a phalanx's axis is convex along the axis.
 """
 
 from typing import NamedTuple
@@ -15,6 +14,7 @@ from hhsim.verify.contacts import (
     PALM,
     Groups,
     Pairs,
+    ball_pairs,
     grouped,
     joined,
     near_palm_rows,
@@ -25,36 +25,22 @@ from hhsim.verify.kinematics import OwnHand, Posed
 
 
 class ReadyTriangles(NamedTuple):
-    """Triangles, with all of a distance to them that does not depend on the point. Coordinates come before triangles.
+    """N triangles with the precomputed terms of a distance; coordinates come before triangles."""
 
-    | field | meaning | shape |
-    |---|---|---|
-    | start | of each side, the corners [m] | (3, 3, N) |
-    | side | from there to the next corner [m] | (3, 3, N) |
-    | inverse | one over its squared length [1/m²]; 1 where it has none | (3, N) |
-    | inward | in the plane, across the side to where the triangle is [m] | (3, 3, N) |
-    | normal | unit; zero where there is no area | (3, N) |
-    | solid | whether there is an area | (N,) |
-    """
-
-    start: FloatArray
-    side: FloatArray
-    inverse: FloatArray
-    inward: FloatArray
-    normal: FloatArray
-    solid: BoolArray
+    start: FloatArray  # start of each side, the corners [m] (3, 3, N)
+    side: FloatArray  # to the next corner [m] (3, 3, N)
+    inverse: FloatArray  # inverse squared length of each side [1/m²], 1 for none (3, N)
+    inward: FloatArray  # in the plane, normal to the side, towards the triangle (3, 3, N)
+    normal: FloatArray  # unit, zero without area (3, N)
+    solid: BoolArray  # True if there is an area (N,)
 
     def at(self, rows: IntArray | BoolArray) -> "ReadyTriangles":
-        """Some of them: numbers in their order, or a mask."""
+        """Triangles at `rows`: indices in their order, or a mask."""
         return ReadyTriangles._make(values[..., rows] for values in self)
 
 
 def ready_triangles(corners: FloatArray) -> ReadyTriangles:
-    """Make triangles ready for `away_from_triangles`.
-
-    Args:
-        corners: [m], shape (N, 3, 3).
-    """
+    """Precompute the terms of `away_from_triangles`; corners [m], shape (N, 3, 3)."""
     start = np.ascontiguousarray(corners.transpose(1, 2, 0))
     side = start[[1, 2, 0]] - start
     square = (side * side).sum(axis=1)
@@ -67,7 +53,7 @@ def ready_triangles(corners: FloatArray) -> ReadyTriangles:
 
 
 def triangle_groups(triangles: FloatArray) -> Groups:
-    """Triangles in groups of neighbours; corners [m], world, shape (F, 3, 3)."""
+    """Group neighbouring triangles; corners [m], world, shape (F, 3, 3)."""
     middle = triangles.mean(axis=1)
     return grouped(middle, np.linalg.norm(triangles - middle[:, None], axis=2).max(axis=1))
 
@@ -75,21 +61,15 @@ def triangle_groups(triangles: FloatArray) -> Groups:
 def near_triangle_pairs(
     hand: OwnHand, posed: Posed, triangles: ReadyTriangles, groups: Groups, fingers: BoolArray, near: float
 ) -> Pairs:
-    """All pairs of a body and a triangle no more than `near` [m] apart; `leaf` is the number of the triangle.
+    """All pairs of a body and a triangle no more than `near` [m] apart, world; `leaf` is the triangle's index.
 
-    A phalanx has pairs where it is nearest and at each of its ends, which is where it touches what it lies flat on. No
-    distance is deeper than the radius: that of a body whose axis goes through the triangle.
-
-    Args:
-        triangles: World.
-        groups: What `triangle_groups` makes of them.
-        fingers: Which fingers count, shape (5,).
-        near: [m].
+    A phalanx has pairs at its nearest point and at both ends, where it touches a face that it lies flat on. No depth
+    exceeds the radius, that of a body whose axis passes through the triangle. `fingers` (5,) selects the fingers.
     """
     found: list[Pairs] = []
     for first in range(0, len(posed.joints), CHUNK):
-        part = Posed(*(values[first : first + CHUNK] for values in posed))
-        both = (_phalanges(hand, part, triangles, groups, fingers, near), _palm(hand, part, triangles, groups, near))
+        some = Posed(*(values[first : first + CHUNK] for values in posed))
+        both = (_phalanges(hand, some, triangles, groups, fingers, near), _palm(hand, some, triangles, groups, near))
         found.extend(pairs._replace(tick=pairs.tick + first) for pairs in both)
     return joined(found)
 
@@ -102,20 +82,20 @@ def _phalanges(
     row, face = _not_apart(of.a, of.b, of.thick + near, triangles, row, face)
     axis, drop, ready = (of.b - of.a)[row], (of.radius_b - of.radius_a)[row], triangles.at(face)
     share = nearest_share(of.a[row], axis, drop, ready)
-    parts = [_pairs(row, face, of.a[row] + share[:, None] * axis, of.radius_a[row] + share * drop, ready, near)]
+    found = [_pairs(row, face, of.a[row] + share[:, None] * axis, of.radius_a[row] + share * drop, ready, near)]
     for end in (0.0, 1.0):
         other = share != end
         place = of.a[row[other]] + end * axis[other]
         size = of.radius_a[row[other]] + end * drop[other]
-        parts.append(_pairs(row[other], face[other], place, size, ready.at(other), near))
-    together = Pairs(*(np.concatenate(values) for values in zip(*parts)))
+        found.append(_pairs(row[other], face[other], place, size, ready.at(other), near))
+    together = Pairs(*(np.concatenate(values) for values in zip(*found)))
     return together._replace(tick=together.tick // 15, body=together.tick % 15)
 
 
 def _not_apart(
     a: FloatArray, b: FloatArray, thick: FloatArray, triangles: ReadyTriangles, row: IntArray, face: IntArray
 ) -> tuple[IntArray, IntArray]:
-    """Those rows of capsules and triangles that no plane of the triangle holds apart: its own, or one at a side."""
+    """Rows of capsules and triangles that no plane of the triangle separates: its own, or one at a side."""
     for across, start in ((triangles.normal, triangles.start[0]), *zip(-triangles.inward, triangles.start)):
         length = np.sqrt((across * across).sum(axis=0))
         unit = (across / np.where(length > 0.0, length, 1.0)).T[face]
@@ -137,13 +117,13 @@ def _palm(hand: OwnHand, posed: Posed, triangles: ReadyTriangles, groups: Groups
 
 
 def nearest_share(a: FloatArray, axis: FloatArray, drop: FloatArray, triangles: ReadyTriangles) -> FloatArray:
-    """Where along its axis [0 to 1] each round cone is nearest to its triangle, shape (N,).
+    """Share [0 to 1] of its axis at which each round cone is nearest to its triangle, shape (N,).
 
     Args:
         a: Start of the axes [m], shape (N, 3).
-        axis: From there to the end [m], shape (N, 3).
-        drop: Radius at the end less that at the start [m], shape (N,).
-        triangles: As many.
+        axis: Vectors to their ends [m], shape (N, 3).
+        drop: Radius at the end minus radius at the start [m], shape (N,).
+        triangles: N of them.
     """
     start, along = np.ascontiguousarray(a.T), np.ascontiguousarray(axis.T)
     low, high = np.zeros(len(a)), np.ones(len(a))
@@ -159,25 +139,15 @@ def nearest_share(a: FloatArray, axis: FloatArray, drop: FloatArray, triangles: 
 def _pairs(
     row: IntArray, face: IntArray, place: FloatArray, size: FloatArray, triangles: ReadyTriangles, near: float
 ) -> Pairs:
-    """Pairs of balls and triangles that are near, a triangle for each ball; `tick` is the row."""
+    """Near pairs of balls and triangles, a triangle for each ball; `tick` is the row."""
     away = away_from_triangles(triangles, place.T).T
-    length = np.linalg.norm(away, axis=1)
-    chosen = length - size <= near
-    normal = away / np.where(length > 0.0, length, 1.0)[:, None]
-    surface = place - size[:, None] * normal
-    body = np.zeros(len(row), np.int64)
-    found = Pairs(row, body, face, length - size, surface, normal)
-    return Pairs(*(values[chosen] for values in found))
+    return ball_pairs(row, np.zeros(len(row), np.int64), face, place, size, away, 0.0, near)
 
 
 def away_from_triangles(triangles: ReadyTriangles, points: FloatArray) -> FloatArray:
-    """To each point from the nearest one of its triangle [m], shape (3, N).
+    """Vectors to points [m], shape (3, N), from the nearest point of each one's triangle, shape (3, N).
 
-    That is the foot on its plane where the foot lies inside, else the nearest of its sides' points.
-
-    Args:
-        triangles: One for each point.
-        points: [m], shape (3, N).
+    That is the foot on its plane where the foot lies inside, else the nearest point of its sides.
     """
     start, side, inverse, inward, normal, solid = triangles
     away = points - start

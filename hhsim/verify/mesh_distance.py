@@ -1,8 +1,8 @@
-"""The graphic hand against the true mesh by an independent library: coal's distances, nothing of hhsim's kernels.
+"""Distances of the graphic hand to the true mesh by the library coal.
 
-A phalanx is the union of the balls with centre x(s) on its axis and radius r(s), so it is min over s of d(x(s)) − r(s)
-away from the mesh, d being the mesh's distance. Coal gives the least d over a piece of the axis exactly, hence a lower
-bound of the minimum, and the place of it an upper one; the piece with the lowest bound is halved until they meet.
+A phalanx is the union of balls with centre x(s) and radius r(s); its distance is the minimum of d(x(s)) − r(s), with
+the mesh's distance d. Coal's minimum of d over a piece of the axis gives a lower bound, its location an upper one; the
+piece with the lowest bound is halved until they meet.
 """
 
 import heapq
@@ -23,16 +23,16 @@ PALM = 15
 BODIES = 16
 """Phalanges from the thumb's proximal one on, three a finger; then the palm."""
 EXACT = 1e-8
-"""Bounds of a phalanx's distance that are this near to each other [m] have met."""
+"""Tolerance of the bounds of a phalanx's distance [m]."""
 _MOST_PIECES = 200
 
 
 class HandReferee:
-    """Judges hands against one mesh.
+    """Distances of hands to one mesh.
 
     Args:
         mesh: Watertight and wound outward [m], world.
-        open_too: As of `TrueSurface`.
+        open_too: As for `TrueSurface`.
 
     Raises:
         InputError: coal is not installed.
@@ -48,17 +48,13 @@ class HandReferee:
         self._request.gjk_tolerance = 1e-12
 
     def clearances(self, shape: HandShape, placed: PlacedHand, limit: float) -> FloatArray:
-        """Signed distance [m] of each body to the mesh at each tick, shape (T, 16): 15 phalanges, then the palm.
+        """Signed distance [m] of each body to the mesh at each tick, at most `limit` [m], shape (T, 16).
 
-        Exact outside. A phalanx whose axis is inside, or passes through the surface, is in by its radius at least, and
-        that is what is told of it.
-
-        Args:
-            limit: Stands for everything from here on [m].
+        Exact outside. A phalanx whose axis is inside, or passes through the surface, counts as deep as its radius.
         """
         found = np.full((len(placed.joints), BODIES), limit)
         spheres = len(shape.palm_radius)
-        # What was as far as its bound, and where: it is no nearer than that by more than it moved since.
+        # A body is no nearer than its last bound by more than it moved since.
         bound, at = np.full(PALM + spheres, -np.inf), np.zeros((PALM + spheres, 2, 3))
         thinnest = np.concatenate(
             [np.minimum(shape.phalanx_radius[:, :3], shape.phalanx_radius[:, 1:]).ravel(), shape.palm_radius]
@@ -71,7 +67,7 @@ class HandReferee:
             least = bound - np.sqrt(((ends - at) ** 2).sum(axis=2)).max(axis=1) - EXACT
             near = np.flatnonzero(~(least >= limit))
             at[near] = ends[near]
-            # An axis that has not been as far as its surface has stayed outside.
+            # An axis that moved less than the distance to the surface has stayed outside.
             inside = np.zeros(len(bound), bool)
             unsure = near[~(least[near] + thinnest[near] > 0.0)]
             if unsure.size:
@@ -96,13 +92,13 @@ class HandReferee:
     def _round_cone(
         self, a: FloatArray, b: FloatArray, radii: tuple[float, float], limit: float, inside: bool
     ) -> float:
-        """The same, where it is known whether the middle of the axis is inside; a lower bound from `limit` on."""
+        """Signed distance for a known side of the axis's middle; a lower bound from `limit` on."""
 
         def radius(share: float) -> float:
             return (1.0 - share) * radii[0] + share * radii[1]
 
         def piece(low: float, high: float) -> tuple[float, float, float]:
-            """Of the axis from share `low` to `high`: a lower bound, what is reached somewhere, its own distance."""
+            """Lower and upper bound of the axis from share `low` to `high`, and its own distance."""
             first, last = (1.0 - low) * a + low * b, (1.0 - high) * a + high * b
             axis = last - first
             squared = float(axis @ axis)
@@ -113,7 +109,7 @@ class HandReferee:
             return distance - max(radius(low), radius(high), reached), distance - reached, distance
 
         bound, best, nearest = piece(0.0, 1.0)
-        # What is deeper inside than the limit is far from the surface too.
+        # A point inside may be farther from the surface than the limit.
         if nearest <= 0.0 or inside:
             return -max(radii)
         if bound >= limit:
@@ -122,7 +118,6 @@ class HandReferee:
         for _ in range(_MOST_PIECES):
             bound, low, high = heapq.heappop(pieces)
             if bound >= min(limit, best - EXACT):
-                # What is nearer than the limit is told as exact as it is known.
                 return bound if bound >= limit else best
             for half in ((low, 0.5 * (low + high)), (0.5 * (low + high), high)):
                 lower, reached, _ = piece(*half)
@@ -133,28 +128,16 @@ class HandReferee:
     def _segment(self, first: FloatArray, last: FloatArray, length: float) -> tuple[float, FloatArray]:
         """Distance [m] of a segment to the mesh, 0 where it passes through, and the segment's nearest point."""
         self._answer.clear()
-        distance = self._coal.distance(
-            self.surface.model,
-            self._still,
-            self._coal.Capsule(0.0, length),
-            self._coal.Transform3s(frame_along(last - first), 0.5 * (first + last)),
-            self._request,
-            self._answer,
-        )
+        segment = self._coal.Capsule(0.0, length)
+        place = self._coal.Transform3s(frame_along(last - first), 0.5 * (first + last))
+        arguments = self.surface.model, self._still, segment, place, self._request, self._answer
+        distance = self._coal.distance(*arguments)
         return max(0.0, float(distance)), np.array(self._answer.getNearestPoint2())
 
 
 def palm_centers(palm_center: ArrayLike, position: ArrayLike, orientation: ArrayLike) -> FloatArray:
-    """Centres of the palm's spheres [m], world, shape (P, 3), by scipy's rotations.
-
-    Args:
-        palm_center: Palm frame [m], shape (P, 3).
-        position: Of the palm [m], shape (3,).
-        orientation: Unit (w, x, y, z), shape (4,).
-    """
+    """Centres of the palm's spheres [m], world, (P, 3), from the palm's position and orientation w x y z."""
     from scipy.spatial.transform import Rotation
 
     w, x, y, z = np.asarray(orientation, np.float64)
-    return np.asarray(
-        Rotation.from_quat([x, y, z, w]).apply(np.asarray(palm_center)) + np.asarray(position), np.float64
-    )
+    return np.asarray(Rotation.from_quat([x, y, z, w]).apply(np.asarray(palm_center)) + np.asarray(position))

@@ -11,14 +11,14 @@ from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import known_figures, run_metrics
 from hhsim.result.reader import Result
 from hhsim.solver.method import EVERYTHING
-from hhsim.verify.claim import NOT_JUDGED, Claim, judged
+from hhsim.verify.claim import NOT_JUDGED, Claim, difference, judged, told_apart
 from hhsim.verify.depth_checks import CONTACT_ERROR
 from hhsim.verify.file_checks import follows
 from hhsim.verify.free_object_checks import free_figures
 from hhsim.verify.input_hand_check import FIGURES as INPUT_HAND
 
 SAME = 1e-9
-"""Figures that differ by this share are the same: sums in another order differ by less."""
+"""Relative tolerance of figures: the rounding of sums in another order."""
 FLOOR = 0.01
 REQUIRED = (
     *("candidates_max", "touching_max", "penetration_max", "force_hold_mean", "force_variation_hold"),
@@ -27,7 +27,7 @@ REQUIRED = (
     *("fingers_modelled", "bodies_near", "rows_max", "tests_mean", "tests_share", "work_mean"),
     *("stuck_ticks", "lag_ticks", "lag_max"),
 )
-"""Figures that every complete summary of a replay has; those that came later need not be in an older file."""
+"""Figures of every complete summary of a replay; other figures may be absent from older files."""
 ROUNDING = {
     **dict.fromkeys(("force_ripple_hold", "force_variation_hold", "force_variation_hold_std"), 1e-09),
     "force_variation_contact": 1e-9,
@@ -35,41 +35,26 @@ ROUNDING = {
     "object_momentum": 1e-9,
     "energy_gained": 1e-12,
 }
-"""Figures that are differences of large numbers: what rounding may leave of them [N, %, m]."""
+"""Absolute tolerances of figures that are differences of large numbers [N, %, m]."""
 
 
 def metric_claims(result: Result) -> list[Claim]:
-    """Every figure that follows from the stored ticks."""
+    """Judge every figure that follows from the stored ticks."""
     force, fingers = np.asarray(result["force/total"]), np.asarray(result["force/phalanx"]).sum(axis=2)
     ticks, first = np.arange(result.ticks), ~follows(result)
-    claims = []
+    says, claims = "the one-tick change of the force's size is that of the stored forces", []
+    why = "forces of a hundredth of a newton have a change that is rounded to this"
     for name, column, own in (
         ("force variation", "force_variation_rate", change_rate(force, first)),
         ("finger variation", "force_variation_finger", change_rate(fingers, first)),
     ):
         off = difference(result[column], own) / np.maximum(1.0, np.nan_to_num(np.abs(own)))
-        claims.append(
-            judged(
-                name,
-                "the one-tick change of the force's size is that of the stored forces",
-                off.reshape(result.ticks, -1).max(axis=1),
-                1e-7,
-                "%",
-                "forces of a hundredth of a newton have a change that is rounded to this",
-                ticks=ticks,
-            )
-        )
-    # A session's figures are of all its periods: `hhsim.verify.session_summary_checks`.
+        off = off.reshape(result.ticks, -1).max(axis=1)
+        claims.append(judged(name, says, off, 1e-7, "%", why, ticks=ticks))
+    # The figures of a session cover all its periods: `hhsim.verify.session_checks`.
     if result.complete and result.live is None:
         claims += _summary_claims(result)
     return claims
-
-
-def difference(stored: NDArray[np.float64], own: FloatArray) -> FloatArray:
-    """|stored − own|; 0 where both are NaN, infinite where one is."""
-    stored = np.asarray(stored, np.float64)
-    one, other = np.isnan(stored), np.isnan(own)
-    return np.where(one & other, 0.0, np.where(one | other, np.inf, np.abs(stored - own)))
 
 
 def change_rate(force: FloatArray, first: NDArray[np.bool_]) -> FloatArray:
@@ -83,21 +68,15 @@ def change_rate(force: FloatArray, first: NDArray[np.bool_]) -> FloatArray:
     return rate
 
 
-def told_apart(stored: float, own: float) -> tuple[str, str]:
-    """Two numbers with as few digits, but no fewer than six, as show that they are not the same."""
-    digits = next((n for n in range(6, 18) if f"{stored:.{n}g}" != f"{own:.{n}g}"), 6)
-    return f"{stored:.{digits}g}", f"{own:.{digits}g}"
-
-
 def _summary_claims(result: Result) -> list[Claim]:
     own = own_summary(result)
     stored = {name: _number(value) for name, value in result.summary.items()}
     off = {}
     for name, value in own.items():
         if name in stored:
-            room = np.nan_to_num(np.abs(value)) + ROUNDING.get(name, 0.0) / SAME
+            tolerance = np.nan_to_num(np.abs(value)) + ROUNDING.get(name, 0.0) / SAME
             apart = float(difference(np.array(stored[name]), np.array(value)))
-            off[name] = apart / room if room > 0.0 else np.inf if apart > 0.0 else 0.0
+            off[name] = apart / tolerance if tolerance > 0.0 else np.inf if apart > 0.0 else 0.0
     wrong = [
         "{} is stored as {}, the ticks give {}".format(name, *told_apart(stored[name], own[name]))
         for name, value in off.items()
@@ -131,7 +110,7 @@ def _number(value: Any) -> float:
 
 
 def required_figures(result: Result) -> list[str]:
-    """What the summary of a complete replay has to have; of a trembling hand only where a hold stands still."""
+    """Figures of a complete replay's summary; of a trembling hand only where a hold stands still."""
     known = known_figures([what for what in EVERYTHING if result.gives(what)])
     names = [name for name in REQUIRED if name in {*known, "ticks"}]
     if result.free:
@@ -141,24 +120,24 @@ def required_figures(result: Result) -> list[str]:
         return names
     hold = next((phase for phase in result.phases if phase.name == "hold"), None)
     if hold is not None:
-        part = slice(hold.first_tick, hold.last_tick + 1)
-        haptic = [np.asarray(result[f"haptic/{name}"])[part] for name in HandConfiguration._fields]
+        rows = slice(hold.first_tick, hold.last_tick + 1)
+        haptic = [np.asarray(result[f"haptic/{name}"])[rows] for name in HandConfiguration._fields]
         if all(np.array_equal(values, np.broadcast_to(values[:1], values.shape)) for values in haptic):
             names += [TREMBLING, f"{TREMBLING}_std"]
     return names
 
 
 def own_summary(result: Result) -> dict[str, float]:
-    """What the summary should say, by the definitions of the documentation; SI, or % where so defined."""
+    """Compute the summary's figures by their documented definitions; SI, or % where so defined."""
     force, status = np.asarray(result["force/total"]), np.asarray(result["status"])
     size = np.sqrt((force**2).sum(axis=1))
     hold = np.zeros(result.ticks, bool)
     ripples = []
     for phase in result.phases:
         if phase.name == "hold":
-            part = slice(phase.first_tick, phase.last_tick + 1)
-            hold[part] = True
-            ripples.append(_ripple(force[part], float(result.scene.get("rate", 1000.0))))
+            rows = slice(phase.first_tick, phase.last_tick + 1)
+            hold[rows] = True
+            ripples.append(_ripple(force[rows], float(result.scene.get("rate", 1000.0))))
     contact = np.asarray(result["contacts/candidates"]) > 0
     cpu, wall = (1e-9 * np.asarray(result[f"duration/{name}"], np.float64) for name in ("total_cpu", "total"))
     every = change_rate(force, ~follows(result))
@@ -213,7 +192,7 @@ def _mean(values: NDArray[np.float64]) -> float:
 
 
 def _quantile(values: FloatArray, share: float) -> float:
-    """Between the two ticks around the share, in proportion."""
+    """Quantile by linear interpolation between ticks."""
     if values.size == 0:
         return float("nan")
     ordered = np.sort(values)
@@ -224,7 +203,7 @@ def _quantile(values: FloatArray, share: float) -> float:
 
 
 def _ripple(force: FloatArray, rate: float) -> float:
-    """RMS [N] between 50 and 400 Hz by scipy's periodogram, the best line taken out, a Hann window."""
+    """RMS [N] between 50 and 400 Hz by scipy's periodogram with a Hann window, without the best line."""
     from scipy.signal import detrend, periodogram
 
     # A method that has no forces has none that shakes.

@@ -1,7 +1,6 @@
-"""The referee's own look from an object that moves, by scipy's rotations, and the claims of how the file says it moves.
+"""View from a moving object, by scipy's rotations, and the claims of the object's motion.
 
-Nothing but the schema's word of what turns is the library's: a pose p, q of the object that was P, Q at the first tick
-takes x to q Q⁻¹ (x − P) + p, and this is undone.
+A pose p, q of an object that began at P, Q maps x to q Q⁻¹ (x − P) + p; this is inverted.
 """
 
 import numpy as np
@@ -16,11 +15,11 @@ from hhsim.verify.file_checks import own_script
 from hhsim.verify.kinematics import rotations
 
 ABOVE = 1e-6
-"""A free object may begin so far above its place [m]: clear of the table by the solver's offset."""
+"""Largest initial height of a free object above its place [m], from the solver's offset to the table."""
 
 
 def seen_by_referee(name: str, values: AnyArray, now: ObjectMotion, first: ObjectMotion) -> AnyArray:
-    """Rows of a dataset of /tick, world, as the object sees them; as of `hhsim.result.reader.View`."""
+    """Transform rows of a /tick dataset from the world to the object's frame, as `hhsim.result.reader.View`."""
     here, none = rotations(now.orientation)
     there = rotations(first.orientation[None])[0]
     back = there * here.inv()
@@ -39,21 +38,23 @@ def seen_by_referee(name: str, values: AnyArray, now: ObjectMotion, first: Objec
 
 
 def _first_step(result: Result) -> float:
-    # A free object has made a step at the first tick, from its place in the file or `ABOVE` it. A quaternion changes by
-    # half the turn, and the origin of its frame goes round its centre of mass.
+    """Largest first step of a free object [m], from its place in the file or `ABOVE` it.
+
+    A quaternion changes by half the turn, and the origin of the frame goes round the centre of mass.
+    """
     arm = np.linalg.norm(np.array(result.scene["free"]["center"]) - result.static["object/position"])
     turn = np.linalg.norm(result["object/angular_velocity"][0]) * max(0.5, float(arm))
     return ABOVE + float(np.linalg.norm(result["object/velocity"][0]) + turn) / result.rate
 
 
 def object_motion_claims(result: Result) -> list[Claim]:
-    """Of an object that moves: its poses are some, begin where the file places the object, and are the script's."""
+    """Judge a moving object's poses: valid, from the object's place on, and the script's."""
     if not result.driven:
         return []
     poses, static = result.object_motion(), result.static
     off = np.abs(np.linalg.norm(poses.orientation, axis=1) - 1.0)
     off = np.where(np.isfinite(poses.position).all(axis=1) & np.isfinite(off), off, np.inf)
-    # The same turn by the other quaternion is a jump to whoever goes by the numbers.
+    # The opposite quaternion is the same rotation, but a jump of its numbers.
     off[1:][(poses.orientation[1:] * poses.orientation[:-1]).sum(axis=1) < 0.0] = np.inf
     says, note = "the object has a pose at every tick, with a unit quaternion", ""
     if not result.free:
@@ -64,23 +65,16 @@ def object_motion_claims(result: Result) -> list[Claim]:
         if own is not None:
             says += ", and as its script carries it"
             off = np.max([off, *(np.abs(a - b).max(axis=1) for a, b in zip(poses, own))], axis=0)
-    first = max(
-        float(np.abs(poses.position[0] - static["object/position"]).max()),
-        float(np.abs(poses.orientation[0] - static["object/orientation"]).max()),
-    )
-    room = _first_step(result) if result.free else 0.0
+    first = max(float(np.abs(values[0] - static[f"object/{name}"]).max()) for name, values in poses._asdict().items())
+    tolerance = _first_step(result) if result.free else 0.0
     why = "its first step, and what it may be raised by to stand on its table" if result.free else "the same numbers"
-    return [
-        judged("object poses", says, off, 1e-9, "m, 1", "rounding", ticks=np.arange(result.ticks), note=note),
-        judged(
-            *("object at first", "the object's mesh and tree lie where its first pose has them", [first]),
-            *(room, "m, 1", why),
-        ),
-    ]
+    poses_claim = judged("object poses", says, off, 1e-9, "m, 1", "rounding", ticks=np.arange(result.ticks), note=note)
+    says = "the object's mesh and tree lie where its first pose has them"
+    return [poses_claim, judged("object at first", says, [first], tolerance, "m, 1", why)]
 
 
 def _of_the_script(result: Result) -> ObjectMotion | None:
-    """Where a script of the catalogue carries the object, of which a tick is a sample; None for another motion."""
+    """Motion of the object in a script of the catalogue with a sample a tick; None for another motion."""
     script = own_script(result)
     if script is None or script.rate != result.rate:
         return None

@@ -1,4 +1,4 @@
-"""Claims of where the parts of a scene come from: object, tree and hand; and what no file can show of itself."""
+"""Claims of the origin of object, tree and hand, and a list of what no file can show."""
 
 from dataclasses import fields
 from typing import Any
@@ -22,18 +22,13 @@ from hhsim.verify.file_checks import COVER, leaves, outside_spheres
 from hhsim.verify.kinematics import rotations
 
 SAME_PLACE = 1e-12
-"""Places that differ by this [m] are the same: what turning a mesh about rounds to."""
+"""Tolerance of places [m]: rounding of a rotated mesh."""
 WHY_SAME_PLACE = "rounding of a world frame"
 TREE_ARRAYS = ("center", "radius", "level", "parent")
 
 
 def origin_claims(result: Result, again: bool = False) -> list[Claim]:
-    """Object, tree and hand, and what is not judged.
-
-    Args:
-        result: Of a replay or a session.
-        again: Whether mesh files are read and trees are built for it.
-    """
+    """Judge object, tree and hand; `again` reads mesh files and builds trees for it."""
     mesh = own_object(result, again)
     tree = None if mesh is None else own_tree(result, mesh, again)
     return [
@@ -47,7 +42,7 @@ def origin_claims(result: Result, again: bool = False) -> list[Claim]:
 
 
 def own_object(result: Result, again: bool) -> Mesh | None:
-    """The object's mesh in its own frame, from where the scene has it; None where it is not to be had."""
+    """Mesh named by the scene, in its own frame; None where it is not available."""
     scene = result.scene
     word, stated = str(scene.get("object") or ""), scene.get("object_mesh")
     try:
@@ -67,7 +62,7 @@ def own_object(result: Result, again: bool) -> Mesh | None:
 
 
 def own_tree(result: Result, mesh: Mesh, again: bool) -> SphereTree | None:
-    """The tree that hhsim has or makes of a mesh in its own frame, by the options of the scene; None for another's."""
+    """Tree of a mesh in its own frame by the scene's options, shipped or built; None for another's."""
     stated = result.scene.get("tree_options") or {}
     if again and {name: stated.get(name) for name in OPTIONS} == OPTIONS:
         return triangle_tree(mesh, int(stated["level"]))
@@ -75,10 +70,9 @@ def own_tree(result: Result, mesh: Mesh, again: bool) -> SphereTree | None:
     if options is None:
         return None
     try:
-        tree = cached_sphere_tree(mesh, options) if again else shipped_tree(mesh, options)
+        return cached_sphere_tree(mesh, options) if again else shipped_tree(mesh, options)
     except HhsimError:
         return None
-    return tree
 
 
 def _tree_options(result: Result) -> TreeOptions | None:
@@ -90,7 +84,7 @@ def _tree_options(result: Result) -> TreeOptions | None:
         options = TreeOptions(**{name: value for name, value in stated.items() if name in known})
     except (HhsimError, TypeError):
         return None
-    # Another version of the builder makes another tree.
+    # The options record the version of the builder.
     return options if options.recorded() == {**options.recorded(), **stated} else None
 
 
@@ -131,7 +125,6 @@ def _placement(result: Result) -> tuple[FloatArray, FloatArray]:
 
 
 def _hand(result: Result) -> Claim:
-    """The published hand of the stated sizes, where no file of sizes made another one."""
     name, says = "hand", "the hand is the one of its side, length and breadth, joint limits and all"
     sizes, static = result.scene["hand"], result.static
     other = Claim(name, says, NOT_JUDGED, unit="m, rad", note="its sizes were given, and are not in the result")
@@ -154,7 +147,6 @@ def _hand(result: Result) -> Claim:
 
 
 def _described(result: Result) -> Claim:
-    """What the scene counts against what is there."""
     scene, static, solver = result.scene, result.static, result.scene["solver"]
     modelled = scene.get("modelled", {})
     leaf, palm, phalanges = len(leaves(result)[1]), len(static["hand/palm_radius"]), 3 * len(solver["fingers"])
@@ -178,7 +170,6 @@ def _described(result: Result) -> Claim:
 
 
 def _palm(result: Result) -> Claim:
-    """The palm's spheres against its tree and its mesh, which are in the file besides."""
     static = result.static
     center, radius = static["hand/palm_center"], static["hand/palm_radius"]
     level = static["hand/palm_tree/level"]
@@ -196,7 +187,7 @@ def _palm(result: Result) -> Claim:
 
 
 def _beyond_a_file(result: Result, again: bool) -> list[Claim]:
-    """What a file says of itself, and what nothing in it could contradict: it is no part of a verdict."""
+    """Statements of a file that nothing in it could contradict."""
     beyond = {
         "times": ("how long ticks took", "no second measurement gives the same times"),
         "machine and versions": (

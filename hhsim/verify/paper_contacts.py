@@ -1,8 +1,8 @@
-"""Which contacts method `paper` may have on another part of the hand than the nearest one.
+"""Contacts that method `paper` may find on another feature of the hand than the nearest one.
 
-Its phalanx is a cone frustum and the sphere at its thin end; where the foot of a sphere's centre lies decides between
-the two. That is where the nearest point lies as long as hand and sphere only touch: with a sphere that is deep inside a
-phalanx the two part ways, and so does the normal. The sphere at a finger's first joint is the palm's.
+Its phalanx is a cone frustum with a sphere at its thin end, and the foot of a leaf's centre decides between the two.
+That is the nearest feature while the two only touch; with deep penetration feature and normal may differ. The sphere
+at a finger's first joint belongs to the palm.
 """
 
 import numpy as np
@@ -12,19 +12,19 @@ from hhsim.verify.contacts import PALM, Pairs, axis_places
 from hhsim.verify.kinematics import OwnHand, Posed
 
 ROUNDING = 1e-12
-"""A place this near to an end of an axis, as a share of its length, is the end."""
+"""Tolerance of the end of an axis, as a ratio of its length."""
 
 
 def on_another_part(
     hand: OwnHand, posed: Posed, pairs: Pairs, center: FloatArray, radius: FloatArray, closed: bool
 ) -> BoolArray:
-    """Whether `paper` may have each pair on another part than the nearest point's, shape (N,).
+    """True for pairs that `paper` may have on another feature than the nearest point's, shape (N,).
 
     Args:
-        posed: The ticks of the pairs.
+        hand: Dimensions of the hand.
+        posed: Postures at the ticks of the pairs.
         pairs: N pairs of a hand body and a leaf sphere that touch.
-        center: Of all leaf spheres [m], world, shape (L, 3).
-        radius: [m], shape (L,).
+        center, radius: All leaf spheres [m], world, shapes (L, 3) and (L,).
         closed: Spheres close both ends of every frustum, not the fingertip's alone.
     """
     found = np.zeros(len(pairs.body), bool)

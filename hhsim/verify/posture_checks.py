@@ -1,41 +1,29 @@
-"""Claims of where the hand is: joints, limits, how far behind it is. All ticks are judged."""
+"""Claims of the hand's posture at every tick: joints, limits, abduction, lag."""
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.verify.claim import NOT_CLAIMED, Claim, judged
 from hhsim.verify.kinematics import turn_between
-from hhsim.verify.tick_data import (
-    ABDUCTION_HELD,
-    CAPACITY_EXCEEDED,
-    INPUT_INVALID,
-    LAG,
-    LENGTH,
-    START_INSIDE,
-    STUCK,
-    WHY_LENGTH,
-    JudgedTicks,
-)
+from hhsim.verify.tick_data import ABDUCTION_HELD, LAG, LENGTH, STUCK, UNSETTLED, WHY_LENGTH, JudgedTicks
 
 ANGLE = 1e-9
-"""Angles that differ by this [rad] are the same."""
+"""Tolerance of angles [rad]."""
 LIMITS = "no joint is beyond its limit"
 WHY_ANGLE = "rounding of the solver's steps"
 
 
 def posture_claims(judge: JudgedTicks) -> list[Claim]:
-    """Joints, limits, abduction, lag, and hands that are stuck."""
+    """Judge joints, limits, abduction, lag and stuck ticks."""
     result, hand, at, ticks = judge.result, judge.hand, judge.shown, judge.numbers
     unit = np.abs(np.linalg.norm(at.orientation, axis=1) - 1.0)
-    # The same turn by the other quaternion is a jump to whoever goes by the numbers.
+    # The opposite quaternion is the same rotation, but a jump of its numbers.
     unit[1:][(at.orientation[1:] * at.orientation[:-1]).sum(axis=1) < 0.0] = np.inf
     off = np.linalg.norm(judge.shown_posed.joints - result["graphic/joints"], axis=3).max(axis=(1, 2))
     beyond = np.maximum(hand.flexion_min - at.flexion, at.flexion - hand.flexion_max).max(axis=(1, 2))
-    says = "the joints are those of the stored angles and pose"
+    units, says = "orientations are unit, and change no sign", "the joints are those of the stored angles and pose"
     return [
-        judged(
-            "unit quaternions", "orientations are unit, and change no sign", unit, 1e-9, "1", "rounding", ticks=ticks
-        ),
+        judged("unit quaternions", units, unit, 1e-9, "1", "rounding", ticks=ticks),
         judged("kinematics", says, off, LENGTH, "m", WHY_LENGTH, ticks=ticks),
         *_of_the_solver(judge, np.maximum(0.0, beyond)),
         *_free(judge),
@@ -44,7 +32,7 @@ def posture_claims(judge: JudgedTicks) -> list[Claim]:
 
 
 def _of_the_solver(judge: JudgedTicks, beyond: FloatArray) -> list[Claim]:
-    """What hhsim's own methods claim of every tick, and another's need not."""
+    """Judge the claims of every tick of hhsim's own methods; another method makes none."""
     if not judge.result.gives("status"):
         note = f"of a method that is not hhsim's; its joints are up to {beyond.max(initial=0.0):.3g} rad beyond"
         return [Claim("joint limits", LIMITS, NOT_CLAIMED, checked=len(beyond), note=note)]
@@ -56,7 +44,7 @@ def _of_the_solver(judge: JudgedTicks, beyond: FloatArray) -> list[Claim]:
 
 
 def _abduction(judge: JudgedTicks) -> Claim:
-    settled = judge.status & (STUCK | LAG | INPUT_INVALID | START_INSIDE | CAPACITY_EXCEEDED | ABDUCTION_HELD) == 0
+    settled = judge.status & (UNSETTLED | ABDUCTION_HELD) == 0
     spread = np.abs(judge.shown.abduction - judge.wanted.abduction).max(axis=1)[settled]
     says = "settled ticks show the user's abduction"
     return judged("abduction", says, spread, ANGLE, "rad", WHY_ANGLE, ticks=judge.numbers[settled])
@@ -66,18 +54,17 @@ def _lag(judge: JudgedTicks) -> Claim:
     far = np.linalg.norm(judge.shown_posed.joints - judge.wanted_posed.joints, axis=3).max(axis=(1, 2))
     lag, late = np.asarray(judge.result["lag"]), judge.status & (STUCK | LAG) > 0
     over = np.where(late, np.maximum(0.0, np.maximum(lag - far, -lag)), np.abs(lag))
-    # Of a hand that is on its way something is left to go, unless it is there.
+    # A hand that lags has a distance left, unless it is there.
     over[late & (lag <= 0.0) & (far > LENGTH)] = np.inf
     says = "a settled tick has none, another some, and no more than the way left"
     return judged("lag", says, over, LENGTH, "m", WHY_LENGTH, ticks=judge.numbers)
 
 
 def _free(judge: JudgedTicks) -> list[Claim]:
-    """Where a tick had no contact to mind, nothing kept the hand: it is the user's, or as far off as it says."""
     if not judge.safe:
         return []
     clear = np.asarray(judge.result["work/rows"]) == 0
-    settled = clear & (judge.status & (STUCK | LAG | INPUT_INVALID | START_INSIDE | CAPACITY_EXCEEDED) == 0)
+    settled = clear & (judge.status & UNSETTLED == 0)
     at, wanted = judge.shown, judge.wanted
     bend = np.clip(wanted.flexion, judge.hand.flexion_min, judge.hand.flexion_max)
     off = np.maximum(

@@ -1,7 +1,10 @@
-"""Claims that only a recorded session makes: its periods, its latency, its samples, and what they became."""
+"""Claims of a recorded session: its periods, latencies and samples, and its summary."""
 
 import json
+import math
 import signal
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -9,36 +12,47 @@ from hhsim.kernels.live.deadlines import EARLIEST
 from hhsim.kernels.live.phase import LARGEST_SHIFT
 from hhsim.result.reader import Result
 from hhsim.system.counted import counted
-from hhsim.verify.claim import NOT_JUDGED, Claim, all_true, judged
+from hhsim.verify.claim import NOT_JUDGED, Claim, all_true, judged, told_apart
 from hhsim.verify.finger_command_checks import DEVICE_LOST, STOPPING, command_claims
-from hhsim.verify.session_rows import LOOP_DIED, MOST_READ, SessionRows
-from hhsim.verify.session_summary_checks import session_figures_claims
+from hhsim.verify.session_rows import LOOP_DIED, MOST_READ, OLD_NAME, SessionRows
 
 FINGER_NAMES = ("thumb", "index finger", "middle finger", "ring finger", "little finger")
 JUMPED = "jumped by"
-"""Such a line of the log, after a finger's name, tells that it was not believed."""
+"""Text after a finger's name in the log line on a rejected jump."""
 OLD_SHIFT = 0.01
-"""Of a period: so far a tick moved the next deadline at most in files that do not say which ticks were early."""
+"""Largest shift of a deadline in files without the column `early`, as a fraction of the period."""
 IN_ORDER = ("duration", "stopped", "the command was killed", *(number.name for number in signal.Signals))
-"""Why a session ended whose loop was brought to its end."""
+"""Reasons of an end by the loop itself."""
 DRIVER_DIED = "the glove's driver "
-"""How it begins to say so where the loop was, since that had died."""
+"""Begin of the reason of an end by a dead driver, where the loop survived."""
 BROKEN_OFF = (LOOP_DIED, "the session's supervisor died before the loop began")
-"""Why one ended that was not."""
+"""Reasons of an end without the loop."""
 COUNTERS = (
     *("frames", "samples", "rejected", "other", "malformed", "resyncs", "dropped"),
     *("commands", "commands_refused"),
 )
-"""What a glove's driver counts."""
+"""Counts of a glove's driver."""
 TAKES_COMMANDS = frozenset({"POSITION_LIMIT", "STIFFNESS", "FORCE", "POWER"})
 """Capabilities of a glove that takes commands."""
 AT_THE_END = 100
-"""Commands that free a glove when a session begins and ends, at most."""
+"""Most commands that free a glove at the begin and the end of a session."""
 ONE_CLOCK = "one clock stamps all of them"
+SAME = 1e-9
+"""Relative tolerance of figures: the rounding of sums in another order."""
+HALF_A_BIN = 1e-3
+"""Relative tolerance of percentiles: half a bin of the loop's histogram, which is 0.2 % wide."""
+PERCENTILES = {"p50": 50.0, "p99": 99.0, "p999": 99.9}
+REASONS = (
+    *("stale_input", "not_finite", "solver_failed", "overrun_streak", "device_lost"),
+    *("stopping", "no_watchdog", "dry_run", "no_input_yet"),
+)
+"""Names of the bits of `safety`, lowest first."""
+CAUSES = ("missed_computed", "missed_woken_late", "missed_host", "missed_device")
+"""Figures of the missed periods by cause, in the order of /live/tick/cause, from 1."""
 
 
 def session_claims(result: Result) -> list[Claim]:
-    """What a session claims; nothing of a replay."""
+    """Judge the claims of a session; none of a replay."""
     if result.live is None:
         return []
     rows = SessionRows(result)
@@ -56,12 +70,11 @@ def session_claims(result: Result) -> list[Claim]:
         _ended(rows),
         _counters(rows),
         *command_claims(rows),
-        *session_figures_claims(rows),
+        *_figures(rows),
     ]
 
 
 def _records(rows: SessionRows) -> Claim:
-    """Ticks and samples are numbered by the loop; what is not there was lost, and the file says how many."""
     wrong, notes = [], []
     for what, record in (("ticks", np.asarray(rows.result["live/tick/record"])), ("samples", rows.samples["record"])):
         wrong.append(bool((np.diff(record, prepend=-1) < 1).any()))
@@ -80,7 +93,6 @@ def _most_shift(rows: SessionRows) -> int:
 
 
 def _deadlines(rows: SessionRows) -> Claim:
-    """Each tick may move the next deadline a little, those too that are not in the file."""
     ends = rows.deadline + rows.early
     periods = np.diff(rows.period, prepend=rows.period[0] - 1)
     apart = np.diff(ends, prepend=ends[0] - rows.period_ns)
@@ -92,11 +104,10 @@ def _deadlines(rows: SessionRows) -> Claim:
 
 
 def _early(rows: SessionRows) -> Claim:
-    """What makes a tick due early is a sample, and the time of that is when it was due."""
     name = "early ticks"
     says = f"a tick is due before its period ends only with a sample that it takes, and by {EARLIEST:g} periods at most"
     if not rows.tells("early"):
-        return Claim(name, says, NOT_JUDGED, note="the file does not say which ticks were early; it was written before")
+        return Claim(name, says, NOT_JUDGED, note="the file does not say which ticks were early")
     most, early = int(EARLIEST * rows.period_ns), rows.early > 0
     wrong = (rows.early < 0) | (rows.early > most)
     wrong |= early & ((rows.missed > 0) | rows.at_once | (rows.wakeup >= rows.early))
@@ -111,7 +122,6 @@ def _early(rows: SessionRows) -> Claim:
 
 
 def _missed(rows: SessionRows) -> Claim:
-    """A period has a tick or is missed; only a tick whose solver failed is neither, and that is in the log."""
     gone = np.diff(rows.period, prepend=-1) - 1 - rows.missed
     wrong = (rows.missed < 0) | (gone < 0)
     odd = np.flatnonzero(rows.follows & (gone > 0))
@@ -121,11 +131,11 @@ def _missed(rows: SessionRows) -> Claim:
 
 
 def _causes(rows: SessionRows) -> Claim:
-    """Each missed period has a cause, the one that took most of what was measured, and that fits the stamps."""
+    """Judge that a missed period's cause took most of the measured time, and fits the stamps."""
     name = "causes of missed periods"
     says = "what was missed is named by who took most of the time, which is as much as the stamps leave"
     if "live/tick/cause" not in rows.result:
-        return Claim(name, says, NOT_JUDGED, note="the file does not say who took the time; it was written before")
+        return Claim(name, says, NOT_JUDGED, note="the file does not say who took the time")
     cause = np.asarray(rows.result["live/tick/cause"], np.int64)
     parts = ("computed", "kept", "run_delay", "steal", "device")
     taken = {part: np.asarray(rows.result[f"live/tick/taken/{part}"], np.int64) for part in parts}
@@ -148,7 +158,6 @@ def _causes(rows: SessionRows) -> Claim:
 
 
 def _wakeup(rows: SessionRows) -> Claim:
-    """A tick has its time; one that begins without a sleep is the second of two, in the first half of its period."""
     early = np.maximum(0, -rows.wakeup)
     wrong = rows.wakeup // rows.period_ns > rows.missed
     again = rows.follows & np.concatenate([[False], rows.at_once[:-1]])
@@ -162,11 +171,10 @@ def _wakeup(rows: SessionRows) -> Claim:
 
 
 def _latency(rows: SessionRows) -> Claim:
-    """A latency ends where the command is handed over: after the tick's work, and before the loop slept again."""
     sampled = np.flatnonzero(rows.latency != -1)
     lost = (rows.safety[sampled] & DEVICE_LOST > 0) & (not rows.dry_run)
     off = np.where((rows.latency[sampled] < 0) | lost, np.inf, 0.0)
-    # Of a tick whose newest sample was not used, that one's time is not told.
+    # The time of a newest sample that was not used is unknown.
     usable = np.append(rows.usable, True)
     clear = rows.clear[sampled] & usable[rows.used[sampled] + 1]
     at = sampled[clear]
@@ -191,7 +199,6 @@ def _samples(rows: SessionRows) -> Claim:
 
 
 def _newest(rows: SessionRows) -> Claim:
-    """No tick goes on with an old hand where a newer one had come, nor with one that may not be used."""
     used, known = rows.used, rows.used >= 0
     wrong = ~known if rows.samples_whole else np.zeros(len(used), bool)
     wrong[known] |= ~rows.usable[used[known]]
@@ -211,7 +218,6 @@ def _newest(rows: SessionRows) -> Claim:
 
 
 def _haptic(rows: SessionRows) -> Claim:
-    """The user's fingers are those of the sample; one that jumped is not believed, named in the log, and kept free."""
     known = np.flatnonzero(rows.used >= 0)
     differs = np.zeros((len(known), 5), bool)
     for name in ("flexion", "abduction"):
@@ -229,17 +235,15 @@ def _haptic(rows: SessionRows) -> Claim:
 
 
 def _ended(rows: SessionRows) -> Claim:
-    """Why a session ended is a known cause, and where its loop died no tick says that it stops."""
     ended = str(rows.live["ended"])
     of_loop = ended in IN_ORDER or ended.startswith(DRIVER_DIED)
-    told = bool(rows.safety[-1] & STOPPING > 0)
-    wrong = [rows.result.complete and not (of_loop or ended in BROKEN_OFF), told and ended in BROKEN_OFF]
+    stops = bool(rows.safety[-1] & STOPPING > 0)
+    wrong = [rows.result.complete and not (of_loop or ended in BROKEN_OFF), stops and ended in BROKEN_OFF]
     says = "the session ended by a known cause, which its last tick agrees with"
     return all_true("end", says, wrong, note=f"it is said to have ended by '{ended}'" if any(wrong) else "")
 
 
 def _counters(rows: SessionRows) -> Claim:
-    """What the driver counted against the samples and the ticks in the file."""
     name, says = "counters", "the driver counted the samples that are here, and no more commands than periods"
     if not rows.result.complete or str(rows.live["ended"]) not in IN_ORDER:
         return Claim(name, says, NOT_JUDGED, note="the session was cut short, and its driver's last word is older")
@@ -247,17 +251,17 @@ def _counters(rows: SessionRows) -> Claim:
         stated = {what: int(count) for what, count in json.loads(str(rows.live["counters"])).items()}
     except (ValueError, TypeError, AttributeError):
         return all_true(name, says, [True], note="they cannot be read")
-    counted = {**dict.fromkeys(COUNTERS, 0), **stated}
+    found = {**dict.fromkeys(COUNTERS, 0), **stated}
     good, last = int((rows.samples["good"] == 1).sum()), int(rows.samples["seq"].max(initial=-1)) + 1
-    samples, commands = counted["samples"], counted["commands"]
-    came = samples + counted["rejected"]
+    samples, commands = found["samples"], found["commands"]
+    came = samples + found["rejected"]
     # Each period has a command, each of which may be sent once more to be sure, and the end has some of its own.
     periods = int(rows.period.max(initial=0)) + 1
     held = bool((rows.stiffness > 0.0).any()) and not rows.dry_run
     takes = not TAKES_COMMANDS.isdisjoint(json.loads(str(rows.live["device"])).get("capabilities", TAKES_COMMANDS))
     wrong = {
-        f"nobody counts {', '.join(sorted(set(stated) - set(COUNTERS)))}": len(counted) > len(COUNTERS),
-        "a count is below zero": min(counted.values()) < 0,
+        f"nobody counts {', '.join(sorted(set(stated) - set(COUNTERS)))}": len(found) > len(COUNTERS),
+        "a count is below zero": min(found.values()) < 0,
         f"{last:,} samples are numbered, {came:,} are counted": came < last,
         f"{good:,} good samples are here, {samples:,} are counted": samples < good,
         f"{came:,} samples are counted, {last:,} are numbered": rows.samples_whole and came > last + MOST_READ,
@@ -269,6 +273,106 @@ def _counters(rows: SessionRows) -> Claim:
 
 
 def _unclear(rows: SessionRows) -> str:
-    """How many ticks cannot be judged by their samples; the last one never can."""
+    """Note on the ticks that cannot be judged by their samples; the last one never can."""
     unclear = int((~rows.clear).sum())
     return f"of {unclear:,} ticks it is not known when they ended or what they read" if unclear > 1 else ""
+
+
+def _figures(rows: SessionRows) -> list[Claim]:
+    """Judge the figures of the summary of a complete session."""
+    if not rows.result.complete:
+        return []
+    stored = {name.replace(*OLD_NAME): value for name, value in rows.result.summary.items()}
+    wrong, off = [], []
+    own = {**_counts(rows), **_percentiles(rows)}
+    for name, value in own.items():
+        given = float(stored.get(name, math.nan))
+        tolerance = (HALF_A_BIN if name.endswith(tuple(PERCENTILES)) else SAME) * max(abs(value), SAME)
+        apart = 0.0 if math.isnan(given) and math.isnan(value) else abs(given - value) / tolerance
+        off.append(apart if name in stored else math.inf)
+        if not apart <= 1.0 or name not in stored:
+            wrong.append("{} is stored as {}, the rows give {}".format(name, *told_apart(given, value)))
+    least, most = _missed_between(rows)
+    missed = int(stored.get("missed", -1))
+    off.append(0.0 if least <= missed <= most else math.inf)
+    if off[-1]:
+        wrong.append(f"missed is stored as {missed:,}, the rows allow {least:,} to {most:,}")
+    by_cause = _causes_off(rows, stored, missed)
+    off.append(math.inf if by_cause else 0.0)
+    wrong += by_cause
+    strange = sorted(set(stored) - set(own) - {"missed"} - set(CAUSES))
+    off += [math.inf] * len(strange)
+    wrong += [f"{name} has no definition here" for name in strange]
+    says, why = "the figures of the summary are those of the rows", "a billionth; half a bin of 0.2 % for percentiles"
+    return [judged("session figures", says, off, 1.0, "of what is let pass", why, note="; ".join(wrong))]
+
+
+def _causes_off(rows: SessionRows, stored: Mapping[str, Any], missed: int) -> list[str]:
+    """Errors of the missed periods by cause, as text; none where the file has no causes."""
+    if "live/tick/cause" not in rows.result:
+        return []
+    died = rows.live["ended"] == LOOP_DIED
+    # A loop that was killed had counted its last tick's or not.
+    counted = rows.numbers < len(rows.numbers) - died
+    cause = np.asarray(rows.result["live/tick/cause"])
+    given = [int(stored.get(name, -1)) for name in CAUSES]
+    least = [int(rows.missed[counted & (cause == i)].sum()) for i in range(1, 5)]
+    found = [
+        f"{name} is stored as {count:,}, the rows have {own:,}"
+        for name, count, own in zip(CAUSES, given, least, strict=True)
+        if count < own
+    ]
+    if sum(given) != missed and not (died and sum(given) <= missed):
+        found.append(f"the causes are {sum(given):,} missed periods together, missed is stored as {missed:,}")
+    return found
+
+
+def _missed_between(rows: SessionRows) -> tuple[int, int]:
+    """Least and most periods without a tick: those of the rows, and those in no row."""
+    least = int(rows.missed.sum())
+    # A loop that was killed had counted its last tick's or not.
+    if rows.live["ended"] == LOOP_DIED:
+        return least - int(rows.missed[-1]), int(rows.period[-1]) + 1 - len(rows.period)
+    return least, int(rows.period[-1]) + 1 - len(rows.period)
+
+
+def _counts(rows: SessionRows) -> dict[str, float]:
+    """Counts and maxima of the rows, SI units."""
+    result = rows.result
+    status, seq = np.asarray(result["status"]), np.asarray(result["input_seq"], np.int64)
+    steps = np.diff(seq, prepend=-1)
+    force = np.sqrt((np.asarray(result["force/total"]) ** 2).sum(axis=1))
+    found = {
+        "ticks": result.ticks,
+        "ticks_in_contact": (result["contacts/candidates"] > 0).sum(),
+        "ticks_with_resistance": (rows.stiffness > 0.0).any(axis=1).sum(),
+        "candidates_max": result["contacts/candidates"].max(initial=0),
+        "force_max": np.nan_to_num(force).max(initial=0.0),
+        "stuck_ticks": (status & 1 > 0).sum(),
+        "lag_ticks": (status & 2 > 0).sum(),
+        "samples_used": (steps > 0).sum(),
+        "samples_superseded": (steps[steps > 1] - 1).sum(),
+        "penetration_max": np.nan_to_num(result["penetration_depth"]).max(initial=0.0),
+        **{f"kept_free_{name}": (rows.safety >> bit & 1).sum() for bit, name in enumerate(REASONS)},
+        **{f"lost_{what}": rows.live[f"lost_{what}"] for what in ("ticks", "samples", "events")},
+    }
+    return {name: float(value) for name, value in found.items()}
+
+
+def _percentiles(rows: SessionRows) -> dict[str, float]:
+    """Percentiles of wake-up, latency and tick time [s]; NaN where nothing was timed."""
+    found = {}
+    timed = {
+        "wakeup": np.maximum(rows.wakeup, 0),
+        "latency": rows.latency[rows.latency >= 0],
+        "tick": np.asarray(rows.result["duration/total"], np.int64),
+    }
+    for what, values in timed.items():
+        ordered = np.sort(values)
+        for name, percent in PERCENTILES.items():
+            rank = max(1, math.ceil(0.01 * percent * len(ordered)))
+            # The loop's lowest bin begins at a nanosecond.
+            value = min(max(ordered[rank - 1], 1), ordered[-1]) if len(ordered) else math.nan
+            found[f"{what}_{name}"] = 1e-9 * float(value)
+        found[f"{what}_max"] = 1e-9 * float(ordered[-1]) if len(ordered) else math.nan
+    return found

@@ -1,8 +1,8 @@
-"""The rows of a recorded session as the referee reads them: which sample a tick had, and from when to when it ran.
+"""Rows of a recorded session: the sample that each tick used, and the span in which it ran.
 
-A loop of one thread sleeps until a tick is due, reads, solves, tells the fingers, and sleeps again until the next one
-is, or begins that at once. So all that a tick did lies between its waking and when the next one was due, or its
-beginning, and a sample belongs to the tick in whose span its bytes were read.
+The loop sleeps until a tick is due, reads, solves, sends commands and sleeps again, or begins the next tick at once. So
+a tick's work lies between its wake-up and the next deadline, or the next begin, and a sample belongs to the tick in
+whose span its bytes were read.
 """
 
 import json
@@ -16,52 +16,44 @@ from hhsim.result.reader import Result
 from hhsim.verify.file_checks import follows
 
 MOST_ANGLE = 2.0 * np.pi
-"""No joint of a hand is beyond this [rad]: a sample that says so is not used."""
+"""Largest plausible joint angle [rad]: samples beyond are not used."""
 MOST_READ = 64
-"""Samples that a tick takes at most; what is left waits for the next one."""
+"""Most samples taken by one tick."""
 HANDED_OVER = 20_000_000
-"""A driver that takes longer from the bytes of a sample to its record [ns] counts as gone: for the last sample, and for
-files whose driver did not say when it handed one over."""
+"""Longest time from a sample's bytes to its record [ns], for the last sample and files without `handed`."""
 
 SOLVER_FAILED = "the solver failed"
-"""How a line of the log begins that tells of a tick without a hand."""
+"""Begin of the log line on a tick without a hand."""
 QUIET = 1_000_000_000
-"""For so long [ns] the log does not tell the same again."""
+"""Time in which the log does not repeat a line [ns]."""
 LOOP_DIED = "the loop failed or was killed"
-"""Why a session ended that was not brought to its end."""
+"""Reason of the end of a session whose loop was not brought to its end."""
 OLD_NAME = ("guardian", "watchdog")
-"""What the first sessions call the watchdog, and what all later ones do: as for `str.replace`."""
+"""Name of the watchdog in the first sessions and today's, as arguments of `str.replace`."""
 
 
 class SessionRows:
-    """The tables of a session.
-
-    Args:
-        result: Of a session.
+    """Tables of a session.
 
     Attributes:
-        live: What the session says of itself.
-        limits: Of the output and of safety.
-        dry_run: Whether nothing was sent.
-        period_ns: Of a tick [ns].
-        numbers: Of the rows, shape (T,).
-        follows: Whether the row before is the tick before, shape (T,).
-        period, deadline, wakeup, latency, missed, safety: As /live/tick, shape (T,).
-        early: As /live/tick, 0 in files that do not say so, shape (T,).
-        bend, stiffness: What each finger was told, shape (T, 5).
-        at_once: Whether a tick began without a sleep; no tick of the files that do not say so did, shape (T,).
-        woke: When the loop woke, or began the tick [ns], shape (T,).
-        closed: Whether it is known when the tick was over, shape (T,).
-        over: Where it is: when the next tick that slept was due, or when it began at once [ns], shape (T,).
+        live, limits: Description of the session, and its limits of output and safety.
+        dry_run: True if nothing was sent.
+        period_ns, bend_step: Period of a tick [ns], and most that a bend moves in it.
+        numbers, follows: Number of each row, and whether its row before is the tick before, shape (T,).
+        period, deadline, wakeup, latency, missed, safety, early, at_once: As /live/tick; 0 where the file lacks them.
+        bend, stiffness: Command to each finger, shape (T, 5).
+        woke: Wake-up of the loop, or begin of the tick [ns], shape (T,).
+        closed: True where the end of the tick's span is known, shape (T,).
+        over: That end: the next deadline slept for, or the begin of a tick at once [ns], shape (T,).
     """
 
     def __init__(self, result: Result) -> None:
-        """Read the ticks."""
         self.result = result
         self.live: dict[str, Any] = dict(result.live or {})
         self.limits: dict[str, Any] = json.loads(str(self.live["limits"]).replace(*OLD_NAME))
         self.dry_run = bool(self.live["dry_run"])
         self.period_ns = round(1e9 / float(result.scene["rate"]))
+        self.bend_step = float(self.limits["output"]["bend_speed"]) * 1e-9 * self.period_ns
         self.numbers = np.arange(result.ticks)
         self.follows = follows(result)
         self.period, self.deadline, self.wakeup, self.latency, self.missed, self.safety = (
@@ -72,37 +64,36 @@ class SessionRows:
         self.stiffness = np.asarray(result["live/tick/command_stiffness"])
         slept_over = self.wakeup // self.period_ns * self.period_ns
         self.woke = self.deadline + self.wakeup - slept_over
-        # A period whose tick is not in the file, since the solver failed, has a span that nobody knows.
+        # The span of a tick that is not in the file, because the solver failed, is unknown.
         whole = np.zeros(result.ticks, bool)
         whole[1:] = np.diff(self.period) == 1 + self.missed[1:]
         whole &= self.follows
         self.closed = np.append(whole[1:], False)
-        self.at_once = self._told("at_once").astype(bool)
-        self.early = self._told("early")
+        self.at_once, self.early = self._optional("at_once").astype(bool), self._optional("early")
         self.over = np.append(np.where(self.at_once, self.woke, self.deadline - slept_over)[1:], 0)
 
     def tells(self, name: str) -> bool:
-        """Whether the file has this column of /live/tick, which older ones lack."""
+        """True if the file has this column of /live/tick; older files may lack it."""
         return f"live/tick/{name}" in self.result
 
-    def _told(self, name: str) -> IntArray:
-        told = self.result[f"live/tick/{name}"] if self.tells(name) else np.zeros(self.result.ticks)
-        return np.asarray(told, np.int64)
+    def _optional(self, name: str) -> IntArray:
+        column = self.result[f"live/tick/{name}"] if self.tells(name) else np.zeros(self.result.ticks)
+        return np.asarray(column, np.int64)
 
     @cached_property
     def samples(self) -> dict[str, AnyArray]:
-        """The columns of /live/sample that claims are about, by name."""
+        """Columns of /live/sample, by name."""
         names = ("record", "seq", "time", "good", "flexion", "abduction")
         return {name: np.asarray(self.result[f"live/sample/{name}"]) for name in names}
 
     @property
     def samples_whole(self) -> bool:
-        """Whether every sample that came should be in the file."""
+        """True if every sample that came should be in the file."""
         return self.result.complete and int(self.live["lost_samples"]) == 0
 
     @cached_property
     def usable(self) -> BoolArray:
-        """Samples that are finite and of a hand, shape (S,)."""
+        """True for finite, plausible samples, shape (S,)."""
         angles = np.concatenate(
             [self.samples["flexion"].reshape(-1, 15), self.samples["abduction"].reshape(-1, 5)], axis=1
         )
@@ -111,7 +102,7 @@ class SessionRows:
 
     @cached_property
     def used(self) -> IntArray:
-        """Row of the sample that each tick says it used, -1 where it is not in the file, shape (T,)."""
+        """Row of the sample that each tick used, -1 where it is not in the file, shape (T,)."""
         seq, wanted = self.samples["seq"], np.asarray(self.result["input_seq"], np.int64)
         if len(seq) == 0:
             return np.full(len(wanted), -1)
@@ -122,9 +113,9 @@ class SessionRows:
 
     @cached_property
     def newest(self) -> IntArray:
-        """Row of the last sample that must have been there when each tick began, -1 for none, shape (T,).
+        """Row of the last sample that was certainly there when each tick began, -1 for none, shape (T,).
 
-        A driver does one thing after the other: when it says that it hands a sample over, the one before is there.
+        The driver hands samples over one by one: at the stamp of one, the one before is there.
         """
         there = np.searchsorted(self.samples["time"], self.woke - HANDED_OVER) - 1
         if self.handed is None:
@@ -133,23 +124,20 @@ class SessionRows:
 
     @cached_property
     def handed(self) -> IntArray | None:
-        """When the driver was about to hand each sample over [ns], shape (S,); None where the file does not say."""
+        """Stamps right before the driver handed each sample over [ns], shape (S,); None where the file lacks them."""
         name = "live/sample/handed"
         return np.asarray(self.result[name], np.int64) if name in self.result else None
 
     @cached_property
     def clear(self) -> BoolArray:
-        """Ticks of which it is known what they took: a burst of more than `MOST_READ` samples is taken in several."""
+        """True for ticks whose samples are known: a burst of more than `MOST_READ` is taken by several ticks."""
         if not self.samples_whole:
             return np.zeros(self.result.ticks, bool)
         before = np.concatenate([[-1], self.used[:-1]])
         return np.asarray(self.closed & (self.used >= 0) & (self.newest - before < MOST_READ))
 
     def solver_failed(self, begin: IntArray, end: IntArray) -> BoolArray:
-        """Whether the log tells of a failed solver between stamps [ns] (N,), or so shortly before that it says no more.
-
-        Such a tick is not in the file. Where lines of the log were lost, one may have told of it.
-        """
+        """True where the log tells, or may have lost, a failed solver between stamps [ns] (N,) or shortly before."""
         if int(self.live["lost_events"]) > 0:
             return np.ones(len(begin), bool)
         stamps = np.asarray(self.result["live/event/time"], np.int64)

@@ -1,8 +1,7 @@
-"""A second opinion on a sphere tree: gap, protrusion and enclosure, by other code than that which builds and measures.
+"""Gap, protrusion and enclosure of a sphere tree, measured without the builder's code.
 
-Distances to the mesh are coal's, exact outside; the spheres near a point come from scipy's k-d tree. Nothing here uses
-a kernel, the builder or its samples. Samples say how bad it is at least: each search goes on from its worst ones, ever
-closer, on the same triangle or sphere.
+Distances to the mesh are coal's, the spheres near a point come from scipy's k-d tree. The figures are lower bounds from
+samples; each search refines its worst samples on their triangle or sphere.
 """
 
 from collections.abc import Sequence
@@ -22,44 +21,32 @@ if TYPE_CHECKING:
 MESH_POINTS = 200_000
 SPHERE_POINTS = 200_000
 LEAST_EACH = 40
-"""Points on each sphere, however many there are."""
+"""Minimum number of points on each sphere."""
 NEIGHBOURS = 24
 NEEDLE = 1e-7
-"""A triangle that is no higher than this [m] is a line."""
+"""Ratio of a triangle's height to its longest side below which it is a line."""
 INSIDE = 0.5
-"""Winding number of closed triangles from here on: 1 inside, 0 outside, but for rounding."""
+"""Winding number of closed triangles above which a point is inside: 1 inside, 0 outside."""
 WORST = 200
 CHILDREN = 40
 ROUNDS = 5
 SHRINK = 0.35
-"""The search goes on around the `WORST` points, by `CHILDREN` new ones each, for `ROUNDS` rounds, each closer."""
+"""Search parameters: `CHILDREN` new points around each of the `WORST`, for `ROUNDS` rounds, each closer."""
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What one level of a tree is like: the spheres that stand for the mesh there, and the nodes of the tree.
+    """Measures of one level of a tree."""
 
-    Attributes:
-        level: 0 is the root.
-        spheres: Of the level.
-        gap: Farthest that a point of the mesh was found outside the spheres [m]; 0 where none was.
-        slack: Least depth that a point of the mesh was found to have inside the spheres [m]; negative for a gap.
-        protrusion: Farthest that a point of the spheres' union was found outside the mesh [m].
-        protrusion_mean: Mean over the part of the union's surface that is outside [m].
-        sticking_out: Farthest that a node of a deeper level sticks out of its ancestor here [m]; below 0 for none.
-        leaf_sticking_out: The same of the leaves alone, which is what a walk down the tree relies on.
-        mesh_points, sphere_points: Looked at, those of the searches included.
-    """
-
-    level: int
-    spheres: int
-    gap: float
-    slack: float
-    protrusion: float
-    protrusion_mean: float
-    sticking_out: float
-    leaf_sticking_out: float
-    mesh_points: int
+    level: int  # level, 0 for the root
+    spheres: int  # number of its spheres
+    gap: float  # maximum distance of a point of the mesh outside the spheres [m]; 0 for none
+    slack: float  # minimum depth of a point of the mesh inside the spheres [m]; negative for a gap
+    protrusion: float  # maximum distance of a point of the spheres' union outside the mesh [m]
+    protrusion_mean: float  # mean over the part of the union's surface that is outside [m]
+    sticking_out: float  # maximum by which a deeper node sticks out of its ancestor here [m]; below 0 for none
+    leaf_sticking_out: float  # the same for leaves alone, which a descent of the tree relies on
+    mesh_points: int  # numbers of points examined, the searches' included
     sphere_points: int
 
 
@@ -72,47 +59,35 @@ def referee(
     sphere_points: int = SPHERE_POINTS,
     seed: int = 0,
 ) -> tuple[Verdict, ...]:
-    """Judge a tree.
+    """Measure the levels of a tree.
 
     Args:
         mesh: Watertight and wound outward [m].
         tree: In the frame of the mesh.
-        levels: Which; None for all.
+        levels: None for all.
         mesh_points: Random points on the mesh, uniform by area; as many again on its edges, and all its vertices.
-        sphere_points: Random points on the spheres of a level, uniform by area, `LEAST_EACH` on each at least.
-        seed: Of the points.
+        sphere_points: Random points on the spheres of a level, uniform by area, at least `LEAST_EACH` on each.
+        seed: Seed of the points.
 
     Raises:
         InputError: coal is not installed.
         MeshError: The mesh is not watertight: there is no outside to measure in.
     """
     surface = TrueSurface(mesh)
-    chosen = range(tree.depth + 1) if levels is None else levels
     verdicts = []
-    for level in chosen:
+    for level in range(tree.depth + 1) if levels is None else levels:
         rng = np.random.default_rng([seed, level])
         spheres = _Spheres(*tree.spheres(level))
         slack, seen = _least_slack(mesh, spheres, mesh_points, rng)
         protrusion, mean, looked = _protrusion(surface, spheres, sphere_points, rng)
-        verdicts.append(
-            Verdict(
-                level=level,
-                spheres=len(spheres.radius),
-                gap=max(0.0, -slack),
-                slack=slack,
-                protrusion=protrusion,
-                protrusion_mean=mean,
-                sticking_out=sticking_out(tree, level),
-                leaf_sticking_out=sticking_out(tree, level, leaves_only=True),
-                mesh_points=seen,
-                sphere_points=looked,
-            )
-        )
+        nodes, leaf_nodes = sticking_out(tree, level), sticking_out(tree, level, leaves_only=True)
+        gap, count = max(0.0, -slack), len(spheres.radius)
+        verdicts.append(Verdict(level, count, gap, slack, protrusion, mean, nodes, leaf_nodes, seen, looked))
     return tuple(verdicts)
 
 
 def sticking_out(tree: SphereTree, level: int, *, leaves_only: bool = False) -> float:
-    """How far a deeper sphere sticks out of its ancestor on a level, at most [m]; negative where all are inside."""
+    """Maximum by which a deeper sphere sticks out of its ancestor on a level [m]; negative for none."""
     worst = -np.inf
     nodes = np.flatnonzero(tree.level > level)
     if leaves_only:
@@ -131,9 +106,8 @@ class TrueSurface:
 
     Args:
         mesh: [m].
-        open_too: Take a mesh that is not watertight as well: nothing is inside of it, no distance is negative, and its
-            triangles that are no higher than `NEEDLE` are left out, which coal has no distances of. Of one that is, and
-            cuts through itself, inside is what it also goes around.
+        open_too: Accept a mesh that is not watertight: no distance is negative, and triangles below `NEEDLE`, of which
+            coal has no distances, are left out. If a closed one cuts through itself, the winding number has the sign.
 
     Raises:
         InputError: coal is not installed.
@@ -170,15 +144,12 @@ class TrueSurface:
             np.add.at(self.edge_normal, self._edge_of[:, k], self.normal)
             u = self.triangles[:, (k + 1) % 3] - self.triangles[:, k]
             v = self.triangles[:, (k + 2) % 3] - self.triangles[:, k]
-            cosine = (u * v).sum(axis=1) / np.maximum(
-                np.linalg.norm(u, axis=1) * np.linalg.norm(v, axis=1), np.finfo(float).tiny
-            )
-            np.add.at(
-                self.vertex_normal, mesh.faces[:, k], np.arccos(np.clip(cosine, -1.0, 1.0))[:, None] * self.normal
-            )
+            lengths = np.linalg.norm(u, axis=1) * np.linalg.norm(v, axis=1)
+            angle = np.arccos(np.clip((u * v).sum(axis=1) / np.maximum(lengths, np.finfo(float).tiny), -1.0, 1.0))
+            np.add.at(self.vertex_normal, mesh.faces[:, k], angle[:, None] * self.normal)
 
     def signed_distance(self, points: FloatArray) -> FloatArray:
-        """Signed distance [m] of points, shape (n, 3): negative inside a watertight mesh; shape (n,)."""
+        """Signed distance [m] of points (n, 3): negative inside a watertight mesh; shape (n,)."""
         distance, nearest, face = nearest_on(self.model, points)
         if not self.closed:
             return distance
@@ -197,17 +168,12 @@ class TrueSurface:
         return np.where(outward, distance, -distance)
 
     def _pseudonormal(self, nearest: FloatArray, face: IntArray) -> FloatArray:
-        """The normal of the face, edge or vertex that a point of a face lies on."""
+        """Normal of the face, edge or vertex that a point of a face lies on."""
         a, b, c = self.triangles[face].transpose(1, 0, 2)
         area = np.maximum(np.linalg.norm(np.cross(b - a, c - a), axis=1), np.finfo(float).tiny)
-        share = np.stack(
-            [
-                np.linalg.norm(np.cross(v - u, nearest - u), axis=1) / area
-                for u, v in ((b, c), (c, a), (a, b))  # of the corners a, b, c
-            ],
-            axis=1,
-        )
-        gone = share < 1e-7
+        opposite = ((b, c), (c, a), (a, b))
+        share = [np.linalg.norm(np.cross(v - u, nearest - u), axis=1) / area for u, v in opposite]
+        gone = np.stack(share, axis=1) < 1e-7
         found: FloatArray = self.normal[face]
         for k in range(3):
             # Corner k has no share in a point on the opposite edge.
@@ -226,22 +192,14 @@ def _without_needles(mesh: Mesh) -> Mesh:
 
 
 def _is_wound_outward(mesh: Mesh) -> bool:
-    """Whether each edge is walked once each way, around a positive volume."""
+    """True if each edge occurs once in each direction, around a positive volume."""
     walked = mesh.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     there, back = (np.unique(ends, axis=0) for ends in (walked, walked[:, ::-1]))
     return len(there) == len(walked) and np.array_equal(there, back) and mesh.volume > 0.0
 
 
 def nearest_on(model: Any, points: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Where points, shape (n, 3) [m], are nearest to a mesh, by coal.
-
-    Args:
-        model: The mesh, made by `coal_model`.
-        points: In its frame.
-
-    Returns:
-        Distances [m], never negative, shape (n,); the nearest points of the mesh [m], shape (n, 3); their faces, (n,).
-    """
+    """Distances [m] (n,) of points (n, 3) to coal's model of a mesh, its nearest points (n, 3), their faces (n,)."""
     import coal
 
     point, still, place = coal.Sphere(0.0), coal.Transform3s(), coal.Transform3s()
@@ -256,12 +214,7 @@ def nearest_on(model: Any, points: FloatArray) -> tuple[FloatArray, FloatArray, 
 
 
 def winding_number(corners: FloatArray, point: FloatArray) -> float:
-    """How often triangles go around a point: the sum of their solid angles over 4π (Van Oosterom & Strackee, 1983).
-
-    Args:
-        corners: [m], shape (F, 3, 3).
-        point: [m], shape (3,).
-    """
+    """Winding number of triangles (F, 3, 3) around a point (3,), by Van Oosterom & Strackee (1983)."""
     a, b, c = (corners - point).transpose(1, 0, 2)
     x, y, z = (np.linalg.norm(side, axis=1) for side in (a, b, c))
     volume = np.einsum("fi,fi->f", a, np.cross(b, c))
@@ -271,7 +224,7 @@ def winding_number(corners: FloatArray, point: FloatArray) -> float:
 
 
 def coal_model(mesh: Mesh) -> Any:
-    """The mesh as coal's bounding-volume hierarchy."""
+    """Build coal's bounding-volume hierarchy of the mesh."""
     import coal
 
     model: Any = coal.BVHModelOBBRSS()
@@ -283,7 +236,7 @@ def coal_model(mesh: Mesh) -> Any:
 
 
 class _Spheres:
-    """The spheres of one level, and which of them are near a point."""
+    """Spheres of one level, with their overlaps."""
 
     def __init__(self, center: FloatArray, radius: FloatArray) -> None:
         from scipy.spatial import cKDTree
@@ -299,7 +252,7 @@ class _Spheres:
             self.meets.append(others[away < radius[others] + radius[i]])
 
     def slack(self, points: FloatArray) -> FloatArray:
-        """Depth [m] of points inside the union: the largest of (radius − distance); exact where it is negative."""
+        """Maximum of (radius − distance) [m] of points over the spheres; exact where it is negative."""
         from scipy.spatial.distance import cdist
 
         count = min(NEIGHBOURS, len(self.radius))
@@ -312,7 +265,7 @@ class _Spheres:
         return np.asarray(best, np.float64)
 
     def exposed(self, points: FloatArray, owner: IntArray) -> BoolArray:
-        """Whether points on spheres lie in no other sphere."""
+        """True for points on spheres that lie in no other sphere."""
         free = np.ones(len(points), np.bool_)
         order = np.argsort(owner, kind="stable")
         ends = np.searchsorted(owner[order], np.arange(len(self.radius) + 1))
@@ -326,7 +279,7 @@ class _Spheres:
 
 
 def _least_slack(mesh: Mesh, spheres: _Spheres, count: int, rng: np.random.Generator) -> tuple[float, int]:
-    """Least depth of the mesh inside the spheres [m], and the points that were looked at."""
+    """Minimum depth of the mesh inside the spheres [m], and the number of points examined."""
     triangles = mesh.triangles
     area = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1)
     face = rng.choice(len(triangles), size=count, p=area / area.sum())
@@ -356,7 +309,7 @@ def _least_slack(mesh: Mesh, spheres: _Spheres, count: int, rng: np.random.Gener
 def _protrusion(
     surface: TrueSurface, spheres: _Spheres, count: int, rng: np.random.Generator
 ) -> tuple[float, float, int]:
-    """Farthest and mean way of the spheres' union outside the mesh [m], and the points that were looked at."""
+    """Maximum and mean distance of the spheres' union outside the mesh [m], and the number of points examined."""
     area = spheres.radius**2
     each = np.maximum(LEAST_EACH, np.floor(count * area / area.sum())).astype(np.int64)
     owner = np.repeat(np.arange(len(each)), each)
@@ -391,7 +344,7 @@ def _search(
     step: float,
     first: FloatArray | None = None,
 ) -> tuple[float, int]:
-    """Largest value found: at all places, then ever closer around the best of them; and how many were looked at."""
+    """Maximum of `value` over all places, refined around the best ones, and the number of places examined."""
     found = value(key, place) if first is None else first
     seen = len(found)
     best = np.argsort(-found, kind="stable")[:WORST]

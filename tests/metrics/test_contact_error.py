@@ -1,5 +1,6 @@
 """How far contacts float over the true mesh: against another library's distances, and a ball in closed form."""
 
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,9 @@ from hhsim.solver.options import SolverOptions
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
+from hhsim.verify.claim import HOLDS, Claim
+from hhsim.verify.depth_checks import contact_error_claim
+from hhsim.verify.tick_data import JudgedTicks
 
 
 @pytest.fixture(scope="module")
@@ -93,50 +97,35 @@ def test_a_run_without_contact_has_none(grasp: Result) -> None:
     assert np.isnan(run.touched.contact_error(placed, np.zeros(grasp.ticks, bool))).all()
 
 
-def test_an_understated_figure_is_found(grasp: Result, tmp_path: Path) -> None:
-    import shutil
-
-    from hhsim.verify.depth_checks import contact_error_claim
-    from hhsim.verify.tick_data import JudgedTicks
-
+def judged(grasp: Result, folder: Path, figure: float, every: int = 1) -> Claim:
+    """Verdict on another figure than the file's."""
     pytest.importorskip("coal")
-    chosen = np.arange(0, grasp.ticks, 5)
-    assert contact_error_claim(JudgedTicks(grasp, chosen)).verdict == "holds"
-    path = tmp_path / "forged.h5"
-    shutil.copy(grasp.path, path)
+    path = Path(shutil.copy(grasp.path, folder / "forged.h5"))
     with changed(path) as file:
-        file["summary"].attrs["contact_error_max"] *= 0.9
-    assert contact_error_claim(JudgedTicks(load_result(path), chosen)).failed
-    with changed(path) as file:
-        file["summary"].attrs["contact_error_max"] *= 1.2
+        file["summary"].attrs["contact_error_max"] = figure
+    return contact_error_claim(JudgedTicks(load_result(path), np.arange(0, grasp.ticks, every)))
+
+
+def test_an_understated_figure_is_found(grasp: Result, tmp_path: Path) -> None:
+    true = float(grasp.summary["contact_error_max"])
+    assert judged(grasp, tmp_path, true, 5).verdict == HOLDS
+    assert judged(grasp, tmp_path, 0.9 * true, 5).failed
     # Of some ticks nobody knows whether the others are as far; of all of them it is too much.
-    assert contact_error_claim(JudgedTicks(load_result(path), chosen)).verdict == "holds"
-    assert contact_error_claim(JudgedTicks(load_result(path), np.arange(grasp.ticks))).failed
+    assert judged(grasp, tmp_path, 1.08 * true, 5).verdict == HOLDS
+    assert judged(grasp, tmp_path, 1.08 * true).failed
 
 
 def test_of_a_long_run_the_referee_judges_the_ticks_that_the_figure_is_of(
     grasp: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The farthest contact may be in a tick that nobody looked at; a figure of the others is still no lie."""
-    import shutil
-
-    from hhsim.verify.depth_checks import contact_error_claim
-    from hhsim.verify.tick_data import JudgedTicks
-
-    pytest.importorskip("coal")
     every = result_ticks(grasp).contact_error
     monkeypatch.setattr(module, "MOST_TICKS", 4)
     stated = np.nanmax(result_ticks(grasp).contact_error)
     assert stated < np.nanmax(every) - 1e-6
-    path = tmp_path / "long.h5"
-    shutil.copy(grasp.path, path)
-    with changed(path) as file:
-        file["summary"].attrs["contact_error_max"] = stated
-    judged = contact_error_claim(JudgedTicks(load_result(path), np.arange(grasp.ticks)))
-    assert judged.verdict == "holds" and judged.checked > 0
-    with changed(path) as file:
-        file["summary"].attrs["contact_error_max"] = 0.9 * stated
-    assert contact_error_claim(JudgedTicks(load_result(path), np.arange(grasp.ticks))).failed
+    claim = judged(grasp, tmp_path, stated)
+    assert claim.verdict == HOLDS and claim.checked > 0
+    assert judged(grasp, tmp_path, 0.9 * stated).failed
 
 
 def test_a_hand_that_is_inside_is_not_told_that_the_spheres_are_too_coarse(tmp_path: Path) -> None:

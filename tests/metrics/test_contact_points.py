@@ -130,9 +130,7 @@ def test_a_body_that_was_away_is_seen_again_when_it_comes(hand: HandModel, tree:
     flexion = 0.4 + 20.0 * step * np.sin(np.arange(ticks)[:, None, None] / np.linspace(5.0, 15.0, 15).reshape(5, 3))
     placed = forward_kinematics(hand, position, orientation, flexion, np.zeros((ticks, 5)))
     together = find_contact_points(tree.arrays(), hand_shape(hand), placed, TOUCH)
-    alone = [
-        find_contact_points(tree.arrays(), hand_shape(hand), placed, TOUCH, chosen=[tick]) for tick in range(ticks)
-    ]
+    alone = [find_contact_points(tree.arrays(), hand_shape(hand), placed, TOUCH, chosen=[i]) for i in range(ticks)]
     for ours, expected in zip(together, zip(*alone)):
         np.testing.assert_array_equal(ours, np.concatenate(expected))
     counts = [len(points.tick) for points in alone]
@@ -141,11 +139,7 @@ def test_a_body_that_was_away_is_seen_again_when_it_comes(hand: HandModel, tree:
 
 
 def test_threads_change_nothing(
-    hand: HandModel,
-    tree: SphereTree,
-    placed: PlacedHand,
-    found: ContactPoints,
-    monkeypatch: pytest.MonkeyPatch,
+    hand: HandModel, tree: SphereTree, placed: PlacedHand, found: ContactPoints, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("hhsim.metrics.contact_points.TICKS_A_THREAD", 1)
     monkeypatch.setattr("hhsim.metrics.contact_points.usual_threads", lambda: 5)
@@ -196,9 +190,8 @@ def test_what_is_read_only_is_measured_by_the_same_kernels(
 def test_fingers_and_ticks_can_be_left_out(
     hand: HandModel, tree: SphereTree, placed: PlacedHand, found: ContactPoints
 ) -> None:
-    some = find_contact_points(
-        tree.arrays(), hand_shape(hand), placed, TOUCH, chosen=[3, 9], fingers=[False, False, True, False, False]
-    )
+    chosen = {"chosen": [3, 9], "fingers": [False, False, True, False, False]}
+    some = find_contact_points(tree.arrays(), hand_shape(hand), placed, TOUCH, **chosen)
     kept = np.isin(found.tick, [3, 9]) & np.isin(found.body, [6, 7, 8, 15])
     assert kept.sum() > 5
     for ours, theirs in zip(some, found):

@@ -56,12 +56,8 @@ class TestForceVariation:
 
     def test_rate_is_undefined_after_a_force_below_the_floor(self) -> None:
         force = along(2, np.array([0.0, 1.0, 0.0099, 2.0, 0.01, 0.02]))
-        rate = metrics.force_variation_rate(force)
-        np.testing.assert_array_equal(np.isnan(rate), [True, True, False, True, False, False])
-        np.testing.assert_allclose(rate[[2, 4, 5]], [99.01, 99.5, 100.0])
-        np.testing.assert_array_equal(
-            np.isnan(metrics.force_variation_rate(force, floor=1.5))[:5], [True] * 4 + [False]
-        )
+        np.testing.assert_allclose(metrics.force_variation_rate(force), [np.nan, np.nan, 99.01, np.nan, 99.5, 100.0])
+        assert np.isnan(metrics.force_variation_rate(force, floor=1.5))[:5].tolist() == [True] * 4 + [False]
 
     def test_fingers_are_measured_each_by_itself(self) -> None:
         force = np.random.default_rng(0).normal(size=(20, 5, 3))
@@ -175,26 +171,19 @@ class TestRipple:
         last = metrics.force_ripple(force[-250:], RATE)
         assert metrics.worst_force_ripple(force, RATE) >= last > 0.0
 
-    def test_white_noise_gives_the_share_of_its_band(self) -> None:
+    def test_white_noise_gives_the_share_of_its_band_and_the_whole_spectrum_all_power(self) -> None:
         force = np.random.default_rng(3).normal(size=(50_000, 3))
         share = (400.0 - 50.0) / 500.0
         assert metrics.force_ripple(force, RATE) == pytest.approx(np.sqrt(3.0 * share), rel=1e-2)
-
-    def test_the_whole_spectrum_holds_all_power(self) -> None:
         force = along(0, np.where(np.arange(400) % 2, 1.0, -1.0))
         assert metrics.force_ripple(force, RATE, high=500.0) == pytest.approx(1.0, rel=1e-3)
 
-    def test_too_few_ticks_or_too_slow_a_rate_are_undefined(self) -> None:
+    def test_too_few_ticks_too_slow_a_rate_or_nan_are_undefined(self) -> None:
         noise = np.random.default_rng(4).normal(size=(80, 3))
-        assert np.isnan(metrics.force_ripple(noise[:79], RATE))
         assert metrics.force_ripple(noise, RATE) > 0.0
-        assert np.isnan(metrics.force_ripple(noise[:0], RATE))
-        assert np.isnan(metrics.force_ripple(noise, 100.0))
-
-    def test_nan_is_not_silence(self) -> None:
-        force = np.ones((200, 3))
-        force[7, 1] = np.nan
-        assert np.isnan(metrics.force_ripple(force, RATE))
+        cases = (noise[:79], RATE), (noise[:0], RATE), (noise, 100.0), (np.where(noise > 2.0, np.nan, 1.0), RATE)
+        for force, rate in cases:
+            assert np.isnan(metrics.force_ripple(force, rate))
 
 
 class TestForceStep:
@@ -209,13 +198,12 @@ class TestForceStep:
         assert step == pytest.approx(100.0 * np.sqrt(2.0))
 
     def test_empty_phases_and_no_hold_force_are_undefined(self) -> None:
-        force, all_of_it, none = np.ones((4, 3)), np.ones(4, dtype=bool), np.zeros(4, dtype=bool)
-        assert np.isnan(metrics.force_step(force, none, all_of_it))
-        assert np.isnan(metrics.force_step(force, all_of_it, none))
-        assert np.isnan(metrics.force_step(0.0 * force, all_of_it, all_of_it))
-        assert np.isnan(metrics.force_step(force, np.array([True, False, False, False]), all_of_it))
-        assert np.isnan(metrics.force_step(force[:0], none[:0], none[:0]))
-        assert metrics.force_step(force, all_of_it, all_of_it) == 0.0
+        force, whole, none = np.ones((4, 3)), np.ones(4, dtype=bool), np.zeros(4, dtype=bool)
+        first = np.array([True, False, False, False])
+        undefined = [(force, none, whole), (force, whole, none), (0.0 * force, whole, whole), (force, first, whole)]
+        for case in [*undefined, (force[:0], none[:0], none[:0])]:
+            assert np.isnan(metrics.force_step(*case))
+        assert metrics.force_step(force, whole, whole) == 0.0
 
 
 class TestForceStepInContact:
@@ -251,10 +239,6 @@ class TestFrozenDecay:
         # The change at tick t is 0.9 · 0.1^t; it is above 1e-6 up to t = 5.
         assert metrics.frozen_decay(force) == 5
 
-    def test_still_from_the_start(self) -> None:
-        assert metrics.frozen_decay(np.ones((10, 3))) == 0
-        assert metrics.frozen_decay(np.zeros((10, 3))) == 0
-
     def test_limit_cycles_never_settle(self) -> None:
         size = 1.0 + 1e-5 * (np.arange(50) % 2)
         assert metrics.frozen_decay(along(0, size)) is None
@@ -269,10 +253,9 @@ class TestFrozenDecay:
         force[19] = 3.0
         assert metrics.frozen_decay(force) is None
 
-    def test_nan_and_too_few_ticks_are_no_proof(self) -> None:
-        force = np.ones((5, 3))
-        force[4] = np.nan
-        assert metrics.frozen_decay(force) is None
+    def test_nan_and_too_few_ticks_are_no_proof_and_stillness_takes_none(self) -> None:
+        assert metrics.frozen_decay(np.ones((10, 3))) == metrics.frozen_decay(np.zeros((10, 3))) == 0
+        assert metrics.frozen_decay(np.vstack([np.ones((4, 3)), [[1.0, np.nan, 1.0]]])) is None
         assert metrics.frozen_decay(np.ones((1, 3))) is None
 
 
@@ -284,9 +267,8 @@ class TestTracking:
         haptic.flexion[3, 2] = [0.1, 0.2, -0.2]
         energy = metrics.tracking_energy(haptic, graphic, STIFFNESS)
         np.testing.assert_allclose(energy, [0.0, 500.0 * 25e-6, 2.5 * 0.04, 0.25 * 0.09], rtol=1e-12)
-        np.testing.assert_allclose(
-            metrics.palm_distance_mm(haptic.position, graphic.position), [0.0, 5.0, 0.0, 0.0], rtol=1e-12
-        )
+        apart = metrics.palm_distance_mm(haptic.position, graphic.position)
+        np.testing.assert_allclose(apart, [0.0, 5.0, 0.0, 0.0], rtol=1e-12)
 
     def test_stiffness_of_rotation_is_taken_in_the_world(self) -> None:
         haptic, graphic = poses(1), poses(1)
@@ -312,10 +294,8 @@ class TestTracking:
         turned_by = np.sqrt(metrics.tracking_energy(haptic, graphic, stiffness))
         np.testing.assert_allclose(turned_by, angle, atol=1e-6)
 
-    def test_no_ticks(self) -> None:
+    def test_no_ticks_have_no_energy_and_stiffness_of_the_wrong_length_is_refused(self) -> None:
         assert metrics.tracking_energy(poses(0), poses(0), STIFFNESS).shape == (0,)
-
-    def test_stiffness_of_the_wrong_length_is_refused(self) -> None:
         with pytest.raises(InputError, match=r"shape \(3,\), expected \(21,\)"):
             metrics.tracking_energy(poses(1), poses(1), np.ones(3))
 
@@ -331,72 +311,48 @@ class TestTicks:
         result = metrics.tick_statistics(duration)
         assert (result.p50, result.p99, result.max, result.count) == (51.0, 100.0, 2000.0, 101)
         assert result.over_budget == pytest.approx(1.0 / 101.0)
-
-    def test_one_millisecond_is_within_the_budget(self) -> None:
         assert metrics.tick_statistics([1_000_000]).over_budget == 0.0
-
-    def test_no_ticks(self) -> None:
         result = metrics.tick_statistics(np.zeros(0, dtype=np.int64))
-        assert np.isnan([result.p50, result.p99, result.max, result.over_budget]).all()
-        assert result.count == 0
+        assert np.isnan([result.p50, result.p99, result.max, result.over_budget]).all() and result.count == 0
+
+
+def ball(center: FloatArray, radius: float) -> TreeArrays:
+    x, y, z = (np.full(2, value) for value in center)
+    first, count = np.array([1, -1], dtype=np.int64), np.array([1, 0], dtype=np.int64)
+    return TreeArrays(x, y, z, np.full(2, radius), first, count, 1)
 
 
 class TestPenetration:
-    def ball(self, center: FloatArray, radius: float) -> TreeArrays:
-        x, y, z = (np.full(2, value) for value in center)
-        first, count = np.array([1, -1], dtype=np.int64), np.array([1, 0], dtype=np.int64)
-        return TreeArrays(x, y, z, np.full(2, radius), first, count, 1)
+    RADIUS = np.full((5, 4), 0.005)
 
     def test_palm_and_finger_depths_from_stored_arrays(self) -> None:
         # A ball of 30 mm at the origin; a palm sphere of 10 mm held 38 mm away, fingers far off but for one fingertip.
-        tree = self.ball(np.zeros(3), 0.03)
+        tree = ball(np.zeros(3), 0.03)
         joints = np.full((3, 5, 4, 3), 1.0)
         joints[:, 2, 3] = [[0.0, 0.0, 0.0345], [0.0, 0.0, 0.0355], [0.0, 0.0, 0.032]]
         joints[:, 2, :3] = [0.0, 0.0, 0.2]
         half_turn = np.array([0.0, 0.0, 0.0, 1.0])
         position = np.array([[0.0, 0.0, 0.0], [0.3, 0.0, 0.0], [0.0, 0.0, 0.0]])
-        result = metrics.penetration(
-            tree,
-            np.full((5, 4), 0.005),
-            np.array([[-0.038, 0.0, 0.0]]),
-            np.array([0.01]),
-            joints,
-            position,
-            np.tile(half_turn, (3, 1)),
-        )
+        palm = np.array([[-0.038, 0.0, 0.0]]), np.array([0.01])
+        result = metrics.penetration(tree, self.RADIUS, *palm, joints, position, np.tile(half_turn, (3, 1)))
         np.testing.assert_allclose(result.palm, [0.002, 0.0, 0.002], atol=1e-12)
         np.testing.assert_allclose(result.finger[:, 2], [0.0005, 0.0, 0.003], atol=1e-12)
         assert not result.finger[:, [0, 1, 3, 4]].any()
         np.testing.assert_allclose(result.depth, [0.002, 0.0, 0.003], atol=1e-12)
 
     def test_clearance_is_signed_up_to_its_limit(self) -> None:
-        tree = self.ball(np.array([0.0, 0.0, 1.0]), 0.03)
+        tree = ball(np.array([0.0, 0.0, 1.0]), 0.03)
         joints = np.zeros((1, 5, 4, 3))
         joints[0, :, :, 2] = np.array([0.95, 0.96, 0.97, 0.99, 0.0])[:, None]
-        palm, finger = metrics.hand_clearance(
-            tree,
-            np.full((5, 4), 0.005),
-            np.zeros((0, 3)),
-            np.zeros(0),
-            joints,
-            np.zeros((1, 3)),
-            np.array([[1.0, 0.0, 0.0, 0.0]]),
-            limit=0.01,
-        )
+        pose = joints, np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0, 0.0]])
+        palm, finger = metrics.hand_clearance(tree, self.RADIUS, np.zeros((0, 3)), np.zeros(0), *pose, limit=0.01)
         np.testing.assert_allclose(finger, [[0.01, 0.005, -0.005, -0.025, 0.01]], atol=1e-12)
         np.testing.assert_array_equal(palm, [0.01])
 
     def test_nan_in_the_file_shows(self) -> None:
         joints = np.full((1, 5, 4, 3), 1.0)
         joints[0, 4, 3, 0] = np.nan
-        result = metrics.penetration(
-            self.ball(np.zeros(3), 0.03),
-            np.full((5, 4), 0.005),
-            np.ones((1, 3)),
-            np.array([0.01]),
-            joints,
-            np.zeros((1, 3)),
-            np.array([[1.0, 0.0, 0.0, 0.0]]),
-        )
+        palm, pose = (np.ones((1, 3)), np.array([0.01])), (np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0, 0.0]]))
+        result = metrics.penetration(ball(np.zeros(3), 0.03), self.RADIUS, *palm, joints, *pose)
         assert np.isnan(result.depth[0])
         np.testing.assert_array_equal(np.isnan(result.finger[0]), [False, False, False, False, True])

@@ -2,12 +2,14 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 import pytest
+from file_faults import Fault, at, of_scene, with_name
 from free_results import free_result, free_scene
-from planted_faults import forge_scene, planted
+from planted_faults import planted
 from sampled import first_of_each
 
 from hhsim.metrics.run.registry import run_figure, run_metrics
@@ -69,10 +71,6 @@ def test_the_referee_finds_energy_that_nobody_gave(honest: Result, tmp_path: Pat
     assert next(claim for claim in metric_claims(faster) if claim.name == "summary").failed
 
 
-def thrown_object(file: h5py.File) -> None:
-    file["tick/object/velocity"][TICK] = (0.0, 0.1, 0.0)
-
-
 # Each fault changes one tick, or the object's description, and nothing else.
 
 
@@ -82,45 +80,19 @@ def first_contact(file: h5py.File, of_table: bool) -> int:
     return int(np.flatnonzero(chosen)[file["contact/normal_force"][...][chosen].argmax()])
 
 
-def pushed_object(file: h5py.File) -> None:
-    file["tick/object/position"][TICK] += (1e-6, 0.0, 0.0)
+def of_contact(name: str, column: str, change: Callable[[Any], Any], of_table: bool = False) -> Fault:
+    """Change what a contact with the hand, or the table, says."""
 
+    def fault(file: h5py.File) -> None:
+        row = first_contact(file, of_table)
+        file[f"contact/{column}"][row] = change(file[f"contact/{column}"][row])
 
-def faster_object(file: h5py.File) -> None:
-    file["tick/object/velocity"][TICK] += (0.0, 1e-4, 0.0)
-
-
-def lighter_object(file: h5py.File) -> None:
-    forge_scene(file, lambda scene: scene["free"].update(mass=49.0))
-
-
-def stronger_gravity(file: h5py.File) -> None:
-    forge_scene(file, lambda scene: scene["free"].update(gravity=[0.0, 0.0, -9.82]))
-
-
-def wrong_moment(file: h5py.File) -> None:
-    file["tick/object/table_wrench"][TICK, 4] += 1e-3
-
-
-def helped_hand(file: h5py.File) -> None:
-    file["tick/object/hand_wrench"][TICK, 2] += 1e-2
-
-
-def pushed_harder(file: h5py.File) -> None:
-    file["contact/normal_force"][first_contact(file, of_table=False)] *= 1.01
-
-
-def smoother_object(file: h5py.File) -> None:
-    forge_scene(file, lambda scene: scene["free"].update(friction=0.2))
+    return with_name(name, fault)
 
 
 def too_much_torsion(file: h5py.File) -> None:
     row = first_contact(file, of_table=False)
     file["contact/torsional_moment"][row] = 0.02 * file["contact/normal_force"][row]
-
-
-def pulling_table(file: h5py.File) -> None:
-    file["contact/normal_force"][first_contact(file, of_table=True)] *= -1.0
 
 
 def hidden_slip(file: h5py.File) -> None:
@@ -135,25 +107,8 @@ def halved_slip(file: h5py.File) -> None:
     file["contact/slip"][int(np.where(several, slip, 0.0).argmax())] *= 0.5
 
 
-def friction_off(file: h5py.File) -> None:
-    file["tick/object/friction_residual"][TICK] += 1e-5
-
-
 def claimed_to_stick(file: h5py.File) -> None:
     file["contact/sticks"][int(file["contact/slip"][...].argmax())] = 1
-
-
-def friction_along(file: h5py.File) -> None:
-    """All friction the other way round: what slides is driven by it."""
-    file["contact/friction_force"][...] *= -1.0
-
-
-def higher_object(file: h5py.File) -> None:
-    file["tick/object/table_distance"][TICK] += 1e-6
-
-
-def sunken_table(file: h5py.File) -> None:
-    forge_scene(file, lambda scene: scene["free"].update(table=scene["free"]["table"] + 1e-5))
 
 
 def other_finger(file: h5py.File) -> None:
@@ -168,47 +123,9 @@ def long_normal(file: h5py.File) -> None:
     file["contact/normal_force"][row] *= 0.5
 
 
-def unknown_body(file: h5py.File) -> None:
-    file["contact/body"][first_contact(file, of_table=False)] = 17
-
-
-def sticks_twice(file: h5py.File) -> None:
-    file["contact/sticks"][first_contact(file, of_table=False)] = 2
-
-
-def tilted_table(file: h5py.File) -> None:
-    file["contact/normal"][first_contact(file, of_table=True)] = (1e-3, 0.0, np.sqrt(1.0 - 1e-6))
-
-
 def swapped_wrenches(file: h5py.File) -> None:
     hand, table = file["tick/object/hand_wrench"], file["tick/object/table_wrench"]
     hand[TICK], table[TICK] = table[TICK], hand[TICK]
-
-
-def contact_of_another_tick(file: h5py.File) -> None:
-    file["contact/tick"][first_contact(file, of_table=False)] -= 1
-
-
-def slip_of_no_number(file: h5py.File) -> None:
-    file["contact/slip"][first_contact(file, of_table=False)] = np.nan
-
-
-def other_start(file: h5py.File) -> None:
-    forge_scene(file, lambda scene: scene["free"].update(velocity=[0.0, 0.0, 1e-3]))
-
-
-def pulled_down_twice(file: h5py.File) -> None:
-    """The mass halved, the gravity doubled: the weight is the same, what moves is not."""
-    forge_scene(file, lambda scene: scene["free"].update(mass=25.0, gravity=[0.0, 0.0, -19.62]))
-
-
-def turned_twice(file: h5py.File) -> None:
-    """The same turn by the other quaternion."""
-    file["tick/object/orientation"][TICK] *= -1.0
-
-
-def point_elsewhere(file: h5py.File) -> None:
-    file["contact/point"][first_contact(file, of_table=False)] += (0.0, 1e-4, 0.0)
 
 
 def split_contact(file: h5py.File) -> None:
@@ -223,35 +140,44 @@ def split_contact(file: h5py.File) -> None:
         file[f"contact/{name}"].attrs.update(attributes)
 
 
-FAULTS: dict[Callable[[h5py.File], None], str] = {
-    pushed_object: "object velocity",
-    faster_object: "object velocity",
-    lighter_object: "Newton",
-    stronger_gravity: "Newton",
-    wrong_moment: "table on object",
-    helped_hand: "hand on object",
-    pushed_harder: "equal and opposite",
-    smoother_object: "friction cones",
+thrown_object = at("thrown_object", "tick/object/velocity", TICK, lambda x: (0.0, 0.1, 0.0))
+# The mass halved, the gravity doubled: the weight is the same, what moves is not.
+pulled_down_twice = of_scene(
+    "pulled_down_twice", lambda scene: scene["free"].update(mass=25.0, gravity=[0.0, 0.0, -19.62])
+)
+heavier_to_turn = of_scene(
+    "heavier_to_turn",
+    lambda scene: scene["free"].update(inertia=(1.1 * np.array(scene["free"]["inertia"])).tolist()),
+)
+FAULTS: dict[Fault, str] = {
+    at("pushed_object", "tick/object/position", TICK, lambda x: x + (1e-6, 0.0, 0.0)): "object velocity",
+    at("faster_object", "tick/object/velocity", TICK, lambda x: x + (0.0, 1e-4, 0.0)): "object velocity",
+    of_scene("lighter_object", lambda scene: scene["free"].update(mass=49.0)): "Newton",
+    of_scene("stronger_gravity", lambda scene: scene["free"].update(gravity=[0.0, 0.0, -9.82])): "Newton",
+    at("wrong_moment", "tick/object/table_wrench", (TICK, 4), lambda x: x + 1e-3): "table on object",
+    at("helped_hand", "tick/object/hand_wrench", (TICK, 2), lambda x: x + 1e-2): "hand on object",
+    of_contact("pushed_harder", "normal_force", lambda x: x * 1.01): "equal and opposite",
+    of_scene("smoother_object", lambda scene: scene["free"].update(friction=0.2)): "friction cones",
     too_much_torsion: "torsion",
-    pulling_table: "friction cones",
+    of_contact("pulling_table", "normal_force", lambda x: x * -1.0, of_table=True): "friction cones",
     hidden_slip: "slip",
     halved_slip: "slip",
-    friction_off: "balanced",
+    at("friction_off", "tick/object/friction_residual", TICK, lambda x: x + 1e-5): "balanced",
     claimed_to_stick: "sticks",
-    friction_along: "hand's balance",
-    higher_object: "table",
-    sunken_table: "table",
+    at("friction_along", "contact/friction_force", ..., lambda x: x * -1.0): "hand's balance",
+    at("higher_object", "tick/object/table_distance", TICK, lambda x: x + 1e-6): "table",
+    of_scene("sunken_table", lambda scene: scene["free"].update(table=scene["free"]["table"] + 1e-5)): "table",
     other_finger: "hand's balance",
     long_normal: "contact rows",
-    unknown_body: "contact rows",
-    sticks_twice: "contact rows",
-    tilted_table: "contact rows",
+    of_contact("unknown_body", "body", lambda x: 17): "contact rows",
+    of_contact("sticks_twice", "sticks", lambda x: 2): "contact rows",
+    of_contact("tilted_table", "normal", lambda x: (1e-3, 0.0, np.sqrt(1.0 - 1e-6)), of_table=True): "contact rows",
     swapped_wrenches: "hand on object",
-    contact_of_another_tick: "hand on object",
-    slip_of_no_number: "slip",
-    other_start: "Newton",
-    turned_twice: "object poses",
-    point_elsewhere: "hand on object",
+    of_contact("contact_of_another_tick", "tick", lambda x: x - 1): "hand on object",
+    of_contact("slip_of_no_number", "slip", lambda x: np.nan): "slip",
+    of_scene("other_start", lambda scene: scene["free"].update(velocity=[0.0, 0.0, 1e-3])): "Newton",
+    at("turned_twice", "tick/object/orientation", TICK, lambda x: x * -1.0): "object poses",
+    of_contact("point_elsewhere", "point", lambda x: x + (0.0, 1e-4, 0.0)): "hand on object",
     split_contact: "single contacts",
 }
 
@@ -266,21 +192,15 @@ def on_spheres(tmp_path_factory: pytest.TempPathFactory) -> Result:
 
 @pytest.mark.parametrize("fault", first_of_each(FAULTS), ids=lambda fault: fault.__name__)
 def test_a_planted_fault_is_found_by_name(
-    honest: Result, request: pytest.FixtureRequest, tmp_path: Path, fault: Callable[[h5py.File], None]
+    honest: Result, request: pytest.FixtureRequest, tmp_path: Path, fault: Fault
 ) -> None:
     result = request.getfixturevalue("on_spheres") if fault is split_contact else honest
     assert FAULTS[fault] not in failing(result)
     assert FAULTS[fault] in failing(planted(result.path, tmp_path, fault))
 
 
-def heavier_to_turn(file: h5py.File) -> None:
-    forge_scene(file, lambda scene: scene["free"].update(inertia=(1.1 * np.array(scene["free"]["inertia"])).tolist()))
-
-
 @pytest.mark.parametrize("fault", [heavier_to_turn, pulled_down_twice])
-def test_another_solid_is_not_judged_and_said_so(
-    honest: Result, tmp_path: Path, fault: Callable[[h5py.File], None]
-) -> None:
+def test_another_solid_is_not_judged_and_said_so(honest: Result, tmp_path: Path, fault: Fault) -> None:
     """Of an object that hardly moves no motion tells its inertia: a program may have given it."""
     assert claims(honest)["solid"].verdict == HOLDS
     assert claims(planted(honest.path, tmp_path, fault))["solid"].verdict == NOT_JUDGED

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from hhsim.verify.metric_checks import told_apart
+from hhsim.verify.claim import told_apart
 
 
 @pytest.mark.parametrize(

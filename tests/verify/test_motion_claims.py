@@ -1,6 +1,5 @@
 """The claims of how hand and object move: by the samples that a motion has, and by the script that the scene names."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,7 +7,8 @@ import h5py
 import numpy as np
 import pytest
 from driven_scenes import carried, swing
-from planted_faults import forge_scene, planted
+from file_faults import Fault, at, forge_scene, of_scene
+from planted_faults import planted
 from recording_samples import smooth_recording
 from sampled import first_of_each, sampled
 
@@ -70,56 +70,26 @@ def test_honest_motions_hold(script: Result, recorded: Result) -> None:
     assert claims(script)["motion"].verdict == NOT_JUDGED
 
 
-def fixed_object(file: h5py.File) -> None:
-    forge_scene(file, lambda scene: scene.update(object_pose="fixed"))
-
-
-def nudged_object(file: h5py.File) -> None:
-    file["tick/object/position"][1800, 1] += 1e-6
-
-
-def turned_object(file: h5py.File) -> None:
-    file["tick/object/orientation"][1800] *= -1.0
-
-
 def moved_phases(file: h5py.File) -> None:
     """The grasp begins 40 ticks early, in which nothing is measured by phase."""
     file["phase/first_tick"][1] -= 40
     file["phase/last_tick"][0] -= 40
 
 
-def renamed_phase(file: h5py.File) -> None:
-    file["phase/name"][1] = "pinch"
-
-
-def shorter_phase(file: h5py.File) -> None:
-    file["phase/last_tick"][0] -= 1
-
-
-def shifted_samples(file: h5py.File) -> None:
-    file["tick/input_seq"][100:] += 1
-
-
-def repeated_sample(file: h5py.File) -> None:
-    file["tick/input_seq"][AIR] -= 1
-
-
-OF_A_SCRIPT: dict[Callable[[h5py.File], None], str] = {
-    fixed_object: "object poses",
-    nudged_object: "object poses",
-    turned_object: "object poses",
+OF_A_SCRIPT: dict[Fault, str] = {
+    of_scene("fixed_object", lambda scene: scene.update(object_pose="fixed")): "object poses",
+    at("nudged_object", "tick/object/position", (1800, 1), lambda x: x + 1e-6): "object poses",
+    at("turned_object", "tick/object/orientation", 1800, lambda x: x * -1.0): "object poses",
     moved_phases: "phases",
-    renamed_phase: "phases",
-    shorter_phase: "phases",
-    shifted_samples: "input",
-    repeated_sample: "input",
+    at("renamed_phase", "phase/name", 1, lambda x: "pinch"): "phases",
+    at("shorter_phase", "phase/last_tick", 0, lambda x: x - 1): "phases",
+    at("shifted_samples", "tick/input_seq", slice(100, None), lambda x: x + 1): "input",
+    at("repeated_sample", "tick/input_seq", AIR, lambda x: x - 1): "input",
 }
 
 
 @pytest.mark.parametrize("fault", first_of_each(OF_A_SCRIPT), ids=lambda fault: fault.__name__)
-def test_what_is_planted_in_a_script_is_found(
-    script: Result, tmp_path: Path, fault: Callable[[h5py.File], None]
-) -> None:
+def test_what_is_planted_in_a_script_is_found(script: Result, tmp_path: Path, fault: Fault) -> None:
     assert OF_A_SCRIPT[fault] in failing(planted(script.path, tmp_path, fault))
 
 
@@ -127,14 +97,6 @@ def nudged_together(file: h5py.File) -> None:
     """Both hands by a micrometre, where nothing touches."""
     for name in ("graphic/position", "graphic/joints", "haptic/position"):
         file[f"tick/{name}"][AIR] += 1e-6
-
-
-def nudged_with_nothing(file: h5py.File) -> None:
-    file["tick/object/position"][AIR, 2] += 1e-6
-
-
-def bent_user_finger(file: h5py.File) -> None:
-    file["tick/haptic/flexion"][AIR, 3, 1] += 1e-6
 
 
 def turned_user(file: h5py.File) -> None:
@@ -154,13 +116,16 @@ def another_number(file: h5py.File) -> None:
     file["tick/input_seq"][3:] = numbers[:-3]
 
 
-OF_A_RECORDING = (nudged_together, nudged_with_nothing, bent_user_finger, turned_user, stale_user, another_number)
+OF_A_RECORDING = (
+    nudged_together,
+    at("nudged_with_nothing", "tick/object/position", (AIR, 2), lambda x: x + 1e-6),
+    at("bent_user_finger", "tick/haptic/flexion", (AIR, 3, 1), lambda x: x + 1e-6),
+    *(turned_user, stale_user, another_number),
+)
 
 
 @pytest.mark.parametrize("fault", sampled(OF_A_RECORDING, lambda place, _: place < 2), ids=lambda fault: fault.__name__)
-def test_what_is_planted_in_a_recording_is_off_its_curve(
-    recorded: Result, tmp_path: Path, fault: Callable[[h5py.File], None]
-) -> None:
+def test_what_is_planted_in_a_recording_is_off_its_curve(recorded: Result, tmp_path: Path, fault: Fault) -> None:
     assert "motion" in failing(planted(recorded.path, tmp_path, fault))
 
 

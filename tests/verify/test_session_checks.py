@@ -11,6 +11,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+from file_faults import Fault, at, attribute, with_name
 from hypothesis import given
 from hypothesis import strategies as st
 from live_rings import FACTS, ended
@@ -38,7 +39,6 @@ from hhsim.result.safety import WORDS, Safety
 from hhsim.verify import finger_command_checks as verify_command
 from hhsim.verify import session_checks as verify_session
 from hhsim.verify import session_rows as verify_rows
-from hhsim.verify import session_summary_checks as verify_session_figures
 from hhsim.verify.claim import HOLDS, NOT_JUDGED
 from hhsim.verify.verify import Verification, verify
 
@@ -190,40 +190,23 @@ def test_a_session_in_the_names_of_the_first_ones_holds(session: Result, tmp_pat
     assert failing(found) == set()
 
 
+def counted(name: str, change: Callable[[dict[str, int]], object]) -> Fault:
+    """Change the counters of the glove's driver."""
+
+    def fault(file: h5py.File) -> None:
+        counters = json.loads(file["live"].attrs["counters"])
+        change(counters)
+        file["live"].attrs["counters"] = json.dumps(counters)
+
+    return with_name(name, fault)
+
+
 # Each fault: what is done to the file, and the claim that finds it.
-
-
-def pushed_though_stale(file: h5py.File) -> None:
-    file["live/tick/command_stiffness"][STALE, 1] = 0.3
-
-
-def excused_though_pushed(file: h5py.File) -> None:
-    file["live/tick/safety"][HOLD] = int(Safety.NO_WATCHDOG)
-
-
-def unsaid_stale(file: h5py.File) -> None:
-    file["live/tick/safety"][STALE] = 0
-
-
-def unsaid_bad_sample(file: h5py.File) -> None:
-    file["live/tick/safety"][142] = 0
 
 
 def unsaid_overrun(file: h5py.File) -> None:
     tick = int(np.argmax(file["live/tick/missed"][...]))
     file["live/tick/safety"][tick] = 0
-
-
-def unsaid_stop(file: h5py.File) -> None:
-    file["live/tick/safety"][-1] = 0
-
-
-def unknown_reason(file: h5py.File) -> None:
-    file["live/tick/safety"][STALE] = 512
-
-
-def beyond_the_setting(file: h5py.File) -> None:
-    file["live/tick/command_stiffness"][HOLD, 2] = 0.31
 
 
 def seized_at_once(file: h5py.File) -> None:
@@ -237,59 +220,10 @@ def seized_at_once(file: h5py.File) -> None:
     file["live/tick/command_stiffness"][begin] = 0.3
 
 
-def stiff_in_the_air(file: h5py.File) -> None:
-    file["live/tick/command_stiffness"][10, 1] = 0.1
-
-
-def softer_than_said(file: h5py.File) -> None:
-    file["live/tick/command_stiffness"][HOLD, 2] = 0.2
-
-
-def bend_beyond_a_fist(file: h5py.File) -> None:
-    file["live/tick/command_bend"][HOLD, 3] = 1.001
-
-
-def leaping_set_point(file: h5py.File) -> None:
-    file["live/tick/command_bend"][HOLD, 3] += 0.05
-
-
-def shifted_set_point(file: h5py.File) -> None:
-    """Slowly enough for every limit, and not where the shown hand is."""
-    file["live/tick/command_bend"][HOLD, 3] -= 1e-3
-
-
-def uncounted_miss(file: h5py.File) -> None:
-    file["live/tick/missed"][OVERSLEPT + 1] -= 1
-
-
 def unsaid_failure(file: h5py.File) -> None:
     """A period has neither a tick nor a miss, and the log no longer tells why."""
     text = file["live/event/text"]
     text[...] = [b"" if line.startswith(b"the solver failed") else line for line in text[...]]
-
-
-def invented_miss(file: h5py.File) -> None:
-    file["live/tick/missed"][HOLD] = 1
-
-
-def no_name(file: h5py.File) -> None:
-    file["live/tick/cause"][OVERSLEPT + 1] = 0
-
-
-def other_name(file: h5py.File) -> None:
-    file["live/tick/cause"][OVERSLEPT + 1] = 3
-
-
-def more_waited(file: h5py.File) -> None:
-    file["live/tick/taken/kept"][OVERSLEPT + 1] += 2 * PERIOD
-
-
-def moved_deadline(file: h5py.File) -> None:
-    file["live/tick/deadline"][HOLD] += 1000
-
-
-def leapt(file: h5py.File) -> None:
-    file["live/tick/deadline"][HOLD:] += PERIOD // 100
 
 
 def early_without_a_sample(file: h5py.File) -> None:
@@ -316,47 +250,10 @@ def too_early(file: h5py.File) -> None:
     file["live/tick/early"][at] += more
 
 
-def wrong_time(file: h5py.File) -> None:
-    file["tick/time"][HOLD] += 1e-4
-
-
-def early_wake_up(file: h5py.File) -> None:
-    file["live/tick/wakeup"][HOLD] = -5
-
-
-def overslept_and_not_missed(file: h5py.File) -> None:
-    file["live/tick/wakeup"][HOLD] = 2 * PERIOD
-
-
-def longer_than_its_period(file: h5py.File) -> None:
-    # The next deadline may be a 5,000th of a period later.
-    file["tick/duration/total"][HOLD] = PERIOD + PERIOD // 1000
-
-
 def two_in_a_row_without_a_sleep(file: h5py.File) -> None:
     """The first of them is as it was recorded."""
     at = int(np.flatnonzero(file["live/tick/at_once"][:])[0])
     file["live/tick/at_once"][at + 1] = 1
-
-
-def latency_before_the_work_is_done(file: h5py.File) -> None:
-    file["live/tick/latency"][HOLD] = 0
-
-
-def latency_beyond_the_period(file: h5py.File) -> None:
-    file["live/tick/latency"][HOLD] += PERIOD
-
-
-def latency_without_a_sample(file: h5py.File) -> None:
-    file["live/tick/latency"][STALE] = 50_000
-
-
-def older_sample(file: h5py.File) -> None:
-    file["tick/input_seq"][HOLD] -= 1
-
-
-def bad_sample_used(file: h5py.File) -> None:
-    file["live/sample/good"][HOLD] = 0
 
 
 def passed_over(file: h5py.File) -> None:
@@ -377,86 +274,6 @@ def samples_out_of_order(file: h5py.File) -> None:
     file["live/sample/time"][HOLD] = file["live/sample/time"][HOLD - 2]
 
 
-def other_finger(file: h5py.File) -> None:
-    file["tick/haptic/flexion"][HOLD, 2, 0] += 1e-4
-
-
-def unsaid_loss(file: h5py.File) -> None:
-    file["live/tick/record"][HOLD:] += 1
-
-
-def invented_loss(file: h5py.File) -> None:
-    file["live"].attrs["lost_samples"] = 3
-
-
-def stale_count(file: h5py.File) -> None:
-    file["summary"].attrs["kept_free_stale_input"] -= 1
-
-
-def stale_latency(file: h5py.File) -> None:
-    file["summary"].attrs["latency_p99"] *= 0.99
-
-
-def fewer_misses(file: h5py.File) -> None:
-    file["summary"].attrs["missed"] = 1
-
-
-def other_causes(file: h5py.File) -> None:
-    file["summary"].attrs["missed_host"] += 2
-
-
-def strange_figure(file: h5py.File) -> None:
-    file["summary"].attrs["comfort"] = 1.0
-
-
-def forge_counters(file: h5py.File, change: Callable[[dict[str, int]], object]) -> None:
-    counters = json.loads(file["live"].attrs["counters"])
-    change(counters)
-    file["live"].attrs["counters"] = json.dumps(counters)
-
-
-def other_end(file: h5py.File) -> None:
-    file["live"].attrs["ended"] = "the user was happy"
-
-
-def died_in_order(file: h5py.File) -> None:
-    """The last tick says that it stops."""
-    file["live"].attrs["ended"] = "the loop failed or was killed"
-
-
-def fewer_samples_counted(file: h5py.File) -> None:
-    forge_counters(file, lambda counters: counters.update(samples=counters["samples"] - 10))
-
-
-def more_samples_counted(file: h5py.File) -> None:
-    forge_counters(file, lambda counters: counters.update(samples=counters["samples"] + 1000))
-
-
-def more_commands_counted(file: h5py.File) -> None:
-    forge_counters(file, lambda counters: counters.update(commands=10**6))
-
-
-def no_commands_counted(file: h5py.File) -> None:
-    forge_counters(file, lambda counters: counters.update(commands=0))
-
-
-def another_counter(file: h5py.File) -> None:
-    forge_counters(file, lambda counters: counters.update(kind_words=3))
-
-
-def samples_shifted(file: h5py.File) -> None:
-    """Thirty ticks name the sample after that which they used."""
-    file["tick/input_seq"][HOLD : HOLD + 30] += 1
-
-
-def held_input(file: h5py.File) -> None:
-    file["tick/status"][HOLD : HOLD + 30] |= 4
-
-
-def bend_of_no_number(file: h5py.File) -> None:
-    file["live/tick/command_bend"][HOLD, 3] = np.nan
-
-
 def swapped_commands(file: h5py.File) -> None:
     for name in ("bend", "stiffness"):
         row = file[f"live/tick/command_{name}"][HOLD]
@@ -464,71 +281,69 @@ def swapped_commands(file: h5py.File) -> None:
         file[f"live/tick/command_{name}"][HOLD] = row
 
 
-FAULTS: dict[Callable[[h5py.File], None], str] = {
-    pushed_though_stale: "free fingers",
-    excused_though_pushed: "free fingers",
-    unsaid_stale: "reasons",
-    unsaid_bad_sample: "reasons",
+FAULTS: dict[Fault, str] = {
+    at("pushed_though_stale", "live/tick/command_stiffness", (STALE, 1), lambda x: 0.3): "free fingers",
+    at("excused_though_pushed", "live/tick/safety", HOLD, lambda x: int(Safety.NO_WATCHDOG)): "free fingers",
+    at("unsaid_stale", "live/tick/safety", STALE, lambda x: 0): "reasons",
+    at("unsaid_bad_sample", "live/tick/safety", 142, lambda x: 0): "reasons",
     unsaid_overrun: "reasons",
-    unsaid_stop: "reasons",
-    unknown_reason: "reasons",
-    beyond_the_setting: "command bounds",
+    at("unsaid_stop", "live/tick/safety", -1, lambda x: 0): "reasons",
+    at("unknown_reason", "live/tick/safety", STALE, lambda x: 512): "reasons",
+    at("beyond_the_setting", "live/tick/command_stiffness", (HOLD, 2), lambda x: 0.31): "command bounds",
     seized_at_once: "stiffness",
-    stiff_in_the_air: "stiffness",
-    softer_than_said: "stiffness",
-    bend_beyond_a_fist: "command bounds",
-    leaping_set_point: "command bounds",
-    shifted_set_point: "set points",
-    uncounted_miss: "missed periods",
+    at("stiff_in_the_air", "live/tick/command_stiffness", (10, 1), lambda x: 0.1): "stiffness",
+    at("softer_than_said", "live/tick/command_stiffness", (HOLD, 2), lambda x: 0.2): "stiffness",
+    at("bend_beyond_a_fist", "live/tick/command_bend", (HOLD, 3), lambda x: 1.001): "command bounds",
+    at("leaping_set_point", "live/tick/command_bend", (HOLD, 3), lambda x: x + 0.05): "command bounds",
+    at("shifted_set_point", "live/tick/command_bend", (HOLD, 3), lambda x: x - 1e-3): "set points",
+    at("uncounted_miss", "live/tick/missed", OVERSLEPT + 1, lambda x: x - 1): "missed periods",
     unsaid_failure: "missed periods",
-    invented_miss: "missed periods",
-    no_name: "causes of missed periods",
-    other_name: "causes of missed periods",
-    more_waited: "causes of missed periods",
-    moved_deadline: "deadlines",
-    leapt: "deadlines",
+    at("invented_miss", "live/tick/missed", HOLD, lambda x: 1): "missed periods",
+    at("no_name", "live/tick/cause", OVERSLEPT + 1, lambda x: 0): "causes of missed periods",
+    at("other_name", "live/tick/cause", OVERSLEPT + 1, lambda x: 3): "causes of missed periods",
+    at("more_waited", "live/tick/taken/kept", OVERSLEPT + 1, lambda x: x + 2 * PERIOD): "causes of missed periods",
+    at("moved_deadline", "live/tick/deadline", HOLD, lambda x: x + 1000): "deadlines",
+    at("leapt", "live/tick/deadline", slice(HOLD, None), lambda x: x + PERIOD // 100): "deadlines",
     early_without_a_sample: "early ticks",
     due_when_it_woke: "early ticks",
     too_early: "early ticks",
-    wrong_time: "time",
-    early_wake_up: "wake-up",
-    overslept_and_not_missed: "wake-up",
-    longer_than_its_period: "wake-up",
+    at("wrong_time", "tick/time", HOLD, lambda x: x + 1e-4): "time",
+    at("early_wake_up", "live/tick/wakeup", HOLD, lambda x: -5): "wake-up",
+    at("overslept_and_not_missed", "live/tick/wakeup", HOLD, lambda x: 2 * PERIOD): "wake-up",
+    at("longer_than_its_period", "tick/duration/total", HOLD, lambda x: PERIOD + PERIOD // 1000): "wake-up",
     two_in_a_row_without_a_sleep: "wake-up",
-    latency_before_the_work_is_done: "latency",
-    latency_beyond_the_period: "latency",
-    latency_without_a_sample: "latency",
-    older_sample: "newest sample",
-    bad_sample_used: "newest sample",
+    at("latency_before_the_work_is_done", "live/tick/latency", HOLD, lambda x: 0): "latency",
+    at("latency_beyond_the_period", "live/tick/latency", HOLD, lambda x: x + PERIOD): "latency",
+    at("latency_without_a_sample", "live/tick/latency", STALE, lambda x: 50_000): "latency",
+    at("older_sample", "tick/input_seq", HOLD, lambda x: x - 1): "newest sample",
+    at("bad_sample_used", "live/sample/good", HOLD, lambda x: 0): "newest sample",
     samples_out_of_order: "samples",
     handed_before_it_came: "samples",
     passed_over: "newest sample",
-    other_finger: "fingers of the sample",
-    unsaid_loss: "records",
-    invented_loss: "records",
-    stale_count: "session figures",
-    stale_latency: "session figures",
-    fewer_misses: "session figures",
-    other_causes: "session figures",
-    strange_figure: "session figures",
-    other_end: "end",
-    died_in_order: "end",
-    fewer_samples_counted: "counters",
-    more_samples_counted: "counters",
-    more_commands_counted: "counters",
-    no_commands_counted: "counters",
-    another_counter: "counters",
-    samples_shifted: "newest sample",
-    held_input: "reasons",
-    bend_of_no_number: "command bounds",
+    at("other_finger", "tick/haptic/flexion", (HOLD, 2, 0), lambda x: x + 1e-4): "fingers of the sample",
+    at("unsaid_loss", "live/tick/record", slice(HOLD, None), lambda x: x + 1): "records",
+    attribute("invented_loss", "live", "lost_samples", lambda x: 3): "records",
+    attribute("stale_count", "summary", "kept_free_stale_input", lambda x: x - 1): "session figures",
+    attribute("stale_latency", "summary", "latency_p99", lambda x: x * 0.99): "session figures",
+    attribute("fewer_misses", "summary", "missed", lambda x: 1): "session figures",
+    attribute("other_causes", "summary", "missed_host", lambda x: x + 2): "session figures",
+    attribute("strange_figure", "summary", "comfort", lambda x: 1.0): "session figures",
+    attribute("other_end", "live", "ended", lambda x: "the user was happy"): "end",
+    attribute("died_in_order", "live", "ended", lambda x: "the loop failed or was killed"): "end",
+    counted("fewer_samples_counted", lambda counters: counters.update(samples=counters["samples"] - 10)): "counters",
+    counted("more_samples_counted", lambda counters: counters.update(samples=counters["samples"] + 1000)): "counters",
+    counted("more_commands_counted", lambda counters: counters.update(commands=10**6)): "counters",
+    counted("no_commands_counted", lambda counters: counters.update(commands=0)): "counters",
+    counted("another_counter", lambda counters: counters.update(kind_words=3)): "counters",
+    at("samples_shifted", "tick/input_seq", slice(HOLD, HOLD + 30), lambda x: x + 1): "newest sample",
+    at("held_input", "tick/status", slice(HOLD, HOLD + 30), lambda x: x | 4): "reasons",
+    at("bend_of_no_number", "live/tick/command_bend", (HOLD, 3), lambda x: np.nan): "command bounds",
     swapped_commands: "stiffness",
 }
 
 
 @pytest.mark.parametrize("fault", first_of_each(FAULTS), ids=lambda fault: fault.__name__)
-def test_what_is_forged_in_a_session_is_found_by_name(
-    session: Result, tmp_path: Path, fault: Callable[[h5py.File], None]
-) -> None:
+def test_what_is_forged_in_a_session_is_found_by_name(session: Result, tmp_path: Path, fault: Fault) -> None:
     path = tmp_path / "forged.h5"
     shutil.copy(session.path, path)
     with changed(path) as file:
@@ -645,7 +460,7 @@ def test_a_session_of_before_the_set_points_were_known_is_not_judged_by_them(ses
 def test_the_referee_and_the_loop_mean_the_same_bits_and_words() -> None:
     """The referee has names of its own, so as to share no code; here they are held against the loop's."""
     assert [1 << bit for bit in range(9)] == [int(why) for why in Safety]
-    assert tuple(str(why.name).lower() for why in Safety) == verify_session_figures.REASONS
+    assert tuple(str(why.name).lower() for why in Safety) == verify_session.REASONS
     own = (verify_command.STALE, verify_command.NOT_FINITE, verify_command.OVERRUN, verify_command.STOPPING)
     assert own == (Safety.STALE_INPUT, Safety.NOT_FINITE, Safety.OVERRUN_STREAK, Safety.STOPPING)
     assert (verify_command.NO_INPUT, verify_command.DRY_RUN) == (Safety.NO_INPUT_YET, Safety.DRY_RUN)

@@ -12,23 +12,10 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+from file_faults import Fault, attribute, forge_scene, of_scene, with_name
 from hypothesis import given
 from hypothesis import strategies as st
-from planted_faults import (
-    EVERYWHERE,
-    FAULTS,
-    HOLD,
-    SEALED,
-    UNMARKED,
-    described_grasp,
-    failing,
-    forge_scene,
-    less_work,
-    planted,
-    renamed_method,
-    verdict,
-    wrong_wrench,
-)
+from planted_faults import EVERYWHERE, FAULTS, HOLD, NAMED, SEALED, UNMARKED, described_grasp, failing, planted, verdict
 from sampled import first_of_each, sampled
 from stress_motion import random_targets
 from verify_document import documented_faults
@@ -97,14 +84,14 @@ def test_an_honest_result_holds_in_every_claim(honest: Result) -> None:
 
 
 @pytest.mark.parametrize("fault", first_of_each(FAULTS), ids=lambda fault: fault.__name__)
-def test_a_planted_fault_is_found_by_name(honest: Result, tmp_path: Path, fault: Callable[[h5py.File], None]) -> None:
+def test_a_planted_fault_is_found_by_name(honest: Result, tmp_path: Path, fault: Fault) -> None:
     found = verify(planted(honest.path, tmp_path, fault), every=HOLD)
     assert FAULTS[fault] in failing(found)
     claim = next(claim for claim in found.claims if claim.name == FAULTS[fault])
     assert not claim.worst <= claim.tolerance
-    if claim.tick is not None and fault not in EVERYWHERE:
+    if claim.tick is not None and fault.__name__ not in EVERYWHERE:
         assert claim.tick in (0, 119, 120, 121, UNMARKED, UNMARKED + 1, HOLD)
-    if fault in SEALED:
+    if fault.__name__ in SEALED:
         assert "checksums" not in failing(found)
 
 
@@ -172,22 +159,14 @@ def test_the_referee_and_the_solver_mean_the_same_hands() -> None:
 # Faults that no cheap claim can know of: what the input gives when it is run again.
 
 
-def reversed_approach(file: h5py.File) -> None:
-    """All that ticks 5 to 24 hold is there, the other way round, but for their times and their samples' numbers."""
+def reversed_ticks(name: str, ticks: slice) -> Fault:
+    """All that some ticks hold is there, the other way round, but for their times and their samples' numbers."""
 
-    def turn(name: str, item: Any) -> None:
-        if isinstance(item, h5py.Dataset) and name not in ("time", "input_seq"):
-            item[5:25] = item[5:25][::-1]
+    def turn(dataset: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset) and dataset not in ("time", "input_seq"):
+            item[ticks] = item[ticks][::-1]
 
-    file["tick"].visititems(turn)
-
-
-def swapped_ticks(file: h5py.File) -> None:
-    def swap(name: str, item: Any) -> None:
-        if isinstance(item, h5py.Dataset) and name not in ("time", "input_seq"):
-            item[10:12] = item[10:12][::-1]
-
-    file["tick"].visititems(swap)
+    return with_name(name, lambda file: file["tick"].visititems(turn))
 
 
 def wholly_stretched_time(file: h5py.File) -> None:
@@ -196,33 +175,19 @@ def wholly_stretched_time(file: h5py.File) -> None:
     forge_scene(file, lambda scene: (scene.update(rate=500.0), scene["solver"].update(period=2e-3)))
 
 
-def edited_tremor(file: h5py.File) -> None:
-    file["summary"].attrs[TREMBLING] *= 0.5
+def option(name: str, value: float) -> Fault:
+    return of_scene(f"changed_{name}", lambda scene: scene["solver"].update({name: value}))
 
 
-def edited_tracking(file: h5py.File) -> None:
-    file["summary"].attrs["tracking_excess"] = 0.01
-
-
-def option(name: str, value: float) -> Callable[[h5py.File], None]:
-    def changed(file: h5py.File) -> None:
-        forge_scene(file, lambda scene: scene["solver"].update({name: value}))
-
-    changed.__name__ = f"changed_{name}"
-    return changed
-
-
-def another_motion(file: h5py.File) -> None:
-    forge_scene(file, lambda scene: scene.update(trajectory="pinch"))
-
-
-AGAIN: dict[Callable[[h5py.File], None], str] = {
-    reversed_approach: "again: motion",
-    swapped_ticks: "again: motion",
+another_motion = of_scene("another_motion", lambda scene: scene.update(trajectory="pinch"))
+less_work, renamed_method = NAMED["less_work"], NAMED["renamed_method"]
+AGAIN: dict[Fault, str] = {
+    reversed_ticks("reversed_approach", slice(5, 25)): "again: motion",
+    reversed_ticks("swapped_ticks", slice(10, 12)): "again: motion",
     wholly_stretched_time: "again: motion",
     another_motion: "again: motion",
-    edited_tremor: "again: figures",
-    edited_tracking: "again: figures",
+    attribute("edited_tremor", "summary", TREMBLING, lambda x: x * 0.5): "again: figures",
+    attribute("edited_tracking", "summary", "tracking_excess", lambda x: 0.01): "again: figures",
     less_work: "again: ticks",
     renamed_method: "again: ticks",
     option("skin", 1e-3): "again: ticks",
@@ -261,9 +226,7 @@ FIRST_ONES = {claim: fault for fault, claim in reversed(AGAIN.items())}
     sampled(AGAIN, lambda _, fault: fault in (*FIRST_ONES.values(), another_motion, renamed_method)),
     ids=lambda fault: fault.__name__,
 )
-def test_what_the_input_does_not_give_again_is_found(
-    named: Result, tmp_path: Path, fault: Callable[[h5py.File], None]
-) -> None:
+def test_what_the_input_does_not_give_again_is_found(named: Result, tmp_path: Path, fault: Fault) -> None:
     assert run_anew(planted(named.path, tmp_path, fault))[AGAIN[fault]].failed
 
 
@@ -483,7 +446,7 @@ def test_the_command_tells_its_verdict_and_exit_code(honest: Result, tmp_path: P
     answer = run("verify", str(honest.path), "--every", "40")
     assert answer.code == 0
     assert "every claim that could be judged holds" in answer.out
-    bad = planted(honest.path, tmp_path, wrong_wrench).path
+    bad = planted(honest.path, tmp_path, NAMED["wrong_wrench"]).path
     answer = run("verify", str(bad), "--every", "40", "--json")
     assert answer.code == 1
     document = json.loads(answer.out)

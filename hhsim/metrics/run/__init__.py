@@ -1,1 +1,1 @@
-"""The figures of a run, a module a family. A new file here with `METRICS` adds its figures everywhere."""
+"""Figures of a run, a module a family: a new file with `METRICS` adds its figures everywhere."""

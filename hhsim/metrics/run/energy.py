@@ -1,4 +1,4 @@
-"""The energy that a free object and the hand's springs gain in a tick, beyond what the user gives them."""
+"""Energy that a free object and the hand's springs gain in a tick beyond the user's work."""
 
 import numpy as np
 
@@ -12,20 +12,20 @@ from hhsim.metrics.run_ticks import RunTicks
 
 GRAPHIC = tuple(name.replace("haptic", "graphic") for name in HAPTIC)
 ROUNDING = 1e-14
-"""A pose is rounded by no more than this [m], or [rad]; so much times the forces is what rounding may add [J]."""
+"""Rounding of a pose [m] or [rad]; times the forces it is the energy that rounding may add [J]."""
 
 
 def energy_gains(run: RunTicks) -> FloatArray:
-    """Energy gained in each tick [J], shape (T,), below 0 where energy is lost; NaN where it is not known.
+    """Energy gained in each tick [J], shape (T,), negative for a loss; NaN where the tick before is not known.
 
-    With K and P the object's kinetic and potential energy, U the energy of the springs between the user's hand h and
-    the shown one g, it is K(t) - K(t-1) + P(t) - P(t-1) + U(h(t), g(t)) - U(h(t), g(t-1)), less three shares that are
-    no gain. U is taken twice with the user's hand where it is at t: what its way there stretched the springs by is the
-    user's work. The spread of the fingers, which has no spring, follows the user's: by the moments that the contacts
-    have about its axes. The clearance ε, up to which a contact may push hand, object and table apart in a tick: ε times
-    the normal forces. And the rounding of poses: `ROUNDING` times m |v| / Δt, m g and the springs' force.
-
-    Of the first tick, and of those before which a recorder lost others, it is not known.
+    With the object's kinetic and potential energy K and P and the energy U of the springs between user's hand h and
+    shown
+    hand g, it is K(t) - K(t-1) + P(t) - P(t-1) + U(h(t), g(t)) - U(h(t), g(t-1)), less three terms. Both U have the
+    user's
+    hand of t, so the work of its motion is left out. Subtracted are the work of finger abduction, which has no spring,
+    by
+    the contacts' moments about its axes; the clearance ε, by which a contact may push bodies apart in a tick, times the
+    normal forces; and the rounding of poses: `ROUNDING` times m |v| / Δt, m g and the springs' force.
     """
     free = run.free
     assert free is not None
@@ -50,7 +50,7 @@ def energy_gains(run: RunTicks) -> FloatArray:
 
 
 def _by_spread(run: RunTicks, shown: HandConfiguration) -> FloatArray:
-    """Work that the user does by spreading the fingers [J], shape (T,)."""
+    """Work of the user by spreading the fingers [J], shape (T,)."""
     free, hand = run.free, run.hand
     assert free is not None
     step = np.diff(shown.abduction, axis=0, prepend=shown.abduction[:1])
@@ -74,10 +74,7 @@ def _by_spread(run: RunTicks, shown: HandConfiguration) -> FloatArray:
 
 METRICS = (
     RunMetric(
-        name="energy_gained",
-        label="energy gained in a tick, max",
-        digits=3,
-        unit="µJ",
+        *("energy_gained", "energy gained in a tick, max", 3, "µJ"),
         place=43,
         needs=(*HAPTIC, *GRAPHIC),
         free_only=True,

@@ -1,4 +1,4 @@
-"""The force that a user would feel: in contact; in the hold, input still or trembling; and while the hand moves."""
+"""Force that a user would feel: in contact, in the hold with still or trembling input, and while the hand moves."""
 
 import math
 
@@ -10,7 +10,7 @@ from hhsim.metrics.run_ticks import RunTicks
 
 TOTAL, VARIATION, TOUCHING = "force/total", "force_variation_rate", "contacts/touching"
 TREMBLING = "force_variation_tremor"
-"""The figure that only a hold with frozen input has: that hold again, by a hand that trembles."""
+"""Figure of the hold repeated with a trembling hand; only for a hold with frozen input."""
 ANOTHER_RUN = "is of a run of its own, which the file does not hold"
 
 
@@ -38,10 +38,7 @@ def _step_share(run: RunTicks) -> float:
 
 METRICS = (
     RunMetric(
-        name="force_contact_mean",
-        label="force in contact, mean",
-        digits=2,
-        unit="N",
+        *("force_contact_mean", "force in contact, mean", 2, "N"),
         less_is_better=False,
         place=36,
         needs=(TOTAL, TOUCHING),
@@ -49,20 +46,14 @@ METRICS = (
         short="force",
     ),
     RunMetric(
-        name="force_contact_max",
-        label="force in contact, largest",
-        digits=2,
-        unit="N",
+        *("force_contact_max", "force in contact, largest", 2, "N"),
         less_is_better=False,
         place=37,
         needs=(TOTAL, TOUCHING),
         compute=lambda run: _in_contact(run).max,
     ),
     RunMetric(
-        name="force_contact_step",
-        label="largest force step in contact",
-        digits=3,
-        unit="N",
+        *("force_contact_step", "largest force step in contact", 3, "N"),
         place=38,
         needs=(TOTAL, TOUCHING),
         compute=_step,
@@ -71,10 +62,7 @@ METRICS = (
         short="force step",
     ),
     RunMetric(
-        name="force_contact_step_share",
-        label="largest force step in contact, of the mean",
-        digits=1,
-        unit="%",
+        *("force_contact_step_share", "largest force step in contact, of the mean", 1, "%"),
         place=39,
         needs=(TOTAL, TOUCHING),
         compute=_step_share,
@@ -82,10 +70,7 @@ METRICS = (
         judged=Judged(rounding=1e-6),
     ),
     RunMetric(
-        name="force_variation_contact",
-        label="force variation in contact, mean",
-        digits=4,
-        unit="%",
+        *("force_variation_contact", "force variation in contact, mean", 4, "%"),
         place=39,
         needs=(VARIATION, TOTAL, TOUCHING),
         compute=lambda run: statistics(run[VARIATION], run.touch).mean,
@@ -94,20 +79,14 @@ METRICS = (
         short="variation",
     ),
     RunMetric(
-        name="force_hold_mean",
-        label="force in the hold, mean",
-        digits=2,
-        unit="N",
+        *("force_hold_mean", "force in the hold, mean", 2, "N"),
         less_is_better=False,
         place=40,
         needs=(TOTAL,),
         compute=lambda run: statistics(np.linalg.norm(run[TOTAL], axis=1), run.hold).mean,
     ),
     RunMetric(
-        name="force_variation_hold",
-        label="force variation in the hold, frozen input",
-        digits=6,
-        unit="%",
+        *("force_variation_hold", "force variation in the hold, frozen input", 6, "%"),
         place=41,
         needs=(VARIATION,),
         compute=lambda run: _variation(run).mean,
@@ -117,10 +96,7 @@ METRICS = (
         short="variation",
     ),
     RunMetric(
-        name="force_variation_hold_std",
-        label="force variation in the hold, std",
-        digits=4,
-        unit="%",
+        *("force_variation_hold_std", "force variation in the hold, std", 4, "%"),
         paper="0.32",
         place=42,
         needs=(VARIATION,),
@@ -130,10 +106,7 @@ METRICS = (
         moving_hold_only=True,
     ),
     RunMetric(
-        name=TREMBLING,
-        label="force variation in the hold, trembling hand, mean",
-        digits=4,
-        unit="%",
+        *(TREMBLING, "force variation in the hold, trembling hand, mean", 4, "%"),
         paper="0.18",
         place=43,
         needs=(TOTAL,),
@@ -143,10 +116,7 @@ METRICS = (
         short="variation",
     ),
     RunMetric(
-        name="force_variation_tremor_std",
-        label="force variation in the hold, trembling hand, std",
-        digits=4,
-        unit="%",
+        *("force_variation_tremor_std", "force variation in the hold, trembling hand, std", 4, "%"),
         paper="0.32",
         place=44,
         needs=(TOTAL,),
@@ -154,20 +124,14 @@ METRICS = (
         per_tick=True,
     ),
     RunMetric(
-        name="force_ripple_hold",
-        label="force ripple in the hold, 50 to 400 Hz",
-        digits=5,
-        unit="N",
+        *("force_ripple_hold", "force ripple in the hold, 50 to 400 Hz", 5, "N"),
         place=45,
         needs=(TOTAL,),
         compute=_ripple,
         judged=Judged(rounding=1e-9, limit=1e-3),
     ),
     RunMetric(
-        name="force_step",
-        label="largest force step while moving",
-        digits=1,
-        unit="% of hold",
+        *("force_step", "largest force step while moving", 1, "% of hold"),
         place=46,
         needs=(TOTAL,),
         compute=lambda run: force_step(run[TOTAL], ~run.hold, run.hold),

@@ -1,18 +1,17 @@
-"""What a free object does: how far it goes, slips and creeps, and whether forces and motion agree."""
+"""Motion of a free object, its slip and creep, and the agreement of forces and motion."""
 
 import math
-from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
-from hhsim.arrays import AnyArray
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
 from hhsim.metrics.free_run import FreeRun
 from hhsim.metrics.run_metric import Judged, RunMetric
 from hhsim.metrics.run_ticks import RunTicks
 
 ROUNDING = 1e-9
-"""A force that leaves its cone by no more than this share of μ times the normal force is on it."""
+"""Relative tolerance of the friction cone."""
 
 
 def _free(run: RunTicks) -> FreeRun:
@@ -20,24 +19,20 @@ def _free(run: RunTicks) -> FreeRun:
     return run.free
 
 
-def _raised(run: RunTicks) -> float:
-    return _free(run).raised
-
-
 def _slip(run: RunTicks) -> float:
-    """The farthest that a body of the hand slips along the object, tick by tick added up [m]."""
+    """Largest slip of a body of the hand along the object, summed over the ticks [m]."""
     free = _free(run)
     body, tick, slip = (free[f"contact/{name}"][free.of_hand] for name in ("body", "tick", "slip"))
-    way = 0.0
+    longest = 0.0
     for one in np.unique(body):
         farthest = np.zeros(run.ticks)
         np.maximum.at(farthest, tick[body == one], slip[body == one])
-        way = max(way, float(farthest.sum()))
-    return way
+        longest = max(longest, float(farthest.sum()))
+    return longest
 
 
 def _creep(run: RunTicks) -> float:
-    """How fast a held object moves in the last half of a hold, the worst hold [m/s]; NaN where none is held."""
+    """Speed of a held object in the second half of a hold, the worst hold [m/s]; NaN where none is held."""
     free = _free(run)
     borne = np.linalg.norm(free["object/hand_wrench"][:, :3], axis=1) > 0.0
     found = math.nan
@@ -49,7 +44,7 @@ def _creep(run: RunTicks) -> float:
 
 
 def _momentum(run: RunTicks) -> float:
-    """The largest m Δv / Δt less the forces on the object, in a tick that lags less a share of them [N]."""
+    """Largest residual of m Δv / Δt and the forces [N]; a tick that lags makes a fraction of its change."""
     free = _free(run)
     mass, gravity = free.properties["mass"], np.array(free.properties["gravity"])
     velocity = np.vstack([free.properties["velocity"], free["object/velocity"]])
@@ -75,96 +70,64 @@ def _outside_cone(run: RunTicks) -> float:
     return 100.0 * float(outside.mean()) if outside.size else 0.0
 
 
-def _table_depth(run: RunTicks) -> float:
-    return max(0.0, -float(_free(run)["object/table_distance"].min()))
-
-
-def _friction_residuals(run: RunTicks) -> AnyArray:
-    """Of the ticks in which a contact bears a force [m]."""
+def _friction_residual(run: RunTicks, share: float) -> float:
+    """Percentile of the residuals in ticks with a contact force [m]."""
     free = _free(run)
-    return np.asarray(free["object/friction_residual"][np.unique(free["contact/tick"])])
-
-
-def _residual_share(share: float) -> Callable[[RunTicks], float]:
-    def compute(run: RunTicks) -> float:
-        found = _friction_residuals(run)
-        return float(np.percentile(found, share)) if found.size else 0.0
-
-    return compute
+    found = free["object/friction_residual"][np.unique(free["contact/tick"])]
+    return float(np.percentile(found, share)) if found.size else 0.0
 
 
 METRICS = (
     RunMetric(
-        name="object_raised",
-        label="object raised, max",
-        digits=2,
-        unit="mm",
+        *("object_raised", "object raised, max", 2, "mm"),
         less_is_better=False,
         place=40,
         free_only=True,
         short="object_raised",
-        compute=_raised,
+        compute=lambda run: _free(run).raised,
     ),
     RunMetric(
-        name="object_slip",
-        label="slip of a finger on the object, in all",
-        digits=3,
-        unit="mm",
+        *("object_slip", "slip of a finger on the object, in all", 3, "mm"),
         place=41,
         free_only=True,
         short="object_slip",
         compute=_slip,
     ),
     RunMetric(
-        name="object_creep",
-        label="creep of the held object, max",
-        digits=3,
-        unit="µm/s",
+        *("object_creep", "creep of the held object, max", 3, "µm/s"),
         place=42,
         free_only=True,
         short="object_creep",
         compute=_creep,
     ),
     RunMetric(
-        name="object_momentum",
-        label="object's momentum less the forces on it, max",
-        digits=6,
-        unit="N",
+        *("object_momentum", "object's momentum less the forces on it, max", 6, "N"),
         place=43,
         needs=("status",),
         free_only=True,
         compute=_momentum,
     ),
     RunMetric(
-        name="cone_outside",
-        label="contacts outside their friction cone",
-        digits=3,
-        unit="%",
+        *("cone_outside", "contacts outside their friction cone", 3, "%"),
         place=44,
         free_only=True,
         compute=_outside_cone,
         judged=Judged(limit=0.0),
     ),
     RunMetric(
-        name="table_depth_max",
-        label="object in the table, max",
-        digits=3,
-        unit="µm",
+        *("table_depth_max", "object in the table, max", 3, "µm"),
         place=45,
         free_only=True,
         short="table_depth",
-        compute=_table_depth,
+        compute=lambda run: max(0.0, -float(_free(run)["object/table_distance"].min())),
         judged=Judged(limit=1e-6),
     ),
     *(
         RunMetric(
-            name=f"friction_residual_{name}",
-            label=f"friction is off the slip by, {name}",
-            digits=3,
-            unit="µm",
+            *(f"friction_residual_{name}", f"friction is off the slip by, {name}", 3, "µm"),
             place=place,
             free_only=True,
-            compute=_residual_share(share),
+            compute=partial(_friction_residual, share=share),
         )
         for place, name, share in ((46, "p50", 50.0), (47, "p99", 99.0), (48, "max", 100.0))
     ),

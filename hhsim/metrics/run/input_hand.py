@@ -1,4 +1,4 @@
-"""How deep the user's hand was in the object, and how far the shown hand had to go from it."""
+"""Depth of the user's hand, and its distance from the shown one."""
 
 from collections.abc import Callable
 
@@ -18,7 +18,7 @@ def _of_input(field: str) -> Callable[[RunTicks], float]:
 
 
 def _correction(part: str, statistic: str, place: int, field: str, short: str = "") -> RunMetric:
-    """How far a part of the shown hand is from the user's in contact: a field of `Correction`, by a `Statistics`."""
+    """Figure of a part's distance in contact: a field of `Correction`, by a `Statistics`."""
 
     def compute(run: RunTicks) -> float:
         if run.input_hand is None:
@@ -31,10 +31,7 @@ def _correction(part: str, statistic: str, place: int, field: str, short: str = 
 
 METRICS = (
     RunMetric(
-        name="input_depth_max",
-        label="input depth, max",
-        digits=2,
-        unit="mm",
+        *("input_depth_max", "input depth, max", 2, "mm"),
         less_is_better=False,
         place=29,
         short="input depth",
@@ -46,10 +43,7 @@ METRICS = (
     _correction("joint", "mean", 54, "joints", short="correction"),
     _correction("joint", "max", 55, "farthest"),
     RunMetric(
-        name="free_off_max",
-        label="joints off the input in free space, max",
-        digits=2,
-        unit="mm",
+        *("free_off_max", "joints off the input in free space, max", 2, "mm"),
         place=55,
         needs=(*NEEDS, "contacts/candidates"),
         compute=_of_input("free"),

@@ -1,7 +1,4 @@
-"""Every figure of a run: the one list that summary, JSON, benches, gate and report read.
-
-Each module of this package that has `METRICS`, some `RunMetric`s, adds them by lying here.
-"""
+"""Registry of every figure of a run: the `METRICS` of each module of this package."""
 
 import importlib
 import pkgutil
@@ -16,10 +13,10 @@ from hhsim.result.schema import TICK_COLUMNS
 
 @cache
 def run_metrics() -> dict[str, RunMetric]:
-    """Every figure by its name, in the order of the table.
+    """Return every figure by its name, in the order of the table.
 
     Raises:
-        ValueError: Two of them have one name, or a figure is neither computed from the ticks nor of runs of its own.
+        ValueError: Two figures have one name, or one has both or neither of compute and own_run.
     """
     found: list[RunMetric] = []
     for module in pkgutil.iter_modules(hhsim.metrics.run.__path__, f"{hhsim.metrics.run.__name__}."):
@@ -39,7 +36,7 @@ def needed_columns() -> tuple[str, ...]:
 
 
 def known_figures(gives: Collection[str]) -> set[str]:
-    """Names of the figures that can be known of a method that `gives` some of `hhsim.solver.method.EVERYTHING`."""
+    """Names of the figures of a method that `gives` some of `hhsim.solver.method.EVERYTHING`."""
     by = {column.name: column.known_by for column in TICK_COLUMNS}
     return {
         name
@@ -49,7 +46,7 @@ def known_figures(gives: Collection[str]) -> set[str]:
 
 
 def tick_figures(run: RunTicks) -> dict[str, float]:
-    """Every figure that follows from the ticks, by name; SI units, or % where it is defined so."""
+    """Compute every figure that follows from the ticks, by name; SI units, or % where it is defined so."""
     return {
         name: float(metric.compute(run))
         for name, metric in run_metrics().items()
@@ -58,7 +55,7 @@ def tick_figures(run: RunTicks) -> dict[str, float]:
 
 
 def run_figure(name: str, run: RunTicks) -> float:
-    """One figure that follows from the ticks; as `tick_figures`."""
+    """Compute one figure that follows from the ticks; as `tick_figures`."""
     compute = run_metrics()[name].compute
     if compute is None:
         raise ValueError(f"{name} does not follow from the ticks")
@@ -66,5 +63,5 @@ def run_figure(name: str, run: RunTicks) -> float:
 
 
 def judged_metrics() -> dict[str, RunMetric]:
-    """The figures that the gate judges, by name."""
+    """Return the figures that the gate judges, by name."""
     return {name: metric for name, metric in run_metrics().items() if metric.judged is not None}

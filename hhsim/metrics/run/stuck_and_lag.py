@@ -1,4 +1,4 @@
-"""Ticks that did not get to where the user asked."""
+"""Ticks that did not reach the user's hand."""
 
 import numpy as np
 
@@ -6,18 +6,17 @@ from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
 from hhsim.metrics.run_metric import Judged, RunMetric
 
 MOST_STUCK = 0.5
-"""Share of stuck ticks above which the figures of a run are of a hand that did not follow."""
+"""Largest share of stuck ticks of a run whose hand follows."""
 
 
 def is_mostly_stuck(stuck: float, ticks: int) -> bool:
-    """Return whether more than half of the ticks are stuck: such a run misses its limits, whatever these are."""
+    """True if more than half of the ticks are stuck: such a run misses its limits."""
     return stuck > MOST_STUCK * ticks
 
 
 METRICS = (
     RunMetric(
-        name="stuck_ticks",
-        label="stuck ticks",
+        *("stuck_ticks", "stuck ticks"),
         place=70,
         short="stuck",
         needs=("status",),
@@ -25,8 +24,7 @@ METRICS = (
         judged=Judged(limit=0.0),
     ),
     RunMetric(
-        name="lag_ticks",
-        label="ticks with lag",
+        *("lag_ticks", "ticks with lag"),
         place=71,
         short="lag",
         needs=("status",),
@@ -34,10 +32,7 @@ METRICS = (
         judged=Judged(limit=0.0),
     ),
     RunMetric(
-        name="lag_max",
-        label="lag, max",
-        digits=2,
-        unit="mm",
+        *("lag_max", "lag, max", 2, "mm"),
         place=72,
         unless_zero=True,
         needs=("lag",),

@@ -1,4 +1,4 @@
-"""How long ticks take: those in contact, which free space would flatter, and the slowest of all."""
+"""Times of ticks: those in contact, and the slowest of all."""
 
 import math
 
@@ -12,7 +12,7 @@ CPU, WALL, CONTACT = "duration/total_cpu", "duration/total", "contacts/candidate
 def _time(
     name: str, label: str, place: int, column: str, statistic: str, noise: float, paper: str = "", short: str = ""
 ) -> RunMetric:
-    """A time of ticks, one of `TickStatistics`: of those in contact, but for the slowest of all."""
+    """Figure of tick times, one of `TickStatistics`: of the ticks in contact, but for the slowest of all."""
 
     def compute(run: RunTicks) -> float:
         ticks = run[column] if statistic == "max" else run[column][run.contact]
@@ -31,10 +31,7 @@ METRICS = (
     _time("tick_cpu_max", "tick, CPU, max", 57, CPU, "max", math.inf, "< 1,500"),
     _time("tick_wall_p50", "tick in contact, wall, p50", 58, WALL, "p50", 0.10),
     RunMetric(
-        name="tick_wall_over_1ms",
-        label="ticks over 1 ms, wall",
-        digits=2,
-        unit="%",
+        *("tick_wall_over_1ms", "ticks over 1 ms, wall", 2, "%"),
         place=59,
         needs=(WALL,),
         compute=lambda run: 100.0 * tick_statistics(run[WALL]).over_budget,

@@ -1,4 +1,4 @@
-"""How far the shown hand is from the user's in the hold."""
+"""Distance of the shown hand from the user's in the hold."""
 
 from hhsim.metrics.metrics import palm_distance_mm, statistics
 from hhsim.metrics.run_metric import Judged, RunMetric
@@ -8,10 +8,7 @@ HAPTIC, GRAPHIC = "haptic/position", "graphic/position"
 
 METRICS = (
     RunMetric(
-        name="tracking_excess",
-        label="coupling energy over the local optimum",
-        digits=3,
-        unit="%",
+        *("tracking_excess", "coupling energy over the local optimum", 3, "%"),
         # Below the optimum of the hands that stay outside is a hand that is inside.
         signed=True,
         place=50,
@@ -19,10 +16,7 @@ METRICS = (
         judged=Judged(rounding=1e-6, limit=1.0, promise="nearest_to_user"),
     ),
     RunMetric(
-        name="tracking_palm",
-        label="palm off the user's in the hold, mean",
-        digits=2,
-        unit="mm",
+        *("tracking_palm", "palm off the user's in the hold, mean", 2, "mm"),
         place=51,
         needs=(HAPTIC, GRAPHIC),
         compute=lambda run: 1e-3 * statistics(palm_distance_mm(run[HAPTIC], run[GRAPHIC]), run.hold).mean,
