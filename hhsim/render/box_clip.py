@@ -1,4 +1,4 @@
-"""Surfaces cut at the sides of a box: what is inside stays, and triangles that cross a side end there."""
+"""Surfaces cut at the sides of a box; triangles that cross a side end there."""
 
 from dataclasses import replace
 
@@ -13,10 +13,9 @@ FAR, NEAR = 1.2, 0.5
 
 
 def near_hands(body: Surface, hands: FloatArray) -> Surface:
-    """An object whole or, of one that is much larger than the hands, the part near them, so that they can be seen.
+    """Return an object whole or, if it is much larger than the hands, its part near them.
 
     Args:
-        body: The object.
         hands: Points of the hands [m], shape (n, 3), world.
     """
     low, high = hands.min(axis=0), hands.max(axis=0)
@@ -28,10 +27,9 @@ def near_hands(body: Surface, hands: FloatArray) -> Surface:
 
 
 def clipped(surface: Surface, low: ArrayLike, high: ArrayLike) -> Surface:
-    """The part of a surface inside of a box, however large its triangles are.
+    """Return the part of a surface inside a box, with normals and colours carried over to new corners.
 
     Args:
-        surface: Triangles, world; normals and colours are carried over to the new corners.
         low, high: Corners of the box [m], shape (3,), world.
     """
     for axis, (least, most) in enumerate(zip(np.asarray(low, np.float64), np.asarray(high, np.float64))):
@@ -41,7 +39,7 @@ def clipped(surface: Surface, low: ArrayLike, high: ArrayLike) -> Surface:
 
 
 def _cut(surface: Surface, axis: int, sign: float, least: float) -> Surface:
-    """What has sign · coordinate of at least `least`."""
+    """Return the part whose `sign` · coordinate is at least `least`."""
     height = sign * surface.points[:, axis] - least
     inside = height[surface.faces] >= 0.0
     count = inside.sum(axis=1)

@@ -1,4 +1,4 @@
-"""A matplotlib figure that is drawn without a screen, the look that its axes share, and its file."""
+"""A matplotlib figure that is drawn without a screen, the style of its axes, and its file."""
 
 import io
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def new_figure(width: float, height: float, **options: Any) -> "Figure":
-    """An empty white figure of this size [inches], 100 pixels to the inch; `options` are matplotlib's."""
+    """Make an empty white figure of this size [inches], 100 pixels to the inch; `options` are matplotlib's."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -25,7 +25,7 @@ def new_figure(width: float, height: float, **options: Any) -> "Figure":
 
 
 def tidy(axes: "Axes") -> None:
-    """Faint grid lines behind what is drawn, and no frame above and on the right."""
+    """Draw faint grid lines behind the data, and no frame above and on the right."""
     axes.grid(color="0.92", linewidth=0.8)
     axes.set_axisbelow(True)
     for side in ("top", "right"):
@@ -33,7 +33,7 @@ def tidy(axes: "Axes") -> None:
 
 
 def legend_mark(label: str, marker: str, color: str, face: str | None = None, size: float = 8.0) -> "Line2D":
-    """A marker alone, for a legend; filled with `face`, or else with its own colour."""
+    """Return a marker alone, for a legend; filled with `face`, or else with its own colour."""
     from matplotlib.lines import Line2D
 
     return Line2D(
@@ -49,7 +49,7 @@ def logarithmic(
     ticks: Sequence[float],
     heights: Sequence[float],
 ) -> None:
-    """Logarithmic axes with these limits, marked at what of `ticks` and `heights` lies within them."""
+    """Make logarithmic axes with these limits, marked at those of `ticks` and `heights` within them."""
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.set_xlim(*across)
@@ -83,7 +83,7 @@ def vector_bytes(figure: "Figure", kind: str, title: str) -> bytes:
 
 
 def save_figure(figure: "Figure", path: Path) -> None:
-    """Write a matplotlib figure.
+    """Write a matplotlib figure in the format of the file's ending.
 
     Raises:
         OutputError: The picture cannot be written.

@@ -33,17 +33,13 @@ TIME_COLORS = {"detection": "#2e7d32", "response": "#c8641a", "total": "0.15"}
 BUDGET_COLOR = "#b00020"
 KINDS = (".png", ".pdf", ".svg")
 LETTER, LINE = 0.075, 0.16
-"""Room for a letter, and for a line, of the text below a figure [inches]."""
+"""Width of a letter and height of a line of the text below a figure [inches]."""
 TILE = 230
 """Rows and columns of a small picture [pixels]."""
 
 
 def check_folder(folder: Path) -> None:
-    """Make the folder, before the work.
-
-    Raises:
-        OutputError: It cannot be made or written.
-    """
+    """Make the folder, before the work; raise OutputError if it cannot be made or written."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -100,7 +96,7 @@ def _gallery(scenes: Sequence[SceneRun], columns: int) -> "Figure":
 
 
 def _forces_over_time(number: str, runs: Sequence[SceneRun]) -> "Figure":
-    """Forces and the time of a tick, with the hand in each hold.
+    """Draw forces and the time of a tick, with the hand in each hold.
 
     Fig. 12: normal forces of the five fingers; Fig. 14: the index finger's contact force with its components.
     """
@@ -123,7 +119,7 @@ def _forces_over_time(number: str, runs: Sequence[SceneRun]) -> "Figure":
 
 
 def _curves_figure(runs: Sequence[SceneRun]) -> "tuple[Figure, Sequence[Axes], Sequence[Axes]]":
-    """Pictures of the holds on top; then a column a method: forces above, times below, phases marked."""
+    """Draw the holds on top; return the figure with a column a method: axes of forces above, of times below."""
     figure = new_figure(14.0, 8.6)
     moments = runs[-1].shown
     mesh = load_object(runs[-1].scenario.object_name).mesh
@@ -179,7 +175,7 @@ def _draw_times(panels: "Sequence[Axes]", runs: Sequence[SceneRun]) -> None:
 
 
 def _cases(runs: PaperRuns, methods: Sequence[str]) -> "Figure":
-    """Fig. 15: detection, response and total by case, with the number of contacts, object by object."""
+    """Draw Fig. 15: detection, response and total by case, with the number of contacts, object by object."""
     played = [name for name in object_names() if runs.of(methods[0], "15", object_name=name)]
     figure = new_figure(2.9 * len(played) + 0.6, 2.7 * len(methods) + 0.7)
     panels = figure.subplots(len(methods), len(played), squeeze=False, sharex=True, sharey=True)

@@ -1,4 +1,4 @@
-"""The picture of `hhsim bench peers`: what a tick costs against how far off the true mesh, an object a panel."""
+"""Picture of `hhsim bench peers`: cost of a tick against distance from the true mesh, an object a panel."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,9 +18,9 @@ Row = dict[str, Any]
 
 OURS, OTHERS = "#1b6ca8", "0.35"
 FLOOR = 1e-3
-"""Errors below this are drawn at it [mm]: a logarithm has no zero."""
+"""Smaller errors are drawn at it [mm]: a logarithm has no zero."""
 BUDGET = 1e3
-"""Of a tick at 1 kHz [µs]."""
+"""Time of a tick at 1 kHz [µs]."""
 TIMES = (5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10000)
 ERRORS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1, 3, 10, 30)
 PANELS = 4
@@ -34,14 +34,14 @@ PLACES: tuple[Place, ...] = (
     *((0.0, y, "center", "center") for y in (13.0, -13.0, 24.0, -24.0)),
     *((x, y, side, "center") for y in (24.0, -24.0, 34.0, -34.0) for x, side in ((4.0, "left"), (-4.0, "right"))),
 )
-"""Of a label beside its mark, the nearest first: offsets [points] and how it is aligned."""
+"""Places of a label beside its mark, the nearest first: offsets [points] and alignment."""
 
 
 def draw_peers(path: Path, rows: Sequence[Row]) -> None:
-    """Draw each object's methods over all its motions; a line joins those that none is both faster and nearer than.
+    """Draw each object's methods over all its motions; a line joins the Pareto frontier.
 
     Args:
-        path: The picture; matplotlib chooses the format by its ending.
+        path: Picture file; its ending says the format.
 
     Raises:
         OutputError: The picture cannot be written.
@@ -76,7 +76,7 @@ def draw_peers(path: Path, rows: Sequence[Row]) -> None:
 
 
 def _draw_panel(axes: "Axes", rows: Sequence[Row]) -> list["Annotation"]:
-    """Marks and frontier; the labels, which have no place yet."""
+    """Draw marks and frontier, and return the labels, which have no place yet."""
     from matplotlib.patheffects import withStroke
 
     points = [(1e6 * row["tick_cpu_p50"], max(FLOOR, 1e3 * row["mesh_error"])) for row in rows]

@@ -1,8 +1,7 @@
-"""A picture of a replay in its hold: `python -m hhsim.render.replay_figure RESULT docs/grasp.png [AZIMUTH,ELEVATION]`.
+"""Picture of a replay in its hold: `python -m hhsim.render.replay_figure RESULT docs/grasp.png [AZIMUTH,ELEVATION]`.
 
-On the left what a user sees: the graphic hand on the object. On the right why: the haptic hand, where the user's hand
-is, goes into the object, and the difference becomes forces on the phalanges. Everything is drawn from the result file:
-the bodies that collided, at the configurations that were computed.
+Left is what a user sees: the graphic hand on the object. Right is why: the haptic hand goes into the object, and the
+difference becomes forces on the phalanges.
 """
 
 import sys
@@ -40,29 +39,20 @@ GHOST = np.array([0.25, 0.52, 0.95])
 RED = np.array([0.85, 0.10, 0.08])
 
 ARROW_RADIUS = 1.3e-3
-"""Of an arrow's shaft [m]."""
+"""Radius of an arrow's shaft [m]."""
 ARROW_LENGTH = 0.02
-"""Of the arrow of 1 N [m].
-
-Longer by the square root of the force, so that small forces can be seen beside large ones.
-"""
+"""Length of the arrow of 1 N [m]; it grows with the square root of the force, so that small ones can be seen."""
 
 LONGEST_ARROW = 10.0
-"""No force of a hand is this long in a picture [m]."""
+"""Longest arrow that is drawn [m]: a damaged file may hold forces that no picture has space for."""
 
 LETTER = 0.92
-"""Width of a letter or digit, its white rim's share included [pixels at 100 to the inch, by the size in pt]."""
+"""Width of a letter or digit with its share of the white rim [pixels at 100 to the inch, by the size in pt]."""
 
 
 @dataclass(frozen=True)
 class PhalanxForce:
-    """The contact force on one phalanx.
-
-    Attributes:
-        name: Finger and phalanx.
-        contact: Where the phalanx is nearest to the object [m], shape (3,), world.
-        force: [N], shape (3,), world.
-    """
+    """Contact force on one phalanx [N], and the phalanx's point nearest to the object [m], shapes (3,), world."""
 
     name: str
     contact: FloatArray
@@ -70,10 +60,7 @@ class PhalanxForce:
 
 
 def draw_replay(result: Result, path: Path, view: View = VIEW) -> None:
-    """Draw the last tick of the hold, or of the replay where nothing is held.
-
-    Args:
-        path: Picture file; matplotlib chooses the format by its ending.
+    """Draw the last tick of the first hold, or of the replay where nothing is held.
 
     Raises:
         InputError: The result holds no tick, or its hand file has changed; matplotlib has no such picture format.
@@ -115,7 +102,7 @@ def draw_replay(result: Result, path: Path, view: View = VIEW) -> None:
 
 
 def shown_tick(result: Result) -> int:
-    """The last tick of the first hold; without a hold, the last tick.
+    """Return the last tick of the first hold; without a hold, the last tick.
 
     Raises:
         InputError: The result holds no tick.
@@ -127,7 +114,7 @@ def shown_tick(result: Result) -> int:
 
 
 def phalanx_forces(result: Result, tick: int) -> list[PhalanxForce]:
-    """The forces of a tick that can be felt, each at the point of the phalanx that is nearest to an object sphere."""
+    """Return the forces of a tick that can be felt, each at the phalanx's point nearest to an object sphere."""
     static = result.static
     level = static["object/tree/level"]
     leaves = level == level.max()
@@ -152,14 +139,14 @@ def phalanx_forces(result: Result, tick: int) -> list[PhalanxForce]:
 
 
 def arrow(force: PhalanxForce) -> FloatArray:
-    """The arrow of a force [m], shape (3,)."""
+    """Return the arrow of a force [m], shape (3,)."""
     return np.asarray(ARROW_LENGTH * force.force / np.sqrt(np.linalg.norm(force.force)))
 
 
 def seen_through(
     graphic: Surface, haptic: Surface, body: Surface, forces: list[PhalanxForce], camera: Camera
 ) -> FloatArray:
-    """The picture with a see-through object, the haptic hand in and around it, and the forces over everything."""
+    """Render a transparent object, the haptic hand in and around it, and the forces over everything."""
     hand, ghost = shade(graphic, camera), shade(haptic, camera)
     ghost = behind(ghost, hand)
     # Glass is clearest where one looks straight at it.
@@ -175,7 +162,7 @@ def seen_through(
 
 
 def behind(ghost: Layer, hand: Layer) -> Layer:
-    """The haptic hand drawn behind the graphic one: where both are, the skin stays clean."""
+    """Return the haptic hand behind the graphic one: where both are, the skin stays clean."""
     return replace(ghost, depth=np.where(hand.seen(), np.minimum(ghost.depth, hand.depth - 1e-6), ghost.depth))
 
 
@@ -183,9 +170,8 @@ def label(axes: "Axes", forces: Sequence[PhalanxForce], camera: Camera, size: fl
     """Write the size of each force at the head of its arrow, or a line lower where another one stands.
 
     Args:
-        camera: That they are seen by.
-        size: Of the text [pt].
-        pixel: Size of the picture's pixels by those of 100 to the inch.
+        size: Size of the text [pt].
+        pixel: Size of the picture's pixels, relative to 100 to the inch.
     """
     from matplotlib.patheffects import withStroke
 
@@ -233,11 +219,7 @@ def draw_from_arguments(
     module: str,
     view: View,
 ) -> None:
-    """Draw a result as the arguments RESULT PICTURE [AZIMUTH,ELEVATION] of a command say.
-
-    Args:
-        module: Of hhsim that the command runs.
-        view: Of the viewer unless the arguments name another.
+    """Draw a result by the arguments RESULT PICTURE [AZIMUTH,ELEVATION] of the command of an hhsim module.
 
     Raises:
         SystemExit: With one line that says what is wrong.

@@ -1,7 +1,6 @@
-"""A film of a result: graphic hand in skin colour, haptic hand in blue, forces in red, a see-through object.
+"""Film of a result: graphic hand in skin colour, haptic hand in blue, forces in red, a transparent object.
 
-Frames are rendered as `hhsim.render.replay_figure` renders its second picture. A GIF is written by pillow, an MP4 by
-the program ffmpeg, where it is installed.
+Frames are rendered as by `hhsim.render.replay_figure`. Pillow writes a GIF, the program ffmpeg an MP4.
 """
 
 import contextlib
@@ -53,37 +52,27 @@ ASPECT = 0.75
 LEAST_WIDTH, MOST_WIDTH = 160, 1920
 MOST_FRAMES = 20_000
 FRAMED = 40
-"""Ticks that decide about what fits into the picture."""
+"""Ticks that decide what fits into the picture."""
 FINENESS = 1.25
-"""Pixels that are rendered for one of a frame, across: more is smoother, and slower by its square."""
+"""Rendered pixels for one of a frame, across: more is smoother, and slower by its square."""
 ROOM = 3
-"""Left free around what moves [pixels]."""
+"""Margin around what moves [pixels]."""
 STONE_OPACITY = 0.5
 IN_FRONT = 10.0
-"""How far forces are drawn before everything else [m]."""
+"""Distance by which forces are drawn in front of everything else [m]."""
 INK = (36, 41, 47)
 
 
 @dataclass(frozen=True)
 class VideoOptions:
-    """How a film is made.
-
-    Attributes:
-        slow: How many times slower than the motion it plays.
-        fps: Frames a second.
-        width: Of a frame [pixels]; its height is three quarters of that.
-    """
+    """Options of a film: slow-down factor, frames a second, and width of a frame [pixels]; InputError out of range."""
 
     slow: float = 1.0
     fps: float = 25.0
     width: int = 640
 
     def __post_init__(self) -> None:
-        """Refuse what no film has.
-
-        Raises:
-            InputError: A number out of its range.
-        """
+        """Check the ranges."""
         if not 0.01 <= self.slow <= 1000.0:
             raise InputError(f"{self.slow:g} times slower: expected 0.01 to 1000")
         if not 1.0 <= self.fps <= 100.0:
@@ -98,7 +87,7 @@ class VideoOptions:
 
 
 def check_video_path(output_path: Path) -> None:
-    """Look, before the work, for what would keep a film from being written.
+    """Raise, before the work, what would keep a film from being written.
 
     Raises:
         InputError: A name that ends in neither .gif nor .mp4, or .mp4 without ffmpeg.
@@ -115,14 +104,9 @@ def check_video_path(output_path: Path) -> None:
 def write_video(
     result: Result, output_path: Path, options: VideoOptions | None = None, progress: Progress = silent
 ) -> int:
-    """Make a film of a result.
+    """Make a film of a result, complete or not, and return its number of frames.
 
-    Args:
-        result: Of a replay or a session, complete or not.
-        output_path: Ends in .gif or .mp4; it appears when it is whole, and a file that is there is replaced.
-
-    Returns:
-        How many frames it has.
+    The file appears when it is whole, and replaces one that is there.
 
     Raises:
         InputError: As `check_video_path` and `video_ticks`; or the result's hand cannot be told.
@@ -142,7 +126,7 @@ def write_video(
 
 
 def video_ticks(result: Result, options: VideoOptions) -> IntArray:
-    """The tick that each frame shows, shape (frames,): the newest one at its time, the last tick last.
+    """Return the tick that each frame shows, shape (frames,): the newest one at its time, the last tick last.
 
     Raises:
         InputError: The result holds no tick, or the film would have more than `MOST_FRAMES` frames.
@@ -158,11 +142,7 @@ def video_ticks(result: Result, options: VideoOptions) -> IntArray:
 
 
 def video_frames(result: Result, ticks: IntArray, options: VideoOptions) -> Iterator[Picture]:
-    """Render ticks of a result, all by one camera that sees both hands and the object near them all the time.
-
-    Args:
-        result: Of a replay or a session.
-        ticks: Their numbers, shape (frames,).
+    """Render ticks of a result by one camera that sees both hands and the object near them all the time.
 
     Yields:
         Pictures, shape (rows, columns, 3).
@@ -202,14 +182,14 @@ def video_frames(result: Result, ticks: IntArray, options: VideoOptions) -> Iter
 
 
 def _moved(surface: Surface, result: Result, tick: int) -> Surface:
-    """The object where it is at a tick."""
+    """Return the object at its place at a tick."""
     moved = result.moved_since_first(tick)
     points, normals = moved.points(surface.points[None])[0], moved.vectors(surface.normals[None])[0]
     return replace(surface, points=points, normals=normals)
 
 
 def _forces(result: Result, tick: int) -> list[PhalanxForce]:
-    """The forces of a tick that can be felt, in the world: they are placed where the object stands still."""
+    """Return the forces of a tick that can be felt, in the world."""
     found = phalanx_forces(result.seen_from_object, tick)
     if not result.driven:
         return found
@@ -221,7 +201,7 @@ def _forces(result: Result, tick: int) -> list[PhalanxForce]:
 
 
 def _hands(result: Result, hand: HandModel, pieces: tuple[Surface, ...], tick: int) -> list[Surface]:
-    """The graphic hand and the haptic one, in blue."""
+    """Return the graphic hand, and the haptic one in blue."""
     found = []
     for whose in ("graphic", "haptic"):
         pose = HandConfiguration(*(result[f"{whose}/{name}"][tick][None] for name in HandConfiguration._fields))
@@ -253,7 +233,7 @@ def _camera(
 
 
 def _part(points: FloatArray, camera: Camera) -> tuple[slice, slice]:
-    """Rows and columns of the finished picture that hold these points [m], with some room for shadows."""
+    """Return rows and columns of the finished picture that hold these points [m], with a margin for shadows."""
     rows, columns = camera.shape
     scale = rows / camera.height
     seen = (points - camera.center) @ camera.rotation[:2].T * (scale, -scale) + (0.5 * columns, 0.5 * rows)
@@ -263,7 +243,7 @@ def _part(points: FloatArray, camera: Camera) -> tuple[slice, slice]:
 
 
 def _camera_part(camera: Camera, part: tuple[slice, slice]) -> Camera:
-    """The camera that sees that part of what another one sees, pixel for pixel."""
+    """Return the camera of a part of another one's picture, pixel for pixel."""
     rows, columns = camera.shape
     down, across = (0.5 * (side.start + side.stop) for side in part)
     pixel = camera.height / rows
@@ -273,7 +253,7 @@ def _camera_part(camera: Camera, part: tuple[slice, slice]) -> Camera:
 
 
 def _fine(part: tuple[slice, slice]) -> tuple[slice, slice]:
-    """The same part at the pixels of a layer."""
+    """Return the same part at the pixels of a layer."""
     rows, columns = (slice(OVERSAMPLING * side.start, OVERSAMPLING * side.stop) for side in part)
     return rows, columns
 
@@ -295,7 +275,7 @@ def _see_through(graphic: Surface, haptic: Surface, stone: Layer, arrows: list[S
 
 
 def _written_on(picture: FloatArray, result: Result, tick: int, options: VideoOptions) -> Picture:
-    """The frame, with the time, the phase and the force below."""
+    """Return the frame with time, phase and force written below."""
     from PIL import Image, ImageDraw, ImageFont
 
     rows, columns = options.shape

@@ -14,7 +14,7 @@ from hhsim.render.triangle_soup import hand_surface, joined, mesh_surface, paint
 from hhsim.render.viewpoint import View
 
 GLASS = 0.4
-"""How opaque the haptic hand is."""
+"""Opacity of the haptic hand."""
 AZIMUTHS, ELEVATIONS = range(0, 360, 45), (15.0, 50.0)
 """Views that are tried [degrees]."""
 TRIAL = (48, 48)
@@ -24,13 +24,12 @@ TRIAL = (48, 48)
 def scene_picture(
     run: SceneRun, mesh: Mesh, moment: int = 0, shape: tuple[int, int] = (300, 300), view: FloatArray | None = None
 ) -> FloatArray:
-    """The hand at one of the moments that a run keeps.
+    """Render the hand at one of the moments that a run of one motion keeps.
 
     Args:
-        run: Of one motion.
         mesh: The object's, its own frame.
         shape: Rows and columns of the picture [pixels].
-        view: Towards the viewer, shape (3,); None for `best_view`.
+        view: Direction to the viewer, shape (3,); None for `best_view`.
 
     Returns:
         The picture, shape (rows, columns, 3), 0 to 1.
@@ -45,9 +44,9 @@ def scene_picture(
 
 
 def best_view(run: SceneRun, mesh: Mesh, moment: int = 0) -> FloatArray:
-    """Of some directions towards the viewer, the one in which most is seen of the fingertips that are to touch.
+    """Return the direction to the viewer that shows most of the fingertips that are to touch.
 
-    What is seen of hand and object, of the one that is seen less, decides between equals.
+    Between equals, the visible part of hand and object decides, of whichever shows less.
     """
     pose, hand = run.shown[moment].graphic, run.stage.hand
     joints = hand.joints(*pose)

@@ -1,4 +1,4 @@
-"""The picture of `hhsim bench trees`: largest error against spheres, and against CPU time, an object a column."""
+"""Picture of `hhsim bench trees`: largest error against spheres, and against CPU time, an object a column."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -19,19 +19,14 @@ GREY = "0.45"
 BAR_COLOR = "#b00020"
 MOST_COLUMNS = 6
 NARROWEST = 12.0
-"""Width that the legend and the note need [inch]."""
+"""Width that the legend and the note need [inches]."""
 SPHERES = (8, 64, 512, 4096, 32768)
 SECONDS = (0.01, 0.1, 1, 10, 100, 1000)
 ERRORS = (0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200)
 
 
 def draw_trees(path: Path, rows: Sequence[Row], size: float) -> None:
-    """Draw the table.
-
-    Args:
-        path: The picture; matplotlib chooses the format by its ending.
-        rows: The table of `hhsim.bench.trees.measure`; of more than `MOST_COLUMNS` objects the first ones are drawn.
-        size: Longest extent of the objects [m].
+    """Draw the table of `hhsim.bench.trees.measure` for objects of longest extent `size` [m].
 
     Raises:
         OutputError: The picture cannot be written.

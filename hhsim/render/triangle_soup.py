@@ -29,7 +29,7 @@ class Surface:
 
 
 def joined(parts: Sequence[Surface]) -> Surface:
-    """All parts as one surface."""
+    """Join surfaces to one."""
     offsets = np.cumsum([0] + [len(part.points) for part in parts])
     return Surface(
         np.concatenate([part.points for part in parts]),
@@ -40,7 +40,7 @@ def joined(parts: Sequence[Surface]) -> Surface:
 
 
 def painted(surface: Surface, color: FloatArray) -> Surface:
-    """The same surface in one colour."""
+    """Return the surface in one colour."""
     return replace(surface, colors=np.tile(color, (len(surface.points), 1)))
 
 
@@ -52,7 +52,7 @@ def hand_surface(
     abduction: ArrayLike,
     hybrid: bool = False,
 ) -> Surface:
-    """The hand's surface in the world frame; arguments as in `HandModel.joints`.
+    """Return the hand's surface in the world frame; arguments as in `HandModel.joints`.
 
     `hybrid` shows the palm as its leaf spheres.
     """
@@ -80,7 +80,7 @@ def hand_surface(
 
 
 def arrow_surface(start: FloatArray, vector: FloatArray, radius: float, color: FloatArray) -> Surface:
-    """An arrow from `start` along `vector` [m], its shaft of `radius` [m]; a short one is all head."""
+    """Return an arrow from `start` along `vector` [m], its shaft of `radius` [m]; a short one is all head."""
     length = float(np.linalg.norm(vector))
     tip = start + vector
     neck = start + vector * max(0.0, 1.0 - 7.0 * radius / length)
@@ -92,7 +92,7 @@ def arrow_surface(start: FloatArray, vector: FloatArray, radius: float, color: F
 def round_cone_surface(
     a: FloatArray, b: FloatArray, radius_a: float, radius_b: float, color: FloatArray, rings: int = 28, sides: int = 48
 ) -> Surface:
-    """Surface of revolution of the hull of two spheres [m]; one sphere where a and b coincide."""
+    """Return the surface of the hull of two spheres [m]; one sphere where a and b coincide."""
     length = float(np.linalg.norm(b - a))
     axis = (b - a) / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
     tangent = float(np.arcsin(min((radius_a - radius_b) / length, 1.0))) if length > 0.0 else 0.0
@@ -113,7 +113,7 @@ def round_cone_surface(
 
 
 def mesh_surface(mesh: Mesh, color: FloatArray, crease: float = 55.0) -> Surface:
-    """A mesh that is smooth across edges of less than `crease` [degrees] and sharp at the others."""
+    """Return a mesh smooth across edges of less than `crease` [degrees] and sharp at the others."""
     a, b, c = mesh.triangles.transpose(1, 0, 2)
     area = np.cross(b - a, c - a)
     unit = area / np.maximum(np.linalg.norm(area, axis=1, keepdims=True), 1e-300)
@@ -133,7 +133,7 @@ def mesh_surface(mesh: Mesh, color: FloatArray, crease: float = 55.0) -> Surface
 
 
 def count_up(lengths: IntArray) -> IntArray:
-    """0, 1, … up to each length, one after another."""
+    """Return 0, 1, … up to each length, one after another."""
     ends = np.cumsum(lengths)
     return np.asarray(np.arange(lengths.sum()) - np.repeat(ends - lengths, lengths))
 
@@ -142,8 +142,7 @@ def with_nail(distal: Surface, joints: FloatArray, back: FloatArray) -> Surface:
     """Colour the nail on the back of a distal phalanx.
 
     Args:
-        distal: Its surface.
-        joints: Of its finger [m], shape (4, 3).
+        joints: Joints of its finger [m], shape (4, 3).
         back: Unit normal out of the back, shape (3,).
     """
     axis = joints[3] - joints[2]

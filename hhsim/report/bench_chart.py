@@ -1,4 +1,4 @@
-"""A chart of a table of `hhsim bench`: what its suite is run for, at a glance."""
+"""Chart of a table of `hhsim bench`."""
 
 import math
 import textwrap
@@ -20,31 +20,29 @@ Row: TypeAlias = Mapping[str, Cell]
 
 MARKS = ("o", "s", "D", "^", "v", "P", "X", "*")
 MOST_LABELS = 40
-"""Lines of a chart; of a longer table the first ones."""
+"""Most lines of a chart; a longer table shows its first ones."""
 LINE, TITLE, BOTTOM, LEGEND, PANEL = 0.2, 0.3, 0.5, 0.22, 2.6
-"""Room [inches] for a line of a chart, a title, the axis below, a line of the legend, and a panel of points."""
+"""Height [inches] of a line of a chart, a title, the axis below, a line of the legend, and a panel of points."""
 BOLD, TITLE_LINE = 0.085, 0.16
-"""Room [inches] for a letter of the title, and for each of its lines but the first."""
+"""Width [inches] of a letter of the title, and height of each of its lines but the first."""
 LETTER = 0.075
-"""Room [inches] for a letter of a name."""
+"""Width [inches] of a letter of a name."""
 SPREAD = 8.0
-"""Largest value over least from which on an axis is logarithmic."""
+"""Ratio of largest to least value from which on an axis is logarithmic."""
 
 
 @dataclass(frozen=True)
 class Chart:
-    """What is drawn of a suite.
+    """Chart of one suite.
 
     Attributes:
-        title: In a few words.
-        series: Columns that have a colour for each of their values together; a table may lack all but the first.
-        x: Column of the numbers along.
-        y: Column of the numbers up; "" where each line is one of `labels`.
+        series: Columns whose values together choose a colour; a table may lack all but the first.
+        x: Column of the abscissa.
+        y: Column of the ordinate; "" where each line is one of `labels`.
         labels: Columns that name a line.
-        of: Makes the number along of a row, where it is no column's.
-        axis: What that number is.
-        mark: Number that is marked by a line; None for none.
-        chosen: Which rows are drawn.
+        of: Computes a row's abscissa where it is no column's; `axis` names it.
+        mark: Abscissa of a line that is drawn.
+        chosen: True of the rows that are drawn.
     """
 
     title: str
@@ -107,11 +105,11 @@ CHARTS: Mapping[str, Chart] = {
     "mesh-size": Chart("Time of a tick by triangles", ("method",), x="triangles", y="tick_p50"),
     "threads": Chart("Wall time of a tick by threads", ("case",), x="threads", y="total"),
 }
-"""What is drawn of each suite."""
+"""Chart of each suite."""
 
 
 def bench_figure(found: BenchTable) -> ReportFigure | None:
-    """The chart of a table; None where its suite has none, or no row has the numbers."""
+    """Draw the chart of a table; None where its suite has none, or no row has the numbers."""
     chart = CHARTS.get(found.suite)
     names = {column.name for column in found.columns}
     if chart is None or not {chart.series[0], *chart.labels, *filter(None, (chart.x, chart.y))} <= names:
@@ -152,7 +150,7 @@ def bench_figure(found: BenchTable) -> ReportFigure | None:
 
 
 def _title(chart: Chart, width: float) -> tuple[str, float]:
-    """The title in lines that fit a figure so many inches wide, and the room above the panel that they need."""
+    """Return the title in lines that fit a figure `width` inches wide, and their height [inches]."""
     lines = textwrap.wrap(chart.title, int((width - 0.1) / BOLD))
     return "\n".join(lines), TITLE + TITLE_LINE * (len(lines) - 1)
 
@@ -232,7 +230,7 @@ def _is_wide(values: Sequence[float]) -> bool:
 
 
 def _legend(series: Sequence[str], width: float) -> tuple[int, int]:
-    """Columns and lines of the legend in a figure of so many inches."""
+    """Return columns and lines of the legend in a figure `width` inches wide."""
     columns = max(1, min(len(series), int(width / (0.4 + LETTER * max(map(len, series))))))
     return columns, -(-len(series) // columns)
 

@@ -1,4 +1,4 @@
-"""A table of `hhsim bench` as a part of a report."""
+"""Section of a report on a table of `hhsim bench`."""
 
 import json
 from dataclasses import replace
@@ -13,11 +13,7 @@ from hhsim.table.table import Column, Table, words
 
 
 def bench_section(found: BenchTable, name: str, album: Album, prefix: str = "") -> dict[str, Any]:
-    """Return what the page says of a table, by the names of its template; `more` are tables by their titles.
-
-    Args:
-        prefix: Before the name of its chart.
-    """
+    """Return what the page shows of a table, by the names of its template; `prefix` goes before its chart's name."""
     made = {str(key): str(value) for key, value in found.attributes.items()}
     machine = json.loads(made.get("machine", "{}"))
     about = f"{name}, written {made.get('created_utc', 'at an unknown time')} by hhsim {made.get('hhsim_version', '')}"

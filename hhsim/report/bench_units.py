@@ -6,11 +6,11 @@ from hhsim.bench.table import BenchTable
 from hhsim.table.table import unit_size
 
 SMALLER = {"s": ("s", "ms", "µs", "ns"), "m": ("m", "mm", "µm")}
-"""Of an SI unit those that may stand for it."""
+"""Units that may stand for an SI unit."""
 
 
 def shown_unit(found: BenchTable, name: str) -> str:
-    """Return the unit of a column that keeps its largest number at 1 or more; its own where it has no other."""
+    """Return the unit of a column that keeps its largest number at 1 or more; its own where there is none."""
     own = next(column.unit for column in found.columns if column.name == name)
     sizes = [abs(float(row[name])) for row in found.rows if isinstance(row[name], int | float)]
     largest = max((size for size in sizes if math.isfinite(size)), default=0.0)

@@ -1,4 +1,4 @@
-"""The table at the top of a report: the figures that a run is judged by, of all its results."""
+"""Table at the top of a report: the figures that a run is judged by."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -24,42 +24,34 @@ KEY_FIGURES: Sequence[Mapping[str, str]] = (
     {"stuck_ticks": "stuck ticks"},
     {"lag_max": "lag, max"},
 )
-"""The run metrics that may stand in each column, with their short headings: the first of those that most results
-have."""
+"""Run metrics that may stand in each column, with short headings: the first that most results have is shown."""
 SHOWN_WORDS = (BETTER, WORSE, WITHIN, NOT_COMPARABLE)
-"""Words that stand below a figure; where both are the same there is nothing to say."""
+"""Words that stand below a figure."""
 
 
 def key_table(runs: Sequence[ReportRun], comparisons: Sequence[Comparison]) -> Table:
-    """A line for each result; of the others than the first each figure has a word where it is better or worse.
-
-    Args:
-        comparisons: Of each but the first one with the first one.
-    """
-    figures = {name: names[name] for names in KEY_FIGURES if (name := _chosen(runs, tuple(names)))}
-    headings = ["result", "verdict", *(_heading(runs, name, heading) for name, heading in figures.items())]
-    rows = []
+    """Return a line for each result; `comparisons` are those of each result but the first with the first."""
+    headings: dict[str, str] = {}
+    for names in KEY_FIGURES:
+        rows = {name: [row for run in runs if (row := run.row(name)) is not None] for name in names}
+        known = {name: sum(math.isfinite(row.value) for row in found) for name, found in rows.items()}
+        name = max(known, key=lambda name: known[name])
+        if known[name]:
+            unit = rows[name][0].unit
+            headings[name] = f"{names[name]} [{unit}]" if unit else names[name]
+    lines = []
     for run, comparison in zip(runs, (None, *comparisons)):
-        cells = (_cell(run, name, runs[0], comparison) for name in figures)
-        rows.append([run.label, _verdict(run, tuple(figures)), *cells])
+        # Below the verdict stand the figures over their limits that have no column.
+        others = (row for name in run.verdict.missed if name not in headings and (row := run.row(name)) is not None)
+        missed = "; ".join(f"{row.label} {row.shown} {row.unit}".strip() for row in others)
+        cells = (_cell(run, name, runs[0], comparison) for name in headings)
+        lines.append([run.label, Marked(run.verdict.word, run.mood, missed), *cells])
     caption = (
         "Key figures. Times are CPU times of ticks in contact. Red: over the limit that hhsim gate has by default."
     )
     if len(runs) > 1:
         caption += f" Below a figure: beside that of {runs[0].letter}, where both were fed with the same."
-    return Table.of_cells(headings, rows, caption, numbers=headings[2:])
-
-
-def _heading(runs: Sequence[ReportRun], name: str, heading: str) -> str:
-    row = next(row for run in runs if (row := run.row(name)) is not None)
-    return f"{heading} [{row.unit}]" if row.unit else heading
-
-
-def _verdict(run: ReportRun, shown: Sequence[str]) -> Marked:
-    """The word, and below it the figures over their limits that have no column to be red in."""
-    rows = [row for name in run.verdict.missed if name not in shown and (row := run.row(name)) is not None]
-    missed = (f"{row.label} {row.shown} {row.unit}".strip() for row in rows)
-    return Marked(run.verdict.word, run.mood, "; ".join(missed))
+    return Table.of_cells(["result", "verdict", *headings.values()], lines, caption, numbers=list(headings.values()))
 
 
 def _cell(run: ReportRun, name: str, first: ReportRun, comparison: Comparison | None) -> str:
@@ -68,13 +60,3 @@ def _cell(run: ReportRun, name: str, first: ReportRun, comparison: Comparison | 
         return MISSING
     word = "" if comparison is None or base is None else compared(base, row, comparison).word
     return Marked(row.shown, "bad" if name in run.verdict.missed else "", word if word in SHOWN_WORDS else "")
-
-
-def _chosen(runs: Sequence[ReportRun], names: Sequence[str]) -> str:
-    having = {name: sum(_known(run, name) for run in runs) for name in names}
-    return next((name for name in names if having[name] == max(having.values()) > 0), "")
-
-
-def _known(run: ReportRun, name: str) -> bool:
-    row = run.row(name)
-    return row is not None and math.isfinite(row.value)

@@ -1,4 +1,4 @@
-"""Curves with more ticks than a picture has columns: the band that they lie in."""
+"""Min-max decimation of curves with more ticks than a picture has columns."""
 
 from typing import NamedTuple
 
@@ -9,12 +9,7 @@ from hhsim.arrays import FloatArray
 
 
 class MinMaxBand(NamedTuple):
-    """What a curve does in each of n stretches of the axis.
-
-    Attributes:
-        at: Middle of each stretch, shape (n,).
-        low, middle, high: Least value, median and largest value there, NaN where no value is defined, shape (n,).
-    """
+    """Middle of each of n stretches of the axis, and least value, median and largest value there (NaN without any)."""
 
     at: FloatArray
     low: FloatArray
@@ -23,12 +18,11 @@ class MinMaxBand(NamedTuple):
 
 
 def minmax_band(at: FloatArray, values: NDArray[np.floating], stretches: int) -> MinMaxBand:
-    """The band of a curve; where it has no more values than stretches, the curve itself.
+    """Return the band of a curve; the curve itself where it has no more values than stretches.
 
     Args:
-        at: Where on the axis each value belongs, shape (T,).
+        at: Abscissa of each value, shape (T,).
         values: Shape (T,); NaN where undefined.
-        stretches: Of about equally many values each.
     """
     if len(values) <= stretches:
         whole = np.asarray(values, np.float64)

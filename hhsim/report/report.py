@@ -1,10 +1,7 @@
-"""`hhsim report`: one page of HTML that says all of one result, or sets several side by side, and its pictures.
+"""`hhsim report`: one HTML page of results, which needs no server and no script; the same files give the same bytes."""
 
-The page holds its pictures and its style, asks no server for anything, and needs no script. The same files give the
-same bytes.
-"""
-
-from collections.abc import Sequence
+import itertools
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,11 +28,10 @@ from hhsim.system.progress import Progress, silent
 from hhsim.table.html import render
 
 GENERATOR = "hhsim report"
-"""What the page says it was made by; files that do not are not replaced."""
+"""Program that the page names; a file without it is not replaced."""
 PAGE = "report.html"
-"""Name of the page in a folder of its own."""
 HEAD_BYTES = 2048
-"""Of a page that is there already: its head is in them."""
+"""Length of the start of a page that holds its generator."""
 FIGURES = (
     ("time", "Over time", series_figure),
     ("ticks", "How long a tick takes", histogram_figure),
@@ -43,9 +39,8 @@ FIGURES = (
 )
 """Anchor, heading and maker of the figures that show all results together."""
 HANDS = "Skin: graphic hand. Blue: haptic hand. Dots: contacts. Red: forces; the object is see-through."
-"""Below the hands of several results."""
+"""Note below the hands of several results."""
 CUT_OBJECT = "An object that is much larger than the hand is cut at a clean edge near it."
-"""And that of those of which one is cut."""
 
 
 @dataclass(frozen=True)
@@ -54,8 +49,7 @@ class Report:
 
     Attributes:
         pictures: PNGs by the name that each file gets.
-        runs: What was computed of each result.
-        comparisons: Of each but the first one with the first one.
+        comparisons: Comparison of each result but the first with the first.
     """
 
     title: str
@@ -65,7 +59,7 @@ class Report:
     comparisons: tuple[Comparison, ...]
 
     def verdict_lines(self) -> list[str]:
-        """The verdicts, a line each."""
+        """Return the verdicts, a line each."""
         lines = [f"{run.label}: {run.ended}" for run in self.runs if run.ended]
         lines += [f"{run.label}: {run.verdict.word}. {' '.join(run.verdict.sentences)}" for run in self.runs]
         for run in self.runs:
@@ -74,7 +68,7 @@ class Report:
         return lines + [f"{run.label} beside {self.runs[0].label}: {found.sentence()}" for run, found in compared]
 
     def to_json(self) -> dict[str, Any]:
-        """As plain values."""
+        """Return the report as plain values for JSON."""
         return {
             "title": self.title,
             "results": [
@@ -102,13 +96,13 @@ class Report:
 
 @dataclass(frozen=True)
 class ReportFiles:
-    """Where a report is."""
+    """Paths of a written report."""
 
     page: Path
     pictures: tuple[Path, ...]
 
     def to_json(self) -> dict[str, Any]:
-        """As plain values."""
+        """Return the paths as plain values for JSON."""
         return {"report": str(self.page), "pictures": [str(path) for path in self.pictures]}
 
 
@@ -116,7 +110,7 @@ def make_report(paths: Sequence[Path], *, progress: Progress = silent) -> Report
     """Read results and tables of `hhsim bench`, and make the page of them.
 
     Args:
-        paths: Files, in the order of the page; results are compared with the first of them.
+        paths: Files in the order of the page; results are compared with the first result.
 
     Raises:
         InputError: No file, or one that is neither a result nor a table of hhsim bench.
@@ -125,12 +119,16 @@ def make_report(paths: Sequence[Path], *, progress: Progress = silent) -> Report
         raise InputError("a report needs at least one result")
     tables = {path: bench_file.load_table(path) for path in paths if bench_file.is_table(path)}
     results = [load_result(path) for path in paths if path not in tables]
-    steps = _Steps(progress, 3 + len(FIGURES))
-    steps("reading")
+    steps = itertools.count()
+
+    def report_step(what: str) -> None:
+        progress(what, next(steps), 3 + len(FIGURES))
+
+    report_step("reading")
     runs = report_runs(results)
     comparisons = [compare(results[0], other) for other in results[1:]]
     album = Album()
-    parts = _result_parts(runs, comparisons, album, steps) if runs else {}
+    parts = _result_parts(runs, comparisons, album, report_step) if runs else {}
     benches = {
         f"bench-{i}": bench_section(found, path.name, album, f"bench-{i}-" if len(tables) > 1 else "")
         for i, (path, found) in enumerate(tables.items(), 1)
@@ -144,29 +142,19 @@ def make_report(paths: Sequence[Path], *, progress: Progress = silent) -> Report
 
 
 def check_report_path(output_path: Path) -> Path:
-    """Look, before the work, for what would keep a report from being written.
+    """Return the path of the page, and raise before the work what would keep the report from being written.
 
     Args:
         output_path: A page, NAME.html, or a folder, which is made where it is missing.
 
-    Returns:
-        Where the page goes.
-
     Raises:
-        OutputError: As `hhsim.system.output_path.check_output_path`; or a file is there that hhsim report did not
-        write.
+        OutputError: As `hhsim.system.output_path.check_output_path`; or a file that is no report is there.
     """
-    if output_path.suffix.lower() in (".html", ".htm"):
-        page = output_path
-        check_output_path(page)
-    elif output_path.is_dir():
-        page = output_path / PAGE
-        check_output_path(page)
-    else:
-        page = output_path / PAGE
-        check_output_path(output_path)
-        if output_path.exists():
-            raise OutputError(f"{output_path} is a file: name a folder, or a page such as {output_path}.html")
+    is_page = output_path.suffix.lower() in (".html", ".htm")
+    page = output_path if is_page else output_path / PAGE
+    check_output_path(page if is_page or output_path.is_dir() else output_path)
+    if not is_page and output_path.exists() and not output_path.is_dir():
+        raise OutputError(f"{output_path} is a file: name a folder, or a page such as {output_path}.html")
     if page.exists() and f'content="{GENERATOR} ' not in _head(page):
         raise OutputError(
             f"{page} exists and is no page of hhsim report, so it is not replaced: name another with --out"
@@ -175,14 +163,14 @@ def check_report_path(output_path: Path) -> Path:
 
 
 def write_report(report: Report, output_path: Path) -> ReportFiles:
-    """Write the page and its pictures, all of them or nothing, the page last.
+    """Write the page and its pictures, all or none of them, the page last.
 
     Args:
         output_path: As for `check_report_path`. Of NAME.html the pictures are NAME-….png beside it.
 
     Raises:
-        OutputError: As `check_report_path`; or a picture's name is taken, and no page of a report is there that
-            it could belong to; or a full disk.
+        OutputError: As `check_report_path`; or a picture's name is taken and no page of a report is there; or a full
+            disk.
     """
     page = check_report_path(output_path)
     stem = "" if page.name == PAGE else f"{page.stem}-"
@@ -190,32 +178,39 @@ def write_report(report: Report, output_path: Path) -> ReportFiles:
     taken = [path for path in files if path.exists()]
     if taken and not page.exists():
         raise OutputError(f"{taken[0]} exists, and no report that it belongs to: name another place with --out")
-    made = _make_folder(page.parent)
+    folder = page.parent
+    try:
+        missing = not folder.exists()
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise OutputError(
+            f"cannot make the folder {folder}: {error.strerror or error}; name another with --out"
+        ) from error
     try:
         write_together({**files, page: report.html.encode()})
     except OutputError:
-        if made:
-            page.parent.rmdir()
+        if missing:
+            folder.rmdir()
         raise
     return ReportFiles(page, tuple(files))
 
 
 def _result_parts(
-    runs: Sequence[ReportRun], comparisons: Sequence[Comparison], album: Album, steps: "_Steps"
+    runs: Sequence[ReportRun], comparisons: Sequence[Comparison], album: Album, report_step: Callable[[str], None]
 ) -> dict[str, Any]:
-    """Return all that the page shows of results, by the names of its template."""
+    """Return what the page shows of results, by the names of its template."""
     several = len(runs) > 1
     results = {run.label: run.result for run in runs}
-    steps("the hand")
+    report_step("the hand")
     hands = _hands(runs, album)
     cut = any(isinstance(hand, PageFigure) and CUT in hand.figure.caption for hand in hands)
-    # The one beside the curves says most of several results, the other of one.
+    # Beside the curves stands the figure that says most: of several results the trade-off, of one the histogram.
     beside, below = ("speed-error", "ticks") if several else ("ticks", "speed-error")
     figures, headings = {}, {}
     for name, heading, make in FIGURES:
-        steps(heading.lower())
+        report_step(heading.lower())
         figures[name], headings[name] = album.shown(make(results), aside=name == beside), heading
-    steps("worst ticks")
+    report_step("worst ticks")
     return {
         "subtitle": subtitle_of(runs),
         "figures": figures,
@@ -230,9 +225,9 @@ def _result_parts(
 
 
 def _hands(runs: Sequence[ReportRun], album: Album) -> list[PageFigure | str]:
-    """Return the hand of one result in two halves; of several the half that says more, all from the same side.
+    """Return the hand of one result in two halves, or the contact half of several results, seen from one side.
 
-    A sentence stands for a picture that cannot be made.
+    Where a picture cannot be made, its place has a sentence.
     """
     several, view = len(runs) > 1, None
     found: list[PageFigure | str] = []
@@ -244,9 +239,7 @@ def _hands(runs: Sequence[ReportRun], album: Album) -> list[PageFigure | str]:
             else:
                 made = overview_picture(run.result)
         except InputError as error:
-            found.append(
-                f"{run.label}: No picture of the hand: {error}" if several else f"No picture of the hand: {error}"
-            )
+            found.append(f"{f'{run.label}: ' if several else ''}No picture of the hand: {error}")
         else:
             title = f"{run.label}, {made.title[0].lower()}{made.title[1:]}" if several else ""
             found.append(album.shown(made, run.prefix, title))
@@ -259,26 +252,3 @@ def _head(page: Path) -> str:
             return file.read(HEAD_BYTES).decode("utf-8", "replace")
     except OSError as error:
         raise OutputError(f"cannot replace {page}: {error.strerror or error}; name another with --out") from error
-
-
-def _make_folder(folder: Path) -> bool:
-    """Make the folder where it is missing, and say whether it was."""
-    try:
-        missing = not folder.exists()
-        folder.mkdir(exist_ok=True)
-    except OSError as error:
-        raise OutputError(
-            f"cannot make the folder {folder}: {error.strerror or error}; name another with --out"
-        ) from error
-    return missing
-
-
-class _Steps:
-    """Tells how far the work is."""
-
-    def __init__(self, progress: Progress, count: int) -> None:
-        self._progress, self._count, self._done = progress, count, 0
-
-    def __call__(self, what: str) -> None:
-        self._progress(what, min(self._done, self._count), self._count)
-        self._done += 1

@@ -1,4 +1,4 @@
-"""The tables of a report: what was run, figures, differences, phases, session, machine, origin."""
+"""Tables of a report: what was run, figures, differences, phases, session, machine, origin."""
 
 import math
 import shlex
@@ -20,9 +20,9 @@ from hhsim.result.reader import Result
 from hhsim.table.table import Marked, Table, number, words
 
 MOST_PHASES = 100
-"""Phases that are shown of a result."""
+"""Most phases that are shown of a result."""
 MOST_EVENTS = 60
-"""Lines of a session's log that are shown."""
+"""Most lines of a session's log that are shown."""
 EVENT_LEVELS = ("information", "warning", "fault")
 PHASE_COLUMNS = (
     words("phase", "name"),
@@ -56,11 +56,11 @@ BRIEF_FACTS = (
     "coupling",
     "not modelled",
 )
-"""Of `run_facts` those that stand beside the picture."""
+"""Facts of `run_facts` that stand beside the picture."""
 
 
 def result_tables(runs: Sequence[ReportRun], comparisons: Sequence[Comparison]) -> dict[str, Any]:
-    """Return what the page says of results besides pictures, by the names of its template."""
+    """Return what the page shows of results besides pictures, by the names of its template."""
     facts = run_facts(runs[0].result)
     comparable: dict[str, list[str]] = {}
     for run, comparison in zip(runs[1:], comparisons):
@@ -99,7 +99,7 @@ def looking_again(result: Result) -> list[str]:
 
 
 def facts_table(caption: str, runs: Sequence[ReportRun], facts: Callable[[Result], Mapping[str, str]]) -> Table:
-    """Return facts of each result in a column of its own; those that are not the same are marked."""
+    """Return facts of each result in its own column; those that differ are marked."""
     columns = [facts(run.result) for run in runs]
     rows = []
     for name in dict.fromkeys(name for column in columns for name in column):
@@ -111,7 +111,7 @@ def facts_table(caption: str, runs: Sequence[ReportRun], facts: Callable[[Result
 
 
 def all_figures(runs: Sequence[ReportRun], comparisons: Sequence[Comparison]) -> Table:
-    """Return the table that replay prints, beside the paper's figures; with others, beside the first result's."""
+    """Return the table that replay prints beside the paper's figures; of several results, beside the first's."""
     first = runs[0]
     if len(runs) > 1:
         return _side_by_side(runs, comparisons)
@@ -123,7 +123,7 @@ def all_figures(runs: Sequence[ReportRun], comparisons: Sequence[Comparison]) ->
 
 
 def differences(first: ReportRun, run: ReportRun, comparison: Comparison) -> list[str]:
-    """Return what differs between a result and the first one, and which figures that makes better or worse."""
+    """Return what differs between a result and the first one, and which figures are better or worse."""
     pairs = ((row, first.row(row.name)) for row in run.rows)
     found = {row.label: compared(base, row, comparison).word for row, base in pairs if base is not None}
     items = [comparison.sentence()]

@@ -8,15 +8,11 @@ from hhsim.report.run import ReportRun
 from hhsim.system.counted import counted
 
 MOST_NAMED = 4
-"""Results, or scenes, that the title names."""
+"""Most results, or scenes, that the title names."""
 
 
 def title_of(runs: Sequence[ReportRun], tables: Sequence[str]) -> str:
-    """What a report is of, in a line.
-
-    Args:
-        tables: Suites of its bench tables.
-    """
+    """Return what a report is of, in a line; `tables` are the suites of its bench tables."""
     parts = []
     if len(runs) == 1:
         parts.append(runs[0].name)

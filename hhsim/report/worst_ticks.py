@@ -1,4 +1,4 @@
-"""The ticks of a result that a reader wants to see: slowest, deepest, largest step of the force, largest lag."""
+"""Ticks of a result that a reader wants to see: slowest, deepest, largest step of the force, largest lag."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -15,13 +15,7 @@ WorstKind = Literal["slowest", "deepest", "force-step", "lag"]
 
 @dataclass(frozen=True)
 class WorstTick:
-    """One of them.
-
-    Attributes:
-        kind: Why it was chosen.
-        tick: Its number, from 0; of several equal ones the first.
-        sentence: What happened, for people.
-    """
+    """A tick, the first of several equal ones, why it was chosen, and a sentence on what happened."""
 
     kind: WorstKind
     tick: int
@@ -29,26 +23,32 @@ class WorstTick:
 
 
 def worst_ticks(result: Result) -> list[WorstTick]:
-    """At most one tick of each kind; a kind that did not happen (no depth, no step, no lag) is left out.
+    """Return at most one tick of each kind, none of what did not happen.
 
     Raises:
         InputError: The file cannot be read.
     """
     if result.ticks == 0:
         return []
-    found = [
-        _worst(result, "slowest", 1e-9 * result["duration/total_cpu"]),
-        _worst(result, "deepest", result["penetration_depth"]),
-        _worst(result, "force-step", _force_steps(result)),
-        _worst(result, "lag", result["lag"]),
-    ]
-    return [worst for worst in found if worst is not None]
+    values: dict[WorstKind, np.ndarray] = {
+        "slowest": 1e-9 * result["duration/total_cpu"],
+        "deepest": result["penetration_depth"],
+        "force-step": _force_steps(result),
+        "lag": result["lag"],
+    }
+    found = []
+    for kind, sizes in values.items():
+        known = np.where(np.isfinite(sizes), sizes, 0.0)
+        tick = int(np.argmax(known))
+        if known[tick] > 0.0:
+            found.append(WorstTick(kind, tick, _sentence(result, kind, tick, float(known[tick]), known)))
+    return found
 
 
 def _force_steps(result: Result) -> np.ndarray:
-    """Change of the total force since the tick before [N], shape (T,), as `hhsim.metrics.metrics.force_step` has it.
+    """Return the one-tick change of the total force [N], shape (T,), as `hhsim.metrics.metrics.force_step` does.
 
-    That is 0 in holds and wherever the tick before is not in the file.
+    It is 0 in holds and wherever the tick before is not in the file.
     """
     moving = np.ones(result.ticks, bool)
     moving[0] = False
@@ -60,15 +60,6 @@ def _force_steps(result: Result) -> np.ndarray:
     steps = np.zeros(result.ticks)
     steps[1:] = np.linalg.norm(np.diff(result["force/total"], axis=0), axis=1)
     return np.where(moving, steps, 0.0)
-
-
-def _worst(result: Result, kind: WorstKind, values: np.ndarray) -> WorstTick | None:
-    known = np.where(np.isfinite(values), values, 0.0)
-    tick = int(np.argmax(known))
-    value = float(known[tick])
-    if value <= 0.0:
-        return None
-    return WorstTick(kind, tick, _sentence(result, kind, tick, value, known))
 
 
 def _sentence(result: Result, kind: WorstKind, tick: int, value: float, values: np.ndarray) -> str:

@@ -1,7 +1,8 @@
-"""The part of a report on the worst ticks: the hand at that moment, the tick's figures, and how to see it."""
+"""Section of a report on the worst ticks: the hand at that moment, the tick's figures, and how to see it."""
 
 import shlex
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -34,28 +35,23 @@ FACTS = {
     "work/qp_iterations": ("QP iterations", "", 1.0, 0),
     "work/pair_tests": ("exact distances", "", 1.0, 0),
 }
-"""Datasets of a tick: what people call them, the unit, the scale to it, and digits."""
+"""Datasets of a tick: label, unit, scale to that unit, and digits."""
 
 
 def worst_cards(run: ReportRun, album: Album) -> list[dict[str, Any]]:
-    """Return the worst ticks of a result by the names that the template has: one card a tick."""
+    """Return a card for each worst tick of a result, by the names of the template."""
     found: dict[int, list[WorstTick]] = {}
     for worst in worst_ticks(run.result):
         found.setdefault(worst.tick, []).append(worst)
-    usual = _usual_view(run.result) if found else None
+    usual = None
+    # Each card says why it has no picture.
+    with suppress(InputError):
+        usual = overview_view(run.result) if found else None
     return [_card(run, tick, worsts, usual, album) for tick, worsts in found.items()]
 
 
-def _usual_view(result: Result) -> View | None:
-    try:
-        return overview_view(result)
-    except InputError:
-        # Each card says why it has no picture.
-        return None
-
-
 def tick_facts(result: Result, tick: int) -> list[tuple[str, str, str]]:
-    """Label, figure and unit of what a file says of a tick."""
+    """Return label, figure and unit of what a file says of a tick."""
     values = result.at(tick, [*FACTS, "time", "status", "force/total"])
     rows = [
         ("time", f"{float(values['time']):,.3f}", "s"),
