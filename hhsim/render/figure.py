@@ -42,24 +42,26 @@ def legend_mark(label: str, marker: str, color: str, face: str | None = None, si
     )  # fmt: skip
 
 
-def logarithmic(
-    axes: "Axes",
-    across: tuple[float, float],
-    up: tuple[float, float],
-    ticks: Sequence[float],
-    heights: Sequence[float],
-) -> None:
+Limits = tuple[float, float]
+
+
+def logarithmic(axes: "Axes", across: Limits, up: Limits, ticks: Sequence[float], heights: Sequence[float]) -> None:
     """Make logarithmic axes with these limits, marked at those of `ticks` and `heights` within them."""
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    axes.set_xlim(*across)
-    axes.set_ylim(*up)
+    axes.set(xscale="log", yscale="log", xlim=across, ylim=up)
     inside = [tick for tick in ticks if across[0] <= tick <= across[1]]
     axes.set_xticks(inside, [f"{tick:,g}" for tick in inside])
     inside = [height for height in heights if up[0] <= height <= up[1]]
     axes.set_yticks(inside, [f"{height:g}" for height in inside])
     axes.minorticks_off()
     tidy(axes)
+
+
+def draw_frontier(axes: "Axes", points: Sequence[tuple[float, float]], color: str, width: float) -> None:
+    """Draw the Pareto frontier of points as steps, down to the fastest and on to the right of the best."""
+    if best := sorted(points):
+        times = [best[0][0], *(time for time, _ in best), 1e5]
+        heights = [1e3, *(off for _, off in best), best[-1][1]]
+        axes.plot(times, heights, color=color, linewidth=width, drawstyle="steps-post", zorder=2)
 
 
 VECTOR = {

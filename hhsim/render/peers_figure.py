@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hhsim.bench.speed_error_table import ALL
-from hhsim.render.figure import logarithmic, new_figure, save_figure
+from hhsim.render.figure import draw_frontier, logarithmic, new_figure, save_figure
 from hhsim.system.picture_path import check_picture
 
 if TYPE_CHECKING:
@@ -60,14 +60,11 @@ def draw_peers(path: Path, rows: Sequence[Row]) -> None:
         axes.set_title(f"{name}: off the true mesh, most [mm]", fontsize=12, loc="left")
     for axes in panels[len(names) :]:
         axes.set_visible(False)
-    figure.text(
-        0.01,
-        0.01,
+    note = (
         "The larger of the deepest penetration and the farthest that a pushed body is off the mesh, over all motions.\n"
-        "Blue: hhsim; grey: other engines. Red: 1 ms, the budget at 1 kHz.",
-        fontsize=9,
-        color="0.35",
+        "Blue: hhsim; grey: other engines. Red: 1 ms, the budget at 1 kHz."
     )
+    figure.text(0.01, 0.01, note, fontsize=9, color="0.35")
     figure.tight_layout(rect=(0.0, 0.06, 1.0, 1.0))
     # Where there is room for a label is known when the panels have their places.
     for axes, texts in labels.items():
@@ -91,11 +88,7 @@ def _draw_panel(axes: "Axes", rows: Sequence[Row]) -> list["Annotation"]:
                 path_effects=[withStroke(linewidth=3.0, foreground="white")], annotation_clip=False,
             )
         )  # fmt: skip
-    best = sorted(point for row, point in zip(rows, points) if row["frontier"])
-    if best:
-        times = [best[0][0], *(time for time, _ in best), 1e5]
-        heights = [1e3, *(off for _, off in best), best[-1][1]]
-        axes.plot(times, heights, color="0.6", linewidth=1.0, drawstyle="steps-post", zorder=2)
+    draw_frontier(axes, [point for row, point in zip(rows, points) if row["frontier"]], "0.6", 1.0)
     axes.axvline(BUDGET, color="#b00020", linewidth=1.2)
     axes.set_xlabel("CPU time of a tick in contact, median [µs]", fontsize=11)
     times_found = [time for time, _ in points] or [10.0]

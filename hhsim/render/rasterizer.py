@@ -212,7 +212,7 @@ def _gaussian(cells: int, width: float) -> FloatArray:
 
 
 def _between(pixels: int, step: int, cells: int) -> tuple[IntArray, FloatArray]:
-    """Return for each pixel of a line the cell of `step` pixels whose middle is before it, and the share to the next."""
+    """Return for each pixel of a line the cell of `step` pixels whose middle is before it, and the way to the next."""
     place = np.clip((np.arange(pixels) + 0.5) / step - 0.5, 0.0, cells - 1.0)
     before = place.astype(np.int64)
     return before, place - before
@@ -264,8 +264,8 @@ def rasterise(
         shape: Rows and columns of the picture.
 
     Returns:
-        Coordinate towards the viewer [m], shape (rows, columns); barycentric weights of the pixels of a triangle, row by
-        row, shape (3, pixels); the triangle or -1, shape (rows, columns).
+        Coordinate towards the viewer [m], shape (rows, columns); barycentric weights of the pixels of triangles,
+        shape (3, pixels); the triangle or -1, shape (rows, columns).
     """
     rows, columns = shape
     depth, owner = np.full(rows * columns, -np.inf), np.full(rows * columns, -1, dtype=np.int64)

@@ -46,6 +46,9 @@ ARROW_LENGTH = 0.02
 LONGEST_ARROW = 10.0
 """Longest arrow that is drawn [m]: a damaged file may hold forces that no picture has space for."""
 
+BODY_OPACITY = 0.5
+IN_FRONT = 10.0
+"""Distance by which forces are drawn in front of everything else [m]."""
 LETTER = 0.92
 """Width of a letter or digit with its share of the white rim [pixels at 100 to the inch, by the size in pt]."""
 
@@ -71,11 +74,11 @@ def draw_replay(result: Result, path: Path, view: View = VIEW) -> None:
     result = result.seen_from_object
     tick = shown_tick(result)
     hand = stored_hand(result)
-    surfaces = [
+    graphic, haptic = (
         hand_surface(hand, *(result[f"{whose}/{name}"][tick] for name in HandConfiguration._fields))
         for whose in ("graphic", "haptic")
-    ]
-    graphic, haptic = surfaces[0], painted(surfaces[1], GHOST)
+    )
+    haptic = painted(haptic, GHOST)
     mesh = Mesh(result.static["object/vertices"], result.static["object/faces"], "object", str(result.path))
     body = mesh_surface(mesh, STONE)
     forces = phalanx_forces(result, tick)
@@ -83,15 +86,13 @@ def draw_replay(result: Result, path: Path, view: View = VIEW) -> None:
 
     rows, columns = PANEL
     figure = new_figure(2 * columns / 100, (rows + 60) / 100)
-    titles = (
-        "What the user sees: the graphic hand stays outside",
-        "The user's own hand (blue) goes in: that makes the forces",
-    )
-    pictures = (
-        blend([(shade(joined([graphic, body]), camera), 1.0)]),
-        seen_through(graphic, haptic, body, forces, camera),
-    )
-    for column, (title, picture) in enumerate(zip(titles, pictures)):
+    pictures = {
+        "What the user sees: the graphic hand stays outside": blend([(shade(joined([graphic, body]), camera), 1.0)]),
+        "The user's own hand (blue) goes in: that makes the forces": seen_through(
+            graphic, haptic, body, forces, camera
+        ),
+    }
+    for column, (title, picture) in enumerate(pictures.items()):
         axes = figure.add_axes((0.5 * column, 0.0, 0.5, rows / (rows + 60)))
         axes.imshow(picture, interpolation="none")
         axes.set_axis_off()
@@ -143,22 +144,32 @@ def arrow(force: PhalanxForce) -> FloatArray:
     return np.asarray(ARROW_LENGTH * force.force / np.sqrt(np.linalg.norm(force.force)))
 
 
+def arrow_surfaces(forces: Sequence[PhalanxForce]) -> list[Surface]:
+    """Return the arrows of forces, but for those that no picture has space for."""
+    shown = [force for force in forces if 0.0 < float(np.linalg.norm(arrow(force))) < LONGEST_ARROW]
+    return [arrow_surface(force.contact, arrow(force), ARROW_RADIUS, RED) for force in shown]
+
+
+def transparent(
+    graphic: Surface, haptic: Surface, body: Layer, arrows: Sequence[Surface], camera: Camera
+) -> list[tuple[Layer, FloatArray | float]]:
+    """Return the layers of a transparent object, the haptic hand in and around it, and the forces over everything."""
+    hand = shade(graphic, camera)
+    ghost = behind(shade(haptic, camera), hand)
+    # Glass is clearest where one looks straight at it.
+    glass = np.asarray(0.3 + 0.6 * (1.0 - np.abs(ghost.facing)) ** 2)
+    layers: list[tuple[Layer, FloatArray | float]] = [(hand, 1.0), (body, BODY_OPACITY), (ghost, glass)]
+    if arrows:
+        layer = shade(joined(arrows), camera)
+        layers.append((replace(layer, depth=layer.depth + IN_FRONT), 1.0))
+    return layers
+
+
 def seen_through(
     graphic: Surface, haptic: Surface, body: Surface, forces: list[PhalanxForce], camera: Camera
 ) -> FloatArray:
-    """Render a transparent object, the haptic hand in and around it, and the forces over everything."""
-    hand, ghost = shade(graphic, camera), shade(haptic, camera)
-    ghost = behind(ghost, hand)
-    # Glass is clearest where one looks straight at it.
-    glass = np.asarray(0.3 + 0.6 * (1.0 - np.abs(ghost.facing)) ** 2)
-    layers: list[tuple[Layer, FloatArray | float]] = [(hand, 1.0), (shade(body, camera), 0.5), (ghost, glass)]
-    # A damaged file may hold forces that no picture has room for.
-    shown = [force for force in forces if 0.0 < float(np.linalg.norm(arrow(force))) < LONGEST_ARROW]
-    if shown:
-        arrows = [arrow_surface(force.contact, arrow(force), ARROW_RADIUS, RED) for force in shown]
-        layer = shade(joined(arrows), camera)
-        layers.append((replace(layer, depth=layer.depth + 10.0), 1.0))
-    return blend(layers)
+    """Render the picture of `transparent`."""
+    return blend(transparent(graphic, haptic, shade(body, camera), arrow_surfaces(forces), camera))
 
 
 def behind(ghost: Layer, hand: Layer) -> Layer:
@@ -196,28 +207,14 @@ def label(axes: "Axes", forces: Sequence[PhalanxForce], camera: Camera, size: fl
         # A number that had to go further is tied to its arrow.
         far = bool(place[1] - first[1] > 12.0 / pixel)
         axes.annotate(
-            text,
-            tuple(head) if far else tuple(place),
-            tuple(place),
-            ha="center",
-            va="center",
-            fontsize=size,
-            color=color,
-            path_effects=[withStroke(linewidth=3, foreground="white")],
+            text, tuple(head) if far else tuple(place), tuple(place), ha="center", va="center", fontsize=size,
+            color=color, path_effects=[withStroke(linewidth=3, foreground="white")],
             arrowprops={"arrowstyle": "-", "color": color, "linewidth": 0.7, "shrinkB": 0.0} if far else None,
-        )
-
-
-def main(arguments: list[str]) -> None:
-    """Run the command."""
-    draw_from_arguments(arguments, draw_replay, "replay_figure", VIEW)
+        )  # fmt: skip
 
 
 def draw_from_arguments(
-    arguments: list[str],
-    draw: Callable[[Result, Path, View], None],
-    module: str,
-    view: View,
+    arguments: list[str], draw: Callable[[Result, Path, View], None], module: str, view: View
 ) -> None:
     """Draw a result by the arguments RESULT PICTURE [AZIMUTH,ELEVATION] of the command of an hhsim module.
 
@@ -225,7 +222,7 @@ def draw_from_arguments(
         SystemExit: With one line that says what is wrong.
     """
     if len(arguments) not in (2, 3):
-        raise SystemExit(f"usage: python -m hhsim.{module} RESULT PICTURE [AZIMUTH,ELEVATION]")
+        raise SystemExit(f"usage: python -m {module} RESULT PICTURE [AZIMUTH,ELEVATION]")
     try:
         azimuth, elevation = map(float, arguments[2].split(",")) if len(arguments) == 3 else view
     except ValueError:
@@ -237,4 +234,4 @@ def draw_from_arguments(
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    draw_from_arguments(sys.argv[1:], draw_replay, "hhsim.render.replay_figure", VIEW)

@@ -22,21 +22,10 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.metrics.metrics import FORCE_FLOOR
-from hhsim.render.box_clip import near_hands
+from hhsim.render import replay_figure as still
 from hhsim.render.hand_meshes import piece_poses, piece_surfaces
 from hhsim.render.rasterizer import OVERSAMPLING, Camera, Layer, composed, frame, look_from, shade
-from hhsim.render.replay_figure import (
-    ARROW_RADIUS,
-    GHOST,
-    RED,
-    STONE,
-    PhalanxForce,
-    arrow,
-    behind,
-    phalanx_forces,
-    shown_tick,
-)
-from hhsim.render.triangle_soup import Surface, arrow_surface, joined, mesh_surface, painted
+from hhsim.render.triangle_soup import Surface, joined, mesh_surface, near_hands, painted
 from hhsim.render.viewpoint import viewpoint
 from hhsim.replay.stored_scene import stored_hand, stored_mesh
 from hhsim.result.reader import Result
@@ -57,9 +46,6 @@ FINENESS = 1.25
 """Rendered pixels for one of a frame, across: more is smoother, and slower by its square."""
 ROOM = 3
 """Margin around what moves [pixels]."""
-STONE_OPACITY = 0.5
-IN_FRONT = 10.0
-"""Distance by which forces are drawn in front of everything else [m]."""
 INK = (36, 41, 47)
 
 
@@ -152,32 +138,36 @@ def video_frames(result: Result, ticks: IntArray, options: VideoOptions) -> Iter
     """
     hand = stored_hand(result)
     pieces = piece_surfaces(hand)
-    whole = mesh_surface(stored_mesh(result), STONE)
+    whole = mesh_surface(stored_mesh(result), still.STONE)
     some = ticks[:: max(1, len(ticks) // FRAMED)]
     points = np.concatenate([joined(_hands(result, hand, pieces, int(tick))).points for tick in some])
     body = near_hands(whole, points)
     if result.driven:
-        body = _moved(whole, result, shown_tick(result))
+        body = _moved(whole, result, still.shown_tick(result))
         corners = stored_mesh(result).box_corners[None]
         moves = (result.moved_since_first(int(tick)) for tick in some)
         points = np.concatenate([points, *(moved.points(corners)[0] for moved in moves)])
+    forces = _forces(result, still.shown_tick(result))
+    marks = np.array([force.contact for force in forces]).reshape(-1, 3)
+    vectors = np.array([still.arrow(force) for force in forces]).reshape(-1, 3)
     rows, columns = (round(FINENESS / OVERSAMPLING * side) for side in options.shape)
-    camera = _camera(result, hand, pieces, body, points, (rows, columns))
+    view = viewpoint(_hands(result, hand, pieces, still.shown_tick(result))[0], body, marks, vectors)
+    points = np.concatenate([points, body.points[np.unique(body.faces)]])
+    camera = frame(points, look_from(view.towards), (rows, columns), margin=0.06)
     # An object that stands still is rendered once, and of each frame the part where a hand or a force is.
     stone = shade(body, camera)
-    background = composed([(stone, STONE_OPACITY)])
+    background = composed([(stone, still.BODY_OPACITY)])
     for tick in ticks.tolist():
         if result.driven:
             stone = shade(_moved(whole, result, tick), camera)
-            background = composed([(stone, STONE_OPACITY)])
+            background = composed([(stone, still.BODY_OPACITY)])
         graphic, haptic = _hands(result, hand, pieces, tick)
-        forces = _forces(result, tick)
-        arrows = [arrow_surface(force.contact, arrow(force), ARROW_RADIUS, RED) for force in forces]
+        arrows = still.arrow_surfaces(_forces(result, tick))
         part = _part(np.concatenate([surface.points for surface in (graphic, haptic, *arrows)]), camera)
         picture = background.copy()
-        picture[_fine(part)] = _see_through(
-            graphic, haptic, _layer_part(stone, part), arrows, _camera_part(camera, part)
-        )
+        down, across = (slice(OVERSAMPLING * side.start, OVERSAMPLING * side.stop) for side in part)
+        behind = Layer(stone.color[down, across], stone.depth[down, across], stone.facing[down, across])
+        picture[down, across] = composed(still.transparent(graphic, haptic, behind, arrows, _camera_part(camera, part)))
         yield _written_on(picture, result, tick, options)
 
 
@@ -188,9 +178,9 @@ def _moved(surface: Surface, result: Result, tick: int) -> Surface:
     return replace(surface, points=points, normals=normals)
 
 
-def _forces(result: Result, tick: int) -> list[PhalanxForce]:
+def _forces(result: Result, tick: int) -> list[still.PhalanxForce]:
     """Return the forces of a tick that can be felt, in the world."""
-    found = phalanx_forces(result.seen_from_object, tick)
+    found = still.phalanx_forces(result.seen_from_object, tick)
     if not result.driven:
         return found
     moved = result.moved_since_first(tick)
@@ -212,24 +202,7 @@ def _hands(result: Result, hand: HandModel, pieces: tuple[Surface, ...], tick: i
             for piece, turn, place in zip(pieces, turns, places.translation[0])
         ]
         found.append(joined(moved))
-    return [found[0], painted(found[1], GHOST)]
-
-
-def _camera(
-    result: Result,
-    hand: HandModel,
-    pieces: tuple[Surface, ...],
-    body: Surface,
-    points: FloatArray,
-    shape: tuple[int, int],
-) -> Camera:
-    tick = shown_tick(result)
-    forces = _forces(result, tick)
-    marks = np.array([force.contact for force in forces]).reshape(-1, 3)
-    arrows = np.array([arrow(force) for force in forces]).reshape(-1, 3)
-    view = viewpoint(_hands(result, hand, pieces, tick)[0], body, marks, arrows)
-    every = np.concatenate([points, body.points[np.unique(body.faces)]])
-    return frame(every, look_from(view.towards), shape, margin=0.06)
+    return [found[0], painted(found[1], still.GHOST)]
 
 
 def _part(points: FloatArray, camera: Camera) -> tuple[slice, slice]:
@@ -250,28 +223,6 @@ def _camera_part(camera: Camera, part: tuple[slice, slice]) -> Camera:
     offset = np.array([(across - 0.5 * columns) * pixel, (0.5 * rows - down) * pixel, 0.0])
     shape = part[0].stop - part[0].start, part[1].stop - part[1].start
     return Camera(camera.rotation, camera.center + offset @ camera.rotation, shape[0] * pixel, shape)
-
-
-def _fine(part: tuple[slice, slice]) -> tuple[slice, slice]:
-    """Return the same part at the pixels of a layer."""
-    rows, columns = (slice(OVERSAMPLING * side.start, OVERSAMPLING * side.stop) for side in part)
-    return rows, columns
-
-
-def _layer_part(layer: Layer, part: tuple[slice, slice]) -> Layer:
-    fine = _fine(part)
-    return Layer(layer.color[fine], layer.depth[fine], layer.facing[fine])
-
-
-def _see_through(graphic: Surface, haptic: Surface, stone: Layer, arrows: list[Surface], camera: Camera) -> FloatArray:
-    skin = shade(graphic, camera)
-    ghost = behind(shade(haptic, camera), skin)
-    glass = np.asarray(0.3 + 0.6 * (1.0 - np.abs(ghost.facing)) ** 2)
-    layers: list[tuple[Layer, FloatArray | float]] = [(skin, 1.0), (stone, STONE_OPACITY), (ghost, glass)]
-    if arrows:
-        layer = shade(joined(arrows), camera)
-        layers.append((replace(layer, depth=layer.depth + IN_FRONT), 1.0))
-    return composed(layers)
 
 
 def _written_on(picture: FloatArray, result: Result, tick: int, options: VideoOptions) -> Picture:

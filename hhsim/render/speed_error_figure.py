@@ -8,7 +8,7 @@ import numpy as np
 
 from hhsim.bench.speed_error import NO_LEVEL
 from hhsim.bench.speed_error_table import ALL, chosen
-from hhsim.render.figure import legend_mark, logarithmic, new_figure, save_figure
+from hhsim.render.figure import draw_frontier, legend_mark, logarithmic, new_figure, save_figure
 from hhsim.system.picture_path import check_picture
 
 if TYPE_CHECKING:
@@ -66,16 +66,12 @@ def draw_speed_error(path: Path, rows: Sequence[Row], peers: Sequence[Row] = ())
     last.set_title(f"{whose}: off the best pose [mm]", fontsize=15, loc="left")
     _draw_legend(figure, chosen(rows, object=ALL, motion=ALL), peers=any(others.values()))
     grey = "Grey: other engines, as hhsim bench peers measured them; " if any(others.values()) else ""
-    figure.text(
-        0.012,
-        0.012,
+    note = (
         "Off the true mesh: the larger of the deepest penetration and the farthest contact point. Off the best pose: "
         "palm or fingertip, from where the converged optimum on the mesh itself has it, mean.\n"
-        f"{grey}ratios carry over, times do not. The paper's times are those it states for its own machine.",
-        fontsize=11.5,
-        color="0.35",
-        va="bottom",
+        f"{grey}ratios carry over, times do not. The paper's times are those it states for its own machine."
     )
+    figure.text(0.012, 0.012, note, fontsize=11.5, color="0.35", va="bottom")
     figure.subplots_adjust(left=0.042, right=0.992, top=0.86, bottom=0.145, wspace=0.13)
     save_figure(figure, path)
 
@@ -88,22 +84,13 @@ def _draw_panel(axes: "Axes", rows: Sequence[Row], error: str, flag: str, longes
         if np.isnan(time) or np.isnan(1e3 * row[error]):
             continue
         color = COLORS.get(row["method"], OTHER_COLOR)
+        face = color if row["linearisations"] > 1 else "white"
         axes.scatter(
-            time,
-            off,
-            s=SIZES[row["level"]],
-            marker=MARKERS[row["level"]],
-            facecolor=color if row["linearisations"] > 1 else "white",
-            edgecolor=color,
-            linewidth=1.3,
-            zorder=4 if row[flag] else 3,
-        )
-    best = sorted((1e6 * row["tick_cpu_p50"], max(FLOOR, 1e3 * row[error])) for row in rows if row[flag])
-    if best:
-        # Down at the fastest and on to the right at the best: left of it and below it nothing came.
-        times = [best[0][0], *(time for time, _ in best), 1e5]
-        heights = [1e3, *(off for _, off in best), best[-1][1]]
-        axes.plot(times, heights, color="0.15", linewidth=1.4, drawstyle="steps-post", zorder=2)
+            time, off, s=SIZES[row["level"]], marker=MARKERS[row["level"]], facecolor=face, edgecolor=color,
+            linewidth=1.3, zorder=4 if row[flag] else 3,
+        )  # fmt: skip
+    best = [(1e6 * row["tick_cpu_p50"], max(FLOOR, 1e3 * row[error])) for row in rows if row[flag]]
+    draw_frontier(axes, best, "0.15", 1.4)
     axes.set_xlabel("CPU time of a tick in contact, median [µs]", fontsize=13)
     axes.tick_params(labelsize=12)
     errors = [max(FLOOR, 1e3 * row[error]) for row in rows if not np.isnan(row[error])]

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from hhsim.bench.table import BenchTable, Cell
-from hhsim.report.bench_units import shown_unit
 from hhsim.report.figure import GRID, LIMIT, SOFT, Drawing, ReportFigure, drawn_figure, panel_title, run_style
 from hhsim.system.counted import counted
 from hhsim.table.table import unit_size
@@ -246,3 +245,15 @@ def _draw_legend(figure: "Figure", series: Sequence[str], width: float) -> None:
         handles=handles, loc="upper left", bbox_to_anchor=(0.0, 1.0), ncols=_legend(series, width)[0],
         borderaxespad=0.1, borderpad=0.1, handletextpad=0.2, columnspacing=1.0,
     )  # fmt: skip
+
+
+SMALLER = {"s": ("s", "ms", "µs", "ns"), "m": ("m", "mm", "µm")}
+"""Units that may stand for an SI unit."""
+
+
+def shown_unit(found: BenchTable, name: str) -> str:
+    """Return the unit of a column that keeps its largest number at 1 or more; its own where there is none."""
+    own = next(column.unit for column in found.columns if column.name == name)
+    sizes = [abs(float(row[name])) for row in found.rows if isinstance(row[name], int | float)]
+    largest = max((size for size in sizes if math.isfinite(size)), default=0.0)
+    return next((unit for unit in SMALLER.get(own, ()) if largest >= unit_size(unit)), own)

@@ -5,8 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 from hhsim.bench.table import BenchTable
-from hhsim.report.bench_chart import bench_figure
-from hhsim.report.bench_units import shown_unit
+from hhsim.report.bench_chart import bench_figure, shown_unit
 from hhsim.report.figure import Album
 from hhsim.system.counted import counted
 from hhsim.table.table import Column, Table, words

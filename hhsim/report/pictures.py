@@ -13,11 +13,10 @@ from hhsim.kernels.contact.surface import ContactPoints
 from hhsim.metrics.contact_points import find_contact_points
 from hhsim.metrics.metrics import FORCE_FLOOR
 from hhsim.metrics.run_ticks import HOLD
-from hhsim.render.box_clip import near_hands
 from hhsim.render.hand_meshes import PIECES
 from hhsim.render.rasterizer import Camera, blend, frame, look_from, shade
 from hhsim.render.replay_figure import GHOST, STONE, PhalanxForce, arrow, label, seen_through, shown_tick
-from hhsim.render.triangle_soup import Surface, hand_surface, joined, mesh_surface, painted
+from hhsim.render.triangle_soup import Surface, hand_surface, joined, mesh_surface, near_hands, painted
 from hhsim.render.viewpoint import View, viewpoint
 from hhsim.report.figure import DPI, INK, TEXT, Drawing, ReportFigure, drawn_figure, new_figure, png_bytes
 from hhsim.result.reader import Result, load_result

@@ -9,19 +9,21 @@ from typing import Any
 from hhsim import __version__
 from hhsim.bench import table as bench_file
 from hhsim.errors import InputError, OutputError
+from hhsim.metrics.session_faults import how_it_ended
 from hhsim.report.bench_section import bench_section
 from hhsim.report.compare import Comparison, compare
 from hhsim.report.figure import Album, PageFigure
 from hhsim.report.histogram import histogram_figure
 from hhsim.report.pictures import CUT, held_picture, overview_picture, overview_view
+from hhsim.report.provenance import motion_name, object_name
 from hhsim.report.run import ReportRun, report_runs
 from hhsim.report.sections import result_tables
 from hhsim.report.speed_error import speed_error_figure
 from hhsim.report.time_series import series_figure
-from hhsim.report.title import subtitle_of, title_of
-from hhsim.report.worst_ticks_section import worst_cards
+from hhsim.report.worst_ticks import worst_cards
 from hhsim.result.reader import load_result
 from hhsim.system.atomic_write import write_together
+from hhsim.system.counted import counted
 from hhsim.system.input_file import open_input
 from hhsim.system.output_path import check_output_path
 from hhsim.system.progress import Progress, silent
@@ -252,3 +254,33 @@ def _head(page: Path) -> str:
             return file.read(HEAD_BYTES).decode("utf-8", "replace")
     except OSError as error:
         raise OutputError(f"cannot replace {page}: {error.strerror or error}; name another with --out") from error
+
+
+MOST_NAMED = 4
+"""Most results, or scenes, that the title names."""
+
+
+def title_of(runs: Sequence[ReportRun], tables: Sequence[str]) -> str:
+    """Return what a report is of, in a line; `tables` are the suites of its bench tables."""
+    parts = []
+    if len(runs) == 1:
+        parts.append(runs[0].name)
+    elif runs:
+        scenes = list(dict.fromkeys(f"{object_name(run.result)}, {motion_name(run.result)}" for run in runs))
+        # Of several scenes the labels repeat object and motion: they are told below, and the scenes here.
+        named = [run.label for run in runs] if len(scenes) == 1 else scenes
+        shown = "; ".join([*named[:MOST_NAMED], *(["…"] if len(named) > MOST_NAMED else [])])
+        parts.append(f"{scenes[0]}: {shown}" if len(scenes) == 1 else f"{len(runs)} results: {shown}")
+    parts += [f"hhsim bench {suite}" for suite in tables]
+    return "; ".join(parts)
+
+
+def subtitle_of(runs: Sequence[ReportRun]) -> str:
+    """Return what the results are, in a line below the title."""
+    if len(runs) > 1:
+        return f"{len(runs)} results, each beside {runs[0].letter}"
+    result = runs[0].result
+    kind = "a recorded session" if result.live is not None else "a replay"
+    ended = how_it_ended(result)
+    text = f"{result.path.name}, {kind} of {counted(result.ticks, 'tick')}, written {result.created_utc}"
+    return f"{text}, ended: {ended}" if ended else text

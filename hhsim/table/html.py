@@ -17,16 +17,11 @@ TEMPLATES = Path(__file__).parents[1]
 LONGEST_WORD = 32
 """Letters of a word that is not broken in a table."""
 NO_TEXT = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff\ufdd0-\ufdef\ufffe\uffff]")
-"""What no HTML document may hold, not even as a reference."""
+"""Letters that no HTML document may hold, not even as a reference."""
 
 
 def render(template: str, **values: Any) -> str:
-    """Return a page.
-
-    Args:
-        template: Its file under hhsim/, such as "report/report.html".
-        values: By the names that the template has for them.
-    """
+    """Return the page of a template under hhsim/, such as "report/report.html", with its values by their names."""
     return environment().get_template(template).render(values)
 
 
@@ -37,14 +32,18 @@ def table_html(table: Table) -> str:
 
 @cache
 def environment() -> "Environment":
-    """Return what compiles the templates."""
+    """Return the environment that compiles the templates."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     made = Environment(
         loader=FileSystemLoader(TEMPLATES), autoescape=True, finalize=_legal, undefined=StrictUndefined,
         trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
-    made.filters |= {"base64": _base64, "png_size": _png_size, "sha256": _sha256}
+    made.filters |= {
+        "base64": _base64,
+        "png_size": lambda png: tuple(int.from_bytes(png[at : at + 4]) for at in (16, 20)),
+        "sha256": lambda text: _base64(hashlib.sha256(text.encode()).digest()),
+    }
     made.tests["long"] = is_long
     return made
 
@@ -62,11 +61,3 @@ def _legal(value: Any) -> Any:
 
 def _base64(data: bytes) -> str:
     return base64.b64encode(data).decode("ascii")
-
-
-def _sha256(text: str) -> str:
-    return _base64(hashlib.sha256(text.encode()).digest())
-
-
-def _png_size(png: bytes) -> tuple[int, ...]:
-    return tuple(int.from_bytes(png[at : at + 4]) for at in (16, 20))

@@ -71,7 +71,7 @@ def test_a_report_is_made_and_told(run: Run, tmp_path: Path) -> None:
 def test_several_results_are_told_to_machines(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # What is drawn is tested elsewhere, and takes time.
     leave_charts_undrawn(monkeypatch)
-    monkeypatch.setattr("hhsim.report.worst_ticks_section.worst_ticks", lambda result: [])
+    monkeypatch.setattr("hhsim.report.worst_ticks.worst_ticks", lambda result: [])
     for picture in ("overview_picture", "held_picture"):
         monkeypatch.setattr(f"hhsim.report.report.{picture}", no_picture)
     for method in ("coupled", "paper"):

@@ -7,8 +7,7 @@ import pytest
 import trimesh
 
 from hhsim.mesh.mesh import Mesh
-from hhsim.render.box_clip import FAR, NEAR, clipped, near_hands
-from hhsim.render.triangle_soup import Surface, mesh_surface
+from hhsim.render.triangle_soup import FAR, NEAR, Surface, clipped, mesh_surface, near_hands
 
 STONE = np.array([0.8, 0.8, 0.78])
 

@@ -11,7 +11,15 @@ from hhsim.errors import InputError
 from hhsim.kernels.jit import as_argument
 from hhsim.kernels.round_cone_distance import sphere_round_cone_distance
 from hhsim.render.rasterizer import frame, look_from
-from hhsim.render.replay_figure import PhalanxForce, arrow, draw_replay, label, main, phalanx_forces, shown_tick
+from hhsim.render.replay_figure import (
+    PhalanxForce,
+    arrow,
+    draw_from_arguments,
+    draw_replay,
+    label,
+    phalanx_forces,
+    shown_tick,
+)
 from hhsim.render.viewpoint import View
 from hhsim.replay.stored_scene import stored_hand
 from hhsim.report.figure import new_figure
@@ -103,4 +111,4 @@ def test_writes_the_picture(result: Result, tmp_path: Path) -> None:
 )
 def test_bad_arguments_are_one_line(arguments: list[str], says: str) -> None:
     with pytest.raises(SystemExit, match=says):
-        main(arguments)
+        draw_from_arguments(arguments, draw_replay, "hhsim.render.replay_figure", View(125.0, 12.0))

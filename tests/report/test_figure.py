@@ -27,9 +27,9 @@ from hhsim.report import tick_series as report_columns
 from hhsim.report import time_series as report_series
 from hhsim.report.figure import RUN_STYLES, ReportFigure, new_figure, run_style, time_text
 from hhsim.report.histogram import histogram_figure
-from hhsim.report.minmax_decimation import minmax_band
 from hhsim.report.pictures import hand_picture, overview_picture, overview_tick
 from hhsim.report.speed_error import MARKS, speed_error_figure
+from hhsim.report.tick_series import minmax_band
 from hhsim.report.time_series import series_figure
 from hhsim.report.worst_ticks import worst_ticks
 from hhsim.result.reader import Result, load_result

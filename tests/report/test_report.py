@@ -81,12 +81,10 @@ def dots(monkeypatch: pytest.MonkeyPatch) -> None:
     makers = tuple((name, heading, lambda *_, name=name: dot(name)) for name, heading, _ in FIGURES)
     monkeypatch.setattr("hhsim.report.report.FIGURES", makers)
     monkeypatch.setattr("hhsim.report.report.overview_picture", lambda result: dot("overview"))
-    for module in ("report", "worst_ticks_section"):
+    for module in ("report", "worst_ticks"):
         monkeypatch.setattr(f"hhsim.report.{module}.overview_view", lambda result: View(0.0, 0.0))
     monkeypatch.setattr("hhsim.report.report.held_picture", lambda result, view: dot("overview"))
-    monkeypatch.setattr(
-        "hhsim.report.worst_ticks_section.hand_picture", lambda result, tick, usual: dot(f"tick-{tick}")
-    )
+    monkeypatch.setattr("hhsim.report.worst_ticks.hand_picture", lambda result, tick, usual: dot(f"tick-{tick}"))
 
 
 def changed(path: Path, folder: Path, change: Change, name: str = "") -> Path:
