@@ -36,11 +36,7 @@ class Board:
 
 
 def collect(folders: Sequence[Path], progress: Progress = silent) -> Board:
-    """Read folders of sweeps or of results, and single results.
-
-    Raises:
-        InputError: No such folder, or no result in any of them.
-    """
+    """Read folders of sweeps or of results, and single results; InputError without such a folder or result."""
     paths = [path for folder in folders for path in _files(folder)]
     entries: list[Entry] = []
     notes: list[str] = []

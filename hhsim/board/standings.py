@@ -19,14 +19,10 @@ class Standing:
 
     Attributes:
         options: Options with the names that plans give them.
-        scenes: Number of objects and motions.
-        failed: Number of cells that failed.
-        touched: Number of runs in which the hand touched something.
-        missed: Number of runs that missed a limit.
-        depth: Deepest penetration of the touched surface, of all scenes [m].
-        off_mesh: Largest distance of a contact from the mesh, of all scenes [m].
+        scenes, failed: Number of objects and motions, and of cells that failed.
+        touched, missed: Number of runs in which the hand touched something, and that missed a limit.
+        depth, off_mesh: Deepest in the touched surface, and largest distance of a contact from the mesh [m].
         tracking: Coupling energy over the local optimum, mean over scenes [%].
-        stuck: Stuck ticks of all scenes.
         p50, p99: CPU time of a tick in contact: the median over scenes, and the worst [s].
         p50_std, p99_std: Their standard deviation over the runs of these scenes [s]; NaN of one run.
         comparable: True if each of its scenes had a core of its own.

@@ -85,12 +85,7 @@ def vector_bytes(figure: "Figure", kind: str, title: str) -> bytes:
 
 
 def save_figure(figure: "Figure", path: Path) -> None:
-    """Write a matplotlib figure in the format of the file's ending.
-
-    Raises:
-        OutputError: The picture cannot be written.
-        InputError: matplotlib has no such picture format.
-    """
+    """Write a figure in the format of the file's ending; OutputError if it cannot be, InputError for another format."""
     kind = path.suffix.lower()[1:]
     if kind in ("pdf", "svg"):
         write_atomically(path, vector_bytes(figure, kind, path.stem))

@@ -67,7 +67,9 @@ def piece_poses(
     frames = np.stack([np.cross(hand.distal, hand.dorsal), hand.distal, hand.dorsal], axis=-1)
     fingers_base = quaternion_product(palm.T, quaternion_from_matrix(frames)[:, None])
     # A turn about the finger's back, then one about the axis that it flexes about.
-    w, x, y, z = (part[:, None] for part in _about_z(np.moveaxis(fingers_base, -1, 0), half_spread))
+    (w, x, y, z), cos, sin = np.moveaxis(fingers_base, -1, 0), np.cos(half_spread), np.sin(half_spread)
+    w, x, y, z = w * cos - z * sin, x * cos + y * sin, y * cos - x * sin, z * cos + w * sin
+    w, x, y, z = (part[:, None] for part in (w, x, y, z))
     cos, sin = np.cos(half_bend), np.sin(half_bend)
     w, x, y, z = w * cos - x * sin, x * cos + w * sin, y * cos + z * sin, z * cos - y * sin
     ticks = origin.shape[1]
@@ -86,9 +88,3 @@ def piece_poses(
             joint[:, k, :, i] = joint[:, k - 1, :, i] + hand.length[:, k - 1, None] * direction[i][:, k - 1]
     translation[PALM_BODY] = origin.T
     return PiecePoses(translation.transpose(1, 0, 2), quaternion.transpose(1, 0, 2))
-
-
-def _about_z(quaternion: FloatArray, half: FloatArray) -> tuple[FloatArray, ...]:
-    """The product of quaternions and turns about z, given by half of their angles."""
-    (w, x, y, z), cos, sin = quaternion, np.cos(half), np.sin(half)
-    return w * cos - z * sin, x * cos + y * sin, y * cos - x * sin, z * cos + w * sin

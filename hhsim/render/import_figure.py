@@ -1,5 +1,6 @@
 """Picture of an import: input in grey, output in colour, and the samples that bear a flag."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -33,12 +34,7 @@ BANDS: tuple[tuple[str, SampleFlag, str], ...] = (
 
 
 def draw_import(recording: Recording, motion: Trajectory, path: Path) -> None:
-    """Draw a recording in the units of its file, and the trajectory with flags that was made of it.
-
-    Raises:
-        InputError: matplotlib has no such picture format.
-        OutputError: The picture cannot be written.
-    """
+    """Draw a recording in the units of its file, and the trajectory that was made of it; errors as `save_figure`."""
     check_output_path(path)
     figure = new_figure(13, 15, layout="constrained")
     rows = figure.subplots(9, 1, sharex=True, height_ratios=[2, 2, 2, 2, 2, 2, 2, 2, 1.5])
@@ -88,12 +84,7 @@ def _angle(orientation: FloatArray) -> FloatArray:
 
 
 def _panel(
-    axes: "Axes",
-    clocks: tuple[FloatArray, FloatArray],
-    came: FloatArray,
-    went: FloatArray,
-    names: tuple[str, ...],
-    label: str,
+    axes: "Axes", clocks: Sequence[FloatArray], came: FloatArray, went: FloatArray, names: Sequence[str], label: str
 ) -> None:
     """Draw curves of input and output, each by its own clock."""
     time_in, time_out = clocks

@@ -54,11 +54,7 @@ def check_folder(folder: Path) -> None:
 
 
 def draw_all(folder: Path, runs: PaperRuns, progress: Progress = silent) -> list[Path]:
-    """Draw every figure that the runs have scenes for; the files are fig11 to fig15, each of `KINDS`.
-
-    Raises:
-        OutputError: A picture cannot be written.
-    """
+    """Draw every figure that the runs have scenes for: fig11 to fig15, each of `KINDS`; errors as `save_figure`."""
     jobs: list[tuple[str, Callable[[], Figure]]] = []
     # The hand that is shown is the default method's, or else the last one's.
     methods = list(dict.fromkeys(run.options.method for run in runs.scenes))
@@ -235,15 +231,12 @@ TRIAL = (48, 48)
 def scene_picture(
     run: SceneRun, mesh: Mesh, moment: int = 0, shape: tuple[int, int] = (300, 300), view: FloatArray | None = None
 ) -> FloatArray:
-    """Render the hand at one of the moments that a run of one motion keeps.
+    """Render the hand at a moment of a run of one motion: shape (rows, columns, 3), 0 to 1.
 
     Args:
         mesh: The object's, its own frame.
         shape: Rows and columns of the picture [pixels].
         view: Direction to the viewer, shape (3,); None for `best_view`.
-
-    Returns:
-        The picture, shape (rows, columns, 3), 0 to 1.
     """
     shown = run.shown[moment]
     graphic, haptic = (hand_surface(run.stage.hand, *pose) for pose in (shown.graphic, shown.haptic))

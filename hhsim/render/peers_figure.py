@@ -38,15 +38,7 @@ PLACES: tuple[Place, ...] = (
 
 
 def draw_peers(path: Path, rows: Sequence[Row]) -> None:
-    """Draw each object's methods over all its motions; a line joins the Pareto frontier.
-
-    Args:
-        path: Picture file; its ending says the format.
-
-    Raises:
-        OutputError: The picture cannot be written.
-        InputError: matplotlib has no such picture format.
-    """
+    """Draw each object's methods over all its motions, and the Pareto frontier; errors as `save_figure`."""
     check_picture(path)
     names = [name for name in dict.fromkeys(row["object"] for row in rows) if name != ALL][:PANELS]
     across = min(2, len(names))

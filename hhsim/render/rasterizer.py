@@ -123,11 +123,7 @@ def _interpolated(values: Image, corners: Sequence[IntArray], weight: FloatArray
 
 
 def see_spheres(center: ArrayLike, radius: ArrayLike, camera: Camera) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Render spheres, exact at every pixel.
-
-    Args:
-        center: [m], shape (n, 3), world.
-        radius: [m], shape (n,).
+    """Render spheres [m], shapes (n, 3), (n,), world, exact at every pixel.
 
     Returns:
         Depth and normals as `lit` takes them, and the sphere at each pixel of one, shape (pixels,).
@@ -178,10 +174,7 @@ def lit(depth: FloatArray, normals: Image, color: Image, camera: Camera) -> Laye
 def _blurred(depth: FloatArray, pixel: IntArray, shape: tuple[int, int], width: float) -> FloatArray:
     """Smooth depth by a Gaussian of standard deviation `width` [pixels]; a wide one on a coarser grid.
 
-    Args:
-        depth: Depth at the pixels of a surface, shape (pixels,); elsewhere it is the least.
-        pixel: Their numbers, row by row, shape (pixels,).
-        shape: Rows and columns of the picture.
+    `depth` and `pixel` are depths and numbers of a surface's pixels, shape (pixels,); elsewhere it is the least depth.
     """
     step = max(1, int(width / 4.0))
     row, column = np.divmod(pixel, shape[1])
@@ -219,14 +212,7 @@ def _between(pixels: int, step: int, cells: int) -> tuple[IntArray, FloatArray]:
 
 
 def blend(layers: Sequence[tuple[Layer, FloatArray | float]]) -> FloatArray:
-    """Put layers over white, the nearest on top at each pixel.
-
-    Args:
-        layers: Each with its opacity, one number or shape (rows, columns).
-
-    Returns:
-        The picture, shape (rows, columns, 3), 0 to 1.
-    """
+    """Put layers, each with its opacity, over white, the nearest on top: shape (rows, columns, 3), 0 to 1."""
     picture = composed(layers)
     parts = [picture[i::OVERSAMPLING, j::OVERSAMPLING] for i in range(OVERSAMPLING) for j in range(OVERSAMPLING)]
     return np.asarray(sum(parts[1:], parts[0]) / len(parts))

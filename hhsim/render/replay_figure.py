@@ -66,8 +66,7 @@ def draw_replay(result: Result, path: Path, view: View = VIEW) -> None:
     """Draw the last tick of the first hold, or of the replay where nothing is held.
 
     Raises:
-        InputError: The result holds no tick, or its hand file has changed; matplotlib has no such picture format.
-        OutputError: The picture cannot be written.
+        InputError, OutputError: No tick, or a hand file that has changed; as `save_figure`.
     """
     check_output_path(path)
     # The camera moves along with an object that moves.
@@ -103,11 +102,7 @@ def draw_replay(result: Result, path: Path, view: View = VIEW) -> None:
 
 
 def shown_tick(result: Result) -> int:
-    """Return the last tick of the first hold; without a hold, the last tick.
-
-    Raises:
-        InputError: The result holds no tick.
-    """
+    """Return the last tick of the first hold; without a hold, the last tick; InputError without a tick."""
     if result.ticks == 0:
         raise InputError(f"{result.path} holds no tick")
     held = any(phase.name == HOLD for phase in result.phases)
@@ -178,11 +173,9 @@ def behind(ghost: Layer, hand: Layer) -> Layer:
 
 
 def label(axes: "Axes", forces: Sequence[PhalanxForce], camera: Camera, size: float = 11.0, pixel: float = 1.0) -> None:
-    """Write the size of each force at the head of its arrow, or a line lower where another one stands.
+    """Write the size of each force at its arrow's head in letters of `size` [pt], or lower where another one stands.
 
-    Args:
-        size: Size of the text [pt].
-        pixel: Size of the picture's pixels, relative to 100 to the inch.
+    `pixel` is the size of the picture's pixels, relative to 100 to the inch.
     """
     from matplotlib.patheffects import withStroke
 
@@ -216,11 +209,7 @@ def label(axes: "Axes", forces: Sequence[PhalanxForce], camera: Camera, size: fl
 def draw_from_arguments(
     arguments: list[str], draw: Callable[[Result, Path, View], None], module: str, view: View
 ) -> None:
-    """Draw a result by the arguments RESULT PICTURE [AZIMUTH,ELEVATION] of the command of an hhsim module.
-
-    Raises:
-        SystemExit: With one line that says what is wrong.
-    """
+    """Draw a result by a command's RESULT PICTURE [AZIMUTH,ELEVATION]; SystemExit says in a line what is wrong."""
     if len(arguments) not in (2, 3):
         raise SystemExit(f"usage: python -m {module} RESULT PICTURE [AZIMUTH,ELEVATION]")
     try:

@@ -73,12 +73,7 @@ class VideoOptions:
 
 
 def check_video_path(output_path: Path) -> None:
-    """Raise, before the work, what would keep a film from being written.
-
-    Raises:
-        InputError: A name that ends in neither .gif nor .mp4, or .mp4 without ffmpeg.
-        OutputError: As `hhsim.system.output_path.check_output_path`.
-    """
+    """Raise InputError for a name but .gif or .mp4, or .mp4 without ffmpeg; OutputError as `check_output_path`."""
     suffix = output_path.suffix.lower()
     if suffix not in SUFFIXES:
         raise InputError(f"{output_path}: a film is a file that ends in .gif or .mp4")
@@ -90,9 +85,7 @@ def check_video_path(output_path: Path) -> None:
 def write_video(
     result: Result, output_path: Path, options: VideoOptions | None = None, progress: Progress = silent
 ) -> int:
-    """Make a film of a result, complete or not, and return its number of frames.
-
-    The file appears when it is whole, and replaces one that is there.
+    """Make a film of a result, complete or not, and return its number of frames; it appears when it is whole.
 
     Raises:
         InputError: As `check_video_path` and `video_ticks`; or the result's hand cannot be told.
@@ -128,10 +121,7 @@ def video_ticks(result: Result, options: VideoOptions) -> IntArray:
 
 
 def video_frames(result: Result, ticks: IntArray, options: VideoOptions) -> Iterator[Picture]:
-    """Render ticks of a result by one camera that sees both hands and the object near them all the time.
-
-    Yields:
-        Pictures, shape (rows, columns, 3).
+    """Yield pictures, shape (rows, columns, 3), by one camera that sees hands and object near them all the time.
 
     Raises:
         InputError: The result's hand cannot be told (`hhsim.replay.stored_scene.stored_hand`).
@@ -234,17 +224,10 @@ def _written_on(picture: FloatArray, result: Result, tick: int, options: VideoOp
     image = drawn.resize((columns, rows), Image.Resampling.LANCZOS)
     size = max(11, round(0.028 * image.width))
     force = float(np.linalg.norm(result["force/total"][tick]))
-    parts = [
-        f"{float(result['time'][tick]):.3f} s",
-        result.phase_at(tick),
-        f"{force:.2f} N" if force >= FORCE_FLOOR else "",
-    ]
-    ImageDraw.Draw(image).text(
-        (size, image.height - 1.8 * size),
-        "   ".join(part for part in parts if part),
-        fill=INK,
-        font=ImageFont.load_default(size),
-    )
+    felt = f"{force:.2f} N" if force >= FORCE_FLOOR else ""
+    text = "   ".join(filter(None, (f"{float(result['time'][tick]):.3f} s", result.phase_at(tick), felt)))
+    place = size, image.height - 1.8 * size
+    ImageDraw.Draw(image).text(place, text, fill=INK, font=ImageFont.load_default(size))
     return np.asarray(image)
 
 

@@ -39,13 +39,7 @@ DECADES = (0.0001, 0.001, 0.01, 0.1, 1, 10, 100)
 def draw_speed_error(path: Path, rows: Sequence[Row], peers: Sequence[Row] = ()) -> None:
     """Draw the trade-off: a panel against the true mesh for up to two objects, one against the optimum.
 
-    Args:
-        path: Picture file; its ending says the format.
-        peers: Table of `hhsim bench peers`, whose engines are drawn in grey.
-
-    Raises:
-        OutputError: The picture cannot be written.
-        InputError: matplotlib has no such picture format.
+    Engines of `peers`, a table of `hhsim bench peers`, are drawn in grey. Errors as `save_figure`.
     """
     check_picture(path)
     names = list(dict.fromkeys(row["object"] for row in rows if row["object"] != ALL))

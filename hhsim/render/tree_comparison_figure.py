@@ -26,12 +26,7 @@ ERRORS = (0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200)
 
 
 def draw_trees(path: Path, rows: Sequence[Row], size: float) -> None:
-    """Draw the table of `hhsim.bench.trees.measure` for objects of longest extent `size` [m].
-
-    Raises:
-        OutputError: The picture cannot be written.
-        InputError: matplotlib has no such picture format.
-    """
+    """Draw the table of `hhsim.bench.trees.measure` for objects of extent `size` [m]; errors as `save_figure`."""
     check_picture(path)
     names = list(dict.fromkeys(row["object"] for row in rows))[:MOST_COLUMNS]
     shown = [row for row in rows if row["object"] in names]

@@ -36,12 +36,7 @@ _LEAST = 1e-9
 
 
 def draw_tree(path: Path, mesh: Mesh, tree: SphereTree) -> None:
-    """Draw a mesh and its tree, whose errors are measured.
-
-    Raises:
-        OutputError: The picture cannot be written.
-        InputError: matplotlib has no such picture format.
-    """
+    """Draw a mesh and its tree, whose errors are measured; errors as `save_figure`."""
     from matplotlib import colormaps
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize

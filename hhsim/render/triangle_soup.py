@@ -139,12 +139,7 @@ def count_up(lengths: IntArray) -> IntArray:
 
 
 def with_nail(distal: Surface, joints: FloatArray, back: FloatArray) -> Surface:
-    """Colour the nail on the back of a distal phalanx.
-
-    Args:
-        joints: Joints of its finger [m], shape (4, 3).
-        back: Unit normal out of the back, shape (3,).
-    """
+    """Colour the nail on the back of a distal phalanx; joints [m], shape (4, 3), and unit normal of the back."""
     axis = joints[3] - joints[2]
     length = float(np.linalg.norm(axis))
     axis = axis / length
@@ -161,11 +156,7 @@ FAR, NEAR = 1.2, 0.5
 
 
 def near_hands(body: Surface, hands: FloatArray) -> Surface:
-    """Return an object whole or, if it is much larger than the hands, its part near them.
-
-    Args:
-        hands: Points of the hands [m], shape (n, 3), world.
-    """
+    """Return an object whole or, if it is much larger than the hands, its part near their points [m], shape (n, 3)."""
     low, high = hands.min(axis=0), hands.max(axis=0)
     size = float(np.linalg.norm(high - low))
     far = ((body.points < low - FAR * size) | (body.points > high + FAR * size)).any()
@@ -175,11 +166,7 @@ def near_hands(body: Surface, hands: FloatArray) -> Surface:
 
 
 def clipped(surface: Surface, low: ArrayLike, high: ArrayLike) -> Surface:
-    """Return the part of a surface inside a box, with normals and colours carried over to new corners.
-
-    Args:
-        low, high: Corners of the box [m], shape (3,), world.
-    """
+    """Return the part of a surface inside a box of corners `low` and `high` [m], with normals and colours."""
     for axis, (least, most) in enumerate(zip(np.asarray(low, np.float64), np.asarray(high, np.float64))):
         surface = _cut(surface, axis, 1.0, least)
         surface = _cut(surface, axis, -1.0, -most)

@@ -41,14 +41,11 @@ def viewpoint(hand: Surface, body: Surface, marks: FloatArray, forces: FloatArra
         usual: View of another picture, which only a view better by `GAIN` replaces.
     """
     rng = np.random.default_rng(0)
-    skin, stone = (_thinned(face_samples(surface.points, surface.faces, POINTS, rng)[0]) for surface in (hand, body))
+    sampled = [face_samples(surface.points, surface.faces, POINTS, rng)[0] for surface in (hand, body)]
+    # A fine mesh has a point on each of very many faces, of which some suffice.
+    skin, stone = (points[:: max(1, len(points) // POINTS)] for points in sampled)
     views = [View(float(azimuth), elevation) for elevation in ELEVATIONS for azimuth in AZIMUTHS]
     return max(views, key=lambda view: _seen(view, skin, stone, marks, forces) + GAIN * (view == usual))
-
-
-def _thinned(points: FloatArray) -> FloatArray:
-    """Of a mesh so fine that there is a point on each of very many faces, some."""
-    return points[:: max(1, len(points) // POINTS)]
 
 
 def _seen(view: View, skin: FloatArray, stone: FloatArray, marks: FloatArray, forces: FloatArray) -> float:

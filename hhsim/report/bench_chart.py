@@ -45,7 +45,7 @@ class Chart:
     """
 
     title: str
-    series: tuple[str, ...]
+    series: tuple[str, ...] = ("method",)
     x: str = ""
     y: str = ""
     labels: tuple[str, ...] = ()
@@ -66,42 +66,32 @@ def _share_of_allowed(row: Row) -> float:
 
 
 CHARTS: Mapping[str, Chart] = {
-    "paper": Chart("How many times below the paper's figure", ("method",), x="ratio", labels=("label",), mark=1.0),
-    "speed-error": Chart(
-        "Time of a tick against distance from the true mesh",
-        ("method", "surface"),
-        x="tick_cpu_p50",
-        y="mesh_error",
-        chosen=lambda row: row["object"] != "all" and row["motion"] == "all" and not row["stretch"],
-    ),
-    "peers": Chart(
-        "Time of a tick against distance from the true mesh",
-        ("method", "surface"),
-        x="tick_cpu_p50",
-        y="mesh_error",
-        chosen=lambda row: row["object"] != "all" and row["motion"] == "all",
+    "paper": Chart("How many times below the paper's figure", x="ratio", labels=("label",), mark=1.0),
+    **dict.fromkeys(
+        ("speed-error", "peers"),
+        Chart(
+            "Time of a tick against distance from the true mesh",
+            ("method", "surface"),
+            x="tick_cpu_p50",
+            y="mesh_error",
+            chosen=lambda row: row["object"] != "all" and row["motion"] == "all" and not row.get("stretch"),
+        ),
     ),
     "hard": Chart(
-        "Share of the bar that is used",
-        ("method",),
-        labels=("case", "figure"),
-        of=_share_of_bar,
-        axis="of the bar",
-        mark=1.0,
+        "Share of the bar that is used", labels=("case", "figure"), of=_share_of_bar, axis="of the bar", mark=1.0
     ),
     "manipulation": Chart(
         "Share that is used of what a figure may be off by",
-        ("method",),
         labels=("case", "figure"),
         of=_share_of_allowed,
         axis="of what is allowed",
         mark=1.0,
     ),
-    "stress": Chart("Slowest hundredth of the ticks", ("method",), x="cpu_p99", labels=("object", "level")),
-    "recorded": Chart("Slowest hundredth of the ticks", ("method",), x="cpu_p99", labels=("recording", "object")),
+    "stress": Chart("Slowest hundredth of the ticks", x="cpu_p99", labels=("object", "level")),
+    "recorded": Chart("Slowest hundredth of the ticks", x="cpu_p99", labels=("recording", "object")),
     "qp": Chart("Time of a program", ("solver",), x="native_p50", labels=("program",)),
-    "trees": Chart("How far the spheres protrude", ("method",), x="spheres", y="protrusion_max"),
-    "mesh-size": Chart("Time of a tick by triangles", ("method",), x="triangles", y="tick_p50"),
+    "trees": Chart("How far the spheres protrude", x="spheres", y="protrusion_max"),
+    "mesh-size": Chart("Time of a tick by triangles", x="triangles", y="tick_p50"),
     "threads": Chart("Wall time of a tick by threads", ("case",), x="threads", y="total"),
 }
 """Chart of each suite."""
@@ -141,9 +131,8 @@ def bench_figure(found: BenchTable) -> ReportFigure | None:
         panel_title(axes, title, 4, left - 0.05)
         _draw_legend(figure, series, width)
 
-    caption = f"{counted(len(rows), 'row')} of the table." + (
-        f" The first {MOST_LABELS} of {len(labels)} lines." if more > 0 else ""
-    )
+    first = f" The first {MOST_LABELS} of {len(labels)} lines." if more > 0 else ""
+    caption = f"{counted(len(rows), 'row')} of the table.{first}"
     alt = f"{chart.title}: {counted(len(rows), 'point')}, by {told} ({'; '.join(series)})."
     return drawn_figure(f"bench-{found.suite}", chart.title, caption, alt, Drawing(draw, height))
 

@@ -49,22 +49,14 @@ def parse_width(text: str) -> float:
 
 
 def check_figure_path(output_path: Path) -> None:
-    """Raise, before the work, what would keep a figure from being written.
-
-    Raises:
-        InputError: A name that ends in none of `FORMATS`.
-        OutputError: As `hhsim.system.output_path.check_output_path`.
-    """
+    """Raise InputError for a name not of `FORMATS`; OutputError as `hhsim.system.output_path.check_output_path`."""
     if output_path.suffix.lower() not in FORMATS:
         raise InputError(f"{output_path}: a figure is a file that ends in {', '.join(FORMATS[:-1])} or {FORMATS[-1]}")
     check_output_path(output_path)
 
 
 def make_figure(paths: Sequence[Path], name: str) -> ReportFigure:
-    """Draw one of `FIGURES`.
-
-    Args:
-        paths: Results in the order of the legend; or, for `speed-error`, one table of `hhsim bench`.
+    """Draw one of `FIGURES` of results in the order of the legend; `speed-error` also of one table of `hhsim bench`.
 
     Raises:
         InputError: No such figure, a file that is no result, or one that the figure cannot show.

@@ -53,14 +53,7 @@ class TickTimes:
 
 
 def histogram_figure(results: Mapping[str, Result]) -> ReportFigure:
-    """Draw CPU and wall times of ticks on a logarithmic axis with the line of 1 ms; p50 and p99 are marked.
-
-    Args:
-        results: One or more by their labels; any may hold no tick.
-
-    Raises:
-        InputError: A file cannot be read.
-    """
+    """Draw CPU and wall times of ticks on a logarithmic axis with the line of 1 ms, of results by their labels."""
     runs = [_times(label, result) for label, result in results.items()]
     edges = _edges(runs)
 

@@ -47,14 +47,7 @@ CUT = "The object is larger than the picture, and cut at its edge."
 
 @dataclass(frozen=True)
 class Moment:
-    """One tick as it is drawn.
-
-    Attributes:
-        forces: Forces that can be felt.
-        contacts: Touching pairs.
-        sentence: Alternative text of the picture.
-        cut: True if the object goes on beyond the picture.
-    """
+    """One tick as it is drawn: surfaces, forces that can be felt, contacts, view, and alternative text."""
 
     graphic: Surface
     haptic: Surface
@@ -106,11 +99,7 @@ def overview_picture(result: Result) -> ReportFigure:
 
 
 def overview_tick(result: Result) -> int:
-    """Return the last tick of the first hold; without a hold, the tick of the largest force, or else the last tick.
-
-    Raises:
-        InputError: The result holds no tick.
-    """
+    """Return the last tick of the first hold; else that of largest force, or the last; InputError without a tick."""
     if result.ticks and not any(phase.name == HOLD for phase in result.phases):
         size = np.nan_to_num(np.linalg.norm(result["force/total"], axis=1))
         if size.max() >= FORCE_FLOOR:
@@ -119,25 +108,14 @@ def overview_tick(result: Result) -> int:
 
 
 def held_picture(result: Result, view: View | None = None) -> ReportFigure:
-    """Draw the second half of the overview alone, as large as fits beside that of another result.
-
-    Args:
-        view: Direction of the viewer; None for that of the overview.
-
-    Raises:
-        InputError: As `overview_picture`.
-    """
+    """Draw the second half of the overview alone, from `view` or that of the overview; errors as `overview_picture`."""
     tick = overview_tick(result)
     figure = hand_picture(result, tick, view)
     return replace(figure, name="hand", title=f"Tick {tick:,}, {result.phase_at(tick) or 'no phase'}")
 
 
 def overview_view(result: Result) -> View:
-    """Return the viewer's direction of the overview.
-
-    Raises:
-        InputError: As `overview_picture`.
-    """
+    """Return the viewer's direction of the overview; errors as `overview_picture`."""
     return _moment(result, overview_tick(result), None).view
 
 
@@ -147,10 +125,7 @@ def draw(result: Result | str | Path, tick: int | None = None, view: tuple[float
     Args:
         result: Result of a replay or a session, or its file.
         tick: Number of the tick, from 0; None for `overview_tick`.
-        view: As of `hand_picture`.
-
-    Raises:
-        InputError: As `hand_picture`.
+        view: As of `hand_picture`, which also says the errors.
     """
     # The camera moves along with an object that moves.
     seen = (result if isinstance(result, Result) else load_result(result)).seen_from_object

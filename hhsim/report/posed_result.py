@@ -61,9 +61,7 @@ class PosedResult(Result):
 
 
 def posed_result(result: Result) -> PosedResult:
-    """Compute the depths of a result from its poses, in its columns and in its summary.
-
-    An object that moves is seen standing still.
+    """Compute the depths of a result from its poses, seen from its object, in its columns and in its summary.
 
     Raises:
         InputError: The file cannot be read, or its tree is damaged.

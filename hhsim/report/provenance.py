@@ -18,6 +18,8 @@ NONE = "—"
 """Stands for what a result does not say."""
 
 AS_GIVEN = "as the motion has it"
+DRIVEN = "moves as the motion has it; figures and pictures are seen from it"
+FORCES = {"kkt": "multipliers of the program (kkt)", "paper": "Eq. 14 of the paper"}
 COUPLING = {"translation": "N/m", "rotation": "N·m/rad", "flexion": "N·m/rad"}
 """Units of the stiffnesses of the virtual coupling."""
 
@@ -43,17 +45,14 @@ def run_facts(result: Result) -> dict[str, str]:
         "motion": motion_name(result),
         "its source": str(scene.get("motion_source") or NONE),
         "the object's place": str(
-            (scene.get("placement") or {}).get("text")
-            or ("moves as the motion has it; figures and pictures are seen from it" if result.driven else AS_GIVEN)
+            (scene.get("placement") or {}).get("text") or (DRIVEN if result.driven else AS_GIVEN)
         ),
         "ticks": f"{result.ticks:,} at {result.rate:,g} Hz, {result.ticks / result.rate:,.2f} s",
         "hand": f"{side}, {1e3 * hand['length']:.0f} mm long" if "length" in hand else side,
         "fingers": "all five" if len(fingers) == len(FINGERS) else ", ".join(fingers) or "none",
         "method": str(solver.get("method", NONE)),
         "QP solver": str(solver.get("qp", NONE)),
-        "forces": {"kkt": "multipliers of the program (kkt)", "paper": "Eq. 14 of the paper"}.get(
-            str(solver.get("force")), NONE
-        ),
+        "forces": FORCES.get(str(solver.get("force")), NONE),
         "linearisations of a tick, most": f"{solver.get('linearisations', NONE)}",
         "margin": f"{1e3 * solver['margin']:g} mm" if "margin" in solver else NONE,
         "coupling": ", ".join(coupling) or NONE,

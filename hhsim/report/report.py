@@ -47,12 +47,7 @@ CUT_OBJECT = "An object that is much larger than the hand is cut at a clean edge
 
 @dataclass(frozen=True)
 class Report:
-    """A report that is not written yet.
-
-    Attributes:
-        pictures: PNGs by the name that each file gets.
-        comparisons: Comparison of each result but the first with the first.
-    """
+    """A report that is not written yet: PNGs by file name, and comparisons with the first result."""
 
     title: str
     html: str
@@ -87,9 +82,7 @@ class Report:
                 {
                     "result": str(run.result.path),
                     "comparable": found.comparable,
-                    "scene": list(found.scene),
-                    "how": list(found.how),
-                    "around": list(found.around),
+                    **{name: list(getattr(found, name)) for name in ("scene", "how", "around")},
                 }
                 for run, found in zip(self.runs[1:], self.comparisons)
             ],
@@ -109,10 +102,7 @@ class ReportFiles:
 
 
 def make_report(paths: Sequence[Path], *, progress: Progress = silent) -> Report:
-    """Read results and tables of `hhsim bench`, and make the page of them.
-
-    Args:
-        paths: Files in the order of the page; results are compared with the first result.
+    """Make the page of results and tables of `hhsim bench`, in the order of the files.
 
     Raises:
         InputError: No file, or one that is neither a result nor a table of hhsim bench.
@@ -144,10 +134,7 @@ def make_report(paths: Sequence[Path], *, progress: Progress = silent) -> Report
 
 
 def check_report_path(output_path: Path) -> Path:
-    """Return the path of the page, and raise before the work what would keep the report from being written.
-
-    Args:
-        output_path: A page, NAME.html, or a folder, which is made where it is missing.
+    """Return the path of the page NAME.html, or in a folder, which is made where it is missing.
 
     Raises:
         OutputError: As `hhsim.system.output_path.check_output_path`; or a file that is no report is there.
@@ -165,14 +152,10 @@ def check_report_path(output_path: Path) -> Path:
 
 
 def write_report(report: Report, output_path: Path) -> ReportFiles:
-    """Write the page and its pictures, all or none of them, the page last.
-
-    Args:
-        output_path: As for `check_report_path`. Of NAME.html the pictures are NAME-….png beside it.
+    """Write the page and its pictures, NAME-….png beside NAME.html, all or none of them, the page last.
 
     Raises:
-        OutputError: As `check_report_path`; or a picture's name is taken and no page of a report is there; or a full
-            disk.
+        OutputError: As `check_report_path`; a picture's name is taken where there is no report; or a full disk.
     """
     page = check_report_path(output_path)
     stem = "" if page.name == PAGE else f"{page.stem}-"

@@ -71,11 +71,7 @@ class ReportRun:
 
 
 def report_runs(results: Sequence[Result]) -> list[ReportRun]:
-    """Compute what a report says of each result, with depths of the poses; several are labelled by letters.
-
-    Raises:
-        InputError: A file cannot be read.
-    """
+    """Compute what a report says of each result, with depths of the poses; several are labelled by letters."""
     return [
         _run(posed_result(result), label, "" if len(results) == 1 else f"{label.partition(':')[0].lower()}-")
         for result, label in zip(results, result_labels(results))

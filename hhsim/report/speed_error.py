@@ -91,14 +91,7 @@ AXES = (
 
 
 def speed_error_figure(results: Mapping[str, Result]) -> ReportFigure:
-    """Draw each result as a point: CPU time of a tick in contact, p50 to p99, against three errors.
-
-    Args:
-        results: One or more by their labels; any may hold no tick, or no tick in contact.
-
-    Raises:
-        InputError: A file cannot be read.
-    """
+    """Draw each result by its label as a point: CPU time of a tick in contact, p50 to p99, against three errors."""
     points = [_measured(label, result) for label, result in results.items()]
 
     def draw(figure: "Figure", narrow: bool) -> None:

@@ -91,12 +91,7 @@ class MinMaxBand(NamedTuple):
 
 
 def minmax_band(at: FloatArray, values: NDArray[np.floating], stretches: int) -> MinMaxBand:
-    """Return the band of a curve; the curve itself where it has no more values than stretches.
-
-    Args:
-        at: Abscissa of each value, shape (T,).
-        values: Shape (T,); NaN where undefined.
-    """
+    """Return the band of a curve, shapes (T,); the curve itself where it has no more values than stretches."""
     if len(values) <= stretches:
         whole = np.asarray(values, np.float64)
         return MinMaxBand(at, whole, whole, whole)

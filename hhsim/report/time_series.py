@@ -99,12 +99,6 @@ def series_figure(results: Mapping[str, Result]) -> ReportFigure:
     """Draw forces, CPU time of the tick, contacts, depth and force variation over time, phases shaded.
 
     Of one result the forces are drawn finger by finger; of several, each result is one colour in every panel.
-
-    Args:
-        results: One or more by their labels in the legend; any may hold no tick.
-
-    Raises:
-        InputError: A file cannot be read.
     """
     alone = len(results) == 1
     runs = [

@@ -33,11 +33,7 @@ class WorstTick:
 
 
 def worst_ticks(result: Result) -> list[WorstTick]:
-    """Return at most one tick of each kind, none of what did not happen.
-
-    Raises:
-        InputError: The file cannot be read.
-    """
+    """Return at most one tick of each kind, none of what did not happen."""
     if result.ticks == 0:
         return []
     values: dict[WorstKind, np.ndarray] = {

@@ -83,12 +83,7 @@ class ViewAhead:
             self._ready = True
 
     def show(self, path: Path, progress: Progress = silent) -> "Viewed":
-        """Show a result.
-
-        Raises:
-            InputError, OutputError: As `load_result` and `view_result`.
-            HhsimError: The viewer process ended before it was done.
-        """
+        """Show a result; errors as `load_result` and `view_result`, HhsimError if the viewer process ended."""
         if self._channel is None:
             from hhsim.view.viewer import view_result
 

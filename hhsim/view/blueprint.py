@@ -42,14 +42,8 @@ def blueprint(
     """
     import rerun.blueprint as rrb
 
-    window = [
-        rrb.VisibleTimeRange(
-            "time",
-            start=rrb.TimeRangeBoundary.cursor_relative(seconds=-LIVE_WINDOW),
-            end=rrb.TimeRangeBoundary.cursor_relative(),
-        )
-    ]
-    ranges = window if live else None
+    edge = rrb.TimeRangeBoundary.cursor_relative
+    ranges = [rrb.VisibleTimeRange("time", start=edge(seconds=-LIVE_WINDOW), end=edge())] if live else None
     scene = scene_view("world", title, look_at, extent, hidden)
     ends = tops or {}
     lines = [

@@ -51,11 +51,9 @@ def shown_ticks(
 
     Args:
         column: Returns a dataset of a result's /tick by its name, for all these ticks.
-        tick: Their numbers, shape (N,).
-        shown: Indices of those that are shown, shape (T,).
+        shown: Indices of the ticks that are shown, shape (T,).
         starts: First index of the ticks that each shown one stands for, shape (T,).
         more: Further plots and their values, shape (N, series).
-        moved: Motion of the object since the first tick, at all these ticks; None where it stands still.
     """
     kept, begins = np.asarray(shown), np.asarray(starts)
     haptic, graphic = (

@@ -23,11 +23,7 @@ EXPECTED = (
 
 
 def file_kind(path: Path) -> Kind:
-    """Return whether a file is a result, a motion, a sphere tree or a mesh.
-
-    Raises:
-        InputError: No such file, or one of another kind.
-    """
+    """Return whether a file is a result, a motion, a sphere tree or a mesh; raise InputError for any other."""
     if path.is_dir():
         raise InputError(f"{path} is a folder: expected {EXPECTED}")
     if not path.exists():

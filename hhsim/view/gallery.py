@@ -73,10 +73,9 @@ def view_files(
     unit: str = "m",
     progress: Progress = silent,
 ) -> list[Shown]:
-    """Show files side by side.
+    """Show results, trajectories, sphere trees and meshes side by side.
 
     Args:
-        paths: Results, trajectories, sphere trees and meshes.
         every: Show only every so-manieth tick of results.
         spheres: Show the leaf spheres of results in place of the object's mesh.
         unit: Unit of meshes, one of `hhsim.mesh.mesh.METRES_PER_UNIT`.

@@ -151,11 +151,7 @@ def rerun_stream(target: RerunTarget, application: str, blueprint: "rrb.Blueprin
 
 
 def open_viewer(port: int = PORT) -> None:
-    """Open a viewer that only this machine can reach, unless one listens at the port; it outlives this process.
-
-    Raises:
-        InputError: It does not start.
-    """
+    """Open a viewer that outlives this process, unless one listens at the port; InputError if it does not start."""
     url = _url("127.0.0.1", port)
     if _listens(url) is None:
         return

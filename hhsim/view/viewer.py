@@ -127,21 +127,12 @@ def get_ready() -> None:
 
 
 def shown_scene(result: Result, *, spheres: bool = False) -> ShownScene:
-    """Return what does not change with time.
-
-    Raises:
-        InputError: The hand is not known any more, or the arrays are no mesh or tree.
-    """
+    """Return what does not change with time; raise InputError for an unknown hand or a damaged mesh or tree."""
     static, solver = result.static, result.scene.get("solver", {})
     used = solver.get("fingers", FINGERS)
     return ShownScene(
         mesh=Mesh(static["object/vertices"], static["object/faces"], "object", str(result.path)),
-        tree=SphereTree(
-            center=static["object/tree/center"],
-            radius=static["object/tree/radius"],
-            level=static["object/tree/level"],
-            parent=static["object/tree/parent"],
-        ),
+        tree=SphereTree(**{name: static[f"object/tree/{name}"] for name in ("center", "radius", "level", "parent")}),
         hand=stored_hand(result),
         fingers=np.array([finger in used for finger in FINGERS]),
         touch=float(solver.get("touch", TOUCH)),
@@ -187,10 +178,8 @@ def description(result: Result) -> str:
     }
     lines += [f"- **{name}**: {value}" for name, value in facts.items() if value]
     lines += ["", "| summary | SI units |", "|---|---|"]
-    lines += [
-        f"| {name} | {value:.6g} |" if isinstance(value, float) else f"| {name} | {value} |"
-        for name, value in result.summary.items()
-    ]
+    shown = {name: f"{value:.6g}" if isinstance(value, float) else value for name, value in result.summary.items()}
+    lines += [f"| {name} | {value} |" for name, value in shown.items()]
     solver = json.dumps(scene.get("solver", {}), indent=1)
     return "\n".join([*lines, "", "## Options of the solver", "```json", solver, "```", ""])
 
