@@ -39,11 +39,7 @@ def environment() -> "Environment":
         loader=FileSystemLoader(TEMPLATES), autoescape=True, finalize=_legal, undefined=StrictUndefined,
         trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
-    made.filters |= {
-        "base64": _base64,
-        "png_size": lambda png: tuple(int.from_bytes(png[at : at + 4]) for at in (16, 20)),
-        "sha256": lambda text: _base64(hashlib.sha256(text.encode()).digest()),
-    }
+    made.filters |= {"base64": _base64, "png_size": _png_size, "sha256": _sha256}
     made.tests["long"] = is_long
     return made
 
@@ -61,3 +57,11 @@ def _legal(value: Any) -> Any:
 
 def _base64(data: bytes) -> str:
     return base64.b64encode(data).decode("ascii")
+
+
+def _sha256(text: str) -> str:
+    return _base64(hashlib.sha256(text.encode()).digest())
+
+
+def _png_size(png: bytes) -> tuple[int, ...]:
+    return tuple(int.from_bytes(png[at : at + 4]) for at in (16, 20))
