@@ -17,10 +17,9 @@ from .console import print_json, print_line, print_table, progress
     type=options.FILE,
     multiple=True,
     metavar="FILE",
-    help="Write the board too, by the name's ending: .html, a page that sorts and filters; .csv or .parquet, each run "
-    "a row with every figure; .md; .tex, a tabular to \\input. May be given several times.",
+    help="Also write the board, by the name's ending: .html, .csv, .parquet, .md or .tex; may be given several times.",
 )
-@click.option("--all", "whole", is_flag=True, help="Print each run as well.")
+@click.option("--all", "whole", is_flag=True, help="Also print each run.")
 @options.json
 @options.quiet
 def command(folders: tuple[Path, ...], outputs: tuple[Path, ...], whole: bool, as_json: bool, quiet: bool) -> None:

@@ -12,7 +12,7 @@ from hhsim.table.table import Table, number
 
 from .arguments.object_argument import MeshFile, complete_object
 from .arguments.option_group import GroupedCommand, OptionGroup, option
-from .arguments.options import FILE, UNITS, Output, seed
+from .arguments.options import FILE, UNITS, Output, file, seed
 from .arguments.tree_choice import read_length
 from .console import announce_compilation, print_json, print_notes, print_table, progress
 
@@ -22,31 +22,28 @@ if TYPE_CHECKING:
 
 
 class BuiltTree(OptionGroup, heading="Sphere tree"):
-    """How the tree is built; `max_error` in [m]."""
+    """Fineness of the tree; `max_error` in [m]."""
 
     level: int | None = option(
         type=click.IntRange(1, 5),
         metavar="N",
-        help="Level of the leaves. Default: what --leaves or --max-error needs, else 3 or 4, as the catalogue says, 4 "
-        "for a mesh file.",
+        help="Level of the leaves. Default: what --leaves or --max-error needs, else the catalogue's, or 4.",
     )
     leaves: int | None = option(
         type=click.IntRange(1, 262_144),
         metavar="N",
-        help="So many leaves, or fewer where a mesh has no use for more. Default: --branching to the power of --level.",
+        help="Number of leaves, or fewer if they suffice. Default: --branching to the power of --level.",
     )
     max_error: float | None = option(
         callback=read_length,
         metavar="LENGTH",
-        help="As few leaves as are proved to be off the mesh by no more than this: 0.2mm, 200um; a bare number is in "
-        "mm.",
+        help="Take the fewest leaves proved to be within this distance of the mesh: 0.2mm, 200um, or mm.",
     )
     branching: int = option(type=click.IntRange(2, 64), metavar="N", default=8, help="Most children of a sphere.")
     cover: str = option(
         type=click.Choice(["outer", "balanced"]),
         default="outer",
-        help="outer: the spheres contain the whole surface; balanced: all radii are less by half the bound, so that "
-        "the spheres are off to both sides, by half as much.",
+        help="Spheres contain the whole surface (outer), or are off to both sides by half as much (balanced).",
     )
     threads: int | None = option(
         type=click.IntRange(1, 64),
@@ -55,7 +52,7 @@ class BuiltTree(OptionGroup, heading="Sphere tree"):
     )
 
     def options(self, usual_level: int, seed: int) -> "TreeOptions":
-        """The same for the library; of the usual level where nothing says how fine the tree is."""
+        """Return the options for the library; the usual level where nothing else says how fine the tree is."""
         from hhsim.trees.options import TreeOptions
 
         named = (self.level, self.leaves, self.max_error) != (None, None, None)
@@ -64,20 +61,12 @@ class BuiltTree(OptionGroup, heading="Sphere tree"):
 
 
 class TreeSource(OptionGroup, heading="Sphere tree of a file"):
-    """A file in place of a tree that is built."""
+    """File in place of a tree that is built."""
 
-    path: Path | None = option(
-        "--from",
-        type=FILE,
-        metavar="FILE",
-        help="Build nothing: take the tree of a .sph file of Bradshaw's toolkit or another program, or of a .h5 file, "
-        "mend and measure it.",
-    )
+    path: Path | None = file("FILE", "Build nothing: mend and measure the tree of a .sph or .h5 file.", "--from")
     frame: Literal["auto", "mesh", "centred"] | None = option(
         type=click.Choice(["auto", "mesh", "centred"]),
-        help="What the centres of the .sph file count from. mesh: the mesh's origin; centred: the centre of its "
-        "bounding box, as the toolkit's do; auto: whichever leaves less of the mesh outside the spheres. Default: "
-        "auto.",
+        help="Origin of a .sph file: that of the mesh, centred in its box, or what fits better (auto). Default: auto.",
     )
     from_unit: str | None = option(
         type=UNITS,
@@ -85,7 +74,7 @@ class TreeSource(OptionGroup, heading="Sphere tree of a file"):
     )
 
     def check(self) -> None:
-        """Refuse options of `--from` that have nothing to act on, and options of a build beside it."""
+        """Raise UsageError for options of `--from` without it, and for options of a build beside it."""
         if self.path is None:
             for name, value in (("--frame", self.frame), ("--from-unit", self.from_unit)):
                 if value is not None:
@@ -113,7 +102,7 @@ class TreeSource(OptionGroup, heading="Sphere tree of a file"):
     "--plot",
     type=FILE,
     metavar="FILE",
-    help="Draw the mesh, its spheres coloured by how far they stick out, and the errors of all levels.",
+    help="Draw the mesh, its spheres coloured by protrusion, and the errors of all levels.",
 )
 @seed
 def command(
@@ -216,7 +205,9 @@ def command(
             for fault in faults:
                 print(f"not proved: {fault}")
         if not faults:
-            print(_proved(tree))
+            gap = tree.covers[-1].gap
+            part = f"no part of the mesh is farther than {1e3 * gap:.3f} mm outside of the leaves"
+            print(f"proved and checked: {part if gap else 'each level covers the whole mesh'}")
         if build.max_error is not None:
             print(f"the fewest spheres that were found within {1e3 * build.max_error:g} mm")
         how = "read from the cache" if cached else f"built in {seconds:.1f} s"
@@ -248,15 +239,8 @@ def _of_level(tree: "SphereTree", level: int) -> dict[str, float | None]:
     }
 
 
-def _proved(tree: "SphereTree") -> str:
-    gap = tree.covers[-1].gap
-    if gap == 0.0:
-        return "proved and checked: each level covers the whole mesh"
-    return f"proved and checked: no part of the mesh is farther than {1e3 * gap:.3f} mm outside of the leaves"
-
-
 def _check_replaceable(path: Path) -> None:
-    """Keep a wrong `--out` from destroying a file that is no tree."""
+    """Raise OutputError where `--out` names a file that is no tree."""
     from hhsim.errors import InputError, OutputError
     from hhsim.trees.file import load_tree
     from hhsim.trees.sph_format import load_sph

@@ -26,10 +26,9 @@ if TYPE_CHECKING:
 def command(base: Path, head: Path, whole: bool, as_json: bool) -> None:
     """Set the figures of two results side by side.
 
-    A and B are files that hhsim replay or hhsim live wrote. First it says what differs in what was fed in and in how it
-    was run; figures of two scenes are shown, but not called better or worse. What differs by less than runs of the same
-    differ from each other is within noise (of hhsim replay --repeat: two standard deviations), and times of two
-    machines are not compared. hhsim report makes a page of the same; hhsim gate judges by limits.
+    A and B are files that hhsim replay or hhsim live wrote. First stands what differs in input and options; figures of
+    two scenes are shown, but not called better or worse. Differences as large as between equal runs are within noise
+    (of hhsim replay --repeat: two standard deviations), and times of two machines are not compared.
 
     \b
     Examples:
@@ -49,7 +48,7 @@ def command(base: Path, head: Path, whole: bool, as_json: bool) -> None:
     tables = [table.rows for table in found_tables]
     verdicts = [verdict(result, rows) for result, rows in zip(results, tables)]
     ours = {row.name: row for row in tables[0]}
-    # What happened in one of them alone is a difference.
+    # A figure of one result alone is a difference too.
     either = {row.name for table in tables for row in whole_table(table)}
     shared = [row for row in tables[1] if row.name in ours and row.name in either]
     rows = [(ours[row.name], row, compared(ours[row.name], row, found)) for row in shared]
@@ -64,12 +63,9 @@ def command(base: Path, head: Path, whole: bool, as_json: bool) -> None:
     for letter, result, table in zip("AB", results, tables):
         if result.repeated:
             kept = {row.name for row in short_table(table)}
-            times = (
-                f"{time.row.label} {time.shown} {time.row.unit}"
-                for time in stored_times(result.repeated, table)
-                if whole or time.row.name in kept
-            )
-            print_line(f"times of {letter}, mean ± σ of {result.repeated['runs']} runs: {'; '.join(times)}")
+            stored = [one for one in stored_times(result.repeated, table) if whole or one.row.name in kept]
+            times = "; ".join(f"{one.row.label} {one.shown} {one.row.unit}" for one in stored)
+            print_line(f"times of {letter}, mean ± σ of {result.repeated['runs']} runs: {times}")
     for what, differences in (("run otherwise", found.how), ("around it", found.around)):
         if differences:
             print_line(f"{what}: {'; '.join(differences)}")
@@ -97,9 +93,7 @@ def _document(
         "head": str(head),
         "verdicts": words,
         "comparable": found.comparable,
-        "scene": list(found.scene),
-        "how": list(found.how),
-        "around": list(found.around),
+        **{name: list(getattr(found, name)) for name in ("scene", "how", "around")},
         "figures": {
             one.name: {"base": one.value, "head": other.value, "ratio": figure.ratio, "word": figure.word or None}
             for one, other, figure in rows

@@ -9,8 +9,8 @@ import click
 def command(context: click.Context, shell: str) -> None:
     """Print the script that completes hhsim commands in a shell.
 
-    Commands, options, and the names of objects and trajectories are completed, once the script lies where the shell
-    looks for such scripts.
+    It completes commands, options, and the names of objects and trajectories, once it lies where the shell looks for
+    such scripts.
 
     \b
     Examples:

@@ -1,4 +1,4 @@
-"""What a command prints: tables for people, one JSON document for machines, progress for a terminal."""
+"""Output of a command: tables for people, one JSON document for machines, progress for a terminal."""
 
 import io
 import json
@@ -16,15 +16,15 @@ if TYPE_CHECKING:
     from hhsim.table.table import Table
 
 SILENCE = 30.0
-"""How long nothing is said of long work where there is no bar [s]."""
+"""Longest time without a line of progress where there is no bar [s]."""
 BAR = "hhsim.bar"
-"""Where a command's context keeps the bar's label, while there is a bar."""
+"""Key of the bar's label in a command's context."""
 
 
 def prepare_streams() -> None:
-    """Make the standard streams fit to print to, whatever shell, encoding or parent process they come from.
+    """Make the standard streams fit to print to, whatever the shell, encoding or parent process.
 
-    One that is closed (`>&-`) leads to the null device, so that no file opened later gets its number. A letter that the
+    A closed one (`>&-`) leads to the null device, so that no file opened later gets its number. A letter that the
     encoding lacks is shown as "?", and the bytes of a file name that is no UTF-8 as they are.
     """
     for name in ("stdin", "stdout", "stderr"):
@@ -37,12 +37,7 @@ def prepare_streams() -> None:
 
 
 def print_table(table: "Table", *, optional: Sequence[str] = ()) -> None:
-    """Print a table to stdout, as wide as the terminal allows.
-
-    Args:
-        table: Its title is a line above it.
-        optional: Headings of the columns that a narrow terminal does without, the first to go first.
-    """
+    """Print a table to stdout, as wide as the terminal allows; `optional` as of `terminal_text`."""
     from hhsim.table.terminal import terminal_text
 
     print(terminal_text(table, in_terminal=sys.stdout.isatty(), optional=optional))
@@ -66,10 +61,9 @@ def print_json(document: Mapping[str, Any]) -> None:
 
 
 def announce_compilation(*, quiet: bool) -> None:
-    """From here to the end of the command, say on stderr when a kernel has to be compiled, once.
+    """Print on stderr, once, when the command has to compile a kernel; a progress bar shows it with its seconds.
 
-    So that nobody takes the wait for a fault. Where there is a bar, it says so with its seconds. Kernels that lie in
-    the cache are loaded without a word.
+    So nobody takes the wait for a fault. Kernels from the cache are loaded without a word.
     """
     if quiet:
         return
@@ -96,11 +90,9 @@ def print_notes(notes: Sequence[str], *, prefix: str = "note") -> None:
 
 @contextmanager
 def progress(*, quiet: bool, lines: bool = False) -> Iterator[Progress]:
-    """Show a bar on stderr while the work reports, unless it should be quiet.
+    """Show a bar on stderr while the work reports, unless it is quiet.
 
-    Args:
-        quiet: Show nothing.
-        lines: For long work: where stderr is no terminal, print a line now and then. Else nothing is shown there.
+    Where stderr is no terminal, `lines` prints a line now and then; else nothing is shown.
     """
     if quiet or not sys.stderr.isatty():
         yield _line_by_line() if lines and not quiet else silent
@@ -113,7 +105,7 @@ def progress(*, quiet: bool, lines: bool = False) -> Iterator[Progress]:
 
     # What is being done, the seconds that it has taken, and the share of it that is done.
     class Remaining(TimeRemainingColumn):
-        """Nothing where the work tells itself what is left."""
+        """Time left; nothing where the work states it itself."""
 
         def render(self, task: Task) -> Text:
             return Text() if " (" in task.description else super().render(task)
@@ -136,7 +128,7 @@ def progress(*, quiet: bool, lines: bool = False) -> Iterator[Progress]:
                 bar.reset(task, total=None, description=what, amount="")
 
         def report(what: str, done: int, total: int) -> None:
-            # What stands in brackets may change as the work goes on.
+            # Text in brackets changes as the work goes on.
             label(what.partition(" (")[0])
             bar.update(task, description=what, completed=done, total=total, amount=f"{done:,} of {total:,}")
 
@@ -151,7 +143,7 @@ def progress(*, quiet: bool, lines: bool = False) -> Iterator[Progress]:
 
 
 def _line_by_line() -> Progress:
-    """A line on stderr for each tenth of the work, and after half a minute without one."""
+    """Return what prints a line for each tenth of the work, and after half a minute without one."""
     total_before, tenth_before, told = -1, 0, 0.0
 
     def report(what: str, done: int, total: int) -> None:

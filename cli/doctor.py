@@ -13,11 +13,7 @@ BAR = 40
 
 @click.command()
 @click.option(
-    "--rate",
-    type=options.Number(10.0, 10_000.0),
-    default=1000.0,
-    metavar="HZ",
-    help="Wake-ups a second [Hz], as of the session that is meant.",
+    "--rate", type=options.Number(10.0, 10_000.0), default=1000.0, metavar="HZ", help="Wake-ups a second [Hz]."
 )
 @click.option(
     "--duration", type=options.Number(0.1, 3600.0), default=10.0, metavar="S", help="How long to measure [s]."
@@ -25,7 +21,9 @@ BAR = 40
 @click.option(
     "--cpu", type=click.IntRange(-1, 4095), metavar="N", help="Processor to stay on; -1: any. Default: the last one."
 )
-@click.option("--no-realtime", is_flag=True, help="Measure without real-time scheduling and a processor of one's own.")
+@click.option(
+    "--no-realtime", is_flag=True, help="Measure without real-time scheduling and without a processor of one's own."
+)
 @options.json
 @options.quiet
 def command(rate: float, duration: float, cpu: int | None, no_realtime: bool, as_json: bool, quiet: bool) -> int:

@@ -25,11 +25,9 @@ from .console import print_json, progress
 def command(result: Path, out: Path, columns: tuple[str, ...] | None, as_json: bool, quiet: bool) -> None:
     """Write the ticks of a result to a CSV table.
 
-    RESULT is a file that hhsim replay or hhsim live wrote. Each tick is a line, each column has its unit in the
-    heading, and an array is a column an element. By default these are time, input sample, palms, total force, its size
-    and that of the force on each finger, depth, contacts, times and status; --columns names others (docs/files.md).
-    Fingers and joints are counted from 0, the thumb, and from the palm. Numbers have every digit, so that they are read
-    back as they were.
+    RESULT is a file that hhsim replay or hhsim live wrote. Each tick is a line, each heading has its unit, and an array
+    is a column an element; fingers are counted from the thumb, joints from the palm, both from 0. Numbers have every
+    digit, so that they are read back as they were (docs/files.md).
 
     \b
     Examples:

@@ -12,7 +12,7 @@ from hhsim.table.table import Table
 
 from .arguments import options
 from .arguments.option_group import OptionGroup, option
-from .arguments.options import FILE
+from .arguments.options import FILE, file
 from .console import announce_compilation, print_json, print_notes, print_table, progress
 from .run_again import names_a_result
 
@@ -25,32 +25,21 @@ STEP_SUMMARY = "GITHUB_STEP_SUMMARY"
 
 
 class Comparison(OptionGroup):
-    """What a suite is compared with, and how it is timed."""
+    """What a suite or a result is compared with, and how it is timed."""
 
-    baseline: Path | None = option(
-        type=FILE,
-        metavar="FILE",
-        help="What to compare with: a file of --write-baseline; for a RESULT also another result. Default: the file "
-        "that the suite names.",
+    baseline: Path | None = file(
+        "FILE", "File of --write-baseline, or another result, to compare with. Default: the suite's file."
     )
-    base_python: Path | None = option(
-        type=FILE,
-        metavar="PYTHON",
-        help="A python that has the base's hhsim, run in turn with this one: the only fair comparison of times.",
+    base_python: Path | None = file(
+        "PYTHON", "Python of the base's hhsim, run in turn with this one: the only fair comparison of times."
     )
-    base_folder: Path | None = option(
-        type=FILE,
-        metavar="DIR",
-        help="Folder of the base that stands for the suite's: its scenes find their methods, recordings, submissions "
-        "and sessions there. Without --base-python, this python runs it too.",
+    base_folder: Path | None = file(
+        "DIR", "Folder of the base that stands for the suite's, with its methods, recordings and submissions."
     )
-    suite: Path | None = option(
-        type=FILE,
-        metavar="SUITE",
-        help="Whose [limits] a RESULT is held to. Default: the limits that hhsim replay shows; no file of the current "
-        "folder is read.",
+    suite: Path | None = file(
+        "SUITE", "Suite whose [limits] a RESULT is held to. Default: the limits that hhsim replay shows."
     )
-    write_baseline: Path | None = option(type=FILE, metavar="FILE", help="Record the suite's run in this file.")
+    write_baseline: Path | None = file("FILE", "Record the suite's run in this file.")
     time: bool = option("--time/--no-time", default=True, help="Judge and record times, or leave them out.")
     processes: int | None = option(
         type=click.IntRange(3, 100),
@@ -81,14 +70,13 @@ def command(
     """Judge a change for CI: errors, work and time, yes or no.
 
     SUITE is a TOML file of scenes and limits; without it, hhsim-gate.toml of the current folder, else the one that
-    ships. A scene is a replay, of a method from outside too, a submission or a recorded session. Errors have absolute
-    limits. Work counters are compared with the base exactly, but for a stated slack. Times are medians over processes
-    of the CPU p50: of base and head run in turn with --base-python, or divided by a fixed reference workload where the
-    baseline was recorded elsewhere. A RESULT is judged as it is, by its file alone; of its times, only those that
-    --suite limits.
+    ships. A scene is a replay, a submission or a recorded session. Errors have absolute limits. Work counters are
+    compared with the base exactly, but for a stated slack. Times are medians over processes of the CPU p50: of base and
+    head run in turn with --base-python, or divided by a fixed reference workload where the baseline was recorded
+    elsewhere. A RESULT is judged by its file alone; of its times, only those that --suite limits.
 
-    Exit codes: 0 ok, 1 a limit was missed, 2 bad input, 3 the two sides were fed with different inputs. The files are
-    written with each of them.
+    Exit codes: 0 ok, 1 a limit was missed, 2 bad input, 3 the two sides had different inputs. The files are written
+    with each of them.
 
     \b
     Examples:
@@ -103,7 +91,10 @@ def command(
     from hhsim.gate.gate import refused_report
     from hhsim.system.output_path import check_output_path
 
-    outputs = markdown, _step_summary() if step_summary else None, junit
+    summary = os.environ.get(STEP_SUMMARY)
+    if step_summary and not summary:
+        raise InputError(f"--step-summary: ${STEP_SUMMARY} is not set; outside of GitHub Actions, use --markdown FILE")
+    outputs = markdown, Path(summary) if step_summary and summary else None, junit
     for path in (comparison.write_baseline, markdown, junit):
         if path is not None:
             check_output_path(path)
@@ -163,7 +154,7 @@ def _judge_suite(target: Path | None, comparison: Comparison, *, quiet: bool) ->
     if comparison.processes is not None:
         suite = replace(suite, time=replace(suite.time, processes=comparison.processes))
     named = comparison.baseline
-    # Who names a base's folder compares with it: the suite's own baseline is the head's.
+    # Who names a base's folder compares with that base, not with the suite's own baseline.
     if named is None and comparison.write_baseline is None and comparison.base_folder is None:
         named = suite.folder / suite.baseline if suite.baseline else None
     baseline = None if named is None else load_baseline(named)
@@ -174,23 +165,11 @@ def _judge_suite(target: Path | None, comparison: Comparison, *, quiet: bool) ->
     if comparison.base_python is not None or comparison.base_folder is not None:
         python = this_python() if comparison.base_python is None else comparison.base_python.absolute()
         base = find_side("base", python, comparison.base_folder)
-    with progress(quiet=quiet) as report_progress:
+    record = comparison.time and comparison.write_baseline is not None
+    with progress(quiet=quiet) as report:
         return gate_suite(
-            suite,
-            head,
-            base=base,
-            baseline=baseline,
-            timed=comparison.time,
-            record_times=comparison.time and comparison.write_baseline is not None,
-            progress=report_progress,
+            suite, head, base=base, baseline=baseline, timed=comparison.time, record_times=record, progress=report
         )
-
-
-def _step_summary() -> Path:
-    named = os.environ.get(STEP_SUMMARY)
-    if not named:
-        raise InputError(f"--step-summary: ${STEP_SUMMARY} is not set; outside of GitHub Actions, use --markdown FILE")
-    return Path(named)
 
 
 def _write(report: "GateReport", markdown: Path | None, summary: Path | None, junit: Path | None) -> None:
@@ -199,7 +178,7 @@ def _write(report: "GateReport", markdown: Path | None, summary: Path | None, ju
     from hhsim.gate.report import markdown as as_markdown
     from hhsim.system.atomic_write import write_atomically
 
-    # The name of a file need be no UTF-8.
+    # The name of a file may be no UTF-8.
     text = as_markdown(report).encode(errors="replace")
     if markdown is not None:
         write_atomically(markdown, text)

@@ -9,7 +9,7 @@ from hhsim.table.table import Table
 
 from .arguments.comma_list import number_list
 from .arguments.option_group import GroupedCommand, OptionGroup, option
-from .arguments.options import FILE, SIDES, UNITS, Number, Output, Side, metres
+from .arguments.options import FILE, SIDES, UNITS, Number, Output, Side, file, metres
 from .console import print_json, print_notes, print_table
 
 if TYPE_CHECKING:
@@ -18,16 +18,16 @@ if TYPE_CHECKING:
     from hhsim.recordings.repair import RepairOptions
 
 SECONDS = Number(-1e12, 1e12)
-"""A stamp, which may count from 1970."""
+"""Range of a stamp, which may count from 1970."""
 POSE = number_list("from [s]", "to [s]", ranges=[(0.0, 1e12)] * 2)
 HAND_LENGTH = Number(50.0, 400.0)
 
 
 class FormatOption(click.Option):
-    """An option whose help names the formats that there are when it is shown."""
+    """An option whose help names the formats when it is shown."""
 
     def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
-        """Ask for the names, which imports none of the formats."""
+        """Ask for the names, which imports no format."""
         from hhsim.recordings.formats import format_names
 
         *names, last = format_names()
@@ -36,15 +36,10 @@ class FormatOption(click.Option):
 
 
 class FileSettings(OptionGroup, heading="Recording"):
-    """What the numbers in the file mean."""
+    """Meaning of the numbers in the file."""
 
     form: str | None = option("--format", cls=FormatOption, metavar="NAME")
-    columns: Path | None = option(
-        type=FILE,
-        metavar="TOML",
-        help="What the columns of a CSV mean: units, signs, offsets, which joint (hhsim/recordings/column_map.py has "
-        "an example).",
-    )
+    columns: Path | None = file("TOML", "Meaning of a CSV's columns (hhsim/recordings/column_map.py has an example).")
     hand: Side | None = option(type=SIDES, help="Which hand it is, where the file does not say.")
     time_unit: str | None = option(
         type=click.Choice(["s", "ms", "us", "ns"]),
@@ -59,8 +54,7 @@ class FileSettings(OptionGroup, heading="Recording"):
     )
     palm_axes: str | None = option(
         metavar="X,Y,Z",
-        help="Axes of the recording's palm that point to the little finger, to the fingers and out of the back of a "
-        "right hand, such as -y,x,z. Default: what the file says, else x,y,z.",
+        help="Axes of a right palm to little finger, fingers and back. Default: what the file says, else x,y,z.",
     )
     world_up: str | None = option(
         type=click.Choice(["x", "y", "z", "-x", "-y", "-z"]),
@@ -70,40 +64,32 @@ class FileSettings(OptionGroup, heading="Recording"):
     rate: float | None = option(
         type=Number(0.1, 100_000.0),
         metavar="HZ",
-        help="Samples a second of a file without stamps [Hz], such as 21 keypoints of a camera.",
+        help="Samples a second of a file without stamps [Hz], such as a camera's keypoints.",
     )
 
     def options(self, others: dict[str, Any]) -> "ReadOptions":
-        """The same for the library, with what the other groups' `fields` give."""
+        """Return the options for the library, with the `fields` of the other groups."""
         from hhsim.recordings.column_map import read_column_map
         from hhsim.recordings.recording_format import ReadOptions
 
         return ReadOptions(
-            form=self.form,
             columns=None if self.columns is None else read_column_map(self.columns),
             hand=self.hand or "",
             palm_axes=None if self.palm_axes is None else tuple(part.strip() for part in self.palm_axes.split(",")),
-            world_up=self.world_up,
-            length_unit=self.length_unit,
-            rate=self.rate,
+            **{name: getattr(self, name) for name in ("form", "world_up", "length_unit", "rate")},
             **others,
         )
 
 
 class HandData(OptionGroup, heading="MANO, UmeTrack, LeRobot"):
-    """What files of poses and of data sets need besides."""
+    """What files of poses and data sets need besides."""
 
-    mano_model: Path | None = option(
-        type=FILE, metavar="FILE", help="Your own file of the MANO model, .pkl or .npz, for poses of MANO."
-    )
+    mano_model: Path | None = file("FILE", "Your own file of the MANO model, .pkl or .npz.")
     mano_pose: str | None = option(
         type=click.Choice(["axis-angle", "axis-angle-mean", "pca", "pca-flat"]),
-        help="What the numbers of a MANO pose are: angles from the flat hand or from the mean pose, coefficients of "
-        "the components about the mean pose or about the flat hand.",
+        help="Numbers of a MANO pose: angles or PCA coefficients, from the flat hand or from the mean pose.",
     )
-    profile: Path | None = option(
-        type=FILE, metavar="JSON", help="Sizes of an UmeTrack hand. Default: *user_profile.json beside the recording."
-    )
+    profile: Path | None = file("JSON", "Sizes of an UmeTrack hand. Default: *user_profile.json beside the recording.")
     object_track: str | None = option(
         metavar="UID",
         help="Object that moves with an UmeTrack hand, of dynamic_objects.csv beside it. Default: the only one.",
@@ -113,7 +99,7 @@ class HandData(OptionGroup, heading="MANO, UmeTrack, LeRobot"):
     )
 
     def fields(self) -> dict[str, Any]:
-        """The same as fields of ReadOptions."""
+        """Return fields of ReadOptions."""
         from hhsim.recordings.recording_format import ManoOptions
 
         mano = ManoOptions(self.mano_model, self.mano_pose)
@@ -121,12 +107,10 @@ class HandData(OptionGroup, heading="MANO, UmeTrack, LeRobot"):
 
 
 class DexmoCalibration(OptionGroup, heading="Dexmo glove"):
-    """The calibration of a Dexmo: from a file, or when [s] its hand was in which pose."""
+    """Calibration of a Dexmo: from a file, or from stamps [s] at which its hand was in known poses."""
 
-    calibration: Path | None = option(
-        type=FILE,
-        metavar="TOML",
-        help="Calibration of a Dexmo glove (hhsim/recordings/dexmo_regression.py has an example).",
+    calibration: Path | None = file(
+        "TOML", "Calibration of a Dexmo glove (hhsim/recordings/dexmo_regression.py has an example)."
     )
     open_hand: tuple[float, float] | None = option(
         "--open", callback=POSE, metavar="FROM,TO", help="From when to when the hand in a Dexmo was flat [s]."
@@ -137,19 +121,12 @@ class DexmoCalibration(OptionGroup, heading="Dexmo glove"):
     spread: tuple[float, float] | None = option(
         callback=POSE, metavar="FROM,TO", help="From when to when its fingers were spread and the thumb opposed [s]."
     )
-    save_calibration: Path | None = option(
-        type=FILE,
-        metavar="TOML",
-        help="Write the calibration of --open, --fist and --spread, for other recordings of the same glove.",
+    save_calibration: Path | None = file(
+        "TOML", "Write the calibration of --open, --fist and --spread, for other recordings of the same glove."
     )
 
     def fields(self) -> dict[str, Any]:
-        """The same as fields of ReadOptions.
-
-        Raises:
-            UsageError: Poses that are no calibration.
-            HhsimError: A file that cannot be read.
-        """
+        """Return fields of ReadOptions; raise UsageError for incomplete poses, HhsimError for a damaged file."""
         from hhsim.recordings.dexmo_regression import Poses, read_calibration
 
         fields: dict[str, Any] = {}
@@ -165,7 +142,7 @@ class DexmoCalibration(OptionGroup, heading="Dexmo glove"):
 
 
 class RepairSettings(OptionGroup, heading="Selection and repair"):
-    """What is made of the recording; times in [s], lengths in [mm]."""
+    """Selection and repair of the samples; times in [s], lengths in [mm]."""
 
     start: float | None = option("--from", type=SECONDS, metavar="S", help="Keep samples from this stamp on [s].")
     end: float | None = option("--to", type=SECONDS, metavar="S", help="Keep samples up to this stamp [s].")
@@ -175,24 +152,21 @@ class RepairSettings(OptionGroup, heading="Selection and repair"):
     hand_length: float | None = option(
         type=HAND_LENGTH,
         metavar="MM",
-        help="Length of the recorded hand, wrist crease to middle fingertip [mm]. Default: from its bones, if it has "
-        "any; 190 where they have no scale.",
+        help="Length of the recorded hand, wrist crease to middle fingertip [mm]. Default: from its bones, else 190.",
     )
     scale_to: float | None = option(
         type=HAND_LENGTH,
         metavar="MM",
-        help="Scale the palm's way to a hand of this length [mm]. Default: metres stay metres; angles fit every hand.",
+        help="Scale the palm's path to a hand of this length [mm]. Default: metres stay metres.",
     )
     mirror: bool = option(is_flag=True, help="Make a right hand's motion of a left hand's, or the other way round.")
-    hand_file: Path | None = option(
-        type=FILE,
-        metavar="TOML",
-        help="Hand whose joint limits bound the angles (docs/faq.md has an example). Default: the usual one.",
+    hand_file: Path | None = file(
+        "TOML", "Hand whose joint limits bound the angles (docs/faq.md has an example). Default: the usual one."
     )
     keep_angles: bool = option(is_flag=True, help="Keep joint angles beyond the hand's limits.")
 
     def options(self, recording: "Recording", file: FileSettings) -> "RepairOptions":
-        """The same for the library; the units of the numbers are those of `file`."""
+        """Return the options for the library; the units of the numbers are those of `file`."""
         from hhsim.hand.model import HandModel
         from hhsim.recordings.repair import RepairOptions, limits_of
 
@@ -202,13 +176,10 @@ class RepairSettings(OptionGroup, heading="Selection and repair"):
         elif self.hand_file is not None:
             limits["limits"] = limits_of(HandModel.from_toml(self.hand_file))
         return RepairOptions(
-            max_gap=self.max_gap,
-            start=self.start,
-            end=self.end,
+            **{name: getattr(self, name) for name in ("max_gap", "start", "end", "mirror")},
             time_unit=file.time_unit,
             length_unit=None if recording.scaled else file.length_unit,
             angle_unit=file.angle_unit,
-            mirror=self.mirror,
             hand_length=metres(self.hand_length),
             scale_to=metres(self.scale_to),
             **limits,
@@ -216,7 +187,7 @@ class RepairSettings(OptionGroup, heading="Selection and repair"):
 
 
 class Labels(OptionGroup, heading="Labels"):
-    """What is kept in the trajectory for whoever finds it."""
+    """Origin of the recording, kept in the trajectory."""
 
     name: str | None = option(metavar="TEXT", help="Name of the motion. Default: that of the file.")
     source: str | None = option(metavar="TEXT", help="Who or what recorded it, kept in the trajectory.")
@@ -235,8 +206,7 @@ class Labels(OptionGroup, heading="Labels"):
     "--fit-hand",
     type=FILE,
     metavar="TOML",
-    help="Write a hand with the recorded bones and radii, for --hand-file of hhsim replay and live, and lay the motion "
-    "for it.",
+    help="Write a hand with the recorded bones and radii for --hand-file, and lay the motion for it.",
 )
 @click.option("--plot", type=FILE, metavar="FILE", help="Draw what came in and what went out.")
 def command(
@@ -269,13 +239,7 @@ def command(
     from hhsim.motion.file import check_trajectory_path, save_trajectory
     from hhsim.motion.trajectory import UNCHECKED
     from hhsim.recordings.dexmo_regression import format_calibration
-    from hhsim.recordings.fitted_hand import (
-        check_hand_path,
-        check_hand_text,
-        fitted_hand,
-        for_hand,
-        format_fitted_hand,
-    )
+    from hhsim.recordings.fitted_hand import check_hand_path, check_hand_text, fitted_hand, for_hand, format_fitted_hand
     from hhsim.recordings.formats.dexmo import calibration_of
     from hhsim.recordings.import_report import COLUMNS, FIT_COLUMNS, fit_rows, import_document
     from hhsim.recordings.registry import read_recording
@@ -296,8 +260,7 @@ def command(
         check_hand_path(fit_hand)
     others = {**dexmo.fields(), **data.fields(), "hand_length": metres(repairs.hand_length)}
     read_options = reading.options(others)
-    recording = read_recording(file, read_options)
-    recording = recording.changed(**labels.given())
+    recording = read_recording(file, read_options).changed(**labels.given())
     repair_options = repairs.options(recording, reading)
     hand_text = ""
     try:
@@ -320,15 +283,8 @@ def command(
 
         draw_import(recording, repaired.trajectory, plot)
     if output.as_json:
-        print_json(
-            {
-                "file": str(file),
-                **document,
-                "path": str(output_path),
-                "hand_file": str(fit_hand) if fit_hand else None,
-                "plot": str(plot) if plot else None,
-            }
-        )
+        paths = {name: str(path) if path else None for name, path in (("hand_file", fit_hand), ("plot", plot))}
+        print_json({"file": str(file), **document, "path": str(output_path), **paths})
     elif not output.quiet:
         written = [str(output_path)] + ([f"its hand to {fit_hand}"] if fit_hand else [])
         motion, length = repaired.trajectory, repaired.hand_length

@@ -41,11 +41,9 @@ def command(as_json: bool) -> None:
         ("kernels", compiled if kernels["jit"] else "interpreted: NUMBA_DISABLE_JIT is set"),
         ("kernel cache", kernels["folder"]),
         *sorted((name, version) for name, version in info["packages"].items() if name != "hhsim"),
-        *(
-            ("missing", f"{', '.join(names)}: pip install 'hhsim[{extra}]'")
-            for extra, names in info["missing"].items()
-            if extra != "required"
-        ),
-        *(("missing", f"{name}: required") for name in info["missing"].get("required", [])),
     ]
+    for extra, names in info["missing"].items():
+        if extra != "required":
+            rows.append(("missing", f"{', '.join(names)}: pip install 'hhsim[{extra}]'"))
+    rows += [("missing", f"{name}: required") for name in info["missing"].get("required", [])]
     print_table(Table.of_cells(("what", "value"), rows))

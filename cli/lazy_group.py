@@ -12,11 +12,8 @@ from hhsim.errors import InputError, UnknownNameError
 class LazyGroup(click.Group):
     """A group that imports a command when it is run.
 
-    Args:
-        lines: Every command with its one line, in the order of the help.
-        module: Name of the module, in this package, that holds a command as `command`.
-        kind: What its commands are called.
-        meant: What to type instead of words that are no command, but that people try.
+    `lines` has every command with its one line, `module` the module of a command, `kind` what its commands are called,
+    and `meant` advice for words that are no command.
     """
 
     def __init__(
@@ -35,7 +32,7 @@ class LazyGroup(click.Group):
         self.meant = meant or {}
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Names in the order of the table."""
+        """Return the names in the order of the help."""
         return list(self.lines)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
@@ -48,7 +45,7 @@ class LazyGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Find the command, or name the near ones."""
+        """Find the command, or raise an error that names the near ones."""
         if args and args[0] not in self.lines and not args[0].startswith("-"):
             if args[0] in self.meant:
                 raise InputError(f"unknown {self.kind} '{args[0]}': {self.meant[args[0]]}")

@@ -1,4 +1,4 @@
-"""The `hhsim` command: a group that imports a command only when it is run, and the one place that reports errors."""
+"""The `hhsim` command: a group that imports a command only when it is run, and reports all errors."""
 
 import json
 import os
@@ -39,10 +39,10 @@ COMMANDS = {
     "help": "Show the help of hhsim, or of a command.",
     "completion": "Print the script that completes hhsim commands in a shell.",
 }
-"""Every command with its one line; the module of a command is its name with underscores, and holds `command`."""
+"""Every command with its one line; its module is named like it, with underscores, and holds `command`."""
 
 KEYWORDS = {"import": "import_"}
-"""Commands whose name no module can have."""
+"""Modules of commands whose name no module can have."""
 
 MEANT = {
     "list": "hhsim objects and hhsim trajectories list what there is",
@@ -55,7 +55,7 @@ MEANT = {
     "benchmark": "did you mean bench?",
     "submit": "did you mean score?",
 }
-"""What to type instead of words that people try."""
+"""Advice for words that are no command."""
 
 COMPLETION_VARIABLE = "_HHSIM_COMPLETE"
 INTERRUPTED = 130
@@ -102,10 +102,10 @@ def main() -> None:
         code = _run_and_report()
         sys.stdout.flush()
     except OSError as error:
-        # What is still buffered must not raise again when the interpreter closes stdout.
+        # What is buffered must not raise again when the interpreter closes stdout.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = BROKEN_PIPE if isinstance(error, BrokenPipeError) else HhsimError.exit_code
-        # A reader that has left wants no more; where this came of reporting an error, that one is on stderr already.
+        # A closed pipe wants no more; an error that occurs while another is reported is on stderr already.
         if code != BROKEN_PIPE and error.__context__ is None:
             print(f"hhsim: error: cannot print the answer: {error.strerror or error}", file=sys.stderr)
     sys.exit(code)
@@ -129,7 +129,7 @@ def _show_warning(
 
 
 def _run_and_report() -> int:
-    """Run the command and report what went wrong; what is left to raise is a stdout that cannot be written."""
+    """Run the command and report errors; only a stdout that cannot be written is raised."""
     try:
         return _run()
     except HhsimError as error:
@@ -140,7 +140,7 @@ def _run_and_report() -> int:
     except click.ClickException as error:
         return _report(error.format_message(), error.exit_code)
     except KeyboardInterrupt as interrupt:
-        # A second Ctrl-C, from an impatient hand, must not cut the answer short.
+        # A second Ctrl-C must not cut the answer short.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         return _report(_with_notes("interrupted", interrupt), INTERRUPTED)
     except BrokenPipeError:
@@ -161,7 +161,7 @@ def _run() -> int:
 
 
 def _place(error: OSError) -> str:
-    """What an error of the system is about, which it does not say where stdout or the compiler's cache is full."""
+    """Return the file of a system's error, or what it may be about where it names none."""
     if error.filename:
         return str(error.filename)
     from hhsim.kernels.cache_folder import cache_root
@@ -174,7 +174,7 @@ def _with_notes(message: str, error: BaseException) -> str:
 
 
 def _report(message: str, code: int) -> int:
-    """Report an error: one line on stderr and, for machines, one JSON document on stdout."""
+    """Report an error: one line on stderr and, with --json, one JSON document on stdout."""
     line = " ".join(message.split())
     print(f"hhsim: {line}" if code == INTERRUPTED else f"hhsim: error: {line}", file=sys.stderr)
     if "--json" in sys.argv:

@@ -14,7 +14,7 @@ def command(as_json: bool) -> None:
     """List the objects that come with hhsim.
 
     Any of the names, or a mesh file of your own, goes into hhsim replay and hhsim build-tree. The level is that of
-    the sphere tree that a replay uses unless told otherwise; the mass is that of the object where it is free.
+    the usual sphere tree; the mass is that of the object where it is free.
 
     \b
     Examples:
@@ -25,26 +25,14 @@ def command(as_json: bool) -> None:
 
     objects = [load_object(name) for name in object_names()]
     if as_json:
-        print_json(
-            {
-                "objects": [
-                    {
-                        "name": item.name,
-                        "title": item.title,
-                        "extent": item.mesh.extent.tolist(),
-                        "triangles": len(item.mesh.faces),
-                        "level": item.level,
-                        "density": item.density,
-                        "mass": item.density * item.mesh.volume,
-                        "friction": item.friction,
-                        "stresses": item.stresses,
-                        "source": item.source,
-                        "licence": item.licence,
-                    }
-                    for item in objects
-                ]
-            }
-        )
+        same = ("name", "title", "level", "density", "friction", "stresses", "source", "licence")
+        documents = [
+            {name: getattr(item, name) for name in same}
+            | {"extent": item.mesh.extent.tolist(), "triangles": len(item.mesh.faces)}
+            | {"mass": item.density * item.mesh.volume}
+            for item in objects
+        ]
+        print_json({"objects": documents})
         return
     columns = (
         words("name"),

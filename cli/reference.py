@@ -1,10 +1,10 @@
-"""The page docs/cli.md, from what the commands say of themselves: `python -m hhsim.cli.reference > docs/cli.md`."""
+"""Generator of the page docs/cli.md: `python -m hhsim.cli.reference > docs/cli.md`."""
 
 import inspect
 import re
 import textwrap
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import click
 
@@ -51,14 +51,8 @@ then run `python -m hhsim.cli.reference > docs/cli.md`.
 """
 
 
-@dataclass(frozen=True)
-class CommandHelp:
-    """A command as the command line knows it.
-
-    Attributes:
-        path: How it is called, such as `hhsim live glove`.
-        context: That its help is made in.
-    """
+class CommandHelp(NamedTuple):
+    """A command, its path such as `hhsim live glove`, and the context that its help is made in."""
 
     path: str
     command: click.Command
@@ -68,7 +62,7 @@ class CommandHelp:
 def commands(
     command: click.Command = hhsim, name: str = "hhsim", parent: click.Context | None = None
 ) -> Iterator[CommandHelp]:
-    """Every command, a group before its own, in the order of the help."""
+    """Yield every command, a group before its own, in the order of the help."""
     context = click.Context(command, parent, name, **command.context_settings)
     yield CommandHelp(context.command_path, command, context)
     if isinstance(command, LazyGroup):
@@ -79,7 +73,7 @@ def commands(
 
 
 def reference() -> str:
-    """The whole page, in Markdown."""
+    """Return the whole page, in Markdown."""
     return "\n".join([BEGIN, *(_section(found) for found in commands())])
 
 
@@ -93,20 +87,17 @@ def _section(found: CommandHelp) -> str:
         if items:
             parts += [f"{heading}:", "\n".join(items)]
     if isinstance(found.command, LazyGroup):
-        parts += [f"{found.command.kind.capitalize()}s:", "\n".join(_members(found.command, found.path))]
+        anchor = found.path.replace(" ", "-")
+        members = found.command.lines.items()
+        lines = [f"- [`{found.path} {name}`](#{anchor}-{name}): {line}" for name, line in members]
+        parts += [f"{found.command.kind.capitalize()}s:", "\n".join(lines)]
     return "\n\n".join(parts) + "\n"
 
 
-def _members(group: LazyGroup, path: str) -> Iterator[str]:
-    for name, line in group.lines.items():
-        whole = f"{path} {name}"
-        yield f"- [`{whole}`](#{whole.replace(' ', '-')}): {line}"
-
-
 def _paragraph(text: str) -> str:
-    """A paragraph of a docstring; one after click's mark for "do not fold" is a heading and lines as they are."""
+    """Return a docstring's paragraph; one after click's mark for "do not fold" is a heading and lines as they are."""
     if not text.startswith("\b"):
-        # A dash or a plus at the begin of a line is not the begin of a list.
+        # A dash or a plus at the begin of a line would begin a list.
         return re.sub(r"(?m)^(?=[-+*#] )", r"\\", _folded(_marked(" ".join(text.split()))))
     heading, *lines = text.removeprefix("\b").strip("\n").splitlines()
     if heading == "Examples:":
@@ -123,7 +114,7 @@ def _item(option: str, help: str) -> str:
 
 
 def _marked(text: str) -> str:
-    """The text with the options in it set as code."""
+    """Return the text with its options set as code."""
     return re.sub(r"(?<![\w-])(--[a-z][\w-]*)", r"`\1`", text)
 
 

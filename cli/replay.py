@@ -19,7 +19,7 @@ from .arguments.free_object import FreeChoice
 from .arguments.method_name import isolate
 from .arguments.object_argument import MeshFile, complete_object
 from .arguments.option_group import GroupedCommand, option, shared
-from .arguments.options import COUNT, Side, within
+from .arguments.options import COUNT, Side, ranged
 from .arguments.tree_choice import TreeOrFile
 from .console import announce_compilation, print_json, print_line, print_notes, print_table, progress
 from .run_again import names_a_result, run_again
@@ -33,16 +33,16 @@ if TYPE_CHECKING:
     from hhsim.scene.demonstration import Demonstration
     from hhsim.scene.described_scene import SceneWords
     from hhsim.scene.script import Script
-    from hhsim.solver.options import SolverOptions, Stiffness
+    from hhsim.solver.options import SolverOptions
     from hhsim.view.sink import RerunTarget
 
 
-STIFFNESSES = ("translation", "rotation", "flexion")
-"""Parts of --stiffness in their order, as the library names them."""
+STIFFNESSES = {"translation": "k_t [N/m]", "rotation": "k_r [N·m/rad]", "flexion": "k_θ [N·m/rad]"}
+"""Parts of --stiffness in their order, by the library's names."""
 
 
 def complete_trajectory(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """Offer the names of the catalogue, and files where what is typed looks like one."""
+    """Complete names of the catalogue, and files where what is typed looks like one."""
     from hhsim.scene.motion_catalogue import trajectory_names
 
     names = [CompletionItem(name) for name in trajectory_names() if name.startswith(incomplete)]
@@ -50,66 +50,56 @@ def complete_trajectory(context: click.Context, parameter: click.Parameter, inco
 
 
 class SolverSettings(options.Linearising, options.SolverChoice):
-    """How the hand is solved for, with all that steers it; `stiffness` is k_t [N/m], k_r and k_θ [N·m/rad]."""
+    """All options of the solver; `stiffness` is k_t [N/m], k_r and k_θ [N·m/rad]."""
 
     isolate: bool = shared(isolate)
     qp: str = option(
         metavar="NAME",
         default="active-set",
-        help="QP solver: active-set, our own, or any installed one that qpsolvers knows, such as clarabel.",
+        help="QP solver: active-set (hhsim's own) or one that qpsolvers finds installed, such as clarabel.",
     )
     force: str | None = option(
         type=click.Choice(["kkt", "paper"]),
-        help="kkt: forces from the program's multipliers; paper: from the paper's Eq. 14. Default: kkt; paper with "
-        "--method paper.",
+        help="Forces from the multipliers (kkt) or from Eq. 14 (paper). Default: kkt; paper with --method paper.",
     )
     stiffness: tuple[float, ...] | None = option(
-        callback=number_list(
-            "k_t [N/m]",
-            "k_r [N·m/rad]",
-            "k_θ [N·m/rad]",
-            ranges=[RANGES[f"stiffness {name}"][:2] for name in STIFFNESSES],
-        ),
+        callback=number_list(*STIFFNESSES.values(), ranges=[RANGES[f"stiffness {name}"][:2] for name in STIFFNESSES]),
         metavar="K_T,K_R,K_THETA",
         help="Virtual coupling of palm position [N/m], palm rotation and joints [N·m/rad]. Default: 1000,5,0.5.",
     )
-    penalty_stiffness: float | None = option(
-        type=within("stiffness penalty"),
-        metavar="K",
-        help="Stiffness of each contact with --method penalty [N/m]. Default: 100000.",
+    penalty_stiffness: float | None = ranged(
+        "stiffness penalty", "K", "Stiffness of each contact with --method penalty [N/m]. Default: 100000."
     )
-    tolerance: float | None = option(
-        type=within("tolerance"),
-        metavar="SHARE",
-        help="Largest violation of a contact's row, as a share of the margin. Default: 1e-8.",
+    tolerance: float | None = ranged(
+        "tolerance", "SHARE", "Largest violation of a contact's row, as a share of the margin. Default: 1e-8."
     )
     frustum_ends: str | None = option(
         type=click.Choice(["spheres", "flat"]),
-        help="With --method paper, a joint's sphere bounds the cone frustum as the fingertip's does (spheres, "
-        "Eq. 13), or Eq. 7 holds there as printed (flat). Default: spheres.",
+        help="Ends of a frustum with --method paper: spheres (Eq. 13) or flat (Eq. 7). Default: spheres.",
     )
-    threads: int = option(
-        type=within("threads"),
-        default=1,
-        metavar="N",
-        help="Threads that share each tick: finding contacts and, with progressive, the fingers' programs (coupled "
-        "has only one program). The same result with any number; hhsim bench threads says when they pay.",
+    threads: int = ranged(
+        "threads", "N", "Threads that share each tick; the result is the same with any number.", default=1
     )
 
     def options(self) -> "SolverOptions":
-        """The same for the library.
+        """Return the options for the library.
 
         Raises:
-            UsageError: An option of another method.
-            HhsimError: No such QP solver, a method whose engine is not installed, or a number out of range.
+            UsageError, HhsimError: An option of another method, a missing solver or engine, or a bad number.
         """
         from hhsim.errors import InputError, UnknownNameError
         from hhsim.solver.known_methods import find_method
         from hhsim.solver.method_names import isolated_name
-        from hhsim.solver.options import SolverOptions
+        from hhsim.solver.options import SolverOptions, Stiffness
         from hhsim.solver.qp import ACTIVE_SET, available_backends
 
-        changed = {**self.given(), "margin": options.metres(self.margin), "stiffness": self._stiffness()}
+        stiffness = dict(zip(STIFFNESSES, self.stiffness or ()))
+        if self.penalty_stiffness is not None:
+            if self.method != "penalty":
+                raise click.UsageError(f"--penalty-stiffness is for --method penalty, not {self.method}")
+            stiffness["penalty"] = self.penalty_stiffness
+        changed = {**self.given(), "margin": options.metres(self.margin)}
+        changed |= {"stiffness": Stiffness(**stiffness) if stiffness else None}
         changed.pop("penalty_stiffness", None)
         if changed.pop("isolate"):
             changed["method"] = isolated_name(self.method)
@@ -119,25 +109,15 @@ class SolverSettings(options.Linearising, options.SolverChoice):
             raise InputError(f"method {self.method} {missing}")
         return SolverOptions(**{name: value for name, value in changed.items() if value is not None})
 
-    def _stiffness(self) -> "Stiffness | None":
-        from hhsim.solver.options import Stiffness
-
-        if self.penalty_stiffness is not None and self.method != "penalty":
-            raise click.UsageError(f"--penalty-stiffness is for --method penalty, not {self.method}")
-        changed = {} if self.penalty_stiffness is None else {"penalty": self.penalty_stiffness}
-        if self.stiffness is not None:
-            changed |= dict(zip(STIFFNESSES, self.stiffness))
-        return Stiffness(**changed) if changed else None
-
 
 class HandAndMotion(options.Sampling, heading="Hand and motion"):
-    """The hand, and how it moves; `tremor` is an amplitude of the palm's position [mm] and one of its rotation [°]."""
+    """The hand and its motion; `tremor` is an amplitude of the palm's position [mm] and of its rotation [°]."""
 
     place_object: Literal["recorded", "auto"] | None = options.place_object(None)
     object_pose: Literal["recorded", "fixed"] = option(
         type=click.Choice(["recorded", "fixed"]),
         default="recorded",
-        help="Of a recording whose object moves: recorded: it moves as it did; fixed: it stays where it was at first.",
+        help="An object that a recording moves: it moves as recorded, or stays fixed where it was at first.",
     )
     side: Side | None = option(
         "--hand", type=options.SIDES, help="Which hand grasps. Default: the recording's, else the right one."
@@ -146,17 +126,15 @@ class HandAndMotion(options.Sampling, heading="Hand and motion"):
     tremor: tuple[float, ...] | None = option(
         callback=number_list("mm", "degrees", ranges=[(0.0, 100.0), (0.0, 180.0)]),
         metavar="MM,DEG",
-        help="Add seeded tremor of 10 Hz: amplitude of the palm's position [mm] and rotation [°], such as 0.1,0.2.",
+        help="Add seeded tremor of 10 Hz of this amplitude: palm position [mm] and rotation [°], such as 0.1,0.2.",
     )
-    ticks: int | None = option(type=COUNT, metavar="N", help="Run the first N ticks alone. Default: the whole motion.")
+    ticks: int | None = option(type=COUNT, metavar="N", help="Run only the first N ticks. Default: the whole motion.")
 
     def motion(self, trajectory: str) -> "Script | Demonstration | Trajectory":
-        """What TRAJECTORY names, with its tremor.
+        """Return the motion that TRAJECTORY names, with its tremor.
 
         Raises:
-            UsageError: A script is placed as a recording is, a recording gets tremor, or an object that moves as
-                recorded is to be put elsewhere.
-            HhsimError: No such motion, or a file that cannot be read.
+            UsageError, HhsimError: Options that do not go with it, no such motion, or a file that cannot be read.
         """
         from hhsim.motion.trajectory import Trajectory
         from hhsim.scene.motion_catalogue import resolve_trajectory
@@ -186,7 +164,7 @@ class HandAndMotion(options.Sampling, heading="Hand and motion"):
         return motion.shaken(self.tremor)
 
     def hand(self, motion: "Script | Demonstration | Trajectory") -> "HandModel":
-        """The hand that makes a motion."""
+        """Return the hand of a motion."""
         from hhsim.hand.model import HandModel
         from hhsim.scene.scene import side_of
 
@@ -194,9 +172,10 @@ class HandAndMotion(options.Sampling, heading="Hand and motion"):
         return HandModel.default(side) if self.hand_file is None else HandModel.from_toml(self.hand_file, side)
 
     def words(self, object_: str, trajectory: str, mesh_file: MeshFile, tree: TreeOrFile, seed: int) -> "SceneWords":
-        """What was asked for, for the result to say."""
+        """Return what the command line says, for the result."""
         from hhsim.scene.described_scene import SceneWords
 
+        own = ("samples", "place_object", "object_pose", "rate", "ticks")
         return SceneWords(
             object=object_,
             trajectory=trajectory,
@@ -207,17 +186,13 @@ class HandAndMotion(options.Sampling, heading="Hand and motion"):
             tree=str(tree.path) if tree.path else None,
             hand_file=str(self.hand_file) if self.hand_file else None,
             tremor_mm_deg=self.tremor,
-            samples=self.samples,
-            place_object=self.place_object,
-            object_pose=self.object_pose,
-            rate=self.rate,
-            ticks=self.ticks,
             seed=seed,
+            **{name: getattr(self, name) for name in own},
         )
 
 
 class ReplayOutput(options.Output):
-    """Where the result goes, and how much of it is printed."""
+    """Where the result goes, and how much is printed."""
 
     whole: bool = option(
         "--all", is_flag=True, help="Print every figure; without it those that matter, and what is over its limit."
@@ -226,8 +201,7 @@ class ReplayOutput(options.Output):
         type=COUNT,
         default=1,
         metavar="N",
-        help="Run the ticks N times and print mean and standard deviation of the times, which alone differ; the file "
-        "is of the last run and says both, for hhsim compare and hhsim report to go by.",
+        help="Run the ticks N times, and print and store mean and standard deviation of their times.",
     )
 
 
@@ -257,15 +231,14 @@ def command(
     """Replay a hand motion against an object, every tick measured.
 
     OBJECT is a name (hhsim objects) or a mesh file; TRAJECTORY is a name (hhsim trajectories), a .toml script or a
-    recording, .h5 or .csv, or any file that hhsim import reads without options. Without them, five fingers grasp the
-    bunny. Above the table stands the verdict, beside the figures their limits and, in scenes of the paper, the paper's
-    figures; every tick is in the file. A recording whose hand touches nothing, or begins inside the object, gets its
-    object placed. The exit code is 1 where more than half of the ticks are stuck, and else 0 whatever the verdict:
-    hhsim gate fails on it. Ctrl-C stops the replay and keeps the ticks so far.
+    recording that hhsim import reads without options. Above the table stands the verdict, beside the figures their
+    limits and, in scenes of the paper, the paper's figures; every tick is in the file. A recording whose hand touches
+    nothing, or begins inside the object, gets its object placed. The exit code is 1 where more than half of the ticks
+    are stuck; hhsim gate fails on any missed limit. Ctrl-C stops the replay and keeps the ticks so far.
 
-    OBJECT may also be a result or a recorded live session: its ticks are run again with the options that it holds, and
-    every array is identical bit for bit, within rounding (another processor's last bits, by bounds that are printed) or
-    different; the exit code is 1 where one is different. As TRAJECTORY, such a file is the motion in it.
+    OBJECT may also be a result or a recorded session: its ticks run again with their options, and each array is
+    identical, within rounding or different; the exit code is 1 where one is different. As TRAJECTORY, such a file is
+    the motion in it.
 
     \b
     Examples:
@@ -294,7 +267,7 @@ def command(
     announce_compilation(quiet=output.quiet)
     solid = solver.surface != "mesh"
     mesh, usual_level = mesh_file.read(object_, solid=solid)
-    # A mesh that can have no mass is refused before a tree is built of it.
+    # Before the tree is built: a mesh that can have no mass is refused.
     free.object(mesh, object_)
     output_path = output.path(f"{mesh.name}-{motion.name}-{solver.word}")
     check_result_path(output_path)
@@ -302,10 +275,9 @@ def command(
     with ExitStack() as stack:
         viewer = None
         if rerun is not None:
-            # Imported only where it is wanted: it is slow to import.
             from hhsim.view.background_viewer import ViewAhead
 
-            # Before the thread of the progress bar: a process with threads is no good to fork.
+            # Before the progress bar starts a thread, which would not survive a fork.
             viewer = stack.enter_context(ViewAhead(rerun))
         report = stack.enter_context(progress(quiet=output.quiet))
         hand = moving.hand(motion)
@@ -313,19 +285,14 @@ def command(
             chosen = tree.choose(mesh, usual_level, report, solid=solid)
         else:
             chosen = tree.load(mesh, mesh_file.unit_length(object_))
-        words = moving.words(object_, trajectory, mesh_file, tree, seed)
-        placed = described_scene(words, mesh, chosen.tree, chosen.level, hand, motion, solver_options.fingers)
+        described = moving.words(object_, trajectory, mesh_file, tree, seed)
+        placed = described_scene(described, mesh, chosen.tree, chosen.level, hand, motion, solver_options.fingers)
         remarks += filter(None, [placed.note])
         scene = replace(placed.scene, free=free.object(placed.scene.mesh, object_))
+        settle = viewer.settle if viewer is not None else None
+        typed = ("hhsim", *sys.argv[1:])
         runs = [
-            run(
-                scene,
-                solver_options,
-                output_path,
-                command=("hhsim", *sys.argv[1:]),
-                before_ticks=viewer.settle if viewer is not None else None,
-                progress=report,
-            )
+            run(scene, solver_options, output_path, command=typed, before_ticks=settle, progress=report)
             for _ in range(output.repeat)
         ]
         summary = runs[-1]
@@ -350,7 +317,7 @@ def command(
 
 
 def _print(summary: "ReplaySummary", *, whole: bool) -> None:
-    """Print the verdict and the table; the column of the paper only where the scene is the paper's."""
+    """Print the verdict and the table."""
     from hhsim.replay.summary_table import figure_table, short_table, whole_table
 
     found = summary.verdict
@@ -367,7 +334,7 @@ def _print(summary: "ReplaySummary", *, whole: bool) -> None:
 
 
 def _state_repeats(runs: "Sequence[ReplaySummary]") -> dict[str, Any]:
-    """Put the times over several runs in the file of the last one; what the JSON document says of them."""
+    """Store the times over several runs in the file of the last one, and return them for the JSON document."""
     from hhsim.replay.repeated_times import repeated_document
     from hhsim.result.writer import state_repeats
 
@@ -383,9 +350,5 @@ def _print_times(runs: "Sequence[ReplaySummary]") -> None:
     from hhsim.replay.repeated_times import repeated_times
 
     print()
-    columns = (
-        words("", lambda time: time.row.label),
-        number("mean ± σ", "shown"),
-        words("unit", lambda time: time.row.unit),
-    )
+    columns = words("", "row.label"), number("mean ± σ", "shown"), words("unit", "row.unit")
     print_table(Table(columns, repeated_times(runs), f"times of {len(runs)} runs"))

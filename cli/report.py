@@ -12,11 +12,11 @@ from .arguments import options
 from .console import announce_compilation, print_json, progress
 
 DATE = re.compile(r"\d{4}-\d\d-\d\d-\d{6}-")
-"""Before the name of a result that hhsim named."""
+"""Date in the name of a result that hhsim named."""
 FIGURES = ("series", "ticks", "speed-error", "hand")
-"""As of `hhsim.report.figure_file`, which help does not wait for."""
+"""Figures of `hhsim.report.figure_file`, without its imports."""
 WIDTH = "180mm"
-"""Of a figure: two columns of most journals."""
+"""Default width of a figure: two columns of most journals."""
 
 
 @click.command()
@@ -25,15 +25,10 @@ WIDTH = "180mm"
     "--out",
     type=options.FILE,
     metavar="DIR|FILE.html",
-    help="A folder, which gets report.html and the pictures, or the page itself, with the pictures beside it; with "
-    "--figure a file that ends in .pdf, .svg or .png. Default: a dated name in results/ under the current folder.",
+    help="Folder or page of the report, or file of the --figure. Default: a dated name in results/.",
 )
 @click.option("--figure", type=click.Choice(FIGURES), help="Write this one figure, for a paper, and no page.")
-@click.option(
-    "--width",
-    metavar="WIDTH",
-    help=f"How wide the figure is, such as 88mm or 3.5in. Default: {WIDTH}.",
-)
+@click.option("--width", metavar="WIDTH", help=f"Width of the figure, such as 88mm or 3.5in. Default: {WIDTH}.")
 @options.json
 @options.quiet
 def command(

@@ -15,23 +15,18 @@ if TYPE_CHECKING:
     from hhsim.replay.repeat import ArrayComparison
 
 TAKEN = ("object_", "as_json", "quiet")
-"""Parameters of `hhsim replay` that mean something here."""
+"""Parameters of `hhsim replay` that a second run may have."""
 
 
 def names_a_result(name: str | Path) -> bool:
-    """Whether an argument is a result, and not an object, a suite or a baseline."""
+    """Return whether an argument is a result, and not an object, a suite or a baseline."""
     from hhsim.result.schema import SUFFIXES
 
     return Path(name).suffix.lower() in SUFFIXES
 
 
 def run_again(context: click.Context, path: Path, *, as_json: bool, quiet: bool) -> int:
-    """Run the ticks of a result again and print what is the same; returns 1 where something differs beyond rounding.
-
-    Raises:
-        UsageError: An option that would make it another run.
-        HhsimError: No result, or one that cannot be run again.
-    """
+    """Run the ticks of a result again and print the comparison; return 1 where something differs beyond rounding."""
     _refuse_changes(context, path)
     announce_compilation(quiet=quiet)
     from hhsim.replay.repeat import run_again as run

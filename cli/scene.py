@@ -25,7 +25,7 @@ from .replay import complete_trajectory
     "--out",
     type=options.FILE,
     metavar="DIR",
-    help="The folder, which must be new or empty. Default: a dated name in results/ under the current folder.",
+    help="Folder, which must be new or empty. Default: a dated name in results/.",
 )
 @options.json
 @options.quiet

@@ -19,14 +19,13 @@ from .console import announce_compilation, print_json, print_line, print_notes, 
     "folder",
     type=options.FILE,
     metavar="DIR",
-    help="The folder that hhsim scene made. Default: that of the submission, else the scene is made anew as it says.",
+    help="Folder that hhsim scene made. Default: that of the submission, else the scene is made anew.",
 )
 @click.option(
     "--surface",
     type=click.Choice(SURFACES.names()),
     default="spheres",
-    help="What of the object contacts are looked for on. Depth in the mesh and the least-energy pose are of the mesh "
-    "always.",
+    help="Surface on which contacts are looked for.",
 )
 @options.Output.argument("output")
 def command(submission: Path, folder: Path | None, surface: str, output: options.Output) -> int:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from hhsim.sweep.sweep import SweepSummary
 
 MOST_FAILURES = 20
-"""That are printed; all of them are in the folder, and in the JSON document."""
+"""Most failures that are printed; all of them are in the folder, and in the JSON document."""
 
 
 @click.command()
@@ -25,24 +25,24 @@ MOST_FAILURES = 20
     "--out",
     type=options.FILE,
     metavar="FOLDER",
-    help="Where the results go; cells that are done there are not run again. Default: results/ and the plan's name.",
+    help="Folder of the results; cells that are done there are not run again. Default: results/ and the plan's name.",
 )
 @click.option(
     "--jobs",
     type=options.JOBS,
     metavar="N",
-    help="Cells at a time, in processes of this machine. Default: one for each physical core, kept there.",
+    help="Cells at a time, in processes of this machine. Default: one for each physical core.",
 )
 @click.option(
     "--scheduler",
     metavar="ADDRESS",
     default="",
-    help="Run the cells on a Dask cluster instead: tcp://host:8786, or local for one of --jobs processes.",
+    help="Run the cells on a Dask cluster: tcp://host:8786, or local for one of --jobs processes.",
 )
 @click.option(
-    "--dry-run", is_flag=True, help="Count the cells, try some, and say how long all take and by what; write nothing."
+    "--dry-run", is_flag=True, help="Count the cells, try some, and estimate how long all take; write nothing."
 )
-@click.option("--retry-failed", is_flag=True, help="Run cells again that failed; without it their reasons are shown.")
+@click.option("--retry-failed", is_flag=True, help="Run failed cells again; without it their reasons are shown.")
 @click.option("--summary-only", is_flag=True, help="Keep a row of figures for each cell, and not its ticks.")
 @options.json
 @options.quiet

@@ -13,9 +13,8 @@ from .console import print_json, print_table
 def command(as_json: bool) -> None:
     """List the trajectories that come with hhsim.
 
-    Any of the names, or a script or a recording of your own, goes into hhsim replay. Those for any object
-    find their place on whatever they are given, or put it where a recorded hand touches it; the others hold one object
-    at named parts, such as the cup's handle.
+    Any of the names, or a script or a recording of your own, goes into hhsim replay. Those for any object find their
+    place on it; the others hold one object at named parts, such as the cup's handle.
 
     \b
     Examples:

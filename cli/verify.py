@@ -34,14 +34,11 @@ WHY = words("what is claimed; why so much is let pass", lambda claim: "; ".join(
     type=options.COUNT,
     default=None,
     metavar="K",
-    help="Ask the collision library at every K-th tick, and where the file says that something is worst; all else is "
-    "judged at every tick. Default: 1 below 10,000 ticks, else 50.",
+    help="Ask the collision library at every K-th tick only. Default: 1 below 10,000 ticks, else 50.",
 )
-@click.option("--why", is_flag=True, help="Show what each claim says, and why so much is let pass.")
+@click.option("--why", is_flag=True, help="Show what each claim says, and the reason of its tolerance.")
 @click.option(
-    "--again",
-    is_flag=True,
-    help="Make the motion and run the ticks once more, and compare all but the times: finds what no other claim can.",
+    "--again", is_flag=True, help="Make the motion and run the ticks once more, and compare everything but the times."
 )
 @options.json
 @options.quiet

@@ -26,17 +26,16 @@ SLOW, PIXELS = 1.0, 640
     "target",
     callback=read_target,
     metavar=METAVAR,
-    help="Open a viewer, write a file for one, or send to one that is open, at HOST:PORT. Default: spawn, but with "
-    "--video no viewer.",
+    help="Open a viewer, write a file, or send to an open viewer. Default: spawn, or none with --video.",
 )
 @click.option(
     "--every",
     type=options.COUNT,
     default=1,
     metavar="K",
-    help="Show only every K-th tick; of those between, the plots keep the worst, but of forces the shown tick's.",
+    help="Show only every K-th tick; the plots keep the worst of those between, except for forces.",
 )
-@click.option("--spheres", is_flag=True, help="Show the spheres of the object's tree in the place of its mesh.")
+@click.option("--spheres", is_flag=True, help="Show the spheres of the object's tree in place of its mesh.")
 @click.option("--unit", type=options.UNITS, help="Length unit of a mesh file, which does not state it. Default: m.")
 @click.option("--video", type=options.FILE, metavar="FILE.gif|FILE.mp4", help="Make a film of a result.")
 @click.option(

@@ -68,13 +68,10 @@ def test_the_index_names_every_page() -> None:
     assert there <= listed, f"docs/README.md does not list {sorted(there - listed)}"
 
 
-def test_every_picture_of_the_docs_is_shown() -> None:
+def test_every_picture_of_the_docs_is_shown_and_says_what_it_shows() -> None:
     pictures = {".png", ".svg"}
     shown = {Path(target).name for page in PAGES for target in page.links() if Path(target).suffix in pictures}
     assert {path.name for path in (REPOSITORY / "docs").iterdir() if path.suffix in pictures} == shown
-
-
-def test_every_picture_says_what_it_shows() -> None:
     for page in PAGES:
         for alt in re.findall(r"!\[([^\]]*)\]", page.prose):
             assert len(alt) > 30, f"{page.path.name}: a picture has the text '{alt}'"
@@ -104,27 +101,19 @@ def _check_command(call: list[str], complete: bool) -> None:
         for text in given:
             if not isinstance(text, str) or PLACEHOLDER.fullmatch(text):
                 continue
-            if (
-                isinstance(parameter.type, (click.Choice, click.types.FloatParamType))
-                or parameter.type.name == "method"
-            ):
-                parameter.type(text, parameter, context)
-            elif isinstance(parameter, click.Argument):
-                _check_name(parameter, text)
+            kind = parameter.type
+            if isinstance(kind, (click.Choice, click.types.FloatParamType)) or kind.name == "method":
+                kind(text, parameter, context)
+            elif isinstance(parameter, click.Argument) and not {".", "/"} & set(text):
+                if parameter.name == "trajectory":
+                    assert text in trajectory_names(), f"there is no trajectory {text}"
+                elif parameter.name in ("object", "object_"):
+                    assert text in object_names(), f"there is no object {text}"
     if complete:
         for parameter in command.params:
             if isinstance(parameter, click.Argument) and parameter.required:
                 argument = values.get(parameter.name or "")
                 assert isinstance(argument, (str, tuple)) and argument, f"{command.name} lacks an argument"
-
-
-def _check_name(parameter: click.Parameter, text: str) -> None:
-    if "." in text or "/" in text:
-        return
-    if parameter.name == "trajectory":
-        assert text in trajectory_names(), f"there is no trajectory {text}"
-    elif parameter.name in ("object", "object_"):
-        assert text in object_names(), f"there is no object {text}"
 
 
 @EACH
@@ -161,21 +150,15 @@ def _options(command: click.Command, context: click.Context) -> Iterator[str]:
 
 def test_every_option_that_is_named_exists() -> None:
     known = {*_options(HHSIM, click.Context(HHSIM)), "--help", *OTHERS_OPTIONS}
-    known |= _options_of_modules()
+    # What is run as `python -m hhsim.…` or `python -m tools.…` parses its own options.
+    for path in (*(REPOSITORY / "hhsim").rglob("*.py"), *(REPOSITORY / "tools").rglob("*.py")):
+        source = path.read_text(encoding="utf-8")
+        if "add_argument(" in source:
+            known |= set(re.findall(r"[\"'](--[a-z][a-z-]+)[\"']", source))
     for page in PAGES:
         for span in page.spans():
             for option in re.findall(r"(?:^| )(--[a-z][a-z-]+)", span):
                 assert option in known, f"{page.path.name} names {option}, which no command has"
-
-
-def _options_of_modules() -> set[str]:
-    """Long options of what is run as `python -m hhsim.…` or `python -m tools.…`, which parse their own."""
-    found: set[str] = set()
-    for path in (*(REPOSITORY / "hhsim").rglob("*.py"), *(REPOSITORY / "tools").rglob("*.py")):
-        source = path.read_text(encoding="utf-8")
-        if "add_argument(" in source:
-            found |= set(re.findall(r"[\"'](--[a-z][a-z-]+)[\"']", source))
-    return found
 
 
 @EACH

@@ -304,4 +304,4 @@ def coil(start: FloatArray, end: FloatArray, turns: int = 5, width: float = 7e-4
 
 
 if __name__ == "__main__":
-    draw_from_arguments(sys.argv[1:], draw_concepts, "concepts_figure", VIEW)
+    draw_from_arguments(sys.argv[1:], draw_concepts, "tools.concepts_figure", VIEW)

@@ -8,12 +8,12 @@ import click
 
 Decorator = Callable[[Any], Any]
 DIGITS = 20
-"""Of a whole number: no more than it can have that is read at all."""
+"""Digits from which on a whole number is refused unread."""
 Reader = Callable[[click.Context, click.Parameter, str | None], tuple[float, ...] | None]
 
 
 def names(option: str, parameter: str, help: str, **more: Any) -> Decorator:
-    """An option such as --object bunny,cube: a tuple of the names, each once, in their order; None if not given.
+    """Return an option such as --object bunny,cube: a tuple of distinct names in their order, None if not given.
 
     The option may be given again instead.
     """
@@ -21,19 +21,14 @@ def names(option: str, parameter: str, help: str, **more: Any) -> Decorator:
 
 
 def counts(option: str, parameter: str, help: str, most: int) -> Decorator:
-    """An option such as --level 3,4: as `names`, of whole numbers from 1 to `most`."""
+    """Return an option such as --level 3,4: as `names`, of whole numbers from 1 to `most`."""
     return click.option(
         option, parameter, callback=partial(_read_counts, most), multiple=True, metavar="NUMBERS", help=help
     )
 
 
 def number_list(*meanings: str, ranges: Sequence[tuple[float, float]]) -> Reader:
-    """Make the callback of an option such as --stiffness 1000,5,0.5, which takes a fixed count of numbers.
-
-    Args:
-        meanings: What each number is, with its unit.
-        ranges: Least and greatest value of each.
-    """
+    """Return the callback of an option such as --stiffness 1000,5,0.5: numbers by meanings with unit, and ranges."""
 
     def read(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[float, ...] | None:
         if value is None:
@@ -61,7 +56,7 @@ def one_or_five(context: click.Context, parameter: click.Parameter, value: str |
 
 
 def _numbers(value: str) -> tuple[float, ...]:
-    """None at all where one of them is no number."""
+    """Return the numbers; none where one of them is no number."""
     try:
         return tuple(float(part) for part in value.split(","))
     except ValueError:

@@ -1,4 +1,4 @@
-"""Whether the object is free, and what it is then besides its surface."""
+"""Options of a free object."""
 
 from typing import TYPE_CHECKING
 
@@ -7,7 +7,7 @@ import click
 from hhsim.ranges import RANGES
 
 from .option_group import OptionGroup, option
-from .options import within
+from .options import ranged, within
 
 if TYPE_CHECKING:
     from hhsim.mesh.mesh import Mesh
@@ -27,13 +27,9 @@ def read_table(context: click.Context, parameter: click.Parameter, value: str | 
     try:
         within("table", 1e-3).convert(value, parameter, context)
     except click.BadParameter:
-        least, greatest, *_ = RANGES["table"]
-        raise click.BadParameter(
-            f"'{value}', expected under, none, or a height in mm such as -25, from {1e3 * least:g} to "
-            f"{1e3 * greatest:g}",
-            context,
-            parameter,
-        ) from None
+        least, greatest = (1e3 * bound for bound in RANGES["table"][:2])
+        wanted = f"expected under, none, or a height in mm such as -25, from {least:g} to {greatest:g}"
+        raise click.BadParameter(f"'{value}', {wanted}", context, parameter) from None
     return value
 
 
@@ -43,45 +39,32 @@ class FreeChoice(OptionGroup, heading="Free object"):
     free: bool = option(
         "--free", is_flag=True, help="The object is free: it has mass and friction, falls, and rests on a table."
     )
-    mass: float | None = option(type=within("mass"), metavar="KG", help="Its mass [kg]. Default: by its density.")
-    density: float | None = option(
-        type=within("density"),
-        metavar="KG/M3",
-        help="Its density [kg/m³]. Default: as hhsim objects has it, or of water.",
+    mass: float | None = ranged("mass", "KG", "Its mass [kg]. Default: by its density.")
+    density: float | None = ranged(
+        "density", "KG/M3", "Its density [kg/m³]. Default: as hhsim objects has it, or of water."
     )
-    friction: float | None = option(
-        type=within("friction"),
-        metavar="MU",
-        help="Coefficient of friction of hand and object. Default: as hhsim objects has it, or 0.6.",
+    friction: float | None = ranged(
+        "friction", "MU", "Coefficient of friction of hand and object. Default: as hhsim objects has it, or 0.6."
     )
-    torsion: float | None = option(
-        type=within("torsion", 1e-3),
-        metavar="MM",
-        help="Moment about its normal that a contact with the hand bears, per newton of its force [mm]. Default: 0.",
+    torsion: float | None = ranged(
+        "torsion", "MM", "Moment about its normal that a contact bears, per newton of its force [mm]. Default: 0.", 1e-3
     )
     table: str | None = option(
         callback=read_table,
         metavar="under|none|Z",
         help="A table right under the object, none, or one at the height Z [mm], world. Default: under.",
     )
-    table_friction: float | None = option(
-        type=within("table_friction"),
-        metavar="MU",
-        help="Coefficient of friction of table and object. Default: as of the hand.",
+    table_friction: float | None = ranged(
+        "table_friction", "MU", "Coefficient of friction of table and object. Default: as of the hand."
     )
 
     def require(
         self, solver: "SolverOptions", motion: "Script | Demonstration | Trajectory | None", *, way_out: str = ""
     ) -> None:
-        """Make sure, before the work, that the options go together.
-
-        Args:
-            solver: What it is solved with.
-            motion: Of the hand; None where a glove makes it.
-            way_out: What the command offers for a motion that holds how its object moves.
+        """Check, before the work, that the options go together; `motion` is None where a glove makes it.
 
         Raises:
-            UsageError: What only a free object has, of one that is not; an object that the motion moves.
+            UsageError: Options of a free object without --free; an object that the motion moves (with `way_out`).
             InputError: A method that has no free objects.
         """
         given = self.given()
@@ -101,11 +84,7 @@ class FreeChoice(OptionGroup, heading="Free object"):
             raise click.UsageError(f"--{name} is for a free object: add --free")
 
     def object(self, mesh: "Mesh", word: str) -> "FreeObject | None":
-        """The free object of a mesh, where it is at first; None where it is not to be free.
-
-        Args:
-            mesh: Where the scene has it [m].
-            word: That names it on the command line: of the catalogue, which has its density and friction, or a file.
+        """Return the free object of a mesh [m] at its first place, `word` its name or file; None without --free.
 
         Raises:
             HhsimError: A mesh without inside, or impossible numbers.

@@ -9,8 +9,7 @@ from hhsim.solver.method import METHODS
 isolate = click.option(
     "--isolate",
     is_flag=True,
-    help="Run a method from outside in a process of its own: nothing that it does reaches hhsim, and its crash is an "
-    "error with its name. Elsewhere isolated: in front of its name says the same.",
+    help="Run a method from outside in its own process; isolated: before its name says the same.",
 )
 
 
@@ -20,11 +19,11 @@ class MethodName(click.ParamType[str]):
     name = "method"
 
     def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str:
-        """As help texts show it: hhsim's own by name."""
+        """Return hhsim's own methods by name for the help."""
         return f"[{'|'.join(METHODS.names())}|NAME]"
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """Refuse what is no name; what a class is worth shows when it is imported."""
+        """Return the name, or fail; a class is judged when it is imported."""
         if value not in METHODS and ":" not in value:
             from hhsim.solver.method_names import method_names
 
@@ -33,7 +32,7 @@ class MethodName(click.ParamType[str]):
         return value
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-        """Offer the names."""
+        """Complete the names."""
         from hhsim.solver.method_names import method_names
 
         return [CompletionItem(name) for name in method_names() if name.startswith(incomplete)]

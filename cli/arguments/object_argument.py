@@ -1,4 +1,4 @@
-"""The OBJECT argument, a name of the catalogue or a mesh file, and the options that say how a mesh file is read."""
+"""The OBJECT argument, a name of the catalogue or a mesh file, and the options of a mesh file."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -7,14 +7,14 @@ import click
 from click.shell_completion import CompletionItem
 
 from .option_group import OptionGroup, option
-from .options import UNITS, metres, within
+from .options import UNITS, metres, ranged
 
 if TYPE_CHECKING:
     from hhsim.mesh.mesh import Mesh
 
 
 def complete_object(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """Offer the names of the catalogue, and files where what is typed looks like one."""
+    """Complete names of the catalogue, and files where what is typed looks like one."""
     from hhsim.mesh.catalogue import object_names
 
     names = [CompletionItem(name) for name in object_names() if name.startswith(incomplete)]
@@ -22,43 +22,33 @@ def complete_object(context: click.Context, parameter: click.Parameter, incomple
 
 
 class MeshSize(OptionGroup, heading="Mesh file"):
-    """How large the object of a mesh file is: its unit, None for metres, or its longest extent [mm]."""
+    """Size of a mesh file's object: its unit, None for metres, or its longest extent [mm]."""
 
     unit: str | None = option(type=UNITS, help="Length unit of a mesh file, which does not state it. Default: m.")
-    size: float | None = option(
-        type=within("size", 1e-3),
-        metavar="MM",
-        help="Scale a mesh file to this longest extent [mm], whatever its unit.",
-    )
+    size: float | None = ranged("size", "MM", "Scale a mesh file to this longest extent [mm], whatever its unit.", 1e-3)
 
     def read(self, object_: str) -> tuple["Mesh", int]:
-        """Load what OBJECT names: the mesh [m], and the level of tree that suits it.
-
-        Raises:
-            HhsimError: As `hhsim.mesh.catalogue.resolve_object`.
-        """
+        """Load the mesh [m] of OBJECT, and its usual tree level; errors as `hhsim.mesh.catalogue.resolve_object`."""
         from hhsim.mesh.catalogue import resolve_object
 
         return resolve_object(object_, self.unit, metres(self.size))
 
 
 class MeshFile(MeshSize):
-    """How a mesh file is read; its open parts become sheets of a thickness [mm], or are closed."""
+    """Reading of a mesh file; its open parts become sheets of a thickness [mm], or are closed."""
 
-    thickness: float | None = option(
-        type=within("thickness", 1e-3),
-        metavar="MM",
-        help="Make each open part of a mesh file a sheet this thick [mm], instead of closing it.",
+    thickness: float | None = ranged(
+        "thickness", "MM", "Make each open part of a mesh file a sheet this thick [mm], instead of closing it.", 1e-3
     )
 
     def read(self, object_: str, *, solid: bool = True) -> tuple["Mesh", int]:
-        """As `MeshSize.read`; without `solid` the triangles of a file as they are."""
+        """Load the mesh as `MeshSize.read`; without `solid` its triangles stay as they are."""
         from hhsim.mesh.catalogue import resolve_object
 
         return resolve_object(object_, self.unit, metres(self.size), metres(self.thickness), solid)
 
     def unit_length(self, object_: str) -> float:
-        """Length [m] of the unit that the mesh is in, as far as a file of its sphere tree is concerned."""
+        """Return the length [m] of the mesh's unit, for a file of its sphere tree."""
         from hhsim.mesh.catalogue import names_a_file
         from hhsim.mesh.file import read_triangles
         from hhsim.mesh.mesh import METRES_PER_UNIT, Mesh

@@ -1,4 +1,4 @@
-"""Options that belong together: a record of them is one argument of a command, and has a heading in its help."""
+"""Groups of options: a record of them is one argument of a command, and has a heading in its help."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
@@ -12,24 +12,18 @@ OTHERS = "Other options"
 
 
 def option(*flags: str, **settings: Any) -> Any:
-    """Declare an option as a field of a group; takes what click.option takes, and is spelled as the field by itself."""
+    """Declare an option as a field of a group; arguments as of click.option, spelled like the field by default."""
     return lambda name: click.option(*(flags or (f"--{name.replace('_', '-')}",)), name, **settings)
 
 
 def shared(decorator: Decorator) -> Any:
-    """Take an option as a field of a group that other commands take by itself."""
+    """Declare an option that other commands take alone as a field of a group."""
     return lambda name: decorator
 
 
 @dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(option, shared))
 class OptionGroup:
-    """Options that belong together.
-
-    A subclass is a frozen dataclass, each of whose fields has an `option` for a default.
-
-    Attributes:
-        heading: Above them in the help of a `GroupedCommand`.
-    """
+    """Options under one heading: a frozen dataclass, each of whose fields has an `option` for a default."""
 
     heading: ClassVar[str] = OTHERS
 
@@ -39,7 +33,7 @@ class OptionGroup:
 
     @classmethod
     def argument(cls, name: str) -> Decorator:
-        """Give a command these options, which it takes as one argument of a name."""
+        """Decorate a command with these options, which it takes as one argument of this name."""
         record: Any = cls
 
         def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -56,7 +50,7 @@ class OptionGroup:
         return decorate
 
     def given(self) -> dict[str, Any]:
-        """The fields that are not None: what the command line names, and what has a default."""
+        """Return the fields that are not None: those of the command line, and those with a default."""
         return {name: value for name, value in vars(self).items() if value is not None}
 
 
@@ -71,7 +65,7 @@ class GroupedCommand(click.Command):
 
 
 def help_sections(command: click.Command, context: click.Context) -> dict[str, list[tuple[str, str]]]:
-    """What the help says of each option, by heading; one heading for all where the command is not grouped."""
+    """Return each option's help by heading; one heading for all where the command is not grouped."""
     grouped = isinstance(command, GroupedCommand)
     sections: dict[str, list[tuple[str, str]]] = {}
     for parameter in command.get_params(context):

@@ -1,4 +1,4 @@
-"""Options that several commands share, so that they are spelled and explained alike."""
+"""Options that several commands share."""
 
 from pathlib import Path
 from typing import Any, Literal
@@ -19,19 +19,19 @@ JOBS = click.IntRange(1, 4096)
 SIDES = click.Choice(["right", "left"])
 UNITS = click.Choice(["m", "cm", "mm", "inch"])
 OWN_METHODS = "; ".join(f"{name}: {known.summary}" for name, known in METHODS.items())
-"""What hhsim's own methods are, for help texts."""
+"""hhsim's own methods, for help texts."""
 
 Side = Literal["right", "left"]
 
 
 class Number(click.FloatRange):
-    """A number from `min` to `max`, both of which it has; NaN, which is in no order, is refused too."""
+    """A number from `min` to `max`; NaN is refused too."""
 
     def _describe_range(self) -> str:
         return f"{self.min:g}<=x<={self.max:g}"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """The number that the text says."""
+        """Return the number, or fail."""
         found = float(super().convert(value, param, ctx))
         if found != found:
             self.fail(f"{value} is not in the range {self._describe_range()}.", param, ctx)
@@ -39,21 +39,31 @@ class Number(click.FloatRange):
 
 
 def within(name: str, scale: float = 1.0) -> click.ParamType[Any]:
-    """The type of an option for the number that `hhsim.ranges` has by a name; `scale` is the option's unit in SI."""
+    """Return the type of an option for a number of `hhsim.ranges`; `scale` is the option's unit in SI."""
     least, greatest, *_ = RANGES[name]
     if isinstance(greatest, int):
         return click.IntRange(int(least), greatest)
-    # To 15 digits, so that bounds in millimetres are as round as those in metres.
+    # To 15 digits, so that bounds in mm are as round as those in metres.
     return Number(float(f"{least / scale:.15g}"), float(f"{greatest / scale:.15g}"))
 
 
 def metres(millimetres: float | None) -> float | None:
-    """The value of an option that takes [mm] in [m]; None if it is not given."""
+    """Return [m] for the value of an option in [mm]; None if it is not given."""
     return None if millimetres is None else 1e-3 * millimetres
 
 
+def ranged(name: str, metavar: str, help: str, scale: float = 1.0, **settings: Any) -> Any:
+    """Declare an option of a number of `hhsim.ranges` as a field of a group; `scale` as of `within`."""
+    return option(type=within(name, scale), metavar=metavar, help=help, **settings)
+
+
+def file(metavar: str, help: str, *flags: str) -> Any:
+    """Declare an option of a file as a field of a group."""
+    return option(*flags, type=FILE, metavar=metavar, help=help)
+
+
 def _read_fingers(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[str, ...] | None:
-    """Read names of fingers with commas between, in any order; they come back in the hand's."""
+    """Read names of fingers with commas between; they come back in the hand's order."""
     from hhsim.errors import UnknownNameError
     from hhsim.hand.fingers import FINGERS
 
@@ -67,7 +77,7 @@ def _read_fingers(context: click.Context, parameter: click.Parameter, value: str
 
 
 def _check_picture(context: click.Context, parameter: click.Parameter, value: Path | None) -> Path | None:
-    """Refuse a picture that cannot be written before anything is made, the folder of the results too."""
+    """Raise, before the work, if a picture cannot be written."""
     if value is not None:
         from hhsim.system.picture_path import check_picture
 
@@ -88,54 +98,47 @@ hand_file = click.option(
     "--hand-file",
     type=FILE,
     metavar="TOML",
-    help="Sizes and joint limits of the hand that differ from the default one (docs/faq.md has an example).",
+    help="Sizes and joint limits of the hand that differ from the default (docs/faq.md has an example).",
 )
 picture = click.option(
     "--plot",
     type=FILE,
     callback=_check_picture,
     metavar="FILE",
-    help="Where the picture goes. Default: beside the table, as .png.",
+    help="Picture file. Default: beside the table, as .png.",
 )
 
 
 def place_object(default: str | None) -> Any:
-    """The option that says where the object of a recording is, with the default of the command.
+    """Return the option for the place of a recording's object, with a default.
 
-    None: as it was recorded, and auto where the hand then touches nothing or begins inside.
+    None stands for recorded, and auto where the hand then touches nothing or begins inside.
     """
     return option(
         "--place-object",
         type=click.Choice(["recorded", "auto"]),
         default=default,
-        help="recorded: the object is where the recording says; auto: where the closing fingers of the recorded hand "
-        "meet it, as hhsim replay tries by itself where the hand touches nothing or begins inside the object.",
+        help="Object of a recording: where it was recorded (recorded), or where the closing fingers meet it (auto).",
     )
 
 
 class Output(OptionGroup, heading="Output"):
-    """Where the output goes, and what is printed."""
+    """Output file, and what is printed."""
 
     out: Path | None = option(
-        type=FILE,
-        metavar="FILE",
-        help="Where the output goes. Default: a dated name in results/ under the current folder.",
+        type=FILE, metavar="FILE", help="Output file. Default: a dated name in results/ under the current folder."
     )
     as_json: bool = shared(json)
     quiet: bool = shared(quiet)
 
     def path(self, stem: str) -> Path:
-        """Where the output goes: as named, or to a dated name with `stem`."""
+        """Return the path: as named, or a dated name with `stem`."""
         from hhsim.system.output_path import dated_output_path
 
         return self.out or dated_output_path(stem)
 
     def table_path(self, suite: str) -> Path:
-        """Where the table of a suite goes.
-
-        Raises:
-            OutputError: It cannot be written there.
-        """
+        """Return the path of a suite's table; raise OutputError if it cannot be written."""
         from hhsim.bench.table import check_table_path
 
         path = self.path(f"bench-{suite}")
@@ -144,7 +147,7 @@ class Output(OptionGroup, heading="Output"):
 
 
 class SolverChoice(OptionGroup, heading="Solver"):
-    """How the hand is solved for, wherever it is."""
+    """Method, surface and limits of the solver."""
 
     method: str = option(
         type=MethodName(),
@@ -154,50 +157,43 @@ class SolverChoice(OptionGroup, heading="Solver"):
     surface: str = option(
         type=click.Choice(SURFACES.names()),
         default="spheres",
-        help="What of the object the hand touches: the leaf spheres of its tree, as in the paper, or the triangles of "
-        "its mesh themselves, exact to a micrometre (coupled and progressive).",
+        help="What the hand touches: the tree's leaf spheres, or the mesh (coupled and progressive).",
     )
     fingers: tuple[str, ...] | None = option(
         callback=_read_fingers,
         metavar="NAMES",
-        help="Fingers that the scene uses, such as thumb,index; the others follow the user's through the object. "
-        "Default: all five.",
+        help="Fingers that the scene uses, such as thumb,index; the others go through the object. Default: all five.",
     )
-    budget: int | None = option(
-        type=within("budget"),
-        metavar="UNITS",
-        help="Work after which a tick begins no further linearisation, 1 to 3 ns a unit; what is left is "
-        "lag, and the next tick goes on. Default: 150 units a microsecond of the period.",
+    budget: int | None = ranged(
+        "budget",
+        "UNITS",
+        "Work that ends a tick's linearisations, 1 to 3 ns a unit. Default: 150 units a microsecond of the period.",
     )
 
     @property
     def word(self) -> str:
-        """For names of files: the method, and a surface that is not the paper's."""
+        """Method, and a surface other than the paper's, for names of files."""
         method = self.method.rpartition(":")[2]
         return method if self.surface == "spheres" else f"{method}-{self.surface}"
 
 
 class Linearising(OptionGroup, heading="Solver"):
-    """What steers the linearisations of a tick; `margin` in [mm]."""
+    """Linearisations of a tick; `margin` in [mm]."""
 
-    margin: float | None = option(
-        type=within("margin", 1e-3),
-        metavar="MM",
-        help="Pairs up to this far from each other enter the program [mm]. Default: 1; 0.5 with --method paper.",
+    margin: float | None = ranged(
+        "margin", "MM", "Pairs nearer than this enter the program [mm]. Default: 1; 0.5 with --method paper.", 1e-3
     )
-    linearisations: int | None = option(
-        type=within("linearisations"),
-        metavar="N",
-        help="Most linearisations in a tick. Default: 12; 1 with --method paper.",
+    linearisations: int | None = ranged(
+        "linearisations", "N", "Most linearisations in a tick. Default: 12; 1 with --method paper."
     )
 
 
 class Sampling(OptionGroup, heading="Motion"):
-    """How a motion becomes ticks; `rate` in [Hz]."""
+    """Sampling of a motion; `rate` in [Hz]."""
 
     rate: float = shared(rate)
     samples: Literal["interpolate", "hold"] = option(
         type=click.Choice(["interpolate", "hold"]),
         default="interpolate",
-        help="Between two samples of a recording: a smooth curve, or the last sample, as a glove would give it.",
+        help="Between two samples of a recording: a smooth curve, or the last sample, as a glove gives it.",
     )

@@ -1,4 +1,4 @@
-"""The option that says where a rerun recording goes."""
+"""The option for the target of a rerun recording."""
 
 from typing import TYPE_CHECKING
 
@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
 
 def read_target(context: click.Context, parameter: click.Parameter, value: str | None) -> "RerunTarget | None":
-    """Read `spawn`, FILE.rrd, `connect` or `connect=URL`, and look at once for what would keep it from working."""
+    """Read `spawn`, FILE.rrd, `connect` or `connect=URL`, and check at once that it can work."""
     if value is None:
         return None
     from hhsim.view.sink import check_target, parse_target
@@ -24,6 +24,5 @@ rerun = click.option(
     "--rerun",
     callback=read_target,
     metavar=METAVAR,
-    help="Show the replay in the rerun viewer when it is done: open one, write a file for one, or send to one that is "
-    "open, at HOST:PORT.",
+    help="Show the replay in rerun: open a viewer, write a file, or send to an open viewer at HOST:PORT.",
 )

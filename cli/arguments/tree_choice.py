@@ -1,4 +1,4 @@
-"""Which sphere tree a replay uses: one of a level, the coarsest within an error, or that of a file."""
+"""Sphere tree of a replay: one of a level, the coarsest within an error, or that of a file."""
 
 import re
 from pathlib import Path
@@ -9,21 +9,21 @@ import click
 from hhsim.system.progress import Progress
 
 from .option_group import OptionGroup, option
-from .options import FILE
+from .options import file
 
 if TYPE_CHECKING:
     from hhsim.mesh.mesh import Mesh
     from hhsim.trees.sphere_tree import SphereTree
 
 AUTO = 0
-"""Stands for `--level auto`."""
+"""Value of `--level auto`."""
 LEAST_ERROR = 1e-6
-"""Least --max-error [m]: no tree comes near it."""
+"""Least --max-error [m]."""
 METRES = {"": 1e-3, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "m": 1.0}
 
 
 class ChosenTree(NamedTuple):
-    """A sphere tree, its level, and what to tell of the choice."""
+    """A sphere tree, its level, and notes on the choice."""
 
     tree: "SphereTree"
     level: int
@@ -42,7 +42,7 @@ def read_level(context: click.Context, parameter: click.Parameter, value: str | 
 
 
 def read_length(context: click.Context, parameter: click.Parameter, value: str | None) -> float | None:
-    """Read a length such as 0.3mm or 300um; a bare number is in mm. Returns metres."""
+    """Read a length such as 0.3mm or 300um, or a number in mm; return metres."""
     if value is None:
         return None
     found = re.fullmatch(r"([0-9.]+(?:e-?[0-9]+)?) ?(|mm|um|µm|m)", value)
@@ -56,27 +56,21 @@ def read_length(context: click.Context, parameter: click.Parameter, value: str |
 
 
 class TreeChoice(OptionGroup, heading="Sphere tree"):
-    """How fine the tree is: its level, or how far [m] the spheres may reach out of the mesh."""
+    """Level of the tree, or largest distance [m] of its spheres outside the mesh."""
 
     level: int | None = option(
         callback=read_level,
         metavar="N|auto",
-        help="Level of the sphere tree's leaves, 1 to 5; auto: what --max-error needs. Default: 3 or 4, as the "
-        "catalogue says; 4 for a mesh file.",
+        help="Level of the tree's leaves; auto: what --max-error needs. Default: the catalogue's, or 4.",
     )
     max_error: float | None = option(
         callback=read_length,
         metavar="LENGTH",
-        help="How far the spheres may reach out of the mesh: 0.3mm, 300um; a bare number is in mm. Takes the "
-        "coarsest level that is proved to be within it.",
+        help="Take the coarsest level whose spheres protrude by at most this: 0.3mm, 300um, or a number in mm.",
     )
 
     def choose(self, mesh: "Mesh", usual_level: int, report: Progress, *, solid: bool = True) -> ChosenTree:
-        """Build the tree, or take it from the cache; without `solid` also of triangles that enclose nothing.
-
-        Raises:
-            UsageError: Options that contradict each other.
-        """
+        """Build the tree, or take it from the cache; without `solid` also of triangles that enclose nothing."""
         from hhsim.trees.cache import cached_sphere_tree
         from hhsim.trees.level_choice import coarsest_sphere_tree
         from hhsim.trees.options import TreeOptions
@@ -102,20 +96,12 @@ class TreeChoice(OptionGroup, heading="Sphere tree"):
 class TreeOrFile(TreeChoice):
     """A tree that is built, or that of a file."""
 
-    path: Path | None = option(
-        "--tree",
-        type=FILE,
-        metavar="FILE",
-        help="Take this sphere tree of the object, .h5 or .sph (hhsim build-tree), and build none.",
+    path: Path | None = file(
+        "FILE", "Take this sphere tree of the object, .h5 or .sph (hhsim build-tree), and build none.", "--tree"
     )
 
     def load(self, mesh: "Mesh", unit_length: float) -> ChosenTree:
-        """Take the tree of the file; `unit_length` [m] is that of a .sph file.
-
-        Raises:
-            UsageError: A level was named too.
-            HhsimError: As `hhsim.trees.foreign_tree.load_tree_for`.
-        """
+        """Take the tree of the file; `unit_length` [m] is that of a .sph file."""
         from hhsim.trees.foreign_tree import load_tree_for
 
         assert self.path is not None

@@ -9,13 +9,13 @@ from ..console import print_json, print_line, print_table
 from ..lazy_group import LazyGroup
 
 COMMANDS = {"check": "Tell what is wrong with a method from outside."}
-"""What else there is to do with methods, each with its one line."""
+"""Subcommands, each with its one line."""
 
 
 @options.json
 @click.pass_context
 def _list(context: click.Context, as_json: bool) -> None:
-    """List every method, what it promises, and what can be known of it."""
+    """List every method with its promises."""
     if context.invoked_subcommand is not None:
         return
     from hhsim.errors import InputError
@@ -40,19 +40,13 @@ def _list(context: click.Context, as_json: bool) -> None:
         words("gives", lambda name: "everything" if found[name].compiled else ", ".join(sorted(found[name].gives))),
     )
     if as_json:
-        document = [
-            {
-                "name": name,
-                "summary": method.summary,
-                "from": home.get(name, "hhsim"),
-                "never_penetrates": method.never_penetrates,
-                "nearest_to_user": method.nearest_to_user,
-                "gives": sorted(method.gives),
-                "missing": method.missing,
-            }
+        same = ("never_penetrates", "nearest_to_user", "missing", "summary")
+        documents = [
+            {"name": name, "from": home.get(name, "hhsim"), "gives": sorted(method.gives)}
+            | {field: getattr(method, field) for field in same}
             for name, method in found.items()
         ]
-        print_json({"methods": document, "broken": broken})
+        print_json({"methods": documents, "broken": broken})
         return
     print_table(Table(columns, list(found)))
     for missing in dict.fromkeys(method.missing for method in found.values() if method.missing):

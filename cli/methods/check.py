@@ -16,8 +16,8 @@ from ..console import announce_compilation, print_json, print_line, print_table
 def command(name: str, isolate: bool, as_json: bool) -> int:
     """Tell what is wrong with a method from outside.
 
-    NAME is a name of hhsim methods, or package.module:Class. It grasps a ball, twice, and what it answers is looked
-    at: shapes, units, frames, depth, forces, times. The exit code is 1 where something is wrong.
+    NAME is a name of hhsim methods, or package.module:Class. It grasps a ball twice, and its answers are checked:
+    shapes, units, frames, depth, forces, times. The exit code is 1 where something is wrong.
 
     \b
     Examples:

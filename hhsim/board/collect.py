@@ -1,4 +1,4 @@
-"""Gathers the runs of folders: the rows of sweeps, and every other result that lies there."""
+"""Runs of folders: the rows of sweeps, and every other result there."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -22,10 +22,10 @@ class Board:
     """Runs side by side.
 
     Attributes:
-        entries: Of each run of each machine the last one, by object, motion, method, surface, options and machine.
-        failed: What failed and did not work elsewhere on the same machine.
+        entries: Last run of each object, motion, method, surface, options and machine.
+        failed: Failed runs that did not work elsewhere on the same machine.
         machines: Label by machine, in the order of the entries.
-        notes: What a reader should know besides, a sentence each.
+        notes: Sentences for the reader.
     """
 
     entries: tuple[Entry, ...]
@@ -35,14 +35,7 @@ class Board:
 
 
 def collect(folders: Sequence[Path], progress: Progress = silent) -> Board:
-    """Read folders.
-
-    Args:
-        folders: Of sweeps, or of results; single results too.
-
-    Raises:
-        InputError: No such folder, or no result in any of them.
-    """
+    """Read folders of sweeps or of results, and single results; InputError without such a folder or result."""
     paths = [path for folder in folders for path in _files(folder)]
     entries: list[Entry] = []
     notes: list[str] = []
@@ -50,7 +43,10 @@ def collect(folders: Sequence[Path], progress: Progress = silent) -> Board:
         progress("results", number, len(paths))
         try:
             if path.suffix == ".json":
-                entries.append(_of_row(path))
+                try:
+                    entries.append(entry_of_row(read_row(path), path))
+                except (KeyError, TypeError, ValueError) as error:
+                    raise InputError(f"a row that lacks {error}") from None
                 continue
             result = load_result(path)
             if not result.complete:
@@ -66,7 +62,7 @@ def collect(folders: Sequence[Path], progress: Progress = silent) -> Board:
 
 
 def merged(entries: Iterable[Entry], notes: Sequence[str] = ()) -> Board:
-    """Of each run on each machine keep the last one."""
+    """Keep the last of each run on each machine."""
     last: dict[tuple[str, ...], Entry] = {}
     failed: dict[tuple[str, ...], Entry] = {}
     replaced: list[Entry] = []
@@ -102,19 +98,9 @@ def merged(entries: Iterable[Entry], notes: Sequence[str] = ()) -> Board:
     bare = sum(entry.verdict == UNTOUCHED for entry in kept)
     if bare:
         found.append(f"nothing touched in {counted(bare, 'run')}, of which depth, contacts and forces say nothing")
-    return Board(
-        entries=tuple(kept),
-        failed=tuple(still),
-        machines=_labels(kept),
-        notes=tuple(found),
-    )
-
-
-def _of_row(path: Path) -> Entry:
-    try:
-        return entry_of_row(read_row(path), path)
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"a row that lacks {error}") from None
+    machines = dict.fromkeys(entry.machine for entry in kept)
+    labels = {machine: chr(ord("A") + i) if i < 26 else f"M{i}" for i, machine in enumerate(machines)}
+    return Board(tuple(kept), tuple(still), labels, tuple(found))
 
 
 def _files(folder: Path) -> list[Path]:
@@ -134,19 +120,13 @@ def _files(folder: Path) -> list[Path]:
     return found
 
 
-def _labels(entries: Iterable[Entry]) -> dict[str, str]:
-    """A letter for each machine: what it is stands below the table."""
-    machines = dict.fromkeys(entry.machine for entry in entries)
-    return {machine: chr(ord("A") + number) if number < 26 else f"M{number}" for number, machine in enumerate(machines)}
-
-
 SAME = 1e-6
-"""Errors of two machines that differ by no more than this share are the same."""
+"""Relative difference up to which errors of two machines are the same."""
 COMPARED = ("penetration_max", "contact_error_max", "tracking_excess", "force_hold_mean", "stuck_ticks", "lag_ticks")
 
 
 def _differences(entries: Iterable[Entry]) -> list[str]:
-    """A sentence where machines do not agree about an error, which does not depend on them."""
+    """Return a sentence where machines do not agree about an error, which does not depend on them."""
     groups: dict[tuple[str, ...], list[Entry]] = {}
     for entry in entries:
         groups.setdefault(entry.key, []).append(entry)
@@ -158,8 +138,5 @@ def _differences(entries: Iterable[Entry]) -> list[str]:
             if values and max(values) - min(values) > SAME * max(map(abs, values)):
                 apart.append(f"{', '.join(part for part in group[0].key if part)} ({name})")
                 break
-    if not apart:
-        return []
-    return [
-        f"machines differ in an error in {len(apart):,} of {len(several):,} runs that several did, first: {apart[0]}"
-    ]
+    runs = f"{len(apart):,} of {len(several):,} runs that several did"
+    return [f"machines differ in an error in {runs}, first: {apart[0]}"] if apart else []

@@ -1,4 +1,4 @@
-"""One run on the board: what it was of, where it ran, and what it found."""
+"""One run on the board: scene, method, machine and figures."""
 
 import json
 from collections.abc import Mapping
@@ -17,7 +17,7 @@ from hhsim.solver.options import SolverOptions, Stiffness
 from hhsim.sweep.cell import BOTH, USUAL_SCENE
 
 TOLD = ("level", "max_error", "rate", "samples", "seed", "ticks", "tremor_mm_deg", "hand_file")
-"""Of the scene; the level where it is not the object's own."""
+"""Options of the scene that are named; the level where it is not the object's own."""
 
 
 @dataclass(frozen=True)
@@ -25,18 +25,16 @@ class Entry:
     """One run.
 
     Attributes:
-        object, motion, method, surface: What it was of.
-        options: What was not as usual, in words; "" where all was.
-        option_set: What a sweep's plan calls its set of options; "" of any other result.
-        machine: Processor, cores, system and Python, as JSON: what times can be compared within.
+        options: Options that are not the usual ones, in words; "" where all are.
+        option_set: Name of a sweep's set of options; "" of any other result.
+        machine: Processor, cores, system and Python, as JSON: times compare within a machine.
         hhsim: Version and commit.
-        created: When, UTC.
-        own_core: Whether its ticks had a core of their own: else its times say little.
-        verdict: Word of it; "failed" where there is no result.
-        figures: SI or %, by the names of `hhsim.metrics.run.registry.run_metrics`; what cannot be known is missing.
-            Times of several runs are their mean.
-        deviations: Standard deviation of times over several runs, by the same names; empty of one run.
-        runs: Of the same cell, or by `hhsim replay --repeat`.
+        created: Time, UTC.
+        own_core: True if its ticks had a core of their own: else its times say little.
+        verdict: Word of the verdict; "failed" where there is no result.
+        figures: SI or %, by the names of `hhsim.metrics.run.registry.run_metrics`; times are means over the runs.
+        deviations: Standard deviation of times over several runs, by the same names.
+        runs: Number of runs of the same cell, or by `hhsim replay --repeat`.
         reason: Why it failed, or "".
     """
 
@@ -69,7 +67,7 @@ class Entry:
 
     @property
     def option_sets(self) -> list[str]:
-        """Each name of its set of options."""
+        """Names of its set of options."""
         return self.option_set.split(BOTH) if self.option_set else []
 
 
@@ -77,62 +75,52 @@ FAILED = "failed"
 
 
 def shown_options(name: str, options: str) -> str:
-    """The name of a set of options, and what is not as usual in it."""
+    """Return the name of a set of options, and what is not usual in it."""
     return ": ".join(part for part in (name, options) if part) or "usual"
 
 
 def entry_of_row(row: Mapping[str, Any], source: Path) -> Entry:
-    """The entry of a sweep's cell, done or failed."""
+    """Return the entry of a sweep's cell, done or failed."""
     cell = row["cell"]
-    machine = json.dumps(row.get("machine", {}), sort_keys=True)
+    common = {name: cell[name] for name in ("object", "motion", "method", "surface")}
+    common |= {"machine": json.dumps(row.get("machine", {}), sort_keys=True), "source": str(source)}
     if "summary" not in row:
-        told = "" if cell["options"] == "usual" else str(cell["options"])
-        return Entry(
-            **{name: cell[name] for name in ("object", "motion", "method", "surface")},
-            options=told,
-            machine=machine,
-            verdict=FAILED,
-            source=str(source),
-            reason=str(row.get("reason", "")),
-        )
+        options = "" if cell["options"] == "usual" else str(cell["options"])
+        return Entry(**common, options=options, verdict=FAILED, reason=str(row.get("reason", "")))
     return Entry(
-        **{name: cell[name] for name in ("object", "motion", "method", "surface")},
+        **common,
         options=option_words(row["scene"]),
         option_set=str(cell["options"]),
-        machine=machine,
         hhsim=_hhsim(row.get("hhsim_version"), row.get("git_revision"), row.get("git_dirty")),
         created=str(row.get("created_utc", "")),
         own_core=bool(row.get("own_core")),
         verdict=str(row.get("verdict", "")),
         **_figures(row["summary"], row.get("repeated", {})),
-        source=str(source),
     )
 
 
 def entry_of_result(result: Result) -> Entry:
-    """The entry of any other result: of a single replay, of a session, or of a submission, by the name that it has."""
-    of_paper = stored_rows(result.summary, result.rate)
+    """Return the entry of a single replay, a session, or a submission, by the name that it has."""
+    submitter = result.scene.get("submission")
+    if isinstance(submitter, Mapping):
+        submitter = submitter.get("name") or submitter.get("method") or result.path.stem
     return Entry(
         object=object_name(result),
         motion=motion_name(result),
-        method=_submitter(result) or result.method,
+        method=str(submitter or result.method),
         surface=result.surface,
         options=option_words(result.scene),
         machine=json.dumps(result.machine, sort_keys=True),
         hhsim=_hhsim(result.hhsim_version, result.git_revision, result.git_dirty),
         created=result.created_utc,
-        verdict=verdict(result, of_paper).word,
+        verdict=verdict(result, stored_rows(result.summary, result.rate)).word,
         **_figures(result.summary, result.repeated),
         source=str(result.path),
     )
 
 
 def option_words(scene: Mapping[str, Any]) -> str:
-    """What of a scene's options is not what its method and surface usually have, as `name=value`, in order.
-
-    Args:
-        scene: As a result or a row states it.
-    """
+    """Return the options of a scene that are not usual for its method and surface, as `name=value`, in order."""
     solver = dict(scene.get("solver", {}))
     rate = float(scene.get("rate") or 1000.0)
     told = {name: scene.get(name) for name in TOLD if scene.get(name) is not None}
@@ -151,25 +139,17 @@ def option_words(scene: Mapping[str, Any]) -> str:
 
 def _usual_options(solver: Mapping[str, Any], rate: float) -> dict[str, Any]:
     try:
-        options = SolverOptions(
-            method=str(solver.get("method", "coupled")), surface=str(solver.get("surface", "spheres"))
-        )
+        method, surface = str(solver.get("method", "coupled")), str(solver.get("surface", "spheres"))
+        options = SolverOptions(method=method, surface=surface)
     except HhsimError:
-        # A method that is not to be had here, or nobody's: what others usually have.
+        # The method is not installed here, or unknown: the defaults of the others.
         options = SolverOptions()
     found = options.at_rate(rate).to_json()
     return {**found, "fingers": list(found["fingers"]), "stiffness": dict(vars(Stiffness()))}
 
 
-def _submitter(result: Result) -> str:
-    stated = result.scene.get("submission")
-    if isinstance(stated, Mapping):
-        stated = stated.get("name") or stated.get("method") or result.path.stem
-    return str(stated) if stated else ""
-
-
 def _figures(summary: Mapping[str, Any], repeated: Mapping[str, Any]) -> dict[str, Any]:
-    """What an entry has of figures: those of the last run, but the mean of times over several."""
+    """Return an entry's figures: those of the last run, but the mean of times over several."""
     times = repeated.get("times", {})
     found = {**summary, **{name: time["mean"] for name, time in times.items()}}
     return {

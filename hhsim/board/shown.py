@@ -13,7 +13,7 @@ from hhsim.replay.repeated_times import digits_with
 from hhsim.table.table import Table, number, shown, words
 
 MARK = "●"
-"""Of what is on the frontier."""
+"""Mark of the frontier."""
 LEGEND = (
     f"{MARK}: none that did the same scenes on the same machine is faster (p50, the median over scenes) and as "
     "good in depth and contacts off the mesh, each in its worst scene, and in energy over the optimum. Errors "
@@ -23,7 +23,7 @@ LEGEND = (
 
 
 def standing_table(board: Board, standings: Sequence[Standing]) -> Table:
-    """Return the standings as a table; its notes are all that there is to say of it."""
+    """Return the standings as a table with its notes."""
     columns = (
         words("", lambda row: MARK if row.first else ""),
         words("method"),
@@ -72,7 +72,7 @@ def entry_table(board: Board) -> Table:
 def document_table(board: Board, standings: Sequence[Standing]) -> Table:
     """Return the standings as a document has them.
 
-    A column that is the same in several rows, all of them, is told in a note instead; the name of a method stays.
+    A column that is the same in all of several rows becomes a note, but for the name of a method.
     """
     whole = standing_table(board, standings)
     cells = {column: {column.shown(row) for row in standings} for column in whole.columns}
@@ -83,20 +83,20 @@ def document_table(board: Board, standings: Sequence[Standing]) -> Table:
 
 
 def said_of(board: Board) -> list[str]:
-    """Return its machines, by their letters, and its notes."""
+    """Return the machines by their letters, and the board's notes."""
     machines = [f"{label}: {machine_line(json.loads(machine))}" for machine, label in board.machines.items()]
     return [*machines, *(f"note: {note}" for note in board.notes)]
 
 
 def machine_line(machine: Mapping[str, Any]) -> str:
-    """A machine in a line."""
+    """Return a machine in a line."""
     cores = machine.get("cores")
     parts = [machine.get("cpu"), f"{cores} cores" if cores else "", machine.get("system")]
     return ", ".join([*(str(part) for part in parts if part), f"Python {machine.get('python', '?')}"])
 
 
 def _time(seconds: float, deviation: float, comparable: bool) -> str:
-    """In µs, with ± standard deviation where there is one."""
+    """Return a time in µs, with ± standard deviation where there is one."""
     digits = digits_with(1e6 * deviation, 1)
     text = shown(1e6 * seconds, digits)
     text += f" ± {shown(1e6 * deviation, digits)}" if deviation == deviation else ""

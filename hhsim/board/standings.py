@@ -1,4 +1,4 @@
-"""The board's first table: each method, surface and set of options over all its scenes, and which are beaten."""
+"""First table of the board: each method, surface and set of options over all its scenes, and the Pareto frontier."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -18,19 +18,15 @@ class Standing:
     """One method on one machine, over its scenes.
 
     Attributes:
-        method, surface, options, machine: Which; the options with the names that plans call them.
-        scenes: How many objects and motions.
-        failed: Cells that failed.
-        touched: Runs in which the hand touched something: the others say nothing of contact.
-        missed: Runs that missed a limit.
-        depth: Deepest in what was touched, of all scenes [m].
-        off_mesh: Contacts off the mesh, the worst of all scenes [m].
+        options: Options with the names that plans give them.
+        scenes, failed: Number of objects and motions, and of cells that failed.
+        touched, missed: Number of runs in which the hand touched something, and that missed a limit.
+        depth, off_mesh: Deepest in the touched surface, and largest distance of a contact from the mesh [m].
         tracking: Coupling energy over the local optimum, mean over scenes [%].
-        stuck: Stuck ticks of all scenes.
-        p50, p99: Of a tick in contact, CPU: the median over scenes, and the worst [s].
-        p50_std, p99_std: Standard deviation of these over the runs of the scenes that they are of [s]; NaN of one run.
-        comparable: Whether each of its scenes had a core of its own.
-        first: Whether none of the same scenes on the same machine is faster and as good in every one of `errors`.
+        p50, p99: CPU time of a tick in contact: the median over scenes, and the worst [s].
+        p50_std, p99_std: Their standard deviation over the runs of these scenes [s]; NaN of one run.
+        comparable: True if each of its scenes had a core of its own.
+        first: True if none of the same scenes on the same machine is faster and as good in every one of `errors`.
     """
 
     method: str
@@ -54,17 +50,17 @@ class Standing:
 
     @property
     def errors(self) -> tuple[float, float, float]:
-        """What counts besides speed: no depth that every method is allowed, an energy on either side of the best."""
+        """Errors besides speed: depth of more than every method may have, contact error, energy off the optimum."""
         depth = max(self.depth, DEEPEST) if self.depth == self.depth else NAN
         return depth, self.off_mesh, abs(self.tracking)
 
     def gains_on(self, faster: "Standing") -> bool:
-        """Whether it is better by more than a hair in one of the errors."""
+        """Return whether one of the errors is better by more than `GAIN`."""
         return any(mine < (1.0 - GAIN) * other for mine, other in zip(self.errors, faster.errors))
 
 
 def standings(board: Board) -> list[Standing]:
-    """Every method, by machine, the frontier marked among those that did the same scenes with cores of their own."""
+    """Return every method by machine, with the frontier of those that did the same scenes with cores of their own."""
     groups = _groups(board.entries)
     found = [_standing(key, entries, board.failed) for key, entries in groups.items()]
     same: dict[tuple[str, frozenset[tuple[str, str]]], list[int]] = {}
@@ -86,7 +82,7 @@ def standings(board: Board) -> list[Standing]:
 
 
 def _groups(entries: Iterable[Entry]) -> dict[tuple[str, ...], list[Entry]]:
-    """Entries by machine, method, surface, name of their options and what these are: one under each of its names."""
+    """Return entries by machine, method, surface, and each name of their options with what these are."""
     sets = {(e.machine, e.method, e.surface, e.options): e.option_sets for e in entries if e.option_sets}
     named: dict[tuple[str, ...], list[Entry]] = {}
     for entry in entries:
@@ -129,12 +125,12 @@ def _standing(key: tuple[str, ...], entries: Sequence[Entry], failed: Iterable[E
 
 
 def _timed(entries: Iterable[Entry], name: str) -> list[tuple[float, float]]:
-    """A time of each run that has it, and its deviation, in order."""
+    """Return the time and its deviation of each run that has it, in order."""
     return sorted((one.figures[name], one.deviations.get(name, NAN)) for one in entries if name in one.figures)
 
 
 def _mean_of(times: Sequence[tuple[float, float]], *, middle: bool) -> tuple[float, float]:
-    """The median of times in order, or the last of them, and its deviation."""
+    """Return the median of times in order, or the last of them, and its deviation."""
     if not times:
         return NAN, NAN
     # Of an even number the median is the mean of two, whose deviations are independent.

@@ -1,18 +1,20 @@
-"""The board as a file: each run a row (CSV, Parquet), or as people read it (Markdown, LaTeX)."""
+"""Files of the board: each run a row (CSV, Parquet), or as people read it (HTML, Markdown, LaTeX)."""
 
 import io
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from hhsim import __version__
 from hhsim.board.collect import Board
 from hhsim.board.entry import Entry
-from hhsim.board.page import board_page
-from hhsim.board.shown import document_table, machine_line
+from hhsim.board.shown import document_table, entry_table, machine_line, standing_table
 from hhsim.board.standings import Standing
 from hhsim.errors import InputError, OutputError
 from hhsim.metrics.run.registry import run_metrics
+from hhsim.system.counted import counted
 from hhsim.system.output_path import check_output_path
+from hhsim.table.html import render
 from hhsim.table.table import BARE, Column, Table, words
 
 KINDS = (".html", ".csv", ".parquet", ".md", ".tex")
@@ -44,11 +46,7 @@ def _taken(attribute: str, name: str) -> Callable[[Entry], float | None]:
 
 
 def parquet_bytes(board: Board) -> bytes:
-    """As Parquet; the unit of a column is in its metadata.
-
-    Raises:
-        InputError: No pyarrow.
-    """
+    """Return the runs as Parquet, with units in the columns' metadata; raise InputError without pyarrow."""
     try:
         import pyarrow
         from pyarrow import parquet
@@ -66,22 +64,14 @@ def parquet_bytes(board: Board) -> bytes:
 
 
 def check_board_path(path: Path) -> None:
-    """Look, before the work, for what would keep a board from being written.
-
-    Raises:
-        OutputError: As `hhsim.system.output_path.check_output_path`; or a name that ends otherwise.
-    """
+    """Raise OutputError, before the work, if a board cannot be written there or the name ends otherwise."""
     if path.suffix.lower() not in KINDS:
         raise OutputError(f"{path}: a board ends in {', '.join(KINDS)}")
     check_output_path(path)
 
 
 def content_of(path: Path, board: Board, standings: Sequence[Standing]) -> bytes:
-    """What a file of this name holds.
-
-    Raises:
-        InputError: No pyarrow.
-    """
+    """Return what a file of this name holds; raise InputError without pyarrow where it is needed."""
     kind = path.suffix.lower()
     if kind == ".csv":
         return run_table(board).csv().encode()
@@ -93,3 +83,16 @@ def content_of(path: Path, board: Board, standings: Sequence[Standing]) -> bytes
     if kind == ".tex":
         return document_table(board, standings).latex().encode()
     return board_page(board, standings).encode()
+
+
+def board_page(board: Board, standings: Sequence[Standing]) -> str:
+    """Return the HTML page: the standings, then each run; its tables sort at a click and filter by words."""
+    return render(
+        "board/board.html",
+        title=f"Board of {counted(len(board.entries), 'run')}",
+        generator="hhsim board",
+        version=__version__,
+        script=Path(__file__).with_name("board.js").read_text(encoding="utf-8"),
+        standings=standing_table(board, standings),
+        runs=entry_table(board),
+    )

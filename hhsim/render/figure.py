@@ -1,4 +1,4 @@
-"""A matplotlib figure that is drawn without a screen, the look that its axes share, and its file."""
+"""A matplotlib figure that is drawn without a screen, the style of its axes, and its file."""
 
 import io
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def new_figure(width: float, height: float, **options: Any) -> "Figure":
-    """An empty white figure of this size [inches], 100 pixels to the inch; `options` are matplotlib's."""
+    """Make an empty white figure of this size [inches], 100 pixels to the inch; `options` are matplotlib's."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -25,7 +25,7 @@ def new_figure(width: float, height: float, **options: Any) -> "Figure":
 
 
 def tidy(axes: "Axes") -> None:
-    """Faint grid lines behind what is drawn, and no frame above and on the right."""
+    """Draw faint grid lines behind the data, and no frame above and on the right."""
     axes.grid(color="0.92", linewidth=0.8)
     axes.set_axisbelow(True)
     for side in ("top", "right"):
@@ -33,7 +33,7 @@ def tidy(axes: "Axes") -> None:
 
 
 def legend_mark(label: str, marker: str, color: str, face: str | None = None, size: float = 8.0) -> "Line2D":
-    """A marker alone, for a legend; filled with `face`, or else with its own colour."""
+    """Return a marker alone, for a legend; filled with `face`, or else with its own colour."""
     from matplotlib.lines import Line2D
 
     return Line2D(
@@ -42,24 +42,26 @@ def legend_mark(label: str, marker: str, color: str, face: str | None = None, si
     )  # fmt: skip
 
 
-def logarithmic(
-    axes: "Axes",
-    across: tuple[float, float],
-    up: tuple[float, float],
-    ticks: Sequence[float],
-    heights: Sequence[float],
-) -> None:
-    """Logarithmic axes with these limits, marked at what of `ticks` and `heights` lies within them."""
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    axes.set_xlim(*across)
-    axes.set_ylim(*up)
+Limits = tuple[float, float]
+
+
+def logarithmic(axes: "Axes", across: Limits, up: Limits, ticks: Sequence[float], heights: Sequence[float]) -> None:
+    """Make logarithmic axes with these limits, marked at those of `ticks` and `heights` within them."""
+    axes.set(xscale="log", yscale="log", xlim=across, ylim=up)
     inside = [tick for tick in ticks if across[0] <= tick <= across[1]]
     axes.set_xticks(inside, [f"{tick:,g}" for tick in inside])
     inside = [height for height in heights if up[0] <= height <= up[1]]
     axes.set_yticks(inside, [f"{height:g}" for height in inside])
     axes.minorticks_off()
     tidy(axes)
+
+
+def draw_frontier(axes: "Axes", points: Sequence[tuple[float, float]], color: str, width: float) -> None:
+    """Draw the Pareto frontier of points as steps, down to the fastest and on to the right of the best."""
+    if best := sorted(points):
+        times = [best[0][0], *(time for time, _ in best), 1e5]
+        heights = [1e3, *(off for _, off in best), best[-1][1]]
+        axes.plot(times, heights, color=color, linewidth=width, drawstyle="steps-post", zorder=2)
 
 
 VECTOR = {
@@ -83,12 +85,7 @@ def vector_bytes(figure: "Figure", kind: str, title: str) -> bytes:
 
 
 def save_figure(figure: "Figure", path: Path) -> None:
-    """Write a matplotlib figure.
-
-    Raises:
-        OutputError: The picture cannot be written.
-        InputError: matplotlib has no such picture format.
-    """
+    """Write a figure in the format of the file's ending; OutputError if it cannot be, InputError for another format."""
     kind = path.suffix.lower()[1:]
     if kind in ("pdf", "svg"):
         write_atomically(path, vector_bytes(figure, kind, path.stem))

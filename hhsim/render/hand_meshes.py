@@ -1,7 +1,7 @@
-"""A hand as sixteen rigid pieces, fifteen phalanges and a palm, and where each of them is, tick by tick.
+"""A hand as sixteen rigid pieces, fifteen phalanges and a palm, and their poses tick by tick.
 
-What a viewer wants that draws a mesh once and then only moves it. A phalanx's own frame has its origin at the joint, x
-along the axis that it flexes about, y to the fingertip and z out of its back; the palm's is the palm frame.
+A phalanx's own frame has its origin at the joint, x along its flexion axis, y to the fingertip and z out of its back;
+the palm's is the palm frame.
 """
 
 from typing import NamedTuple
@@ -23,7 +23,7 @@ PIECES = tuple(f"{finger}/{phalanx}" for finger in FINGERS for phalanx in PHALAN
 """Names of the pieces, in the order of the kernels' bodies."""
 
 RINGS, SIDES = 8, 24
-"""Of a phalanx's mesh: rings to each end, and corners of a ring."""
+"""Rings to each end of a phalanx's mesh, and corners of a ring."""
 
 
 class PiecePoses(NamedTuple):
@@ -34,7 +34,7 @@ class PiecePoses(NamedTuple):
 
 
 def piece_surfaces(hand: HandModel) -> tuple[Surface, ...]:
-    """The surface of each piece in its own frame."""
+    """Return the surface of each piece in its own frame."""
     surfaces = []
     for finger in range(len(FINGERS)):
         for k in range(PHALANX_COUNT):
@@ -51,7 +51,7 @@ def piece_surfaces(hand: HandModel) -> tuple[Surface, ...]:
 def piece_poses(
     hand: HandModel, position: ArrayLike, orientation: ArrayLike, flexion: ArrayLike, abduction: ArrayLike
 ) -> PiecePoses:
-    """Where the pieces are.
+    """Compute the poses of the pieces.
 
     Args:
         position: Palm origin [m], world, shape (T, 3).
@@ -67,7 +67,9 @@ def piece_poses(
     frames = np.stack([np.cross(hand.distal, hand.dorsal), hand.distal, hand.dorsal], axis=-1)
     fingers_base = quaternion_product(palm.T, quaternion_from_matrix(frames)[:, None])
     # A turn about the finger's back, then one about the axis that it flexes about.
-    w, x, y, z = (part[:, None] for part in _about_z(np.moveaxis(fingers_base, -1, 0), half_spread))
+    (w, x, y, z), cos, sin = np.moveaxis(fingers_base, -1, 0), np.cos(half_spread), np.sin(half_spread)
+    w, x, y, z = w * cos - z * sin, x * cos + y * sin, y * cos - x * sin, z * cos + w * sin
+    w, x, y, z = (part[:, None] for part in (w, x, y, z))
     cos, sin = np.cos(half_bend), np.sin(half_bend)
     w, x, y, z = w * cos - x * sin, x * cos + w * sin, y * cos + z * sin, z * cos - y * sin
     ticks = origin.shape[1]
@@ -86,9 +88,3 @@ def piece_poses(
             joint[:, k, :, i] = joint[:, k - 1, :, i] + hand.length[:, k - 1, None] * direction[i][:, k - 1]
     translation[PALM_BODY] = origin.T
     return PiecePoses(translation.transpose(1, 0, 2), quaternion.transpose(1, 0, 2))
-
-
-def _about_z(quaternion: FloatArray, half: FloatArray) -> tuple[FloatArray, ...]:
-    """The product of quaternions and turns about z, given by half of their angles."""
-    (w, x, y, z), cos, sin = quaternion, np.cos(half), np.sin(half)
-    return w * cos - z * sin, x * cos + y * sin, y * cos - x * sin, z * cos + w * sin

@@ -1,5 +1,6 @@
-"""A picture of an import: what came in, grey, what went out, in colour, and the samples that bear a flag."""
+"""Picture of an import: input in grey, output in colour, and the samples that bear a flag."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00")
-"""Of Okabe & Ito: told apart by every eye."""
+"""Okabe and Ito's colours for the colour-blind."""
 BANDS: tuple[tuple[str, SampleFlag, str], ...] = (
     ("interpolated", SampleFlag.PALM_FILLED | SampleFlag.FINGERS_FILLED, "#56B4E9"),
     ("outlier replaced", SampleFlag.PALM_OUTLIER | SampleFlag.FINGERS_OUTLIER, "#D55E00"),
@@ -29,21 +30,11 @@ BANDS: tuple[tuple[str, SampleFlag, str], ...] = (
     ("device unsure, estimated", SampleFlag.INVALID | SampleFlag.ESTIMATED, "#999999"),
     ("quaternion turned or scaled", SampleFlag.FLIPPED | SampleFlag.RENORMALISED, "#009E73"),
 )
-"""Rows of the strip of flags: what they say, the flags, the colour."""
+"""Rows of the strip of flags: label, flags, colour."""
 
 
 def draw_import(recording: Recording, motion: Trajectory, path: Path) -> None:
-    """Draw a recording and the trajectory that became of it.
-
-    Args:
-        recording: As it was read, in the units of its file.
-        motion: With its flags.
-        path: Picture file; matplotlib chooses the format by its ending.
-
-    Raises:
-        InputError: matplotlib has no such picture format.
-        OutputError: The picture cannot be written.
-    """
+    """Draw a recording in the units of its file, and the trajectory that was made of it; errors as `save_figure`."""
     check_output_path(path)
     figure = new_figure(13, 15, layout="constrained")
     rows = figure.subplots(9, 1, sharex=True, height_ratios=[2, 2, 2, 2, 2, 2, 2, 2, 1.5])
@@ -67,7 +58,7 @@ def draw_import(recording: Recording, motion: Trajectory, path: Path) -> None:
 
 
 def _time_scale(recording: Recording, motion: Trajectory) -> tuple[float, float]:
-    """Factor and shift from the file's clock to the trajectory's, whose unit and zero may be others."""
+    """Return factor and shift from the file's clock to the trajectory's."""
     given = recording.time[np.isfinite(recording.time)]
     step_in = float(np.median(np.diff(np.unique(given)))) if given.size > 1 else 1.0
     step_out = float(np.median(np.diff(motion.time)))
@@ -77,7 +68,7 @@ def _time_scale(recording: Recording, motion: Trajectory) -> tuple[float, float]
 
 
 def _factor(came: FloatArray, went: FloatArray, units: dict[str, float]) -> float:
-    """What the numbers of the file are multiplied by to lie beside those of the trajectory: 1 but for another unit."""
+    """Return the unit's factor from the numbers of the file to those of the trajectory."""
     before, after = (np.abs(values[np.isfinite(values) & (values != 0.0)]) for values in (came, went))
     if not before.size or not after.size:
         return 1.0
@@ -86,21 +77,16 @@ def _factor(came: FloatArray, went: FloatArray, units: dict[str, float]) -> floa
 
 
 def _angle(orientation: FloatArray) -> FloatArray:
-    """Rotation vectors [degrees] from the first whole quaternion on, shape (T, 3)."""
+    """Return rotation vectors [degrees] from the first whole quaternion on, shape (T, 3)."""
     whole = np.isfinite(orientation).all(axis=1) & (np.linalg.norm(np.nan_to_num(orientation), axis=1) > 0.0)
     first = orientation[np.argmax(whole)]
     return np.asarray(np.degrees(turn(np.broadcast_to(first, orientation.shape), orientation)))
 
 
 def _panel(
-    axes: "Axes",
-    clocks: tuple[FloatArray, FloatArray],
-    came: FloatArray,
-    went: FloatArray,
-    names: tuple[str, ...],
-    label: str,
+    axes: "Axes", clocks: Sequence[FloatArray], came: FloatArray, went: FloatArray, names: Sequence[str], label: str
 ) -> None:
-    """Curves of what came in and of what went out, each by its own clock."""
+    """Draw curves of input and output, each by its own clock."""
     time_in, time_out = clocks
     for column in range(went.shape[1]):
         axes.plot(time_in, came[:, column], color="0.65", linewidth=2.5, marker=".", markersize=4)
@@ -119,7 +105,7 @@ def _panel(
 
 
 def _strip(axes: "Axes", motion: Trajectory) -> None:
-    """A row of marks for each group of flags."""
+    """Draw a row of marks for each group of flags."""
     flags = motion.flags if motion.flags is not None else np.zeros(motion.sample_count, dtype=np.uint32)
     for row, (_, flag, colour) in enumerate(BANDS):
         at = motion.time[marked(flags, flag)]

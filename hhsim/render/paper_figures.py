@@ -3,11 +3,13 @@
 import textwrap
 from collections.abc import Callable, Sequence
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hhsim.arrays import FloatArray
 from hhsim.bench.paper.bench import PaperRuns
 from hhsim.bench.paper.run import SceneRun
 from hhsim.bench.paper.scenarios import CASES
@@ -17,8 +19,12 @@ from hhsim.errors import OutputError
 from hhsim.hand.fingers import FINGERS
 from hhsim.kernels.tick.step import DURATION_DETECT
 from hhsim.mesh.catalogue import load_object, object_names
+from hhsim.mesh.mesh import Mesh
 from hhsim.render.figure import new_figure, save_figure, tidy
-from hhsim.render.scene_thumbnails import best_view, scene_picture
+from hhsim.render.rasterizer import blend, depth_of, frame, look_from, shade
+from hhsim.render.replay_figure import GHOST, STONE, behind
+from hhsim.render.triangle_soup import hand_surface, joined, mesh_surface, painted, round_cone_surface
+from hhsim.render.viewpoint import View
 from hhsim.system.output_path import check_output_path
 from hhsim.system.progress import Progress, silent
 
@@ -33,17 +39,13 @@ TIME_COLORS = {"detection": "#2e7d32", "response": "#c8641a", "total": "0.15"}
 BUDGET_COLOR = "#b00020"
 KINDS = (".png", ".pdf", ".svg")
 LETTER, LINE = 0.075, 0.16
-"""Room for a letter, and for a line, of the text below a figure [inches]."""
+"""Width of a letter and height of a line of the text below a figure [inches]."""
 TILE = 230
 """Rows and columns of a small picture [pixels]."""
 
 
 def check_folder(folder: Path) -> None:
-    """Make the folder, before the work.
-
-    Raises:
-        OutputError: It cannot be made or written.
-    """
+    """Make the folder, before the work; raise OutputError if it cannot be made or written."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -52,11 +54,7 @@ def check_folder(folder: Path) -> None:
 
 
 def draw_all(folder: Path, runs: PaperRuns, progress: Progress = silent) -> list[Path]:
-    """Draw every figure that the runs have scenes for; the files are fig11 to fig15, each of `KINDS`.
-
-    Raises:
-        OutputError: A picture cannot be written.
-    """
+    """Draw every figure that the runs have scenes for: fig11 to fig15, each of `KINDS`; errors as `save_figure`."""
     jobs: list[tuple[str, Callable[[], Figure]]] = []
     # The hand that is shown is the default method's, or else the last one's.
     methods = list(dict.fromkeys(run.options.method for run in runs.scenes))
@@ -100,7 +98,7 @@ def _gallery(scenes: Sequence[SceneRun], columns: int) -> "Figure":
 
 
 def _forces_over_time(number: str, runs: Sequence[SceneRun]) -> "Figure":
-    """Forces and the time of a tick, with the hand in each hold.
+    """Draw forces and the time of a tick, with the hand in each hold.
 
     Fig. 12: normal forces of the five fingers; Fig. 14: the index finger's contact force with its components.
     """
@@ -123,7 +121,7 @@ def _forces_over_time(number: str, runs: Sequence[SceneRun]) -> "Figure":
 
 
 def _curves_figure(runs: Sequence[SceneRun]) -> "tuple[Figure, Sequence[Axes], Sequence[Axes]]":
-    """Pictures of the holds on top; then a column a method: forces above, times below, phases marked."""
+    """Draw the holds on top; return the figure with a column a method: axes of forces above, of times below."""
     figure = new_figure(14.0, 8.6)
     moments = runs[-1].shown
     mesh = load_object(runs[-1].scenario.object_name).mesh
@@ -179,7 +177,7 @@ def _draw_times(panels: "Sequence[Axes]", runs: Sequence[SceneRun]) -> None:
 
 
 def _cases(runs: PaperRuns, methods: Sequence[str]) -> "Figure":
-    """Fig. 15: detection, response and total by case, with the number of contacts, object by object."""
+    """Draw Fig. 15: detection, response and total by case, with the number of contacts, object by object."""
     played = [name for name in object_names() if runs.of(methods[0], "15", object_name=name)]
     figure = new_figure(2.9 * len(played) + 0.6, 2.7 * len(methods) + 0.7)
     panels = figure.subplots(len(methods), len(played), squeeze=False, sharex=True, sharey=True)
@@ -220,3 +218,59 @@ def _cases(runs: PaperRuns, methods: Sequence[str]) -> "Figure":
     figure.subplots_adjust(left=0.75 / width, right=0.99, top=1.0 - 0.35 / height, bottom=bottom, wspace=0.06)
     figure.text(1.0 - 0.1 / width, 0.05 / height, "\n".join(lines), ha="right", fontsize=9, color=BUDGET_COLOR)
     return figure
+
+
+GLASS = 0.4
+"""Opacity of the haptic hand."""
+AZIMUTHS, ELEVATIONS = range(0, 360, 45), (15.0, 50.0)
+"""Views that are tried [degrees]."""
+TRIAL = (48, 48)
+"""Rows and columns of a trial view [pixels]."""
+
+
+def scene_picture(
+    run: SceneRun, mesh: Mesh, moment: int = 0, shape: tuple[int, int] = (300, 300), view: FloatArray | None = None
+) -> FloatArray:
+    """Render the hand at a moment of a run of one motion: shape (rows, columns, 3), 0 to 1.
+
+    Args:
+        mesh: The object's, its own frame.
+        shape: Rows and columns of the picture [pixels].
+        view: Direction to the viewer, shape (3,); None for `best_view`.
+    """
+    shown = run.shown[moment]
+    graphic, haptic = (hand_surface(run.stage.hand, *pose) for pose in (shown.graphic, shown.haptic))
+    body = mesh_surface(mesh, STONE)
+    towards = best_view(run, mesh, moment) if view is None else view
+    camera = frame(joined([graphic, body]).points, look_from(towards), shape)
+    hand, ghost = shade(graphic, camera), shade(painted(haptic, GHOST), camera)
+    return blend([(hand, 1.0), (shade(body, camera), 1.0), (behind(ghost, hand), GLASS)])
+
+
+def best_view(run: SceneRun, mesh: Mesh, moment: int = 0) -> FloatArray:
+    """Return the direction to the viewer that shows most of the fingertips that are to touch.
+
+    Between equals, the visible part of hand and object decides, of whichever shows less.
+    """
+    pose, hand = run.shown[moment].graphic, run.stage.hand
+    joints = hand.joints(*pose)
+    named = {touch.part for touches in run.stage.script.hold_touches for touch in touches}
+    tips = joined(
+        [
+            round_cone_surface(joints[f, 2], joints[f, 3], hand.radius[f, 2], hand.radius[f, 3], STONE, 8, 16)
+            for f, finger in enumerate(FINGERS)
+            if finger in named
+        ]
+    )
+    whole, body = hand_surface(hand, *pose), mesh_surface(mesh, STONE)
+    both = joined([whole, body])
+    best, most = np.array([1.0, 0.0, 0.0]), -1.0
+    for elevation, azimuth in product(ELEVATIONS, AZIMUTHS):
+        towards = View(azimuth, elevation).towards
+        camera = frame(both.points, look_from(towards), TRIAL)
+        skin, stone, tip = (depth_of(surface, camera) for surface in (whole, body, tips))
+        pads = float((tip > np.maximum(skin - 1e-3, stone)).sum()) if named else 0.0
+        seen = pads + 0.2 * min(float((skin > stone).sum()), 1.5 * float((stone > skin).sum()))
+        if seen > most:
+            best, most = towards, seen
+    return best

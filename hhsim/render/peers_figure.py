@@ -1,4 +1,4 @@
-"""The picture of `hhsim bench peers`: what a tick costs against how far off the true mesh, an object a panel."""
+"""Picture of `hhsim bench peers`: cost of a tick against distance from the true mesh, an object a panel."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hhsim.bench.speed_error_table import ALL
-from hhsim.render.figure import logarithmic, new_figure, save_figure
+from hhsim.render.figure import draw_frontier, logarithmic, new_figure, save_figure
 from hhsim.system.picture_path import check_picture
 
 if TYPE_CHECKING:
@@ -18,9 +18,9 @@ Row = dict[str, Any]
 
 OURS, OTHERS = "#1b6ca8", "0.35"
 FLOOR = 1e-3
-"""Errors below this are drawn at it [mm]: a logarithm has no zero."""
+"""Smaller errors are drawn at it [mm]: a logarithm has no zero."""
 BUDGET = 1e3
-"""Of a tick at 1 kHz [µs]."""
+"""Time of a tick at 1 kHz [µs]."""
 TIMES = (5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10000)
 ERRORS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1, 3, 10, 30)
 PANELS = 4
@@ -34,19 +34,11 @@ PLACES: tuple[Place, ...] = (
     *((0.0, y, "center", "center") for y in (13.0, -13.0, 24.0, -24.0)),
     *((x, y, side, "center") for y in (24.0, -24.0, 34.0, -34.0) for x, side in ((4.0, "left"), (-4.0, "right"))),
 )
-"""Of a label beside its mark, the nearest first: offsets [points] and how it is aligned."""
+"""Places of a label beside its mark, the nearest first: offsets [points] and alignment."""
 
 
 def draw_peers(path: Path, rows: Sequence[Row]) -> None:
-    """Draw each object's methods over all its motions; a line joins those that none is both faster and nearer than.
-
-    Args:
-        path: The picture; matplotlib chooses the format by its ending.
-
-    Raises:
-        OutputError: The picture cannot be written.
-        InputError: matplotlib has no such picture format.
-    """
+    """Draw each object's methods over all its motions, and the Pareto frontier; errors as `save_figure`."""
     check_picture(path)
     names = [name for name in dict.fromkeys(row["object"] for row in rows) if name != ALL][:PANELS]
     across = min(2, len(names))
@@ -60,14 +52,11 @@ def draw_peers(path: Path, rows: Sequence[Row]) -> None:
         axes.set_title(f"{name}: off the true mesh, most [mm]", fontsize=12, loc="left")
     for axes in panels[len(names) :]:
         axes.set_visible(False)
-    figure.text(
-        0.01,
-        0.01,
+    note = (
         "The larger of the deepest penetration and the farthest that a pushed body is off the mesh, over all motions.\n"
-        "Blue: hhsim; grey: other engines. Red: 1 ms, the budget at 1 kHz.",
-        fontsize=9,
-        color="0.35",
+        "Blue: hhsim; grey: other engines. Red: 1 ms, the budget at 1 kHz."
     )
+    figure.text(0.01, 0.01, note, fontsize=9, color="0.35")
     figure.tight_layout(rect=(0.0, 0.06, 1.0, 1.0))
     # Where there is room for a label is known when the panels have their places.
     for axes, texts in labels.items():
@@ -76,7 +65,7 @@ def draw_peers(path: Path, rows: Sequence[Row]) -> None:
 
 
 def _draw_panel(axes: "Axes", rows: Sequence[Row]) -> list["Annotation"]:
-    """Marks and frontier; the labels, which have no place yet."""
+    """Draw marks and frontier, and return the labels, which have no place yet."""
     from matplotlib.patheffects import withStroke
 
     points = [(1e6 * row["tick_cpu_p50"], max(FLOOR, 1e3 * row["mesh_error"])) for row in rows]
@@ -91,11 +80,7 @@ def _draw_panel(axes: "Axes", rows: Sequence[Row]) -> list["Annotation"]:
                 path_effects=[withStroke(linewidth=3.0, foreground="white")], annotation_clip=False,
             )
         )  # fmt: skip
-    best = sorted(point for row, point in zip(rows, points) if row["frontier"])
-    if best:
-        times = [best[0][0], *(time for time, _ in best), 1e5]
-        heights = [1e3, *(off for _, off in best), best[-1][1]]
-        axes.plot(times, heights, color="0.6", linewidth=1.0, drawstyle="steps-post", zorder=2)
+    draw_frontier(axes, [point for row, point in zip(rows, points) if row["frontier"]], "0.6", 1.0)
     axes.axvline(BUDGET, color="#b00020", linewidth=1.2)
     axes.set_xlabel("CPU time of a tick in contact, median [µs]", fontsize=11)
     times_found = [time for time, _ in points] or [10.0]

@@ -1,6 +1,6 @@
-"""Shaded pictures of surfaces, pixel by pixel: orthographic view, nearest surface first, see-through layers.
+"""Shaded pictures of surfaces: orthographic view, nearest surface first, transparent layers.
 
-matplotlib sorts triangles by their middles, which fails where bodies touch; here each pixel is decided by itself.
+matplotlib sorts triangles by their middles, which fails where bodies touch; here each pixel is decided alone.
 """
 
 from collections.abc import Sequence
@@ -17,15 +17,15 @@ from hhsim.render.triangle_soup import Surface, count_up
 Image = NDArray[np.floating[Any]]
 
 LIGHT = np.array([-0.45, 0.55, 0.90])
-"""Towards the key light, in the picture's frame (right, up, towards the viewer)."""
+"""Direction to the key light, in the picture's frame (right, up, towards the viewer)."""
 
 OVERSAMPLING = 2
-"""A picture is drawn this much larger and averaged."""
+"""Factor by which a picture is drawn larger and then averaged."""
 
 PIXELS = 1_000_000
 """Most pixels of triangles that are held in memory at once, but for one row of them."""
 EDGE = 1e-9
-"""A pixel's middle that lies on an edge belongs to both triangles, whatever is rounded [pixels]."""
+"""Tolerance [pixels] within which a pixel's middle on an edge belongs to both triangles."""
 
 
 @dataclass(frozen=True)
@@ -34,8 +34,8 @@ class Camera:
 
     Attributes:
         rotation: Rows right, up and towards the viewer, shape (3, 3), world.
-        center: What the picture's middle shows [m], shape (3,), world.
-        height: Of what the picture shows [m].
+        center: World point in the picture's middle [m], shape (3,).
+        height: Height of the view [m].
         shape: Rows and columns of the finished picture [pixels].
     """
 
@@ -51,7 +51,7 @@ class Layer:
 
     Attributes:
         color: Shape (rows, columns, 3).
-        depth: Towards the viewer [m], shape (rows, columns); minus infinity where nothing is.
+        depth: Towards the viewer [m], minus infinity without a surface, shape (rows, columns).
         facing: Cosine between the surface's normal and the direction to the viewer, shape (rows, columns).
     """
 
@@ -60,12 +60,12 @@ class Layer:
     facing: Image
 
     def seen(self) -> BoolArray:
-        """Where the surface is, shape (rows, columns)."""
+        """Return where the surface is, shape (rows, columns)."""
         return np.isfinite(self.depth)
 
 
 def look_from(towards: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)) -> FloatArray:
-    """A camera's rotation for a viewer in the direction `towards`, with `up` upright in the picture."""
+    """Return a camera's rotation for a viewer in the direction `towards`, with `up` upright in the picture."""
     to_viewer = np.array(towards, dtype=np.float64)
     to_viewer /= np.linalg.norm(to_viewer)
     right = np.cross(np.asarray(up, dtype=np.float64), to_viewer)
@@ -74,7 +74,7 @@ def look_from(towards: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)) -> FloatArray
 
 
 def frame(points: FloatArray, rotation: FloatArray, shape: tuple[int, int], margin: float = 0.04) -> Camera:
-    """The camera that shows all points [m], with `margin` of the picture left free on each side."""
+    """Return the camera that shows all points [m], with `margin` of the picture left free on each side."""
     seen = points @ rotation.T
     low, high = seen.min(axis=0), seen.max(axis=0)
     rows, columns = shape
@@ -83,7 +83,7 @@ def frame(points: FloatArray, rotation: FloatArray, shape: tuple[int, int], marg
 
 
 def shade(surface: Surface, camera: Camera) -> Layer:
-    """Light a surface."""
+    """Render and light a surface."""
     normals, faces = _towards_viewer(surface, camera)
     depth, weight, face = _rasterised(surface, faces, camera)
     there = face[face >= 0]
@@ -95,12 +95,12 @@ def shade(surface: Surface, camera: Camera) -> Layer:
 
 
 def depth_of(surface: Surface, camera: Camera) -> FloatArray:
-    """How near a surface is to the viewer, without lighting it: the depth of its layer."""
+    """Return the depth of a surface's layer without lighting it."""
     return _rasterised(surface, _towards_viewer(surface, camera)[1], camera)[0]
 
 
 def _towards_viewer(surface: Surface, camera: Camera) -> tuple[Image, IntArray]:
-    """Normals as the camera has them, shape (3, vertices), and the faces that are not turned away."""
+    """Return normals in the camera's frame, shape (3, vertices), and the faces not turned away."""
     # Single precision and one component after another: what is done at every pixel is most of the work.
     normals = np.ascontiguousarray((camera.rotation @ surface.normals.T).astype(np.float32))
     return normals, surface.faces[(normals[2] > 0.0)[surface.faces].any(axis=1)]
@@ -115,7 +115,7 @@ def _rasterised(surface: Surface, faces: IntArray, camera: Camera) -> tuple[Floa
 
 
 def _interpolated(values: Image, corners: Sequence[IntArray], weight: FloatArray) -> Image:
-    """Values of vertices, shape (3, vertices), at pixels: shape (3, pixels)."""
+    """Interpolate values of vertices, shape (3, vertices), at pixels: shape (3, pixels)."""
     if (values == values[:, :1]).all():
         return np.repeat(values[:, :1], weight.shape[1], axis=1)
     share = weight.astype(np.float32)
@@ -123,14 +123,10 @@ def _interpolated(values: Image, corners: Sequence[IntArray], weight: FloatArray
 
 
 def see_spheres(center: ArrayLike, radius: ArrayLike, camera: Camera) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Spheres as a camera sees them, exact at every pixel.
-
-    Args:
-        center: [m], shape (n, 3), world.
-        radius: [m], shape (n,).
+    """Render spheres [m], shapes (n, 3), (n,), world, exact at every pixel.
 
     Returns:
-        Depth and normals as `lit` takes them, and whose surface it is at the pixels where one is, shape (pixels,).
+        Depth and normals as `lit` takes them, and the sphere at each pixel of one, shape (pixels,).
     """
     rows, columns = OVERSAMPLING * camera.shape[0], OVERSAMPLING * camera.shape[1]
     scale = rows / camera.height
@@ -147,12 +143,12 @@ def see_spheres(center: ArrayLike, radius: ArrayLike, camera: Camera) -> tuple[F
 
 
 def lit(depth: FloatArray, normals: Image, color: Image, camera: Camera) -> Layer:
-    """Light what a camera sees.
+    """Light rendered pixels.
 
     Args:
-        depth: Towards the viewer [m], minus infinity where nothing is, shape (rows, columns).
-        normals: Unit normals of the n pixels where something is, right, up and towards the viewer, shape (n, 3).
-        color: Of these pixels, shape (n, 3).
+        depth: Towards the viewer [m], minus infinity without a surface, shape (rows, columns).
+        normals: Unit normals of the n pixels of the surface, right, up and towards the viewer, shape (n, 3).
+        color: Their colours, shape (n, 3).
     """
     rows, columns = depth.shape
     scale, pixel = rows / camera.height, np.flatnonzero(np.isfinite(depth))
@@ -176,13 +172,9 @@ def lit(depth: FloatArray, normals: Image, color: Image, camera: Camera) -> Laye
 
 
 def _blurred(depth: FloatArray, pixel: IntArray, shape: tuple[int, int], width: float) -> FloatArray:
-    """Depth smoothed by a Gaussian of so many pixels; a wide one is taken of a coarser grid, where it costs little.
+    """Smooth depth by a Gaussian of standard deviation `width` [pixels]; a wide one on a coarser grid.
 
-    Args:
-        depth: At the pixels where something is; elsewhere is the least of it; shape (pixels,).
-        pixel: Their numbers, row by row, shape (pixels,).
-        shape: Rows and columns of the picture.
-        width: Standard deviation [pixels].
+    `depth` and `pixel` are depths and numbers of a surface's pixels, shape (pixels,); elsewhere it is the least depth.
     """
     step = max(1, int(width / 4.0))
     row, column = np.divmod(pixel, shape[1])
@@ -204,7 +196,7 @@ def _blurred(depth: FloatArray, pixel: IntArray, shape: tuple[int, int], width: 
 
 
 def _gaussian(cells: int, width: float) -> FloatArray:
-    """Shares of the cells of a line, shape (cells, cells), that are blended into each; standard deviation in cells."""
+    """Return the weights that smooth a line of cells, shape (cells, cells); standard deviation in cells."""
     place = np.arange(cells)
     # Where the blur is next to nothing beside a cell, its neighbours' share is none.
     with np.errstate(over="ignore"):
@@ -213,28 +205,21 @@ def _gaussian(cells: int, width: float) -> FloatArray:
 
 
 def _between(pixels: int, step: int, cells: int) -> tuple[IntArray, FloatArray]:
-    """Of each pixel of a line the cell of `step` pixels whose middle is before it, and how far it is to the next."""
+    """Return for each pixel of a line the cell of `step` pixels whose middle is before it, and the way to the next."""
     place = np.clip((np.arange(pixels) + 0.5) / step - 0.5, 0.0, cells - 1.0)
     before = place.astype(np.int64)
     return before, place - before
 
 
 def blend(layers: Sequence[tuple[Layer, FloatArray | float]]) -> FloatArray:
-    """Put layers over white, the nearest on top at each pixel.
-
-    Args:
-        layers: Each with its opacity, one number or shape (rows, columns).
-
-    Returns:
-        The picture, shape (rows, columns, 3), 0 to 1.
-    """
+    """Put layers, each with its opacity, over white, the nearest on top: shape (rows, columns, 3), 0 to 1."""
     picture = composed(layers)
     parts = [picture[i::OVERSAMPLING, j::OVERSAMPLING] for i in range(OVERSAMPLING) for j in range(OVERSAMPLING)]
     return np.asarray(sum(parts[1:], parts[0]) / len(parts))
 
 
 def composed(layers: Sequence[tuple[Layer, FloatArray | float]]) -> FloatArray:
-    """The same as `blend` at the pixels of the layers, before they are averaged."""
+    """Return the pixels that `blend` averages."""
     seen = np.logical_or.reduce([layer.seen() for layer, _ in layers])
     pixel = np.flatnonzero(seen)
     depth = np.stack([layer.depth.ravel()[pixel] for layer, _ in layers])
@@ -256,7 +241,7 @@ def composed(layers: Sequence[tuple[Layer, FloatArray | float]]) -> FloatArray:
 def rasterise(
     screen: FloatArray, towards: FloatArray, faces: IntArray, shape: tuple[int, int]
 ) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Nearest triangle at each pixel.
+    """Find the nearest triangle at each pixel.
 
     Args:
         screen: Column and row of each vertex [pixels], shape (n, 2).
@@ -265,8 +250,8 @@ def rasterise(
         shape: Rows and columns of the picture.
 
     Returns:
-        Coordinate towards the viewer [m], shape (rows, columns); barycentric weights of the pixels where a triangle is,
-        row by row, shape (3, pixels); the triangle or -1, shape (rows, columns).
+        Coordinate towards the viewer [m], shape (rows, columns); barycentric weights of the pixels of triangles,
+        shape (3, pixels); the triangle or -1, shape (rows, columns).
     """
     rows, columns = shape
     depth, owner = np.full(rows * columns, -np.inf), np.full(rows * columns, -1, dtype=np.int64)
@@ -298,7 +283,7 @@ def rasterise(
 
 
 class _Spans(NamedTuple):
-    """Pixels of triangles, row by row: the triangle, its row, the first column there, and how many; shapes (s,)."""
+    """Rows of pixels of triangles: triangle, row, first column and length, shapes (s,)."""
 
     face: IntArray
     row: IntArray
@@ -307,9 +292,9 @@ class _Spans(NamedTuple):
 
 
 def _weights(corners: FloatArray) -> FloatArray:
-    """Barycentric weights as functions of a pixel's column and row, and a constant: shape (m, 3, 3).
+    """Return barycentric weights as functions of a pixel's column and row, and a constant: shape (m, 3, 3).
 
-    All are 0 of a triangle that is seen edge on.
+    All are 0 for a triangle that is seen edge on.
     """
     first, second = corners[:, [1, 2, 0]], corners[:, [2, 0, 1]]
     edge = second - first
@@ -321,13 +306,7 @@ def _weights(corners: FloatArray) -> FloatArray:
 
 
 def _spans(corners: FloatArray, weights: FloatArray, shape: tuple[int, int]) -> _Spans:
-    """The pixels whose middles lie in triangles.
-
-    Args:
-        corners: Column and row [pixels], shape (m, 3, 2).
-        weights: As from `_weights`.
-        shape: Rows and columns of the picture.
-    """
+    """Return the pixels whose middles lie in triangles, from corners [pixels], shape (m, 3, 2), and `_weights`."""
     rows, columns = shape
     low = np.clip(np.ceil(corners[:, :, 1].min(axis=1) - EDGE), 0, rows).astype(np.int64)
     high = np.clip(np.floor(corners[:, :, 1].max(axis=1) + EDGE), -1, rows - 1).astype(np.int64)

@@ -1,8 +1,7 @@
-"""A picture of a replay in its hold: `python -m hhsim.render.replay_figure RESULT docs/grasp.png [AZIMUTH,ELEVATION]`.
+"""Picture of a replay in its hold: `python -m hhsim.render.replay_figure RESULT docs/grasp.png [AZIMUTH,ELEVATION]`.
 
-On the left what a user sees: the graphic hand on the object. On the right why: the haptic hand, where the user's hand
-is, goes into the object, and the difference becomes forces on the phalanges. Everything is drawn from the result file:
-the bodies that collided, at the configurations that were computed.
+Left is what a user sees: the graphic hand on the object. Right is why: the haptic hand goes into the object, and the
+difference becomes forces on the phalanges.
 """
 
 import sys
@@ -40,29 +39,23 @@ GHOST = np.array([0.25, 0.52, 0.95])
 RED = np.array([0.85, 0.10, 0.08])
 
 ARROW_RADIUS = 1.3e-3
-"""Of an arrow's shaft [m]."""
+"""Radius of an arrow's shaft [m]."""
 ARROW_LENGTH = 0.02
-"""Of the arrow of 1 N [m].
-
-Longer by the square root of the force, so that small forces can be seen beside large ones.
-"""
+"""Length of the arrow of 1 N [m]; it grows with the square root of the force, so that small ones can be seen."""
 
 LONGEST_ARROW = 10.0
-"""No force of a hand is this long in a picture [m]."""
+"""Longest arrow that is drawn [m]: a damaged file may hold forces that no picture has space for."""
 
+BODY_OPACITY = 0.5
+IN_FRONT = 10.0
+"""Distance by which forces are drawn in front of everything else [m]."""
 LETTER = 0.92
-"""Width of a letter or digit, its white rim's share included [pixels at 100 to the inch, by the size in pt]."""
+"""Width of a letter or digit with its share of the white rim [pixels at 100 to the inch, by the size in pt]."""
 
 
 @dataclass(frozen=True)
 class PhalanxForce:
-    """The contact force on one phalanx.
-
-    Attributes:
-        name: Finger and phalanx.
-        contact: Where the phalanx is nearest to the object [m], shape (3,), world.
-        force: [N], shape (3,), world.
-    """
+    """Contact force on one phalanx [N], and the phalanx's point nearest to the object [m], shapes (3,), world."""
 
     name: str
     contact: FloatArray
@@ -70,25 +63,21 @@ class PhalanxForce:
 
 
 def draw_replay(result: Result, path: Path, view: View = VIEW) -> None:
-    """Draw the last tick of the hold, or of the replay where nothing is held.
-
-    Args:
-        path: Picture file; matplotlib chooses the format by its ending.
+    """Draw the last tick of the first hold, or of the replay where nothing is held.
 
     Raises:
-        InputError: The result holds no tick, or its hand file has changed; matplotlib has no such picture format.
-        OutputError: The picture cannot be written.
+        InputError, OutputError: No tick, or a hand file that has changed; as `save_figure`.
     """
     check_output_path(path)
     # The camera moves along with an object that moves.
     result = result.seen_from_object
     tick = shown_tick(result)
     hand = stored_hand(result)
-    surfaces = [
+    graphic, haptic = (
         hand_surface(hand, *(result[f"{whose}/{name}"][tick] for name in HandConfiguration._fields))
         for whose in ("graphic", "haptic")
-    ]
-    graphic, haptic = surfaces[0], painted(surfaces[1], GHOST)
+    )
+    haptic = painted(haptic, GHOST)
     mesh = Mesh(result.static["object/vertices"], result.static["object/faces"], "object", str(result.path))
     body = mesh_surface(mesh, STONE)
     forces = phalanx_forces(result, tick)
@@ -96,15 +85,13 @@ def draw_replay(result: Result, path: Path, view: View = VIEW) -> None:
 
     rows, columns = PANEL
     figure = new_figure(2 * columns / 100, (rows + 60) / 100)
-    titles = (
-        "What the user sees: the graphic hand stays outside",
-        "The user's own hand (blue) goes in: that makes the forces",
-    )
-    pictures = (
-        blend([(shade(joined([graphic, body]), camera), 1.0)]),
-        seen_through(graphic, haptic, body, forces, camera),
-    )
-    for column, (title, picture) in enumerate(zip(titles, pictures)):
+    pictures = {
+        "What the user sees: the graphic hand stays outside": blend([(shade(joined([graphic, body]), camera), 1.0)]),
+        "The user's own hand (blue) goes in: that makes the forces": seen_through(
+            graphic, haptic, body, forces, camera
+        ),
+    }
+    for column, (title, picture) in enumerate(pictures.items()):
         axes = figure.add_axes((0.5 * column, 0.0, 0.5, rows / (rows + 60)))
         axes.imshow(picture, interpolation="none")
         axes.set_axis_off()
@@ -115,11 +102,7 @@ def draw_replay(result: Result, path: Path, view: View = VIEW) -> None:
 
 
 def shown_tick(result: Result) -> int:
-    """The last tick of the first hold; without a hold, the last tick.
-
-    Raises:
-        InputError: The result holds no tick.
-    """
+    """Return the last tick of the first hold; without a hold, the last tick; InputError without a tick."""
     if result.ticks == 0:
         raise InputError(f"{result.path} holds no tick")
     held = any(phase.name == HOLD for phase in result.phases)
@@ -127,7 +110,7 @@ def shown_tick(result: Result) -> int:
 
 
 def phalanx_forces(result: Result, tick: int) -> list[PhalanxForce]:
-    """The forces of a tick that can be felt, each at the point of the phalanx that is nearest to an object sphere."""
+    """Return the forces of a tick that can be felt, each at the phalanx's point nearest to an object sphere."""
     static = result.static
     level = static["object/tree/level"]
     leaves = level == level.max()
@@ -152,40 +135,47 @@ def phalanx_forces(result: Result, tick: int) -> list[PhalanxForce]:
 
 
 def arrow(force: PhalanxForce) -> FloatArray:
-    """The arrow of a force [m], shape (3,)."""
+    """Return the arrow of a force [m], shape (3,)."""
     return np.asarray(ARROW_LENGTH * force.force / np.sqrt(np.linalg.norm(force.force)))
+
+
+def arrow_surfaces(forces: Sequence[PhalanxForce]) -> list[Surface]:
+    """Return the arrows of forces, but for those that no picture has space for."""
+    shown = [force for force in forces if 0.0 < float(np.linalg.norm(arrow(force))) < LONGEST_ARROW]
+    return [arrow_surface(force.contact, arrow(force), ARROW_RADIUS, RED) for force in shown]
+
+
+def transparent(
+    graphic: Surface, haptic: Surface, body: Layer, arrows: Sequence[Surface], camera: Camera
+) -> list[tuple[Layer, FloatArray | float]]:
+    """Return the layers of a transparent object, the haptic hand in and around it, and the forces over everything."""
+    hand = shade(graphic, camera)
+    ghost = behind(shade(haptic, camera), hand)
+    # Glass is clearest where one looks straight at it.
+    glass = np.asarray(0.3 + 0.6 * (1.0 - np.abs(ghost.facing)) ** 2)
+    layers: list[tuple[Layer, FloatArray | float]] = [(hand, 1.0), (body, BODY_OPACITY), (ghost, glass)]
+    if arrows:
+        layer = shade(joined(arrows), camera)
+        layers.append((replace(layer, depth=layer.depth + IN_FRONT), 1.0))
+    return layers
 
 
 def seen_through(
     graphic: Surface, haptic: Surface, body: Surface, forces: list[PhalanxForce], camera: Camera
 ) -> FloatArray:
-    """The picture with a see-through object, the haptic hand in and around it, and the forces over everything."""
-    hand, ghost = shade(graphic, camera), shade(haptic, camera)
-    ghost = behind(ghost, hand)
-    # Glass is clearest where one looks straight at it.
-    glass = np.asarray(0.3 + 0.6 * (1.0 - np.abs(ghost.facing)) ** 2)
-    layers: list[tuple[Layer, FloatArray | float]] = [(hand, 1.0), (shade(body, camera), 0.5), (ghost, glass)]
-    # A damaged file may hold forces that no picture has room for.
-    shown = [force for force in forces if 0.0 < float(np.linalg.norm(arrow(force))) < LONGEST_ARROW]
-    if shown:
-        arrows = [arrow_surface(force.contact, arrow(force), ARROW_RADIUS, RED) for force in shown]
-        layer = shade(joined(arrows), camera)
-        layers.append((replace(layer, depth=layer.depth + 10.0), 1.0))
-    return blend(layers)
+    """Render the picture of `transparent`."""
+    return blend(transparent(graphic, haptic, shade(body, camera), arrow_surfaces(forces), camera))
 
 
 def behind(ghost: Layer, hand: Layer) -> Layer:
-    """The haptic hand drawn behind the graphic one: where both are, the skin stays clean."""
+    """Return the haptic hand behind the graphic one: where both are, the skin stays clean."""
     return replace(ghost, depth=np.where(hand.seen(), np.minimum(ghost.depth, hand.depth - 1e-6), ghost.depth))
 
 
 def label(axes: "Axes", forces: Sequence[PhalanxForce], camera: Camera, size: float = 11.0, pixel: float = 1.0) -> None:
-    """Write the size of each force at the head of its arrow, or a line lower where another one stands.
+    """Write the size of each force at its arrow's head in letters of `size` [pt], or lower where another one stands.
 
-    Args:
-        camera: That they are seen by.
-        size: Of the text [pt].
-        pixel: Size of the picture's pixels by those of 100 to the inch.
+    `pixel` is the size of the picture's pixels, relative to 100 to the inch.
     """
     from matplotlib.patheffects import withStroke
 
@@ -210,40 +200,18 @@ def label(axes: "Axes", forces: Sequence[PhalanxForce], camera: Camera, size: fl
         # A number that had to go further is tied to its arrow.
         far = bool(place[1] - first[1] > 12.0 / pixel)
         axes.annotate(
-            text,
-            tuple(head) if far else tuple(place),
-            tuple(place),
-            ha="center",
-            va="center",
-            fontsize=size,
-            color=color,
-            path_effects=[withStroke(linewidth=3, foreground="white")],
+            text, tuple(head) if far else tuple(place), tuple(place), ha="center", va="center", fontsize=size,
+            color=color, path_effects=[withStroke(linewidth=3, foreground="white")],
             arrowprops={"arrowstyle": "-", "color": color, "linewidth": 0.7, "shrinkB": 0.0} if far else None,
-        )
-
-
-def main(arguments: list[str]) -> None:
-    """Run the command."""
-    draw_from_arguments(arguments, draw_replay, "replay_figure", VIEW)
+        )  # fmt: skip
 
 
 def draw_from_arguments(
-    arguments: list[str],
-    draw: Callable[[Result, Path, View], None],
-    module: str,
-    view: View,
+    arguments: list[str], draw: Callable[[Result, Path, View], None], module: str, view: View
 ) -> None:
-    """Draw a result as the arguments RESULT PICTURE [AZIMUTH,ELEVATION] of a command say.
-
-    Args:
-        module: Of hhsim that the command runs.
-        view: Of the viewer unless the arguments name another.
-
-    Raises:
-        SystemExit: With one line that says what is wrong.
-    """
+    """Draw a result by a command's RESULT PICTURE [AZIMUTH,ELEVATION]; SystemExit says in a line what is wrong."""
     if len(arguments) not in (2, 3):
-        raise SystemExit(f"usage: python -m hhsim.{module} RESULT PICTURE [AZIMUTH,ELEVATION]")
+        raise SystemExit(f"usage: python -m {module} RESULT PICTURE [AZIMUTH,ELEVATION]")
     try:
         azimuth, elevation = map(float, arguments[2].split(",")) if len(arguments) == 3 else view
     except ValueError:
@@ -255,4 +223,4 @@ def draw_from_arguments(
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    draw_from_arguments(sys.argv[1:], draw_replay, "hhsim.render.replay_figure", VIEW)

@@ -1,7 +1,6 @@
-"""A film of a result: graphic hand in skin colour, haptic hand in blue, forces in red, a see-through object.
+"""Film of a result: graphic hand in skin colour, haptic hand in blue, forces in red, a transparent object.
 
-Frames are rendered as `hhsim.render.replay_figure` renders its second picture. A GIF is written by pillow, an MP4 by
-the program ffmpeg, where it is installed.
+Frames are rendered as by `hhsim.render.replay_figure`. Pillow writes a GIF, the program ffmpeg an MP4.
 """
 
 import contextlib
@@ -23,21 +22,10 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.metrics.metrics import FORCE_FLOOR
-from hhsim.render.box_clip import near_hands
+from hhsim.render import replay_figure as still
 from hhsim.render.hand_meshes import piece_poses, piece_surfaces
 from hhsim.render.rasterizer import OVERSAMPLING, Camera, Layer, composed, frame, look_from, shade
-from hhsim.render.replay_figure import (
-    ARROW_RADIUS,
-    GHOST,
-    RED,
-    STONE,
-    PhalanxForce,
-    arrow,
-    behind,
-    phalanx_forces,
-    shown_tick,
-)
-from hhsim.render.triangle_soup import Surface, arrow_surface, joined, mesh_surface, painted
+from hhsim.render.triangle_soup import Surface, joined, mesh_surface, near_hands, painted
 from hhsim.render.viewpoint import viewpoint
 from hhsim.replay.stored_scene import stored_hand, stored_mesh
 from hhsim.result.reader import Result
@@ -53,37 +41,24 @@ ASPECT = 0.75
 LEAST_WIDTH, MOST_WIDTH = 160, 1920
 MOST_FRAMES = 20_000
 FRAMED = 40
-"""Ticks that decide about what fits into the picture."""
+"""Ticks that decide what fits into the picture."""
 FINENESS = 1.25
-"""Pixels that are rendered for one of a frame, across: more is smoother, and slower by its square."""
+"""Rendered pixels for one of a frame, across: more is smoother, and slower by its square."""
 ROOM = 3
-"""Left free around what moves [pixels]."""
-STONE_OPACITY = 0.5
-IN_FRONT = 10.0
-"""How far forces are drawn before everything else [m]."""
+"""Margin around what moves [pixels]."""
 INK = (36, 41, 47)
 
 
 @dataclass(frozen=True)
 class VideoOptions:
-    """How a film is made.
-
-    Attributes:
-        slow: How many times slower than the motion it plays.
-        fps: Frames a second.
-        width: Of a frame [pixels]; its height is three quarters of that.
-    """
+    """Options of a film: slow-down factor, frames a second, and width of a frame [pixels]; InputError out of range."""
 
     slow: float = 1.0
     fps: float = 25.0
     width: int = 640
 
     def __post_init__(self) -> None:
-        """Refuse what no film has.
-
-        Raises:
-            InputError: A number out of its range.
-        """
+        """Check the ranges."""
         if not 0.01 <= self.slow <= 1000.0:
             raise InputError(f"{self.slow:g} times slower: expected 0.01 to 1000")
         if not 1.0 <= self.fps <= 100.0:
@@ -98,12 +73,7 @@ class VideoOptions:
 
 
 def check_video_path(output_path: Path) -> None:
-    """Look, before the work, for what would keep a film from being written.
-
-    Raises:
-        InputError: A name that ends in neither .gif nor .mp4, or .mp4 without ffmpeg.
-        OutputError: As `hhsim.system.output_path.check_output_path`.
-    """
+    """Raise InputError for a name but .gif or .mp4, or .mp4 without ffmpeg; OutputError as `check_output_path`."""
     suffix = output_path.suffix.lower()
     if suffix not in SUFFIXES:
         raise InputError(f"{output_path}: a film is a file that ends in .gif or .mp4")
@@ -115,14 +85,7 @@ def check_video_path(output_path: Path) -> None:
 def write_video(
     result: Result, output_path: Path, options: VideoOptions | None = None, progress: Progress = silent
 ) -> int:
-    """Make a film of a result.
-
-    Args:
-        result: Of a replay or a session, complete or not.
-        output_path: Ends in .gif or .mp4; it appears when it is whole, and a file that is there is replaced.
-
-    Returns:
-        How many frames it has.
+    """Make a film of a result, complete or not, and return its number of frames; it appears when it is whole.
 
     Raises:
         InputError: As `check_video_path` and `video_ticks`; or the result's hand cannot be told.
@@ -142,7 +105,7 @@ def write_video(
 
 
 def video_ticks(result: Result, options: VideoOptions) -> IntArray:
-    """The tick that each frame shows, shape (frames,): the newest one at its time, the last tick last.
+    """Return the tick that each frame shows, shape (frames,): the newest one at its time, the last tick last.
 
     Raises:
         InputError: The result holds no tick, or the film would have more than `MOST_FRAMES` frames.
@@ -158,59 +121,56 @@ def video_ticks(result: Result, options: VideoOptions) -> IntArray:
 
 
 def video_frames(result: Result, ticks: IntArray, options: VideoOptions) -> Iterator[Picture]:
-    """Render ticks of a result, all by one camera that sees both hands and the object near them all the time.
-
-    Args:
-        result: Of a replay or a session.
-        ticks: Their numbers, shape (frames,).
-
-    Yields:
-        Pictures, shape (rows, columns, 3).
+    """Yield pictures, shape (rows, columns, 3), by one camera that sees hands and object near them all the time.
 
     Raises:
         InputError: The result's hand cannot be told (`hhsim.replay.stored_scene.stored_hand`).
     """
     hand = stored_hand(result)
     pieces = piece_surfaces(hand)
-    whole = mesh_surface(stored_mesh(result), STONE)
+    whole = mesh_surface(stored_mesh(result), still.STONE)
     some = ticks[:: max(1, len(ticks) // FRAMED)]
     points = np.concatenate([joined(_hands(result, hand, pieces, int(tick))).points for tick in some])
     body = near_hands(whole, points)
     if result.driven:
-        body = _moved(whole, result, shown_tick(result))
+        body = _moved(whole, result, still.shown_tick(result))
         corners = stored_mesh(result).box_corners[None]
         moves = (result.moved_since_first(int(tick)) for tick in some)
         points = np.concatenate([points, *(moved.points(corners)[0] for moved in moves)])
+    forces = _forces(result, still.shown_tick(result))
+    marks = np.array([force.contact for force in forces]).reshape(-1, 3)
+    vectors = np.array([still.arrow(force) for force in forces]).reshape(-1, 3)
     rows, columns = (round(FINENESS / OVERSAMPLING * side) for side in options.shape)
-    camera = _camera(result, hand, pieces, body, points, (rows, columns))
+    view = viewpoint(_hands(result, hand, pieces, still.shown_tick(result))[0], body, marks, vectors)
+    points = np.concatenate([points, body.points[np.unique(body.faces)]])
+    camera = frame(points, look_from(view.towards), (rows, columns), margin=0.06)
     # An object that stands still is rendered once, and of each frame the part where a hand or a force is.
     stone = shade(body, camera)
-    background = composed([(stone, STONE_OPACITY)])
+    background = composed([(stone, still.BODY_OPACITY)])
     for tick in ticks.tolist():
         if result.driven:
             stone = shade(_moved(whole, result, tick), camera)
-            background = composed([(stone, STONE_OPACITY)])
+            background = composed([(stone, still.BODY_OPACITY)])
         graphic, haptic = _hands(result, hand, pieces, tick)
-        forces = _forces(result, tick)
-        arrows = [arrow_surface(force.contact, arrow(force), ARROW_RADIUS, RED) for force in forces]
+        arrows = still.arrow_surfaces(_forces(result, tick))
         part = _part(np.concatenate([surface.points for surface in (graphic, haptic, *arrows)]), camera)
         picture = background.copy()
-        picture[_fine(part)] = _see_through(
-            graphic, haptic, _layer_part(stone, part), arrows, _camera_part(camera, part)
-        )
+        down, across = (slice(OVERSAMPLING * side.start, OVERSAMPLING * side.stop) for side in part)
+        behind = Layer(stone.color[down, across], stone.depth[down, across], stone.facing[down, across])
+        picture[down, across] = composed(still.transparent(graphic, haptic, behind, arrows, _camera_part(camera, part)))
         yield _written_on(picture, result, tick, options)
 
 
 def _moved(surface: Surface, result: Result, tick: int) -> Surface:
-    """The object where it is at a tick."""
+    """Return the object at its place at a tick."""
     moved = result.moved_since_first(tick)
     points, normals = moved.points(surface.points[None])[0], moved.vectors(surface.normals[None])[0]
     return replace(surface, points=points, normals=normals)
 
 
-def _forces(result: Result, tick: int) -> list[PhalanxForce]:
-    """The forces of a tick that can be felt, in the world: they are placed where the object stands still."""
-    found = phalanx_forces(result.seen_from_object, tick)
+def _forces(result: Result, tick: int) -> list[still.PhalanxForce]:
+    """Return the forces of a tick that can be felt, in the world."""
+    found = still.phalanx_forces(result.seen_from_object, tick)
     if not result.driven:
         return found
     moved = result.moved_since_first(tick)
@@ -221,7 +181,7 @@ def _forces(result: Result, tick: int) -> list[PhalanxForce]:
 
 
 def _hands(result: Result, hand: HandModel, pieces: tuple[Surface, ...], tick: int) -> list[Surface]:
-    """The graphic hand and the haptic one, in blue."""
+    """Return the graphic hand, and the haptic one in blue."""
     found = []
     for whose in ("graphic", "haptic"):
         pose = HandConfiguration(*(result[f"{whose}/{name}"][tick][None] for name in HandConfiguration._fields))
@@ -232,28 +192,11 @@ def _hands(result: Result, hand: HandModel, pieces: tuple[Surface, ...], tick: i
             for piece, turn, place in zip(pieces, turns, places.translation[0])
         ]
         found.append(joined(moved))
-    return [found[0], painted(found[1], GHOST)]
-
-
-def _camera(
-    result: Result,
-    hand: HandModel,
-    pieces: tuple[Surface, ...],
-    body: Surface,
-    points: FloatArray,
-    shape: tuple[int, int],
-) -> Camera:
-    tick = shown_tick(result)
-    forces = _forces(result, tick)
-    marks = np.array([force.contact for force in forces]).reshape(-1, 3)
-    arrows = np.array([arrow(force) for force in forces]).reshape(-1, 3)
-    view = viewpoint(_hands(result, hand, pieces, tick)[0], body, marks, arrows)
-    every = np.concatenate([points, body.points[np.unique(body.faces)]])
-    return frame(every, look_from(view.towards), shape, margin=0.06)
+    return [found[0], painted(found[1], still.GHOST)]
 
 
 def _part(points: FloatArray, camera: Camera) -> tuple[slice, slice]:
-    """Rows and columns of the finished picture that hold these points [m], with some room for shadows."""
+    """Return rows and columns of the finished picture that hold these points [m], with a margin for shadows."""
     rows, columns = camera.shape
     scale = rows / camera.height
     seen = (points - camera.center) @ camera.rotation[:2].T * (scale, -scale) + (0.5 * columns, 0.5 * rows)
@@ -263,7 +206,7 @@ def _part(points: FloatArray, camera: Camera) -> tuple[slice, slice]:
 
 
 def _camera_part(camera: Camera, part: tuple[slice, slice]) -> Camera:
-    """The camera that sees that part of what another one sees, pixel for pixel."""
+    """Return the camera of a part of another one's picture, pixel for pixel."""
     rows, columns = camera.shape
     down, across = (0.5 * (side.start + side.stop) for side in part)
     pixel = camera.height / rows
@@ -272,30 +215,8 @@ def _camera_part(camera: Camera, part: tuple[slice, slice]) -> Camera:
     return Camera(camera.rotation, camera.center + offset @ camera.rotation, shape[0] * pixel, shape)
 
 
-def _fine(part: tuple[slice, slice]) -> tuple[slice, slice]:
-    """The same part at the pixels of a layer."""
-    rows, columns = (slice(OVERSAMPLING * side.start, OVERSAMPLING * side.stop) for side in part)
-    return rows, columns
-
-
-def _layer_part(layer: Layer, part: tuple[slice, slice]) -> Layer:
-    fine = _fine(part)
-    return Layer(layer.color[fine], layer.depth[fine], layer.facing[fine])
-
-
-def _see_through(graphic: Surface, haptic: Surface, stone: Layer, arrows: list[Surface], camera: Camera) -> FloatArray:
-    skin = shade(graphic, camera)
-    ghost = behind(shade(haptic, camera), skin)
-    glass = np.asarray(0.3 + 0.6 * (1.0 - np.abs(ghost.facing)) ** 2)
-    layers: list[tuple[Layer, FloatArray | float]] = [(skin, 1.0), (stone, STONE_OPACITY), (ghost, glass)]
-    if arrows:
-        layer = shade(joined(arrows), camera)
-        layers.append((replace(layer, depth=layer.depth + IN_FRONT), 1.0))
-    return composed(layers)
-
-
 def _written_on(picture: FloatArray, result: Result, tick: int, options: VideoOptions) -> Picture:
-    """The frame, with the time, the phase and the force below."""
+    """Return the frame with time, phase and force written below."""
     from PIL import Image, ImageDraw, ImageFont
 
     rows, columns = options.shape
@@ -303,17 +224,10 @@ def _written_on(picture: FloatArray, result: Result, tick: int, options: VideoOp
     image = drawn.resize((columns, rows), Image.Resampling.LANCZOS)
     size = max(11, round(0.028 * image.width))
     force = float(np.linalg.norm(result["force/total"][tick]))
-    parts = [
-        f"{float(result['time'][tick]):.3f} s",
-        result.phase_at(tick),
-        f"{force:.2f} N" if force >= FORCE_FLOOR else "",
-    ]
-    ImageDraw.Draw(image).text(
-        (size, image.height - 1.8 * size),
-        "   ".join(part for part in parts if part),
-        fill=INK,
-        font=ImageFont.load_default(size),
-    )
+    felt = f"{force:.2f} N" if force >= FORCE_FLOOR else ""
+    text = "   ".join(filter(None, (f"{float(result['time'][tick]):.3f} s", result.phase_at(tick), felt)))
+    place = size, image.height - 1.8 * size
+    ImageDraw.Draw(image).text(place, text, fill=INK, font=ImageFont.load_default(size))
     return np.asarray(image)
 
 

@@ -1,4 +1,4 @@
-"""The Pareto picture of `hhsim bench speed-error`: what a tick costs against how far off it is."""
+"""Pareto picture of `hhsim bench speed-error`: cost of a tick against its error."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,7 +8,7 @@ import numpy as np
 
 from hhsim.bench.speed_error import NO_LEVEL
 from hhsim.bench.speed_error_table import ALL, chosen
-from hhsim.render.figure import legend_mark, logarithmic, new_figure, save_figure
+from hhsim.render.figure import draw_frontier, legend_mark, logarithmic, new_figure, save_figure
 from hhsim.system.picture_path import check_picture
 
 if TYPE_CHECKING:
@@ -17,35 +17,29 @@ if TYPE_CHECKING:
 Row = dict[str, Any]
 
 BUDGET = 1e3
-"""Of a tick at 1 kHz [µs]."""
+"""Time of a tick at 1 kHz [µs]."""
 COLORS = {"coupled": "#1b6ca8", "progressive": "#c8641a", "paper": "#7a3b8f", "penalty": "#4a7d2f"}
 OTHER_COLOR = "#8a6d1b"
 MARKERS = {NO_LEVEL: "P", 1: "v", 2: "D", 3: "s", 4: "o", 5: "*"}
 SIZES = {NO_LEVEL: 95.0, 1: 45.0, 2: 40.0, 3: 46.0, 4: 58.0, 5: 130.0}
-"""By the level of the sphere tree, and for the mesh itself."""
+"""Size of a mark by the level of the sphere tree, and for the mesh itself."""
 GREY = "0.45"
 PAPER_RANGE = (310.0, 1000.0)
 """CPU time of a tick that the paper states for simple to complex objects, on a 6-core 3.7 GHz machine [µs]."""
 FLOOR = 1e-4
-"""Errors below this are drawn at it [mm]: a logarithm has no zero."""
+"""Smaller errors are drawn at it [mm]: a logarithm has no zero."""
 TIMES = (5, 10, 20, 50, 100, 200, 500, 1000, 5000)
 ERRORS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50)
 NAMES_AT, LINE = 0.74, 0.036
-"""Where the names of engines begin, and how far they are apart at least, of a panel's width and height."""
+"""Place of the engines' names and their least distance, as shares of a panel's width and height."""
 DECADES = (0.0001, 0.001, 0.01, 0.1, 1, 10, 100)
-"""What is marked where a panel is of few decades, and of many: spheres and the mesh lie two apart."""
+"""Ticks of a panel of many decades; those of one of few are `ERRORS`."""
 
 
 def draw_speed_error(path: Path, rows: Sequence[Row], peers: Sequence[Row] = ()) -> None:
     """Draw the trade-off: a panel against the true mesh for up to two objects, one against the optimum.
 
-    Args:
-        path: The picture; matplotlib chooses the format by its ending.
-        peers: Of a table of `hhsim bench peers`: its engines are drawn in grey.
-
-    Raises:
-        OutputError: The picture cannot be written.
-        InputError: matplotlib has no such picture format.
+    Engines of `peers`, a table of `hhsim bench peers`, are drawn in grey. Errors as `save_figure`.
     """
     check_picture(path)
     names = list(dict.fromkeys(row["object"] for row in rows if row["object"] != ALL))
@@ -66,16 +60,12 @@ def draw_speed_error(path: Path, rows: Sequence[Row], peers: Sequence[Row] = ())
     last.set_title(f"{whose}: off the best pose [mm]", fontsize=15, loc="left")
     _draw_legend(figure, chosen(rows, object=ALL, motion=ALL), peers=any(others.values()))
     grey = "Grey: other engines, as hhsim bench peers measured them; " if any(others.values()) else ""
-    figure.text(
-        0.012,
-        0.012,
+    note = (
         "Off the true mesh: the larger of the deepest penetration and the farthest contact point. Off the best pose: "
         "palm or fingertip, from where the converged optimum on the mesh itself has it, mean.\n"
-        f"{grey}ratios carry over, times do not. The paper's times are those it states for its own machine.",
-        fontsize=11.5,
-        color="0.35",
-        va="bottom",
+        f"{grey}ratios carry over, times do not. The paper's times are those it states for its own machine."
     )
+    figure.text(0.012, 0.012, note, fontsize=11.5, color="0.35", va="bottom")
     figure.subplots_adjust(left=0.042, right=0.992, top=0.86, bottom=0.145, wspace=0.13)
     save_figure(figure, path)
 
@@ -88,22 +78,13 @@ def _draw_panel(axes: "Axes", rows: Sequence[Row], error: str, flag: str, longes
         if np.isnan(time) or np.isnan(1e3 * row[error]):
             continue
         color = COLORS.get(row["method"], OTHER_COLOR)
+        face = color if row["linearisations"] > 1 else "white"
         axes.scatter(
-            time,
-            off,
-            s=SIZES[row["level"]],
-            marker=MARKERS[row["level"]],
-            facecolor=color if row["linearisations"] > 1 else "white",
-            edgecolor=color,
-            linewidth=1.3,
-            zorder=4 if row[flag] else 3,
-        )
-    best = sorted((1e6 * row["tick_cpu_p50"], max(FLOOR, 1e3 * row[error])) for row in rows if row[flag])
-    if best:
-        # Down at the fastest and on to the right at the best: left of it and below it nothing came.
-        times = [best[0][0], *(time for time, _ in best), 1e5]
-        heights = [1e3, *(off for _, off in best), best[-1][1]]
-        axes.plot(times, heights, color="0.15", linewidth=1.4, drawstyle="steps-post", zorder=2)
+            time, off, s=SIZES[row["level"]], marker=MARKERS[row["level"]], facecolor=face, edgecolor=color,
+            linewidth=1.3, zorder=4 if row[flag] else 3,
+        )  # fmt: skip
+    best = [(1e6 * row["tick_cpu_p50"], max(FLOOR, 1e3 * row[error])) for row in rows if row[flag]]
+    draw_frontier(axes, best, "0.15", 1.4)
     axes.set_xlabel("CPU time of a tick in contact, median [µs]", fontsize=13)
     axes.tick_params(labelsize=12)
     errors = [max(FLOOR, 1e3 * row[error]) for row in rows if not np.isnan(row[error])]
@@ -115,7 +96,7 @@ def _draw_panel(axes: "Axes", rows: Sequence[Row], error: str, flag: str, longes
 
 
 def _name_surfaces(axes: "Axes", rows: Sequence[Row], error: str) -> None:
-    """Say left of each level, and of the mesh, what it is: all methods lie at about one height, where they hold."""
+    """Write left of each level, and of the mesh, what it is."""
     from matplotlib.patheffects import withStroke
 
     known = [row for row in rows if not np.isnan(row["tick_cpu_p50"]) and not np.isnan(row[error])]
@@ -132,7 +113,7 @@ def _name_surfaces(axes: "Axes", rows: Sequence[Row], error: str) -> None:
 
 
 def chosen_peers(peers: Sequence[Row], name: str) -> list[Row]:
-    """Of a table of `hhsim bench peers`: the engines on one object, over all motions."""
+    """Return the rows of a table of `hhsim bench peers` of other engines on one object, over all motions."""
     return [
         row
         for row in peers
@@ -141,7 +122,7 @@ def chosen_peers(peers: Sequence[Row], name: str) -> list[Row]:
 
 
 def _draw_peers(axes: "Axes", peers: Sequence[Row]) -> None:
-    """Crosses, and their names down the right side in the same order, each with a thin line to its own."""
+    """Draw crosses, and their names down the right side in the same order, with a thin line to each."""
     if not peers:
         return
     low, high = np.log(axes.get_ylim())
@@ -158,7 +139,7 @@ def _draw_peers(axes: "Axes", peers: Sequence[Row]) -> None:
 
 
 def _spread(heights: Sequence[float]) -> list[float]:
-    """Heights of lines of text, from the top down: near those wanted, without one upon another."""
+    """Return heights of lines of text, from the top down: near those wanted, without overlap."""
     down, up = list(heights), list(heights)
     for i in range(1, len(heights)):
         down[i] = min(down[i], down[i - 1] - LINE)

@@ -1,4 +1,4 @@
-"""The picture of `hhsim bench trees`: largest error against spheres, and against CPU time, an object a column."""
+"""Picture of `hhsim bench trees`: largest error against spheres, and against CPU time, an object a column."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -19,24 +19,14 @@ GREY = "0.45"
 BAR_COLOR = "#b00020"
 MOST_COLUMNS = 6
 NARROWEST = 12.0
-"""Width that the legend and the note need [inch]."""
+"""Width that the legend and the note need [inches]."""
 SPHERES = (8, 64, 512, 4096, 32768)
 SECONDS = (0.01, 0.1, 1, 10, 100, 1000)
 ERRORS = (0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200)
 
 
 def draw_trees(path: Path, rows: Sequence[Row], size: float) -> None:
-    """Draw the table.
-
-    Args:
-        path: The picture; matplotlib chooses the format by its ending.
-        rows: The table of `hhsim.bench.trees.measure`; of more than `MOST_COLUMNS` objects the first ones are drawn.
-        size: Longest extent of the objects [m].
-
-    Raises:
-        OutputError: The picture cannot be written.
-        InputError: matplotlib has no such picture format.
-    """
+    """Draw the table of `hhsim.bench.trees.measure` for objects of extent `size` [m]; errors as `save_figure`."""
     check_picture(path)
     names = list(dict.fromkeys(row["object"] for row in rows))[:MOST_COLUMNS]
     shown = [row for row in rows if row["object"] in names]
@@ -44,32 +34,26 @@ def draw_trees(path: Path, rows: Sequence[Row], size: float) -> None:
     panels = figure.subplots(2, len(names), squeeze=False)
     errors = [1e3 * largest_error(row) for row in shown]
     heights = 0.6 * min(errors), 1.6 * max(errors)
-    counts, times = (_range([row[across] for row in shown]) for across in ("spheres", "cpu"))
-    for column, name in enumerate(names):
-        mine = [row for row in shown if row["object"] == name]
-        top, bottom = panels[0, column], panels[1, column]
-        _draw(top, mine, "spheres", name, size)
-        _draw(bottom, mine, "cpu", name, size)
-        top.set_title(name, fontsize=15, loc="left")
-        logarithmic(top, counts, heights, SPHERES, ERRORS)
-        logarithmic(bottom, times, heights, SECONDS, ERRORS)
-        top.set_xlabel("spheres", fontsize=12)
-        bottom.set_xlabel("CPU time of the builder [s]", fontsize=12)
-        for axes in (top, bottom):
+    for row, (across, what, ticks) in enumerate(
+        (("spheres", "spheres", SPHERES), ("cpu", "CPU time of the builder [s]", SECONDS))
+    ):
+        known = [float(one[across]) for one in shown if one[across] is not None]
+        for column, (axes, name) in enumerate(zip(panels[row], names)):
+            _draw(axes, [one for one in shown if one["object"] == name], across, name, size)
+            logarithmic(axes, (0.6 * min(known), 1.7 * max(known)), heights, ticks, ERRORS)
+            axes.set_xlabel(what, fontsize=12)
             axes.tick_params(labelsize=11, labelleft=column == 0)
+            if row == 0:
+                axes.set_title(name, fontsize=15, loc="left")
             if column == 0:
                 axes.set_ylabel("largest error [mm]", fontsize=13)
     _draw_legend(figure, shown)
-    figure.text(
-        0.012,
-        0.012,
+    note = (
         f"Objects of {1e3 * size:g} mm. Error: the larger of how far the leaf spheres reach out of the mesh and "
         "how far the mesh lies outside of them.\nThe trees built here leave no gap. Other programs: as measured in "
-        "November 2026 on one core of a 2-core machine.",
-        fontsize=11,
-        color="0.35",
-        va="bottom",
+        "November 2026 on one core of a 2-core machine."
     )
+    figure.text(0.012, 0.012, note, fontsize=11, color="0.35", va="bottom")
     width = figure.get_figwidth()
     figure.subplots_adjust(left=0.85 / width, right=1.0 - 0.15 / width, top=0.86, bottom=0.135, wspace=0.08, hspace=0.2)
     save_figure(figure, path)
@@ -80,48 +64,25 @@ def _draw(axes: "Axes", rows: Sequence[Row], across: str, name: str, size: float
 
     own = sorted((float(row[across]), 1e3 * largest_error(row)) for row in rows if not row["is_reference"])
     axes.plot(
-        *zip(*own),
-        marker="o",
-        color=COLOR,
-        linewidth=1.6,
-        markersize=8.0,
-        markeredgecolor="white",
-        markeredgewidth=0.8,
-        zorder=4,
-    )
+        *zip(*own), marker="o", color=COLOR, linewidth=1.6, markersize=8.0, markeredgecolor="white",
+        markeredgewidth=0.8, zorder=4,
+    )  # fmt: skip
     for row in rows:
         if row["is_reference"] and row[across] is not None:
-            is_toolkit = row["method"] == TOOLKIT
-            axes.plot(
-                float(row[across]),
-                1e3 * largest_error(row),
-                "X" if is_toolkit else "x",
-                color="0.25" if is_toolkit else GREY,
-                markersize=9.0 if is_toolkit else 7.0,
-                markeredgecolor="white" if is_toolkit else None,
-                zorder=5,
-            )
-            if across == "spheres" and not is_toolkit:
+            place = float(row[across]), 1e3 * largest_error(row)
+            if row["method"] == TOOLKIT:
+                axes.plot(*place, "X", color="0.25", markersize=9.0, markeredgecolor="white", zorder=5)
+                continue
+            axes.plot(*place, "x", color=GREY, markersize=7.0, zorder=5)
+            if across == "spheres":
                 axes.annotate(
-                    row["method"],
-                    (float(row[across]), 1e3 * largest_error(row)),
-                    (5.0, 5.0),
-                    textcoords="offset points",
-                    fontsize=9.0,
-                    color=GREY,
-                    path_effects=[withStroke(linewidth=2.5, foreground="white")],
-                    zorder=5,
-                )
+                    row["method"], place, (5.0, 5.0), textcoords="offset points", fontsize=9.0, color=GREY,
+                    path_effects=[withStroke(linewidth=2.5, foreground="white")], zorder=5,
+                )  # fmt: skip
     for (object_name, spheres), bar in BARS.items():
         if object_name == name and any(row["asked"] == spheres for row in rows):
             x = float(spheres) if across == "spheres" else bar.cpu
             axes.plot(x, 1e3 * bar.protrusion * size / EXTENT, "_", color=BAR_COLOR, markersize=20, markeredgewidth=2.0)
-
-
-def _range(values: Sequence[float | None]) -> tuple[float, float]:
-    """Of an axis that shows these, as far as they are known."""
-    known = [float(value) for value in values if value is not None]
-    return 0.6 * min(known), 1.7 * max(known)
 
 
 def _draw_legend(figure: Any, rows: Sequence[Row]) -> None:
@@ -134,11 +95,7 @@ def _draw_legend(figure: Any, rows: Sequence[Row]) -> None:
         handles.append(legend_mark("other programs", "x", GREY, size=7.0))
     if any(row["protrusion_limit"] is not None for row in rows):
         handles.append(legend_mark("limit for certified", "_", BAR_COLOR, size=16.0))
+    columns = 4 if figure.get_figwidth() < 15.0 else 7
     figure.legend(
-        handles=handles,
-        loc="upper left",
-        ncols=4 if figure.get_figwidth() < 15.0 else 7,
-        fontsize=11.5,
-        frameon=False,
-        bbox_to_anchor=(0.01, 0.995),
+        handles=handles, loc="upper left", ncols=columns, fontsize=11.5, frameon=False, bbox_to_anchor=(0.01, 0.995)
     )

@@ -1,4 +1,4 @@
-"""The picture of `hhsim build-tree`: a mesh, its spheres coloured by how far they stick out, errors of all levels."""
+"""Picture of `hhsim build-tree`: a mesh, its spheres coloured by protrusion, errors of all levels."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,23 +30,13 @@ CURVES = (
     ("gap_max", "gap, largest", "#b00020", "v", "-"),
     ("bound", "protrusion, proved bound", "0.25", "", ":"),
 )
-"""Field of the errors, what it is called, its colour, marker and line."""
+"""Field of the errors, label, colour, marker and line."""
 _LEAST = 1e-9
-"""Lengths below this are nothing [m]."""
+"""Smaller lengths are nothing [m]."""
 
 
 def draw_tree(path: Path, mesh: Mesh, tree: SphereTree) -> None:
-    """Draw a tree.
-
-    Args:
-        path: The picture; matplotlib chooses the format by its ending.
-        mesh: That the tree stands for.
-        tree: In its frame, with its errors measured.
-
-    Raises:
-        OutputError: The picture cannot be written.
-        InputError: matplotlib has no such picture format.
-    """
+    """Draw a mesh and its tree, whose errors are measured; errors as `save_figure`."""
     from matplotlib import colormaps
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
@@ -83,7 +73,7 @@ def draw_tree(path: Path, mesh: Mesh, tree: SphereTree) -> None:
 
 
 def _spheres(mesh: Mesh, center: FloatArray, radius: FloatArray, scale: float, highest: float, camera: Camera) -> Layer:
-    """Spheres [m], coloured by how far they are outside of the mesh, `scale` times as large for the camera."""
+    """Render spheres [m] coloured by their distance outside the mesh, `scale` times as large for the camera."""
     from matplotlib import colormaps
 
     depth, normals, there = see_spheres(scale * center, scale * radius, camera)

@@ -29,7 +29,7 @@ class Surface:
 
 
 def joined(parts: Sequence[Surface]) -> Surface:
-    """All parts as one surface."""
+    """Join surfaces to one."""
     offsets = np.cumsum([0] + [len(part.points) for part in parts])
     return Surface(
         np.concatenate([part.points for part in parts]),
@@ -40,7 +40,7 @@ def joined(parts: Sequence[Surface]) -> Surface:
 
 
 def painted(surface: Surface, color: FloatArray) -> Surface:
-    """The same surface in one colour."""
+    """Return the surface in one colour."""
     return replace(surface, colors=np.tile(color, (len(surface.points), 1)))
 
 
@@ -52,7 +52,7 @@ def hand_surface(
     abduction: ArrayLike,
     hybrid: bool = False,
 ) -> Surface:
-    """The hand's surface in the world frame; arguments as in `HandModel.joints`.
+    """Return the hand's surface in the world frame; arguments as in `HandModel.joints`.
 
     `hybrid` shows the palm as its leaf spheres.
     """
@@ -80,7 +80,7 @@ def hand_surface(
 
 
 def arrow_surface(start: FloatArray, vector: FloatArray, radius: float, color: FloatArray) -> Surface:
-    """An arrow from `start` along `vector` [m], its shaft of `radius` [m]; a short one is all head."""
+    """Return an arrow from `start` along `vector` [m], its shaft of `radius` [m]; a short one is all head."""
     length = float(np.linalg.norm(vector))
     tip = start + vector
     neck = start + vector * max(0.0, 1.0 - 7.0 * radius / length)
@@ -92,7 +92,7 @@ def arrow_surface(start: FloatArray, vector: FloatArray, radius: float, color: F
 def round_cone_surface(
     a: FloatArray, b: FloatArray, radius_a: float, radius_b: float, color: FloatArray, rings: int = 28, sides: int = 48
 ) -> Surface:
-    """Surface of revolution of the hull of two spheres [m]; one sphere where a and b coincide."""
+    """Return the surface of the hull of two spheres [m]; one sphere where a and b coincide."""
     length = float(np.linalg.norm(b - a))
     axis = (b - a) / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
     tangent = float(np.arcsin(min((radius_a - radius_b) / length, 1.0))) if length > 0.0 else 0.0
@@ -113,7 +113,7 @@ def round_cone_surface(
 
 
 def mesh_surface(mesh: Mesh, color: FloatArray, crease: float = 55.0) -> Surface:
-    """A mesh that is smooth across edges of less than `crease` [degrees] and sharp at the others."""
+    """Return a mesh smooth across edges of less than `crease` [degrees] and sharp at the others."""
     a, b, c = mesh.triangles.transpose(1, 0, 2)
     area = np.cross(b - a, c - a)
     unit = area / np.maximum(np.linalg.norm(area, axis=1, keepdims=True), 1e-300)
@@ -133,19 +133,13 @@ def mesh_surface(mesh: Mesh, color: FloatArray, crease: float = 55.0) -> Surface
 
 
 def count_up(lengths: IntArray) -> IntArray:
-    """0, 1, … up to each length, one after another."""
+    """Return 0, 1, … up to each length, one after another."""
     ends = np.cumsum(lengths)
     return np.asarray(np.arange(lengths.sum()) - np.repeat(ends - lengths, lengths))
 
 
 def with_nail(distal: Surface, joints: FloatArray, back: FloatArray) -> Surface:
-    """Colour the nail on the back of a distal phalanx.
-
-    Args:
-        distal: Its surface.
-        joints: Of its finger [m], shape (4, 3).
-        back: Unit normal out of the back, shape (3,).
-    """
+    """Colour the nail on the back of a distal phalanx; joints [m], shape (4, 3), and unit normal of the back."""
     axis = joints[3] - joints[2]
     length = float(np.linalg.norm(axis))
     axis = axis / length
@@ -155,3 +149,57 @@ def with_nail(distal: Surface, joints: FloatArray, back: FloatArray) -> Surface:
     across = offset @ side / (0.4 * length)
     nail = ((np.abs(along + 0.1) ** 3 + np.abs(across) ** 3) < 1.0) & (distal.normals @ back > 0.3)
     return Surface(distal.points, distal.normals, np.where(nail[:, None], NAIL, distal.colors), distal.faces)
+
+
+FAR, NEAR = 1.2, 0.5
+"""An object that goes beyond FAR times the hands' size from them is cut NEAR times that size from them."""
+
+
+def near_hands(body: Surface, hands: FloatArray) -> Surface:
+    """Return an object whole or, if it is much larger than the hands, its part near their points [m], shape (n, 3)."""
+    low, high = hands.min(axis=0), hands.max(axis=0)
+    size = float(np.linalg.norm(high - low))
+    far = ((body.points < low - FAR * size) | (body.points > high + FAR * size)).any()
+    part = clipped(body, low - NEAR * size, high + NEAR * size) if far else body
+    # A hand that is far from it is shown with all of it.
+    return part if len(part.faces) else body
+
+
+def clipped(surface: Surface, low: ArrayLike, high: ArrayLike) -> Surface:
+    """Return the part of a surface inside a box of corners `low` and `high` [m], with normals and colours."""
+    for axis, (least, most) in enumerate(zip(np.asarray(low, np.float64), np.asarray(high, np.float64))):
+        surface = _cut(surface, axis, 1.0, least)
+        surface = _cut(surface, axis, -1.0, -most)
+    return surface
+
+
+def _cut(surface: Surface, axis: int, sign: float, least: float) -> Surface:
+    """Return the part whose `sign` · coordinate is at least `least`."""
+    height = sign * surface.points[:, axis] - least
+    inside = height[surface.faces] >= 0.0
+    count = inside.sum(axis=1)
+    if (count == 3).all():
+        return surface
+    points = [surface.points, surface.normals, surface.colors]
+    faces = [surface.faces[count == 3]]
+    known = len(surface.points)
+    for corners in (1, 2):
+        # The corner that is alone on its side comes first; the order round the triangle stays.
+        crossing = surface.faces[count == corners]
+        alone = np.argmax(inside[count == corners] == (corners == 1), axis=1)
+        a, b, c = (np.take_along_axis(crossing, (alone[:, None] + k) % 3, axis=1)[:, 0] for k in range(3))
+        new = []
+        for other in (b, c):
+            share = (height[a] / (height[a] - height[other]))[:, None]
+            for values, original in enumerate((surface.points, surface.normals, surface.colors)):
+                points[values] = np.concatenate([points[values], original[a] + share * (original[other] - original[a])])
+            new.append(known + np.arange(len(a)))
+            known += len(a)
+        p, q = new
+        faces += (
+            [np.stack([a, p, q], axis=1)]
+            if corners == 1
+            else [np.stack([p, b, c], axis=1), np.stack([p, c, q], axis=1)]
+        )
+    points[1] = points[1] / np.maximum(np.linalg.norm(points[1], axis=1, keepdims=True), 1e-300)
+    return replace(surface, points=points[0], normals=points[1], colors=points[2], faces=np.concatenate(faces))

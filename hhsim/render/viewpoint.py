@@ -1,4 +1,4 @@
-"""From where a hand on an object is seen best: a coarse look at points of their surfaces from many sides."""
+"""Choice of the viewpoint that shows most of a hand on an object, from points of their surfaces."""
 
 from typing import NamedTuple
 
@@ -12,11 +12,11 @@ from hhsim.render.triangle_soup import Surface
 AZIMUTHS, ELEVATIONS = tuple(range(0, 360, 30)), (10.0, 35.0)
 """Views that are tried [degrees]."""
 CELLS = 48
-"""Rows and columns of a trial."""
+"""Rows and columns of a trial view."""
 GAIN = 0.5
-"""Of a score of at most about 2.5."""
+"""Score, of at most about 2.5, by which another view must be better than the usual one."""
 POINTS = 10_000
-"""That a surface is looked at by, at least: some to each of the cells that it fills."""
+"""Least number of points that stand for a surface: several to each cell that it fills."""
 
 
 class View(NamedTuple):
@@ -27,30 +27,25 @@ class View(NamedTuple):
 
     @property
     def towards(self) -> FloatArray:
-        """The direction to the viewer, unit, shape (3,)."""
+        """Unit direction to the viewer, shape (3,)."""
         a, e = np.radians(self)
         return np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
 
 
 def viewpoint(hand: Surface, body: Surface, marks: FloatArray, forces: FloatArray, usual: View | None = None) -> View:
-    """The view in which most is seen of the marks, then of hand and object, and forces are not seen end on.
+    """Return the view that shows most of the marks, then of hand and object, with forces not seen end on.
 
     Args:
-        hand: The hand's surface.
-        body: The object's.
         marks: Points that the object should not hide [m], shape (k, 3); may be none.
         forces: Vectors, shape (j, 3); may be none.
-        usual: That another picture has; another view must be better by `GAIN` to be chosen.
+        usual: View of another picture, which only a view better by `GAIN` replaces.
     """
     rng = np.random.default_rng(0)
-    skin, stone = (_thinned(face_samples(surface.points, surface.faces, POINTS, rng)[0]) for surface in (hand, body))
+    sampled = [face_samples(surface.points, surface.faces, POINTS, rng)[0] for surface in (hand, body)]
+    # A fine mesh has a point on each of very many faces, of which some suffice.
+    skin, stone = (points[:: max(1, len(points) // POINTS)] for points in sampled)
     views = [View(float(azimuth), elevation) for elevation in ELEVATIONS for azimuth in AZIMUTHS]
     return max(views, key=lambda view: _seen(view, skin, stone, marks, forces) + GAIN * (view == usual))
-
-
-def _thinned(points: FloatArray) -> FloatArray:
-    """Of a mesh so fine that there is a point on each of very many faces, some."""
-    return points[:: max(1, len(points) // POINTS)]
 
 
 def _seen(view: View, skin: FloatArray, stone: FloatArray, marks: FloatArray, forces: FloatArray) -> float:

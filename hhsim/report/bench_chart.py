@@ -1,4 +1,4 @@
-"""A chart of a table of `hhsim bench`: what its suite is run for, at a glance."""
+"""Chart of a table of `hhsim bench`."""
 
 import math
 import textwrap
@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from hhsim.bench.table import BenchTable, Cell
-from hhsim.report.bench_units import shown_unit
 from hhsim.report.figure import GRID, LIMIT, SOFT, Drawing, ReportFigure, drawn_figure, panel_title, run_style
 from hhsim.system.counted import counted
 from hhsim.table.table import unit_size
@@ -20,35 +19,33 @@ Row: TypeAlias = Mapping[str, Cell]
 
 MARKS = ("o", "s", "D", "^", "v", "P", "X", "*")
 MOST_LABELS = 40
-"""Lines of a chart; of a longer table the first ones."""
+"""Most lines of a chart; a longer table shows its first ones."""
 LINE, TITLE, BOTTOM, LEGEND, PANEL = 0.2, 0.3, 0.5, 0.22, 2.6
-"""Room [inches] for a line of a chart, a title, the axis below, a line of the legend, and a panel of points."""
+"""Height [inches] of a line of a chart, a title, the axis below, a line of the legend, and a panel of points."""
 BOLD, TITLE_LINE = 0.085, 0.16
-"""Room [inches] for a letter of the title, and for each of its lines but the first."""
+"""Width [inches] of a letter of the title, and height of each of its lines but the first."""
 LETTER = 0.075
-"""Room [inches] for a letter of a name."""
+"""Width [inches] of a letter of a name."""
 SPREAD = 8.0
-"""Largest value over least from which on an axis is logarithmic."""
+"""Ratio of largest to least value from which on an axis is logarithmic."""
 
 
 @dataclass(frozen=True)
 class Chart:
-    """What is drawn of a suite.
+    """Chart of one suite.
 
     Attributes:
-        title: In a few words.
-        series: Columns that have a colour for each of their values together; a table may lack all but the first.
-        x: Column of the numbers along.
-        y: Column of the numbers up; "" where each line is one of `labels`.
+        series: Columns whose values together choose a colour; a table may lack all but the first.
+        x: Column of the abscissa.
+        y: Column of the ordinate; "" where each line is one of `labels`.
         labels: Columns that name a line.
-        of: Makes the number along of a row, where it is no column's.
-        axis: What that number is.
-        mark: Number that is marked by a line; None for none.
-        chosen: Which rows are drawn.
+        of: Computes a row's abscissa where it is no column's; `axis` names it.
+        mark: Abscissa of a line that is drawn.
+        chosen: True of the rows that are drawn.
     """
 
     title: str
-    series: tuple[str, ...]
+    series: tuple[str, ...] = ("method",)
     x: str = ""
     y: str = ""
     labels: tuple[str, ...] = ()
@@ -69,49 +66,39 @@ def _share_of_allowed(row: Row) -> float:
 
 
 CHARTS: Mapping[str, Chart] = {
-    "paper": Chart("How many times below the paper's figure", ("method",), x="ratio", labels=("label",), mark=1.0),
-    "speed-error": Chart(
-        "Time of a tick against distance from the true mesh",
-        ("method", "surface"),
-        x="tick_cpu_p50",
-        y="mesh_error",
-        chosen=lambda row: row["object"] != "all" and row["motion"] == "all" and not row["stretch"],
-    ),
-    "peers": Chart(
-        "Time of a tick against distance from the true mesh",
-        ("method", "surface"),
-        x="tick_cpu_p50",
-        y="mesh_error",
-        chosen=lambda row: row["object"] != "all" and row["motion"] == "all",
+    "paper": Chart("How many times below the paper's figure", x="ratio", labels=("label",), mark=1.0),
+    **dict.fromkeys(
+        ("speed-error", "peers"),
+        Chart(
+            "Time of a tick against distance from the true mesh",
+            ("method", "surface"),
+            x="tick_cpu_p50",
+            y="mesh_error",
+            chosen=lambda row: row["object"] != "all" and row["motion"] == "all" and not row.get("stretch"),
+        ),
     ),
     "hard": Chart(
-        "Share of the bar that is used",
-        ("method",),
-        labels=("case", "figure"),
-        of=_share_of_bar,
-        axis="of the bar",
-        mark=1.0,
+        "Share of the bar that is used", labels=("case", "figure"), of=_share_of_bar, axis="of the bar", mark=1.0
     ),
     "manipulation": Chart(
         "Share that is used of what a figure may be off by",
-        ("method",),
         labels=("case", "figure"),
         of=_share_of_allowed,
         axis="of what is allowed",
         mark=1.0,
     ),
-    "stress": Chart("Slowest hundredth of the ticks", ("method",), x="cpu_p99", labels=("object", "level")),
-    "recorded": Chart("Slowest hundredth of the ticks", ("method",), x="cpu_p99", labels=("recording", "object")),
+    "stress": Chart("Slowest hundredth of the ticks", x="cpu_p99", labels=("object", "level")),
+    "recorded": Chart("Slowest hundredth of the ticks", x="cpu_p99", labels=("recording", "object")),
     "qp": Chart("Time of a program", ("solver",), x="native_p50", labels=("program",)),
-    "trees": Chart("How far the spheres protrude", ("method",), x="spheres", y="protrusion_max"),
-    "mesh-size": Chart("Time of a tick by triangles", ("method",), x="triangles", y="tick_p50"),
+    "trees": Chart("How far the spheres protrude", x="spheres", y="protrusion_max"),
+    "mesh-size": Chart("Time of a tick by triangles", x="triangles", y="tick_p50"),
     "threads": Chart("Wall time of a tick by threads", ("case",), x="threads", y="total"),
 }
-"""What is drawn of each suite."""
+"""Chart of each suite."""
 
 
 def bench_figure(found: BenchTable) -> ReportFigure | None:
-    """The chart of a table; None where its suite has none, or no row has the numbers."""
+    """Draw the chart of a table; None where its suite has none, or no row has the numbers."""
     chart = CHARTS.get(found.suite)
     names = {column.name for column in found.columns}
     if chart is None or not {chart.series[0], *chart.labels, *filter(None, (chart.x, chart.y))} <= names:
@@ -144,15 +131,14 @@ def bench_figure(found: BenchTable) -> ReportFigure | None:
         panel_title(axes, title, 4, left - 0.05)
         _draw_legend(figure, series, width)
 
-    caption = f"{counted(len(rows), 'row')} of the table." + (
-        f" The first {MOST_LABELS} of {len(labels)} lines." if more > 0 else ""
-    )
+    first = f" The first {MOST_LABELS} of {len(labels)} lines." if more > 0 else ""
+    caption = f"{counted(len(rows), 'row')} of the table.{first}"
     alt = f"{chart.title}: {counted(len(rows), 'point')}, by {told} ({'; '.join(series)})."
     return drawn_figure(f"bench-{found.suite}", chart.title, caption, alt, Drawing(draw, height))
 
 
 def _title(chart: Chart, width: float) -> tuple[str, float]:
-    """The title in lines that fit a figure so many inches wide, and the room above the panel that they need."""
+    """Return the title in lines that fit a figure `width` inches wide, and their height [inches]."""
     lines = textwrap.wrap(chart.title, int((width - 0.1) / BOLD))
     return "\n".join(lines), TITLE + TITLE_LINE * (len(lines) - 1)
 
@@ -232,7 +218,7 @@ def _is_wide(values: Sequence[float]) -> bool:
 
 
 def _legend(series: Sequence[str], width: float) -> tuple[int, int]:
-    """Columns and lines of the legend in a figure of so many inches."""
+    """Return columns and lines of the legend in a figure `width` inches wide."""
     columns = max(1, min(len(series), int(width / (0.4 + LETTER * max(map(len, series))))))
     return columns, -(-len(series) // columns)
 
@@ -248,3 +234,15 @@ def _draw_legend(figure: "Figure", series: Sequence[str], width: float) -> None:
         handles=handles, loc="upper left", bbox_to_anchor=(0.0, 1.0), ncols=_legend(series, width)[0],
         borderaxespad=0.1, borderpad=0.1, handletextpad=0.2, columnspacing=1.0,
     )  # fmt: skip
+
+
+SMALLER = {"s": ("s", "ms", "µs", "ns"), "m": ("m", "mm", "µm")}
+"""Units that may stand for an SI unit."""
+
+
+def shown_unit(found: BenchTable, name: str) -> str:
+    """Return the unit of a column that keeps its largest number at 1 or more; its own where there is none."""
+    own = next(column.unit for column in found.columns if column.name == name)
+    sizes = [abs(float(row[name])) for row in found.rows if isinstance(row[name], int | float)]
+    largest = max((size for size in sizes if math.isfinite(size)), default=0.0)
+    return next((unit for unit in SMALLER.get(own, ()) if largest >= unit_size(unit)), own)

@@ -1,23 +1,18 @@
-"""A table of `hhsim bench` as a part of a report."""
+"""Section of a report on a table of `hhsim bench`."""
 
 import json
 from dataclasses import replace
 from typing import Any
 
 from hhsim.bench.table import BenchTable
-from hhsim.report.bench_chart import bench_figure
-from hhsim.report.bench_units import shown_unit
+from hhsim.report.bench_chart import bench_figure, shown_unit
 from hhsim.report.figure import Album
 from hhsim.system.counted import counted
 from hhsim.table.table import Column, Table, words
 
 
 def bench_section(found: BenchTable, name: str, album: Album, prefix: str = "") -> dict[str, Any]:
-    """Return what the page says of a table, by the names of its template; `more` are tables by their titles.
-
-    Args:
-        prefix: Before the name of its chart.
-    """
+    """Return what the page shows of a table, by the names of its template; `prefix` goes before its chart's name."""
     made = {str(key): str(value) for key, value in found.attributes.items()}
     machine = json.loads(made.get("machine", "{}"))
     about = f"{name}, written {made.get('created_utc', 'at an unknown time')} by hhsim {made.get('hhsim_version', '')}"

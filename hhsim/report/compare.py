@@ -1,4 +1,4 @@
-"""Results side by side: what differs in what was fed in and in how it was run, and which figures are better."""
+"""Comparison of two results: differences of input and of options, and the figures that are better or worse."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -15,20 +15,20 @@ from hhsim.report.provenance import commit, object_name
 from hhsim.result.reader import Result
 
 HOW = ("level", "max_error")
-"""Options of a replay that say how it was run and not what was fed in."""
+"""Options of a replay that change how it is run, not its input."""
 OF_A_MESH = ("unit", "size_mm", "thickness_mm")
 OF_A_MOTION = ("number of ticks", "trajectory")
 OF_A_REPLAY = ("place_object", "samples", "seed", "tremor_mm_deg")
-"""What differs by itself where the object, the motion, or the kind of run does."""
+"""What differs of necessity where the object, the motion, or the kind of run does."""
 SEEDED_NOISE = {TREMBLING: 2.0, f"{TREMBLING}_std": 2.0}
-"""Shares by which figures of a hand that trembles at random may differ and say nothing.
+"""Relative differences within the noise of a hand with random tremor.
 
 A hold of a second has ten periods of the tremor: of eight seeds the largest mean was 2.1 to 3.4 times the least,
 on two objects, with three motions and two methods.
 """
 
 DEVIATIONS = 2.0
-"""Standard deviations of the difference of two runs by which times that were taken repeatedly may differ."""
+"""Standard deviations of the difference of two runs within which times measured repeatedly are noise."""
 
 
 @dataclass(frozen=True)
@@ -36,11 +36,11 @@ class Comparison:
     """One result beside the first one.
 
     Attributes:
-        scene: What differs in object, hand or motion; figures can only be compared where nothing does.
-        how: What differs in the way it was run: method, options, tree.
-        around: What differs besides: machine, versions, schema.
-        same_machine: Whether times can be compared at all.
-        spread: By how much times may differ and say nothing, by name [s or %], where one of the two was run repeatedly.
+        scene: Differences of object, hand or motion; figures can only be compared without any.
+        how: Differences of method, options, tree.
+        around: Other differences: machine, versions, schema.
+        same_machine: True if times can be compared.
+        spread: Difference of each time that is noise, where one result was run repeatedly [s or %].
     """
 
     scene: tuple[str, ...]
@@ -51,11 +51,11 @@ class Comparison:
 
     @property
     def comparable(self) -> bool:
-        """Whether both were fed with the same."""
+        """True if both had the same input."""
         return not self.scene
 
     def sentence(self) -> str:
-        """Whether the figures can be compared, in one sentence."""
+        """Return in one sentence whether the figures can be compared."""
         if not self.comparable:
             return f"Not comparable: not the same scene ({'; '.join(self.scene)})."
         times = "" if self.same_machine else "; times cannot, since they are of different machines"
@@ -64,19 +64,14 @@ class Comparison:
 
 @dataclass(frozen=True)
 class ComparedFigure:
-    """One figure of a result beside that of the first.
-
-    Attributes:
-        ratio: To the first one's; NaN where one of them is undefined, or shown as 0.
-        word: One of the gate's words, or "" where more is neither better nor worse.
-    """
+    """A figure's ratio to that of the first result, NaN where undefined, and the gate's word for it, or ""."""
 
     ratio: float
     word: str
 
 
 def compare(base: Result, head: Result) -> Comparison:
-    """Tell two results apart."""
+    """Return the differences of two results."""
     one, other = run_inputs(base), run_inputs(head)
     every = differences(one, other)
     # The way it was run is taken from the first: what still differs is the scene.
@@ -98,7 +93,7 @@ def compare(base: Result, head: Result) -> Comparison:
 
 
 def compared(base: SummaryRow, head: SummaryRow, comparison: Comparison) -> ComparedFigure:
-    """Set a figure beside the first result's."""
+    """Compare a figure with that of the first result."""
     metric = run_metrics()[head.name]
     known = math.isfinite(base.value) and math.isfinite(head.value)
     # Of what is shown as nothing there is no ratio worth telling: it is rounding, or would be infinite.
@@ -143,7 +138,7 @@ def _around(base: Result, head: Result) -> list[str]:
 
 
 def _of_the_scene(unlike: Sequence[str], base: Result, head: Result) -> list[str]:
-    """What differs in what was fed in, by the names that people know, without what follows from another difference."""
+    """Return differences of input by the names that people know, without those that follow from another."""
     named = {text.partition(":")[0]: text for text in unlike}
     live = (base.live is None) != (head.live is None)
     follow = [
@@ -159,7 +154,7 @@ def _of_the_scene(unlike: Sequence[str], base: Result, head: Result) -> list[str
 
 
 def _in_units(text: str, one: RunInputs, other: RunInputs) -> str:
-    """A difference in an option of the solver with its unit."""
+    """Return a difference in an option of the solver with its unit."""
     name = text.partition(":")[0]
     if name not in one.solver or name not in other.solver:
         return text.replace("None", "none")

@@ -1,8 +1,7 @@
-"""The figures of `hhsim report`: what one is, and the style that all share.
+"""Figures of `hhsim report` and the style that they share.
 
-Sizes are those on paper: a figure is as wide as the text of an A4 page, its text at least 9 pt there. Where a figure
-has fine text, it is drawn a second time for a phone. Colours are told apart by the colour-blind too (Okabe and Ito,
-"Color Universal Design", 2008). The same results give the same bytes.
+Sizes are those on paper: a figure is as wide as the text of an A4 page, its text at least 9 pt, and it is drawn a
+second time for a phone. Colours are Okabe and Ito's for the colour-blind ("Color Universal Design", 2008).
 """
 
 import io
@@ -20,44 +19,38 @@ BLUE, VERMILLION, PURPLE = "#0072b2", "#d55e00", "#cc79a7"
 
 INK = "#24292f"
 SOFT = "#57606a"
-"""Of text beside the point; as dark as AA asks for on white."""
+"""Colour of secondary text; its contrast on white meets WCAG AA."""
 GRID = "#e4e7eb"
 LIMIT = "#b00020"
-"""Of the line of 1 ms."""
+"""Colour of the line of 1 ms."""
 FINGER_COLORS = (VERMILLION, BLUE, GREEN, ORANGE, PURPLE)
-"""Thumb to little finger."""
+"""Colours of the fingers, thumb to little finger."""
 RUN_STYLES = (
     *zip((BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY), ("-", "--") * 3),
     *zip((BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY), ("--", "-") * 3),
 )
-"""Colour and dashes of the first, second, … result; then they begin anew. Where two coincide, the dashes of the second
-show the first."""
+"""Colour and dashes of each result in turn; the dashes of a second curve show a first one below it."""
 
 BUDGET = 1e-3
-"""Of a tick at 1 kHz [s]."""
+"""Time of a tick at 1 kHz [s]."""
 
 LEAST_TIME = 1e-7
 """Shorter ticks are drawn at it [s]: a logarithm has no zero."""
 LEFT = 0.6
-"""Room [inches] for the labels of the y axes."""
+"""Width of the labels of the y axes [inches]."""
 PAGE_INCHES = 7.0
-"""Of the text of an A4 page, across."""
+"""Width of the text of an A4 page."""
 PHONE_INCHES = 3.6
 DPI = 200
 TEXT = 9.0
 """Size of the smallest text [pt]."""
 LETTER, SIGN = 0.075, 0.5
-"""Room [inches] for a letter of a legend, and for a sign of it."""
+"""Width [inches] of a letter and of a sign in a legend."""
 
 
 @dataclass(frozen=True)
 class Drawing:
-    """How a figure is drawn at any width.
-
-    Attributes:
-        draw: Draws into a figure; told whether it is laid out narrow.
-        height: Of a figure so many inches wide, laid out narrow or not [inches].
-    """
+    """A figure at any width [inches]: what draws it and gives its height, laid out narrow where the flag is set."""
 
     draw: "Callable[[Figure, bool], None]"
     height: Callable[[float, bool], float]
@@ -68,14 +61,11 @@ class ReportFigure:
     """One picture of a report.
 
     Attributes:
-        name: For files and anchors: lower case, digits and hyphens.
-        title: A few words.
-        caption: What is drawn and how to read it, plain text, a few sentences.
-        alt: What the picture says, for those who do not see it, plain text.
-        width_px: Its columns [pixels].
-        height_px: Its rows [pixels].
-        phone_png: The same for a page that is narrow; None where `png` will do.
-        drawing: How it is drawn again; None where it is a picture alone.
+        name: Name of its file and anchor: lower case, digits and hyphens.
+        caption: What is drawn and how to read it, plain text.
+        alt: Alternative text.
+        phone_png: The figure for a narrow page; None where `png` will do.
+        drawing: Draws it again; None for a rendered picture.
     """
 
     name: str
@@ -92,19 +82,13 @@ class ReportFigure:
         return f"ReportFigure({self.name}, {self.width_px} x {self.height_px} pixels: {self.alt})"
 
     def _repr_png_(self) -> bytes:
-        """What a notebook shows."""
+        """Return what a notebook shows."""
         return self.png
 
 
 @dataclass(frozen=True)
 class PageFigure:
-    """A figure as a page has it.
-
-    Attributes:
-        name: Of its anchor and its file.
-        title: In the place of its own, without a caption; "" for its own with its caption.
-        aside: Whether it stands beside another one, where the screen is wide.
-    """
+    """A figure as a page has it; `title` replaces its own title and caption, `aside` stands beside another figure."""
 
     name: str
     figure: ReportFigure
@@ -112,34 +96,26 @@ class PageFigure:
     aside: bool
 
 
+@dataclass(frozen=True)
 class Album:
-    """The figures of a page: keeps what it shows, for the files beside it."""
+    """Figures of a page: PNGs by name in its order, for the files beside it."""
 
-    pictures: dict[str, bytes]
-    """PNGs by name, in the order of the page."""
-
-    def __init__(self) -> None:
-        """Nothing is shown yet."""
-        self.pictures = {}
+    pictures: dict[str, bytes] = field(default_factory=dict)
 
     def shown(self, what: ReportFigure, prefix: str = "", title: str = "", *, aside: bool = False) -> PageFigure:
-        """Keep a figure, and return it as the page has it; `prefix` goes before its name."""
+        """Keep a figure under its name after `prefix`, and return it as the page has it."""
         name = prefix + what.name
         self.pictures[name] = what.png
         return PageFigure(name, what, title, aside)
 
 
 def run_style(number: int) -> tuple[str, str]:
-    """Colour and dashes of a result by its number from 0."""
+    """Return colour and dashes of a result by its number from 0."""
     return RUN_STYLES[number % len(RUN_STYLES)]
 
 
 def drawn_figure(name: str, title: str, caption: str, alt: str, drawing: Drawing) -> ReportFigure:
-    """A figure that is drawn for the page and again for a phone.
-
-    Args:
-        name, title, caption, alt: As of `ReportFigure`.
-    """
+    """Draw a figure for the page and again for a phone; the texts are those of `ReportFigure`."""
     pictures = []
     for narrow, width in ((False, PAGE_INCHES), (True, PHONE_INCHES)):
         with new_figure(width, drawing.height(width, narrow)) as figure:
@@ -151,32 +127,20 @@ def drawn_figure(name: str, title: str, caption: str, alt: str, drawing: Drawing
 
 @contextmanager
 def new_figure(width: float, height: float) -> "Iterator[Figure]":
-    """A figure of so many inches in the style of the report, whatever the user's matplotlibrc says."""
+    """Make a figure of this size [inches] in the report's style, whatever the user's matplotlibrc says."""
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     settings: dict[str, Any] = {
-        "font.size": TEXT,
-        "axes.labelsize": TEXT,
-        "axes.titlesize": TEXT,
-        "legend.fontsize": TEXT,
-        "xtick.labelsize": TEXT,
-        "ytick.labelsize": TEXT,
-        "text.color": INK,
-        "axes.labelcolor": INK,
-        "xtick.color": INK,
-        "ytick.color": INK,
+        **dict.fromkeys(("font.size", "axes.labelsize", "axes.titlesize", "legend.fontsize"), TEXT),
+        **dict.fromkeys(("xtick.labelsize", "ytick.labelsize"), TEXT),
+        **dict.fromkeys(("text.color", "axes.labelcolor", "xtick.color", "ytick.color"), INK),
+        **dict.fromkeys(("axes.linewidth", "xtick.major.width", "ytick.major.width", "grid.linewidth"), 0.6),
+        **dict.fromkeys(("axes.spines.top", "axes.spines.right", "legend.frameon"), False),
         "axes.edgecolor": SOFT,
-        "axes.linewidth": 0.6,
-        "xtick.major.width": 0.6,
-        "ytick.major.width": 0.6,
-        "axes.spines.top": False,
-        "axes.spines.right": False,
         "axes.axisbelow": True,
         "grid.color": GRID,
-        "grid.linewidth": 0.6,
-        "legend.frameon": False,
         "agg.path.chunksize": 20_000,
     }
     with matplotlib.rc_context():
@@ -189,14 +153,14 @@ def new_figure(width: float, height: float) -> "Iterator[Figure]":
 
 
 def png_bytes(figure: "Figure") -> bytes:
-    """The figure as PNG, without a date or a version in it."""
+    """Return the figure as PNG, without a date or a version in it."""
     import numpy as np
     from PIL import Image
 
     canvas: Any = figure.canvas
     canvas.draw()
     buffer = io.BytesIO()
-    # The smallest file would take five times as long to pack, and be smaller by 4 %.
+    # The highest compression takes five times as long and saves 4 %.
     Image.fromarray(np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[:, :, :3])).save(
         buffer, format="PNG", compress_level=6, dpi=(figure.dpi, figure.dpi)
     )
@@ -204,17 +168,13 @@ def png_bytes(figure: "Figure") -> bytes:
 
 
 def gridded(axes: "Axes") -> None:
-    """Faint lines at the ticks of the y axis."""
+    """Draw faint lines at the ticks of the y axis."""
     axes.grid(axis="y")
     axes.tick_params(length=3.0)
 
 
 def legend_names(labels: Sequence[str], room: float) -> tuple[list[str], int]:
-    """Names for a legend, cut where a line of it could not hold them, and how many stand in a line.
-
-    Args:
-        room: Its width [inches].
-    """
+    """Return names for a legend `room` [inches] wide, cut to fit a line, and how many of them fit a line."""
     most = max(2, int((room - SIGN) / LETTER))
     names = [label if len(label) <= most else f"{label[: most - 1]}…" for label in labels]
     longest = max(map(len, names), default=1)
@@ -222,7 +182,7 @@ def legend_names(labels: Sequence[str], room: float) -> tuple[list[str], int]:
 
 
 def panel_title(axes: "Axes", text: str, up: float, left: float = LEFT - 0.06) -> None:
-    """A title above a panel, so many points up and so many inches left of its corner."""
+    """Write a title above a panel, `up` points above and `left` inches left of its corner."""
     axes.annotate(
         text, (0.0, 1.0), (-72 * left, up), xycoords="axes fraction", textcoords="offset points", fontweight="bold",
         va="bottom",
@@ -230,11 +190,11 @@ def panel_title(axes: "Axes", text: str, up: float, left: float = LEFT - 0.06) -
 
 
 def time_text(seconds: float) -> str:
-    """A duration with the unit that suits it: "310 µs", "1.2 ms"."""
+    """Return a duration with the unit that suits it: "310 µs", "1.2 ms"."""
     if seconds < 1e-6:
         return f"{1e9 * seconds:.0f} ns"
     if seconds < BUDGET:
-        # Of the nanosecond, so that a tie is rounded alike whatever unit the time came in.
+        # Rounded to nanoseconds: a tie is rounded alike whatever unit the time came in.
         micro = round(1e6 * seconds, 3)
         return f"{micro:.0f} µs" if micro >= 100.0 else f"{micro:.1f} µs"
     return f"{1e3 * seconds:.3g} ms" if seconds < 1.0 else f"{seconds:.3g} s"

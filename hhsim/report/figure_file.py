@@ -1,4 +1,4 @@
-"""One figure of a report as a file of its own, as wide as a journal's column."""
+"""One figure of a report as a file, as wide as a journal's column."""
 
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -30,19 +30,15 @@ TABLE_FIGURE, TIMED_ERRORS = "speed-error", ("speed-error", "peers")
 """The figure that tables of `hhsim bench` have, and the suites that have it."""
 FORMATS = (".pdf", ".svg", ".png")
 UNITS = {"mm": 25.4, "cm": 2.54, "in": 1.0}
-"""How many of it an inch has."""
+"""Lengths of an inch."""
 LEAST_WIDTH, MOST_WIDTH = 50.0, 600.0
-"""Of a figure [mm]."""
+"""Widths of a figure [mm]."""
 NARROW = 6.4
-"""Figures that are less wide [inches] are laid out as on a phone: one below another is what stood side by side."""
+"""Narrower figures [inches] are laid out as on a phone: panels one below another."""
 
 
 def parse_width(text: str) -> float:
-    """Read a width such as 88mm, 8.8cm or 3.5in; in inches.
-
-    Raises:
-        InputError: No such width, or one that no figure has.
-    """
+    """Return a width such as 88mm, 8.8cm or 3.5in in inches; raise InputError for any other text."""
     found = re.fullmatch(r"\s*(\d+(?:\.\d*)?|\.\d+)\s*(mm|cm|in)\s*", text)
     if found is None:
         raise InputError(f"a width of {text!r}: expected a number with mm, cm or in, such as 88mm")
@@ -53,27 +49,17 @@ def parse_width(text: str) -> float:
 
 
 def check_figure_path(output_path: Path) -> None:
-    """Look, before the work, for what would keep a figure from being written.
-
-    Raises:
-        InputError: A name that ends in none of `FORMATS`.
-        OutputError: As `hhsim.system.output_path.check_output_path`.
-    """
+    """Raise InputError for a name not of `FORMATS`; OutputError as `hhsim.system.output_path.check_output_path`."""
     if output_path.suffix.lower() not in FORMATS:
         raise InputError(f"{output_path}: a figure is a file that ends in {', '.join(FORMATS[:-1])} or {FORMATS[-1]}")
     check_output_path(output_path)
 
 
 def make_figure(paths: Sequence[Path], name: str) -> ReportFigure:
-    """Draw one figure of results.
-
-    Args:
-        paths: Results, in the order of the legend; or, for `speed-error`, one table of `hhsim bench`.
-        name: One of `FIGURES`.
+    """Draw one of `FIGURES` of results in the order of the legend; `speed-error` also of one table of `hhsim bench`.
 
     Raises:
-        InputError: No such figure, a file that is no result, a table that has not this figure, or more files than the
-            figure can show.
+        InputError: No such figure, a file that is no result, or one that the figure cannot show.
     """
     if name not in FIGURES:
         raise InputError(f"there is no figure {name!r}: expected {', '.join(FIGURES)}")
@@ -87,15 +73,10 @@ def make_figure(paths: Sequence[Path], name: str) -> ReportFigure:
 
 
 def write_figure(figure: ReportFigure, output_path: Path, width: float) -> None:
-    """Write a figure: text stays letters of at least 9 pt, lines stay lines.
-
-    Args:
-        figure: One that can be drawn again.
-        output_path: Its ending says what it becomes; an existing file is replaced.
-        width: [inches].
+    """Write a figure `width` inches wide in the format of the file's ending; letters stay letters, lines stay lines.
 
     Raises:
-        InputError, OutputError: As `check_figure_path`; or a full disk.
+        InputError, OutputError: As `check_figure_path`; a figure that cannot be drawn again; or a full disk.
     """
     check_figure_path(output_path)
     if figure.drawing is None:
@@ -108,7 +89,7 @@ def write_figure(figure: ReportFigure, output_path: Path, width: float) -> None:
 
 
 def _table_figure(path: Path, name: str, *, alone: bool) -> ReportFigure:
-    """The figure of a table of `hhsim bench`: of its suites, two set speed against error."""
+    """Draw the figure of a table of `hhsim bench`: two suites set speed against error."""
     found = load_table(path)
     if found.suite not in TIMED_ERRORS or name != TABLE_FIGURE:
         suites = " and ".join(TIMED_ERRORS)

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -32,22 +32,17 @@ if TYPE_CHECKING:
 
 BINS_A_DECADE = 30
 PANEL, TITLE, LINE, TOP, BOTTOM = 1.5, 0.27, 0.165, 0.02, 0.45
-"""Room [inches] for each panel, its title, a line of text, above all of them and below."""
+"""Height [inches] of each panel, its title and a line of text, above all panels and below them."""
 HALO = {"boxstyle": "square,pad=0.05", "facecolor": "white", "edgecolor": "none", "alpha": 0.8}
-"""Behind text that crosses lines."""
+"""Box behind text that crosses lines."""
 TIMES = tuple(factor * 10.0**power for power in range(-7, 2) for factor in (1.0, 2.0, 5.0))
 
 
 @dataclass(frozen=True)
 class TickTimes:
-    """What is drawn of a result: times of ticks [s].
+    """Times of a result's ticks [s]: CPU time of all; CPU and wall time of those in contact, or of all without any.
 
-    Attributes:
-        label: Of the result.
-        all_cpu: CPU time of all ticks.
-        cpu: Of those in contact; of all where none is.
-        wall: Of the same ticks as `cpu`.
-        contact: Whether they are those in contact.
+    `contact` is true if they are those in contact.
     """
 
     label: str
@@ -58,14 +53,7 @@ class TickTimes:
 
 
 def histogram_figure(results: Mapping[str, Result]) -> ReportFigure:
-    """How long ticks took, CPU and wall, on a logarithmic axis with the line of 1 ms; p50 and p99 are marked.
-
-    Args:
-        results: One or more by their labels; any may hold no tick.
-
-    Raises:
-        InputError: A file cannot be read.
-    """
+    """Draw CPU and wall times of ticks on a logarithmic axis with the line of 1 ms, of results by their labels."""
     runs = [_times(label, result) for label, result in results.items()]
     edges = _edges(runs)
 
@@ -99,7 +87,7 @@ def _times(label: str, result: Result) -> TickTimes:
 
 
 def _edges(runs: Sequence[TickTimes]) -> FloatArray:
-    """Of the bins [s]; 1 ms is always among them and one of the edges."""
+    """Return the edges of the bins [s]; 1 ms is one of them."""
     every = np.concatenate([np.concatenate([run.all_cpu, run.wall]) for run in runs] or [np.empty(0)])
     low, high = (every.min(), every.max()) if every.size else (1e-5, 1e-4)
     first, last = (np.log10(max(value, LEAST_TIME) / BUDGET) * BINS_A_DECADE for value in (low, high))
@@ -108,18 +96,19 @@ def _edges(runs: Sequence[TickTimes]) -> FloatArray:
 
 
 def _draw_panel(axes: "Axes", run: TickTimes, edges: FloatArray, color: str, named: bool, narrow: bool) -> None:
+    def stairs(times: FloatArray, label: str, **look: Any) -> None:
+        counts = np.histogram(np.maximum(times, LEAST_TIME), edges)[0]
+        axes.stairs(counts, edges, baseline=0.0, label=label, **look)
+
     gridded(axes)
     panel_title(axes, f"{run.label}: number of ticks" if named else "number of ticks", 4 + 72 * LINE * narrow)
     which = ", contact" if run.contact else ""
     if run.contact:
-        counts = np.histogram(np.maximum(run.all_cpu, LEAST_TIME), edges)[0]
-        axes.stairs(counts, edges, fill=True, color="#d8dee4", baseline=0.0, label="CPU, all")
-    counts = np.histogram(np.maximum(run.cpu, LEAST_TIME), edges)[0]
-    axes.stairs(counts, edges, fill=True, color=color, alpha=0.75, baseline=0.0, label=f"CPU{which}")
-    counts = np.histogram(np.maximum(run.wall, LEAST_TIME), edges)[0]
-    axes.stairs(counts, edges, color=INK, linewidth=0.9, baseline=0.0, label=f"wall{which}")
+        stairs(run.all_cpu, "CPU, all", fill=True, color="#d8dee4")
+    stairs(run.cpu, f"CPU{which}", fill=True, color=color, alpha=0.75)
+    stairs(run.wall, f"wall{which}", color=INK, linewidth=0.9)
     most = max(1, run.all_cpu.size)
-    # Room above the bars for two lines of text.
+    # The space above the bars is for two lines of text.
     axes.set_ylim(0.6, 10.0 ** (1.3 * np.log10(most) + 0.6))
     axes.set_yscale("log")
     powers = [10**k for k in range(int(np.log10(most)) + 1)]
@@ -137,7 +126,7 @@ def _draw_panel(axes: "Axes", run: TickTimes, edges: FloatArray, color: str, nam
         return
     for line, (name, value) in enumerate((("p50", statistics.p50), ("p99", statistics.p99))):
         axes.axvline(1e-6 * value, color=INK, linewidth=0.9, linestyle=(0, (3, 2)))
-        # Each on a line of its own, however near they are to each other.
+        # Each has its own line, however near they are to each other.
         axes.annotate(
             f"{name} {time_text(1e-6 * value)}", (1e-6 * value, 1.0), (3.0, -2.0 - 72 * LINE * line),
             xycoords=("data", "axes fraction"), textcoords="offset points", va="top", bbox=HALO,
@@ -154,9 +143,7 @@ def _scale(axes: "Axes", edges: FloatArray, narrow: bool) -> None:
     decades = np.log10(edges[-1] / edges[0])
     named = [time for time in TIMES if edges[0] <= time <= edges[-1]]
     if decades > (1.4 if narrow else 3.2):
-        named = [
-            time for time in named if np.isclose(np.log10(time) % 1.0, 0.0) or np.isclose(np.log10(time) % 1.0, 1.0)
-        ]
+        named = [time for time in named if np.isclose((np.log10(time) + 0.5) % 1.0, 0.5)]
     axes.set_xticks(named, [time_text(time).replace(".0 ", " ") for time in named])
     axes.minorticks_off()
 

@@ -1,4 +1,4 @@
-"""What results are called in a report: a letter, and in few words what tells each from the others."""
+"""Labels of results in a report: a letter, and in few words what tells each from the others."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -11,23 +11,22 @@ from hhsim.report.provenance import motion_name, object_name
 from hhsim.result.reader import Result
 
 UNNAMED = "method"
-"""Where a file does not say which method was run."""
+"""Label where a file does not say which method was run."""
 LENGTHS = ("margin", "skin", "offset", "step_tolerance", "touch")
 """Options of the solver that are lengths [m]."""
 TIMES = ("period", "response", "contact_response")
 """Options of the solver that are times [s]."""
 STIFFNESS = ("translation", "rotation", "flexion")
-"""That are told together, as the command line has them."""
+"""Stiffnesses that the command line takes together."""
 LONGEST_VALUE = 28
-"""Letters of an option's value; a longer one is cut."""
+"""Most letters of an option's value; a longer one is cut."""
 
 
 def result_labels(results: Sequence[Result]) -> list[str]:
-    """A label for each result: its method and, where these differ, object, motion and options; letters for several.
+    """Return a label for each result: its method and, where these differ, object, motion and options.
 
-    Options are told apart among the results of one object, motion and method, and only where they are not what most
-    of these have: options that follow from the method, or that all share, say nothing. Results that differ in none have
-    one label, but for their letters.
+    Several results have letters. Options are named only among results of one object, motion and method, where they
+    differ from what most of these have. Results that differ in nothing share a label but for their letters.
     """
     names = [(object_name(result), motion_name(result), result.method or UNNAMED) for result in results]
     if len(results) == 1:
@@ -44,13 +43,13 @@ def result_labels(results: Sequence[Result]) -> list[str]:
 
 
 def letter(number: int) -> str:
-    """Letters for a number: A, B, … Z, AA, AB, … for 0, 1, and so on."""
+    """Return the letters of a number: A, B, … Z, AA, AB, … for 0, 1, and so on."""
     rest, last = divmod(number, 26)
     return (letter(rest - 1) if rest else "") + chr(ord("A") + last)
 
 
 def option_words(result: Result) -> dict[str, str]:
-    """How a result was run, by the name of each option, in words that need no other."""
+    """Return a result's options in words by their names."""
     scene = result.scene
     solver: Mapping[str, Any] = scene.get("solver", {})
     levels = result.static["object/tree/level"]
@@ -97,15 +96,15 @@ CAUSED = {
     **{f"scene {name}": ("kind",) for name in ("samples", "placement", "seed", "size_mm", "thickness_mm")},
     "source": ("kind",),
 }
-"""What follows from something else, and is not told where that is."""
+"""Options that follow from others, and are left out where those differ."""
 AROUND = ("source", "hhsim", "commit", "cpu")
-"""What is told of results that were run in the same way."""
+"""Words for results that were run in the same way."""
 MOST_WORDS = 3
-"""Options in a label."""
+"""Most options in a label."""
 
 
 def _telling(options: Sequence[dict[str, str]]) -> list[list[str]]:
-    """Of each result's options those that tell it from the others."""
+    """Return of each result's options those that tell it from the others."""
     names = list(dict.fromkeys(name for one in options for name in one))
     differing = [name for name in names if len({one.get(name) for one in options}) > 1]
     told = [name for name in differing if not set(CAUSED.get(name, ())) & set(differing)]
@@ -123,14 +122,14 @@ def _telling(options: Sequence[dict[str, str]]) -> list[list[str]]:
 
 
 def _placed(placement: Mapping[str, Any]) -> str:
-    """Where the object of a recording was put, by what tells one place from another; not by whose word."""
+    """Return in words where the object of a recording was put."""
     if "time" not in placement or "depth" not in placement:
         return "object placed"
     return f"placed at {float(placement['time']):.2f} s, {1e3 * float(placement['depth']):.1f} mm deep"
 
 
 def option_value(name: str, value: Any) -> str:
-    """An option of the solver as people read it: lengths in mm, times in ms, numbers by six digits."""
+    """Return an option of the solver as people read it: lengths in mm, times in ms, numbers with six digits."""
     if name in LENGTHS and isinstance(value, int | float):
         return f"{1e3 * value:g} mm"
     if name in TIMES and isinstance(value, int | float):

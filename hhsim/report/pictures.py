@@ -13,11 +13,10 @@ from hhsim.kernels.contact.surface import ContactPoints
 from hhsim.metrics.contact_points import find_contact_points
 from hhsim.metrics.metrics import FORCE_FLOOR
 from hhsim.metrics.run_ticks import HOLD
-from hhsim.render.box_clip import near_hands
 from hhsim.render.hand_meshes import PIECES
 from hhsim.render.rasterizer import Camera, blend, frame, look_from, shade
 from hhsim.render.replay_figure import GHOST, STONE, PhalanxForce, arrow, label, seen_through, shown_tick
-from hhsim.render.triangle_soup import Surface, hand_surface, joined, mesh_surface, painted
+from hhsim.render.triangle_soup import Surface, hand_surface, joined, mesh_surface, near_hands, painted
 from hhsim.render.viewpoint import View, viewpoint
 from hhsim.report.figure import DPI, INK, TEXT, Drawing, ReportFigure, drawn_figure, new_figure, png_bytes
 from hhsim.result.reader import Result, load_result
@@ -33,32 +32,22 @@ if TYPE_CHECKING:
 PICTURE = (3.6, 3.2)
 """Width and height of the picture of one tick [inches]."""
 SMALL_TEXT = 12.5
-"""Of that picture [pt]: beside others it is shown 16 rem wide, where this is 12 pixels."""
+"""Size of its text [pt]: 12 pixels where the picture is shown 16 rem wide beside others."""
 OVERVIEW, HEADING = (3.5, 3.2), 0.24
-"""Of each half of the overview, and room for its title [inches]."""
+"""Width and height of each half of the overview, and height of its title [inches]."""
 RENDER_DPI = 170
-"""Of what is rendered; text is finer."""
+"""Resolution of the rendered part; text is finer."""
 MARGIN = 0.06
-"""Of the picture, left free on each side: numbers stand beyond the tips of the arrows."""
+"""Share of the picture that is left free on each side for the numbers at the arrows."""
 DOT = "#212126"
 BAR = 0.02
-"""Of the bar that shows the scale [m]."""
+"""Length of the bar that shows the scale [m]."""
 CUT = "The object is larger than the picture, and cut at its edge."
-"""Of an object of which a part is shown."""
 
 
 @dataclass(frozen=True)
 class Moment:
-    """One tick as it is drawn.
-
-    Attributes:
-        graphic, haptic, body: The surfaces.
-        forces: That can be felt.
-        contacts: Touching pairs.
-        view: From where it is seen.
-        sentence: What the picture says.
-        cut: Whether the object goes on beyond the picture.
-    """
+    """One tick as it is drawn: surfaces, forces that can be felt, contacts, view, and alternative text."""
 
     graphic: Surface
     haptic: Surface
@@ -71,7 +60,7 @@ class Moment:
 
 
 def overview_picture(result: Result) -> ReportFigure:
-    """The hand on the object at `overview_tick`.
+    """Draw the hand on the object at `overview_tick`.
 
     Raises:
         InputError: The result holds no tick, or its hand cannot be told (`hhsim.replay.stored_scene.stored_hand`).
@@ -81,7 +70,7 @@ def overview_picture(result: Result) -> ReportFigure:
     camera = _camera(moment, OVERVIEW)
     panels = {
         "what the user sees": blend([(shade(joined([moment.graphic, moment.body]), camera), 1.0)]),
-        "why: the user's own hand (blue), forces": _seen_through(moment, camera),
+        "why: the user's own hand (blue), forces": _see_through(moment, camera),
     }
 
     def draw(figure: "Figure", narrow: bool) -> None:
@@ -110,11 +99,7 @@ def overview_picture(result: Result) -> ReportFigure:
 
 
 def overview_tick(result: Result) -> int:
-    """The last tick of the first hold; where nothing is held the first one of the largest force, or the last of all.
-
-    Raises:
-        InputError: The result holds no tick.
-    """
+    """Return the last tick of the first hold; else that of largest force, or the last; InputError without a tick."""
     if result.ticks and not any(phase.name == HOLD for phase in result.phases):
         size = np.nan_to_num(np.linalg.norm(result["force/total"], axis=1))
         if size.max() >= FORCE_FLOOR:
@@ -123,25 +108,14 @@ def overview_tick(result: Result) -> int:
 
 
 def held_picture(result: Result, view: View | None = None) -> ReportFigure:
-    """Of the same tick as the overview the second half alone, as large as fits beside that of another result.
-
-    Args:
-        view: Of the viewer; None for that of the overview.
-
-    Raises:
-        InputError: The result holds no tick, or its hand cannot be told (`hhsim.replay.stored_scene.stored_hand`).
-    """
+    """Draw the second half of the overview alone, from `view` or that of the overview; errors as `overview_picture`."""
     tick = overview_tick(result)
     figure = hand_picture(result, tick, view)
     return replace(figure, name="hand", title=f"Tick {tick:,}, {result.phase_at(tick) or 'no phase'}")
 
 
 def overview_view(result: Result) -> View:
-    """From where the overview looks.
-
-    Raises:
-        InputError: The result holds no tick, or its hand cannot be told (`hhsim.replay.stored_scene.stored_hand`).
-    """
+    """Return the viewer's direction of the overview; errors as `overview_picture`."""
     return _moment(result, overview_tick(result), None).view
 
 
@@ -149,12 +123,9 @@ def draw(result: Result | str | Path, tick: int | None = None, view: tuple[float
     """Draw the hand on the object at one tick, with contact points and forces; a notebook shows the picture by itself.
 
     Args:
-        result: Of a replay or a session, or its file.
-        tick: Number of the tick, from 0; None for the end of the first hold (`overview_tick`).
-        view: As of `hand_picture`.
-
-    Raises:
-        InputError: As `hand_picture`.
+        result: Result of a replay or a session, or its file.
+        tick: Number of the tick, from 0; None for `overview_tick`.
+        view: As of `hand_picture`, which also says the errors.
     """
     # The camera moves along with an object that moves.
     seen = (result if isinstance(result, Result) else load_result(result)).seen_from_object
@@ -164,13 +135,13 @@ def draw(result: Result | str | Path, tick: int | None = None, view: tuple[float
 def hand_picture(
     result: Result, tick: int, view: tuple[float, float] | None = None, usual: View | None = None
 ) -> ReportFigure:
-    """The hand at one tick, with contact points and forces.
+    """Draw the hand at one tick, with contact points and forces.
 
     Args:
         tick: Number of the tick, from 0.
-        view: Azimuth from x to y and elevation [degrees] of the viewer; None for that of the overview, or for the
-            clearest of some where much is hidden there.
-        usual: The view of the overview, where it is known.
+        view: Azimuth from x to y and elevation [degrees] of the viewer; None for that of the overview, or a clearer
+            one where much is hidden there.
+        usual: View of the overview, where it is known.
 
     Raises:
         InputError: No such tick, or the result's hand cannot be told (`hhsim.replay.stored_scene.stored_hand`).
@@ -181,7 +152,7 @@ def hand_picture(
     with new_figure(*PICTURE) as figure:
         camera = _camera(moment, PICTURE)
         axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-        _show(axes, _seen_through(moment, camera), moment, camera, why=True, size=SMALL_TEXT)
+        _show(axes, _see_through(moment, camera), moment, camera, why=True, size=SMALL_TEXT)
         png = png_bytes(figure)
     caption = "Skin: graphic hand. Blue: haptic hand. Dots: contacts. Red: forces; the object is see-through."
     caption += f" {CUT}" if moment.cut else ""
@@ -192,7 +163,11 @@ def hand_picture(
 def _moment(result: Result, tick: int, view: View | None, usual: View | None = None) -> Moment:
     result.at(tick, ())
     scene = shown_scene(result)
-    ticks = _shown(result, tick)
+
+    def column(name: str) -> AnyArray:
+        return np.ascontiguousarray(result.at(tick, (name,))[name][None])
+
+    ticks = shown_ticks(column, [tick], [0], [0])
     graphic, haptic = (
         hand_surface(scene.hand, *(values[0] for values in pose)) for pose in (ticks.graphic, ticks.haptic)
     )
@@ -218,15 +193,8 @@ def _moment(result: Result, tick: int, view: View | None, usual: View | None = N
     return Moment(graphic, painted(haptic, GHOST), body, forces, contacts, view, sentence, cut=body is not whole)
 
 
-def _shown(result: Result, tick: int) -> ShownTicks:
-    def column(name: str) -> AnyArray:
-        return np.ascontiguousarray(result.at(tick, (name,))[name][None])
-
-    return shown_ticks(column, [tick], [0], [0])
-
-
 def _camera(moment: Moment, size: tuple[float, float]) -> Camera:
-    """For a picture of so many inches."""
+    """Return the camera of a picture of this width and height [inches]."""
     body = moment.body.points[np.unique(moment.body.faces)]
     tips = np.array([force.contact + arrow(force) for force in moment.forces]).reshape(-1, 3)
     points = np.concatenate([moment.graphic.points, moment.haptic.points, body, tips])
@@ -234,29 +202,19 @@ def _camera(moment: Moment, size: tuple[float, float]) -> Camera:
     return frame(points, look_from(moment.view.towards), shape, MARGIN)
 
 
-def _seen_through(moment: Moment, camera: Camera) -> FloatArray:
+def _see_through(moment: Moment, camera: Camera) -> FloatArray:
     return seen_through(moment.graphic, moment.haptic, moment.body, moment.forces, camera)
 
 
 def _show(axes: "Axes", picture: FloatArray, moment: Moment, camera: Camera, why: bool, size: float = TEXT) -> None:
-    """Show a picture with the bar of its scale; `why` with contacts and the sizes of the forces too."""
+    """Show a picture with the bar of its scale, and with contacts and the sizes of forces where `why` is set."""
     axes.imshow(picture, interpolation="antialiased", aspect="auto")
     axes.set_axis_off()
     if why:
-        _dots(axes, moment.contacts.point, camera)
+        seen = (moment.contacts.point - camera.center) @ camera.rotation.T * (camera.shape[0] / camera.height)
+        across, down = 0.5 * camera.shape[1] + seen[:, 0], 0.5 * camera.shape[0] - seen[:, 1]
+        axes.scatter(across, down, s=9.0, facecolor=DOT, edgecolor="white", linewidth=0.5, zorder=3)
         label(axes, moment.forces, camera, size=size, pixel=100.0 / RENDER_DPI)
-    _bar(axes, camera, size)
-
-
-def _dots(axes: "Axes", points: FloatArray, camera: Camera) -> None:
-    seen = (points - camera.center) @ camera.rotation.T * (camera.shape[0] / camera.height)
-    axes.scatter(
-        0.5 * camera.shape[1] + seen[:, 0], 0.5 * camera.shape[0] - seen[:, 1],
-        s=9.0, facecolor=DOT, edgecolor="white", linewidth=0.5, zorder=3,
-    )  # fmt: skip
-
-
-def _bar(axes: "Axes", camera: Camera, size: float) -> None:
     rows, columns = camera.shape
     long, left, down = BAR * rows / camera.height, 0.04 * columns, 0.95 * rows
     axes.plot([left, left + long], [down, down], color=INK, linewidth=1.6, solid_capstyle="butt")

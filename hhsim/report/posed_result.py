@@ -1,4 +1,4 @@
-"""A result whose depths are those of the poses that the report shows, whatever the file's own columns say."""
+"""A result whose depths are computed from its poses, whatever the file's own columns say."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields
@@ -14,7 +14,7 @@ from hhsim.replay.stored_scene import stored_surface
 from hhsim.result.reader import Result
 
 DEPTH, PALM, FINGER = "penetration_depth", "penetration_palm", "penetration_finger"
-"""The datasets of /tick that follow from the poses."""
+"""Datasets of /tick that follow from the poses."""
 POSES = ("graphic/joints", "graphic/position", "graphic/orientation")
 BLOCK_TICKS = 16_384
 """Ticks that are read at a time."""
@@ -24,12 +24,7 @@ ROUNDING = 1e-9
 
 @dataclass(frozen=True, repr=False)
 class PosedResult(Result):
-    """A result with depths of its poses in its object's surface.
-
-    Attributes:
-        depths: The datasets that are computed, by name [m].
-        stated_depth: Deepest by the file's own column [m]; NaN where that has no number.
-    """
+    """A result with depths [m] computed from its poses, and the deepest by the file's own column (NaN without one)."""
 
     depths: dict[str, AnyArray] = field(default_factory=dict, compare=False)
     stated_depth: float = np.nan
@@ -52,11 +47,11 @@ class PosedResult(Result):
 
     @property
     def deepest(self) -> float:
-        """Deepest of all ticks, by their poses [m]; 0 where none has a depth."""
+        """Deepest penetration of all ticks, by their poses [m]."""
         return _deepest(self.depths[DEPTH])
 
     def contradiction(self) -> str:
-        """What the file's own column says otherwise, in a sentence; "" where it says the same."""
+        """Return in a sentence where the file's own depth differs; "" where it agrees."""
         if self.ticks == 0 or abs(self.stated_depth - self.deepest) <= ROUNDING:
             return ""
         return (
@@ -66,39 +61,22 @@ class PosedResult(Result):
 
 
 def posed_result(result: Result) -> PosedResult:
-    """Compute the depths of a result from its poses, in its columns and in its summary.
-
-    Of an object that moves, all is as the object sees it: beside it the hand is looked at, and it stands still.
+    """Compute the depths of a result from its poses, seen from its object, in its columns and in its summary.
 
     Raises:
-        InputError: The file cannot be read, or the arrays of its tree are none.
+        InputError: The file cannot be read, or its tree is damaged.
     """
     result = result.seen_from_object
-    static = result.static
+    sizes = [result.static[f"hand/{name}"] for name in ("phalanx_radius", "palm_center", "palm_radius")]
     surface = stored_surface(result).arrays
     used = [finger in result.fingers for finger in FINGERS]
-    depths = {
-        DEPTH: np.empty(result.ticks),
-        PALM: np.empty(result.ticks),
-        FINGER: np.empty((result.ticks, len(FINGERS))),
-    }
+    depths = {name: np.empty(result.ticks) for name in (DEPTH, PALM)} | {FINGER: np.empty((result.ticks, len(FINGERS)))}
     stated, first = 0.0, 0
     for block in result.blocks([*POSES, DEPTH], BLOCK_TICKS):
-        joints, position, orientation = (block[name] for name in POSES)
-        found = penetration(
-            surface,
-            static["hand/phalanx_radius"],
-            static["hand/palm_center"],
-            static["hand/palm_radius"],
-            joints,
-            position,
-            orientation,
-            used,
-        )
-        part = slice(first, first + len(block[DEPTH]))
-        finite = np.logical_and.reduce(
-            [np.isfinite(block[name]).reshape(len(block[DEPTH]), -1).all(1) for name in POSES]
-        )
+        count = len(block[DEPTH])
+        found = penetration(surface, *sizes, *(block[name] for name in POSES), used)
+        part = slice(first, first + count)
+        finite = np.logical_and.reduce([np.isfinite(block[name]).reshape(count, -1).all(1) for name in POSES])
         for name, values in ((DEPTH, found.depth), (PALM, found.palm), (FINGER, found.finger)):
             values[~finite] = np.nan
             depths[name][part] = values
@@ -114,7 +92,7 @@ def _deepest(depth: AnyArray) -> float:
 
 
 def _figures(result: Result, depths: dict[str, AnyArray]) -> dict[str, float]:
-    """Figures of the summary that follow from depths alone."""
+    """Return figures of the summary that follow from depths alone."""
     ticks = result_ticks(result, depths)
     return {
         name: float(metric.compute(ticks))

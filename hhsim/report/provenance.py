@@ -1,4 +1,4 @@
-"""What was run, on what, and where it comes from: facts of a result for the tables of a report."""
+"""Facts of a result for the tables of a report: what was run, on what, and where it comes from."""
 
 import hashlib
 import json
@@ -15,21 +15,27 @@ from hhsim.system.counted import counted
 from hhsim.system.input_file import open_input
 
 NONE = "—"
-"""Where a result does not say."""
+"""Stands for what a result does not say."""
 
 AS_GIVEN = "as the motion has it"
+DRIVEN = "moves as the motion has it; figures and pictures are seen from it"
+FORCES = {"kkt": "multipliers of the program (kkt)", "paper": "Eq. 14 of the paper"}
+COUPLING = {"translation": "N/m", "rotation": "N·m/rad", "flexion": "N·m/rad"}
+"""Units of the stiffnesses of the virtual coupling."""
 
 
 def run_facts(result: Result) -> dict[str, str]:
-    """What was run: object, motion, hand, method."""
+    """Return object, motion, hand and method."""
     scene, static = result.scene, result.static
     solver: Mapping[str, Any] = scene.get("solver", {})
     low, high = static["object/vertices"].min(axis=0), static["object/vertices"].max(axis=0)
     extent = " × ".join(f"{1e3 * side:.0f}" for side in high - low)
     level = static["object/tree/level"]
     depth = int(level.max(initial=0))
-    hand = scene.get("hand", {})
-    fingers = result.fingers
+    hand = scene.get("hand") or {"side": NONE}
+    side, fingers = str(hand.get("side", "")), result.fingers
+    stiffness = solver.get("stiffness", {})
+    coupling = [f"{name} {stiffness[name]:g} {unit}" for name, unit in COUPLING.items() if name in stiffness]
     facts = {
         "object": object_name(result),
         "object, extent": f"{extent} mm, {counted(len(static['object/faces']), 'triangle')}",
@@ -39,20 +45,17 @@ def run_facts(result: Result) -> dict[str, str]:
         "motion": motion_name(result),
         "its source": str(scene.get("motion_source") or NONE),
         "the object's place": str(
-            (scene.get("placement") or {}).get("text")
-            or ("moves as the motion has it; figures and pictures are seen from it" if result.driven else AS_GIVEN)
+            (scene.get("placement") or {}).get("text") or (DRIVEN if result.driven else AS_GIVEN)
         ),
         "ticks": f"{result.ticks:,} at {result.rate:,g} Hz, {result.ticks / result.rate:,.2f} s",
-        "hand": _hand(hand),
+        "hand": f"{side}, {1e3 * hand['length']:.0f} mm long" if "length" in hand else side,
         "fingers": "all five" if len(fingers) == len(FINGERS) else ", ".join(fingers) or "none",
         "method": str(solver.get("method", NONE)),
         "QP solver": str(solver.get("qp", NONE)),
-        "forces": {"kkt": "multipliers of the program (kkt)", "paper": "Eq. 14 of the paper"}.get(
-            str(solver.get("force")), NONE
-        ),
+        "forces": FORCES.get(str(solver.get("force")), NONE),
         "linearisations of a tick, most": f"{solver.get('linearisations', NONE)}",
         "margin": f"{1e3 * solver['margin']:g} mm" if "margin" in solver else NONE,
-        "coupling": _coupling(solver.get("stiffness", {})),
+        "coupling": ", ".join(coupling) or NONE,
         "not modelled": ", ".join(scene.get("modelled", {}).get("not_modelled", [])) or NONE,
     }
     if result.live is not None:
@@ -61,7 +64,7 @@ def run_facts(result: Result) -> dict[str, str]:
 
 
 def machine_facts(result: Result) -> dict[str, str]:
-    """What it ran on."""
+    """Return machine and versions."""
     machine = {str(name): str(value) for name, value in result.machine.items()}
     packages = ", ".join(f"{name} {version}" for name, version in sorted(result.packages.items()))
     return {
@@ -77,7 +80,7 @@ def machine_facts(result: Result) -> dict[str, str]:
 
 
 def origin_facts(result: Result) -> dict[str, str]:
-    """Where the figures come from: the file, its state and its checksums."""
+    """Return the file, its state and its checksums."""
     stated: Mapping[str, Any] = result.scene.get("checksums", {})
     return {
         "file": result.path.name,
@@ -91,53 +94,36 @@ def origin_facts(result: Result) -> dict[str, str]:
 
 
 def option_facts(result: Result) -> dict[str, str]:
-    """Every option of the solver, as it stands in the file."""
+    """Return every option of the solver as it stands in the file."""
     solver = result.scene.get("solver", {})
     return {name: json.dumps(value, ensure_ascii=False) for name, value in sorted(solver.items())}
 
 
 def object_name(result: Result) -> str:
-    """What people call the object; a file without its folder."""
+    """Return what people call the object; a file without its folder."""
     scene = result.scene
     return str(scene.get("object_name") or Path(str(scene.get("object") or "object")).name)
 
 
 def motion_name(result: Result) -> str:
-    """What people call the motion."""
+    """Return what people call the motion."""
     scene = result.scene
     return str(scene.get("motion") or Path(str(scene.get("trajectory") or "motion")).name)
 
 
 def commit(result: Result) -> str:
-    """The commit of the hhsim that wrote a result, in short, and whether its files had changed."""
+    """Return the short commit of the hhsim that wrote a result, and whether its files had changed."""
     changed = ", with changes that are not committed" if result.git_dirty is True else ""
     return f"{result.git_revision[:12]}{changed}"
 
 
 def file_digest(path: Path) -> str:
-    """SHA-256 of a file, in hexadecimal digits.
-
-    Raises:
-        InputError: It cannot be read.
-    """
+    """Return the SHA-256 of a file in hexadecimal digits; raise InputError if it cannot be read."""
     try:
         with open_input(path) as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}") from error
-
-
-def _hand(hand: Mapping[str, Any]) -> str:
-    if not hand:
-        return NONE
-    side = str(hand.get("side", ""))
-    return f"{side}, {1e3 * hand['length']:.0f} mm long" if "length" in hand else side
-
-
-def _coupling(stiffness: Mapping[str, Any]) -> str:
-    names = (("translation", "N/m"), ("rotation", "N·m/rad"), ("flexion", "N·m/rad"))
-    parts = [f"{name} {stiffness[name]:g} {unit}" for name, unit in names if name in stiffness]
-    return ", ".join(parts) or NONE
 
 
 def _session(result: Result, live: Mapping[str, Any]) -> dict[str, str]:

@@ -1,10 +1,7 @@
-"""`hhsim report`: one page of HTML that says all of one result, or sets several side by side, and its pictures.
+"""`hhsim report`: one HTML page of results, which needs no server and no script; the same files give the same bytes."""
 
-The page holds its pictures and its style, asks no server for anything, and needs no script. The same files give the
-same bytes.
-"""
-
-from collections.abc import Sequence
+import itertools
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,30 +9,31 @@ from typing import Any
 from hhsim import __version__
 from hhsim.bench import table as bench_file
 from hhsim.errors import InputError, OutputError
+from hhsim.metrics.session_faults import how_it_ended
 from hhsim.report.bench_section import bench_section
 from hhsim.report.compare import Comparison, compare
 from hhsim.report.figure import Album, PageFigure
 from hhsim.report.histogram import histogram_figure
 from hhsim.report.pictures import CUT, held_picture, overview_picture, overview_view
+from hhsim.report.provenance import motion_name, object_name
 from hhsim.report.run import ReportRun, report_runs
 from hhsim.report.sections import result_tables
 from hhsim.report.speed_error import speed_error_figure
 from hhsim.report.time_series import series_figure
-from hhsim.report.title import subtitle_of, title_of
-from hhsim.report.worst_ticks_section import worst_cards
+from hhsim.report.worst_ticks import worst_cards
 from hhsim.result.reader import load_result
 from hhsim.system.atomic_write import write_together
+from hhsim.system.counted import counted
 from hhsim.system.input_file import open_input
 from hhsim.system.output_path import check_output_path
 from hhsim.system.progress import Progress, silent
 from hhsim.table.html import render
 
 GENERATOR = "hhsim report"
-"""What the page says it was made by; files that do not are not replaced."""
+"""Program that the page names; a file without it is not replaced."""
 PAGE = "report.html"
-"""Name of the page in a folder of its own."""
 HEAD_BYTES = 2048
-"""Of a page that is there already: its head is in them."""
+"""Length of the start of a page that holds its generator."""
 FIGURES = (
     ("time", "Over time", series_figure),
     ("ticks", "How long a tick takes", histogram_figure),
@@ -43,20 +41,13 @@ FIGURES = (
 )
 """Anchor, heading and maker of the figures that show all results together."""
 HANDS = "Skin: graphic hand. Blue: haptic hand. Dots: contacts. Red: forces; the object is see-through."
-"""Below the hands of several results."""
+"""Note below the hands of several results."""
 CUT_OBJECT = "An object that is much larger than the hand is cut at a clean edge near it."
-"""And that of those of which one is cut."""
 
 
 @dataclass(frozen=True)
 class Report:
-    """A report that is not written yet.
-
-    Attributes:
-        pictures: PNGs by the name that each file gets.
-        runs: What was computed of each result.
-        comparisons: Of each but the first one with the first one.
-    """
+    """A report that is not written yet: PNGs by file name, and comparisons with the first result."""
 
     title: str
     html: str
@@ -65,7 +56,7 @@ class Report:
     comparisons: tuple[Comparison, ...]
 
     def verdict_lines(self) -> list[str]:
-        """The verdicts, a line each."""
+        """Return the verdicts, a line each."""
         lines = [f"{run.label}: {run.ended}" for run in self.runs if run.ended]
         lines += [f"{run.label}: {run.verdict.word}. {' '.join(run.verdict.sentences)}" for run in self.runs]
         for run in self.runs:
@@ -74,7 +65,7 @@ class Report:
         return lines + [f"{run.label} beside {self.runs[0].label}: {found.sentence()}" for run, found in compared]
 
     def to_json(self) -> dict[str, Any]:
-        """As plain values."""
+        """Return the report as plain values for JSON."""
         return {
             "title": self.title,
             "results": [
@@ -91,9 +82,7 @@ class Report:
                 {
                     "result": str(run.result.path),
                     "comparable": found.comparable,
-                    "scene": list(found.scene),
-                    "how": list(found.how),
-                    "around": list(found.around),
+                    **{name: list(getattr(found, name)) for name in ("scene", "how", "around")},
                 }
                 for run, found in zip(self.runs[1:], self.comparisons)
             ],
@@ -102,21 +91,18 @@ class Report:
 
 @dataclass(frozen=True)
 class ReportFiles:
-    """Where a report is."""
+    """Paths of a written report."""
 
     page: Path
     pictures: tuple[Path, ...]
 
     def to_json(self) -> dict[str, Any]:
-        """As plain values."""
+        """Return the paths as plain values for JSON."""
         return {"report": str(self.page), "pictures": [str(path) for path in self.pictures]}
 
 
 def make_report(paths: Sequence[Path], *, progress: Progress = silent) -> Report:
-    """Read results and tables of `hhsim bench`, and make the page of them.
-
-    Args:
-        paths: Files, in the order of the page; results are compared with the first of them.
+    """Make the page of results and tables of `hhsim bench`, in the order of the files.
 
     Raises:
         InputError: No file, or one that is neither a result nor a table of hhsim bench.
@@ -125,12 +111,16 @@ def make_report(paths: Sequence[Path], *, progress: Progress = silent) -> Report
         raise InputError("a report needs at least one result")
     tables = {path: bench_file.load_table(path) for path in paths if bench_file.is_table(path)}
     results = [load_result(path) for path in paths if path not in tables]
-    steps = _Steps(progress, 3 + len(FIGURES))
-    steps("reading")
+    steps = itertools.count()
+
+    def report_step(what: str) -> None:
+        progress(what, next(steps), 3 + len(FIGURES))
+
+    report_step("reading")
     runs = report_runs(results)
     comparisons = [compare(results[0], other) for other in results[1:]]
     album = Album()
-    parts = _result_parts(runs, comparisons, album, steps) if runs else {}
+    parts = _result_parts(runs, comparisons, album, report_step) if runs else {}
     benches = {
         f"bench-{i}": bench_section(found, path.name, album, f"bench-{i}-" if len(tables) > 1 else "")
         for i, (path, found) in enumerate(tables.items(), 1)
@@ -144,29 +134,16 @@ def make_report(paths: Sequence[Path], *, progress: Progress = silent) -> Report
 
 
 def check_report_path(output_path: Path) -> Path:
-    """Look, before the work, for what would keep a report from being written.
-
-    Args:
-        output_path: A page, NAME.html, or a folder, which is made where it is missing.
-
-    Returns:
-        Where the page goes.
+    """Return the path of the page NAME.html, or in a folder, which is made where it is missing.
 
     Raises:
-        OutputError: As `hhsim.system.output_path.check_output_path`; or a file is there that hhsim report did not
-        write.
+        OutputError: As `hhsim.system.output_path.check_output_path`; or a file that is no report is there.
     """
-    if output_path.suffix.lower() in (".html", ".htm"):
-        page = output_path
-        check_output_path(page)
-    elif output_path.is_dir():
-        page = output_path / PAGE
-        check_output_path(page)
-    else:
-        page = output_path / PAGE
-        check_output_path(output_path)
-        if output_path.exists():
-            raise OutputError(f"{output_path} is a file: name a folder, or a page such as {output_path}.html")
+    is_page = output_path.suffix.lower() in (".html", ".htm")
+    page = output_path if is_page else output_path / PAGE
+    check_output_path(page if is_page or output_path.is_dir() else output_path)
+    if not is_page and output_path.exists() and not output_path.is_dir():
+        raise OutputError(f"{output_path} is a file: name a folder, or a page such as {output_path}.html")
     if page.exists() and f'content="{GENERATOR} ' not in _head(page):
         raise OutputError(
             f"{page} exists and is no page of hhsim report, so it is not replaced: name another with --out"
@@ -175,14 +152,10 @@ def check_report_path(output_path: Path) -> Path:
 
 
 def write_report(report: Report, output_path: Path) -> ReportFiles:
-    """Write the page and its pictures, all of them or nothing, the page last.
-
-    Args:
-        output_path: As for `check_report_path`. Of NAME.html the pictures are NAME-….png beside it.
+    """Write the page and its pictures, NAME-….png beside NAME.html, all or none of them, the page last.
 
     Raises:
-        OutputError: As `check_report_path`; or a picture's name is taken, and no page of a report is there that
-            it could belong to; or a full disk.
+        OutputError: As `check_report_path`; a picture's name is taken where there is no report; or a full disk.
     """
     page = check_report_path(output_path)
     stem = "" if page.name == PAGE else f"{page.stem}-"
@@ -190,32 +163,39 @@ def write_report(report: Report, output_path: Path) -> ReportFiles:
     taken = [path for path in files if path.exists()]
     if taken and not page.exists():
         raise OutputError(f"{taken[0]} exists, and no report that it belongs to: name another place with --out")
-    made = _make_folder(page.parent)
+    folder = page.parent
+    try:
+        missing = not folder.exists()
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise OutputError(
+            f"cannot make the folder {folder}: {error.strerror or error}; name another with --out"
+        ) from error
     try:
         write_together({**files, page: report.html.encode()})
     except OutputError:
-        if made:
-            page.parent.rmdir()
+        if missing:
+            folder.rmdir()
         raise
     return ReportFiles(page, tuple(files))
 
 
 def _result_parts(
-    runs: Sequence[ReportRun], comparisons: Sequence[Comparison], album: Album, steps: "_Steps"
+    runs: Sequence[ReportRun], comparisons: Sequence[Comparison], album: Album, report_step: Callable[[str], None]
 ) -> dict[str, Any]:
-    """Return all that the page shows of results, by the names of its template."""
+    """Return what the page shows of results, by the names of its template."""
     several = len(runs) > 1
     results = {run.label: run.result for run in runs}
-    steps("the hand")
+    report_step("the hand")
     hands = _hands(runs, album)
     cut = any(isinstance(hand, PageFigure) and CUT in hand.figure.caption for hand in hands)
-    # The one beside the curves says most of several results, the other of one.
+    # Beside the curves stands the figure that says most: of several results the trade-off, of one the histogram.
     beside, below = ("speed-error", "ticks") if several else ("ticks", "speed-error")
     figures, headings = {}, {}
     for name, heading, make in FIGURES:
-        steps(heading.lower())
+        report_step(heading.lower())
         figures[name], headings[name] = album.shown(make(results), aside=name == beside), heading
-    steps("worst ticks")
+    report_step("worst ticks")
     return {
         "subtitle": subtitle_of(runs),
         "figures": figures,
@@ -230,9 +210,9 @@ def _result_parts(
 
 
 def _hands(runs: Sequence[ReportRun], album: Album) -> list[PageFigure | str]:
-    """Return the hand of one result in two halves; of several the half that says more, all from the same side.
+    """Return the hand of one result in two halves, or the contact half of several results, seen from one side.
 
-    A sentence stands for a picture that cannot be made.
+    Where a picture cannot be made, its place has a sentence.
     """
     several, view = len(runs) > 1, None
     found: list[PageFigure | str] = []
@@ -244,9 +224,7 @@ def _hands(runs: Sequence[ReportRun], album: Album) -> list[PageFigure | str]:
             else:
                 made = overview_picture(run.result)
         except InputError as error:
-            found.append(
-                f"{run.label}: No picture of the hand: {error}" if several else f"No picture of the hand: {error}"
-            )
+            found.append(f"{f'{run.label}: ' if several else ''}No picture of the hand: {error}")
         else:
             title = f"{run.label}, {made.title[0].lower()}{made.title[1:]}" if several else ""
             found.append(album.shown(made, run.prefix, title))
@@ -261,24 +239,31 @@ def _head(page: Path) -> str:
         raise OutputError(f"cannot replace {page}: {error.strerror or error}; name another with --out") from error
 
 
-def _make_folder(folder: Path) -> bool:
-    """Make the folder where it is missing, and say whether it was."""
-    try:
-        missing = not folder.exists()
-        folder.mkdir(exist_ok=True)
-    except OSError as error:
-        raise OutputError(
-            f"cannot make the folder {folder}: {error.strerror or error}; name another with --out"
-        ) from error
-    return missing
+MOST_NAMED = 4
+"""Most results, or scenes, that the title names."""
 
 
-class _Steps:
-    """Tells how far the work is."""
+def title_of(runs: Sequence[ReportRun], tables: Sequence[str]) -> str:
+    """Return what a report is of, in a line; `tables` are the suites of its bench tables."""
+    parts = []
+    if len(runs) == 1:
+        parts.append(runs[0].name)
+    elif runs:
+        scenes = list(dict.fromkeys(f"{object_name(run.result)}, {motion_name(run.result)}" for run in runs))
+        # Of several scenes the labels repeat object and motion: they are told below, and the scenes here.
+        named = [run.label for run in runs] if len(scenes) == 1 else scenes
+        shown = "; ".join([*named[:MOST_NAMED], *(["…"] if len(named) > MOST_NAMED else [])])
+        parts.append(f"{scenes[0]}: {shown}" if len(scenes) == 1 else f"{len(runs)} results: {shown}")
+    parts += [f"hhsim bench {suite}" for suite in tables]
+    return "; ".join(parts)
 
-    def __init__(self, progress: Progress, count: int) -> None:
-        self._progress, self._count, self._done = progress, count, 0
 
-    def __call__(self, what: str) -> None:
-        self._progress(what, min(self._done, self._count), self._count)
-        self._done += 1
+def subtitle_of(runs: Sequence[ReportRun]) -> str:
+    """Return what the results are, in a line below the title."""
+    if len(runs) > 1:
+        return f"{len(runs)} results, each beside {runs[0].letter}"
+    result = runs[0].result
+    kind = "a recorded session" if result.live is not None else "a replay"
+    ended = how_it_ended(result)
+    text = f"{result.path.name}, {kind} of {counted(result.ticks, 'tick')}, written {result.created_utc}"
+    return f"{text}, ended: {ended}" if ended else text

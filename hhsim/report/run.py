@@ -1,4 +1,4 @@
-"""One result of a report, with all that is computed of it."""
+"""One result of a report, with what is computed of it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,15 +26,12 @@ class ReportRun:
     """One result.
 
     Attributes:
-        result: The file, with the depths of its poses.
-        label: Its name in the report.
-        prefix: Of the names of its pictures and anchors.
+        result: The file, with depths of its poses.
+        prefix: Begin of the names of its pictures and anchors.
         rows: The table that replay prints.
-        misstated: Where that is not of the ticks in the file, in a sentence; else "".
-        session: The table of a live session; empty for a replay, and where the recording was cut short.
-        phases: A line each.
-        fingers: A line each.
-        verdict: By the gate's default limits.
+        misstated: Sentence on figures of the file that are not those of its ticks; else "".
+        session: Table of a live session; empty for a replay, and where the recording was cut short.
+        verdict: Verdict by the gate's default limits.
     """
 
     result: PosedResult
@@ -49,13 +46,13 @@ class ReportRun:
 
     @property
     def ended(self) -> str:
-        """How a session ended that was not brought to its end in order, in a few words; else ""."""
+        """How a session ended that did not end in order, in a few words; else ""."""
         why = broken_off(self.result)
         return f"ended: {why}" if why else ""
 
     @property
     def mood(self) -> str:
-        """Class of its verdict: good, bad or note."""
+        """Class of the verdict: good, bad or note."""
         return {OK: "good", MISSED: "bad"}.get(self.verdict.word, "note")
 
     def row(self, name: str) -> SummaryRow | None:
@@ -64,7 +61,7 @@ class ReportRun:
 
     @property
     def letter(self) -> str:
-        """The letter of its label."""
+        """Letter of the label."""
         return self.label.partition(":")[0]
 
     @property
@@ -74,13 +71,7 @@ class ReportRun:
 
 
 def report_runs(results: Sequence[Result]) -> list[ReportRun]:
-    """Compute what a report says of each result; more than one are labelled by letters.
-
-    Depths are those of the poses in the file.
-
-    Raises:
-        InputError: A file cannot be read.
-    """
+    """Compute what a report says of each result, with depths of the poses; several are labelled by letters."""
     return [
         _run(posed_result(result), label, "" if len(results) == 1 else f"{label.partition(':')[0].lower()}-")
         for result, label in zip(results, result_labels(results))

@@ -1,4 +1,4 @@
-"""The tables of a report: what was run, figures, differences, phases, session, machine, origin."""
+"""Tables of a report: what was run, figures, differences, phases, session, machine, origin."""
 
 import math
 import shlex
@@ -7,22 +7,22 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.gate.time_comparison import BETTER, SAME, WORSE
+from hhsim.gate.time_comparison import BETTER, NOT_COMPARABLE, SAME, WITHIN, WORSE
 from hhsim.live.session.session_log import session_log
+from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.metrics.session_faults import recorded_faults
 from hhsim.replay.summary_table import SummaryRow, figure_table
 from hhsim.report.compare import Comparison, compared
-from hhsim.report.key_table import key_table
 from hhsim.report.provenance import NONE, machine_facts, option_facts, origin_facts, run_facts
 from hhsim.report.run import ReportRun
 from hhsim.result.reader import Result
-from hhsim.table.table import Marked, Table, number, words
+from hhsim.table.table import MISSING, Marked, Table, number, words
 
 MOST_PHASES = 100
-"""Phases that are shown of a result."""
+"""Most phases that are shown of a result."""
 MOST_EVENTS = 60
-"""Lines of a session's log that are shown."""
+"""Most lines of a session's log that are shown."""
 EVENT_LEVELS = ("information", "warning", "fault")
 PHASE_COLUMNS = (
     words("phase", "name"),
@@ -56,11 +56,11 @@ BRIEF_FACTS = (
     "coupling",
     "not modelled",
 )
-"""Of `run_facts` those that stand beside the picture."""
+"""Facts of `run_facts` that stand beside the picture."""
 
 
 def result_tables(runs: Sequence[ReportRun], comparisons: Sequence[Comparison]) -> dict[str, Any]:
-    """Return what the page says of results besides pictures, by the names of its template."""
+    """Return what the page shows of results besides pictures, by the names of its template."""
     facts = run_facts(runs[0].result)
     comparable: dict[str, list[str]] = {}
     for run, comparison in zip(runs[1:], comparisons):
@@ -99,7 +99,7 @@ def looking_again(result: Result) -> list[str]:
 
 
 def facts_table(caption: str, runs: Sequence[ReportRun], facts: Callable[[Result], Mapping[str, str]]) -> Table:
-    """Return facts of each result in a column of its own; those that are not the same are marked."""
+    """Return facts of each result in its own column; those that differ are marked."""
     columns = [facts(run.result) for run in runs]
     rows = []
     for name in dict.fromkeys(name for column in columns for name in column):
@@ -111,7 +111,7 @@ def facts_table(caption: str, runs: Sequence[ReportRun], facts: Callable[[Result
 
 
 def all_figures(runs: Sequence[ReportRun], comparisons: Sequence[Comparison]) -> Table:
-    """Return the table that replay prints, beside the paper's figures; with others, beside the first result's."""
+    """Return the table that replay prints beside the paper's figures; of several results, beside the first's."""
     first = runs[0]
     if len(runs) > 1:
         return _side_by_side(runs, comparisons)
@@ -123,7 +123,7 @@ def all_figures(runs: Sequence[ReportRun], comparisons: Sequence[Comparison]) ->
 
 
 def differences(first: ReportRun, run: ReportRun, comparison: Comparison) -> list[str]:
-    """Return what differs between a result and the first one, and which figures that makes better or worse."""
+    """Return what differs between a result and the first one, and which figures are better or worse."""
     pairs = ((row, first.row(row.name)) for row in run.rows)
     found = {row.label: compared(base, row, comparison).word for row, base in pairs if base is not None}
     items = [comparison.sentence()]
@@ -186,3 +186,56 @@ def _against(base: SummaryRow | None, head: SummaryRow | None, comparison: Compa
     found = compared(base, head, comparison)
     ratio = "" if math.isnan(found.ratio) or found.word == SAME else f"{found.ratio:.3g} ×"
     return " ".join(part for part in (ratio, found.word) if part)
+
+
+KEY_FIGURES: Sequence[Mapping[str, str]] = (
+    {"penetration_max": "depth, max"},
+    {"contact_error_max": "off the mesh, max"},
+    {"force_contact_mean": "force, mean", "force_hold_mean": "force in the hold, mean"},
+    {"force_contact_step": "force step", "force_step": "force step, moving"},
+    {
+        TREMBLING: "variation, trembling",
+        "force_variation_contact": "variation in contact",
+        "force_variation_hold": "variation in the hold",
+    },
+    {"tick_cpu_p50": "tick, p50"},
+    {"tick_cpu_p99": "tick, p99"},
+    {"stuck_ticks": "stuck ticks"},
+    {"lag_max": "lag, max"},
+)
+"""Run metrics that may stand in each column, with short headings: the first that most results have is shown."""
+SHOWN_WORDS = (BETTER, WORSE, WITHIN, NOT_COMPARABLE)
+"""Words that stand below a figure."""
+
+
+def key_table(runs: Sequence[ReportRun], comparisons: Sequence[Comparison]) -> Table:
+    """Return a line for each result; `comparisons` are those of each result but the first with the first."""
+    headings: dict[str, str] = {}
+    for names in KEY_FIGURES:
+        rows = {name: [row for run in runs if (row := run.row(name)) is not None] for name in names}
+        known = {name: sum(math.isfinite(row.value) for row in found) for name, found in rows.items()}
+        name = max(known, key=lambda name: known[name])
+        if known[name]:
+            unit = rows[name][0].unit
+            headings[name] = f"{names[name]} [{unit}]" if unit else names[name]
+    lines = []
+    for run, comparison in zip(runs, (None, *comparisons)):
+        # Below the verdict stand the figures over their limits that have no column.
+        others = (row for name in run.verdict.missed if name not in headings and (row := run.row(name)) is not None)
+        missed = "; ".join(f"{row.label} {row.shown} {row.unit}".strip() for row in others)
+        cells = (_cell(run, name, runs[0], comparison) for name in headings)
+        lines.append([run.label, Marked(run.verdict.word, run.mood, missed), *cells])
+    caption = (
+        "Key figures. Times are CPU times of ticks in contact. Red: over the limit that hhsim gate has by default."
+    )
+    if len(runs) > 1:
+        caption += f" Below a figure: beside that of {runs[0].letter}, where both were fed with the same."
+    return Table.of_cells(["result", "verdict", *headings.values()], lines, caption, numbers=list(headings.values()))
+
+
+def _cell(run: ReportRun, name: str, first: ReportRun, comparison: Comparison | None) -> str:
+    row, base = run.row(name), first.row(name)
+    if row is None:
+        return MISSING
+    word = "" if comparison is None or base is None else compared(base, row, comparison).word
+    return Marked(row.shown, "bad" if name in run.verdict.missed else "", word if word in SHOWN_WORDS else "")

@@ -39,30 +39,29 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SAMPLES = 20
-"""Ticks in contact at which the hand is held against the mesh: exact, and slow."""
+"""Ticks in contact whose hand is compared with the mesh: exact, and slow."""
 PAPER_DEPTH = 1e-4
 """Deepest penetration that the paper states, about [m]."""
 MARKS = ("o", "s", "D", "^", "v", "P", "X")
-"""One more than there are colours: no two results of a page have both alike."""
+"""Markers, one more than colours: no two results of a page share both."""
 ROUNDING = 1e-6
-"""What is less, in the unit of its axis, is nothing: it would stretch the axis and say no more."""
+"""Smaller values, in the unit of their axis, are drawn as 0."""
 PANEL, TITLE, LINE, BOTTOM = 2.0, 0.27, 0.16, 0.45
-"""Room [inches] for a panel, its title, a line of the legend, and below."""
+"""Height [inches] of a panel, its title, a line of the legend, and the axis below."""
 RIGHT, TIME_LABEL = 0.08, 0.44
-"""Room [inches] to the right of a panel, and for a time below it with the gap to the next one."""
+"""Width [inches] right of a panel, and of a time label with the gap to the next one."""
 
 
 @dataclass(frozen=True)
 class SpeedError:
-    """One point; NaN where a figure is undefined.
+    """One result as a point; NaN where a figure is undefined.
 
     Attributes:
-        label: Of the result.
         p50, p99: CPU time of a tick in contact [s].
-        depth: Deepest in the leaf spheres, or in the mesh where that is touched, all ticks [m].
-        mesh: Deepest in the true mesh, or farthest that a contact point is off it, of sampled ticks [m].
+        depth: Deepest penetration of the touched surface, leaf spheres or mesh, of all ticks [m].
+        mesh: Deepest penetration of the mesh, or largest distance of a contact point from it, of sampled ticks [m].
         excess: Coupling energy above the optimum, mean of the hold [%].
-        of_paper: Whether the scene is one of the paper's.
+        of_paper: True if the scene is one of the paper's.
     """
 
     label: str
@@ -76,7 +75,7 @@ class SpeedError:
 
 @dataclass(frozen=True)
 class Axis:
-    """What a panel shows: the field of `SpeedError`, the title with the unit, the scale to it, and what is little."""
+    """One panel: field of `SpeedError`, title with unit, scale to that unit, and a tenth of the lowest decade shown."""
 
     field: str
     title: str
@@ -92,28 +91,20 @@ AXES = (
 
 
 def speed_error_figure(results: Mapping[str, Result]) -> ReportFigure:
-    """Each result as a point: CPU time of a tick in contact, p50 to p99, against what replay knows of the error.
-
-    Args:
-        results: One or more by their labels; any may hold no tick, or no tick in contact.
-
-    Raises:
-        InputError: A file cannot be read.
-    """
+    """Draw each result by its label as a point: CPU time of a tick in contact, p50 to p99, against three errors."""
     points = [_measured(label, result) for label, result in results.items()]
 
     def draw(figure: "Figure", narrow: bool) -> None:
         width, height = (float(size) for size in figure.get_size_inches())
-        names = LINE * _legend(points, width)[2]
+        lines = LINE * _legend(points, width)[2]
         columns = 1 if narrow else 3
         share = (width - RIGHT) / columns
         for number, axis in enumerate(AXES):
             across, down = (0, number) if narrow else (number, 0)
-            bottom = height - names - (down + 1) * (TITLE + PANEL) - down * BOTTOM
-            left = across * share + LEFT
-            room = share - LEFT - RIGHT
-            axes = figure.add_axes((left / width, bottom / height, room / width, PANEL / height))
-            _draw_panel(axes, axis, points, room)
+            bottom = height - lines - (down + 1) * (TITLE + PANEL) - down * BOTTOM
+            inside = share - LEFT - RIGHT
+            axes = figure.add_axes(((across * share + LEFT) / width, bottom / height, inside / width, PANEL / height))
+            _draw_panel(axes, axis, points, inside)
         _draw_names(figure, points)
 
     def height(width: float, narrow: bool) -> float:
@@ -138,12 +129,12 @@ def _measured(label: str, result: Result) -> SpeedError:
 
 
 def _off_the_mesh(result: Result, contact: IntArray) -> float:
-    """Deepest in the mesh, or farthest from it at a touching pair, at sampled ticks [m]; NaN where nothing touches."""
+    """Return `SpeedError.mesh` at sampled ticks in contact; NaN without one, or where the scene is not known."""
     try:
         scene = shown_scene(result)
         bvh = build_mesh_bvh(scene.mesh.vertices, scene.mesh.faces)
     except HhsimError:
-        # A hand, a tree or a mesh that is not the one of the run: the points cannot be told.
+        # The hand, tree or mesh is not that of the run.
         return np.nan
     chosen = sampled(contact, SAMPLES)
     ticks = [result.at(int(tick), ("graphic/joints", "graphic/position", "graphic/orientation")) for tick in chosen]
@@ -155,27 +146,24 @@ def _off_the_mesh(result: Result, contact: IntArray) -> float:
     return float(np.maximum(deepest, off.max))
 
 
-def _significant(value: float) -> float:
-    return 0.0 if abs(value) < ROUNDING else value
-
-
-def _draw_panel(axes: "Axes", axis: Axis, points: Sequence[SpeedError], room: float) -> None:
+def _draw_panel(axes: "Axes", axis: Axis, points: Sequence[SpeedError], width: float) -> None:
     gridded(axes)
     panel_title(axes, axis.title, 6, LEFT - 0.16)
-    values = [_significant(axis.scale * float(getattr(point, axis.field))) for point in points]
+    scaled = [axis.scale * float(getattr(point, axis.field)) for point in points]
+    values = [0.0 if abs(value) < ROUNDING else value for value in scaled]
     known = [value for value in values if np.isfinite(value)]
     some = [value for value in known if value > 0.0]
     paper = axis.field == "depth" and any(point.of_paper for point in points)
     low = 10.0 ** np.floor(np.log10(min([*some, axis.least * 10.0])))
     high = 10.0 ** np.ceil(np.log10(max([*some, *([axis.scale * PAPER_DEPTH] if paper else []), 10.0 * low])) + 0.1)
-    # A logarithm has no zero: what is nothing stands below the lowest decade.
+    # A logarithm has no zero: 0 stands below the lowest decade.
     decades = float(np.log10(high / low))
     zero = low * 10.0 ** (-0.12 * decades)
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.set_ylim(zero * 10.0 ** (-0.1 * decades), high)
     axes.axhline(low, color=SOFT, linewidth=0.5, linestyle=":")
-    _draw_times(axes, points, room)
+    _draw_times(axes, points, width)
     if paper:
         times = np.array(PAPER_RANGE) * 1e-6
         axes.plot(times, [axis.scale * PAPER_DEPTH] * 2, color=SOFT, linewidth=3.0, solid_capstyle="round")
@@ -200,20 +188,16 @@ def _draw_panel(axes: "Axes", axis: Axis, points: Sequence[SpeedError], room: fl
     axes.minorticks_off()
 
 
-def _draw_times(axes: "Axes", points: Sequence[SpeedError], room: float) -> None:
-    """Draw the axis of the CPU time, with the line of 1 ms; as many of its decades have a label as there is room for.
-
-    Args:
-        room: Width of the panel [inches].
-    """
+def _draw_times(axes: "Axes", points: Sequence[SpeedError], width: float) -> None:
+    """Draw the axis of the CPU time with the line of 1 ms; its panel's width [inches] decides how many labels fit."""
     times = [time for point in points for time in (point.p50, point.p99) if np.isfinite(time) and time > 0.0]
     low, high = 0.5 * min([*times, 1e-5]), 2.0 * max([*times, BUDGET])
     axes.set_xlim(low, high)
     axes.axvline(BUDGET, color=LIMIT, linewidth=1.2)
-    decade = room / float(np.log10(high / low))
+    decade = width / float(np.log10(high / low))
     step = int(np.ceil(TIME_LABEL / decade))
     powers = [k for k in range(-8, 3) if low <= 10.0**k <= high]
-    # Counted from 1 ms, which always has its label; half a label beyond the last panel would be cut.
+    # Counted from 1 ms, which always has its label; a label near the right end would be cut.
     fits = [(k + 3) % step == 0 and decade * np.log10(high / 10.0**k) > 0.5 * TIME_LABEL - 2.0 * RIGHT for k in powers]
     labels = [time_text(10.0**k).replace(".0 ", " ") if fit else "" for k, fit in zip(powers, fits)]
     axes.set_xticks([10.0**k for k in powers], labels)
@@ -221,7 +205,7 @@ def _draw_times(axes: "Axes", points: Sequence[SpeedError], room: float) -> None
 
 
 def _legend(points: Sequence[SpeedError], width: float) -> tuple[list[str], int, int]:
-    """Names, columns and lines of the legend in a figure of so many inches."""
+    """Return names, columns and lines of the legend in a figure `width` inches wide."""
     names, columns = legend_names([point.label for point in points], width)
     return names, columns, -(-len(points) // columns)
 
@@ -235,15 +219,9 @@ def _draw_names(figure: "Figure", points: Sequence[SpeedError]) -> None:
         for n, name in enumerate(names)
     ]
     figure.legend(
-        handles=handles,
-        loc="upper left",
-        bbox_to_anchor=(0.0, 1.0),
-        ncols=columns,
-        borderaxespad=0.1,
-        borderpad=0.1,
-        handlelength=1.8,
-        labelspacing=0.25,
-    )
+        handles=handles, loc="upper left", bbox_to_anchor=(0.0, 1.0), ncols=columns, borderaxespad=0.1, borderpad=0.1,
+        handlelength=1.8, labelspacing=0.25,
+    )  # fmt: skip
 
 
 def _caption(points: Sequence[SpeedError]) -> str:

@@ -1,6 +1,7 @@
-"""What the curves of a report are drawn from: one number a tick, in the units of the page, of results of any length."""
+"""Curves of a report: a number a tick, in the units of the page, of results of any length."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,24 +17,22 @@ SingleArray = NDArray[np.float32]
 BLOCK = 16_384
 """Ticks that are read at a time."""
 FORCES = ("resultant", *FINGERS, "palm")
-"""The columns of `ReportColumns.force`."""
+"""Columns of `ReportColumns.force`."""
 TOLD = f"{LIVE_TICK}/command_stiffness"
 
 
 @dataclass(frozen=True, eq=False)
 class ReportColumns:
-    """The ticks of a result, shapes (T,), times in s, lengths in m.
-
-    In single precision, so that the ten minutes of a session at 1 kHz are 40 MB.
+    """Ticks of a result, shapes (T,), in single precision: ten minutes at 1 kHz are 40 MB.
 
     Attributes:
-        time: Since the start of the motion [s], in double precision.
+        time: Time since the start of the motion [s], in double precision.
         cpu: CPU time of the whole tick [s].
-        candidates, touching: Pairs.
-        depth: Deepest in the object [m].
-        variation: One-tick change of the total force's size [%]; NaN where it is undefined.
-        force: Sizes of forces by the names of `FORCES` [N], shape (T, 7).
-        told: Stiffness that each finger was told, 0 free to 1, shape (T, 5); None of a replay.
+        candidates, touching: Number of pairs.
+        depth: Deepest penetration [m].
+        variation: One-tick change of the total force's size [%]; NaN where undefined.
+        force: Sizes of forces by `FORCES` [N], shape (T, 7).
+        told: Stiffness sent to each finger, 0 free to 1, shape (T, 5); None of a replay.
     """
 
     time: FloatArray
@@ -47,7 +46,7 @@ class ReportColumns:
 
     @property
     def ticks(self) -> int:
-        """How many."""
+        """Number of ticks."""
         return len(self.time)
 
 
@@ -62,11 +61,7 @@ SCALES = {
 
 
 def report_columns(result: Result) -> ReportColumns:
-    """Read a result, block by block.
-
-    Raises:
-        InputError: The file cannot be read.
-    """
+    """Read a result block by block; raise InputError if the file cannot be read."""
     time = np.empty(result.ticks)
     single = {name: np.empty(result.ticks, np.float32) for name in SCALES}
     force = np.empty((result.ticks, len(FORCES)), np.float32)
@@ -84,3 +79,27 @@ def report_columns(result: Result) -> ReportColumns:
             told[part] = block[TOLD]
         first = part.stop
     return ReportColumns(time=time, force=force, told=told, **single)
+
+
+class MinMaxBand(NamedTuple):
+    """Middle of each of n stretches of the axis, and least value, median and largest value there (NaN without any)."""
+
+    at: FloatArray
+    low: FloatArray
+    middle: FloatArray
+    high: FloatArray
+
+
+def minmax_band(at: FloatArray, values: NDArray[np.floating], stretches: int) -> MinMaxBand:
+    """Return the band of a curve, shapes (T,); the curve itself where it has no more values than stretches."""
+    if len(values) <= stretches:
+        whole = np.asarray(values, np.float64)
+        return MinMaxBand(at, whole, whole, whole)
+    edges = np.linspace(0, len(values), stretches + 1).astype(np.int64)
+    starts = edges[:-1]
+    # NaN is no value: fmin and fmax pass it over.
+    low, high = (np.asarray(reduce.reduceat(values, starts), np.float64) for reduce in (np.fmin, np.fmax))
+    middle = np.full(stretches, np.nan)
+    for k in np.flatnonzero(np.isfinite(low)):
+        middle[k] = np.nanmedian(values[edges[k] : edges[k + 1]])
+    return MinMaxBand(0.5 * (at[starts] + at[edges[1:] - 1]), low, middle, high)

@@ -1,4 +1,4 @@
-"""What a report computes of the ticks of a result, read block by block: its table, a line a phase, a line a finger."""
+"""Tables that a report computes of a result's ticks, read block by block: figures, phases, fingers."""
 
 import math
 from typing import NamedTuple
@@ -19,28 +19,28 @@ from hhsim.solver.method import EVERYTHING, TIMES
 BLOCK_TICKS = 16_384
 """Ticks that are read at a time."""
 SAME = 1e-9
-"""Figures that differ by this share, or by no more, are the same [SI, %]: sums in another order differ by less."""
+"""Relative difference [SI, %] up to which figures are the same: sums in another order differ by less."""
 PHASE_COLUMNS = (
     *("contacts/candidates", "status", "duration/total_cpu"),
     *("force/total", "force_variation_rate", "penetration_depth"),
 )
 """Datasets of /tick that the line of a phase is computed from."""
 FORCE = "force/phalanx"
-"""That of a finger."""
+"""Dataset of /tick that the line of a finger is computed from."""
 
 
 class PhaseFigures(NamedTuple):
     """One phase; NaN where undefined.
 
     Attributes:
-        first, last: Its ticks, both included.
-        seconds: How long it lasts [s].
-        cpu_p50, cpu_p99: Of its ticks in contact [µs].
-        depth: Deepest in the object [µm].
+        first, last: Its first and last tick.
+        seconds: Duration [s].
+        cpu_p50, cpu_p99: CPU time of its ticks in contact [µs].
+        depth: Deepest penetration [µm].
         force: Mean size of the total force [N].
-        variation: Mean one-tick change of that [%].
+        variation: Mean one-tick change of that size [%].
         candidates: Most pairs.
-        stuck, lagging: Ticks.
+        stuck, lagging: Number of ticks.
     """
 
     name: str
@@ -61,11 +61,10 @@ class FingerFigures(NamedTuple):
     """One finger; NaN where it never bears a force.
 
     Attributes:
-        ticks: In which it bears one.
-        mean, largest: Size of the sum of the forces on its phalanges in these ticks [N].
-        step: Largest change of that sum, as a vector, from one tick to the next [N]; a touch that begins or ends
-            included.
-        ripple: Of that sum between 50 and 400 Hz, RMS of the worst quarter of a second [N].
+        ticks: Number of ticks in which it bears a force.
+        mean, largest: Size of the sum of its phalanges' forces in these ticks [N].
+        step: Largest one-tick change of that sum as a vector [N], a touch that begins or ends included.
+        ripple: RMS of that sum between 50 and 400 Hz, in the worst quarter of a second [N].
     """
 
     name: str
@@ -77,7 +76,7 @@ class FingerFigures(NamedTuple):
 
 
 def report_ticks(result: Result) -> RunTicks:
-    """Read what a report needs of every tick, some 170 bytes; nothing else of the file is kept in memory."""
+    """Read what a report needs of every tick, some 170 bytes."""
     result = result.seen_from_object
     names = dict.fromkeys((*needed_columns(), *PHASE_COLUMNS))
     parts: dict[str, list[AnyArray]] = {name: [] for name in names}
@@ -91,12 +90,11 @@ def report_ticks(result: Result) -> RunTicks:
 
 
 class FigureTable(NamedTuple):
-    """The table of a result.
+    """Table of a result.
 
     Attributes:
-        rows: The one that its replay printed; else, of a session or a run cut short, from its ticks. A figure that an
-            older replay did not have yet is from its ticks too.
-        misstated: Where figures of the file are not those of its ticks, which ones, in a sentence; "" where all are.
+        rows: What its replay printed; what the file lacks, as of a session, is computed from its ticks.
+        misstated: Sentence on figures of the file that are not those of its ticks; else "".
     """
 
     rows: tuple[SummaryRow, ...]
@@ -104,7 +102,7 @@ class FigureTable(NamedTuple):
 
 
 def figure_table(result: Result, ticks: RunTicks) -> FigureTable:
-    """Compute what the ticks say, and set what the file says in its place."""
+    """Compute the figures of the ticks, and replace them by those of the file."""
     known = known_figures([what for what in EVERYTHING if result.gives(what)])
     own, stated = {name: value for name, value in tick_figures(ticks).items() if name in known}, {}
     if result.complete and result.live is None:
@@ -124,7 +122,7 @@ def figure_table(result: Result, ticks: RunTicks) -> FigureTable:
 
 
 def phase_figures(result: Result, ticks: RunTicks) -> list[PhaseFigures]:
-    """A line for each phase, or one for all ticks where there is none; no line where there is no tick."""
+    """Return a line for each phase, or one for all ticks without a phase; none without a tick."""
     if result.ticks == 0:
         return []
     spans = [(phase.name, phase.first_tick, min(phase.last_tick, result.ticks - 1)) for phase in result.phases]
@@ -155,11 +153,7 @@ def phase_figures(result: Result, ticks: RunTicks) -> list[PhaseFigures]:
 
 
 def finger_figures(result: Result, ticks: RunTicks) -> list[FingerFigures]:
-    """A line for each finger, thumb to little finger; no line where there is no tick.
-
-    Args:
-        ticks: Of it; they say where ticks are missing.
-    """
+    """Return a line for each finger, thumb to little finger; none without a tick."""
     # Summed block by block: the forces on all phalanges of a long session do not fit into memory.
     sums = [block[FORCE].sum(axis=2) for block in result.blocks([FORCE], BLOCK_TICKS)]
     if not sums:

@@ -32,8 +32,7 @@ from hhsim.report.figure import (
     run_style,
     time_text,
 )
-from hhsim.report.minmax_decimation import minmax_band
-from hhsim.report.tick_series import FORCES, ReportColumns, report_columns
+from hhsim.report.tick_series import FORCES, ReportColumns, minmax_band, report_columns
 from hhsim.report.worst_ticks import WorstTick, worst_ticks
 from hhsim.result.reader import Result
 from hhsim.scene.motion_catalogue import of_the_paper
@@ -44,36 +43,28 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PAIRS = ("within the margin", "touching")
-"""Which pairs are drawn."""
 FORCE_COLORS = (INK, *FINGER_COLORS, SKY)
-"""Of `FORCES`."""
+"""Colours of `FORCES`."""
 AS_THEY_ARE = 6_000
-"""Up to so many ticks a curve is drawn point by point, from then on as a band."""
+"""Most ticks that are drawn point by point; a longer run is drawn as a band."""
 STRETCHES = 700
-"""Of the axis, each with its own width of the band."""
+"""Number of stretches of the axis in a band."""
 PHASE_COLORS = {HOLD: "#e6eef6", "slide": "#fbefdd", "carry": "#fbefdd"}
-"""Of the phases that the paper's figures shade; the others stay white."""
+"""Colours of the phases that the paper's figures shade; the others stay white."""
 PAPER_VARIATION = 0.18
 """One-tick change of the force in a hold that the paper states, at 1 kHz [%]."""
 MARK_LETTERS = 6
-"""Of a mark's word, with the gap to its line."""
+"""Letters of a mark's word, with the gap to its line."""
 MOST_TOLD = 10
-"""Marks that the text tells of for those who do not see the picture."""
+"""Most marks that the alternative text lists."""
 COUNTS = {5: "Five", 6: "Six", 7: "Seven", 8: "Eight"}
-"""Words for how many panels there are."""
 GREY_LINE = "#8c959f"
 VARIATION_TICKS = (0.0, 0.1, 1.0, 10.0, 100.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """A result as it is drawn.
-
-    Attributes:
-        label: In the legend.
-        columns: Its ticks.
-        worst: Of a single result its worst ticks, which are marked.
-    """
+    """A result with its label in the legend, its ticks and, of a single result, its worst ticks, which are marked."""
 
     label: str
     result: Result
@@ -82,7 +73,7 @@ class Run:
 
     @cached_property
     def marks(self) -> list[tuple[float, str]]:
-        """When a session had faults [s], and where it ended if that was not in order, each with its word."""
+        """Times [s] of a session's faults, and of its end if that was not in order, each with its word."""
         if not _timed(self):
             return []
         found = [(float(at), "fault") for at in session_log(self.result).faults]
@@ -90,20 +81,13 @@ class Run:
 
     @cached_property
     def free(self) -> FreeRun | None:
-        """Its free object, if it has one."""
+        """Free object of the result; None without one."""
         return result_free_run(self.result) if self.columns.ticks else None
 
 
 @dataclass(frozen=True)
 class Panel:
-    """One of the panels.
-
-    Attributes:
-        title: With the unit.
-        height: [inches] on the page.
-        draw: Draws its curves.
-        names: Of its curves, in the legend.
-    """
+    """One panel: title with unit, height on the page [inches], what draws its curves, and their names in the legend."""
 
     title: str
     height: float
@@ -112,24 +96,17 @@ class Panel:
 
 
 def series_figure(results: Mapping[str, Result]) -> ReportFigure:
-    """Forces, CPU time of the tick, contacts, depth and force variation over time, phases shaded.
+    """Draw forces, CPU time of the tick, contacts, depth and force variation over time, phases shaded.
 
-    Of one result the forces are drawn finger by finger; of several, each result is one colour in every panel. Long
-    runs are drawn as the band from the least to the largest value.
-
-    Args:
-        results: One or more by their labels in the legend; any may hold no tick.
-
-    Raises:
-        InputError: A file cannot be read.
+    Of one result the forces are drawn finger by finger; of several, each result is one colour in every panel.
     """
+    alone = len(results) == 1
     runs = [
-        Run(label, result, report_columns(result), worst_ticks(result) if len(results) == 1 else [])
+        Run(label, result, report_columns(result), worst_ticks(result) if alone else [])
         for label, result in results.items()
     ]
     depth_unit, depth_scale = _length_unit(runs)
     surface = " or ".join(dict.fromkeys(run.result.surface for run in runs))
-    alone = len(runs) == 1
     panels: tuple[Panel, ...] = (
         Panel("force on the hand [N]", 1.75, _draw_forces, FORCES if alone else tuple(results)),
         Panel("CPU time of the tick", 1.3, _draw_times),
@@ -155,43 +132,36 @@ def series_figure(results: Mapping[str, Result]) -> ReportFigure:
         for panel, place in zip(panels, axes):
             _draw_legend(place, panel, narrow)
 
-    drawing = Drawing(draw, lambda width, narrow: _height(panels, width, narrow))
+    def height(width: float, narrow: bool) -> float:
+        above = sum(TITLE + LEGEND_LINE * _legend_lines(panel, width, narrow) for panel in panels)
+        return TOP + above + sum(panel.height for panel in panels) + BOTTOM
+
     alt = _alt(runs, len(panels))
-    return drawn_figure("series", "Force, time and contacts over the run", _caption(runs), alt, drawing)
+    title = "Force, time and contacts over the run"
+    return drawn_figure("series", title, _caption(runs), alt, Drawing(draw, height))
 
 
 TITLE, LEGEND_LINE, TOP, BOTTOM = 0.27, 0.17, 0.02, 0.42
-"""Room [inches] above each panel, for a line of its legend, above all of them and below."""
+"""Space [inches] for each panel's title and for a line of its legend, above all panels and below them."""
 SIGN, LETTER, BOLD, BETWEEN = 0.32, 0.075, 0.085, 0.11
-"""Room [inches] for the sign of a curve in a legend, for a letter of its name and of a title, and between two names."""
-
-
-def _height(panels: Sequence[Panel], width: float, narrow: bool) -> float:
-    above = sum(TITLE + LEGEND_LINE * _extra_lines(panel, width, narrow) for panel in panels)
-    return TOP + above + sum(panel.height for panel in panels) + BOTTOM
+"""Space [inches] for a legend's sign, a letter of its names, a bold letter of a title, and between two names."""
 
 
 def _legend_columns(panel: Panel, width: float) -> int:
-    if _across(panel) <= width - LEFT:
+    if _legend_width(panel) <= width - LEFT:
         return len(panel.names)
     longest = max(map(len, panel.names))
     return max(1, int((width - LEFT + BETWEEN) / (SIGN + LETTER * longest)))
 
 
-def _extra_lines(panel: Panel, width: float, narrow: bool) -> int:
-    """Lines of the legend that push the title up in a figure so many inches wide."""
-    if not panel.names or (not narrow and _beside(panel, width)):
-        return 0
-    return -(-len(panel.names) // _legend_columns(panel, width))
+def _legend_lines(panel: Panel, width: float, narrow: bool) -> int:
+    """Number of legend lines below a panel's title; 0 if the legend fits beside the title."""
+    fits = not narrow and BOLD * len(panel.title) + _legend_width(panel) <= width - BETWEEN
+    return 0 if fits or not panel.names else -(-len(panel.names) // _legend_columns(panel, width))
 
 
-def _beside(panel: Panel, width: float) -> bool:
-    """Whether the legend fits in one line beside the title."""
-    return BOLD * len(panel.title) + _across(panel) <= width - BETWEEN
-
-
-def _across(panel: Panel) -> float:
-    """A legend in one line [inches]."""
+def _legend_width(panel: Panel) -> float:
+    """Width of a panel's legend in one line [inches]."""
     return sum(SIGN + LETTER * len(name) for name in panel.names)
 
 
@@ -201,7 +171,7 @@ def _placed(figure: "Figure", panels: Sequence[Panel], narrow: bool) -> "list[Ax
     top = height - TOP
     places: list[Axes] = []
     for panel in panels:
-        top -= TITLE + LEGEND_LINE * _extra_lines(panel, float(width), narrow)
+        top -= TITLE + LEGEND_LINE * _legend_lines(panel, float(width), narrow)
         box = (left / width, (top - panel.height) / height, 1.0 - (left + right) / width, panel.height / height)
         places.append(figure.add_axes(box, sharex=places[0] if places else None))
         top -= panel.height
@@ -210,7 +180,7 @@ def _placed(figure: "Figure", panels: Sequence[Panel], narrow: bool) -> "list[Ax
 
 def _draw_legend(axes: "Axes", panel: Panel, narrow: bool) -> None:
     width = float(axes.figure.get_figwidth())  # type: ignore[union-attr]
-    lines = _extra_lines(panel, width, narrow)
+    lines = _legend_lines(panel, width, narrow)
     panel_title(axes, panel.title, 4 + 72 * LEGEND_LINE * lines)
     handles, names = axes.get_legend_handles_labels()
     if not handles or not panel.names:
@@ -236,8 +206,15 @@ def _curve(
     axes.plot(band.at, band.middle, color=color, linestyle=dashes, linewidth=width, label=label)
 
 
+def _curves(axes: "Axes", runs: Sequence[Run], values: Callable[[Run], Any], width: float = 0.9) -> None:
+    """Draw a curve for each run that has values."""
+    for number, run in enumerate(runs):
+        if (drawn := values(run)) is not None:
+            _curve(axes, run, drawn, *run_style(number), label=run.label, width=width)
+
+
 def _at(run: Run) -> FloatArray:
-    """Where the ticks are on the axis: their times, or their numbers where the times do not grow."""
+    """Return the ticks' places on the axis: their times, or their numbers where the times do not grow."""
     return run.columns.time if _timed(run) else np.arange(run.columns.ticks, dtype=np.float64)
 
 
@@ -252,8 +229,7 @@ def _draw_forces(axes: "Axes", runs: Sequence[Run]) -> None:
         for k, (name, color) in enumerate(zip(FORCES, FORCE_COLORS)):
             _curve(axes, runs[0], force[:, k], color, label=name, width=1.4 if k == 0 else 1.0)
     else:
-        for number, run in enumerate(runs):
-            _curve(axes, run, run.columns.force[:, 0], *run_style(number), label=run.label, width=1.2)
+        _curves(axes, runs, lambda run: run.columns.force[:, 0], 1.2)
     _mark(axes, runs, "force-step", lambda run, tick: float(run.columns.force[tick, 0]), "largest step")
     axes.set_ylim(0.0, max(1.12 * axes.get_ylim()[1], 0.1))
 
@@ -262,11 +238,9 @@ def _draw_times(axes: "Axes", runs: Sequence[Run]) -> None:
     from matplotlib.ticker import FixedLocator, NullLocator
 
     gridded(axes)
-    for number, run in enumerate(runs):
-        color, dashes = run_style(number)
-        _curve(axes, run, np.maximum(run.columns.cpu, LEAST_TIME), color, dashes, width=0.6)
+    _curves(axes, runs, lambda run: np.maximum(run.columns.cpu, LEAST_TIME), 0.6)
     axes.set_yscale("log")
-    every = np.concatenate([run.columns.cpu for run in runs]) if runs else np.empty(0)
+    every = np.concatenate([run.columns.cpu for run in runs])
     known = every[np.isfinite(every) & (every > 0.0)]
     low, high = (float(known.min()), float(known.max())) if known.size else (1e-5, 1e-4)
     axes.set_ylim(max(0.7 * low, LEAST_TIME), max(1.6 * high, 2.2 * BUDGET))
@@ -286,15 +260,14 @@ def _draw_pairs(axes: "Axes", runs: Sequence[Run]) -> None:
     for number, run in enumerate(runs):
         color, dashes = run_style(number)
         one = len(runs) == 1
-        label = PAIRS[0] if number == 0 else ""
-        _curve(axes, run, run.columns.candidates, SKY if one else color, "-" if one else dashes, label)
-        label = PAIRS[1] if number == 0 else ""
-        _curve(axes, run, run.columns.touching, INK if one else color, "-" if one else ":", label)
+        labels = PAIRS if number == 0 else ("", "")
+        _curve(axes, run, run.columns.candidates, SKY if one else color, "-" if one else dashes, labels[0])
+        _curve(axes, run, run.columns.touching, INK if one else color, "-" if one else ":", labels[1])
     axes.set_ylim(0.0, max(1.08 * axes.get_ylim()[1], 1.0))
 
 
 def _length_unit(runs: Sequence[Run]) -> tuple[str, float]:
-    """The unit that suits the depths, and how many of it a metre has."""
+    """Return the unit that suits the depths, and its number in a metre."""
     deepest = max((float(np.nanmax(run.columns.depth, initial=0.0)) for run in runs), default=0.0)
     for unit, scale in (("mm", 1e3), ("µm", 1e6)):
         if deepest * scale >= 1.0:
@@ -304,8 +277,7 @@ def _length_unit(runs: Sequence[Run]) -> tuple[str, float]:
 
 def _draw_depth(axes: "Axes", runs: Sequence[Run], scale: float) -> None:
     gridded(axes)
-    for number, run in enumerate(runs):
-        _curve(axes, run, scale * run.columns.depth, *run_style(number), width=0.8)
+    _curves(axes, runs, lambda run: scale * run.columns.depth, 0.8)
     some = any((run.columns.depth > 0.0).any() for run in runs)
     axes.set_ylim(0.0, 1.15 * axes.get_ylim()[1] if some else 1.0)
     if not some and any(run.columns.ticks for run in runs):
@@ -317,8 +289,7 @@ def _draw_variation(axes: "Axes", runs: Sequence[Run]) -> None:
     from matplotlib.patheffects import withStroke
 
     gridded(axes)
-    for number, run in enumerate(runs):
-        _curve(axes, run, run.columns.variation, *run_style(number), width=0.7)
+    _curves(axes, runs, lambda run: run.columns.variation, 0.7)
     axes.set_yscale("symlog", linthresh=0.1, linscale=0.6)
     axes.set_yticks(VARIATION_TICKS, [f"{value:g}" for value in VARIATION_TICKS])
     axes.minorticks_off()
@@ -335,31 +306,22 @@ def _draw_variation(axes: "Axes", runs: Sequence[Run]) -> None:
 
 def _draw_told(axes: "Axes", runs: Sequence[Run]) -> None:
     gridded(axes)
-    for number, run in enumerate(runs):
-        told = run.columns.told
-        if told is None:
-            continue
-        if len(runs) > 1:
-            _curve(axes, run, told.max(axis=1, initial=0.0), *run_style(number))
-            continue
+    if len(runs) > 1:
+        _curves(axes, runs, lambda run: None if run.columns.told is None else run.columns.told.max(axis=1, initial=0.0))
+    elif (told := runs[0].columns.told) is not None:
         for finger, (name, color) in enumerate(zip(FINGERS, FINGER_COLORS)):
-            _curve(axes, run, told[:, finger], color, label=name)
+            _curve(axes, runs[0], told[:, finger], color, label=name)
     axes.set_ylim(0.0, max(1.15 * axes.get_ylim()[1], 0.1))
 
 
 def _draw_rise(axes: "Axes", runs: Sequence[Run]) -> None:
     gridded(axes)
-    for number, run in enumerate(runs):
-        if run.free is not None:
-            height = run.free.center[:, 2]
-            _curve(axes, run, 1e3 * (height - height[0]), *run_style(number), width=1.2)
+    _curves(axes, runs, lambda run: run.free and 1e3 * (run.free.center[:, 2] - run.free.center[0, 2]), 1.2)
 
 
 def _draw_friction(axes: "Axes", runs: Sequence[Run]) -> None:
     gridded(axes)
-    for number, run in enumerate(runs):
-        if run.free is not None:
-            _curve(axes, run, 100.0 * run.free.friction_share, *run_style(number), width=0.7)
+    _curves(axes, runs, lambda run: run.free and 100.0 * run.free.friction_share, 0.7)
     axes.axhline(100.0, color=LIMIT, linewidth=1.0)
     axes.set_ylim(0.0, 120.0)
 
@@ -368,17 +330,14 @@ def _mark(axes: "Axes", runs: Sequence[Run], kind: str, height: Any, word: str) 
     """Point at a worst tick."""
     from matplotlib.patheffects import withStroke
 
-    for run in runs:
-        for worst in run.worst:
-            if worst.kind == kind:
-                place = float(_at(run)[worst.tick])
-                axes.plot(place, height(run, worst.tick), "v", color=INK, markersize=4.0, zorder=6, clip_on=False)
-                late = worst.tick > 0.6 * run.columns.ticks
-                axes.annotate(
-                    word, (place, height(run, worst.tick)), (-5.0 if late else 5.0, 1.0), textcoords="offset points",
-                    ha="right" if late else "left", va="bottom", color=INK, zorder=6,
-                    path_effects=[withStroke(linewidth=2.5, foreground="white")],
-                )  # fmt: skip
+    for run, worst in ((one, worst) for one in runs for worst in one.worst if worst.kind == kind):
+        place = float(_at(run)[worst.tick]), height(run, worst.tick)
+        axes.plot(*place, "v", color=INK, markersize=4.0, zorder=6, clip_on=False)
+        late = worst.tick > 0.6 * run.columns.ticks
+        axes.annotate(
+            word, place, (-5.0 if late else 5.0, 1.0), textcoords="offset points", ha="right" if late else "left",
+            va="bottom", color=INK, zorder=6, path_effects=[withStroke(linewidth=2.5, foreground="white")],
+        )  # fmt: skip
 
 
 def _draw_phases(axes: "Sequence[Axes]", run: Run) -> None:
@@ -402,7 +361,7 @@ def _draw_phases(axes: "Sequence[Axes]", run: Run) -> None:
 
 
 def _draw_marks(axes: "Sequence[Axes]", runs: Sequence[Run]) -> None:
-    """Draw a line through all panels at each mark, and at the top its word where there is room for it."""
+    """Draw a line through all panels at each mark, and its word at the top where it fits."""
     low, high = axes[0].get_xlim()
     inches = axes[0].get_position().width * axes[0].figure.get_figwidth()  # type: ignore[union-attr]
     room = LETTER * MARK_LETTERS * (high - low) / inches
@@ -413,7 +372,8 @@ def _draw_marks(axes: "Sequence[Axes]", runs: Sequence[Run]) -> None:
                 [at for at, _ in run.marks], 0.0, 1.0, color, "--", transform=place.get_xaxis_transform(),
                 linewidth=0.9, clip_on=False,
             )  # fmt: skip
-        # From the end on, whose word says most.
+        # From the end on: the last word says most.
+
         for at, word in reversed(run.marks):
             if named - at < 2.0 * room:
                 continue

@@ -1,27 +1,31 @@
-"""The ticks of a result that a reader wants to see: slowest, deepest, largest step of the force, largest lag."""
+"""Ticks of a result that a reader wants to see: slowest, deepest, largest step of the force, largest lag."""
 
+import shlex
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
+from hhsim.errors import InputError
 from hhsim.metrics import metrics
 from hhsim.metrics.run_ticks import HOLD
+from hhsim.render.viewpoint import View
+from hhsim.report.figure import Album, PageFigure
+from hhsim.report.pictures import hand_picture, overview_view
+from hhsim.report.run import ReportRun
 from hhsim.result.reader import Result
 from hhsim.result.schema import LIVE_TICK
+from hhsim.table.table import Table, number, shown, words
+from hhsim.view.status_text import status_words
 
 WorstKind = Literal["slowest", "deepest", "force-step", "lag"]
 
 
 @dataclass(frozen=True)
 class WorstTick:
-    """One of them.
-
-    Attributes:
-        kind: Why it was chosen.
-        tick: Its number, from 0; of several equal ones the first.
-        sentence: What happened, for people.
-    """
+    """A tick, the first of several equal ones, why it was chosen, and a sentence on what happened."""
 
     kind: WorstKind
     tick: int
@@ -29,26 +33,28 @@ class WorstTick:
 
 
 def worst_ticks(result: Result) -> list[WorstTick]:
-    """At most one tick of each kind; a kind that did not happen (no depth, no step, no lag) is left out.
-
-    Raises:
-        InputError: The file cannot be read.
-    """
+    """Return at most one tick of each kind, none of what did not happen."""
     if result.ticks == 0:
         return []
-    found = [
-        _worst(result, "slowest", 1e-9 * result["duration/total_cpu"]),
-        _worst(result, "deepest", result["penetration_depth"]),
-        _worst(result, "force-step", _force_steps(result)),
-        _worst(result, "lag", result["lag"]),
-    ]
-    return [worst for worst in found if worst is not None]
+    values: dict[WorstKind, np.ndarray] = {
+        "slowest": 1e-9 * result["duration/total_cpu"],
+        "deepest": result["penetration_depth"],
+        "force-step": _force_steps(result),
+        "lag": result["lag"],
+    }
+    found = []
+    for kind, sizes in values.items():
+        known = np.where(np.isfinite(sizes), sizes, 0.0)
+        tick = int(np.argmax(known))
+        if known[tick] > 0.0:
+            found.append(WorstTick(kind, tick, _sentence(result, kind, tick, float(known[tick]), known)))
+    return found
 
 
 def _force_steps(result: Result) -> np.ndarray:
-    """Change of the total force since the tick before [N], shape (T,), as `hhsim.metrics.metrics.force_step` has it.
+    """Return the one-tick change of the total force [N], shape (T,), as `hhsim.metrics.metrics.force_step` does.
 
-    That is 0 in holds and wherever the tick before is not in the file.
+    It is 0 in holds and wherever the tick before is not in the file.
     """
     moving = np.ones(result.ticks, bool)
     moving[0] = False
@@ -60,15 +66,6 @@ def _force_steps(result: Result) -> np.ndarray:
     steps = np.zeros(result.ticks)
     steps[1:] = np.linalg.norm(np.diff(result["force/total"], axis=0), axis=1)
     return np.where(moving, steps, 0.0)
-
-
-def _worst(result: Result, kind: WorstKind, values: np.ndarray) -> WorstTick | None:
-    known = np.where(np.isfinite(values), values, 0.0)
-    tick = int(np.argmax(known))
-    value = float(known[tick])
-    if value <= 0.0:
-        return None
-    return WorstTick(kind, tick, _sentence(result, kind, tick, value, known))
 
 
 def _sentence(result: Result, kind: WorstKind, tick: int, value: float, values: np.ndarray) -> str:
@@ -85,3 +82,68 @@ def _sentence(result: Result, kind: WorstKind, tick: int, value: float, values: 
     if kind == "force-step":
         return f"The total force changed most in one tick of motion, by {value:.3f} N: {where}."
     return f"The hand lagged most, {1e3 * value:.2f} mm behind what was asked: {where}."
+
+
+KINDS = {"slowest": "slowest", "deepest": "deepest", "force-step": "largest step of the force", "lag": "largest lag"}
+"""Why a tick was chosen, in words."""
+FACTS = {
+    "duration/total_cpu": ("CPU time", "µs", 1e-3, 1),
+    "duration/total": ("wall time", "µs", 1e-3, 1),
+    "duration/detect": ("of it detection", "µs", 1e-3, 1),
+    "duration/palm": ("of it palm or whole hand", "µs", 1e-3, 1),
+    "duration/fingers": ("of it fingers", "µs", 1e-3, 1),
+    "duration/force": ("of it forces", "µs", 1e-3, 1),
+    "contacts/candidates": ("candidate pairs", "", 1.0, 0),
+    "contacts/touching": ("touching pairs", "", 1.0, 0),
+    "penetration_depth": ("penetration", "µm", 1e6, 3),
+    "force_variation_rate": ("force change", "%", 1.0, 3),
+    "lag": ("lag", "mm", 1e3, 3),
+    "work/linearisations": ("linearisations", "", 1.0, 0),
+    "work/qp_iterations": ("QP iterations", "", 1.0, 0),
+    "work/pair_tests": ("exact distances", "", 1.0, 0),
+}
+"""Datasets of a tick: label, unit, scale to that unit, and digits."""
+
+
+def worst_cards(run: ReportRun, album: Album) -> list[dict[str, Any]]:
+    """Return a card for each worst tick of a result, by the names of the template."""
+    found: dict[int, list[WorstTick]] = {}
+    for worst in worst_ticks(run.result):
+        found.setdefault(worst.tick, []).append(worst)
+    usual = None
+    # Each card says why it has no picture.
+    with suppress(InputError):
+        usual = overview_view(run.result) if found else None
+    return [_card(run, tick, worsts, usual, album) for tick, worsts in found.items()]
+
+
+def tick_facts(result: Result, tick: int) -> list[tuple[str, str, str]]:
+    """Return label, figure and unit of what a file says of a tick."""
+    values = result.at(tick, [*FACTS, "time", "status", "force/total"])
+    rows = [
+        ("time", f"{float(values['time']):,.3f}", "s"),
+        ("phase", result.phase_at(tick) or "—", ""),
+        ("how it ended", status_words(int(values["status"])), ""),
+    ]
+    for name, (label, unit, scale, digits) in FACTS.items():
+        rows.append((label, shown(scale * float(values[name]), digits), unit))
+        if name == "penetration_depth":
+            rows.append(("force", shown(float(np.linalg.norm(values["force/total"])), 3), "N"))
+    return rows
+
+
+def _card(run: ReportRun, tick: int, worsts: Sequence[WorstTick], usual: View | None, album: Album) -> dict[str, Any]:
+    picture: PageFigure | str
+    try:
+        picture = album.shown(hand_picture(run.result, tick, usual=usual), run.prefix)
+    except InputError as error:
+        picture = f"No picture: {error}"
+    columns = words("figure", 0), number("hhsim", 1), words("unit", 2)
+    return {
+        "title": f"Tick {tick:,}: {', '.join(KINDS[worst.kind] for worst in worsts)}",
+        "sentences": [worst.sentence for worst in worsts],
+        "picture": picture,
+        "facts": Table(columns, tick_facts(run.result, tick), f"Tick {tick:,} in figures"),
+        "command": f"hhsim view {shlex.quote(run.result.path.name)}",
+        "tick": f"{tick:,}",
+    }

@@ -17,16 +17,11 @@ TEMPLATES = Path(__file__).parents[1]
 LONGEST_WORD = 32
 """Letters of a word that is not broken in a table."""
 NO_TEXT = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff\ufdd0-\ufdef\ufffe\uffff]")
-"""What no HTML document may hold, not even as a reference."""
+"""Letters that no HTML document may hold, not even as a reference."""
 
 
 def render(template: str, **values: Any) -> str:
-    """Return a page.
-
-    Args:
-        template: Its file under hhsim/, such as "report/report.html".
-        values: By the names that the template has for them.
-    """
+    """Return the page of a template under hhsim/, such as "report/report.html", with its values by their names."""
     return environment().get_template(template).render(values)
 
 
@@ -37,7 +32,7 @@ def table_html(table: Table) -> str:
 
 @cache
 def environment() -> "Environment":
-    """Return what compiles the templates."""
+    """Return the environment that compiles the templates."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     made = Environment(

@@ -1,4 +1,4 @@
-"""A table of figures: columns that know their unit and digits, rows, and its text as CSV, Markdown and LaTeX."""
+"""Table of figures: columns that know their unit and digits, rows, and text as CSV, Markdown and LaTeX."""
 
 import csv
 import io
@@ -17,7 +17,7 @@ UNITS = {
     "MB": ("B", 1e6), "ms": ("s", 1e-3), "µs": ("s", 1e-6), "ns": ("s", 1e-9), "mm": ("m", 1e-3), "µm": ("m", 1e-6),
     "µm/s": ("m/s", 1e-6), "mm/tick": ("m/tick", 1e-3),
 }  # fmt: skip
-"""Units that people read: the unit in which files hold such a value, and the size of the one in the other."""
+"""Units that people read: the unit of files for such a value, and the size of the one in the other."""
 BARE = ("", "1")
 """Units that no heading names."""
 LETTERS = str.maketrans(
@@ -38,7 +38,7 @@ LETTERS = str.maketrans(
         "●": r"$\bullet$",
     }
 )
-"""What LaTeX prints as each letter that it would not print as it is."""
+"""LaTeX of the letters that it would not print as they are."""
 
 
 def stored_unit(unit: str) -> str:
@@ -56,8 +56,8 @@ def shown(value: Any, digits: int | None = None, missing: str = MISSING) -> str:
 
     Args:
         value: Text is returned as it is; None and NaN are missing.
-        digits: Behind the point of a number; None for four significant ones, and all of a whole number.
-        missing: What stands for a missing value.
+        digits: Digits behind the point; None for four significant ones, and all of a whole number.
+        missing: Stands for a missing value.
     """
     if isinstance(value, str):
         return value
@@ -91,13 +91,13 @@ class Column:
     """One column of a table.
 
     Attributes:
-        name: Of the figure; with the unit it is the heading. Where `of` is not given, the key or attribute of a row.
-        says: What the column means, for people.
-        unit: Of what is shown; the values of rows are in its `stored_unit`.
-        of: Where a row has the value: a key, a position, an attribute or its path with dots, or a function of the row.
-        digits: Behind the point; None as for `shown`.
-        missing: What stands for a missing value.
-        is_number: Whether its cells are aligned right and never broken.
+        name: Name of the figure; with the unit it is the heading. Key or attribute of a row where `of` is not given.
+        says: Meaning of the column, for people.
+        unit: Unit of what is shown; the values of rows are in its `stored_unit`.
+        of: A row's value: a key, a position, an attribute or its path with dots, or a function of the row.
+        digits: Digits behind the point; None as for `shown`.
+        missing: Stands for a missing value.
+        is_number: True if its cells are aligned right and never broken.
     """
 
     name: str
@@ -148,14 +148,7 @@ def number(
 
 @dataclass(frozen=True)
 class Table:
-    """A table.
-
-    Attributes:
-        columns: In their order.
-        rows: Whatever the columns take their values of.
-        title: A line above it, or "".
-        notes: What there is to say of it, a sentence each.
-    """
+    """Columns, rows that they take their values of, a title above it, and notes, a sentence each."""
 
     columns: Sequence[Column]
     rows: Sequence[Any]
@@ -172,17 +165,17 @@ class Table:
 
     @property
     def headings(self) -> list[str]:
-        """Return the heading of each column."""
+        """Heading of each column."""
         return [column.heading for column in self.columns]
 
     @property
     def cells(self) -> list[list[str]]:
-        """Return the rows as people read them."""
+        """Rows as people read them."""
         return [[column.shown(row) for column in self.columns] for row in self.rows]
 
     @property
     def records(self) -> list[dict[str, Any]]:
-        """Return the values of each row by the names of the columns."""
+        """Values of each row by the names of the columns."""
         return [{column.name: column.value(row) for column in self.columns} for row in self.rows]
 
     def csv(self) -> str:

@@ -11,26 +11,20 @@ if TYPE_CHECKING:
     from rich.text import Text
 
 GAP = 3
-"""Between two columns."""
+"""Letters between two columns."""
 LONGEST_WORD = 28
-"""Of a longer word, such as a path, no column is kept as wide."""
+"""Most letters of a word, such as a path, that keep a column as wide."""
 MOST_LINES = 4
-"""Rows of more lines than this are cards."""
+"""Most lines of a row; longer rows are cards."""
 
 
 PIPE_WIDTH = 1_000
-"""Letters of a line where there is no terminal: nothing is folded, so that lines can be searched."""
+"""Letters of a line without a terminal: nothing is folded, so that lines can be searched."""
 
 
 @dataclass(frozen=True)
 class LaidColumn:
-    """A column as it is laid out.
-
-    Attributes:
-        heading: Its head.
-        cells: One a row, as they are shown.
-        number: Whether its cells are never broken.
-    """
+    """A column as it is laid out; cells of a `number` are never broken."""
 
     heading: str
     cells: Sequence[str]
@@ -38,12 +32,12 @@ class LaidColumn:
 
     @property
     def width(self) -> int:
-        """Without any folding."""
+        """Width without folding."""
         return max(1, *(len(text) for text in (self.heading, *self.cells)))
 
     @property
     def least(self) -> int:
-        """The narrowest that breaks no number and no usual word."""
+        """Least width that breaks no number and no usual word."""
         if self.number:
             return max(1, _longest_word([self.heading]), *(len(cell) for cell in self.cells))
         return max(1, min(LONGEST_WORD, _longest_word([self.heading, *self.cells])))
@@ -52,12 +46,12 @@ class LaidColumn:
 def terminal_text(table: Table, *, in_terminal: bool, optional: Sequence[str] = ()) -> str:
     """Return a table as a terminal shows it; without any heading it has no rule either.
 
-    Where it is too wide, columns that may be missing go, then text is folded at words; where that would be many lines
-    a row, each row becomes a card. A number is never broken.
+    Where it is too wide, optional columns go, then text is folded at words; where a row would have many lines, each row
+    becomes a card.
 
     Args:
         table: Its title is a line above it; its notes are left out.
-        in_terminal: Whether it is as wide as the terminal allows; else lines are as long as they need to be.
+        in_terminal: True if it is as wide as the terminal allows; else lines are as long as they need to be.
         optional: Headings of the columns that a narrow terminal does without, the first to go first.
     """
     from rich import box
@@ -93,7 +87,7 @@ def terminal_text(table: Table, *, in_terminal: bool, optional: Sequence[str] = 
 
 
 def fits(columns: Sequence[LaidColumn], width: int) -> bool:
-    """Whether a table of a terminal's width breaks no word and no number, and makes no row many lines high."""
+    """Return whether a table of this width breaks no word and no number, and makes no row many lines high."""
     gaps = GAP * (len(columns) - 1)
     if gaps + sum(column.least for column in columns) > width:
         return False
@@ -103,7 +97,7 @@ def fits(columns: Sequence[LaidColumn], width: int) -> bool:
 
 
 def widths(columns: Sequence[LaidColumn], width: int) -> list[int]:
-    """Width of each column: whole where there is room, else text gives way, the widest first."""
+    """Return the width of each column: whole if possible, else text gives way, the widest first."""
     found = [column.least for column in columns]
     room = width - GAP * (len(columns) - 1) - sum(found)
     whole = [column.width for column in columns]
@@ -118,7 +112,7 @@ def widths(columns: Sequence[LaidColumn], width: int) -> list[int]:
 
 
 def cards(columns: Sequence[LaidColumn], width: int) -> "list[Text]":
-    """The rows as cards: the first cell in bold, under it a line for each other cell that says something."""
+    """Return the rows as cards: the first cell in bold, under it a line for each other cell that is not empty."""
     from rich.text import Text
 
     first, *others = columns

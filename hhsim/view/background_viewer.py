@@ -1,8 +1,7 @@
-"""A viewer that gets ready while the replay is still at work, so that looking at it costs hardly any time.
+"""Viewer process that gets ready while the replay is at work.
 
-The packages of the viewer take longer to be imported than thousands of ticks to be shown. A process beside the replay's
-imports them while that one loads its kernels; then it waits, and shows the result when there is one. It touches nothing
-while ticks are timed: `settle` waits until it is idle.
+Importing the viewer takes longer than showing thousands of ticks, so a second process does it while this one loads its
+kernels. `settle` waits until that process is idle, so that it disturbs no timed tick.
 """
 
 import signal
@@ -25,24 +24,21 @@ if TYPE_CHECKING:
     from hhsim.view.viewer import Viewed
 
 Word = Literal["ready", "progress", "viewed", "refused"]
-"""What the process beside says, each with a value of its own."""
+"""Kinds of messages of the viewer process."""
 
 LAST_WORD_SECONDS = 10.0
-"""How long the process beside may take to end, and to remove what it has half written."""
+"""Time that the viewer process has to end and to remove a half-written file."""
 
 
 def can_fork() -> bool:
-    """Whether the process beside can be a fork of this one, which spares it the imports of what is loaded here.
-
-    Threads do not survive a fork: rerun's, where somebody has imported it already, would be missed.
-    """
+    """Return whether the viewer process can be a fork, which spares it imports but loses threads such as rerun's."""
     return sys.platform == "linux" and "rerun" not in sys.modules
 
 
 class ViewAhead:
     """Shows one result that does not exist yet; use it in a `with`, before any thread is started.
 
-    Where no process can be forked, everything is done here, in `show`.
+    Where no process can be forked, `show` does all of it.
     """
 
     def __init__(self, target: RerunTarget) -> None:
@@ -51,13 +47,13 @@ class ViewAhead:
         self._ready = False
         self._channel: Connection[Any, Any] | None = None
         if can_fork():
-            # Before the fork, so that it is made once and not in each of the processes.
+            # Before the fork, so that it is done once.
             start_numba()
             fork = get_context("fork")
             self._channel, theirs = fork.Pipe()
             self._process = fork.Process(target=_serve, args=(theirs, self._channel, target), daemon=True)
             with warnings.catch_warnings():
-                # Python warns of threads: numpy's are idle here, and look after themselves when a process is forked.
+                # Python warns of threads: numpy's are idle here, and survive a fork.
                 warnings.simplefilter("ignore", DeprecationWarning)
                 self._process.start()
             # The end of the process shows here only where nobody else holds its end of the pipe.
@@ -69,7 +65,7 @@ class ViewAhead:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        """End the process beside; what it has half written goes."""
+        """End the viewer process; its half-written file goes."""
         if self._channel is None:
             return
         self._channel.close()
@@ -81,22 +77,13 @@ class ViewAhead:
             self._process.join()
 
     def settle(self) -> None:
-        """Wait until the process beside has nothing to do until `show`.
-
-        Raises:
-            HhsimError: It cannot get ready.
-        """
+        """Wait until the viewer process is idle until `show`; raise HhsimError if it cannot get ready."""
         if self._channel is not None and not self._ready:
             self._answer("ready", silent)
             self._ready = True
 
     def show(self, path: Path, progress: Progress = silent) -> "Viewed":
-        """Show a result.
-
-        Raises:
-            InputError, OutputError: As `load_result` and `view_result`.
-            HhsimError: The process beside ended before it was done.
-        """
+        """Show a result; errors as `load_result` and `view_result`, HhsimError if the viewer process ended."""
         if self._channel is None:
             from hhsim.view.viewer import view_result
 
@@ -126,7 +113,7 @@ class ViewAhead:
 
 
 def _serve(channel: "Connection[Any, Any]", parents: "Connection[Any, Any]", target: RerunTarget) -> None:
-    """The process beside: get ready, wait for a result, show it."""
+    """Get ready, wait for a result, and show it: the viewer process."""
     parents.close()
     # Ctrl-C is for the replay, which then ends this process too.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -153,5 +140,5 @@ def _serve(channel: "Connection[Any, Any]", parents: "Connection[Any, Any]", tar
 
 
 def _leave(number: int, frame: FrameType | None) -> None:
-    # By way of every `finally`, so that no half-written file stays.
+    # Through every `finally`, so that no half-written file stays.
     raise SystemExit(1)

@@ -1,4 +1,4 @@
-"""How a rerun viewer is arranged when it opens: the scene and the phases on the left, the plots on the right."""
+"""Arrangement of a rerun viewer: the scene and the phases on the left, the plots on the right."""
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
@@ -14,10 +14,10 @@ if TYPE_CHECKING:
 
 VIEW = View(95.0, 10.0)
 DISTANCE = 1.2
-"""Of the viewer from the middle of the scene, in extents of the scene."""
+"""Distance of the viewer from the middle of the scene, in extents of the scene."""
 BACKGROUND = (222, 226, 231)
 LIVE_WINDOW = 10.0
-"""What the plots of a live session show [s]."""
+"""Time that the plots of a live session show [s]."""
 
 
 def blueprint(
@@ -33,35 +33,18 @@ def blueprint(
     """Arrange the views.
 
     Args:
-        look_at: Middle of what is shown [m], world, shape (3,).
-        extent: Of what is shown [m].
+        look_at: Middle of the scene [m], world, shape (3,).
+        extent: Extent of the scene [m].
         plots: From top to bottom.
-        hidden: Entities of the scene that are not seen at first.
-        tops: Where a plot's axis ends at first, from 0 on, instead of at its largest value.
+        hidden: Entities of the scene that are hidden at first.
+        tops: Upper end of a plot's axis from 0 at first, instead of its largest value.
         live: Follow the newest tick and show the last `LIVE_WINDOW` seconds, instead of playing a recording.
     """
     import rerun.blueprint as rrb
 
-    middle = np.asarray(look_at, np.float64)
-    eye = middle + DISTANCE * extent * VIEW.towards
-    window = [
-        rrb.VisibleTimeRange(
-            "time",
-            start=rrb.TimeRangeBoundary.cursor_relative(seconds=-LIVE_WINDOW),
-            end=rrb.TimeRangeBoundary.cursor_relative(),
-        )
-    ]
-    ranges = window if live else None
-    scene = rrb.Spatial3DView(
-        origin="world",
-        name=title,
-        eye_controls=rrb.EyeControls3D(
-            kind=rrb.Eye3DKind.Orbital, position=eye, look_target=middle, eye_up=(0.0, 0.0, 1.0)
-        ),
-        line_grid=rrb.LineGrid3D(visible=False),
-        background=BACKGROUND,
-        overrides={path: rrb.EntityBehavior(visible=False) for path in hidden},
-    )
+    edge = rrb.TimeRangeBoundary.cursor_relative
+    ranges = [rrb.VisibleTimeRange("time", start=edge(seconds=-LIVE_WINDOW), end=edge())] if live else None
+    scene = scene_view("world", title, look_at, extent, hidden)
     ends = tops or {}
     lines = [
         rrb.TimeSeriesView(
@@ -75,22 +58,41 @@ def blueprint(
     ]
     about = rrb.TextDocumentView(origin="run", name="what was run")
     log = (rrb.TextLogView(origin="log", name="what happened"),)
-    return rrb.Blueprint(
-        rrb.Horizontal(
-            rrb.Vertical(
-                rrb.Tabs(scene, *(log if GLOVE in plots else ()), about, active_tab=0),
-                rrb.StateTimelineView(origin="states", name="phases and state", time_ranges=ranges),
-                row_shares=[5, 1],
-            ),
-            rrb.Vertical(*lines, row_shares=[plot.height for plot in plots]),
-            column_shares=[3, 2],
+    left = rrb.Vertical(
+        rrb.Tabs(scene, *(log if GLOVE in plots else ()), about, active_tab=0),
+        rrb.StateTimelineView(origin="states", name="phases and state", time_ranges=ranges),
+        row_shares=[5, 1],
+    )
+    right = rrb.Vertical(*lines, row_shares=[plot.height for plot in plots])
+    return whole_blueprint(rrb.Horizontal(left, right, column_shares=[3, 2]), live=live)
+
+
+def scene_view(origin: str, name: str, middle: ArrayLike, extent: float, hidden: Sequence[str]) -> "rrb.Spatial3DView":
+    """Return the view of a scene, seen from `DISTANCE` of its extent [m]; `hidden` entities are not shown at first."""
+    import rerun.blueprint as rrb
+
+    target = np.asarray(middle, np.float64)
+    eye = target + DISTANCE * extent * VIEW.towards
+    return rrb.Spatial3DView(
+        origin=origin,
+        name=name,
+        eye_controls=rrb.EyeControls3D(
+            kind=rrb.Eye3DKind.Orbital, position=eye, look_target=target, eye_up=(0.0, 0.0, 1.0)
         ),
+        line_grid=rrb.LineGrid3D(visible=False),
+        background=BACKGROUND,
+        overrides={path: rrb.EntityBehavior(visible=False) for path in hidden},
+    )
+
+
+def whole_blueprint(content: "rrb.Horizontal | rrb.Grid", *, live: bool = False) -> "rrb.Blueprint":
+    """Return a blueprint whose panels are collapsed; it plays a recording in a loop, or follows a live session."""
+    import rerun.blueprint as rrb
+
+    play, loop = ("following", None) if live else ("playing", "all")
+    return rrb.Blueprint(
+        content,
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
-        rrb.TimePanel(
-            state="collapsed",
-            timeline="time",
-            play_state="following" if live else "playing",
-            loop_mode=None if live else "all",
-        ),
+        rrb.TimePanel(state="collapsed", timeline="time", play_state=play, loop_mode=loop),
     )

@@ -1,4 +1,4 @@
-"""What a viewer is shown of some ticks: poses and forces of the shown ones; plots that lose no spike between them."""
+"""Ticks for a viewer: poses and forces of the shown ticks; plots that lose no spike between them."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -9,34 +9,22 @@ from numpy.typing import ArrayLike
 from hhsim.arrays import AnyArray, FloatArray, IntArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.motion.object_motion import RigidMotion
-from hhsim.view.plots import (
-    CONTACTS,
-    DEPTH,
-    FORCE,
-    TIME,
-    VARIATION,
-    Plot,
-    depth_values,
-    force_values,
-    time_values,
-)
+from hhsim.view.plots import CONTACTS, DEPTH, FORCE, TIME, VARIATION, Plot, force_values
 
 
 @dataclass(frozen=True)
 class ShownTicks:
-    """What a viewer gets of T ticks.
+    """T ticks as a viewer gets them.
 
     Attributes:
         tick: Their numbers, shape (T,).
         time: [s], shape (T,).
-        haptic: The user's hand.
-        graphic: The hand that is shown to the user.
-        joints: Of the graphic hand [m], shape (T, 5, 4, 3).
+        joints: Joints of the graphic hand [m], shape (T, 5, 4, 3).
         phalanx: Contact force on each phalanx [N], shape (T, 5, 3, 3).
-        total: Of all contact forces [N], shape (T, 3).
-        touching: Ticks in which something may touch, indices from 0; all others are not looked at.
+        total: Sum of all contact forces [N], shape (T, 3).
+        touching: Ticks in which something may touch, indices from 0.
         plots: Values of each plot, shape (T, its series).
-        moved: How the object moved since the first tick; None where it stands still.
+        moved: Motion of the object since the first tick; None where it stands still.
     """
 
     tick: IntArray
@@ -59,15 +47,13 @@ def shown_ticks(
     more: Mapping[Plot, FloatArray] | None = None,
     moved: RigidMotion | None = None,
 ) -> ShownTicks:
-    """Choose from ticks what a viewer gets of them.
+    """Return what a viewer gets of N ticks.
 
     Args:
-        column: Gives a dataset of a result's /tick by its name, for all these ticks.
-        tick: Their numbers, shape (N,).
-        shown: Which of them are shown, indices from 0, shape (T,).
-        starts: Where the ticks begin that each shown one stands for, shape (T,); they end where the next ones begin.
+        column: Returns a dataset of a result's /tick by its name, for all these ticks.
+        shown: Indices of the ticks that are shown, shape (T,).
+        starts: First index of the ticks that each shown one stands for, shape (T,).
         more: Further plots and their values, shape (N, series).
-        moved: How the object moved since the first tick, of all these ticks; None where it stands still.
     """
     kept, begins = np.asarray(shown), np.asarray(starts)
     haptic, graphic = (
@@ -75,13 +61,16 @@ def shown_ticks(
         for whose in ("haptic", "graphic")
     )
     phalanx, total, touching = column("force/phalanx"), column("force/total"), column("contacts/touching")
-    parts = np.column_stack([column(f"duration/{name}") for name in ("detect", "palm", "fingers", "force")])
+
+    def stacked(*names: str) -> FloatArray:
+        return np.column_stack([column(name) for name in names])
+
     plots = {
         FORCE: force_values(phalanx, total),
-        DEPTH: depth_values(*(column(f"penetration_{name}") for name in ("depth", "finger", "palm"))),
-        VARIATION: np.column_stack([column("force_variation_rate"), column("force_variation_finger")]),
-        TIME: time_values(column("duration/total"), parts),
-        CONTACTS: np.column_stack([column("contacts/candidates"), touching]).astype(np.float64),
+        DEPTH: 1e6 * stacked("penetration_depth", "penetration_finger", "penetration_palm"),
+        VARIATION: stacked("force_variation_rate", "force_variation_finger"),
+        TIME: 1e-3 * stacked(*(f"duration/{name}" for name in ("detect", "palm", "fingers", "force", "total"))),
+        CONTACTS: stacked("contacts/candidates", "contacts/touching").astype(np.float64),
         **(more or {}),
     }
     return ShownTicks(

@@ -1,4 +1,4 @@
-"""What a file is that is to be looked at, told by its content."""
+"""Kind of a file that is to be looked at, by its content."""
 
 from pathlib import Path
 from typing import Literal, TypeAlias
@@ -13,9 +13,9 @@ Kind: TypeAlias = Literal["result", "motion", "tree", "mesh"]
 HDF5_START = b"\x89HDF\r\n\x1a\n"
 """First bytes of every HDF5 file."""
 FORMATS: dict[str, Kind] = {"hhsim-result": "result", "hhsim-trajectory": "motion", "hhsim-tree": "tree"}
-"""Kinds by the format that an HDF5 file says it has."""
+"""Kinds by the format that an HDF5 file states."""
 MESHES = (".stl", ".ply", ".obj", ".off", ".glb", ".gltf")
-"""Text has no mark of its own: these are known by their names."""
+"""Suffixes of mesh files, some of which are text without a mark of its own."""
 EXPECTED = (
     f"a result, a trajectory, a sphere tree (.h5) or a mesh ({', '.join(MESHES)}); "
     "hhsim import makes a trajectory of a recording"
@@ -23,11 +23,7 @@ EXPECTED = (
 
 
 def file_kind(path: Path) -> Kind:
-    """Tell a result, a motion, a sphere tree and a mesh apart.
-
-    Raises:
-        InputError: No such file, or one of another kind.
-    """
+    """Return whether a file is a result, a motion, a sphere tree or a mesh; raise InputError for any other."""
     if path.is_dir():
         raise InputError(f"{path} is a folder: expected {EXPECTED}")
     if not path.exists():

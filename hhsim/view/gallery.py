@@ -1,4 +1,4 @@
-"""Results, motions, meshes and sphere trees together in the rerun viewer, a view for each, on one time axis."""
+"""Results, motions, meshes and sphere trees in the rerun viewer, a view for each, on one time axis."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,17 +19,10 @@ from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import LIVE_TICK
 from hhsim.system.progress import Progress, silent
 from hhsim.trees.file import load_tree
-from hhsim.view.blueprint import BACKGROUND, DISTANCE, VIEW
+from hhsim.view.blueprint import scene_view, whole_blueprint
 from hhsim.view.file_kind import Kind, file_kind
 from hhsim.view.plots import LIVE_PLOTS, RESULT_PLOTS
-from hhsim.view.scene_log import (
-    APPLICATION,
-    SPHERE_COLOR,
-    STONE_COLOR,
-    RerunScene,
-    object_surface,
-    rerun_mesh,
-)
+from hhsim.view.scene_log import APPLICATION, STONE_COLOR, RerunScene, object_surface, rerun_mesh, rerun_spheres
 from hhsim.view.sink import RerunTarget, rerun_stream
 from hhsim.view.viewer import opened, send_ticks, shown_scene
 
@@ -39,7 +32,7 @@ if TYPE_CHECKING:
 
 
 STILLS = 50
-"""Poses of a motion that decide about where it is looked at from."""
+"""Poses of a motion that decide where it is looked at from."""
 
 
 class Bounds(NamedTuple):
@@ -51,14 +44,12 @@ class Bounds(NamedTuple):
 
 @dataclass(frozen=True)
 class Shown:
-    """One of the files that are shown.
+    """One file that is shown.
 
     Attributes:
-        kind: What it is.
-        root: Before the names of its entities.
-        content: What was read: `Result`, `Trajectory`, `SphereTree` or `Mesh`.
-        bounds: Of it.
-        samples: Ticks or samples that it has; 0 where it does not move.
+        root: Begin of its entities' names.
+        content: `Result`, `Trajectory`, `SphereTree` or `Mesh`.
+        samples: Number of ticks or samples; 0 where it does not move.
     """
 
     path: Path
@@ -69,7 +60,7 @@ class Shown:
     samples: int
 
     def to_json(self) -> dict[str, Any]:
-        """As plain values."""
+        """Return plain values for JSON."""
         return {"file": str(self.path), "kind": self.kind, "samples": self.samples}
 
 
@@ -82,13 +73,12 @@ def view_files(
     unit: str = "m",
     progress: Progress = silent,
 ) -> list[Shown]:
-    """Show files side by side.
+    """Show results, trajectories, sphere trees and meshes side by side.
 
     Args:
-        paths: Results, trajectories, sphere trees and meshes, told apart by their content.
-        every: Of results, only every so-manieth tick is shown.
-        spheres: Of results, show the leaf spheres in the place of the object's mesh.
-        unit: Of meshes, one of `hhsim.mesh.mesh.METRES_PER_UNIT`.
+        every: Show only every so-manieth tick of results.
+        spheres: Show the leaf spheres of results in place of the object's mesh.
+        unit: Unit of meshes, one of `hhsim.mesh.mesh.METRES_PER_UNIT`.
 
     Raises:
         InputError: No file, one that is none of these or cannot be read, or a result without a tick.
@@ -108,7 +98,7 @@ def view_files(
 
 
 class _Rooted:
-    """A recording whose entities have a root before their names."""
+    """A recording whose entities' names begin with a root."""
 
     def __init__(self, stream: "rr.RecordingStream", root: str) -> None:
         self._stream, self._root = stream, root
@@ -173,10 +163,7 @@ def _send(stream: Any, one: Shown, every: int, *, spheres: bool) -> None:
     if one.kind == "motion":
         _send_motion(stream, one.content)
     elif one.kind == "tree":
-        leaves = rr.Ellipsoids3D(
-            centers=one.content.leaf_center, radii=one.content.leaf_radius, colors=SPHERE_COLOR, fill_mode="solid"
-        )
-        stream.log("world/spheres", leaves, static=True)
+        stream.log("world/spheres", rerun_spheres(one.content), static=True)
     else:
         stream.log("world/object", rerun_mesh(object_surface(one.content), STONE_COLOR), static=True)
 
@@ -203,32 +190,16 @@ def _arranged(shown: Sequence[Shown], *, spheres: bool) -> "rrb.Blueprint":
     views = []
     for one in shown:
         middle = 0.5 * (one.bounds.low + one.bounds.high)
-        away = DISTANCE * float(np.linalg.norm(one.bounds.high - one.bounds.low)) * VIEW.towards
+        extent = float(np.linalg.norm(one.bounds.high - one.bounds.low))
         hidden = [f"{one.root}/world/object"] if spheres and one.kind == "result" else []
-        views.append(
-            rrb.Spatial3DView(
-                origin=f"{one.root}/world",
-                name=f"{one.path.name} ({one.kind})",
-                eye_controls=rrb.EyeControls3D(
-                    kind=rrb.Eye3DKind.Orbital, position=middle + away, look_target=middle, eye_up=(0.0, 0.0, 1.0)
-                ),
-                line_grid=rrb.LineGrid3D(visible=False),
-                background=BACKGROUND,
-                overrides={path: rrb.EntityBehavior(visible=False) for path in hidden},
-            )
-        )
-    results = [one for one in shown if one.kind == "result"]
+        views.append(scene_view(f"{one.root}/world", f"{one.path.name} ({one.kind})", middle, extent, hidden))
     plots = [
         rrb.Vertical(
             *(rrb.TimeSeriesView(origin=f"{one.root}/{plot.path}", name=plot.title) for plot in RESULT_PLOTS),
             name=one.path.name,
         )
-        for one in results
+        for one in shown
+        if one.kind == "result"
     ]
     scenes = rrb.Grid(*views)
-    return rrb.Blueprint(
-        rrb.Horizontal(scenes, rrb.Tabs(*plots), column_shares=[3, 2]) if plots else scenes,
-        rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
-        rrb.TimePanel(state="collapsed", timeline="time", play_state="playing", loop_mode="all"),
-    )
+    return whole_blueprint(rrb.Horizontal(scenes, rrb.Tabs(*plots), column_shares=[3, 2]) if plots else scenes)

@@ -1,4 +1,4 @@
-"""The plots of a viewer: what each shows, under which name and colour, and what of it is left after thinning."""
+"""Plots of a viewer: values, names, colours and thinning."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -18,16 +18,14 @@ PER_FINGER = dict(zip(FINGERS, FINGER_COLORS))
 
 @dataclass(frozen=True, eq=False)
 class Plot:
-    """One plot.
+    """One plot of a viewer.
 
     Attributes:
         path: Its entity.
-        title: With the unit.
         series: Names and colours of its lines.
-        worst: A thinned plot shows the largest value of the ticks that a shown one stands for, and not that of the
-        shown tick alone, so that no spike is lost.
-        legend: Names its lines; not where they are those of the plot above.
-        height: Beside the other plots.
+        worst: True if a thinned plot shows the largest value of the ticks that each shown one stands for.
+        legend: True if it names its lines.
+        height: Height relative to the other plots.
     """
 
     path: str
@@ -38,7 +36,7 @@ class Plot:
     height: float = 1.0
 
     def thinned(self, values: FloatArray, shown: IntArray, starts: IntArray) -> FloatArray:
-        """What is shown of the values of ticks, shape (N, series); arguments as in `hhsim.view.decimation`."""
+        """Return the values that are shown, shape (N, series); arguments as in `hhsim.view.decimation`."""
         if not self.worst or len(shown) == len(values):
             return values[shown]
         # NaN is no value: fmax passes it over.
@@ -46,13 +44,7 @@ class Plot:
 
 
 FORCE = Plot("plots/force", "force on the hand [N]", {"all": RED, **PER_FINGER, "palm": BROWN}, worst=False, height=1.7)
-DEPTH = Plot(
-    "plots/depth",
-    "depth [µm]",
-    {"deepest": RED, **PER_FINGER, "palm": BROWN},
-    legend=False,
-    height=0.75,
-)
+DEPTH = Plot("plots/depth", "depth [µm]", {"deepest": RED, **PER_FINGER, "palm": BROWN}, legend=False, height=0.75)
 VARIATION = Plot("plots/variation", "force change in a tick [%]", {"all": RED, **PER_FINGER}, legend=False, height=0.9)
 TIME = Plot(
     "plots/time",
@@ -76,33 +68,22 @@ LIVE_PLOTS = (FORCE, GLOVE, DEPTH, TIME, LOOP, CONTACTS)
 
 
 def force_values(phalanx: FloatArray, total: FloatArray) -> FloatArray:
-    """Of `FORCE` [N], from phalanx forces (T, 5, 3, 3) and total (T, 3)."""
+    """Return `FORCE` [N] from phalanx forces (T, 5, 3, 3) and total (T, 3)."""
     finger = np.einsum("tfpi->tfi", phalanx)
-    return np.concatenate(
-        [sizes(part) for part in (total[:, None], finger, palm_force(phalanx, total)[:, None])], axis=1
-    )
+    parts = total[:, None], finger, palm_force(phalanx, total)[:, None]
+    return np.concatenate([sizes(part) for part in parts], axis=1)
 
 
 def palm_force(phalanx: FloatArray, total: FloatArray) -> FloatArray:
-    """The contact force on the palm [N], shape (T, 3): what the phalanges do not carry of the total."""
+    """Return the contact force on the palm [N], shape (T, 3): the total without the phalanges' forces."""
     return np.asarray(total - np.einsum("tfpi->ti", phalanx))
 
 
 def sizes(vectors: FloatArray) -> FloatArray:
-    """Of many vectors, shape (…, 3), several times as fast as numpy's norm."""
+    """Return the norms of vectors, shape (…, 3), several times as fast as numpy's norm."""
     return np.asarray(np.sqrt(np.einsum("...i,...i->...", vectors, vectors)))
 
 
-def depth_values(depth: FloatArray, finger: FloatArray, palm: FloatArray) -> FloatArray:
-    """Of `DEPTH` [µm], from depths [m], shapes (T,), (T, 5), (T,)."""
-    return 1e6 * np.column_stack([depth, finger, palm])
-
-
-def time_values(total: AnyArray, parts: AnyArray) -> FloatArray:
-    """Of `TIME` [µs], from durations [ns], shapes (T,) and (T, 4): detection, palm, fingers, forces."""
-    return 1e-3 * np.column_stack([parts, total])
-
-
 def loop_values(wakeup: AnyArray, latency: AnyArray) -> FloatArray:
-    """Of `LOOP` [µs], from times [ns], shape (T,); a latency of -1 stands for none."""
+    """Return `LOOP` [µs] from times [ns], shape (T,); a latency of -1 stands for none."""
     return 1e-3 * np.column_stack([wakeup, np.where(latency < 0, np.nan, latency)])

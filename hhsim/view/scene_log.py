@@ -56,22 +56,19 @@ FORCE_COLOR = (217, 26, 20)
 CONTACT_COLOR = (30, 30, 30)
 
 FORCE_LENGTH = 0.02
-"""Of the arrow of 1 N [m].
-
-Longer by the square root of the force, so that small forces can be seen beside large ones.
-"""
+"""Length of the arrow of 1 N [m]; it grows with the square root of the force, so that small ones can be seen."""
 FORCE_RADIUS = 1.5e-3
-"""Of an arrow of a force, its head's [m]; the shaft's is half of it."""
+"""Radius of an arrow's head [m]; the shaft's is half of it."""
 POINT_RADIUS = 1.2e-3
 NORMAL_LENGTH = 8e-3
 NORMAL_RADIUS = 5e-4
 
 OBJECT, SPHERES = "world/object", "world/spheres"
 EVENT_LEVELS = ("INFO", "WARN", "ERROR")
-"""Of rerun, for the levels of a session's log."""
+"""rerun's names of the levels of a session's log."""
 
 INNER = 3e-4
-"""The haptic hand is drawn so much thinner [m], so that it shows only where it is not the graphic one."""
+"""Thickness [m] by which the haptic hand is drawn thinner, so that it shows only beside the graphic one."""
 
 STATE_COLORS: Mapping[str, Mapping[str, tuple[int, int, int]]] = {
     "phase": {
@@ -87,23 +84,23 @@ STATE_COLORS: Mapping[str, Mapping[str, tuple[int, int, int]]] = {
     "ticks": {"settled": (70, 110, 75), "lag": (242, 142, 43), "stuck": (225, 87, 89), "full": (225, 87, 89)},
     "fingers": {"held where they touch": (70, 110, 75)},
 }
-"""Of the states that are usual; rerun colours the others."""
+"""Colours of the usual states; rerun colours the others."""
 
 SMOOTH_ABOVE = 30_000
-"""Triangles of a mesh above which its edges are not looked at one by one for sharp ones."""
+"""Triangles of a mesh above which all its edges are drawn smooth."""
 
 
 @dataclass(frozen=True, eq=False)
 class ShownScene:
-    """What does not change with time.
+    """A scene without what changes with time.
 
     Attributes:
         mesh: The object [m], world.
         tree: Its sphere tree, world.
-        fingers: Which fingers the scene uses, shape (5,); the others go through the object.
-        touch: Pairs nearer than this touch [m].
-        surface: Of the object that the hand touches, by name.
-        spheres: Send the leaf spheres too.
+        fingers: True for each finger that the scene uses, shape (5,); the others go through the object.
+        touch: Distance [m] below which pairs touch.
+        surface: Name of the surface that the hand touches.
+        spheres: True to send the leaf spheres too.
         text: What was run, Markdown.
     """
 
@@ -118,7 +115,7 @@ class ShownScene:
 
     @cached_property
     def surface_arrays(self) -> Any:
-        """What the hand touches, as the kernels read it."""
+        """Arrays of the touched surface as the kernels read them."""
         return contact_surface(self.surface, self.mesh, self.tree).arrays
 
     @cached_property
@@ -129,11 +126,7 @@ class ShownScene:
 
 @dataclass(eq=False)
 class RerunScene:
-    """Writes a scene into a recording.
-
-    Args:
-        stream: The recording, its sinks set.
-    """
+    """Writes a scene into a recording whose sinks are set."""
 
     stream: "rr.RecordingStream"
     scene: ShownScene
@@ -146,13 +139,7 @@ class RerunScene:
         self._fixed("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
         self._fixed(OBJECT, rerun_mesh(object_surface(scene.mesh), STONE_COLOR))
         if scene.spheres:
-            spheres = rr.Ellipsoids3D(
-                centers=scene.tree.leaf_center,
-                radii=scene.tree.leaf_radius,
-                colors=SPHERE_COLOR,
-                fill_mode="solid",
-            )
-            self._fixed(SPHERES, spheres)
+            self._fixed(SPHERES, rerun_spheres(scene.tree))
         for name, surface in zip(PIECES, piece_surfaces(scene.hand)):
             self._fixed(f"world/graphic/{name}", rerun_mesh(surface))
             inner = replace(surface, points=surface.points - INNER * surface.normals)
@@ -203,16 +190,14 @@ class RerunScene:
 
         if len(states) == 0:
             return
-        indexes = [rr.TimeColumn("tick", sequence=tick), rr.TimeColumn("time", duration=time)]
-        columns = rr.StateChange.columns(state=list(states))
-        self.stream.send_columns(f"states/{lane}", indexes=indexes, columns=columns, strict=True)
+        times = [rr.TimeColumn("tick", sequence=tick), rr.TimeColumn("time", duration=time)]
+        self._columns(f"states/{lane}", times, rr.StateChange.columns(state=list(states)))
 
     def log_event(self, time: float, level: str, text: str) -> None:
         """Send a line of a log: time [s], level as `rerun.TextLogLevel` names it."""
         import rerun as rr
 
-        columns = rr.TextLog.columns(text=[text], level=[level])
-        self.stream.send_columns("log", [rr.TimeColumn("time", duration=[time])], columns, strict=True)
+        self._columns("log", [rr.TimeColumn("time", duration=[time])], rr.TextLog.columns(text=[text], level=[level]))
 
     def _log_contacts(self, ticks: ShownTicks, times: Times) -> ContactPoints:
         import rerun as rr
@@ -221,11 +206,8 @@ class RerunScene:
         placed, moved = PlacedHand(ticks.joints, ticks.graphic.position, ticks.graphic.orientation), ticks.moved
         if moved is not None:
             # Contacts are looked for where the object stands still.
-            placed = PlacedHand(
-                moved.seen_points(placed.joints),
-                moved.seen_points(placed.position),
-                moved.seen_orientations(placed.orientation),
-            )
+            points = (moved.seen_points(values) for values in placed[:2])
+            placed = PlacedHand(*points, moved.seen_orientations(placed.orientation))
         contacts = find_contact_points(
             scene.surface_arrays,
             scene.shape,
@@ -250,9 +232,8 @@ class RerunScene:
         import rerun as rr
 
         count = len(ticks.tick)
-        force = np.concatenate(
-            [ticks.phalanx.reshape(count, 15, 3), palm_force(ticks.phalanx, ticks.total)[:, None]], axis=1
-        )
+        palm = palm_force(ticks.phalanx, ticks.total)[:, None]
+        force = np.concatenate([ticks.phalanx.reshape(count, 15, 3), palm], axis=1)
         size = sizes(force)
         felt = size >= FORCE_FLOOR
         start = force_places(ticks, contacts, force, self.scene.hand.radius)
@@ -270,7 +251,7 @@ class RerunScene:
 
 
 def force_places(ticks: ShownTicks, contacts: ContactPoints, force: FloatArray, radius: FloatArray) -> FloatArray:
-    """Where each force is drawn [m], shape (T, 16, 3): amid the body's contact points, or where its skin faces it."""
+    """Return where each force is drawn [m], shape (T, 16, 3): amid its body's contacts, or at the pressed skin."""
     count = len(ticks.tick)
     middle = np.empty((count, 16, 3))
     middle[:, :15] = 0.5 * (ticks.joints[:, :, :3] + ticks.joints[:, :, 1:]).reshape(count, 15, 3)
@@ -290,7 +271,7 @@ def force_places(ticks: ShownTicks, contacts: ContactPoints, force: FloatArray, 
 
 
 def object_surface(mesh: Mesh) -> Surface:
-    """A mesh as it is shown: sharp at its edges, or smooth where there are very many."""
+    """Return a mesh as it is shown: sharp at its edges, or smooth where there are very many."""
     if len(mesh.faces) <= SMOOTH_ABOVE:
         return mesh_surface(mesh, STONE)
     a, b, c = mesh.triangles.transpose(1, 0, 2)
@@ -302,8 +283,15 @@ def object_surface(mesh: Mesh) -> Surface:
     return Surface(mesh.vertices, normals, np.tile(STONE, (len(normals), 1)), mesh.faces)
 
 
+def rerun_spheres(tree: SphereTree) -> Any:
+    """Return the leaf spheres of a tree as rerun takes them."""
+    import rerun as rr
+
+    return rr.Ellipsoids3D(centers=tree.leaf_center, radii=tree.leaf_radius, colors=SPHERE_COLOR, fill_mode="solid")
+
+
 def rerun_mesh(surface: Surface, color: tuple[int, int, int, int] | None = None) -> Any:
-    """A surface as rerun takes it, in its own colours or in one."""
+    """Return a surface as rerun takes it, in its own colours or in one."""
     import rerun as rr
 
     return rr.Mesh3D(

@@ -1,4 +1,4 @@
-"""Where a rerun recording goes: a viewer on this screen, in a notebook or open already, or a file."""
+"""Destination of a rerun recording: a viewer on this screen, in a notebook or open already, or a file."""
 
 import contextlib
 import importlib.util
@@ -24,25 +24,25 @@ if TYPE_CHECKING:
 
 SUFFIX = ".rrd"
 PORT = 9876
-"""Where a rerun viewer listens by default."""
+"""Port at which a rerun viewer listens by default."""
 MAGIC = b"RRF"
-"""First bytes of every file of rerun's."""
+"""First bytes of a rerun file."""
 FLUSH_SECONDS = 60.0
 """Longest wait for a viewer to take what was sent."""
 START_SECONDS = 30.0
 """Longest wait for a viewer to open."""
 
 _opened: list[subprocess.Popen[bytes]] = []
-"""Viewers of this process; kept, since Python warns of a process that is forgotten while it runs."""
+"""Viewers of this process; kept, since Python warns of a running process that is forgotten."""
 
 
 @dataclass(frozen=True)
 class RerunTarget:
-    """Where a recording goes.
+    """Destination of a recording.
 
     Attributes:
-        kind: "spawn" opens a viewer, "file" writes one file, "connect" sends to a viewer that runs, "notebook" shows a
-            viewer in the cell that is run.
+        kind: "spawn" opens a viewer, "file" writes one file, "connect" sends to a running viewer, "notebook" shows it
+            in the current cell.
     """
 
     kind: Literal["spawn", "file", "connect", "notebook"]
@@ -57,12 +57,9 @@ NOTEBOOK = RerunTarget("notebook")
 
 
 def parse_target(text: str) -> RerunTarget:
-    """Read `spawn`, `FILE.rrd`, `connect` or `connect=URL`.
+    """Read `spawn`, `FILE.rrd`, `connect` or `connect=URL`; raise InputError for anything else.
 
     A URL is as rerun writes it, or HOST:PORT, or a port on this machine.
-
-    Raises:
-        InputError: None of these.
     """
     if text == "spawn":
         return RerunTarget("spawn", url=_url("127.0.0.1", PORT))
@@ -75,11 +72,11 @@ def parse_target(text: str) -> RerunTarget:
 
 
 def check_target(target: RerunTarget) -> None:
-    """Look, before the work, for what would keep a recording from getting there.
+    """Raise, before the work, what would keep a recording from getting there.
 
     Raises:
-        InputError: No screen for a viewer, none that listens, or rerun's package for notebooks is not installed.
-        OutputError: A file that cannot be written, or one that is no recording of rerun's and would be replaced.
+        InputError: No screen, no viewer that listens, or rerun's package for notebooks is not installed.
+        OutputError: A file that cannot be written, or that exists and is no rerun recording.
     """
     if target.kind == "file":
         check_output_path(target.path)
@@ -88,7 +85,11 @@ def check_target(target: RerunTarget) -> None:
                 if file.read(len(MAGIC)) != MAGIC:
                     raise OutputError(f"{target.path} exists and is no recording of rerun's, so it is not replaced")
     elif target.kind == "connect":
-        _require_listener(target.url)
+        # rerun itself keeps trying for as long as the process lives.
+        if (error := _listens(target.url)) is not None:
+            raise InputError(
+                f"no viewer listens at {target.url}: {error.strerror or error}; start one with the command rerun"
+            )
     elif target.kind == "notebook":
         if importlib.util.find_spec("rerun_notebook") is None:
             raise InputError(
@@ -103,9 +104,9 @@ def check_target(target: RerunTarget) -> None:
 
 @contextlib.contextmanager
 def rerun_stream(target: RerunTarget, application: str, blueprint: "rrb.Blueprint") -> "Iterator[rr.RecordingStream]":
-    """A recording that goes to the target, with the arrangement of the views; complete when the `with` is left.
+    """Open a recording that goes to the target, with the views' arrangement; it is complete when the `with` is left.
 
-    A file appears under its name when it is whole; where the `with` is left by an exception, there is none.
+    A file appears when it is whole; where the `with` is left by an exception, there is none.
 
     Raises:
         InputError, OutputError: As `check_target`; a viewer that does not start or does not take the recording.
@@ -145,31 +146,21 @@ def rerun_stream(target: RerunTarget, application: str, blueprint: "rrb.Blueprin
         stream.flush(timeout_sec=FLUSH_SECONDS)
     except (RuntimeError, ValueError) as error:
         raise InputError(f"the viewer at {target.url} does not take the recording: {error}") from error
-    # Only now: from a viewer that takes nothing, rerun does not part until it does.
+    # Only now: disconnect would wait for a viewer that takes nothing.
     stream.disconnect()
 
 
 def open_viewer(port: int = PORT) -> None:
-    """Open a viewer on this screen, which only this machine can reach, or leave one that listens at the port already.
-
-    It outlives this process.
-
-    Raises:
-        InputError: It does not start.
-    """
+    """Open a viewer that outlives this process, unless one listens at the port; InputError if it does not start."""
     url = _url("127.0.0.1", port)
     if _listens(url) is None:
         return
     command = [viewer_program(), "--port", str(port), "--bind", "127.0.0.1", "--memory-limit", "50%"]
     command += ["--hide-welcome-screen", "--expect-data-soon"]
     with tempfile.TemporaryFile() as log:
+        nothing, environment = subprocess.DEVNULL, {**os.environ, "RERUN_APP_ONLY": "true"}
         viewer = subprocess.Popen(
-            command,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=log,
-            start_new_session=True,
-            env={**os.environ, "RERUN_APP_ONLY": "true"},
+            command, stdin=nothing, stdout=nothing, stderr=log, start_new_session=True, env=environment
         )
         _opened.append(viewer)
         until = time.monotonic() + START_SECONDS
@@ -182,11 +173,7 @@ def open_viewer(port: int = PORT) -> None:
 
 
 def viewer_program() -> str:
-    """Where the viewer's program is.
-
-    Raises:
-        InputError: Nowhere.
-    """
+    """Return the path of the viewer's program; raise InputError if there is none."""
     # It lies in a package, and a virtual environment that is not activated is not on the path.
     package = importlib.util.find_spec("rerun_cli")
     beside = Path(package.origin).with_name("rerun") if package and package.origin else None
@@ -217,15 +204,8 @@ def _url(host: str, port: int, scheme: str = "rerun+http") -> str:
     return f"{scheme}://{f'[{host}]' if ':' in host else host}:{port}/proxy"
 
 
-def _require_listener(url: str) -> None:
-    # rerun itself keeps trying for as long as the process lives.
-    error = _listens(url)
-    if error is not None:
-        raise InputError(f"no viewer listens at {url}: {error.strerror or error}; start one with the command rerun")
-
-
 def _listens(url: str) -> OSError | None:
-    """What keeps a connection from being made, None where it can be."""
+    """Return what keeps a connection from being made; None where it can be."""
     parts = urlsplit(url)
     try:
         socket.create_connection((parts.hostname or "", parts.port or PORT), timeout=3.0).close()

@@ -1,26 +1,19 @@
-"""How a tick ended, in words."""
+"""Words for how a tick ended."""
 
-from hhsim.kernels.tick.state import (
-    STATUS_ABDUCTION_HELD,
-    STATUS_CAPACITY_EXCEEDED,
-    STATUS_INPUT_INVALID,
-    STATUS_LAG,
-    STATUS_START_INSIDE,
-    STATUS_STUCK,
-)
+from hhsim.kernels.tick import state
 
 SETTLED = "settled"
 WORDS = (
-    (STATUS_CAPACITY_EXCEEDED, "full"),
-    (STATUS_STUCK, "stuck"),
-    (STATUS_LAG, "lag"),
-    (STATUS_INPUT_INVALID, "input held"),
-    (STATUS_ABDUCTION_HELD, "abduction held"),
-    (STATUS_START_INSIDE, "began inside"),
+    (state.STATUS_CAPACITY_EXCEEDED, "full"),
+    (state.STATUS_STUCK, "stuck"),
+    (state.STATUS_LAG, "lag"),
+    (state.STATUS_INPUT_INVALID, "input held"),
+    (state.STATUS_ABDUCTION_HELD, "abduction held"),
+    (state.STATUS_START_INSIDE, "began inside"),
 )
-"""Of the status bits, the most urgent first."""
+"""Words for the status bits, the most urgent first."""
 
 
 def status_words(status: int) -> str:
-    """The most urgent of a tick's status bits in words; `SETTLED` where none is set."""
+    """Return the most urgent of a tick's status bits in words; `SETTLED` where none is set."""
     return next((words for bit, words in WORDS if status & bit), SETTLED)

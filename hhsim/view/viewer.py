@@ -1,4 +1,4 @@
-"""A result in the rerun viewer: everything of it that can be seen, in a few large pieces."""
+"""A result in the rerun viewer."""
 
 import contextlib
 import json
@@ -39,31 +39,25 @@ if TYPE_CHECKING:
 
 
 BLOCK_TICKS = 16_384
-"""Ticks that are read and sent at a time; a multiple of no use to the viewer, which joins and splits as it likes."""
+"""Ticks that are read and sent at a time."""
 
 MOST_FRAMED = 50
-"""Ticks that decide about where the scene is looked at from."""
+"""Ticks that decide where the scene is looked at from."""
 
 MANY_TICKS = 200_000
-"""From here on a viewer needs gigabytes."""
+"""Number of ticks from which on a viewer needs gigabytes."""
 
 
 @dataclass(frozen=True)
 class Viewed:
-    """What was sent.
-
-    Attributes:
-        ticks: Of the result.
-        shown: Of them that have a pose in the viewer.
-        target: Where it went.
-    """
+    """Number of ticks of a result, of those with a pose in the viewer, and where they went."""
 
     ticks: int
     shown: int
     target: RerunTarget
 
     def to_json(self) -> dict[str, Any]:
-        """As plain values."""
+        """Return plain values for JSON."""
         return {"ticks": self.ticks, "shown_ticks": self.shown, "rerun": str(self.target)}
 
 
@@ -75,13 +69,12 @@ def view_result(
     spheres: bool = False,
     progress: Progress = silent,
 ) -> Viewed:
-    """Show a result.
+    """Show a result of a replay or a session, complete or not.
 
     Args:
-        result: Of a replay or a session, complete or not.
-        target: Where it is shown; the notebook whose cell calls this, unless told otherwise.
-        every: Only every so-manieth tick is shown; the plots then show the worst of the ticks between, but for forces.
-        spheres: Show the leaf spheres, in the place of the object's mesh.
+        target: Destination; the notebook whose cell calls this, unless told otherwise.
+        every: Show only every so-manieth tick; plots but for forces show the worst of the ticks between.
+        spheres: Show the leaf spheres in place of the object's mesh.
 
     Raises:
         InputError: The result holds no tick, or cannot be read; as `rerun_stream`.
@@ -105,13 +98,7 @@ def view_result(
 def send_ticks(
     viewer: RerunScene, result: Result, file: h5py.File, plots: Sequence[Plot], every: int, progress: Progress
 ) -> None:
-    """Send all of a result, what is fixed first.
-
-    Args:
-        file: Its file, open.
-        plots: That it has.
-        every: As of `view_result`.
-    """
+    """Send a result from its open file, what is fixed first; `every` as of `view_result`."""
     group = file["tick"]
     viewer.log_static(plots)
     log_phases(viewer, result, group["time"])
@@ -130,7 +117,7 @@ def send_ticks(
 
 
 def get_ready() -> None:
-    """Import and load what `view_result` will need, which takes a third of a second; it then begins at once."""
+    """Import and load what `view_result` needs, which takes a third of a second."""
     import rerun.blueprint  # noqa: F401
 
     none, sphere = np.zeros(1, np.int64), np.zeros(1)
@@ -140,21 +127,12 @@ def get_ready() -> None:
 
 
 def shown_scene(result: Result, *, spheres: bool = False) -> ShownScene:
-    """What of a result does not change with time.
-
-    Raises:
-        InputError: The hand is not known any more, or the arrays are no mesh or tree.
-    """
+    """Return what does not change with time; raise InputError for an unknown hand or a damaged mesh or tree."""
     static, solver = result.static, result.scene.get("solver", {})
     used = solver.get("fingers", FINGERS)
     return ShownScene(
         mesh=Mesh(static["object/vertices"], static["object/faces"], "object", str(result.path)),
-        tree=SphereTree(
-            center=static["object/tree/center"],
-            radius=static["object/tree/radius"],
-            level=static["object/tree/level"],
-            parent=static["object/tree/parent"],
-        ),
+        tree=SphereTree(**{name: static[f"object/tree/{name}"] for name in ("center", "radius", "level", "parent")}),
         hand=stored_hand(result),
         fingers=np.array([finger in used for finger in FINGERS]),
         touch=float(solver.get("touch", TOUCH)),
@@ -165,7 +143,7 @@ def shown_scene(result: Result, *, spheres: bool = False) -> ShownScene:
 
 
 def arranged(result: Result, scene: ShownScene, group: h5py.Group, plots: Sequence[Plot]) -> "rrb.Blueprint":
-    """The views of a result, the scene seen from where object and hand fill it while they touch."""
+    """Arrange the views of a result; the scene is seen from where object and hand fill it while they touch."""
     touching = np.flatnonzero(group["contacts/touching"][: result.ticks])
     some = touching[:: max(1, len(touching) // MOST_FRAMED)] if len(touching) else np.arange(1)
     hand = np.concatenate([read_numbers(group["graphic/joints"], int(tick)).reshape(-1, 3) for tick in some])
@@ -186,7 +164,7 @@ def arranged(result: Result, scene: ShownScene, group: h5py.Group, plots: Sequen
 
 
 def description(result: Result) -> str:
-    """What was run and what came out, as Markdown."""
+    """Return what was run and what came out, as Markdown."""
     scene = result.scene
     lines = [f"# {result.path.name}", ""]
     facts = {
@@ -200,16 +178,14 @@ def description(result: Result) -> str:
     }
     lines += [f"- **{name}**: {value}" for name, value in facts.items() if value]
     lines += ["", "| summary | SI units |", "|---|---|"]
-    lines += [
-        f"| {name} | {value:.6g} |" if isinstance(value, float) else f"| {name} | {value} |"
-        for name, value in result.summary.items()
-    ]
+    shown = {name: f"{value:.6g}" if isinstance(value, float) else value for name, value in result.summary.items()}
+    lines += [f"| {name} | {value} |" for name, value in shown.items()]
     solver = json.dumps(scene.get("solver", {}), indent=1)
     return "\n".join([*lines, "", "## Options of the solver", "```json", solver, "```", ""])
 
 
 def read_ticks(file: h5py.File, first: int, end: int, every: int, moved: RigidMotion | None = None) -> ShownTicks:
-    """Ticks `first` to `end` (not included) of a result, every so-manieth of them; `moved` as of `shown_ticks`."""
+    """Read every so-manieth of the ticks `first` to `end` (not included); `moved` as of `shown_ticks`."""
 
     def column(name: str) -> AnyArray:
         return read_numbers(file[f"tick/{name}"], slice(first, end))
@@ -225,7 +201,7 @@ def read_ticks(file: h5py.File, first: int, end: int, every: int, moved: RigidMo
 
 
 def log_phases(viewer: RerunScene, result: Result, time: Any) -> None:
-    """Send the phases of the motion as a lane of the state timeline; a gap between two of them has no state."""
+    """Send the phases of the motion as a lane of the state timeline; a gap between two has no state."""
     changes: dict[int, str] = {}
     for phase in sorted(result.phases, key=lambda phase: phase.first_tick):
         changes[phase.first_tick] = phase.name
@@ -242,7 +218,7 @@ def log_lane(viewer: RerunScene, lane: str, time: AnyArray, bits: AnyArray, word
 
 
 def log_session(viewer: RerunScene, file: h5py.File, time: AnyArray) -> None:
-    """Send what only a live session has besides its plots: why the fingers were free, and its log."""
+    """Send a live session's log, and why its fingers were free."""
     log_lane(viewer, "fingers", time, file[f"{LIVE_TICK}/safety"][: len(time)], why_free_or_held)
     begin = float(file[f"{LIVE_TICK}/deadline"][0]) - 1e9 * float(time[0])
     events = file[LIVE_EVENT]
@@ -252,11 +228,7 @@ def log_session(viewer: RerunScene, file: h5py.File, time: AnyArray) -> None:
 
 @contextlib.contextmanager
 def opened(path: Path) -> Iterator[h5py.File]:
-    """A result's file.
-
-    Raises:
-        InputError: It cannot be read.
-    """
+    """Open a result's file; raise InputError if it cannot be read."""
     try:
         file = open_hdf5(path)
     except OSError as error:

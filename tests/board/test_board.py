@@ -23,13 +23,8 @@ from hhsim.result.reader import Result
 from hhsim.table.table import Table
 
 A, B = (json.dumps({"cpu": name, "cores": 2, "system": "Linux", "python": "3.12"}) for name in ("one", "other"))
-USUAL = {
-    "penetration_max": 0.0,
-    "contact_error_max": 1e-4,
-    "tick_cpu_p50": 1e-5,
-    "tick_cpu_p99": 3e-5,
-    "stuck_ticks": 0.0,
-}
+USUAL = {"penetration_max": 0.0, "contact_error_max": 1e-4, "stuck_ticks": 0.0}
+USUAL |= {"tick_cpu_p50": 1e-5, "tick_cpu_p99": 3e-5}
 
 
 def entry(method: str = "coupled", machine: str = A, motion: str = "grasp", **figures: float) -> Entry:
@@ -82,11 +77,8 @@ def test_the_name_of_a_set_of_options_and_what_touched_nothing_are_told() -> Non
     assert shown(standing_table(board, standings(board)), "options") == ["coarse: level=2", "usual"]
     assert shown(entry_table(board), "options")[1] == "coarse: level=2"
     assert board.notes == ("nothing touched in 1 run, of which depth, contacts and forces say nothing",)
-    assert [row["option_set"] for row in csv.DictReader(io.StringIO(text_of(board, ".csv")))] == [
-        "",
-        "coarse",
-        "coarse",
-    ]
+    rows = csv.DictReader(io.StringIO(text_of(board, ".csv")))
+    assert [row["option_set"] for row in rows] == ["", "coarse", "coarse"]
 
 
 def test_a_result_of_two_sets_of_options_counts_in_the_row_of_each() -> None:
@@ -103,10 +95,8 @@ def test_a_result_of_two_sets_of_options_counts_in_the_row_of_each() -> None:
     assert {one.options: one.scenes for one in apart} == {"mine": 1, "mine: level=3": 1}
     # Names of one result in two sweeps are both kept, and neither row beats the other.
     later = replace(own, option_set="own", created="2026-01-02T00:00:00Z")
-    assert [(one.options, one.first) for one in standings(merged([replace(own, option_set="usual"), later]))] == [
-        ("usual", True),
-        ("own", True),
-    ]
+    both = standings(merged([replace(own, option_set="usual"), later]))
+    assert [(one.options, one.first) for one in both] == [("usual", True), ("own", True)]
 
 
 def test_a_document_says_once_what_is_the_same_in_every_row() -> None:
@@ -175,9 +165,8 @@ def test_a_result_is_told_by_what_is_not_as_usual(result: Result) -> None:
 
 def test_options_that_follow_from_others_are_not_told(result: Result) -> None:
     solver = result.scene["solver"]
-    assert (
-        option_words({"object": "bunny", "level": 4, "rate": 1000.0, "solver": {**solver, "linearisations": 12}}) == ""
-    )
+    usual = {"object": "bunny", "level": 4, "rate": 1000.0, "solver": {**solver, "linearisations": 12}}
+    assert option_words(usual) == ""
     scene = {"object": "bunny", "level": 3, "seed": 2, "ticks": 500, "tremor_mm_deg": [0.1, 0.2]}
     assert option_words(scene) == "level=3, seed=2, ticks=500, tremor_mm_deg=0.1/0.2"
     unknown = {**solver, "method": "nobody:Knows", "linearisations": 12, "stiffness": {"translation": 9.0}}
@@ -252,11 +241,8 @@ def test_a_latex_table_is_balanced_and_everything_in_it_escaped() -> None:
     assert lines[0].startswith(r"\begin{tabular}{") and lines[-1] == r"\end{tabular}" and "toprule" not in text
     rows = [line for line in lines if line.endswith(r"\\")]
     columns = lines[0].removeprefix(r"\begin{tabular}{").removesuffix("}")
-    assert (
-        len(rows) == 3
-        and set(columns) == {"l", "r"}
-        and len(columns) == len(document_table(board, standings(board)).columns)
-    )
+    assert len(rows) == 3 and set(columns) == {"l", "r"}
+    assert len(columns) == len(document_table(board, standings(board)).columns)
     for row in rows:
         cells = re.split(r"(?<!\\) & ", row.removesuffix(r" \\"))
         assert len(cells) == len(columns)

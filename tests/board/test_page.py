@@ -9,8 +9,8 @@ from browser import Browser, browser, missing
 
 from hhsim.board.collect import merged
 from hhsim.board.entry import Entry
-from hhsim.board.page import board_page
 from hhsim.board.standings import standings
+from hhsim.board.table_file import board_page
 
 pytestmark = pytest.mark.skipif(missing() is not None, reason=missing() or "")
 NASTY = "<script>document.title = 'taken'</script>"

@@ -44,21 +44,6 @@ def test_two_methods_side_by_side(run: Run, results: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("factor", "expected"), [(1.0, "same"), (1.05, "within noise"), (2.0, "worse"), (0.4, "better")]
-)
-def test_a_time_within_noise_is_called_so(
-    run: Run, results: Path, tmp_path: Path, factor: float, expected: str
-) -> None:
-    shutil.copy(results / "coupled.h5", tmp_path / "b.h5")
-    with changed(tmp_path / "b.h5") as file:
-        file["summary"].attrs["tick_cpu_p50"] = 1e-3
-    shutil.copy(tmp_path / "b.h5", tmp_path / "a.h5")
-    with changed(tmp_path / "b.h5") as file:
-        file["summary"].attrs["tick_cpu_p50"] *= factor
-    assert word(run("compare", "a.h5", "b.h5").out, "tick in contact, CPU, p50") == expected
-
-
-@pytest.mark.parametrize(
     ("deviations", "expected"),
     [((1e-5, 1e-5), "worse"), ((1e-4, 1e-4), "within noise"), ((None, 1e-4), "within noise"), ((None, None), "worse")],
 )
@@ -99,10 +84,6 @@ def test_a_figure_that_is_not_of_the_ticks_is_named(run: Run, results: Path, tmp
     told = [line for line in answer.out.splitlines() if "The file says" in line]
     assert len(told) == 1 and told[0].startswith("B: The file says force in contact, mean ")
     assert "hhsim verify" in told[0]
-
-
-def test_what_is_no_result_is_told(run: Run) -> None:
-    assert run("compare", "a.h5", "b.h5").err == "hhsim: error: a.h5: no such file; expected a result (.h5)\n"
 
 
 def test_a_result_is_exported(run: Run, results: Path, tmp_path: Path) -> None:

@@ -84,16 +84,6 @@ def test_the_reference_page_is_what_the_commands_say(repository: Path) -> None:
     assert page == written, "run: python -m hhsim.cli.reference > docs/cli.md"
 
 
-def test_a_long_option_is_spelled_with_hyphens() -> None:
-    context = click.Context(entry.hhsim)
-    for name in COMMANDS:
-        command = entry.hhsim.get_command(context, name)
-        assert command is not None
-        for parameter in command.params:
-            if isinstance(parameter, click.Option):
-                assert all("_" not in spelling for spelling in parameter.opts), (name, parameter.opts)
-
-
 @pytest.mark.parametrize(
     ("arguments", "line"),
     [
@@ -129,60 +119,35 @@ def test_machines_get_an_error_as_a_document(run: Run) -> None:
     assert answer.err.startswith("hhsim: error: ")
 
 
-def test_the_notes_of_an_error_are_told_with_it(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+NOTE = "the 30 ticks so far are in run.h5 (complete = 0)"
+NOTED, STOPPED = InputError("the glove\nwent away"), KeyboardInterrupt()
+for raised in (NOTED, STOPPED):
+    raised.add_note(NOTE)
+FULL = errno.ENOSPC, os.strerror(errno.ENOSPC)
+NO_MEMORY = MemoryError("Unable to allocate 7.28 TiB for an array")
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "line"),
+    [
+        (NOTED, 2, f"error: the glove went away; {NOTE}"),
+        (OSError(*FULL, "/cache/kernel.nbi"), 2, f"error: {FULL[1]}: /cache/kernel.nbi"),
+        (OSError(*FULL), 2, "stdout, or the cache in /cache, for which HHSIM_CACHE_DIR names another folder"),
+        (NO_MEMORY, 2, f"error: not enough memory: {NO_MEMORY}"),
+        (STOPPED, 130, f"interrupted; {NOTE}"),
+    ],
+)
+def test_an_error_is_told_in_one_line_with_its_notes(
+    run: Run, monkeypatch: pytest.MonkeyPatch, error: BaseException, code: int, line: str
+) -> None:
     def fail() -> int:
-        error = InputError("the glove\nwent away")
-        error.add_note("the 30 ticks so far are in run.h5 (complete = 0)")
         raise error
 
     monkeypatch.setattr(entry, "_run", fail)
-    expected = "hhsim: error: the glove went away; the 30 ticks so far are in run.h5 (complete = 0)\n"
-    assert run("info") == (2, "", expected)
-
-
-def test_a_fault_of_the_system_is_told_in_one_line(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail() -> int:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "/cache/kernel.nbi")
-
-    monkeypatch.setattr(entry, "_run", fail)
-    assert run("info") == (2, "", f"hhsim: error: {os.strerror(errno.ENOSPC)}: /cache/kernel.nbi\n")
-
-
-def test_a_full_cache_is_told_with_its_place(run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    def fail() -> int:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(entry, "_run", fail)
-    monkeypatch.setenv("HHSIM_CACHE_DIR", str(tmp_path))
+    monkeypatch.setenv("HHSIM_CACHE_DIR", "/cache")
     answer = run("info")
-    assert answer.code == 2
-    assert f"stdout, or the cache in {tmp_path}, for which HHSIM_CACHE_DIR names another folder" in answer.err
-
-
-def test_too_little_memory_is_told_in_one_line(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail() -> int:
-        raise MemoryError("Unable to allocate 7.28 TiB for an array")
-
-    monkeypatch.setattr(entry, "_run", fail)
-    assert run("info") == (2, "", "hhsim: error: not enough memory: Unable to allocate 7.28 TiB for an array\n")
-
-
-def test_an_interrupt_exits_130_and_says_what_it_left(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    def stop() -> int:
-        interrupt = KeyboardInterrupt()
-        interrupt.add_note("the 30 ticks so far are in run.h5 (complete = 0)")
-        raise interrupt
-
-    monkeypatch.setattr(entry, "_run", stop)
-    expected = "hhsim: interrupted; the 30 ticks so far are in run.h5 (complete = 0)\n"
-    assert run("info") == (130, "", expected)
-
-
-def test_a_command_chooses_its_exit_code(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(COMMANDS, "verdict", "Answer 1.")
-    command = click.Command("verdict", callback=lambda: 1)
-    monkeypatch.setattr(type(entry.hhsim), "get_command", lambda group, context, name: command)
-    assert run("verdict") == (1, "", "")
+    assert (answer.code, answer.out, answer.err.count("\n")) == (code, "", 1)
+    assert answer.err.startswith("hhsim: ") and answer.err.endswith(f"{line}\n")
 
 
 def test_a_reader_that_leaves_is_no_error() -> None:
@@ -240,13 +205,13 @@ def test_an_encoding_without_our_letters_is_no_crash(run: Run) -> None:
     assert document.isascii() and len(json.loads(document)["objects"]) == 10
 
 
-def test_info_tells_people_and_machines_the_same(run: Run) -> None:
-    document = json.loads(run("info", "--json").out)
-    table = run("info")
-    assert table.code == 0
-    assert table.err == ""
+def test_info_tells_people_and_machines_the_same_and_each_thing_once(run: Run) -> None:
+    document, table = json.loads(run("info", "--json").out), run("info")
+    assert (table.code, table.err) == (0, "")
     for value in (document["hhsim"], document["machine"]["cpu"], document["packages"]["numpy"]):
         assert value in table.out
+    names = [line.split()[0] for line in table.out.splitlines()[2:]]
+    assert names.count("hhsim") == names.count("numpy") == 1
 
 
 @pytest.mark.parametrize(("cores", "words"), [(1, "1 core"), (2, "2 cores")])
@@ -257,34 +222,14 @@ def test_info_counts_cores(run: Run, monkeypatch: pytest.MonkeyPatch, cores: int
     assert line.endswith(f", {words}")
 
 
-def test_objects_tells_people_and_machines_the_same(run: Run) -> None:
-    objects = json.loads(run("objects", "--json").out)["objects"]
-    lines = run("objects").out.splitlines()[2:]
-    assert [line.split()[0] for line in lines] == [item["name"] for item in objects]
-    assert len(objects) == 10
-    for item, line in zip(objects, lines):
-        assert 0.06 <= max(item["extent"]) <= 0.13
-        assert item["title"] in line
-        assert item["licence"] in line
-
-
-def test_trajectories_tells_people_and_machines_the_same(run: Run) -> None:
-    trajectories = json.loads(run("trajectories", "--json").out)["trajectories"]
-    heading, _, *lines = run("trajectories").out.splitlines()
-    assert "duration [s]   rate [Hz]" in heading
-    assert [line.split()[0] for line in lines] == [item["name"] for item in trajectories]
-    assert {"touch", "pinch", "grasp", "whole-hand", "slide"} <= {item["name"] for item in trajectories}
-    for item, line in zip(trajectories, lines):
-        assert item["title"] in line
-        assert f"{item['duration']:.1f}" in line
-
-
-def test_a_table_in_a_pipe_is_plain_text(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("COLUMNS", "40")
-    table = run("objects").out
-    assert "\x1b" not in table
-    assert all(line == line.rstrip() for line in table.splitlines())
-    assert len(table.splitlines()) == 12
+@pytest.mark.parametrize(
+    ("command", "told"), [("objects", ("title", "licence")), ("trajectories", ("title", "stresses"))]
+)
+def test_a_catalogue_tells_people_and_machines_the_same(run: Run, command: str, told: tuple[str, ...]) -> None:
+    items = json.loads(run(command, "--json").out)[command]
+    lines = run(command).out.splitlines()[2:]
+    assert [line.split()[0] for line in lines] == [item["name"] for item in items]
+    assert len(items) >= 10 and all(item["title"] in line for item, line in zip(items, lines))
 
 
 def test_a_tree_is_built_measured_and_written(run: Run, tmp_path: Path) -> None:
@@ -325,23 +270,18 @@ def test_trees_of_so_many_leaves_or_within_an_error(run: Run, tmp_path: Path) ->
     assert run("build-tree", "cube", "--max-error", "a lot").code == 2
 
 
-def test_a_tree_never_replaces_a_file_of_another_kind(run: Run, tmp_path: Path) -> None:
-    (tmp_path / "notes.h5").write_text("not a tree")
-    answer = run("build-tree", "cube", "--level", "1", "--out", "notes.h5")
+@pytest.mark.parametrize("name", ["notes.h5", "notes.sph"])
+def test_a_tree_never_replaces_a_file_of_another_kind(run: Run, tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_text("not a tree")
+    answer = run("build-tree", "cube", "--level", "1", "--out", name)
     assert answer == (
         2,
         "",
-        "hhsim: error: notes.h5 exists and is no sphere tree, so it is not replaced: name another file\n",
+        f"hhsim: error: {name} exists and is no sphere tree, so it is not replaced: name another file\n",
     )
-    assert (tmp_path / "notes.h5").read_text() == "not a tree"
-
-
-def test_a_text_tree_never_replaces_a_file_of_another_kind(run: Run, tmp_path: Path) -> None:
-    (tmp_path / "notes.sph").write_text("not a tree")
-    assert run("build-tree", "cube", "--level", "1", "--out", "notes.sph").code == 2
-    assert (tmp_path / "notes.sph").read_text() == "not a tree"
+    assert (tmp_path / name).read_text() == "not a tree"
     for _ in range(2):
-        assert run("build-tree", "cube", "--level", "1", "--out", "cube.sph", "--quiet") == (0, "", "")
+        assert run("build-tree", "cube", "--level", "1", "--out", f"new-{name}", "--quiet") == (0, "", "")
 
 
 def test_compilation_is_announced_where_and_when_it_happens(capsys: pytest.CaptureFixture[str]) -> None:
@@ -415,8 +355,3 @@ def test_a_bar_has_a_label_from_the_start_and_says_that_kernels_are_compiled(mon
     assert sorted(labels, key=shown.index) == labels
     assert "1 of 3" in shown and "hhsim: compiling" not in shown
     assert re.search(r"upgrade \d+ s", re.sub(r"\x1b\[[0-9;]*m", "", shown))
-
-
-def test_info_names_each_thing_once(run: Run) -> None:
-    names = [line.split()[0] for line in run("info").out.splitlines()[2:]]
-    assert names.count("hhsim") == names.count("numpy") == 1

@@ -94,32 +94,17 @@ def test_a_command_takes_few_arguments_and_many_options_stand_under_headings(pat
     assert (len(sections) > 1) == (len(options_of(path)) > 15)
 
 
-ALIKE = (
-    "--out",
-    "--json",
-    "--quiet",
-    "--seed",
-    "--unit",
-    "--thickness",
-    "--budget",
-    "--fingers",
-    "--samples",
-    "--place-object",
-)
+ALIKE = "--out --json --quiet --seed --unit --thickness --budget --fingers --samples --place-object"
 """Options that mean the same wherever they are; others of one name differ as the commands do."""
 
 
-@pytest.mark.parametrize("name", ALIKE)
+@pytest.mark.parametrize("name", ALIKE.split())
 def test_what_means_the_same_is_explained_alike(name: str) -> None:
     found = {path: option for path in COMMANDS for option in options_of(path) if option.opts[0] == name}
     if name == "--out":
-        # A report is a page and its pictures, and may be named by their folder.
-        found.pop("hhsim report", None)
-        # A scene is a folder.
-        found.pop("hhsim scene")
-        # A report is a page and its pictures, and may be named by their folder; a sweep is a folder, a board any files.
-        for other in ("hhsim report", "hhsim sweep", "hhsim board"):
-            found.pop(other, None)
+        # A report is a page and its pictures, a scene and a sweep are folders, and a board is any files.
+        for other in ("report", "scene", "sweep", "board"):
+            found.pop(f"hhsim {other}")
     assert len(found) > 1
     assert len({(option.help, option.metavar, tuple(option.opts)) for option in found.values()}) == 1
 
@@ -136,11 +121,8 @@ def library_defaults() -> Iterator[tuple[str, str, str]]:
     from hhsim.live.ipc import config as live_setup
     from hhsim.solver import options as solver_options
 
-    usual, paper, coupling = (
-        solver_options.SolverOptions(),
-        solver_options.SolverOptions(method="paper"),
-        solver_options.Stiffness(),
-    )
+    usual, paper = (solver_options.SolverOptions(method=method) for method in ("coupled", "paper"))
+    coupling = solver_options.Stiffness()
     for name in ("margin", "linearisations"):
         scale = 1e3 if name == "margin" else 1
         numbers = [f"{scale * getattr(options, name):g}" for options in (usual, paper)]
@@ -153,22 +135,20 @@ def library_defaults() -> Iterator[tuple[str, str, str]]:
     yield "hhsim replay", "--budget", f"{1e-6 * usual.budget / usual.period:g} units a microsecond of the period"
     assert usual.fingers == FINGERS
     suites = (
-        ("paper", bench_paper.PaperOptions(), ("methods", "instances", "repetitions")),
-        ("speed-error", speed_error.SpeedErrorOptions(), ("objects", "motions", "surfaces", "levels")),
-        ("trees", bench_trees.TreesOptions(), ("objects", "spheres")),
-        ("mesh-size", mesh_size.MeshSizeOptions(), ("subdivisions",)),
-        ("threads", bench_threads.ThreadsOptions(), ("objects", "threads")),
+        ("paper", bench_paper.PaperOptions(), {"methods": "method", "instances": "", "repetitions": ""}),
+        (
+            *("speed-error", speed_error.SpeedErrorOptions()),
+            {"objects": "object", "motions": "motion", "surfaces": "surface", "levels": "level"},
+        ),
+        ("trees", bench_trees.TreesOptions(), {"objects": "object", "spheres": ""}),
+        ("mesh-size", mesh_size.MeshSizeOptions(), {"subdivisions": ""}),
+        ("threads", bench_threads.ThreadsOptions(), {"objects": "object", "threads": ""}),
     )
     for suite, run, fields in suites:
-        for field in fields:
+        for field, one in fields.items():
             value = getattr(run, field)
             values = value if isinstance(value, tuple) else (value,)
-            one = (
-                field
-                if field in ("spheres", "subdivisions", "threads", "instances", "repetitions")
-                else field.removesuffix("s")
-            )
-            yield f"hhsim bench {suite}", f"--{one}", ",".join(map(str, values))
+            yield f"hhsim bench {suite}", f"--{one or field}", ",".join(map(str, values))
     yield "hhsim bench qp", "--object", ",".join(qp_harvest.OBJECTS)
     yield "hhsim bench qp", "--motion", ",".join(qp_harvest.MOTIONS)
     yield "hhsim gate", "--processes", f"as the suite says, else {default_suite().time.processes}"

@@ -71,7 +71,7 @@ def test_a_report_is_made_and_told(run: Run, tmp_path: Path) -> None:
 def test_several_results_are_told_to_machines(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # What is drawn is tested elsewhere, and takes time.
     leave_charts_undrawn(monkeypatch)
-    monkeypatch.setattr("hhsim.report.worst_ticks_section.worst_ticks", lambda result: [])
+    monkeypatch.setattr("hhsim.report.worst_ticks.worst_ticks", lambda result: [])
     for picture in ("overview_picture", "held_picture"):
         monkeypatch.setattr(f"hhsim.report.report.{picture}", no_picture)
     for method in ("coupled", "paper"):
@@ -96,17 +96,11 @@ def test_what_cannot_be_reported_is_one_line(run: Run, tmp_path: Path) -> None:
         (("none.h5",), "none.h5: no such file; expected a result (.h5)"),
         (("text.h5",), "text.h5 is no HDF5 file"),
         (("text.h5", "--out", "mine.html"), "mine.html exists and is no page of hhsim report"),
-        (("text.h5", "--out", "nowhere/page.html"), "there is no folder"),
-        ((), "Missing argument 'RESULT...'"),
     ):
         answer = run("report", *arguments)
-        assert answer.code == 2, arguments
-        assert answer.out == ""
+        assert (answer.code, answer.out, answer.err.count("\n")) == (2, "", 1), arguments
         assert message in answer.err
-        assert answer.err.count("\n") == 1
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["mine.html", "text.h5"] or not list(
-        (tmp_path / "results").iterdir()
-    )
+    assert (tmp_path / "mine.html").read_text() == "mine"
 
 
 def test_the_command_that_made_a_result_is_told_as_it_was_typed(run: Run, tmp_path: Path, short: str) -> None:
@@ -118,12 +112,6 @@ def test_the_command_that_made_a_result_is_told_as_it_was_typed(run: Run, tmp_pa
     told = result_tables(report_runs([result]), [])
     assert told["typed"] == [typed]
     assert told["again"] == ["hhsim view x.h5", "hhsim verify x.h5", "hhsim replay x.h5"]
-
-
-def test_a_result_of_the_library_has_no_command(tmp_path: Path) -> None:
-    result = short_result(tmp_path / "x.h5")
-    assert result.command == ()
-    assert result_tables(report_runs([result]), [])["typed"] == []
 
 
 def test_a_figure_is_a_file_of_its_own(run: Run, tmp_path: Path) -> None:
@@ -138,11 +126,8 @@ def test_a_figure_is_a_file_of_its_own(run: Run, tmp_path: Path) -> None:
     for arguments, message in (
         (("--width", "88mm"), "--width is of a figure"),
         (("--figure", "series", "--width", "88"), "expected a number with mm, cm or in"),
-        (("--figure", "series", "--out", "fig.html"), "ends in .pdf, .svg or .png"),
-        (("--figure", "curves"), "'curves' is not one of"),
     ):
         answer = run("report", "x.h5", *arguments)
-        assert (answer.code, answer.out) == (2, ""), arguments
+        assert (answer.code, answer.out, answer.err.count("\n")) == (2, "", 1), arguments
         assert message in answer.err
-        assert answer.err.count("\n") == 1
     assert {path.name for path in tmp_path.iterdir()} == {"x.h5", "fig.pdf", "fig.svg"}

@@ -36,12 +36,8 @@ def test_a_replay_is_shown_and_can_be_looked_at_again(run: Run, tmp_path: Path, 
     answer = run("view", "short.h5", "--rerun", "again.rrd", "--json")
     document = json.loads(answer.out)
     assert document["seconds"] > 0.0
-    assert {name: document[name] for name in ("result", "ticks", "shown_ticks", "rerun")} == {
-        "result": "short.h5",
-        "ticks": 150,
-        "shown_ticks": 150,
-        "rerun": "again.rrd",
-    }
+    expected = {"result": "short.h5", "ticks": 150, "shown_ticks": 150, "rerun": "again.rrd"}
+    assert expected.items() <= document.items()
 
 
 def test_what_cannot_be_shown_is_told_before_the_replay(run: Run, tmp_path: Path, short: str) -> None:
@@ -61,14 +57,11 @@ def test_a_film_is_made_without_a_viewer(run: Run, tmp_path: Path, short: str) -
     for arguments, message in (
         (("short.h5", "--slow", "2"), "are of a film"),
         (("short.h5", "short.h5", "--video", "two.gif"), "is of one result"),
-        (("short.toml", "--video", "x.gif"), "expected a result"),
         (("short.h5", "--video", "x.avi"), ".gif or .mp4"),
-        (("short.h5", "--video", "x.gif", "--slow", "0.001"), "0.001 is not in the range 0.01<=x<=1000"),
     ):
         answer = run("view", *arguments)
-        assert (answer.code, answer.out) == (2, ""), arguments
+        assert (answer.code, answer.out, answer.err.count("\n")) == (2, "", 1), arguments
         assert message in answer.err
-        assert answer.err.count("\n") == 1
     assert not {"two.gif", "x.gif", "x.avi"} & {path.name for path in tmp_path.iterdir()}
 
 

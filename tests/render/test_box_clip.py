@@ -1,14 +1,11 @@
 """Surfaces cut at a box: areas and volumes as they are by other means, whatever the size of the triangles."""
 
-import itertools
-
 import numpy as np
 import pytest
 import trimesh
 
 from hhsim.mesh.mesh import Mesh
-from hhsim.render.box_clip import FAR, NEAR, clipped, near_hands
-from hhsim.render.triangle_soup import Surface, mesh_surface
+from hhsim.render.triangle_soup import FAR, NEAR, Surface, clipped, mesh_surface, near_hands
 
 STONE = np.array([0.8, 0.8, 0.78])
 
@@ -29,30 +26,6 @@ def test_a_door_without_a_corner_near_is_cut_to_the_box() -> None:
     np.testing.assert_allclose(part.points[part.faces].reshape(-1, 3).max(axis=0), (0.1, 0.02, 0.5), atol=1e-12)
     # Of the six sides only the front and the back go through the box.
     assert area(part) == pytest.approx(2 * 0.3 * 0.6)
-
-
-def polygon_area_inside(corners: list[np.ndarray], low: np.ndarray, high: np.ndarray) -> float:
-    """Of one polygon, cut side by side as one would on paper."""
-    for axis in range(3):
-        for sign, bound in ((1.0, low[axis]), (-1.0, -high[axis])):
-            kept = []
-            for here, there in zip(corners, corners[1:] + corners[:1]):
-                p, q = sign * here[axis] - bound, sign * there[axis] - bound
-                if p >= 0.0:
-                    kept.append(here)
-                if (p >= 0.0) != (q >= 0.0):
-                    kept.append(here + p / (p - q) * (there - here))
-            corners = kept
-    fan = [np.cross(b - corners[0], c - corners[0]) for b, c in itertools.pairwise(corners[1:])]
-    return float(0.5 * np.linalg.norm(np.sum(fan, axis=0))) if fan else 0.0
-
-
-def test_each_triangle_is_cut_as_one_would_on_paper() -> None:
-    ball = surface_of(trimesh.creation.icosphere(3, 0.05))
-    low, high = np.array([-0.03, -0.06, -0.011]), np.array([0.02, 0.013, 0.06])
-    expected = sum(polygon_area_inside(list(corners), low, high) for corners in ball.points[ball.faces])
-    assert 0.1 * area(ball) < expected < 0.9 * area(ball)
-    assert area(clipped(ball, low, high)) == pytest.approx(expected, rel=1e-9)
 
 
 def test_corners_keep_their_order_and_normals_their_length() -> None:

@@ -36,16 +36,10 @@ def test_what_came_in_lies_under_what_went_out_in_our_units(tmp_path: Path, monk
     monkeypatch.setattr(import_figure, "new_figure", lambda width, height, **options: new_figure(6, 10, **options))
     clean = picture(CLEAN, tmp_path / "clean.png")
     assert all(shows(clean, colour) > 500 for colour in COLOURS[:3])
-    other = replace(
-        CLEAN,
-        position=1e3 * CLEAN.position,
-        time=1e3 * CLEAN.time,
-        flexion=np.degrees(CLEAN.flexion),
-        abduction=np.degrees(CLEAN.abduction),
-    )
-    assert (
-        abs(shows(picture(other, tmp_path / "other.png"), GREY) - shows(clean, GREY)) < 0.05 * shows(clean, GREY) + 50
-    )
+    angles = {name: np.degrees(getattr(CLEAN, name)) for name in ("flexion", "abduction")}
+    scaled = replace(CLEAN, position=1e3 * CLEAN.position, time=1e3 * CLEAN.time, **angles)
+    other = picture(scaled, tmp_path / "other.png")
+    assert abs(shows(other, GREY) - shows(clean, GREY)) < 0.05 * shows(clean, GREY) + 50
     position = CLEAN.position.copy()
     position[50:54, 0] += 0.8
     spiked = picture(replace(CLEAN, position=position), tmp_path / "spiked.png")

@@ -1,19 +1,17 @@
 """The picture of a replay: drawn from the result file, at the hold, with the forces at the contacts."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from short_grasp import short_grasp, short_result
 
-from hhsim.errors import InputError
 from hhsim.kernels.jit import as_argument
 from hhsim.kernels.round_cone_distance import sphere_round_cone_distance
+from hhsim.render import replay_figure
 from hhsim.render.rasterizer import frame, look_from
-from hhsim.render.replay_figure import PhalanxForce, arrow, draw_replay, label, main, phalanx_forces, shown_tick
+from hhsim.render.replay_figure import PhalanxForce, arrow, draw_replay, label, phalanx_forces, shown_tick
 from hhsim.render.viewpoint import View
-from hhsim.replay.stored_scene import stored_hand
 from hhsim.report.figure import new_figure
 from hhsim.result.reader import Result
 
@@ -21,10 +19,6 @@ from hhsim.result.reader import Result
 @pytest.fixture(scope="module")
 def result(tmp_path_factory: pytest.TempPathFactory) -> Result:
     return short_result(tmp_path_factory.mktemp("replay") / "short.h5", short_grasp(release=0.05))
-
-
-def test_the_picture_is_of_the_end_of_the_hold(result: Result) -> None:
-    assert shown_tick(result) == 199
 
 
 def test_each_force_begins_where_its_phalanx_touches(result: Result) -> None:
@@ -71,14 +65,6 @@ def test_a_number_at_the_edge_is_whole(newtons: float, size: float) -> None:
         assert max(box.x1 for box in boxes) <= figure.bbox.width
 
 
-def test_the_hand_is_that_of_the_run(result: Result) -> None:
-    assert stored_hand(result).side == "right"
-    np.testing.assert_array_equal(stored_hand(result).radius, result.static["hand/phalanx_radius"])
-    static = {**result.static, "hand/phalanx_radius": 1.01 * result.static["hand/phalanx_radius"]}
-    with pytest.raises(InputError, match="the hand in the file is another one"):
-        stored_hand(replace(result, static=static))
-
-
 def test_writes_the_picture(result: Result, tmp_path: Path) -> None:
     import matplotlib.image
 
@@ -103,4 +89,4 @@ def test_writes_the_picture(result: Result, tmp_path: Path) -> None:
 )
 def test_bad_arguments_are_one_line(arguments: list[str], says: str) -> None:
     with pytest.raises(SystemExit, match=says):
-        main(arguments)
+        replay_figure.draw_from_arguments(arguments, draw_replay, "hhsim.render.replay_figure", View(125.0, 12.0))

@@ -12,7 +12,7 @@ from short_grasp import short_result
 
 from hhsim.errors import InputError, OutputError
 from hhsim.render import replay_video
-from hhsim.render.rasterizer import Camera, look_from, shade
+from hhsim.render.rasterizer import OVERSAMPLING, Camera, look_from, shade
 from hhsim.render.replay_video import VideoOptions, check_video_path, video_frames, video_ticks, write_video
 from hhsim.render.triangle_soup import SKIN, round_cone_surface
 from hhsim.result.reader import Result
@@ -40,7 +40,7 @@ def test_a_part_of_a_picture_is_rendered_as_in_the_whole(result: Result) -> None
     camera = Camera(look_from((1.0, 0.5, 0.3)), np.array([0.0, 0.0, 0.01]), 0.2, (240, 320))
     part = replay_video._part(cone.points, camera)
     whole, cut = shade(cone, camera), shade(cone, replay_video._camera_part(camera, part))
-    fine = replay_video._fine(part)
+    fine = tuple(slice(OVERSAMPLING * side.start, OVERSAMPLING * side.stop) for side in part)
     assert whole.seen().sum() == cut.seen().sum() > 1000
     np.testing.assert_allclose(cut.depth, whole.depth[fine], atol=1e-9)
     np.testing.assert_allclose(cut.facing, whole.facing[fine], atol=1e-6)

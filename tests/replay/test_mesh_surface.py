@@ -109,7 +109,7 @@ def no_picture(*_: object) -> Any:
 def test_the_report_knows_the_surface(run: tuple[Result, ReplaySummary], monkeypatch: pytest.MonkeyPatch) -> None:
     result, _ = run
     # What is drawn is tested elsewhere, and takes time.
-    monkeypatch.setattr("hhsim.report.worst_ticks_section.worst_ticks", lambda result: [])
+    monkeypatch.setattr("hhsim.report.worst_ticks.worst_ticks", lambda result: [])
     leave_charts_undrawn(monkeypatch)
     for picture in ("overview_picture", "held_picture"):
         monkeypatch.setattr(f"hhsim.report.report.{picture}", no_picture)

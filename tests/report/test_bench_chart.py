@@ -17,8 +17,7 @@ from hhsim.bench.qp import bench as qp
 from hhsim.bench.robustness import hard, recorded_metrics, stress_metrics
 from hhsim.bench.table import BenchTable, load_table, write_table
 from hhsim.report import bench_chart
-from hhsim.report.bench_chart import CHARTS, bench_figure
-from hhsim.report.bench_units import shown_unit
+from hhsim.report.bench_chart import CHARTS, bench_figure, shown_unit
 from hhsim.report.figure import new_figure
 from hhsim.table.table import Column, unit_size
 

@@ -101,20 +101,6 @@ def test_every_figure_is_drawn_within_its_page(
             assert np.asarray(picture)[row].min() > 200, (name, inches, row)
 
 
-def test_a_depth_of_millimetres_is_not_cut_at_the_edge(
-    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """In µm it has five digits, the longest number beside an axis."""
-    deep = speed_error.SpeedError("deep", 1e-5, 5e-5, depth=0.0134, mesh=0.0134, excess=np.nan)
-    monkeypatch.setattr(speed_error, "_measured", lambda label, result: deep)
-    figure = make_figure([path], "speed-error")
-    for inches in (3.46, PAGE_INCHES):
-        write_figure(figure, tmp_path / "figure.png", inches)
-        with Image.open(tmp_path / "figure.png") as file:
-            picture = np.asarray(file.convert("L"))
-        assert picture[:, 0].min() > 200 and picture[:, -1].min() > 200, inches
-
-
 def test_what_cannot_be_drawn_is_told(path: Path, series: ReportFigure, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="expected series, ticks"):
         make_figure([path], "serie")
@@ -132,12 +118,12 @@ def test_what_cannot_be_drawn_is_told(path: Path, series: ReportFigure, tmp_path
 def test_labels_of_many_results_keep_apart_and_within_the_figure(
     path: Path, monkeypatch: pytest.MonkeyPatch, count: int, inches: float
 ) -> None:
-    """Ticks of 1 µs to 50 ms: the most decades that have to have their labels in a panel."""
+    """Ticks of 1 µs to 50 ms, the most decades in a panel, and depths of five digits, the longest numbers."""
     times = np.geomspace(1e-6, 5e-2, count)
 
     def measured(label: str, result: object) -> speed_error.SpeedError:
         time = times[ord(label[0]) - ord("A")]
-        return speed_error.SpeedError(label, time, time, 1e-2 * time, time, 1e3 * time, of_paper=True)
+        return speed_error.SpeedError(label, time, time, 0.27 * time, time, 1e3 * time, of_paper=True)
 
     monkeypatch.setattr(speed_error, "_measured", measured)
     drawing = make_figure([path] * count, "speed-error").drawing

@@ -51,25 +51,15 @@ def test_options_are_told_where_they_are_not_what_most_have(plain: Result) -> No
 
 
 def test_a_rate_and_the_place_of_the_object_are_told_in_words(plain: Result) -> None:
-    placement = {
-        "how": "closing fingers",
-        "time": 4.46,
-        "depth": 0.0087,
-        "position": [0.1, 0.2, 0.3],
-        "by_itself": True,
-    }
+    placement = {"how": "closing fingers", "time": 4.46, "depth": 0.0087, "by_itself": True}
     placed = otherwise(plain, placement=placement)
     asked = otherwise(plain, placement={**placement, "by_itself": False})
     deeper = otherwise(plain, placement={**placement, "depth": 0.012})
     assert result_labels([placed, asked]) == ["A: coupled", "B: coupled"]
-    assert result_labels([placed, deeper]) == [
-        "A: coupled, placed at 4.46 s, 8.7 mm deep",
-        "B: coupled, placed at 4.46 s, 12.0 mm deep",
-    ]
-    assert result_labels([plain, otherwise(plain, placement={"text": "of an older file"})]) == [
-        "A: coupled",
-        "B: coupled, object placed",
-    ]
+    places = ["A: coupled, placed at 4.46 s, 8.7 mm deep", "B: coupled, placed at 4.46 s, 12.0 mm deep"]
+    assert result_labels([placed, deeper]) == places
+    older = otherwise(plain, placement={"text": "of an older file"})
+    assert result_labels([plain, older]) == ["A: coupled", "B: coupled, object placed"]
     slow = otherwise(asked, {"period": 1 / 72}, rate=72.0)
     assert result_labels([placed, slow]) == ["A: coupled, 1000 Hz", "B: coupled, 72 Hz"]
     # An object that is put elsewhere by a hair has another checksum.
@@ -78,11 +68,8 @@ def test_a_rate_and_the_place_of_the_object_are_told_in_words(plain: Result) -> 
     assert "object" in result_labels([placed, otherwise(placed, checksums=sums)])[1]
 
 
-def test_the_same_again_is_told_by_its_letter(plain: Result) -> None:
+def test_the_same_again_is_told_by_its_letter_and_never_by_its_file(plain: Result) -> None:
     assert result_labels([plain, plain, plain]) == ["A: coupled", "B: coupled", "C: coupled"]
-
-
-def test_no_label_holds_a_files_name(plain: Result) -> None:
     assert not any("a-very-long" in word for word in option_words(plain).values())
 
 

@@ -31,13 +31,10 @@ def test_text_comes_back_as_it_was(text: str) -> None:
     page = filled('<p title="{{ text }}">{{ text }}</p>', text=text)
     read = read_page(page).one("p")
     # A reader of HTML sees every line end as "\n", and none of what no document may hold.
-    plain = re.sub(
-        "[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff\ufdd0-\ufdef\ufffe\uffff]", "\N{REPLACEMENT CHARACTER}", text
-    )
-    assert read.text == plain
-    assert read.attributes["title"] == plain
-    assert page.count("<") == 2
-    assert page.encode().decode() == page
+    illegal = "[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff\ufdd0-\ufdef\ufffe\uffff]"
+    plain = re.sub(illegal, "\N{REPLACEMENT CHARACTER}", text)
+    assert read.text == read.attributes["title"] == plain
+    assert page.count("<") == 2 and page.encode().decode() == page
 
 
 @given(st.lists(st.lists(st.text(max_size=8), min_size=2, max_size=2), max_size=4), st.text(max_size=12))
@@ -58,9 +55,8 @@ def test_a_marked_cell_has_its_mood_and_the_words_below_it() -> None:
 
 
 def test_a_checksum_may_be_broken_and_a_word_is_not() -> None:
-    cells = read_page(table(["one", "n", "two", "three"], [["x", "1", "0" * 64, "deformation of the object"]])).all(
-        "td"
-    )
+    row = ["x", "1", "0" * 64, "deformation of the object"]
+    cells = read_page(table(["one", "n", "two", "three"], [row])).all("td")
     assert [cell.attributes.get("class") for cell in cells] == ["number", "long", None]
 
 
@@ -87,9 +83,8 @@ def test_a_page_says_what_it_is_and_asks_nobody() -> None:
     found = read_page(render("report/page.html", title="T & T", generator="hhsim report", version="1"))
     assert found.one("html").attributes["lang"] == "en"
     assert found.one("title").text == "T & T"
-    metas = {
-        meta.attributes.get("name") or meta.attributes.get("http-equiv"): meta.attributes for meta in found.all("meta")
-    }
+    each = [meta.attributes for meta in found.all("meta")]
+    metas = {meta.get("name") or meta.get("http-equiv"): meta for meta in each}
     assert metas["viewport"]["content"] == "width=device-width, initial-scale=1"
     assert metas["generator"]["content"] == "hhsim report 1"
     assert "default-src 'none'" in str(metas["Content-Security-Policy"]["content"])
@@ -113,14 +108,7 @@ def contrast(one: str, other: str) -> float:
     return (light + 0.05) / (dark + 0.05)
 
 
-SCHEMES = [
-    dict(re.findall(r"--(\w+): (#[0-9a-f]{6})", block)) for block in re.findall(r":root \{(.*?)\}", STYLE, re.DOTALL)
-]
-
-
-def test_the_contrast_is_that_of_the_standard() -> None:
-    # The extremes are known: black on white is 21.
-    assert contrast("#000000", "#ffffff") == pytest.approx(21.0)
+SCHEMES = [dict(re.findall(r"--(\w+): (#[0-9a-f]{6})", block)) for block in re.findall(r"(?s):root \{(.*?)\}", STYLE)]
 
 
 @pytest.mark.parametrize("colors", SCHEMES, ids=["light", "dark", "paper"])
@@ -132,6 +120,4 @@ def test_text_has_contrast_in_every_scheme(colors: dict[str, str]) -> None:
 
 
 def test_the_style_asks_for_nothing_from_outside() -> None:
-    assert "url(" not in STYLE
-    assert "@import" not in STYLE
-    assert "<" not in STYLE
+    assert not any(mark in STYLE for mark in ("url(", "@import", "<"))

@@ -69,11 +69,8 @@ def test_a_pipe_has_no_width(monkeypatch: pytest.MonkeyPatch, capsys: pytest.Cap
 def test_the_room_is_shared_and_never_exceeded() -> None:
     texts = ["a", "some words that fold", "x" * 60, ""]
     for first, second, number, width in itertools.product(texts, texts, ("1.5", "310 to 1,000"), range(20, 120, 7)):
-        columns = [
-            layout.LaidColumn("one", [first]),
-            layout.LaidColumn("n", [number], True),
-            layout.LaidColumn("two", [second]),
-        ]
+        parts = (("one", first, False), ("n", number, True), ("two", second, False))
+        columns = [layout.LaidColumn(heading, [text], is_number) for heading, text, is_number in parts]
         if layout.fits(columns, width):
             found = layout.widths(columns, width)
             assert sum(found) + 2 * layout.GAP <= width

@@ -74,13 +74,9 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Result:
         calls.append("before ticks")
 
     replay_scene(
-        scene,
-        SolverOptions(),
-        path,
-        description={"hand_file": None},
-        before_ticks=before_ticks,
+        scene, SolverOptions(), path, description={"hand_file": None}, before_ticks=before_ticks,
         progress=lambda what, done, total: calls.append(what),
-    )
+    )  # fmt: skip
     assert calls.index("before ticks") == calls.index("ticks") - 1
     assert calls.count("before ticks") == 1
     return load_result(path)
@@ -96,12 +92,8 @@ def test_the_process_beside_writes_what_this_one_would(result: Result, tmp_path:
     here = view_result(result, parse_target(str(tmp_path / "here.rrd")))
     assert viewed == str({**here.to_json(), "rerun": str(tmp_path / "beside.rrd")})
     beside, same = Recording(tmp_path / "beside.rrd"), Recording(tmp_path / "here.rrd")
-    assert beside.blueprints == 1
-    assert beside.fixed.keys() == same.fixed.keys()
-    hand = "/world/haptic/palm"
-    assert beside.fixed[hand]["Mesh3D:vertex_positions"] == same.fixed[hand]["Mesh3D:vertex_positions"]
+    assert (beside.blueprints, beside.fixed.keys()) == (1, same.fixed.keys())
     for entity, column in (
-        ("/world/graphic/thumb/distal", "Transform3D:quaternion"),
         ("/world/contacts/points", "Points3D:positions"),
         ("/world/forces", "Arrows3D:vectors"),
         ("/plots/time", "Scalars:scalars"),

@@ -56,9 +56,8 @@ def test_each_result_has_its_own_hands_and_plots(recording: Recording, files: li
 
 def test_a_motion_moves_a_hand(recording: Recording) -> None:
     motion = load_trajectory(TAP)
-    expected = piece_poses(
-        HandModel.default(), motion.position, motion.orientation, motion.flexion, motion.abduction
-    ).translation
+    poses = (motion.position, motion.orientation, motion.flexion, motion.abduction)
+    expected = piece_poses(HandModel.default(), *poses).translation
     for number, name in enumerate(PIECES):
         found = recording.array(f"/file-3/world/hand/{name}", "Transform3D:translation")[:, 0]
         np.testing.assert_allclose(found, expected[:, number], atol=1e-6)
@@ -94,11 +93,8 @@ def test_what_cannot_be_looked_at_is_told(tmp_path: Path) -> None:
     ):
         with pytest.raises(InputError, match=message):
             file_kind(tmp_path / name)
-    table = tmp_path / "quest.csv"
-    table.write_text("time,right_wrist_x\n0,0\n", encoding="utf-8")
-    with pytest.raises(
-        InputError, match=r"the header lacks px, .*\(hhsim import makes a trajectory of another table\)"
-    ):
-        view_files([table], parse_target(str(tmp_path / "x.rrd")))
-    with pytest.raises(InputError, match="at least one"):
-        view_files([], parse_target(str(tmp_path / "x.rrd")))
+    (tmp_path / "quest.csv").write_text("time,right_wrist_x\n0,0\n", encoding="utf-8")
+    foreign = r"the header lacks px, .*\(hhsim import makes a trajectory of another table\)"
+    for files, message in (([tmp_path / "quest.csv"], foreign), ([], "at least one")):
+        with pytest.raises(InputError, match=message):
+            view_files(files, parse_target(str(tmp_path / "x.rrd")))

@@ -46,14 +46,10 @@ def recording(written: Path) -> Recording:
     return Recording(written)
 
 
-def test_rerun_itself_finds_no_fault(written: Path) -> None:
+def test_rerun_itself_finds_no_fault_and_the_views_come_with_it(written: Path, recording: Recording) -> None:
     command = [viewer_program(), "rrd", "verify", str(written)]
     answer = subprocess.run(command, capture_output=True, text=True, env=SETTINGS)
-    assert answer.returncode == 0, answer.stderr
-    assert "verified without error" in answer.stdout + answer.stderr
-
-
-def test_the_views_come_with_it(recording: Recording) -> None:
+    assert answer.returncode == 0 and "verified without error" in answer.stdout + answer.stderr, answer.stderr
     assert recording.blueprints == 1
 
 
@@ -82,15 +78,14 @@ def test_the_plots_show_the_datasets(recording: Recording, result: Result) -> No
     np.testing.assert_allclose(values[FORCE][:, 1:6], np.linalg.norm(finger, axis=2), rtol=1e-12)
     rest = np.linalg.norm(result["force/total"] - finger.sum(axis=1), axis=1)
     np.testing.assert_allclose(values[FORCE][:, 6], rest, atol=1e-12)
-    np.testing.assert_allclose(values[DEPTH][:, 0], 1e6 * result["penetration_depth"])
-    np.testing.assert_allclose(values[DEPTH][:, 1:6], 1e6 * result["penetration_finger"])
-    np.testing.assert_allclose(values[DEPTH][:, 6], 1e6 * result["penetration_palm"])
-    np.testing.assert_allclose(values[VARIATION][:, 0], result["force_variation_rate"])
-    np.testing.assert_allclose(values[VARIATION][:, 1:], result["force_variation_finger"])
-    for column, name in enumerate(("detect", "palm", "fingers", "force", "total")):
-        np.testing.assert_allclose(values[TIME][:, column], 1e-3 * result[f"duration/{name}"])
-    np.testing.assert_array_equal(values[CONTACTS][:, 0], result["contacts/candidates"])
-    np.testing.assert_array_equal(values[CONTACTS][:, 1], result["contacts/touching"])
+    expected = {
+        DEPTH: [1e6 * result[f"penetration_{name}"] for name in ("depth", "finger", "palm")],
+        VARIATION: [result["force_variation_rate"], result["force_variation_finger"]],
+        TIME: [1e-3 * result[f"duration/{name}"] for name in ("detect", "palm", "fingers", "force", "total")],
+        CONTACTS: [result["contacts/candidates"], result["contacts/touching"]],
+    }
+    for plot, columns in expected.items():
+        np.testing.assert_allclose(values[plot], np.column_stack(columns))
 
 
 def test_as_many_contact_points_as_the_solver_counted(recording: Recording, result: Result) -> None:
