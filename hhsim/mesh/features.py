@@ -1,11 +1,9 @@
-"""What of a mesh can be touched: its faces, edges and vertices, made ready for contacts.
+"""Contact features of a mesh: its faces, edges and vertices.
 
-Any triangles will do: they may enclose nothing, meet three at an edge, lie loose, lie on each other. Vertices at the
-same place are one, and so are those that rounding has torn apart; of several triangles on the same corners one is kept.
-A triangle without area is touched as the line or the point that it is.
-
-The boundary of a solid is touched from outside alone: concave edges, and vertices that only an inside could touch, are
-then no features. That this holds is shown first; any other mesh is touched from both sides, closed or not.
+Any triangles will do: open, loose, three at an edge, on top of each other. Vertices at the same place are merged, and
+    so are those that rounding has separated; of several triangles on the same corners one is kept. A triangle without
+    area is touched as a line or point. The proved boundary of a solid is touched from outside alone: concave edges, and
+    vertices that only an inside could touch, are then no features. Any other mesh is touched from both sides.
 """
 
 import numpy as np
@@ -28,32 +26,33 @@ from hhsim.mesh.one_sided import has_solid_behind
 from hhsim.mesh.topology import distinct_rows, merged_vertices
 
 SAME_PLACE = 1e-10
-"""Vertices of an open mesh that are closer than this share of its longest extent are one: each copy of an edge would
-else have the normals of a border."""
+"""Vertices of an open mesh closer than this share of its longest extent are merged: each copy of an edge would
+otherwise have the normals of a border."""
 FLAT = 1e-8
-"""Sine of the angle between two faces under which their edge is none."""
+"""Sine of the angle between two faces below which their edge is no feature."""
 WITHOUT_AREA = 1e-10
 """A triangle whose height is this share of its longest side, or less, has a normal that is noise."""
 LINE = 1e-13
-"""The same share of a triangle whose corners lie on a line but for rounding: a mesh of nothing else is no surface."""
+"""The same share for a triangle whose corners lie on a line but for rounding: a mesh of nothing else is no surface."""
 WIDTH = 1e-9
 """Width [m] of the strip along its longest side that stands for a triangle without area."""
 HIGHEST = 0.1
-"""Height above a face [m] from which nothing is felt: the radius of a body and the reach of its list together are less.
-So high the gap between two faces that are nearly one plane is narrower than what each reaches beyond its sides."""
+"""Height above a face [m] from which nothing is touched: the radius of a body and the reach of its list together are
+less. Up to this height the gap between two almost coplanar faces is narrower than what each reaches beyond its
+sides."""
 
 BEYOND = 1e-7
-"""How far the inside of a face may reach beyond a corner [m]. At the tip of a sliver the sides, each moved by `ON`,
-would meet millimetres away; this much makes the distance of a body of millimetres 1e-12 m too short."""
+"""Limit of the reach of a face beyond a corner [m]. At the tip of a sliver the sides, each moved by `ON`, would meet
+millimetres away; this much makes the distance of a body of millimetres 1e-12 m too short."""
 
 
 def mesh_features(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tuple[MeshFeatures, int]:
-    """Features of a mesh, and how many triangles lie on the same corners as another one, which stands for them.
+    """Compute the features of a mesh, and the number of triangles dropped as copies of another one on the same corners.
 
     Args:
         vertices: [m], shape (V, 3).
         faces: Indices of the corners, shape (F, 3), counter-clockwise from outside where something is inside.
-        closed: Whether the triangles enclose something, so that a point near them is inside or outside.
+        closed: True if the triangles enclose something, so that a point near them is inside or outside.
 
     Raises:
         MeshError: No triangle has an area.

@@ -12,15 +12,14 @@ from hhsim.system.input_file import check_ordinary
 from hhsim.system.media_kind import media_kind_of
 
 ENCODING_GUESSER = "charset_normalizer"
-"""The package that trimesh asks in which encoding a text is that is no UTF-8."""
+"""Package that trimesh asks for the encoding of a text that is not UTF-8."""
 
 
 def read_triangles(path: Path) -> tuple[FloatArray, IntArray]:
     """Read the triangles of a file; the parts of a scene are joined in the scene's frame.
 
     Returns:
-        Vertices in the file's unit, shape (V, 3), and faces, shape (F, 3), as they stand in the file: nothing is merged
-        or removed.
+        Vertices in the file's unit, shape (V, 3), and faces, shape (F, 3), unmerged as they stand in the file.
 
     Raises:
         InputError: No such file, or a folder.
@@ -72,7 +71,7 @@ def read_triangles(path: Path) -> tuple[FloatArray, IntArray]:
 
 
 def _ordinary_files_beside(path: Path) -> Any:
-    """What finds the buffers and materials that a mesh file names, and refuses those that are no ordinary files."""
+    """Resolver of the buffers and materials that a mesh file names; it refuses those that are no ordinary files."""
     from trimesh.resolvers import FilePathResolver
 
     class Resolver(FilePathResolver):

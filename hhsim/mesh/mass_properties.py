@@ -1,7 +1,6 @@
 """Volume, centre and inertia of the solid that a closed mesh encloses, by the divergence theorem.
 
-A tetrahedron between each triangle and a common point: its moments are polynomials of its corners (Tonon: Explicit
-exact formulas for the 3-D tetrahedron inertia tensor in terms of its vertex coordinates, 2005).
+After Tonon, Explicit exact formulas for the 3-D tetrahedron inertia tensor in terms of its vertex coordinates, 2005.
 """
 
 from typing import NamedTuple
@@ -18,12 +17,12 @@ LEAST_FILLED = 1e-6
 
 
 class MassProperties(NamedTuple):
-    """Of a solid of density 1.
+    """Mass properties of a solid of density 1.
 
     Attributes:
         volume: [m³].
         center: Centre of mass [m], shape (3,), in the mesh's frame.
-        inertia: About the centre, in the mesh's axes, shape (3, 3) [m⁵]: times a density [kg/m³] it is in kg·m².
+        inertia: About the centre, in the mesh's axes, shape (3, 3) [m⁵]; times a density [kg/m³] it is in kg·m².
     """
 
     volume: float
@@ -32,7 +31,7 @@ class MassProperties(NamedTuple):
 
 
 def mass_properties(mesh: Mesh) -> MassProperties:
-    """Volume, centre and inertia of what a mesh encloses.
+    """Compute volume, centre and inertia of the inside of a mesh.
 
     Raises:
         MeshError: The triangles enclose nothing, or are wound inside out.

@@ -1,4 +1,4 @@
-"""Checks of a triangle mesh, and the repairs that are safe: each is named, and what is not safe is refused."""
+"""Checks of a triangle mesh, and the safe repairs: each is named, and what is not safe is refused."""
 
 import numpy as np
 
@@ -23,16 +23,16 @@ NEAR_VERTEX = 1e-5
 """Vertices closer than this share of the longest extent are merged where that closes open edges."""
 
 FRAGMENT_AREA = 0.01
-"""Loose open fragments may be dropped while they make at most this share of the surface."""
+"""Loose open fragments may be dropped up to this share of the surface."""
 
 CAP_AREA = 0.4
-"""Holes are closed while the caps make at most this share of the surface; the rest is called an open surface."""
+"""Holes are closed up to this share of caps in the surface; beyond it the surface is called open."""
 
 SHEET_VOLUME = 1e-3
 """A part whose volume with caps is below this share of its area to the power of 3/2 is a sheet, and no cap helps."""
 
 WIDE_HOLE = 0.1
-"""A hole wider than this share of the longest extent must be flat to be closed, and is warned of."""
+"""A hole wider than this share of the longest extent must be flat to be closed, and gives a warning."""
 
 BENT_HOLE = 0.2
 """Largest distance of a wide hole's edge from its plane, as a share of its width."""
@@ -46,15 +46,15 @@ def closed_surface(
     Args:
         vertices: Finite corners [unit of the source], shape (V, 3).
         faces: Valid indices, shape (F, 3), F > 0.
-        name: What messages call the mesh.
+        name: Name of the mesh in messages.
         unit_length: Length of the unit [m].
         repair: False refuses a mesh that needs more than merging vertices at equal places.
 
     Returns:
-        The closed surface, still in the unit of the source, with its repairs and warnings in plain sentences.
+        The closed surface, in the unit of the source, with its repairs and warnings in plain sentences.
 
     Raises:
-        MeshError: The mesh has no inside that a safe repair would give; or it needs a repair and `repair` is False.
+        MeshError: No safe repair gives the mesh an inside; or it needs a repair and `repair` is False.
     """
     surface = MeshInRepair(vertices, faces, name, unit_length)
     merge_and_clean(surface)
@@ -76,18 +76,14 @@ def merge_and_clean(surface: MeshInRepair) -> None:
     Raises:
         MeshError: No triangle is left.
     """
-    _merge_equal_vertices(surface)
-    _drop_useless_faces(surface)
-    _merge_near_vertices(surface)
-
-
-def _merge_equal_vertices(surface: MeshInRepair) -> None:
     before = len(surface.vertices)
     surface.vertices, surface.faces = merged_vertices(surface.vertices, surface.faces)
     if len(surface.vertices) < before:
         surface.merged.append(
             f"merged {counted(before, 'vertex')} into {len(surface.vertices)}: equal places, or used by no triangle"
         )
+    _drop_useless_faces(surface)
+    _merge_near_vertices(surface)
 
 
 def _drop_useless_faces(surface: MeshInRepair) -> None:
@@ -107,10 +103,10 @@ def _drop_useless_faces(surface: MeshInRepair) -> None:
 
 
 def _once(faces: IntArray) -> BoolArray:
-    """Which faces to keep so that none occurs twice, shape (F,).
+    """Mark the faces to keep so that none occurs twice, shape (F,).
 
-    A face and its reverse enclose nothing and cancel; unless most faces have their reverse: then the file holds both
-    sides of one surface, and one of each is kept.
+    A face and its reverse cancel, unless most faces have their reverse: such a file holds both sides of one surface,
+        and one of each is kept.
     """
     first = np.argmin(faces, axis=1)
     turned = np.take_along_axis(faces, (first[:, None] + np.arange(3)) % 3, axis=1)
@@ -224,12 +220,6 @@ def _require_closed(surface: MeshInRepair) -> None:
         return
     fanned = int(np.count_nonzero(count > 2))
     open_edges = int(np.count_nonzero(count == 1))
-    what = " and ".join(
-        part
-        for part in (
-            f"{counted(fanned, 'edge')} shared by more than two triangles" if fanned else "",
-            f"{counted(open_edges, 'open edge')}" if open_edges else "",
-        )
-        if part
-    )
+    faults = [f"{counted(fanned, 'edge')} shared by more than two triangles"] if fanned else []
+    what = " and ".join(faults + ([counted(open_edges, "open edge")] if open_edges else []))
     raise MeshError(f"{surface.name}: not watertight: {what or 'neighbours wound against each other'}; no safe repair")

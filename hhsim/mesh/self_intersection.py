@@ -1,4 +1,4 @@
-"""Which way a closed surface is wound, and where it overlaps itself: its winding number is made to be 0 or 1."""
+"""Winding of a closed surface, and overlaps with itself: its winding number is made to be 0 or 1."""
 
 import numpy as np
 
@@ -16,21 +16,20 @@ WINDING_WORK = 3.0e7
 """Largest number of point-triangle pairs in one winding test, about a third of a second."""
 
 FEWEST_SAMPLES = 600
-"""Triangles that are fewer are tested at more than one place each."""
+"""Fewer triangles are tested at more than one place each."""
 
 CAVITY_POINTS = 50
-"""At about so many points a part wound inward has to lie within the others to be a cavity."""
+"""Approximate number of points at which a part wound inward has to lie within the others to be a cavity."""
 
 SAMPLE_OFFSET = 1e-4
 """Distance of the test points from the surface, as a share of the longest extent."""
 
 
 def winding_faults(vertices: FloatArray, faces: IntArray) -> tuple[int, int, float, float]:
-    """Winding number at points close to both sides of the faces, spread evenly over them.
+    """Count points beside both sides of the faces, spread evenly, whose winding number is neither 0 nor 1.
 
     Returns:
-        How many points are neither inside (1) nor outside (0), how many were tested, and the lowest and highest
-        winding number found.
+        Number of such points, number of tested points, and the lowest and highest winding number found.
     """
     triangles = np.ascontiguousarray(vertices[faces])
     step = max(1, int(np.ceil(2.0 * len(faces) ** 2 / WINDING_WORK)))
@@ -60,7 +59,6 @@ def _winding_at(vertices: FloatArray, faces: IntArray, points: FloatArray) -> Fl
 
 
 def _middles(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    """Middles of about `CAVITY_POINTS` faces, shape (n, 3)."""
     return np.asarray(vertices[faces[:: max(1, len(faces) // CAVITY_POINTS)]].mean(axis=1))
 
 
@@ -104,7 +102,7 @@ def resolve_overlaps(surface: MeshInRepair) -> None:
     """Join parts that overlap, so that the winding number is 0 or 1.
 
     Raises:
-        MeshError: The surface crosses itself, or a part of it does.
+        MeshError: The surface, or a part of it, crosses itself.
     """
     faulty, tested, low, high = winding_faults(surface.vertices, surface.faces)
     if faulty and part_labels(surface.faces).max() > 0:

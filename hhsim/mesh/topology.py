@@ -1,4 +1,4 @@
-"""How triangles hang together: shared vertices, edges, parts, boundary loops, winding."""
+"""Topology of triangles: shared vertices, edges, parts, boundary loops, winding."""
 
 from collections import deque
 
@@ -8,10 +8,7 @@ from hhsim.arrays import AnyArray, BoolArray, FloatArray, IntArray
 
 
 def distinct_rows(rows: AnyArray) -> tuple[IntArray, IntArray]:
-    """Which rows of a table are equal; as `numpy.unique` finds them along an axis, in a third of its time.
-
-    Args:
-        rows: Shape (N, M), without NaN.
+    """Find equal rows of a table without NaN, shape (N, M); as `numpy.unique` along an axis, in a third of its time.
 
     Returns:
         The first row of each kind, in the order of their values, and the kind of each row, shape (N,).
@@ -25,12 +22,12 @@ def distinct_rows(rows: AnyArray) -> tuple[IntArray, IntArray]:
 
 
 def merged_vertices(vertices: FloatArray, faces: IntArray, distance: float = 0.0) -> tuple[FloatArray, IntArray]:
-    """Give vertices at the same place one index, and drop those that no face names.
+    """Merge vertices at the same place, and drop those that no face names.
 
     Args:
         vertices: Corners [m], shape (V, 3).
         faces: Indices, shape (F, 3).
-        distance: Vertices at most this far apart are the same [m]; chains of them too.
+        distance: Vertices at most this far apart are merged [m], and chains of them.
 
     Returns:
         Vertices in the order of their first use, and faces.
@@ -81,8 +78,9 @@ def undirected_edges(faces: IntArray) -> tuple[IntArray, IntArray, IntArray]:
     """Group the directed edges by their pair of vertices.
 
     Returns:
-        Which undirected edge each directed edge is, shape (3F,); how many faces each undirected edge has, shape (E,);
-        and forward minus backward directed edges of each, shape (E,): 0 where the surface is closed and wound alike.
+        Index of the undirected edge of each directed one, shape (3F,); number of faces of each undirected edge, shape
+        (E,); and its forward minus its backward directed edges, shape (E,): 0 where the surface is closed and wound
+        alike.
     """
     edges = directed_edges(faces)
     forward = edges[:, 0] < edges[:, 1]
@@ -93,12 +91,12 @@ def undirected_edges(faces: IntArray) -> tuple[IntArray, IntArray, IntArray]:
 
 
 def is_closed(faces: IntArray) -> bool:
-    """Whether each edge is walked as often forth as back: no boundary, all faces wound alike."""
+    """Return True if each edge occurs as often forward as backward: no boundary, all faces wound alike."""
     return bool(np.all(undirected_edges(faces)[2] == 0))
 
 
 def part_labels(faces: IntArray) -> IntArray:
-    """Connected part of each face, through edges that exactly two faces share, shape (F,)."""
+    """Return the connected part of each face, through edges that exactly two faces share, shape (F,)."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -108,7 +106,7 @@ def part_labels(faces: IntArray) -> IntArray:
 
 
 def _neighbours(faces: IntArray) -> tuple[IntArray, IntArray, BoolArray]:
-    """Pairs of faces that share an edge that no third face has, and whether the two are wound alike."""
+    """Pairs of faces that share an edge that no third face has, and True where the two are wound alike."""
     index, count, balance = undirected_edges(faces)
     paired = np.flatnonzero(count[index] == 2)
     paired = paired[np.argsort(index[paired], kind="stable")]
@@ -117,7 +115,7 @@ def _neighbours(faces: IntArray) -> tuple[IntArray, IntArray, BoolArray]:
 
 
 def alike_wound(faces: IntArray, one_sided: bool = False) -> tuple[IntArray, int] | None:
-    """Turn faces round until neighbours are wound alike; in each part the minority is turned.
+    """Turn faces until neighbours are wound alike; in each part the minority is turned.
 
     Args:
         faces: Indices, shape (F, 3).
@@ -159,9 +157,9 @@ def alike_wound(faces: IntArray, one_sided: bool = False) -> tuple[IntArray, int
 
 
 def boundary_loops(faces: IntArray) -> list[IntArray]:
-    """Closed walks along the edges that only one face has, in the direction of that face.
+    """Return closed walks along the edges that only one face has, in the direction of that face.
 
-    Where two loops touch in a vertex each is a loop of its own. Edges that cannot be joined to a loop are left out.
+    Two loops that touch in a vertex are separate. Edges that cannot be joined to a loop are left out.
     """
     index, count, _ = undirected_edges(faces)
     onward: dict[int, list[int]] = {}
