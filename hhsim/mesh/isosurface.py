@@ -59,8 +59,8 @@ def solid_mesh(
     """Compute a closed manifold mesh of a solid, wound outward.
 
     Tetrahedra are halved where the mesh is off by more than the tolerance: where a triangle's middle has none of the
-        solid's triangles that near and, moved by the tolerance outward and inward, is not outside and inside; or where
-        a point of the true border is farther away. The mesh may get too large first, so its error has to be measured.
+    solid's triangles that near and, moved by the tolerance outward and inward, is not outside and inside; or where
+    a point of the true border is farther away. The mesh may get too large first, so its error has to be measured.
 
     Args:
         field: Solid.

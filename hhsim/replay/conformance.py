@@ -109,9 +109,7 @@ def _same(record: TickRecord, again: TickRecord) -> Finding:
         return Finding("repeatable", OK, "a second run gives the same hands, bit for bit")
     first = int(np.flatnonzero(differ)[0])
     return Finding(
-        "repeatable",
-        NOTE,
-        f"a second run differs from tick {first:,} on: its results cannot be run again bit for bit",
+        "repeatable", NOTE, f"a second run differs from tick {first:,} on: its results cannot be run again bit for bit"
     )
 
 

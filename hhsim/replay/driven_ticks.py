@@ -1,4 +1,4 @@
-"""The ticks of an object that moves as recorded: solved and measured where it stands still, written in the world."""
+"""Ticks of an object that moves as recorded: solved and measured where it stands still, written in the world."""
 
 from hhsim.arrays import AnyArray
 from hhsim.hand.configuration import HandConfiguration

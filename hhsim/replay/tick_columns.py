@@ -1,4 +1,4 @@
-"""What a result file keeps of each tick: the solver's record, and what is measured from it apart from the solver."""
+"""Columns of a result file for each tick: the solver's record, and what is measured from it apart from the solver."""
 
 from typing import Any
 
@@ -19,31 +19,30 @@ class TickColumns:
     """Makes the columns of `hhsim.result.schema.TICK_COLUMNS`, block after block of one run.
 
     Args:
-        surface: The object's, world.
-        options: Of the solver; fingers that the scene does not use have no penetration.
+        surface: Object's surface, world.
+        options: Solver's options; unused fingers have no penetration.
     """
 
     def __init__(self, surface: Any, hand: HandModel, options: SolverOptions) -> None:
-        """No tick has gone before."""
         self._surface, self._shape = surface, hand_shape(hand)
         self._fingers = np.array([finger in options.fingers for finger in FINGERS])
         self.forget()
 
     def forget(self) -> None:
-        """The next tick follows on none: the rates of change of its forces are not defined."""
+        """Leave the force variation of the next tick undefined, since it follows on none."""
         self._total = np.full((1, 3), np.nan)
         self._finger = np.full((1, 5, 3), np.nan)
 
     def block(
         self, time: AnyArray, input_seq: AnyArray, haptic: HandConfiguration, record: TickRecord
     ) -> dict[str, AnyArray]:
-        """The columns of the next ticks.
+        """Return the columns of the next ticks.
 
         Args:
             time: Since the start of the motion [s], shape (B,).
             input_seq: Number of the input sample in use, shape (B,).
-            haptic: What the solver was given.
-            record: What it made of it.
+            haptic: Input of the solver.
+            record: Its output.
         """
         placed = PlacedHand(record.joints, record.position, record.orientation)
         depth = penetration(self._surface, *self._shape, *placed, self._fingers)

@@ -1,4 +1,4 @@
-"""The graphic hand's solver: one object's surface, one hand, one tick after another."""
+"""Solver of the graphic hand: one hand, one object's surface, one tick after another."""
 
 from typing import Any
 
@@ -26,28 +26,26 @@ from hhsim.solver.options import SolverOptions
 from hhsim.solver.workspace import TickWorkspace, tick_record
 
 START_LINEARISATIONS = 4000
-"""Budget for the way from a free place back to an object that the haptic hand is inside of at the first tick."""
+"""Budget of linearisations from a free place back to an object that the haptic hand is inside of at the first tick."""
 
 
 class HandSolver:
     """Keeps the graphic hand between ticks.
 
     Args:
-        hand: The hand.
-        surface: The object's, world frame, of the kind that the options name: a
-            `hhsim.trees.contact_surface.ContactSurface`, or its arrays alone, such as those of a sphere tree. A method
-            from outside may need the mesh, which arrays do not have.
+        hand: Hand model.
+        surface: Object's surface, world frame, of the kind that the options name: a
+            `hhsim.trees.contact_surface.ContactSurface`, or its arrays alone. A method from outside may need the mesh.
         options: Method, stiffness and lengths.
-        free: What the object is besides, where it is free; the surface is then where it is at first, and ticks are
-            given in the world and come out as the object sees them, its own motion in `object_ticks`.
+        free: Physical properties of a free object; the surface is then where it is at first, ticks are given in the
+            world and come out as the object sees them, and its own motion is in `object_ticks`.
 
     Raises:
-        InputError: A method that lacks what it needs, arrays of another surface than the options name, or a free object
-            that they do not go with.
+        InputError: A method that lacks what it needs, arrays of another surface than the options name, or options that
+            a free object does not go with.
     """
 
     def __init__(self, hand: HandModel, surface: Any, options: SolverOptions, free: FreeObject | None = None) -> None:
-        """Allocate the workspaces; nothing is computed yet."""
         self.options = options
         self.workspace = TickWorkspace(hand, surface, options)
         self.engine: Engine
@@ -65,7 +63,7 @@ class HandSolver:
 
     @property
     def object_ticks(self) -> ObjectRecord:
-        """What became of the free object in the last ticks."""
+        """Record of the free object in the last ticks."""
         return self._free.ticks
 
     @property
@@ -84,9 +82,6 @@ class HandSolver:
             flexion: Joint angles [rad], shape (B, 5, 3).
             abduction: [rad], shape (B, 5).
 
-        Returns:
-            The B ticks.
-
         Raises:
             HhsimError: More pairs were near than the arrays hold.
         """
@@ -100,23 +95,23 @@ class HandSolver:
         return record
 
     def tick(self, haptic: HapticBlock, record: TickRecord, object_ticks: ObjectRecord | None = None) -> int:
-        """Run one tick in memory that is there already: for a loop that must not wait for any.
+        """Run one tick in allocated memory, for a loop that must not wait for any.
 
-        The same bytes as `run` with that configuration alone; a tick whose pairs did not fit says so instead of
-        raising, since a loop goes on.
+        It gives the same bytes as `run` with that configuration alone, but states in the status, instead of raising,
+        that more pairs were near than the arrays hold.
 
         Args:
             haptic: As in `run` with B = 1, float64 and C-contiguous.
-            record: Of one tick; overwritten.
-            object_ticks: The same of a free object; None has it go to fresh arrays, which waits for memory.
+            record: Record of one tick; overwritten.
+            object_ticks: Record of a free object; None allocates one.
 
         Returns:
-            The tick's status bits (`hhsim.kernels.tick.state`).
+            Status bits of the tick (`hhsim.kernels.tick.state`).
         """
         return self._advance(haptic, record, object_ticks)
 
     def begin(self, haptic: HapticBlock) -> int:
-        """Put the graphic hand on the first haptic one that is finite; the first tick does it where nobody has.
+        """Place the graphic hand at the first finite haptic configuration; the first tick does it if nobody has.
 
         Where that is inside the object, start at a free place nearby and come as near as possible.
 
@@ -166,13 +161,13 @@ class HandSolver:
     def compiled_tick(
         self, haptic: HapticBlock, record: TickRecord, object_ticks: ObjectRecord | None = None
     ) -> tuple[int, TickBlock | FreeBlock]:
-        """What `tick` comes to after `begin`, for a loop in compiled code.
+        """Return `tick` after `begin` as machine code, for a loop in compiled code.
 
         Args:
             haptic, record, object_ticks: As in `tick`; each tick reads and writes these very arrays.
 
         Returns:
-            The address of machine code and what it is given; the address is 0 where Python takes part in every tick.
+            Address of the machine code and its arguments; the address is 0 where Python takes part in every tick.
         """
         options, workspace = self.options, self.workspace
         if JIT_ENABLED and options.qp == "active-set" and find_method(options.method).compiled:
@@ -184,7 +179,7 @@ class HandSolver:
         return 0, TickBlock(method, workspace.hand, workspace.surface, workspace.states, workspace.qp, haptic, record)
 
     def _advance(self, haptic: HapticBlock, record: TickRecord, object_ticks: ObjectRecord | None = None) -> int:
-        """One tick for each configuration, at least one; returns the status bits of the last one that was run."""
+        """Run one tick per configuration, at least one; return the status bits of the last one."""
         start = 0 if self._started else self.begin(haptic)
         if object_ticks is None:
             done = self.engine.run(haptic, record)
@@ -194,7 +189,7 @@ class HandSolver:
         return int(record.status[done - 1])
 
     def place(self, position: FloatArray, orientation: FloatArray, flexion: FloatArray, abduction: FloatArray) -> None:
-        """Put the graphic hand at a configuration, shapes (3,), (4,), (5, 3), (5,), that does not penetrate.
+        """Place the graphic hand at a configuration, shapes (3,), (4,), (5, 3), (5,), that does not penetrate.
 
         Method `paper` takes any.
         """
@@ -210,9 +205,9 @@ class HandSolver:
         self._started = True
 
     def _clearance(self) -> float:
-        """Signed distance [m] between the graphic hand and the object's surface, up to ten times the margin.
+        """Signed distance [m] of the graphic hand to the object's surface, up to ten times the margin.
 
-        Without the tick's own lists, which are not made for a hand deep inside.
+        The tick's own lists are not made for a hand deep inside.
         """
         workspace = self.workspace
         pose = workspace.states[0].pose

@@ -1,4 +1,4 @@
-"""The threads that help with a solver's ticks."""
+"""Threads that help with a solver's ticks."""
 
 import threading
 import time
@@ -18,10 +18,10 @@ from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.thread_team_worker import help_out
 
 ARRIVAL = 1.0
-"""A block begins without the helpers that are not there after this [s]: they can join at any tick."""
+"""A block begins without the helpers that have not arrived after this [s]: they can join at any tick."""
 
 WORTH_SHARING = 2500
-"""Distances outside of the largest part from which on sharing costs less than it saves: some two microseconds."""
+"""Number of distances outside of the largest part from which on sharing saves time: some two microseconds."""
 
 
 class ThreadTeam:
@@ -30,16 +30,15 @@ class ThreadTeam:
     Starting them takes about 0.1 ms a block, outside of the timed ticks.
 
     Args:
-        states: The solver's state, shape (1,).
+        states: Solver's state, shape (1,).
         threads: Members, the caller's own thread included; 1 starts none.
 
     Attributes:
-        worth: Detection is shared from this many distances outside of the largest part on, see
+        worth: Number of distances outside of the largest part from which on detection is shared, see
             `hhsim.kernels.contact.parallel_detection.worth_sharing`.
     """
 
     def __init__(self, states: NDArray[np.void], threads: int) -> None:
-        """Allocate what each helper works in; no thread is started."""
         self.states = states
         self.worth = WORTH_SHARING
         self.rooms = [_Room(states) for _ in range(threads - 1)]
@@ -47,10 +46,10 @@ class ThreadTeam:
 
     @contextmanager
     def at_work(self, hand: HandArrays, surface: Any, options: TickOptions) -> Iterator[None]:
-        """Have the helpers at hand; however the block ends, none of them is left.
+        """Run the helpers during a block; however it ends, none of them is left.
 
         Raises:
-            BaseException: What a helper raised; the block is then complete, done by the others.
+            BaseException: Raised by a helper; the block is then complete, done by the others.
         """
         if not self.rooms:
             yield
@@ -91,7 +90,7 @@ class ThreadTeam:
 
 
 class _Room:
-    """What a helper works in, so that it writes nothing that another thread writes."""
+    """Workspace of a helper, which writes nothing that another thread writes."""
 
     def __init__(self, states: NDArray[np.void]) -> None:
         self.qp: QpWork = new_work(DOF, ROW_CAPACITY)
@@ -104,10 +103,7 @@ class _Room:
 
 class _Helper(threading.Thread):
     def __init__(
-        self,
-        room: _Room,
-        given: tuple[HandArrays, Any, TickOptions, NDArray[np.void]],
-        arrived: threading.Semaphore,
+        self, room: _Room, given: tuple[HandArrays, Any, TickOptions, NDArray[np.void]], arrived: threading.Semaphore
     ) -> None:
         super().__init__(name="hhsim-helper", daemon=True)
         self.room = room

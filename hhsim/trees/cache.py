@@ -1,6 +1,6 @@
-"""Where a sphere tree comes from: it ships with hhsim, lies in the cache, or is built.
+"""Sources of a sphere tree: it ships with hhsim, lies in the cache, or is built.
 
-A tree that is there needs no builder: the builder and its kernels are imported where a tree is built, and nowhere else.
+The builder and its kernels are imported only where a tree is built.
 """
 
 import hashlib
@@ -24,18 +24,18 @@ _SOURCES = (
     *("trees", "kernels/cover", "kernels/mesh", "kernels/enclosing_sphere.py", "kernels/kd_tree.py"),
     *("kernels/round_cone_distance.py", "kernels/triangle.py", "mesh/canonical_frame.py"),
 )
-"""Folders and files of hhsim that a built tree depends on: who changes one must not be given yesterday's tree."""
+"""Folders and files of hhsim that a built tree depends on: a change of one makes cached trees stale."""
 
 
 def cached_sphere_tree(
     mesh: Mesh, options: TreeOptions | None = None, progress: Progress = silent, threads: int = 1
 ) -> SphereTree:
-    """Return the tree of `hhsim.trees.builder.build_sphere_tree`: the one that ships, or is in the cache, or a new one.
+    """Return the tree that `hhsim.trees.builder.build_sphere_tree` makes: shipped, cached, or built.
 
     Args:
         mesh: Watertight and wound outward.
         options: None for the defaults.
-        progress: As for `build_sphere_tree`, where it comes to that.
+        progress, threads: As for `build_sphere_tree`.
 
     Raises:
         InputError: No tree is within the largest error.
@@ -46,10 +46,7 @@ def cached_sphere_tree(
 
 
 def shipped_tree(mesh: Mesh, options: TreeOptions) -> SphereTree | None:
-    """Return the tree of a mesh that ships with hhsim, or a coarser level of it; None where none is what was asked for.
-
-    It has to be of exactly this mesh, these options and this version of the builder; the file's name decides nothing.
-    """
+    """Return a mesh's shipped tree, or a coarser level of it; None without one of this mesh, options and builder."""
     file = files("hhsim.objects") / f"{mesh.name}{SHIPPED_SUFFIX}"
     if not file.is_file():
         return None
@@ -67,7 +64,7 @@ def shipped_tree(mesh: Mesh, options: TreeOptions) -> SphereTree | None:
 
 
 def kept_sphere_tree(mesh: Mesh, options: TreeOptions, progress: Progress = silent, threads: int = 1) -> SphereTree:
-    """Return the tree from the cache, or build it and keep it there; arguments as for `cached_sphere_tree`.
+    """Return the tree from the cache, or build and cache it; arguments as for `cached_sphere_tree`.
 
     A damaged file in the cache is built again; a cache that cannot be written is done without.
     """
@@ -89,7 +86,7 @@ def kept_sphere_tree(mesh: Mesh, options: TreeOptions, progress: Progress = sile
 
 
 def cache_path(mesh: Mesh, options: TreeOptions) -> Path:
-    """Where the cache keeps the tree of a mesh."""
+    """Return the path of a mesh's tree in the cache."""
     digest = hashlib.sha256(mesh.sha256.encode())
     digest.update(json.dumps(options.recorded(), sort_keys=True).encode())
     for source in _SOURCES:

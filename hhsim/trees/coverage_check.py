@@ -1,6 +1,6 @@
-"""Whether what a sphere tree claims of a mesh holds: its covers, their proofs, how far they reach out.
+"""Check of a sphere tree's claims on a mesh: its covers, their proofs, and their bounds.
 
-It believes nothing of the builder: the proofs are followed by code of their own, the depths are measured again.
+It shares nothing with the builder: the proofs are followed by code of their own, the depths are measured again.
 """
 
 import numpy as np
@@ -34,12 +34,7 @@ _WRONG = {
 
 
 def faults(mesh: Mesh, covers: tuple[LevelCover, ...]) -> tuple[str, ...]:
-    """What does not hold of the covers of a tree's levels, coarse to fine, one plain sentence each; empty if all does.
-
-    Args:
-        mesh: That the covers are said to cover.
-        covers: Of the levels from 0 on.
-    """
+    """Return the faults of the covers of levels 0 and on for a mesh, a plain sentence each; empty if there are none."""
     if not any(cover.proved for cover in covers):
         return ("the tree holds no proof that it covers the mesh",)
     corner = np.ascontiguousarray(mesh.triangles.reshape(-1, 9))

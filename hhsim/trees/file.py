@@ -1,4 +1,4 @@
-"""The hhsim-tree file: a sphere tree in HDF5, sealed, with units beside every number."""
+"""The hhsim-tree file: a sphere tree in HDF5, sealed, with units of every number."""
 
 import json
 from dataclasses import asdict, fields
@@ -18,7 +18,7 @@ FORMAT = "hhsim-tree"
 SCHEMA_VERSION = 2
 
 _WORTH_PACKING = 1000
-"""Values of a dataset from which on it is compressed."""
+"""Number of values from which on a dataset is compressed."""
 
 _DATASETS = {
     "center": ("m", "sphere centres, frame of the mesh"),
@@ -51,7 +51,7 @@ _ERROR_NAMES = {
 
 
 def save_tree(tree: SphereTree, path: str | Path) -> None:
-    """Write a tree; a file of that name is replaced in one step, so that no reader sees half of one.
+    """Write a tree; an existing file is replaced in one step, so that no reader sees half of one.
 
     Raises:
         OutputError: The file cannot be written.
@@ -89,7 +89,7 @@ def load_tree(path: str | Path) -> SphereTree:
     """Read and check a tree.
 
     Raises:
-        InputError: No such file, not an hhsim-tree file of a known version, or a tree that is not sound.
+        InputError: No such file, not an hhsim-tree file of a known version, or an invalid tree.
     """
     source = Path(path)
     if not source.exists():

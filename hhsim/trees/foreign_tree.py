@@ -1,13 +1,13 @@
-"""Sphere trees that were built elsewhere: brought into the mesh's frame and measured against the mesh.
+"""Sphere trees of other programs, brought into the mesh's frame and measured against the mesh.
 
-A `.sph` file has neither unit nor frame. The toolkit that the format comes from counts from the centre of the mesh's
-bounding box, other programs from the mesh's own origin: where the spheres leave less of the mesh outside is where they
-belong.
+A `.sph` file has neither unit nor frame. Its centres count from the centre of the mesh's bounding box or from the
+mesh's
+own origin: whichever leaves less of the mesh outside.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from hhsim.trees.sphere_tree import SphereTree
 
 Frame = Literal["auto", "mesh", "centred"]
 FRAMES: tuple[Frame, ...] = get_args(Frame)
-"""Where the centres count from: the mesh's origin, the centre of its bounding box, or whichever fits."""
+"""Origin of the centres: the mesh's own, the centre of its bounding box, or whichever fits."""
 
 SUFFIXES = (".h5", ".sph")
 
@@ -35,15 +35,14 @@ _OFF_SIZE = 5.0
 _OFF_PLACE = 0.1
 
 
-@dataclass(frozen=True)
-class ImportedTree:
+class ImportedTree(NamedTuple):
     """A tree from a file, in the mesh's frame and in metres, with the measured errors of its levels.
 
     Attributes:
-        tree: It knows the mesh that it was measured against.
-        frame: Where its centres counted from: "mesh" or "centred".
-        notes: What was assumed and mended, and what its leaves do not prove, a sentence each.
-        unproved: Faces of the mesh that the leaves are not proved to cover; 0 for a certified cover.
+        tree: Tree, with the hash of the mesh that it was measured against.
+        frame: Origin of its centres: "mesh" or "centred".
+        notes: Assumptions, repairs, and what its leaves do not prove, a sentence each.
+        unproved: Number of faces of the mesh that the leaves are not proved to cover.
     """
 
     tree: SphereTree
@@ -60,14 +59,14 @@ def import_tree(
     seed: int = 0,
     progress: Progress = silent,
 ) -> ImportedTree:
-    """Read a tree that any program has built, and measure how far it is from a mesh.
+    """Read a tree of any program, and measure its distance from a mesh.
 
     Args:
         path: A `.sph` file, or a `.h5` file of hhsim, which is in metres and in the frame of its mesh.
         mesh: Watertight and wound outward.
-        unit_length: Of the `.sph` file [m].
-        frame: Where the centres of the `.sph` file count from.
-        seed: Of the samples that measure the errors.
+        unit_length: Length of the unit of the `.sph` file [m].
+        frame: Origin of the centres of the `.sph` file.
+        seed: Seed of the samples that measure the errors.
         progress: As for `hhsim.trees.builder.build_sphere_tree`.
 
     Raises:
@@ -101,10 +100,10 @@ def import_tree(
 
 
 def load_tree_for(path: str | Path, mesh: Mesh, unit_length: float = 1.0) -> ImportedTree:
-    """Read the tree of a mesh for a replay: `import_tree`, but a tree of another mesh is refused.
+    """Read the tree of a mesh for a replay, as `import_tree`; a tree of another mesh is refused.
 
     Raises:
-        InputError: As `import_tree`, or a `.h5` file that was built for another mesh.
+        InputError: As for `import_tree`, or a `.h5` file that was built for another mesh.
     """
     source = Path(path)
     if source.suffix == ".h5":
@@ -118,7 +117,7 @@ def load_tree_for(path: str | Path, mesh: Mesh, unit_length: float = 1.0) -> Imp
 
 
 def _placed(source: Path, mesh: Mesh, unit_length: float, frame: Frame) -> tuple[SphereTree, str, list[str]]:
-    """A .sph tree in metres and in the mesh's frame, where its centres counted from, and what to say of it."""
+    """A .sph tree in metres and in the mesh's frame, the origin of its centres, and notes."""
     tree = load_sph(source).scaled(unit_length)
     notes = []
     grown, repeated = tree.options["parents_grown"], tree.options["repeated"]
@@ -162,10 +161,8 @@ def _mean_gap(points: FloatArray, tree: SphereTree) -> float:
 
 
 def _require_near(source: Path, mesh: Mesh, tree: SphereTree) -> None:
-    """Refuse spheres of another size than the mesh, or elsewhere: another unit, or another mesh."""
-    low = (tree.leaf_center - tree.leaf_radius[:, None]).min(axis=0)
-    high = (tree.leaf_center + tree.leaf_radius[:, None]).max(axis=0)
-    spheres, extent = float((high - low).max()), float(mesh.extent.max())
+    """Raise an InputError for spheres of another size than the mesh, or elsewhere: another unit, or another mesh."""
+    spheres, extent = float(np.ptp(tree.bounds, axis=0).max()), float(mesh.extent.max())
     points = sample_mesh(mesh.vertices, mesh.faces, _SAMPLES, np.random.default_rng(0))
     gap = _mean_gap(points, tree)
     if not extent / _OFF_SIZE <= spheres <= extent * _OFF_SIZE:

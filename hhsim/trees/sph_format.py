@@ -2,10 +2,8 @@
 
 First line: number of levels including the root, and branching factor B. Then one line for each slot of the complete
 tree, `x y z radius importance`, breadth first: the children of slot n are the slots n·B + 1 to n·B + B. A radius that
-is not positive marks an unused slot. Further columns, and lines after the last slot (the toolkit appends statistics),
-are ignored.
-The format has no unit. The toolkit's centres count from the centre of the mesh's bounding box; see
-`hhsim.trees.foreign_tree`.
+is not positive marks an unused slot. Further columns, and lines after the last slot, are ignored. The format has no
+unit; the toolkit's centres count from the centre of the mesh's bounding box, see `hhsim.trees.foreign_tree`.
 """
 
 from pathlib import Path
@@ -44,9 +42,9 @@ def save_sph(tree: SphereTree, path: str | Path) -> None:
 def load_sph(path: str | Path) -> SphereTree:
     """Read a tree.
 
-    The toolkit's parents do not always enclose what is below them: their radii grow until they do. A sphere that has no
-    children above the last level is repeated down to it, so that all leaves lie at one depth. The options of the tree
-    say how often: `parents_grown`, by how much at most, `parents_grown_most` [unit of the file], and `repeated`.
+    Parents that do not enclose all below them grow until they do. A sphere without children above the last level is
+    repeated down to it, so that all leaves lie at one depth. The tree's options state both: `parents_grown`, the
+    largest growth `parents_grown_most` [unit of the file], and `repeated`.
 
     Raises:
         InputError: No such file, or not a sphere tree.
