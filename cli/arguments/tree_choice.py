@@ -77,8 +77,7 @@ class TreeChoice(OptionGroup, heading="Sphere tree"):
         Raises:
             UsageError: Options that contradict each other.
         """
-        from hhsim.trees.cache import cached_sphere_tree
-        from hhsim.trees.level_choice import coarsest_sphere_tree
+        from hhsim.trees.cache import cached_sphere_tree, coarsest_sphere_tree
         from hhsim.trees.options import TreeOptions
         from hhsim.trees.triangle_tree import tree_of_any
 

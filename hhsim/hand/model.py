@@ -1,4 +1,4 @@
-"""The virtual hand: five chains of three round cones on a palm, from published anthropometry.
+"""Virtual hand: five chains of three round cones on a palm, from published anthropometry.
 
 Hand length HL runs from the wrist crease to the middle fingertip, hand breadth HB across the knuckles; the default is a
 male hand (Binvignat et al. 2012, n = 267: mean HL 184.9 mm). Sources: segment lengths by Buchholz, Armstrong &
@@ -10,7 +10,7 @@ The thumb's metacarpal counts as its first phalanx; the palm is the rest (paper,
 turns a finger towards the thumb side and the thumb out of the palm's plane.
 
 A TOML file replaces any size; lengths in m, angles in rad, points in the palm frame of a *right* hand (x from thumb to
-little finger, y to the fingers, z out of the back); a left hand is its mirror. Keys::
+little finger, y to the fingers, z out of the back). Keys; a left hand is its mirror::
 
     hand_length = 0.18          # everything below that is not named scales with it
     hand_breadth = 0.080
@@ -156,9 +156,9 @@ class HandTable(Settings, frozen=True):
     def check(self) -> None:
         """Check the breadth against the length."""
         if not 0.25 * self.hand_length <= self.breadth <= 0.75 * self.hand_length:
+            low, high = 0.25 * self.hand_length, 0.75 * self.hand_length
             raise InputError(
-                f"hand_breadth = {self.breadth:g}; expected {0.25 * self.hand_length:.3g} to "
-                f"{0.75 * self.hand_length:.3g} m, a quarter to three quarters of hand_length"
+                f"hand_breadth = {self.breadth:g}; expected {low:.3g} to {high:.3g} m for this hand_length"
             )
 
 
@@ -396,7 +396,6 @@ def _palm_groups(tree: SphereTree) -> tuple[FloatArray, IntArray]:
 
 
 def _left_palm(right: Mesh, options: TreeOptions) -> tuple[Mesh, SphereTree]:
-    """Mirror image of a right palm, and its sphere tree."""
     source = f"{right.source}, left"
     mesh = Mesh(right.vertices * MIRROR, right.faces[:, ::-1], name=f"left-{right.name}", source=source)
     tree = shipped_tree(mesh, options)
@@ -408,7 +407,6 @@ def _left_palm(right: Mesh, options: TreeOptions) -> tuple[Mesh, SphereTree]:
 
 
 def _replace_finger(arrays: dict[str, FloatArray], index: int, sizes: FingerTable, where: str) -> None:
-    """Set the sizes that a file gives for one finger, and check its limits."""
     for key in sizes.__struct_fields__:
         if getattr(sizes, key) is not None:
             arrays[key][index] = getattr(sizes, key)
@@ -419,14 +417,11 @@ def _replace_finger(arrays: dict[str, FloatArray], index: int, sizes: FingerTabl
 
 
 def _frames(distal: FloatArray, dorsal: FloatArray, where: str) -> tuple[FloatArray, FloatArray]:
-    """Unit distal directions and the unit dorsal directions perpendicular to them."""
     for finger, u, w in zip(FINGERS, distal, dorsal):
         sine = np.linalg.norm(np.cross(u, w))
         if not sine > 1e-3 * np.linalg.norm(u) * np.linalg.norm(w) > 0.0:
-            raise InputError(
-                f"{where}: {finger}.distal {_text(u)} and {finger}.dorsal {_text(w)}: "
-                "expected two directions across each other"
-            )
+            pair = f"{finger}.distal {_text(u)} and {finger}.dorsal {_text(w)}"
+            raise InputError(f"{where}: {pair}: expected two directions across each other")
     distal = distal / np.linalg.norm(distal, axis=1, keepdims=True)
     dorsal = dorsal - np.einsum("fi,fi->f", dorsal, distal)[:, None] * distal
     return distal, dorsal / np.linalg.norm(dorsal, axis=1, keepdims=True)

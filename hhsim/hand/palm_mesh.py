@@ -117,10 +117,8 @@ def _palm_mesh(
         return np.asarray(least - blend * np.log(np.exp((least[:, None] - d) / blend).sum(axis=1)) < 0.0)
 
     if not inside(np.zeros(len(rays))).all():
-        raise InputError(
-            "the finger bases leave the palm's middle empty: expected them around the knuckles' line, "
-            f"y = {0.2 * hand_length:.3g} m from the palm's origin"
-        )
+        line = f"y = {0.2 * hand_length:.3g} m from the palm's origin"
+        raise InputError(f"the finger bases leave the palm's middle empty: expected them around {line}")
     near, far = np.zeros(len(rays)), np.full(len(rays), 0.6 * hand_length)
     for _ in range(48):
         middle = 0.5 * (near + far)

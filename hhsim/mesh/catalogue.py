@@ -1,4 +1,4 @@
-"""The objects that ship with hhsim, and the mesh that a name or a path means."""
+"""Objects that ship with hhsim, and the mesh that a name or a path means."""
 
 import functools
 import tomllib

@@ -22,8 +22,8 @@ from hhsim.kernels.mesh.features import (
     touchable_vertices,
 )
 from hhsim.kernels.mesh.self_contact import touches_itself
-from hhsim.mesh.one_sided import has_solid_behind
-from hhsim.mesh.topology import distinct_rows, merged_vertices
+from hhsim.kernels.mesh.winding_number import winding_numbers
+from hhsim.mesh.topology import distinct_rows, face_areas, merged_vertices, part_labels
 
 SAME_PLACE = 1e-10
 """Vertices of an open mesh closer than this share of its longest extent are merged: each copy of an edge would
@@ -33,7 +33,7 @@ FLAT = 1e-8
 WITHOUT_AREA = 1e-10
 """A triangle whose height is this share of its longest side, or less, has a normal that is noise."""
 LINE = 1e-13
-"""The same share for a triangle whose corners lie on a line but for rounding: a mesh of nothing else is no surface."""
+"""Same share for a triangle whose corners lie on a line but for rounding: a mesh of nothing else is no surface."""
 WIDTH = 1e-9
 """Width [m] of the strip along its longest side that stands for a triangle without area."""
 HIGHEST = 0.1
@@ -44,6 +44,12 @@ sides."""
 BEYOND = 1e-7
 """Limit of the reach of a face beyond a corner [m]. At the tip of a sliver the sides, each moved by `ON`, would meet
 millimetres away; this much makes the distance of a body of millimetres 1e-12 m too short."""
+WINDING_WORK = 3.0e7
+"""Largest number of pairs of a part and a triangle for winding numbers, about a third of a second. A mesh of more parts
+is touched from both sides, which is right for any mesh and slower."""
+BEHIND = 0.25
+"""Least mean of the winding numbers on both sides of a triangle with a solid behind it: it is 1/2 there, and -1/2 for
+one that is wound inside out."""
 
 
 def mesh_features(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tuple[MeshFeatures, int]:
@@ -96,7 +102,7 @@ def mesh_features(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tup
         and repeated == 0
         and bool(high.all() and (np.diff(wing_start) == 2).all())
         and not touches_itself(spheres, corner, face, corners, line, edge_ends)
-        and has_solid_behind(place, corners)
+        and _has_solid_behind(place, corners)
     )
     flat = _is_flat(wing, wing_start, slack[wing_face])
     bent = ~flat
@@ -181,11 +187,11 @@ def _strips(triangle: FloatArray) -> FloatArray:
 
 
 def _are_covered(
-    spheres: FaceSpheres, face: FloatArray, place: FloatArray, corners: IntArray, asked: IntArray
+    spheres: FaceSpheres, face: FloatArray, place: FloatArray, corners: IntArray, marked: IntArray
 ) -> BoolArray:
-    # Which of the corners asked for lie within the plane of each of their faces.
+    # Which of the corners marked lie within the plane of each of their faces.
     covered = np.zeros(len(place), dtype=bool)
-    covered[asked] = True
+    covered[marked] = True
     # Contiguous also where there are many: `nonzero` gives columns, for which the kernel would be compiled once more.
     own, at = (np.ascontiguousarray(values) for values in np.nonzero(covered[corners]))
     corner = corners[own, at]
@@ -294,3 +300,30 @@ def _is_convex(wing: FloatArray, start: IntArray, normal: FloatArray) -> BoolArr
     first = start[:-1][two]
     convex[two] = np.einsum("ij,ij->i", wing[first], normal[first + 1]) < 0.0
     return convex
+
+
+def _has_solid_behind(place: FloatArray, corners: IntArray) -> bool:
+    """Return True if the winding number is at least 1 behind every triangle.
+
+    Args:
+        place: Vertices [m], shape (V, 3).
+        corners: Closed triangles that do not touch each other but along their sides, two at each, shape (F, 3). The
+            winding number is then the same behind all triangles of a part.
+    """
+    part = part_labels(corners)
+    parts = int(part.max()) + 1
+    if parts * len(corners) > WINDING_WORK:
+        return False
+    # The largest triangle of each part, at whose middle all others are far away.
+    order = np.lexsort((-face_areas(place, corners), part))
+    largest = order[np.searchsorted(part[order], np.arange(parts))]
+    triangles = np.ascontiguousarray(place[corners])
+    for i in largest.tolist():
+        middle = triangles[i].mean(axis=0)[None]
+        whole, own = np.empty(1), np.empty(1)
+        winding_numbers(triangles, middle, whole)
+        # On the triangle itself its own share is 1/2 or -1/2, by rounding; without it the mean of both sides is left.
+        winding_numbers(triangles[i : i + 1], middle, own)
+        if not float(whole[0] - own[0]) > BEHIND:
+            return False
+    return True

@@ -44,7 +44,7 @@ def read_triangles(path: Path) -> tuple[FloatArray, IntArray]:
         what = f"unknown mesh format '.{kind}'" if kind else "no suffix that says which mesh format it is"
         raise MeshError(f"{path}: {what}; known: {', '.join(known)}")
     try:
-        # What numpy warns of inside the readers (NaN in a normal, say) is found and told by the checks that follow.
+        # What numpy warns of inside the readers (NaN in a normal, say) is found by the checks that follow.
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             scene = trimesh.load_scene(path, process=False, resolver=_ordinary_files_beside(path))
@@ -59,9 +59,7 @@ def read_triangles(path: Path) -> tuple[FloatArray, IntArray]:
     except Exception as error:
         # The readers raise whatever their parser trips over: IndexError, KeyError, struct.error and more.
         reason = " ".join(f"{type(error).__name__}: {error}".rstrip(": ").split())
-        raise MeshError(
-            f"{path}: cannot be read as .{kind}, so it is damaged, or of another kind ({reason[:200]})"
-        ) from error
+        raise MeshError(f"{path}: cannot be read as .{kind}: damaged, or of another kind ({reason[:200]})") from error
     if not parts:
         raise MeshError(f"{path}: no triangles; expected a surface mesh")
     starts = np.cumsum([0] + [len(part.vertices) for part in parts[:-1]])

@@ -114,7 +114,6 @@ def solid_mesh(
 
 
 def _without_specks(vertices: FloatArray, faces: IntArray, size: float) -> tuple[FloatArray, IntArray]:
-    """Drop closed parts and cavities that are no larger than `size`."""
     label = part_labels(faces)
     corner = vertices[faces].reshape(-1, 3)
     low, high = np.full((int(label.max()) + 1, 3), np.inf), np.full((int(label.max()) + 1, 3), -np.inf)

@@ -39,14 +39,12 @@ def mass_properties(mesh: Mesh) -> MassProperties:
     # Corners of equal places are one: a file may have given each triangle its own.
     if not is_closed(merged_vertices(mesh.vertices, mesh.faces)[1]):
         raise MeshError(
-            f"{mesh.name}: the mesh is not closed, so it encloses nothing that has a mass; make sheets of its open "
-            "parts (--thickness), let hhsim close it (--surface spheres), or let the object stand still"
+            f"{mesh.name}: not closed, so it has no mass; make sheets of its open parts (--thickness), let hhsim close "
+            "it (--surface spheres), or let the object stand still"
         )
     if mesh.volume <= LEAST_FILLED * float(mesh.extent.max()) ** 3:
-        raise MeshError(
-            f"{mesh.name}: the triangles enclose {1e6 * mesh.volume:.3g} cm³, so it has no mass: a free object needs a "
-            "solid, wound outward"
-        )
+        filled = f"the triangles enclose {1e6 * mesh.volume:.3g} cm³"
+        raise MeshError(f"{mesh.name}: {filled}: no mass; a free object needs a solid, wound outward")
     origin = mesh.bounds.mean(axis=0)
     corners = mesh.triangles - origin
     a, b, c = corners.transpose(1, 0, 2)

@@ -76,7 +76,7 @@ class Mesh:
 
     @property
     def box_corners(self) -> FloatArray:
-        """The eight corners of that box [m], shape (8, 3)."""
+        """Eight corners of that box [m], shape (8, 3)."""
         return np.array(np.meshgrid(*self.bounds.T)).reshape(3, -1).T
 
     @property
@@ -117,16 +117,13 @@ def require_usable_arrays(vertices: FloatArray, faces: IntArray, name: str) -> N
         raise MeshError(f"{name}: faces have shape {faces.shape}, expected (F, 3)")
     broken = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
     if broken.size:
-        raise MeshError(
-            f"{name}: {broken.size} of {len(vertices)} vertices are NaN or infinite, first at index {broken[0]}; "
-            "export the mesh again"
-        )
+        count = f"{broken.size} of {len(vertices)} vertices"
+        raise MeshError(f"{name}: {count} are NaN or infinite, first at index {broken[0]}; export the mesh again")
     bad = np.flatnonzero(((faces < 0) | (faces >= len(vertices))).any(axis=1))
     if bad.size:
-        raise MeshError(
-            f"{name}: {bad.size} of {len(faces)} triangles name a vertex that does not exist, first triangle {bad[0]}; "
-            f"indices must lie in 0 to {len(vertices) - 1}"
-        )
+        count = f"{bad.size} of {len(faces)} triangles"
+        where = f"first triangle {bad[0]}; expected 0 to {len(vertices) - 1}"
+        raise MeshError(f"{name}: {count} name a vertex that does not exist, {where}")
 
 
 def load_mesh(
@@ -172,16 +169,12 @@ def load_mesh(
         raise MeshError(f"{path}: all vertices lie in one point; expected a surface mesh")
     unit_length = METRES_PER_UNIT[unit] if size is None else size / longest
     if not SMALLEST_NUMBER <= longest <= LARGEST_NUMBER:
-        raise MeshError(
-            f"{path}: longest extent {longest:.3g} in the file: expected {SMALLEST_NUMBER:g} to {LARGEST_NUMBER:g}; is "
-            "a vertex damaged?"
-        )
+        expected = f"expected {SMALLEST_NUMBER:g} to {LARGEST_NUMBER:g}; is a vertex damaged?"
+        raise MeshError(f"{path}: longest extent {longest:.3g} in the file: {expected}")
     if not SMALLEST_EXTENT <= longest * unit_length <= LARGEST_EXTENT:
         hint = "is --size wrong?" if size is not None else size_hint(longest * unit_length, unit)
-        raise MeshError(
-            f"{path}: longest extent {longest * unit_length:.3g} m: expected {SMALLEST_EXTENT:g} to "
-            f"{LARGEST_EXTENT:g} m, since a hand is to touch it; {hint}"
-        )
+        expected = f"expected {SMALLEST_EXTENT:g} to {LARGEST_EXTENT:g} m for a hand; {hint}"
+        raise MeshError(f"{path}: longest extent {longest * unit_length:.3g} m: {expected}")
     if not solid:
         mesh = replace(mesh, vertices=mesh.vertices * unit_length)
         return replace(mesh, warnings=size_warnings(mesh, unit) if size is None else ())

@@ -98,7 +98,7 @@ def _drop_useless_faces(surface: MeshInRepair) -> None:
         surface.repairs.append(f"removed {counted(int((~keep).sum()), 'duplicate triangle')}")
         faces = faces[keep]
     if len(faces) == 0:
-        raise MeshError(f"{surface.name}: no volume: its triangles are degenerate or cancel each other")
+        raise surface.error("no volume: its triangles are degenerate or cancel each other")
     surface.faces = faces
 
 
@@ -170,7 +170,7 @@ def _drop_fragments(surface: MeshInRepair) -> None:
 def _wind_alike(surface: MeshInRepair) -> None:
     result = alike_wound(surface.faces)
     if result is None:
-        raise MeshError(f"{surface.name}: one-sided like a Möbius strip, so it has no inside")
+        raise surface.error("one-sided like a Möbius strip, so it has no inside")
     surface.faces, turned = result
     if turned:
         surface.repairs.append(f"turned {counted(turned, 'triangle')} wound against the neighbours")
@@ -185,10 +185,8 @@ def _close_holes(surface: MeshInRepair) -> None:
     bent = np.flatnonzero(wide & (caps.bend > BENT_HOLE * caps.width))
     if len(bent):
         width, bend = surface.millimetres(caps.width[bent[0]]), surface.millimetres(caps.bend[bent[0]])
-        raise MeshError(
-            f"{surface.name}: open: a hole {width} wide is bent by {bend}, too much to close safely; "
-            "close it in a mesh editor"
-        )
+        bent_hole = f"a hole {width} wide is bent by {bend}, too much to close safely"
+        raise surface.error(f"open: {bent_hole}; close it in a mesh editor")
     widest = surface.millimetres(float(caps.width.max()))
     faces = np.concatenate([surface.faces, caps.faces])
     label = part_labels(faces)
@@ -200,10 +198,8 @@ def _close_holes(surface: MeshInRepair) -> None:
         inside = abs(signed_volume(caps.vertices, faces[label == part]))
         sheets += inside < SHEET_VOLUME * float(area[label == part].sum()) ** 1.5
     if share > CAP_AREA or sheets:
-        raise MeshError(
-            f"{surface.name}: an open surface: {counted(holes, 'hole')} up to {widest} wide, whose caps would have "
-            f"{100.0 * share:.0f} % of its area; give it a thickness"
-        )
+        caps_area = f"whose caps would have {100.0 * share:.0f} % of its area; give it a thickness"
+        raise surface.error(f"an open surface: {counted(holes, 'hole')} up to {widest} wide, {caps_area}")
     surface.repairs.append(f"closed {counted(holes, 'hole')} up to {widest} wide")
     if wide.any():
         small = holes - int(wide.sum())
@@ -222,4 +218,4 @@ def _require_closed(surface: MeshInRepair) -> None:
     open_edges = int(np.count_nonzero(count == 1))
     faults = [f"{counted(fanned, 'edge')} shared by more than two triangles"] if fanned else []
     what = " and ".join(faults + ([counted(open_edges, "open edge")] if open_edges else []))
-    raise MeshError(f"{surface.name}: not watertight: {what or 'neighbours wound against each other'}; no safe repair")
+    raise surface.error(f"not watertight: {what or 'neighbours wound against each other'}; no safe repair")

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
+from hhsim.errors import MeshError
 
 
 @dataclass
@@ -31,6 +32,10 @@ class MeshInRepair:
     def size(self) -> float:
         """Longest extent of the faces [unit of the source]."""
         return float(np.ptp(self.vertices[self.faces].reshape(-1, 3), axis=0).max())
+
+    def error(self, message: str) -> MeshError:
+        """Return an error that names the mesh."""
+        return MeshError(f"{self.name}: {message}")
 
     def millimetres(self, length: float) -> str:
         """Return a length [unit of the source] as text."""

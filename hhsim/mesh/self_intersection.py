@@ -3,7 +3,6 @@
 import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
-from hhsim.errors import MeshError
 from hhsim.kernels.mesh.winding_number import winding_numbers
 from hhsim.mesh.repair_log import MeshInRepair, percent
 from hhsim.mesh.topology import in_fixed_order, is_closed, merged_vertices, part_labels, signed_volume
@@ -93,9 +92,7 @@ def turn_outward(surface: MeshInRepair) -> None:
         surface.repairs.append(f"{which}wound inside out: turned")
     volume = signed_volume(surface.vertices, surface.faces)
     if volume <= 1e-9 * surface.size**3:
-        raise MeshError(
-            f"{surface.name}: no volume: it encloses {1e9 * volume * surface.unit_length**3:.3g} mm³; expected a solid"
-        )
+        raise surface.error(f"no volume: it encloses {1e9 * volume * surface.unit_length**3:.3g} mm³; expected a solid")
 
 
 def resolve_overlaps(surface: MeshInRepair) -> None:
@@ -104,8 +101,8 @@ def resolve_overlaps(surface: MeshInRepair) -> None:
     Raises:
         MeshError: The surface, or a part of it, crosses itself.
     """
-    faulty, tested, low, high = winding_faults(surface.vertices, surface.faces)
-    if faulty and part_labels(surface.faces).max() > 0:
+    found = winding_faults(surface.vertices, surface.faces)
+    if found[0] and part_labels(surface.faces).max() > 0:
         _require_sound_parts(surface)
         joined = _union_of_parts(surface)
         if joined is not None:
@@ -113,17 +110,21 @@ def resolve_overlaps(surface: MeshInRepair) -> None:
             surface.vertices, surface.faces = joined
             left = int(part_labels(surface.faces).max()) + 1
             surface.repairs.append(f"joined {parts} overlapping parts into {left}")
-            faulty, tested, low, high = winding_faults(surface.vertices, surface.faces)
+            found = winding_faults(surface.vertices, surface.faces)
+    faulty, tested, low, high = found
     share = faulty / tested if tested else 1.0
     if share > CROSSING_SHARE:
-        raise MeshError(
-            f"{surface.name}: crosses itself: the winding number is neither 0 nor 1 at {faulty} of {tested} points "
-            f"beside the surface (from {low:.2f} to {high:.2f}); no safe repair"
-        )
+        raise surface.error(f"crosses itself: {_crossing(found)}")
     if faulty:
         surface.warnings.append(
             f"crosses itself at about {percent(share)} of its surface (winding number {low:.2f} to {high:.2f})"
         )
+
+
+def _crossing(found: tuple[int, int, float, float]) -> str:
+    faulty, tested, low, high = found
+    where = f"at {faulty} of {tested} points beside the surface (from {low:.2f} to {high:.2f})"
+    return f"the winding number is neither 0 nor 1 {where}; no safe repair"
 
 
 def _require_sound_parts(surface: MeshInRepair) -> None:
@@ -132,12 +133,9 @@ def _require_sound_parts(surface: MeshInRepair) -> None:
     for part in range(int(label.max()) + 1):
         faces = surface.faces[label == part]
         inward = signed_volume(surface.vertices, faces) < 0.0
-        faulty, tested, low, high = winding_faults(surface.vertices, faces[:, ::-1] if inward else faces)
-        if faulty > CROSSING_SHARE * tested:
-            raise MeshError(
-                f"{surface.name}: a part crosses itself: the winding number is neither 0 nor 1 at {faulty} of {tested} "
-                f"points beside its surface (from {low:.2f} to {high:.2f}); no safe repair"
-            )
+        found = winding_faults(surface.vertices, faces[:, ::-1] if inward else faces)
+        if found[0] > CROSSING_SHARE * found[1]:
+            raise surface.error(f"a part crosses itself: {_crossing(found)}")
 
 
 def _union_of_parts(surface: MeshInRepair) -> tuple[FloatArray, IntArray] | None:

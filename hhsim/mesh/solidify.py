@@ -17,9 +17,16 @@ from hhsim.mesh.isosurface import border_distances, is_inside, simplified, solid
 from hhsim.mesh.orientation import turned_outward
 from hhsim.mesh.repair import CAP_AREA, closed_surface, merge_and_clean
 from hhsim.mesh.repair_log import MeshInRepair, percent
-from hhsim.mesh.surface_sampling import face_samples
 from hhsim.mesh.thin_sheets import slab_union
-from hhsim.mesh.topology import face_areas, in_fixed_order, is_closed, part_labels, undirected_edges, used_vertices
+from hhsim.mesh.topology import (
+    face_areas,
+    face_samples,
+    in_fixed_order,
+    is_closed,
+    part_labels,
+    undirected_edges,
+    used_vertices,
+)
 from hhsim.system.counted import counted
 
 TOLERANCE = 5e-4
@@ -156,11 +163,9 @@ class _Border(NamedTuple):
 
     @property
     def loose(self) -> BoolArray:
-        """Mark of points that enclose nothing, shape (n,)."""
         return np.asarray(self.turns < LOOSE)
 
     def share(self, chosen: BoolArray) -> float:
-        """Share of the area of the chosen points."""
         return float(self.area[chosen].sum() / self.area.sum())
 
 
@@ -177,9 +182,8 @@ def _fill_winding(surface: MeshInRepair, refusal: str) -> None:
     border = _border(surface, field)
     lost = border.share(border.loose)
     if lost > LOST_AREA:
-        raise MeshError(
-            f"{surface.name}: {refusal}; and {percent(lost)} of its surface encloses nothing by winding number; "
-            f"{THICKEN}"
+        raise surface.error(
+            f"{refusal}; and {percent(lost)} of its surface encloses nothing by winding number; {THICKEN}"
         )
     if lost > 0.0:
         surface.repairs.append(f"left out {100.0 * lost:.2g} % of the surface, which encloses nothing")
@@ -191,14 +195,12 @@ def _fill_winding(surface: MeshInRepair, refusal: str) -> None:
     if hidden > _LEAST_REPORTED:
         surface.repairs.append(f"left out {100.0 * hidden:.2g} % of the surface, which lies inside")
     if not len(border.parting):
-        raise MeshError(f"{surface.name}: {refusal}; and it has no inside by winding number; {THICKEN}")
+        raise surface.error(f"{refusal}; and it has no inside by winding number; {THICKEN}")
     out, buried = _mesh_anew(surface, field, border.parting, TOLERANCE * size)
     surface.repairs.append(_distances(surface, "what parts inside from outside", out, buried))
     share, reach = _assumed(surface, source, max(TOLERANCE * size, out))
     if share > CAP_AREA / (1.0 + CAP_AREA):
-        raise MeshError(
-            f"{surface.name}: {refusal}; and {100.0 * share:.0f} % of its surface would have to be assumed; {THICKEN}"
-        )
+        raise surface.error(f"{refusal}; and {100.0 * share:.0f} % of its surface would have to be assumed; {THICKEN}")
     if share > _LEAST_REPORTED:
         surface.repairs.append(_assumption(surface, share, reach))
     _tell_outside(surface, source)
@@ -231,10 +233,8 @@ def _make_sheets(surface: MeshInRepair, sheet: BoolArray, thickness: float) -> N
     size = surface.size
     least, most = (share * size for share in THICKNESS)
     if not least <= thickness <= most:
-        raise MeshError(
-            f"{surface.name}: a sheet {surface.millimetres(thickness)} thick; expected {surface.millimetres(least)} to "
-            f"{surface.millimetres(most)} for a mesh {surface.millimetres(size)} long"
-        )
+        given, low, high, longest = (surface.millimetres(length) for length in (thickness, least, most, size))
+        raise surface.error(f"a sheet {given} thick; expected {low} to {high} for a mesh {longest} long")
     parts = int(part_labels(surface.faces[sheet]).max()) + 1
     surface.repairs.append(
         f"made {counted(parts, 'open part')} a sheet {surface.millimetres(thickness)} thick"
@@ -277,7 +277,6 @@ def _cleaned(vertices: FloatArray, faces: IntArray, name: str, unit_length: floa
 
 
 def _field(vertices: FloatArray, faces: IntArray) -> SolidField:
-    """Inside by winding number of faces, if any, without sheets."""
     nowhere = build_mesh_bvh(np.zeros((1, 3)), np.zeros((1, 3), np.int64), signed=False)
     bvh = build_mesh_bvh(vertices, faces, signed=False) if len(faces) else nowhere
     return SolidField(bvh, winding_moments(bvh), nowhere, -1.0)
@@ -301,14 +300,12 @@ def _mesh_anew(surface: MeshInRepair, field: SolidField, border: FloatArray, tol
     corner = surface.vertices[surface.faces].reshape(-1, 3)
     vertices, faces = solid_mesh(field, border, corner.min(axis=0) - grown, corner.max(axis=0) + grown, tolerance)
     if len(faces) == 0:
-        raise MeshError(f"{surface.name}: no volume: it encloses nothing as large as {surface.millimetres(tolerance)}")
+        raise surface.error(f"no volume: it encloses nothing as large as {surface.millimetres(tolerance)}")
     vertices, faces = simplified(vertices, faces, border, tolerance)
     out, buried = border_distances(vertices, faces, border)
     if out > FARTHEST * size:
-        raise MeshError(
-            f"{surface.name}: too thin in places: its surface is {surface.millimetres(out)} outside of the finest mesh "
-            f"of its inside; {'pass more --thickness' if grown else THICKEN}"
-        )
+        advice = "pass more --thickness" if grown else THICKEN
+        raise surface.error(f"too thin in places: {surface.millimetres(out)} outside of the finest mesh; {advice}")
     surface.vertices, surface.faces = in_fixed_order(*used_vertices(vertices, faces))
     return out, buried
 

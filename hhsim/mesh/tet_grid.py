@@ -51,9 +51,9 @@ class TetGrid:
             cubes=self.cubes,
             used=np.array([len(tet), len(corner), len(corner)]),
         )
-        self._make_room()
+        self._reserve()
 
-    def _make_room(self) -> None:
+    def _reserve(self) -> None:
         """Make the arrays at least twice as long as what is in use."""
         tets, vertices, _ = self._tets.used
 
@@ -98,11 +98,11 @@ class TetGrid:
         wanted[chosen] = np.minimum(self.ages[chosen] + times, 3 * HALVINGS)
         done = False
         while not done:
-            room = np.zeros(len(self._tets.tet), np.int64)
-            room[: len(wanted)] = wanted
-            done = halve_tets(self._tets, _CUBE, room)
-            wanted = room
-            self._make_room()
+            padded = np.zeros(len(self._tets.tet), np.int64)
+            padded[: len(wanted)] = wanted
+            done = halve_tets(self._tets, _CUBE, padded)
+            wanted = padded
+            self._reserve()
 
     def locate(self, points: FloatArray) -> IntArray:
         """Return the tetrahedron of each point [m], shape (n, 3); −1 outside of the box."""

@@ -196,3 +196,22 @@ def signed_volume(vertices: FloatArray, faces: IntArray) -> float:
     """Volume [m³] that closed faces enclose, negative when they are wound inside out."""
     a, b, c = (vertices[faces] - vertices[faces].reshape(-1, 3).mean(axis=0)).transpose(1, 0, 2)
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
+
+
+def face_samples(
+    vertices: FloatArray, faces: IntArray, count: int, rng: np.random.Generator
+) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Sample points on faces (F, 3) of vertices (V, 3), about `count` by area, and one more on each face with an area.
+
+    Returns:
+        Points, shape (n, 3); the face of each, shape (n,), in order; and the area that each stands for, shape (n,).
+    """
+    area = face_areas(vertices, faces)
+    each = np.where(area > 0.0, 1 + np.floor(count * area / max(area.sum(), np.finfo(np.float64).tiny)), 0)
+    face = np.repeat(np.arange(len(faces)), each.astype(np.int64))
+    u, v = rng.random((2, len(face)))
+    over = u + v > 1.0
+    u[over], v[over] = 1.0 - u[over], 1.0 - v[over]
+    a, b, c = vertices[faces[face]].transpose(1, 0, 2)
+    point = a + u[:, None] * (b - a) + v[:, None] * (c - a)
+    return np.ascontiguousarray(point), face, (area / np.maximum(each, 1))[face]

@@ -76,20 +76,15 @@ def describe_scene(
         },
         "object_name": mesh.name,
         "object_spheres": tree.leaf_count,
-        "modelled": modelled(tree, hand, options, free=free),
+        "modelled": {
+            "fingers": list(options.fingers),
+            "phalanges": int(options.modelled()[:PALM_BODY].sum()),
+            "palm_spheres": hand.palm_tree.leaf_count,
+            "object_spheres": tree.leaf_count,
+            "all_pairs": all_pairs(hand, tree),
+            "not_modelled": [*([] if free else ["friction", "dynamics"]), "deformation", "finger-to-finger contact"],
+        },
         "checksums": checksums(static),
-    }
-
-
-def modelled(tree: SphereTree, hand: HandModel, options: SolverOptions, *, free: bool = False) -> dict[str, Any]:
-    """Return what the scene models: bodies, spheres and pairs that a model without trees would test every tick."""
-    return {
-        "fingers": list(options.fingers),
-        "phalanges": int(options.modelled()[:PALM_BODY].sum()),
-        "palm_spheres": hand.palm_tree.leaf_count,
-        "object_spheres": tree.leaf_count,
-        "all_pairs": all_pairs(hand, tree),
-        "not_modelled": [*([] if free else ["friction", "dynamics"]), "deformation", "finger-to-finger contact"],
     }
 
 
@@ -110,10 +105,7 @@ def require_whole(result: Result) -> None:
     stated = result.scene.get("checksums", {})
     for part, what in PARTS.items():
         if found[part] != stated.get(part):
-            raise InputError(
-                f"{result.path} cannot be run again: {what} in the file is another one than the run was made with "
-                "(its checksum differs)"
-            )
+            raise InputError(f"{result.path} cannot be run again: {what} in the file is another one (checksum)")
 
 
 def stored_mesh(result: Result) -> Mesh:

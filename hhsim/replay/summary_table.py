@@ -93,10 +93,10 @@ def summary_rows(figures: Mapping[str, float], rate: float, *, of_paper: bool = 
     return tuple(rows)
 
 
-def stored_rows(summary: Mapping[str, Any], rate: float, *, of_paper: bool = False) -> tuple[SummaryRow, ...]:
+def stored_rows(summary: Mapping[str, Any], rate: float) -> tuple[SummaryRow, ...]:
     """Return the rows of a result's summary, as its replay printed them."""
     found = {name: float(summary[name]) for name in run_metrics() if name in summary}
-    return summary_rows(found, rate, of_paper=of_paper)
+    return summary_rows(found, rate)
 
 
 def whole_table(rows: Sequence[SummaryRow]) -> tuple[SummaryRow, ...]:

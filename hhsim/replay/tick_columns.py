@@ -1,5 +1,6 @@
 """Columns of a result file for each tick: the solver's record, and what is measured from it apart from the solver."""
 
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,23 @@ from hhsim.kernels.tick.block import TickRecord
 from hhsim.metrics.metrics import force_variation_rate, penetration
 from hhsim.result.schema import TICK_COLUMNS
 from hhsim.solver.options import SolverOptions
+
+
+class KeptColumns:
+    """Datasets kept block by block, such as those that the table of a run needs."""
+
+    def __init__(self) -> None:
+        self._blocks: dict[str, list[AnyArray]] = {}
+
+    def keep(self, block: Mapping[str, AnyArray], names: Iterable[str]) -> None:
+        """Keep the named datasets of the next block."""
+        for name in names:
+            self._blocks.setdefault(name, []).append(block[name])
+
+    def __getitem__(self, name: str) -> AnyArray:
+        blocks = self._blocks[name]
+        blocks[:] = [np.concatenate(blocks)] if len(blocks) > 1 else blocks
+        return blocks[0]
 
 
 class TickColumns:

@@ -49,8 +49,8 @@ def verdict(result: Result, rows: Sequence[SummaryRow]) -> Verdict:
     run = rows, stored_promises(result.scene), result.ticks
     found = run_verdict(*run, complete=result.complete, late=late, repairs=repairs, surface=result.surface)
     if result.scene.get("submission") and any(row.name.startswith("tick_") for row in rows):
-        said = f"{STATED_TIMES[:1].upper()}{STATED_TIMES[1:]}."
-        found = replace(found, sentences=(*found.sentences, said), line=f"{found.line} {said}")
+        remark = f"{STATED_TIMES[:1].upper()}{STATED_TIMES[1:]}."
+        found = replace(found, sentences=(*found.sentences, remark), line=f"{found.line} {remark}")
     return found if result.live is None else _with_faults(found, result)
 
 
@@ -59,13 +59,13 @@ def _with_faults(found: Verdict, session: Result) -> Verdict:
     over = [fault for fault in SESSION_FAULTS if figures[fault.name] > fault.limit]
     if not over:
         return found
-    told = "; ".join(_over(SummaryRow(fault, figures[fault.name]), fault.limit) for fault in over)
+    listed = "; ".join(_over(SummaryRow(fault, figures[fault.name]), fault.limit) for fault in over)
     return replace(
         found,
         word=MISSED,
-        sentences=(f"Over the limits of a session: {told}. It ended so: {how_it_ended(session)}.", *found.sentences),
+        sentences=(f"Over the limits of a session: {listed}. It ended so: {how_it_ended(session)}.", *found.sentences),
         missed=(*found.missed, *(fault.name for fault in over)),
-        line=f"{MISSED}: {told}. {found.line[:1].upper()}{found.line[1:]}",
+        line=f"{MISSED}: {listed}. {found.line[:1].upper()}{found.line[1:]}",
     )
 
 

@@ -33,7 +33,7 @@ def find_placement(script: Script, hand: HandModel, tree: SphereTree) -> Placeme
                 return placement
             if script.objects:
                 raise TrajectoryError(
-                    f"script {script.name}: its place on the {placement.object_name} is one of a right hand"
+                    f"script {script.name}: its place on the {placement.object_name} is a right hand's"
                 )
             return None
     if script.objects:

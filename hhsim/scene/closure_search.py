@@ -57,7 +57,7 @@ MARGIN = 0.002
 """Distance [m] that fingers which will touch keep while the open hand advances."""
 UNDER = 0.02
 """Depth [m] of a joint below the object's lowest point from which the penalty is full."""
-IDLE_DISTANCE = 0.04
+UNUSED_DISTANCE = 0.04
 """Distance [m] from which uninvolved fingers count as clear."""
 BEARING = 0.005
 """The palm rests on the object with the spheres that are this near [m] when the first one touches."""
@@ -310,10 +310,10 @@ class _Search(Closer):
         oppose = OPPOSE_WEIGHT if self.script.moves_object else 4.0
         score += oppose * (1.0 - self._one_sided(normals))
         # Fingers that do not take part are well out of the way.
-        idle = [f for f in range(len(FINGERS)) if f not in self.fingers]
-        if idle:
-            away = float(closure.distance[:PALM_BODY].reshape(len(FINGERS), 3)[idle].min())
-            score += 4.0 * min(1.0, away / IDLE_DISTANCE)
+        unused = [f for f in range(len(FINGERS)) if f not in self.fingers]
+        if unused:
+            away = float(closure.distance[:PALM_BODY].reshape(len(FINGERS), 3)[unused].min())
+            score += 4.0 * min(1.0, away / UNUSED_DISTANCE)
         # The pads touch, and more phalanges hold better than fewer.
         touching = closure.touching[self.fingers]
         return score + 3.0 * float(touching[:, 2].mean()) + 6.0 * float(touching.mean())

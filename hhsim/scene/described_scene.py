@@ -14,6 +14,7 @@ from hhsim.hand.model import HandModel
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.metrics import hand_clearance
 from hhsim.motion.trajectory import ResampleMode, Trajectory
+from hhsim.scene.contact_goals import TOUCHING
 from hhsim.scene.demonstration import Demonstration
 from hhsim.scene.recorded_grasp_pose import GraspPlacement, place_at_grasp
 from hhsim.scene.scene import Scene, make_scene
@@ -81,7 +82,7 @@ class PlacedScene:
 
     @property
     def place(self) -> Place:
-        """The placement as a --place-object argument."""
+        """Placement as a --place-object argument."""
         return "recorded" if self.placement is None else "auto"
 
     def to_json(self) -> dict[str, Any] | None:
@@ -112,7 +113,7 @@ def described_scene(
     """
     placed = placed_scene(
         *(mesh, tree, hand, motion),
-        asked=words.place_object,
+        place=words.place_object,
         fingers=fingers,
         rate=words.rate,
         mode=words.samples,
@@ -145,7 +146,7 @@ def placed_scene(
     hand: HandModel,
     motion: Script | Demonstration | Trajectory,
     *,
-    asked: Place | None = None,
+    place: Place | None = None,
     fingers: Sequence[str] = FINGERS,
     rate: float = 1000.0,
     mode: ResampleMode = "interpolate",
@@ -157,23 +158,23 @@ def placed_scene(
         mesh: Object [m], in its own frame.
         tree: Its sphere tree, in the same frame.
         motion: Motion of the hand; only a recording is placed.
-        asked: Placement of a recording's object; None: as recorded, unless the hand touches nothing there, or begins
+        place: Placement of a recording's object; None: as recorded, unless the hand touches nothing there, or begins
             inside in an import (which has flags) without an object place; then where the fingers close.
         fingers: Fingers that the scene uses.
         rate, mode, seed: As for `hhsim.scene.scene.make_scene`.
 
     Raises:
-        TrajectoryError: The motion cannot be done on this object, or cannot be placed as asked.
+        TrajectoryError: The motion cannot be done on this object, or cannot be placed as demanded.
     """
 
     def make(moved: Script | Demonstration | Trajectory) -> Scene:
         return make_scene(mesh, tree, hand, moved, rate=rate, mode=mode, seed=seed)
 
-    if asked == "auto" and isinstance(motion, Trajectory):
+    if place == "auto" and isinstance(motion, Trajectory):
         found = place_at_grasp(motion, hand, tree)
         return PlacedScene(make(found.motion), found, note=found.text)
     scene = make(motion)
-    if asked == "recorded" or not isinstance(motion, Trajectory) or motion.object_motion is not None:
+    if place == "recorded" or not isinstance(motion, Trajectory) or motion.object_motion is not None:
         return PlacedScene(scene)
     # Only an import states no object place. A session, or a synthesised motion, may well begin inside.
     imported = motion.flags is not None and not motion.object_position.any()
@@ -190,12 +191,12 @@ def placed_scene(
     return PlacedScene(make(found.motion), found, by_itself=True, note=f"{why}, so {found.text}")
 
 
-def touches(scene: Scene, fingers: Sequence[str] = FINGERS, distance: float = 1e-5) -> bool:
-    """Return True if the haptic hand comes within a distance [m] of the leaf spheres in any tick.
+def touches(scene: Scene, fingers: Sequence[str] = FINGERS) -> bool:
+    """Return True if the haptic hand comes within `TOUCHING` of the leaf spheres in any tick.
 
     Only the palm and the named fingers count; the others pass through the object.
     """
-    return bool(_nearest(scene, HandConfiguration.of(scene.ticks), fingers, distance) < distance)
+    return bool(_nearest(scene, HandConfiguration.of(scene.ticks), fingers, TOUCHING) < TOUCHING)
 
 
 def depth_at_start(scene: Scene, fingers: Sequence[str] = FINGERS) -> float:

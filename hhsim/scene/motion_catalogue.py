@@ -6,15 +6,14 @@ or live session (`.h5`), or any other recording, which is imported as `hhsim imp
 
 import functools
 from collections.abc import Mapping
-from dataclasses import dataclass
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from hhsim.errors import InputError, TrajectoryError, UnknownNameError
+from hhsim.errors import InputError, TrajectoryError, UnknownNameError, check_known
 from hhsim.motion.csv_file import CSV_SUFFIX
 from hhsim.motion.sample_flags import MENDED, marked
 from hhsim.motion.trajectory import UNCHECKED, Trajectory
@@ -33,8 +32,7 @@ ORDER = (
 """Motions for any object, from one finger to the whole hand; those for one object follow by name, recordings last."""
 
 
-@dataclass(frozen=True)
-class TrajectoryDescription:
+class TrajectoryDescription(NamedTuple):
     """Entry of the catalogue.
 
     Attributes:
@@ -94,24 +92,15 @@ def script_names() -> list[str]:
 
 @functools.cache
 def _names() -> tuple[frozenset[str], frozenset[str]]:
-    """Names of the shipped scripts and of the shipped demonstrations."""
-    scripts: set[str] = set()
-    demonstrations: set[str] = set()
-    for entry in files("hhsim.trajectories").iterdir():
-        if entry.name.endswith(SCRIPT_SUFFIX):
-            recorded = is_demonstration(parse_toml(entry.read_text(encoding="utf-8"), entry.name))
-            (demonstrations if recorded else scripts).add(entry.name.removesuffix(SCRIPT_SUFFIX))
-    return frozenset(scripts), frozenset(demonstrations)
+    entries = [entry for entry in files("hhsim.trajectories").iterdir() if entry.name.endswith(SCRIPT_SUFFIX)]
+    tables = {entry.name: parse_toml(entry.read_text(encoding="utf-8"), entry.name) for entry in entries}
+    recorded = frozenset(name.removesuffix(SCRIPT_SUFFIX) for name, table in tables.items() if is_demonstration(table))
+    return frozenset(name.removesuffix(SCRIPT_SUFFIX) for name in tables) - recorded, recorded
 
 
 def load_script(name: str) -> Script:
-    """Return the shipped script of a name.
-
-    Raises:
-        UnknownNameError: No such script; the message lists the near names.
-    """
-    if name not in script_names():
-        raise UnknownNameError("trajectory", name, script_names())
+    """Return the shipped script of a name; UnknownNameError lists the near names."""
+    check_known("trajectory", [name], script_names())
     script = _shipped(name)
     assert isinstance(script, Script)
     return script
@@ -123,26 +112,17 @@ def describe(name: str) -> TrajectoryDescription:
     Raises:
         UnknownNameError: Neither of them; the message lists the near names.
     """
-    if name not in trajectory_names():
-        raise UnknownNameError("trajectory", name, trajectory_names())
+    check_known("trajectory", [name], trajectory_names())
     found = _shipped(name)
     if isinstance(found, Script):
-        duration, rate, phases = found.duration, found.rate, [phase.name for phase in found.phases]
-        fingers, objects, paper = found.fingers if found.contact else (), found.objects, found.paper
+        phases = tuple(phase.name for phase in found.phases)
+        fingers, figures = found.fingers if found.contact else (), tuple(use.figure for use in found.paper)
+        use = (found.duration, found.rate, fingers, phases, found.objects, figures)
     else:
-        duration, rate, phases = found.motion.duration, found.motion.mean_rate, [p.name for p in found.motion.phases]
-        fingers, objects, paper = (found.touch.finger,), (), ()
-    return TrajectoryDescription(
-        name=name,
-        title=found.title,
-        stresses=found.stresses,
-        duration=duration,
-        rate=rate,
-        fingers=fingers,
-        phases=tuple(phases),
-        objects=objects,
-        figures=tuple(use.figure for use in paper),
-    )
+        motion = found.motion
+        phases = tuple(phase.name for phase in motion.phases)
+        use = (motion.duration, motion.mean_rate, (found.touch.finger,), phases, (), ())
+    return TrajectoryDescription(name, found.title, found.stresses, *use)
 
 
 def of_the_paper(description: Mapping[str, Any]) -> bool:
@@ -205,9 +185,9 @@ def import_remarks(motion: Any, word: str) -> list[str]:
     if not isinstance(motion, Trajectory) or motion.flags is None or not is_imported(Path(word)):
         return []
     mended = int(np.sum(marked(motion.flags, MENDED)))
-    remark = f"{mended:,} of {motion.sample_count:,} samples were mended on the way in: hhsim import tells what"
-    if not mended:
-        remark = "the recording was imported on the way in: hhsim import tells what it was taken for"
+    remark = "the recording was imported on the way in: hhsim import tells what it was taken for"
+    if mended:
+        remark = f"{mended:,} of {motion.sample_count:,} samples were mended on the way in: hhsim import tells what"
     return [remark, UNCHECKED] if motion.checksums == "missing" else [remark]
 
 

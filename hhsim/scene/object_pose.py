@@ -79,10 +79,9 @@ def place_object(motion: Trajectory, hand: HandModel, tree: SphereTree, wanted: 
     stroke, moment = _stroke(tips, motion)
     best = _search(motion, hand, tree, finger, stroke, moment, wanted.depth)
     if best is None:
-        raise TrajectoryError(
-            f"{motion.name or 'the motion'} cannot be placed at this object: nowhere does its {wanted.finger} finger "
-            "reach it without the hand beginning in it"
-        )
+        name = motion.name or "the motion"
+        why = f"nowhere does its {wanted.finger} finger reach it without the hand beginning in it"
+        raise TrajectoryError(f"{name} cannot be placed at this object: {why}")
     return placed_by(motion, best.shift, best.turn)
 
 

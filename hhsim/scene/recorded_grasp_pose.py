@@ -57,7 +57,7 @@ IN = 0.0005
 
 
 class Grasp(NamedTuple):
-    """The closest grasp of a recording: its sample, the indices of its fingers, and whether any finger closes."""
+    """Closest grasp of a recording: its sample, the indices of its fingers, and whether any finger closes."""
 
     sample: int
     fingers: tuple[int, ...]
@@ -85,7 +85,7 @@ class GraspPlacement(NamedTuple):
 
     @property
     def text(self) -> str:
-        """The placement in one line."""
+        """Placement in one line."""
         who = " and ".join(filter(None, [", ".join(self.fingers[:-1]), *self.fingers[-1:]])) or "no finger"
         verb = "close on it" if len(self.fingers) > 1 else "closes on it"
         if not self.grasp.closes:
@@ -139,9 +139,9 @@ def place_at_grasp(motion: Trajectory, hand: HandModel, tree: SphereTree) -> Gra
     search = _Search(motion, hand, tree, grasp)
     best = search.best()
     if best is None:
+        when = motion.time[grasp.sample] - motion.time[0]
         raise TrajectoryError(
-            f"{motion.name or 'the motion'} cannot be placed at this object: at the grasp, at "
-            f"{motion.time[grasp.sample] - motion.time[0]:.2f} s, no finger meets it"
+            f"{motion.name or 'the motion'}: no finger meets this object at the grasp, at {when:.2f} s"
         )
     distance = search.distances(best, np.array([0, grasp.sample]))
     depth = -distance[1, :PALM_BODY].reshape(len(FINGERS), PHALANX_COUNT).min(axis=1)

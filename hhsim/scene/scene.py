@@ -50,9 +50,8 @@ class Scene:
 
     def __post_init__(self) -> None:
         if self.free is not None and self.driven is not None:
-            raise InputError(
-                f"in {self.trajectory.name or 'the motion'} the object moves as recorded, so it cannot be free"
-            )
+            name = self.trajectory.name or "the motion"
+            raise InputError(f"in {name} the object moves as recorded, so it cannot be free")
 
     def __repr__(self) -> str:
         ticks, leaves = self.ticks, self.tree.leaf_count

@@ -227,9 +227,7 @@ def parse_script(text: str, *, name: str, where: str, unplaced: bool = False) ->
     placed = {placement.object_name for placement in script.placements}
     missing = [name for name in script.objects if name not in placed]
     if missing and not unplaced:
-        raise TrajectoryError(
-            f"{where}: no placement on {', '.join(missing)}; expected a [[placement]] for each object"
-        )
+        raise TrajectoryError(f"{where}: no placement on {', '.join(missing)}; expected one for each object")
     if script.sample_count > MAX_SAMPLES:
         raise TrajectoryError(f"{where}: {script.sample_count} samples; expected at most {MAX_SAMPLES}")
     return script

@@ -60,7 +60,7 @@ OfFingers = tuple[Number, Number, Number, Number, Number]
 
 
 class PlacementTable(Settings, frozen=True):
-    """The [[placement]] table of a script; the module's docstring explains the keys."""
+    """Table [[placement]] of a script; the module's docstring explains the keys."""
 
     object: str
     position: Three

@@ -118,7 +118,6 @@ def _solve_progressive(method: Progressive, state: Any, qp: QpWork, backend: str
 
 
 def _take(state: Any, problem: QpProblem, rows: IntArray, part: slice, backend: str) -> bool:
-    """Solve, and append the solution's leading variables and its multipliers to the tick's step."""
     solution = solve(problem, backend)
     if solution.status not in (QpStatus.OPTIMAL, QpStatus.INACCURATE):
         return False

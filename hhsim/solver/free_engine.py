@@ -126,10 +126,8 @@ class FreeEngine:
         support = self.method.support
         lowest = float((support.point[:, 2] - support.radius).min()) - free.table
         if lowest < -BELOW:
-            raise InputError(
-                f"the object begins {-1e3 * lowest:.3g} mm below the table at z = {1e3 * free.table:.6g} mm: put the "
-                f"table at {1e3 * (lowest + free.table):.6g} mm or lower"
-            )
+            depth, height = f"{-1e3 * lowest:.3g} mm below", f"z = {1e3 * (lowest + free.table):.6g} mm or lower"
+            raise InputError(f"the object begins {depth} the table: put the table at {height}")
         body.position[2] += max(0.0, self.workspace.options.offset - lowest)
 
     def begin(self) -> None:

@@ -64,12 +64,8 @@ class HandSolver:
     @property
     def object_ticks(self) -> ObjectRecord:
         """Record of the free object in the last ticks."""
-        return self._free.ticks
-
-    @property
-    def _free(self) -> FreeEngine:
         assert isinstance(self.engine, FreeEngine)
-        return self.engine
+        return self.engine.ticks
 
     def run(
         self, position: FloatArray, orientation: FloatArray, flexion: FloatArray, abduction: FloatArray
@@ -126,15 +122,13 @@ class HandSolver:
         """
         self._started = True
         workspace = self.workspace
-        samples = zip(*haptic)
-        first = next((sample for sample in samples if is_finite_configuration(*sample)), None)
-        pose, limits = workspace.states[0].pose, workspace.hand
+        first = next((sample for sample in zip(*haptic) if is_finite_configuration(*sample)), None)
+        pose, haptic_pose, limits = workspace.states[0].pose, workspace.states[0].haptic, workspace.hand
         if first is not None:
             pose.position[:] = first[0]
             pose.orientation[:] = first[1] / np.linalg.norm(first[1])
             pose.flexion[:] = np.clip(first[2], limits.flexion_min, limits.flexion_max)
             pose.abduction[:] = first[3]
-        haptic_pose = workspace.states[0].haptic
         for name in HapticBlock._fields:
             haptic_pose[name][:] = pose[name]
         inside = self._clearance() < 0.0
@@ -148,11 +142,10 @@ class HandSolver:
             # The start is no part of the method: every method begins from the same place.
             engine = LinearisingEngine(workspace, Coupled(workspace.tick_options))
             engine.begin()
-        way = tick_record(1)
-        engine.approach(
-            START_LINEARISATIONS, HapticBlock(*(np.array(haptic_pose[name])[None] for name in HapticBlock._fields)), way
-        )
-        if way.status[0] & STATUS_CAPACITY_EXCEEDED:
+        goal = HapticBlock(*(np.array(haptic_pose[name])[None] for name in HapticBlock._fields))
+        approach = tick_record(1)
+        engine.approach(START_LINEARISATIONS, goal, approach)
+        if approach.status[0] & STATUS_CAPACITY_EXCEEDED:
             raise workspace.full()
         if engine is not self.engine:
             self.engine.begin()
@@ -173,18 +166,17 @@ class HandSolver:
         if JIT_ENABLED and options.qp == "active-set" and find_method(options.method).compiled:
             engine: Any = self.engine
             if object_ticks is not None:
-                return self._free.block(haptic, record, object_ticks)
+                block: tuple[int, FreeBlock] = engine.block(haptic, record, object_ticks)
+                return block
             return workspace.block(engine.method, haptic, record)
         method = Coupled(workspace.tick_options)
         return 0, TickBlock(method, workspace.hand, workspace.surface, workspace.states, workspace.qp, haptic, record)
 
     def _advance(self, haptic: HapticBlock, record: TickRecord, object_ticks: ObjectRecord | None = None) -> int:
         """Run one tick per configuration, at least one; return the status bits of the last one."""
-        start = 0 if self._started else self.begin(haptic)
-        if object_ticks is None:
-            done = self.engine.run(haptic, record)
-        else:
-            done = self._free.run(haptic, record, object_ticks)
+        start, engine = 0 if self._started else self.begin(haptic), self.engine
+        own = [object_ticks] if isinstance(engine, FreeEngine) else []
+        done = engine.run(haptic, record, *own)
         record.status[0] |= start
         return int(record.status[done - 1])
 

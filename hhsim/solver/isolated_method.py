@@ -107,9 +107,9 @@ class IsolatedMethod:
         own_wall, own_cpu, native, work = TIMES.unpack_from(answer)
         self._counted = max(0, self._counted + cpu - 2 * own_cpu - EACH_TICK)
         if not (0 <= own_wall <= wall and 0 <= own_cpu <= cpu and self._counted <= AT_FIRST):
+            stated, counted = f"{own_wall:,} ns and {own_cpu:,} ns of CPU time", f"{wall:,} ns and {cpu:,} ns"
             raise InputError(
-                f"method '{self.name}' says that a tick took {own_wall:,} ns and {own_cpu:,} ns of CPU time, of "
-                f"{wall:,} ns and {cpu:,} ns that the system counted for its process (tick {self.ticks:,})"
+                f"method '{self.name}' states {stated}, of {counted} that the system counted (tick {self.ticks:,})"
             )
         numbers = np.frombuffer(answer, np.float64, offset=TIMES.size)
         pose, push = _unpacked(numbers), numbers[HAND:]

@@ -52,10 +52,7 @@ def known_for_now(name: str, method: Method) -> Iterator[None]:
 
 
 def _no_engine(name: str, workspace: Any) -> Engine:
-    raise InputError(
-        f"'{name}' is poses that were computed elsewhere, which cannot be computed again: hhsim score measures their "
-        "file anew"
-    )
+    raise InputError(f"'{name}' is poses computed elsewhere: hhsim score measures their file anew")
 
 
 def outside_method(name: str, made: Callable[[Any], Any]) -> Method:

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
 FORCES, WORK, UNITS, TIMES, STATUS, RUNS = "forces", "work", "units", "times", "status", "runs"
 EVERYTHING = frozenset((FORCES, WORK, UNITS, TIMES, STATUS, RUNS))
-"""What a method's ticks may have besides the shown hand: forces, counters of work, work as one number, times, stuck and
-lagging ticks, and runs of its own (a hold that a trembling hand repeats)."""
+"""Possible contents of a method's ticks besides the shown hand: forces, counters of work, work as one number, times,
+stuck and lagging ticks, and runs of its own (a hold that a trembling hand repeats)."""
 
 PROMISES = ("never_penetrates", "nearest_to_user", "follows_input")
 """Promises that a method may make; it is held only to limits of figures that it promises."""

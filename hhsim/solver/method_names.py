@@ -54,10 +54,8 @@ def outside_class(name: str) -> Any:
     missing = [part for part in ("begin", "tick") if not callable(getattr(found, part, None))]
     if not isinstance(found, Method) and (not isinstance(found, type) or missing):
         what = f"lacks {' and '.join(missing)}" if missing else "is an instance"
-        raise InputError(
-            f"method '{name}' is no method: {found!r} {what}; expected a class with __init__(scene), begin(pose) and "
-            "tick(haptic)"
-        )
+        expected = "expected a class with __init__(scene), begin(pose) and tick(haptic)"
+        raise InputError(f"method '{name}' is no method: {found!r} {what}; {expected}")
     return found
 
 
@@ -75,9 +73,8 @@ def _imported(name: str, load: Callable[[], Any]) -> Any:
         return foreign_call(load).value
     except ForeignError as error:
         # Whatever somebody else's module raises is told in one line.
-        raise InputError(
-            f"method '{name}' cannot be imported: {error} (package.module:Class, from the current folder or installed)"
-        ) from error.__cause__
+        where = "package.module:Class, from the current folder or installed"
+        raise InputError(f"method '{name}' cannot be imported: {error} ({where})") from error.__cause__
 
 
 def isolated_name(name: str) -> str:

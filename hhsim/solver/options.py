@@ -139,9 +139,8 @@ class SolverOptions:
         if self.surface not in SURFACES:
             raise UnknownNameError("surface", self.surface, SURFACES)
         if self.surface != "spheres" and method.refuses_surfaces:
-            raise InputError(
-                f"method {self.method} takes the surface spheres, not {self.surface}: {method.refuses_surfaces}"
-            )
+            why = method.refuses_surfaces
+            raise InputError(f"method {self.method} takes the surface spheres, not {self.surface}: {why}")
         for name, value in DEFAULTS_OF_SURFACE.get(self.surface, USUAL_OF_SURFACE).items():
             if getattr(self, name) is BY_SURFACE:
                 object.__setattr__(self, name, value)

@@ -171,10 +171,7 @@ def checked_answer(name: str, tick: int, found: Timed, forces: bool) -> TickAnsw
     answer = found.value if isinstance(found.value, TickAnswer) else TickAnswer(found.value)
     pose = answer.pose
     if not isinstance(pose, tuple) or len(pose) != len(SHAPES):
-        raise wrong(
-            f"answers with {type(pose).__name__}: expected a HandConfiguration (position, orientation, flexion, "
-            "abduction), or a TickAnswer"
-        )
+        raise wrong(f"answers with {type(pose).__name__}: expected a HandConfiguration or a TickAnswer")
     arrays = {part: array(part, values, shape) for (part, shape), values in zip(SHAPES.items(), pose)}
     length = float(np.linalg.norm(arrays["orientation"]))
     if abs(length - 1.0) > UNIT:

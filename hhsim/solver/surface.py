@@ -20,6 +20,5 @@ def surface_of(arrays: Any) -> "Surface":
     for surface in SURFACES.values():
         if type(arrays) is surface.arrays:
             return surface
-    raise InputError(
-        f"{type(arrays).__name__} is no surface of an object; expected the arrays of {', '.join(SURFACES)}"
-    )
+    expected = f"expected the arrays of {', '.join(SURFACES)}"
+    raise InputError(f"{type(arrays).__name__} is no surface of an object; {expected}")

@@ -23,6 +23,8 @@ ARRIVAL = 1.0
 WORTH_SHARING = 2500
 """Number of distances outside of the largest part from which on sharing saves time: some two microseconds."""
 
+Given = tuple[HandArrays, Any, TickOptions, NDArray[np.void]]
+
 
 class ThreadTeam:
     """Helpers of one solver: threads that live while a block of ticks runs, and wait for work in compiled code.
@@ -41,7 +43,7 @@ class ThreadTeam:
     def __init__(self, states: NDArray[np.void], threads: int) -> None:
         self.states = states
         self.worth = WORTH_SHARING
-        self.rooms = [_Room(states) for _ in range(threads - 1)]
+        self.works = [_HelperWork(states) for _ in range(threads - 1)]
         self._compiled = False
 
     @contextmanager
@@ -51,7 +53,7 @@ class ThreadTeam:
         Raises:
             BaseException: Raised by a helper; the block is then complete, done by the others.
         """
-        if not self.rooms:
+        if not self.works:
             yield
             return
         shared = self.states[0].thread_team
@@ -60,10 +62,10 @@ class ThreadTeam:
         dismiss(word)
         if not self._compiled:
             # Here and not in a helper: a block of ticks would begin without it.
-            self.rooms[0].help_out(given)
+            self.works[0].help_out(given)
             self._compiled = True
         arrived = threading.Semaphore(0)
-        helpers = [_Helper(room, given, arrived) for room in self.rooms]
+        helpers = [_Helper(work, given, arrived) for work in self.works]
         try:
             assemble(word)
             for helper in helpers:
@@ -89,7 +91,7 @@ class ThreadTeam:
                 raise helper.failure
 
 
-class _Room:
+class _HelperWork:
     """Workspace of a helper, which writes nothing that another thread writes."""
 
     def __init__(self, states: NDArray[np.void]) -> None:
@@ -97,16 +99,19 @@ class _Room:
         candidates = states[0].candidates
         self.walk = Walk(np.zeros_like(candidates.stack), np.zeros_like(candidates.scratch))
 
-    def help_out(self, given: tuple[HandArrays, Any, TickOptions, NDArray[np.void]]) -> None:
+    def help_out(self, given: Given) -> None:
         help_out(*given, self.qp, self.walk)
 
 
 class _Helper(threading.Thread):
     def __init__(
-        self, room: _Room, given: tuple[HandArrays, Any, TickOptions, NDArray[np.void]], arrived: threading.Semaphore
+        self,
+        work: _HelperWork,
+        given: Given,
+        arrived: threading.Semaphore,
     ) -> None:
         super().__init__(name="hhsim-helper", daemon=True)
-        self.room = room
+        self.work = work
         self.given = given
         self.arrived = arrived
         self.clock: int | None = None
@@ -116,7 +121,7 @@ class _Helper(threading.Thread):
         try:
             self.clock = time.pthread_getcpuclockid(threading.get_ident())
             self.arrived.release()
-            self.room.help_out(self.given)
+            self.work.help_out(self.given)
         except BaseException as error:  # handed to the thread that asked for help
             self.failure = error
             self.arrived.release()

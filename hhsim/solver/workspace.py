@@ -81,9 +81,7 @@ class TickWorkspace:
         self.tick_options = tick_options(options)
         kind = surface_of(surface)
         if kind is not SURFACES[options.surface]:
-            raise InputError(
-                f"the options name the surface '{options.surface}', but {type(surface).__name__} are not its arrays"
-            )
+            raise InputError(f"surface '{options.surface}' of the options: {type(surface).__name__} are not its arrays")
         self.states = tick_state(options.stiffness.diagonal(), options.modelled(), kind)
         self.qp = new_work(DOF, ROW_CAPACITY)
         self.thread_team = ThreadTeam(self.states, options.threads if JIT_ENABLED else 1)

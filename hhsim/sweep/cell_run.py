@@ -24,8 +24,7 @@ from hhsim.scene.script import Script
 from hhsim.sweep.cell import OF_THE_SCENE, Cell, SweptObject, file_digest, source_digest
 from hhsim.sweep.cell_row import row_of, write_row
 from hhsim.system.own_core import on_own_core
-from hhsim.trees.cache import cached_sphere_tree
-from hhsim.trees.level_choice import coarsest_sphere_tree
+from hhsim.trees.cache import cached_sphere_tree, coarsest_sphere_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.trees.triangle_tree import tree_of_any

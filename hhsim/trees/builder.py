@@ -64,7 +64,6 @@ class _Builder:
         self.done = self.total = 0
 
     def build(self) -> SphereTree:
-        """Build the tree; its covers are timed."""
         options, leaves, last, last_seconds = self.options, self.options.leaf_limit, None, 0.0
         if options.max_error is not None:
             start = time.process_time()
@@ -87,8 +86,6 @@ class _Builder:
         return replace(tree, covers=tuple(covers), cpu_seconds=tuple(seconds))
 
     def cover(self, size: int) -> LevelCover:
-        """Build and prove a cover of at most `size` spheres."""
-
         def report(stage: str, done: int, cycles: int) -> None:
             total = max(self.total, self.done + size)
             self.progress(stage, cycles * self.done + done * size, cycles * total)

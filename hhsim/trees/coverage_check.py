@@ -20,8 +20,8 @@ from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
 from hhsim.trees.level_cover import LevelCover
 
-_ROOM = 1e-14
-_DEPTH_ROOM = 1e-9
+_ROUNDING = 1e-14
+_DEPTH_ROUNDING = 1e-9
 
 _WRONG = {
     NO_SUCH_SPHERE: "names a sphere that does not exist",
@@ -46,7 +46,7 @@ def faults(mesh: Mesh, covers: tuple[LevelCover, ...]) -> tuple[str, ...]:
             found.append(f"level {level}: {fault}")
         size = max(float(np.abs(corner).max()), float(np.abs(cover.center).max()))
         short = cover.depth + mesh_signed_distance(bvh, cover.center)
-        if not short.max() <= _DEPTH_ROOM * size:
+        if not short.max() <= _DEPTH_ROUNDING * size:
             sphere = int(np.argmax(short))
             found.append(f"level {level}: the centre of sphere {sphere} is {short[sphere]:.3g} m less deep than stated")
     return tuple(found)
@@ -56,7 +56,7 @@ def _cover_fault(corner: FloatArray, cover: LevelCover) -> str:
     if not cover.proved:
         return "no proof that it covers the mesh"
     size = max(float(np.abs(corner).max()), float(np.abs(cover.center).max()))
-    what, face, code = check_proof(corner, cover.center, cover.radius + cover.gap, _ROOM * size, cover.proof)
+    what, face, code = check_proof(corner, cover.center, cover.radius + cover.gap, _ROUNDING * size, cover.proof)
     if what == HOLDS:
         return ""
     return f"the proof {_WRONG[what]}, face {face}, code {code}"

@@ -74,14 +74,14 @@ def prove_cover(
     center, radius = np.ascontiguousarray(center, np.float64), np.ascontiguousarray(radius, np.float64)
 
     def prove(begin: int, end: int) -> tuple[IntArray, Codes]:
-        unproved, room = np.empty(end - begin, np.int64), 2 * (end - begin) + 4 * len(radius)
+        unproved, capacity = np.empty(end - begin, np.int64), 2 * (end - begin) + 4 * len(radius)
         while True:
-            proof = np.empty(room, np.int32)
-            count, room = certify_cover(
+            proof = np.empty(capacity, np.int32)
+            count, capacity = certify_cover(
                 corner[begin:end], center, radius, 0.5 * ROUNDING * size, 1e-5 * extent, unproved, proof
             )
-            if count or room <= len(proof):
-                return unproved[:count] + begin, proof[:room].copy()
+            if count or capacity <= len(proof):
+                return unproved[:count] + begin, proof[:capacity].copy()
 
     parts = (workers or Workers()).each(prove, ranges(len(faces), _PARTS))
     unproved = np.concatenate([part for part, _ in parts])

@@ -1,4 +1,4 @@
-"""The hhsim-tree file: a sphere tree in HDF5, sealed, with units of every number."""
+"""Hhsim-tree file: a sphere tree in HDF5, sealed, with units of every number."""
 
 import json
 from dataclasses import asdict, fields

@@ -109,10 +109,8 @@ def load_tree_for(path: str | Path, mesh: Mesh, unit_length: float = 1.0) -> Imp
     if source.suffix == ".h5":
         sha256 = load_tree(source).mesh_sha256
         if sha256 not in ("", mesh.sha256):
-            raise InputError(
-                f"{source}: built for the mesh {sha256[:12]}…, but {mesh.name} is {mesh.sha256[:12]}…; name the "
-                "object, unit and size that it was built with, or build it again"
-            )
+            other = f"built for the mesh {sha256[:12]}…, but {mesh.name} is {mesh.sha256[:12]}…"
+            raise InputError(f"{source}: {other}; name the object, unit and size of the tree, or build it again")
     return import_tree(source, mesh, unit_length)
 
 
@@ -122,11 +120,8 @@ def _placed(source: Path, mesh: Mesh, unit_length: float, frame: Frame) -> tuple
     notes = []
     grown, repeated = tree.options["parents_grown"], tree.options["repeated"]
     if grown:
-        most = 1e3 * unit_length * tree.options["parents_grown_most"]
-        inner = tree.leaf_start
-        notes.append(
-            f"{grown:,} of {inner:,} inner spheres did not enclose the leaves below them: grown by up to {most:.3g} mm"
-        )
+        most, which = 1e3 * unit_length * tree.options["parents_grown_most"], f"{grown:,} of {tree.leaf_start:,}"
+        notes.append(f"{which} inner spheres did not enclose the leaves below them: grown by up to {most:.3g} mm")
     if repeated:
         notes.append(f"{repeated:,} spheres without children above the last level stand for their own children")
     middle = mesh.bounds.mean(axis=0)
@@ -153,7 +148,6 @@ def _placed(source: Path, mesh: Mesh, unit_length: float, frame: Frame) -> tuple
 
 
 def _mean_gap(points: FloatArray, tree: SphereTree) -> float:
-    """Mean distance [m] of points to the leaves, 0 inside."""
     x, y, z = (np.ascontiguousarray(tree.leaf_center[:, k]) for k in range(3))
     gap = np.empty(len(points))
     union_distance(points, x, y, z, np.ascontiguousarray(tree.leaf_radius), gap)
@@ -166,12 +160,8 @@ def _require_near(source: Path, mesh: Mesh, tree: SphereTree) -> None:
     points = sample_mesh(mesh.vertices, mesh.faces, _SAMPLES, np.random.default_rng(0))
     gap = _mean_gap(points, tree)
     if not extent / _OFF_SIZE <= spheres <= extent * _OFF_SIZE:
-        raise InputError(
-            f"{source}: its spheres span {1e3 * spheres:.4g} mm, but {mesh.name} {1e3 * extent:.4g} mm: is it in "
-            "another unit, or of another mesh?"
-        )
+        spans = f"its spheres span {1e3 * spheres:.4g} mm, but {mesh.name} {1e3 * extent:.4g} mm"
+        raise InputError(f"{source}: {spans}: is it in another unit, or of another mesh?")
     if gap > _OFF_PLACE * extent:
-        raise InputError(
-            f"{source}: its spheres are {1e3 * gap:.4g} mm off {mesh.name} in the mean: is it in another frame, or of "
-            "another mesh?"
-        )
+        off = f"its spheres are {1e3 * gap:.4g} mm off {mesh.name} in the mean"
+        raise InputError(f"{source}: {off}: is it in another frame, or of another mesh?")

@@ -1,4 +1,4 @@
-"""The cover of one level: spheres that contain the whole surface of a mesh, with the proof that they do."""
+"""Cover of one level: spheres that contain the whole surface of a mesh, with the proof that they do."""
 
 from dataclasses import dataclass
 

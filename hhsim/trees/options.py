@@ -57,10 +57,8 @@ class TreeOptions:
         if not 1 <= self.leaf_level <= MOST_LEVEL:
             raise InputError(f"tree level {self.level}, expected 1 to {MOST_LEVEL}")
         if self.leaves is not None and not 1 <= self.leaves <= self.branching**self.leaf_level:
-            raise InputError(
-                f"{self.leaves} leaves, expected 1 to {self.branching**self.leaf_level} "
-                f"(branching {self.branching} at level {self.level})"
-            )
+            most = f"{self.branching**self.leaf_level} (branching {self.branching} at level {self.level})"
+            raise InputError(f"{self.leaves} leaves, expected 1 to {most}")
         if self.leaf_limit > MOST_LEAVES and self.max_error is None:
             raise InputError(f"{self.leaf_limit:,} leaves, expected at most {MOST_LEAVES:,}")
 

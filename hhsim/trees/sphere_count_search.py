@@ -54,10 +54,8 @@ def find_fewest(build: Callable[[int], LevelCover], max_error: float, most: int)
             continue
         guess = _guess(error, max_error)
         if found is None and (low >= most or (low >= min(_SURE_FROM, most) and guess > _HOPELESS * most)):
-            raise InputError(
-                f"no cover of up to {most:,} spheres is within {1e3 * max_error:g} mm: {low:,} are off by up to "
-                f"{1e3 * error[low]:.3g} mm, and about {guess:.2g} would be needed"
-            )
+            tried = f"{low:,} are off by up to {1e3 * error[low]:.3g} mm, and about {guess:.2g} would be needed"
+            raise InputError(f"no cover of up to {most:,} spheres is within {1e3 * max_error:g} mm: {tried}")
         if found is None:
             wanted = max(low + 1, min(math.ceil(min(_SPARE * guess, _GROWTH * low)), most))
         else:

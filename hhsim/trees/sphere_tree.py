@@ -89,10 +89,7 @@ class SphereTree:
         self._require_tree()
         sticking_out, node = self._worst_enclosure()
         if sticking_out > ENCLOSING_TOLERANCE * max(float(self.radius[0]), np.finfo(np.float64).tiny):
-            raise InputError(
-                f"sphere tree: a leaf sticks {sticking_out:.3g} m out of its ancestor, node {node}; "
-                "every node must enclose the leaves below it"
-            )
+            raise InputError(f"sphere tree: a leaf sticks {sticking_out:.3g} m out of its ancestor, node {node}")
         if self.covers:
             self._require_covers()
 
@@ -102,32 +99,32 @@ class SphereTree:
     def _require_covers(self) -> None:
         if len(self.covers) != self.depth + 1:
             raise InputError(
-                f"sphere tree: {len(self.covers)} covers, expected {self.depth + 1}, one for each level from 0 on"
+                f"sphere tree: {len(self.covers)} covers, expected one for each of {self.depth + 1} levels"
             )
         last = self.covers[-1]
         if not (np.array_equal(last.center, self.leaf_center) and np.array_equal(last.radius, self.leaf_radius)):
             raise InputError("sphere tree: the cover of the last level must be the leaves")
 
     def _require_tree(self) -> None:
-        count = len(self.radius)
+        count, rest = len(self.radius), self.parent[1:]
         shapes = (self.center.shape, self.radius.shape, self.level.shape, self.parent.shape)
         if count == 0 or shapes != ((count, 3), (count,), (count,), (count,)):
-            raise InputError(
-                f"sphere tree: center, radius, level, parent have shapes {shapes}, expected (N, 3) and (N,)"
-            )
+            raise InputError(f"sphere tree: center, radius, level, parent: {shapes}, expected (N, 3) and (N,)")
         if not (np.isfinite(self.center).all() and np.isfinite(self.radius).all()):
-            raise InputError("sphere tree: a centre or radius is not finite")
-        if (self.radius < 0.0).any():
-            raise InputError(f"sphere tree: node {int(np.argmin(self.radius))} has a negative radius")
-        if self.parent[0] != -1 or self.level[0] != 0:
-            raise InputError("sphere tree: node 0 must be the root, with parent -1 and level 0")
-        rest = self.parent[1:]
-        if (rest < 0).any() or (rest >= np.arange(1, count)).any() or (np.diff(rest) < 0).any():
-            raise InputError("sphere tree: nodes must be in breadth-first order, children contiguous, parents first")
-        if (self.level[1:] != self.level[rest] + 1).any():
-            raise InputError("sphere tree: the level of a node must be its parent's plus 1")
-        if (np.bincount(rest, minlength=count)[self.level < self.level[-1]] == 0).any():
-            raise InputError("sphere tree: all leaves must lie at the same level")
+            fault = "a centre or radius is not finite"
+        elif (self.radius < 0.0).any():
+            fault = f"node {int(np.argmin(self.radius))} has a negative radius"
+        elif self.parent[0] != -1 or self.level[0] != 0:
+            fault = "node 0 must be the root, with parent -1 and level 0"
+        elif (rest < 0).any() or (rest >= np.arange(1, count)).any() or (np.diff(rest) < 0).any():
+            fault = "nodes must be in breadth-first order, children contiguous, parents first"
+        elif (self.level[1:] != self.level[rest] + 1).any():
+            fault = "the level of a node must be its parent's plus 1"
+        elif (np.bincount(rest, minlength=count)[self.level < self.level[-1]] == 0).any():
+            fault = "all leaves must lie at the same level"
+        else:
+            return
+        raise InputError(f"sphere tree: {fault}")
 
     def _worst_enclosure(self) -> tuple[float, int]:
         """Largest excess of a leaf over an ancestor [m], and the ancestor."""
@@ -182,10 +179,8 @@ class SphereTree:
         widest = int(child_count.max())
         waiting = max(widest - 1, 0) * self.depth + 1
         if waiting > MOST_WAITING:
-            raise InputError(
-                f"sphere tree: {self.depth} levels of up to {widest:,} children need {waiting:,} places in a walk of "
-                f"{MOST_WAITING:,}: build it with a smaller branching"
-            )
+            needed = f"{self.depth} levels of up to {widest:,} children need {waiting:,} places of {MOST_WAITING:,}"
+            raise InputError(f"sphere tree: {needed} in a walk: build it with a smaller branching")
         first_child = np.searchsorted(self.parent, np.arange(len(self.radius))).astype(np.int64)
         first_child[child_count == 0] = -1
         x, y, z = (np.ascontiguousarray(self.center[:, k]).copy() for k in range(3))

@@ -30,7 +30,7 @@ ROUNDING = 1e-12
 
 _REACH = 0.3
 _TRIALS = 6
-_BREATH = (0.2, 0.01)
+_EXCHANGED = (0.2, 0.01)
 """Share of the spheres removed and placed anew in the first and in the last cycle."""
 _ROUNDS = (2, 2)
 """Rounds of moves and assignments after spheres were removed, and after they were placed."""
@@ -68,7 +68,6 @@ class _Cover:
         self.cost, self.second_cost = np.full((2, count), np.inf)
 
     def drop(self, stays: BoolArray) -> None:
-        """Remove all spheres but those marked."""
         self.owner = (np.cumsum(stays) - 1)[self.owner]
         self.center, self.depth, self.step = self.center[stays].copy(), self.depth[stays], self.step[stays]
 
@@ -145,7 +144,7 @@ class _Cover:
         group_by_owner(self.owner, first, order)
         return first, order
 
-    def shed(self, spheres: int) -> None:
+    def remove(self, spheres: int) -> None:
         """Remove the most dispensable spheres until there are `spheres`."""
         while len(self.depth) > spheres:
             first, order = self._groups()
@@ -177,14 +176,13 @@ class _Cover:
         self.assign(deeper)
 
     def relax(self, rounds: int) -> None:
-        """Move and assign by turns."""
         for turn in range(rounds):
             self.move(afresh=turn == 0)
             self.assign()
 
-    def breathe(self, spheres: int) -> None:
+    def exchange(self, spheres: int) -> None:
         """Remove the `spheres` most dispensable ones, and place as many where the cover is then worst."""
-        self.shed(self.spheres - spheres)
+        self.remove(self.spheres - spheres)
         self.relax(_ROUNDS[0])
         self.fill()
         self.handicap()
@@ -253,8 +251,8 @@ def _cover_in_frame(
     for turn in range(cycles):
         if turn >= CYCLES[0]:
             cover.refine(_FINER_FROM)
-        share = _BREATH[0] * (_BREATH[1] / _BREATH[0]) ** (turn / max(cycles - 1, 1))
-        cover.breathe(min(max(1, math.floor(share * spheres)), spheres // 2))
+        share = _EXCHANGED[0] * (_EXCHANGED[1] / _EXCHANGED[0]) ** (turn / max(cycles - 1, 1))
+        cover.exchange(min(max(1, math.floor(share * spheres)), spheres // 2))
         if cover.worst < least:
             least, best = cover.worst, (cover.center.copy(), cover.depth.copy())
         progress("cover", turn + 1, cycles + 1)

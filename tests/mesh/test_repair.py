@@ -137,10 +137,6 @@ def test_wide_holes_and_small_ones_are_counted_apart_and_sum_up() -> None:
     assert [text for text in surface.warnings if "closed, and 1 small: it is solid there" in text]
 
 
-def test_a_length_of_negative_zero_reads_as_zero() -> None:
-    assert MeshInRepair(BALL.vertices, BALL.faces, "test").millimetres(-0.0) == "0 mm"
-
-
 def test_lengths_in_messages_are_real_ones() -> None:
     top = (CUBE.vertices[CUBE.faces][:, :, 2] > 0.0).all(axis=1)
     surface = closed_surface(CUBE.vertices * 1000.0, CUBE.faces[~top], "test", unit_length=0.001)
@@ -166,12 +162,6 @@ def test_overlapping_parts_are_joined() -> None:
     assert surface.repairs == ["joined 2 overlapping parts into 1"]
     assert BALL.volume < volume(surface) < 2.0 * BALL.volume
     assert part_labels(surface.faces).max() == 0
-
-
-def test_separate_parts_stay_two() -> None:
-    surface = repaired(*second_ball(0.1))
-    assert surface.repairs == []
-    assert volume(surface) == pytest.approx(2.0 * BALL.volume)
 
 
 def test_part_inside_a_part_is_swallowed_and_a_cavity_stays() -> None:

@@ -24,9 +24,8 @@ import pytest
 from recording_samples import read_as
 
 from hhsim.arrays import FloatArray
-from hhsim.motion.resample import interpolate_monotone, interpolate_orientation, tick_times
+from hhsim.motion.resample import interpolate_monotone, tick_times
 from hhsim.motion.trajectory import Trajectory
-from hhsim.recordings.hand_displacement import turn
 from hhsim.recordings.repair import RepairOptions, repair
 
 RATES = {"half": 2, "quarter": 4, "eighth": 8}
@@ -93,36 +92,6 @@ def test_one_motion_at_four_rates(shared_data: Path, name: str, factor: int, lim
     # The bound says something: it is a few times what it bounds, and small beside the motion.
     assert np.percentile(bound[:, :3], 99) < {2: 0.005, 4: 0.015, 8: 0.05}[factor]
     assert difference.max() > 0.1 * bound[np.unravel_index(int(difference.argmax()), difference.shape)]
-
-
-@pytest.mark.parametrize(("name", "factor"), RATES.items())
-def test_one_orientation_at_four_rates(shared_data: Path, name: str, factor: int) -> None:
-    fine, coarse = motion(shared_data, "confidence-demo"), motion(shared_data, f"confidence-demo-{name}-res")
-    last = int(np.searchsorted(fine.time, coarse.time[-1]))
-    time = fine.time[: last + 1]
-    made = interpolate_orientation(coarse.time, coarse.orientation, time)
-    off = np.linalg.norm(turn(fine.orientation[: last + 1], made), axis=1)
-    for k, a in enumerate(range(0, last, factor)):
-        b = a + factor
-        # Rotation vectors from the coarse sample on: the great arc is a straight line in them.
-        vectors = turn(np.broadcast_to(coarse.orientation[k], (factor + 1, 4)), fine.orientation[a : b + 1])
-        slope = np.diff(vectors, axis=0) / np.diff(time[a : b + 1])[:, None]
-        second = np.linalg.norm(np.diff(slope, axis=0), axis=1) / (time[a + 2 : b + 1] - time[a : b - 1])
-        bound = (time[a : b + 1] - time[a]) * (time[b] - time[a : b + 1]) * second.max(initial=0.0)
-        assert (off[a : b + 1] <= bound + 1e-7).all()
-
-
-@pytest.mark.parametrize(("name", "shift"), [("half", 0.002), ("quarter", 0.004), ("eighth", 0.02)])
-def test_a_clock_that_is_off_does_not_pass(shared_data: Path, name: str, shift: float) -> None:
-    fine, coarse = motion(shared_data, "confidence-demo"), motion(shared_data, f"confidence-demo-{name}-res")
-    late = Trajectory(coarse.time + shift, coarse.position, coarse.orientation, coarse.flexion, coarse.abduction)
-    ticks = tick_times(float(coarse.time[-1]) - shift, 1000.0) + shift
-    _, bound = compare(fine, coarse)
-    shown = np.abs(
-        interpolate_monotone(late.time, channels(late), ticks) - interpolate_monotone(fine.time, channels(fine), ticks)
-    )
-    rows = np.rint(1000.0 * ticks).astype(int)
-    assert (shown > bound[rows]).any()
 
 
 @pytest.mark.parametrize(("name", "mean", "most", "angle"), [

@@ -139,16 +139,6 @@ def test_the_hand_advances_to_its_gaps_and_through_nothing(seed: int) -> None:
         assert travel == 1.0
 
 
-def test_a_hand_that_meets_nothing_goes_all_the_way() -> None:
-    tree = ball(0.01)
-    position, rotation, flexion, abduction = random_pose(np.random.default_rng(0), 0.5)
-    away = position / np.linalg.norm(position)
-    travel, body = kernel.advance_hand(
-        RIGHT.arrays(), tree.arrays(), position, rotation, flexion, abduction, away, np.zeros(16), 0.7, make_work()
-    )
-    assert (travel, body) == (0.7, -1)
-
-
 def close(
     hand: HandArrays, tree: SphereTree, finger: int, position: FloatArray, rotation: FloatArray, rate: FloatArray
 ) -> tuple[FloatArray, FloatArray]:

@@ -43,8 +43,8 @@ def imported(at: float) -> Trajectory:
     return replace(fist(at), flags=np.zeros(20, dtype=np.uint32))
 
 
-def placed(motion: Trajectory, asked: Place | None = None) -> PlacedScene:
-    return placed_scene(MESH, TREE, HAND, motion, asked=asked, rate=100.0)
+def placed(motion: Trajectory, place: Place | None = None) -> PlacedScene:
+    return placed_scene(MESH, TREE, HAND, motion, place=place, rate=100.0)
 
 
 def test_it_is_placed_by_itself_where_nothing_touches() -> None:

@@ -115,15 +115,9 @@ BAD = [
     (SMALL.replace('"touch"', '"carry"'), r"phase\[2\]: distance is missing; a carry needs it"),
     (SMALL + phase("turn"), r"phase\[3\]: turn is missing"),
     (SMALL + phase("lift", "distance = 2"), r"phase\[3\]: distance = 2; expected a number from -1 to 1"),
-    (
-        SMALL + phase("shake", "distance = 0.1\ncycles = 0"),
-        r"phase\[3\].cycles = 0; expected a number",
-    ),
+    (SMALL + phase("shake", "distance = 0.1\ncycles = 0"), r"phase\[3\].cycles = 0; expected a number"),
     (SMALL + phase("carry", "distance = 1") + phase("slip"), "a carry and a slip; expected one of them in a script"),
-    (
-        SMALL + phase("slide", "distance = 0") + phase("push", "distance = 1"),
-        "a slide and a push; expected one",
-    ),
+    (SMALL + phase("slide", "distance = 0") + phase("push", "distance = 1"), "a slide and a push; expected one"),
     (SMALL + "speed = 0.1", r"phase\[2\]: unknown key 'speed'"),
     (SMALL + "fingers = ['indx']", r"phase\[2\].fingers\[1\]: unknown finger 'indx': did you mean index"),
     (SMALL + "fingers = 'index'", r"phase\[2\].fingers = 'index'; expected a list"),

@@ -130,13 +130,6 @@ def test_the_same_bytes_with_any_number_of_threads(name: str) -> None:
         build_sphere_tree(mesh, threads=0)
 
 
-@pytest.mark.parametrize("level", sampled([2, 3], lambda _, level: level == 2))
-def test_more_levels_protrude_less(level: int) -> None:
-    mesh = mesh_of(SHAPES["box"])
-    bounds = [error.bound for error in build_sphere_tree(mesh, TreeOptions(level=level)).errors]
-    assert bounds[level - 1] > 2.0 * bounds[level]
-
-
 def test_centres_lie_inside_and_the_bound_is_theirs() -> None:
     mesh = mesh_of(SHAPES["torus"])
     tree = build_sphere_tree(mesh, TreeOptions(level=2))
@@ -231,22 +224,6 @@ def test_rounding_in_the_way_of_a_proof_makes_the_balls_a_little_larger(monkeypa
     assert grown.errors[-1].bound == pytest.approx(exact.errors[-1].bound + GROWTH * 0.1 - 2e-8, rel=1e-9)
     with pytest.raises(MeshError, match=r"shape: \d+ faces could not be covered"):
         less(1e-6)
-
-
-@pytest.mark.soak  # whatever the number of threads, they are looked at every time
-def test_same_bytes_every_time() -> None:
-    one, two = (build_sphere_tree(mesh_of(SHAPES["torus"]), TreeOptions(level=2)) for _ in range(2))
-    assert one.center.tobytes() == two.center.tobytes()
-    assert one.radius.tobytes() == two.radius.tobytes()
-    assert one.errors == two.errors
-
-
-def test_moved_mesh_gives_the_moved_tree() -> None:
-    mesh = mesh_of(SHAPES["box"])
-    rotation = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    here = build_sphere_tree(mesh, TreeOptions(level=2))
-    there = build_sphere_tree(mesh.transformed(rotation, [0.3, -0.2, 0.1]).scaled(2.0), TreeOptions(level=2))
-    assert there.errors[-1].bound == pytest.approx(2.0 * here.errors[-1].bound, rel=0.1)
 
 
 def test_progress_runs_to_the_end() -> None:
