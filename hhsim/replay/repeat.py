@@ -241,12 +241,9 @@ def run_again(result: Result, *, progress: Progress | None = None) -> RunAgain:
     makers: list[str] = []
     if not all(array.identical for array in arrays):
         makers = _other_makers(result)
-        ours = (
-            "the bits should be the same"
-            if result.method in METHODS
-            else "of the method its own file alone is compared"
-        )
-        notes += makers or [f"hhsim, packages, processor and system are those of the file: {ours}"]
+        outside = "of the method the file of its class alone is compared"
+        expected = "the bits should be the same" if result.method in METHODS else outside
+        notes += makers or [f"hhsim, packages, processor and system are those of the file: {expected}"]
     return RunAgain(result.path, result.complete, total, result.ticks, arrays, tuple(notes), bool(makers))
 
 
@@ -291,9 +288,8 @@ def _runnable(result: Result) -> tuple[int, list[str]]:
     total = int(gaps[0]) + 1 if gaps.size else result.ticks
     if gaps.size:
         lost = int(record[total] - record[total - 1] - 1)
-        notes.append(
-            f"the recorder lost {lost:,} ticks after tick {total - 1:,}: what follows on them was not run again"
-        )
+        gap = f"the recorder lost {lost:,} ticks after tick {total - 1:,}"
+        notes.append(f"{gap}: what followed on them cannot be run again, and was not compared")
     unsolved = int(np.sum(np.diff(period[:total]) - 1 - missed[1:total]))
     if unsolved:
         failed = "ticks whose solver failed, and that are not in the file"
