@@ -6,11 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from drawings_alone import leave_charts_undrawn
 from sampled import sampled
 from short_grasp import short_grasp, short_scene
 
-from hhsim.errors import InputError
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.kernels.tick.state import STATUS_LAG
 from hhsim.mesh.mesh import Mesh
@@ -18,7 +16,6 @@ from hhsim.metrics.run_ticks import PLACED
 from hhsim.replay.repeat import run_again
 from hhsim.replay.replay import replay_scene
 from hhsim.replay.summary import ReplaySummary
-from hhsim.report.report import make_report
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.open_scene import open_scene
 from hhsim.scene.scene import Scene, make_scene
@@ -90,22 +87,6 @@ def test_a_second_run_knows_the_surface(run: tuple[Result, ReplaySummary]) -> No
     result, _ = run
     assert result.surface == "mesh" and result.scene["solver"]["skin"] == 5e-4
     assert run_again(result).identical
-
-
-def no_picture(*_: object) -> Any:
-    raise InputError("none is drawn here")
-
-
-@ONE
-def test_the_report_knows_the_surface(run: tuple[Result, ReplaySummary], monkeypatch: pytest.MonkeyPatch) -> None:
-    result, _ = run
-    # What is drawn is tested elsewhere, and takes time.
-    monkeypatch.setattr("hhsim.report.worst_ticks_section.worst_ticks", lambda result: [])
-    leave_charts_undrawn(monkeypatch)
-    for picture in ("overview_picture", "held_picture"):
-        monkeypatch.setattr(f"hhsim.report.report.{picture}", no_picture)
-    text = make_report([result.path]).html.replace("&#x27;", "'").replace("&#39;", "'")
-    assert "the mesh" in text and "stays out of the object's mesh" in text
 
 
 def test_a_sheet_that_encloses_nothing_is_touched_from_both_sides(scene: Scene, tmp_path: Path) -> None:

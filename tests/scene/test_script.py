@@ -46,26 +46,14 @@ def test_every_key_is_read() -> None:
         palm_depth = 0.0
         start_distance = 0.2
         curl = 0.5
-        [[phase]]
-        name = "approach"
-        duration = 1
-        [[phase]]
-        name = "pinch"
-        duration = 0.3
-        fingers = ["middle", "thumb"]
-        [[phase]]
-        name = "grasp"
-        duration = 0.3
-        [[phase]]
-        name = "hold"
-        duration = 0.3
-        [[phase]]
-        name = "slide"
-        duration = 0.3
-        distance = 0.03
-        [[phase]]
-        name = "release"
-        duration = 0.3
+        phase = [
+            { name = "approach", duration = 1 },
+            { name = "pinch", duration = 0.3, fingers = ["middle", "thumb"] },
+            { name = "grasp", duration = 0.3 },
+            { name = "hold", duration = 0.3 },
+            { name = "slide", duration = 0.3, distance = 0.03 },
+            { name = "release", duration = 0.3 },
+        ]
         [tremor]
         position = 1e-4
         rotation = 0.00349

@@ -260,14 +260,7 @@ def test_place_puts_the_graphic_hand_where_it_is_told() -> None:
 
 @pytest.mark.parametrize(
     "wrong",
-    [
-        {"linearisations": 0},
-        {"margin": 0.0},
-        {"margin": np.nan},
-        {"skin": -1e-3},
-        {"offset": 2e-4},
-        {"step_tolerance": np.inf},
-    ],
+    [{"linearisations": 0}, {"margin": np.nan}, {"skin": -1e-3}, {"offset": 2e-4}, {"step_tolerance": np.inf}],
 )
 def test_impossible_options_are_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(InputError, match=next(iter(wrong))):
