@@ -58,7 +58,7 @@ Random = answering(lambda haptic: haptic._replace(position=haptic.position + 1e-
 NotUnit = answering(lambda haptic: haptic._replace(orientation=2.0 * haptic.orientation))
 WrongShape = answering(lambda haptic: haptic._replace(flexion=haptic.flexion.ravel()))
 NotFinite = answering(lambda haptic: haptic._replace(position=np.full(3, np.nan)))
-NoNumbers = answering(lambda haptic: haptic._replace(abduction="wide"))
+NoNumbers = answering(lambda haptic: haptic._replace(abduction="wide"))  # type: ignore[arg-type]
 NoHand = answering(lambda haptic: None)
 Modest = answering(lambda haptic: TickAnswer(haptic, native_ns=123))
 Boasts = answering(lambda haptic: TickAnswer(haptic, native_ns=10**15))

@@ -16,10 +16,7 @@ ENCODING_GUESSER = "charset_normalizer"
 
 
 def read_triangles(path: Path) -> tuple[FloatArray, IntArray]:
-    """Read the triangles of a file; the parts of a scene are joined in the scene's frame.
-
-    Returns:
-        Vertices in the file's unit, shape (V, 3), and faces, shape (F, 3), unmerged as they stand in the file.
+    """Read vertices (V, 3) in the file's unit and faces (F, 3), unmerged; the parts of a scene are joined in its frame.
 
     Raises:
         InputError: No such file, or a folder.

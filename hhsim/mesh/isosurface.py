@@ -56,20 +56,16 @@ class _Crossings:
 def solid_mesh(
     field: SolidField, border: FloatArray, low: FloatArray, high: FloatArray, tolerance: float
 ) -> tuple[FloatArray, IntArray]:
-    """Compute a closed manifold mesh of a solid, wound outward.
+    """Compute a closed manifold mesh of a solid, wound outward: vertices (V, 3), faces (F, 3); empty without inside.
 
     Tetrahedra are halved where the mesh is off by more than the tolerance: where a triangle's middle has none of the
-    solid's triangles that near and, moved by the tolerance outward and inward, is not outside and inside; or where
-    a point of the true border is farther away. The mesh may get too large first, so its error has to be measured.
+    solid's triangles that near and, moved by the tolerance outward and inward, is not outside and inside; or where a
+    point of the true border is farther away. The mesh may get too large first, so its error has to be measured.
 
     Args:
-        field: Solid.
-        border: Points known to lie on its border, shape (n, 3).
+        border: Points known to lie on the solid's border, shape (n, 3).
         low, high: Corners of a box around it, shape (3,).
         tolerance: In the unit of the field.
-
-    Returns:
-        Vertices, shape (V, 3), and faces, shape (F, 3); both empty where no inside is found.
     """
     extent = float((high - low).max())
     # Off the round numbers that drawn meshes are made of.

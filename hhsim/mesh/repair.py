@@ -44,14 +44,11 @@ def closed_surface(
     """Check a mesh and repair it to a closed surface, wound outward, whose winding number is 0 or 1.
 
     Args:
-        vertices: Finite corners [unit of the source], shape (V, 3).
+        vertices: Finite corners [unit of the source, as the surface that is returned], shape (V, 3).
         faces: Valid indices, shape (F, 3), F > 0.
         name: Name of the mesh in messages.
         unit_length: Length of the unit [m].
         repair: False refuses a mesh that needs more than merging vertices at equal places.
-
-    Returns:
-        The closed surface, in the unit of the source, with its repairs and warnings in plain sentences.
 
     Raises:
         MeshError: No safe repair gives the mesh an inside; or it needs a repair and `repair` is False.

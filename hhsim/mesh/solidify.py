@@ -71,18 +71,9 @@ def solid_surface(
     repair: bool = True,
     thickness: float | None = None,
 ) -> MeshInRepair:
-    """Close the surface of a mesh: by a safe repair, else by winding number, or as sheets.
+    """Close the surface of a mesh: by a safe repair, else by winding number, or as sheets; repairs state assumptions.
 
-    Args:
-        vertices: Finite corners [unit of the source], shape (V, 3).
-        faces: Valid indices, shape (F, 3), F > 0.
-        name: Name of the mesh in messages.
-        unit_length: Length of the unit [m].
-        repair: False refuses a mesh that needs more than merging vertices at equal places.
-        thickness: Thickness of open parts, which become sheets [unit of the source]; closed parts stay solid.
-
-    Returns:
-        The closed surface, in the unit of the source; its repairs state changes and assumptions.
+    Arguments as for `hhsim.mesh.repair.closed_surface`; `thickness` [unit of the source] makes sheets of open parts.
 
     Raises:
         MeshError: The mesh has no inside; or it needs a repair and `repair` is False; or the thickness is out of range.

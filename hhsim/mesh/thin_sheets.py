@@ -17,7 +17,6 @@ def slab_union(
     Along the faces the distance is exact; around rims and creases it is up to 15 % less, where hulls replace spheres.
 
     Args:
-        vertices: Shape (V, 3).
         faces: Faces of the sheets, shape (F, 3).
         half: Distance.
         closed: Faces of closed parts, wound outward, shape (G, 3); G may be 0.

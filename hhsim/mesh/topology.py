@@ -22,15 +22,9 @@ def distinct_rows(rows: AnyArray) -> tuple[IntArray, IntArray]:
 
 
 def merged_vertices(vertices: FloatArray, faces: IntArray, distance: float = 0.0) -> tuple[FloatArray, IntArray]:
-    """Merge vertices at the same place, and drop those that no face names.
+    """Merge vertices (V, 3) [m] at most a distance apart, and chains of them; drop those that no face (F, 3) names.
 
-    Args:
-        vertices: Corners [m], shape (V, 3).
-        faces: Indices, shape (F, 3).
-        distance: Vertices at most this far apart are merged [m], and chains of them.
-
-    Returns:
-        Vertices in the order of their first use, and faces.
+    The vertices are in the order of their first use.
     """
     vertices = vertices + 0.0  # -0.0 and 0.0 are one place
     place: IntArray
@@ -115,14 +109,9 @@ def _neighbours(faces: IntArray) -> tuple[IntArray, IntArray, BoolArray]:
 
 
 def alike_wound(faces: IntArray, one_sided: bool = False) -> tuple[IntArray, int] | None:
-    """Turn faces until neighbours are wound alike; in each part the minority is turned.
+    """Turn faces (F, 3) until neighbours are wound alike, the minority of each part; also return how many were turned.
 
-    Args:
-        faces: Indices, shape (F, 3).
-        one_sided: Wind a one-sided part too, against its neighbours along a seam.
-
-    Returns:
-        Faces and how many were turned; None where a part is one-sided and `one_sided` is False.
+    None if a part is one-sided, unless `one_sided`: it is then wound against its neighbours along a seam.
     """
     first, second, alike = _neighbours(faces)
     if alike.all():

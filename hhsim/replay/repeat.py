@@ -187,11 +187,9 @@ class RunAgain:
 
 
 def run_again(result: Result, *, progress: Progress | None = None) -> RunAgain:
-    """Run all ticks of a result again, with the hand, the tree and the options that it holds.
+    """Run all ticks of a result again, complete or not, with the hand, the tree and the options that it holds.
 
-    Args:
-        result: Complete or not; of a replay or of a live session.
-        progress: Called with the current stage, how much is done and how much there is.
+    `progress` is called with the current stage, how much is done and how much there is.
 
     Raises:
         InputError: An object, a tree or a hand that is not the one of the run; no ticks.

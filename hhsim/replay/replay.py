@@ -86,7 +86,7 @@ def replay_scene(
     }
     series, kept, names = KeptColumns(), KeptColumns(), summarised_columns()
     columns = TickColumns(surface.arrays, scene.hand, options)
-    moves = {"driven": scene.driven is not None, "free": free is not None}
+    moves: dict[str, Any] = {"driven": scene.driven is not None, "free": free is not None}
     with ResultWriter(
         Path(output_path), scene=described, static=static, phases=ticks.phases, command=command, **moves
     ) as writer:

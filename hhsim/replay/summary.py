@@ -189,11 +189,7 @@ def figures_of_own_runs(
 ) -> dict[str, float]:
     """Compute the figures that need further runs of the solver: the reference optimum, and a trembling hold.
 
-    Args:
-        surface: Object's surface, world, as `HandSolver` takes it.
-        options: Solver's options.
-        haptic: Haptic hand of every tick.
-        run: Ticks, with the datasets of `GRAPHIC_HAND`.
+    `surface` is as `HandSolver` takes it; `run` has the datasets of `GRAPHIC_HAND`.
     """
     if not run.holds:
         return {"tracking_excess": np.nan}

@@ -33,10 +33,9 @@ def tremor_variation(
     rate: float,
     seed: int = 0,
 ) -> Statistics | None:
-    """Compute the force variation rate [%] of a hold repeated with tremor; arguments as for `trembling_hold`.
+    """Compute mean, spread and maximum of the force variation rate [%] of a hold repeated with tremor.
 
-    Returns:
-        Mean, spread and maximum, undefined where the hold is no longer than the onset; None where its input moves.
+    Undefined where the hold is no longer than the onset; None where its input moves. Arguments as for `trembling_hold`.
     """
     if any(np.any(values != values[:1]) for values in haptic):
         return None
@@ -55,19 +54,14 @@ def trembling_hold(
     disturbance: Disturbance = TREMOR,
     sample_rate: float | None = None,
 ) -> tuple[TickRecord, BoolArray]:
-    """Repeat a hold with a trembling hand.
+    """Repeat a hold with a trembling hand; return its ticks, and True for those after the onset, shape (T,).
 
     Args:
         surface: Object's surface, world frame, as `HandSolver` takes it.
-        haptic: Haptic hand at each tick of the hold.
-        graphic: Graphic hand at each tick of the hold; the repetition starts from its first one.
+        haptic, graphic: Hands at each tick of the hold; the repetition starts from the first graphic one.
         rate: Ticks per second [Hz].
-        seed: Seed of the tremor.
-        disturbance: Tremor.
+        disturbance: Tremor, of this seed.
         sample_rate: Samples per second [Hz] of the measuring device, each held; None for a sample every tick.
-
-    Returns:
-        Ticks of the repetition, and True for those after the onset, shape (T,).
     """
     time = np.arange(len(haptic.position)) / rate
     sample = np.arange(len(time)) if sample_rate is None else np.floor(time * sample_rate + 1e-9).astype(np.int64)

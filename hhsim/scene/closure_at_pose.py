@@ -49,12 +49,9 @@ def close_placed(
     object_position: FloatArray | None = None,
     object_rotation: FloatArray | None = None,
 ) -> FingerClosure:
-    """Close the script's fingers with the palm at a place.
+    """Close the script's fingers with the palm at a place on an object (`tree`, world frame).
 
     Args:
-        script: Fingers that close, and how deep.
-        tree: Object, world frame.
-        placement: Place in the object's frame.
         object_position: [m], shape (3,), world; None: the origin.
         object_rotation: Object to world, shape (3, 3); None: upright.
 

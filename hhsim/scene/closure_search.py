@@ -85,12 +85,7 @@ class _Candidate(NamedTuple):
 
 
 def plan_finger_closure(script: Script, hand: HandModel, tree: SphereTree) -> FingerClosure:
-    """Find how the hand of a script closes on an object.
-
-    Args:
-        script: Fingers that close, how deep, and where the palm is.
-        hand: Hand model.
-        tree: Object at rest, world frame; its leaves are touched.
+    """Find how the hand of a script closes on an object at rest (`tree`, world frame), whose leaves are touched.
 
     Raises:
         TrajectoryError: No named finger reaches the object from any side, or the palm cannot touch it.
@@ -343,15 +338,9 @@ class _Search(Closer):
 
 
 def best_slide(script: Script, closure: FingerClosure, hand: HandArrays, tree: TreeArrays) -> tuple[FloatArray, float]:
-    """Find the direction along the palm in which the fingers keep hold at constant depth.
+    """Find the unit direction along the palm (3,), world, in which the fingers keep hold best, and its score.
 
-    Args:
-        script: Length of the slide, and whether the palm touches.
-        closure: Hand before the slide.
-        hand, tree: Hand and object, world.
-
-    Returns:
-        (unit direction, shape (3,), world; score, 1 where nothing changes on the way, lower the more it does).
+    The score is 1 where nothing changes on the way, lower the more it does; `closure` is the hand before the slide.
     """
     work = make_work()
     reached = [FINGERS.index(name) for name in closure.reached]

@@ -99,17 +99,11 @@ def described_scene(
     motion: Script | Demonstration | Trajectory,
     fingers: Sequence[str] = FINGERS,
 ) -> PlacedScene:
-    """Make a scene of what was loaded, with its description.
+    """Make a scene of what was loaded, with its description; arguments and errors as for `placed_scene`.
 
     Args:
-        mesh: Object [m], in its own frame.
-        tree: Its sphere tree, in the same frame.
         level: Level that the tree was built to.
         motion: Motion, with its tremor.
-        fingers: Fingers that the scene uses.
-
-    Raises:
-        TrajectoryError: As for `placed_scene`.
     """
     placed = placed_scene(
         *(mesh, tree, hand, motion),

@@ -75,15 +75,13 @@ class Closer:
         fingers: Sequence[int],
         unclosed: FloatArray | None = None,
     ) -> FingerClosure:
-        """Close fingers until they touch, and command them deeper.
+        """Close fingers until they touch, and command them deeper; shapes as in `FingerClosure`.
 
         Args:
-            place: Position, rotation and back of the palm, as in `FingerClosure`.
-            opened: Flexion of the open hand [rad], shape (5, 3).
-            abduction: [rad], shape (5,).
-            slide: As in `FingerClosure`.
+            place: Position, rotation and back of the palm.
+            opened: Flexion of the open hand [rad].
             fingers: Indices of the fingers that close; the script's others count as missed.
-            unclosed: Command of fingers that do not close [rad], shape (5, 3); None: the open hand's.
+            unclosed: Command of fingers that do not close [rad]; None: the open hand's.
         """
         (position, rotation, back), work = place, self.work
         contact, touching = opened.copy(), np.zeros((len(FINGERS), 3))

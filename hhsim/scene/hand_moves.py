@@ -48,10 +48,7 @@ def phase_shares(script: Script, time: FloatArray) -> Iterator[tuple[ScriptPhase
 def carried(script: Script, time: FloatArray, start: FloatArray) -> RigidMotion | None:
     """Compute the common motion of hand and object in the carries of a script; None without a carry.
 
-    Args:
-        script: Script of the motion.
-        time: Samples [s], shape (T,).
-        start: Origin of the object before the first arc [m], shape (3,).
+    `time` [s] has shape (T,); `start` is the origin of the object before the first arc [m], shape (3,).
     """
     if not script.carries:
         return None
@@ -75,8 +72,6 @@ def taken_along(script: Script, time: FloatArray, rotation: FloatArray, middle: 
     object's middle; the last two directions are made level.
 
     Args:
-        script: Script of the motion.
-        time: Samples [s], shape (T,).
         rotation: Closed hand, palm to world, shape (3, 3).
         middle: Middle of the object at rest [m], shape (3,).
     """

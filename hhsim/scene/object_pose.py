@@ -63,12 +63,7 @@ class _Best(NamedTuple):
 
 
 def place_object(motion: Trajectory, hand: HandModel, tree: SphereTree, wanted: Wanted) -> Trajectory:
-    """Return the motion with the object placed where the finger touches it.
-
-    Args:
-        motion: Motion of a hand; its object pose is ignored.
-        tree: Object at rest in its own frame, z up.
-        wanted: Finger and depth.
+    """Return the motion with the object (`tree`, its own frame, z up) placed where the finger touches it.
 
     Raises:
         TrajectoryError: The finger reaches the object nowhere without the hand starting in it.

@@ -79,7 +79,7 @@ class Region:
     def holds(self, points: ArrayLike) -> BoolArray:
         """Return True for each point of the object's frame [m], shape (n, 3), that it holds; shape (n,)."""
         array = np.asarray(points, dtype=np.float64).reshape(-1, 3)
-        return np.all([shape.holds(array) for shape in self.shapes], axis=0)
+        return np.asarray(np.all([shape.holds(array) for shape in self.shapes], axis=0))
 
 
 @cache

@@ -126,11 +126,7 @@ def find_grasp(motion: Trajectory) -> Grasp:
 
 
 def place_at_grasp(motion: Trajectory, hand: HandModel, tree: SphereTree) -> GraspPlacement:
-    """Place an object where the fingers of a recording close.
-
-    Args:
-        motion: Motion of a hand; its object pose is ignored.
-        tree: Object at rest in its own frame, z up.
+    """Place an object (`tree`, its own frame, z up) where the fingers of a recording close.
 
     Raises:
         TrajectoryError: No finger meets the object from any side.

@@ -34,12 +34,9 @@ def synthesize(
     object_position: ArrayLike = (0.0, 0.0, 0.0),
     object_orientation: ArrayLike = (1.0, 0.0, 0.0, 0.0),
 ) -> Trajectory:
-    """Make the trajectory of a script on an object; the same arguments give the same bytes.
+    """Make the trajectory of a script on an object at rest (`tree`, world); the same arguments give the same bytes.
 
     Args:
-        script: Script of the motion.
-        hand: Hand model.
-        tree: Object at rest, world frame.
         seed: Seed of tremor and sensor noise; the motion itself is the same for every seed.
         disturbance: Replaces the script's own.
         placement: Replaces the script's own, or a search.

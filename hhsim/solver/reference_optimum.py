@@ -23,10 +23,7 @@ REFERENCE_STEP_TOLERANCE = 1e-8
 def best_hands(hand: HandModel, mesh_surface: Any, options: SolverOptions, haptic: HandConfiguration) -> TickRecord:
     """Return the least-energy pose of every tick: `coupled` on the triangles, converged, from the haptic hand on.
 
-    Args:
-        mesh_surface: Object in the kernels' form, world: the surface `mesh`.
-        options: Stiffness and lengths.
-        haptic: Haptic hand at every tick.
+    `mesh_surface` is the object's surface `mesh`, world; the options give stiffness and lengths.
 
     Raises:
         HhsimError: More pairs than the solver holds: the optimum on this mesh cannot be had.
@@ -53,18 +50,15 @@ def reference_excess(
     graphic: HandConfiguration,
     ticks: IntArray,
 ) -> FloatArray:
-    """Compute the coupling energy above the reference optimum, (E - E*) / E*, at some ticks.
+    """Compute the coupling energy above the reference optimum, (E - E*) / E*, at some ticks, shape (len(ticks),).
 
-    The optimum is the local one that `coupled` converges to from the method's own graphic hand with the input held.
+    The optimum is the local one that `coupled` converges to from the method's own graphic hand with the input held. NaN
+    in free space, and where the graphic hand is too deep inside for the reference.
 
     Args:
         surface: Object's surface, world frame, as `HandSolver` takes it.
         options: Options of the method; stiffness and lengths are kept.
-        haptic: Haptic hand at every tick.
-        graphic: Graphic hand at every tick.
-
-    Returns:
-        Shape (len(ticks),); NaN in free space, and where the graphic hand is too deep inside for the reference.
+        haptic, graphic: Hands at every tick.
     """
     solver = HandSolver(
         hand,

@@ -29,15 +29,9 @@ Given = tuple[HandArrays, Any, TickOptions, NDArray[np.void]]
 class ThreadTeam:
     """Helpers of one solver: threads that live while a block of ticks runs, and wait for work in compiled code.
 
-    Starting them takes about 0.1 ms a block, outside of the timed ticks.
-
-    Args:
-        states: Solver's state, shape (1,).
-        threads: Members, the caller's own thread included; 1 starts none.
-
-    Attributes:
-        worth: Number of distances outside of the largest part from which on detection is shared, see
-            `hhsim.kernels.contact.parallel_detection.worth_sharing`.
+    Starting them takes about 0.1 ms a block, outside of the timed ticks. `threads` counts the caller's own; 1 starts
+    none. `worth` is the number of distances outside of the largest part from which on detection is shared, see
+    `hhsim.kernels.contact.parallel_detection.worth_sharing`.
     """
 
     def __init__(self, states: NDArray[np.void], threads: int) -> None:

@@ -109,13 +109,10 @@ def proved_cover(
     """Prove that spheres cover a mesh; where rounding prevents it, with spheres larger by `GROWTH` of its extent.
 
     Args:
-        vertices: [m], shape (V, 3).
-        faces: Wound outward, shape (F, 3).
-        center: [m], shape (n, 3).
-        radius: [m], shape (n,).
+        vertices, faces: [m], shape (V, 3), and wound outward, shape (F, 3).
+        center, radius: [m], shapes (n, 3) and (n,).
         balanced: Subtract half of the bound from all radii: the surface then lies at most so far out of the spheres,
             and they at most so far out of it.
-        workers: Threads to prove with; None for the calling one.
 
     Raises:
         MeshError: A face cannot be proved.

@@ -34,14 +34,7 @@ def cached_sphere_tree(
 ) -> SphereTree:
     """Return the tree that `hhsim.trees.builder.build_sphere_tree` makes: shipped, cached, or built.
 
-    Args:
-        mesh: Watertight and wound outward.
-        options: None for the defaults.
-        progress, threads: As for `build_sphere_tree`.
-
-    Raises:
-        InputError: No tree is within the largest error.
-        MeshError: The mesh has no inside, or a face could not be covered.
+    Arguments and errors as there.
     """
     options = TreeOptions() if options is None else options
     return shipped_tree(mesh, options) or kept_sphere_tree(mesh, options, progress, threads)
@@ -109,13 +102,9 @@ class TreeChoice(NamedTuple):
 def coarsest_sphere_tree(mesh: Mesh, max_error: float, progress: Progress = silent) -> TreeChoice:
     """Build levels from the coarsest on until one is proved to protrude by no more than `max_error` [m].
 
-    Args:
-        mesh: Watertight and wound outward.
-        progress: As for `build_sphere_tree`.
-
     Raises:
         InputError: `max_error` is no length, or no level meets it.
-        MeshError: As for `build_sphere_tree`.
+        MeshError: As for `hhsim.trees.builder.build_sphere_tree`.
     """
     if not (math.isfinite(max_error) and max_error > 0.0):
         raise InputError(f"the largest error is {max_error:g} m: it must be positive and finite")

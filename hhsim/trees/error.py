@@ -61,9 +61,6 @@ def prove_cover(
 ) -> tuple[IntArray, Codes]:
     """Prove that spheres, centres (n, 3) and radii (n,) [m], cover a mesh, vertices (V, 3) [m] and faces (F, 3).
 
-    Args:
-        workers: Threads to prove with; None for the calling one.
-
     Returns:
         Faces without a proof, and the codes of the proof as in `hhsim.kernels.cover.certify`; no codes if a face has
         none.
@@ -100,10 +97,6 @@ def measure_levels(
     """Measure every level of a tree, in the frame of the mesh: its cover, or else its nodes.
 
     Args:
-        vertices: [m], shape (V, 3).
-        faces: Shape (F, 3).
-        bvh: Over the same mesh.
-        tree: In the frame of the mesh.
         seed: Seed of the samples; those of a level do not depend on the other levels.
         progress: Called with ("measure", levels done, levels).
         workers: Threads to measure with; None for the calling one.

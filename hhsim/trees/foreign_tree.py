@@ -67,7 +67,6 @@ def import_tree(
         unit_length: Length of the unit of the `.sph` file [m].
         frame: Origin of the centres of the `.sph` file.
         seed: Seed of the samples that measure the errors.
-        progress: As for `hhsim.trees.builder.build_sphere_tree`.
 
     Raises:
         InputError: No sphere tree, an unknown frame, or spheres that are not on this mesh.

@@ -21,16 +21,11 @@ _SURE_FROM = 512
 
 
 def find_fewest(build: Callable[[int], LevelCover], max_error: float, most: int) -> LevelCover:
-    """Find the cover with the fewest spheres whose bound and gap are within an error.
+    """Find the cover with the fewest spheres, up to `most`, whose bound and gap are within an error [m].
 
     The number is guessed by an error that falls with a power of it, until it is enclosed: one cover is within the
     error, and one with at least `NEAR` of its spheres, or one less, is not; up to `PROBED` spheres those of `PROBES`
     are not either. An error does not fall with every single sphere, so a number in between or below may do by luck.
-
-    Args:
-        build: Makes the cover with at most as many spheres.
-        max_error: [m].
-        most: Largest number of spheres.
 
     Raises:
         InputError: `most` spheres are too few, or would be by far.

@@ -222,8 +222,6 @@ def cover_of(
     """Cover a mesh with at most `spheres` spheres; its place, rotation and size make no difference.
 
     Args:
-        mesh: Prepared by `in_own_frame`.
-        spheres: Largest number of spheres.
         progress: Called with ("cover", cycles done, cycles).
         workers: Threads to build with; None for the calling one. The bytes do not depend on their number.
 

@@ -39,12 +39,7 @@ def triangle_tree(mesh: Mesh, level: int) -> SphereTree:
 
 
 def tree_of_any(mesh: Mesh, level: int, progress: Progress = silent) -> SphereTree:
-    """Return the usual tree of a mesh that encloses something; else, or for very many faces, a `triangle_tree`.
-
-    Args:
-        mesh: Any triangles [m].
-        progress: As for `hhsim.trees.builder.build_sphere_tree`.
-    """
+    """Return the usual tree of a mesh that encloses something; else, or for very many faces, a `triangle_tree`."""
     if len(mesh.faces) <= MANY and encloses(mesh):
         try:
             return cached_sphere_tree(mesh, TreeOptions(level=level), progress)

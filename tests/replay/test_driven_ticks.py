@@ -13,6 +13,7 @@ import pytest
 from conftest import Run
 from driven_scenes import carried, swing
 from sampled import sampled
+from short_grasp import shortened
 from sphere_scenes import bumpy_ball
 
 from hhsim.gate.input_hash import run_inputs
@@ -46,13 +47,7 @@ EQUAL = 1e-9
 
 @cache
 def motion() -> Trajectory:
-    script = load_script("grasp")
-    scale = 0.9 / script.duration
-    return synthesize(
-        replace(script, phases=tuple(replace(phase, duration=scale * phase.duration) for phase in script.phases)),
-        HAND,
-        TREE,
-    )
+    return synthesize(shortened(load_script("grasp"), 0.9), HAND, TREE)
 
 
 def run(path: Path, moving: Trajectory, method: str = "coupled") -> Result:

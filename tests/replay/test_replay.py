@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 import pytest
 from sampled import sampled
+from short_grasp import shortened
 from sphere_scenes import brute_clearance, bumpy_ball
 
 import hhsim
@@ -22,24 +23,15 @@ from hhsim.result.reader import CHUNK_TICKS, Result, load_result
 from hhsim.result.schema import TICK_COLUMNS
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import Scene, make_scene
-from hhsim.scene.script import Script
 from hhsim.solver.options import SolverOptions
 from tools.shapes.generators import sphere
 
 HAND = HandModel.default("right")
 
 
-def short_grasp() -> Script:
-    """A grasp of 1.1 s: longer than two chunks of the file."""
-    script = load_script("grasp")
-    scale = 1.1 / script.duration
-    phases = tuple(replace(phase, duration=scale * phase.duration) for phase in script.phases)
-    return replace(script, phases=phases)
-
-
 @pytest.fixture(scope="module")
 def scene() -> Scene:
-    return make_scene(sphere(0.076, 3), bumpy_ball(400), HAND, short_grasp())
+    return make_scene(sphere(0.076, 3), bumpy_ball(400), HAND, shortened(load_script("grasp"), 1.1))
 
 
 @pytest.fixture(scope="module", params=["coupled", "progressive"])

@@ -69,8 +69,10 @@ def assert_brute(found: FloatArray, brute: FloatArray) -> None:
     assert found[PALM_BODY] == pytest.approx(brute[PALM_BODY], abs=1e-12)
 
 
-def near(hand: HandModel, tree: SphereTree, *pose: FloatArray) -> FloatArray:
-    return body_distances(hand.arrays(), tree.arrays(), *pose, make_work())
+def near(
+    hand: HandModel, tree: SphereTree, at: FloatArray, rotation: FloatArray, flexion: FloatArray, abduction: FloatArray
+) -> FloatArray:
+    return body_distances(hand.arrays(), tree.arrays(), at, rotation, flexion, abduction, make_work())
 
 
 def brute_distances(
@@ -118,7 +120,8 @@ def test_body_distances_are_the_brute_force_ones(seed: int, distance: float) -> 
 def test_the_hand_advances_to_its_gaps_and_through_nothing(seed: int) -> None:
     rng = np.random.default_rng(seed)
     tree = cluster(seed)
-    position, *posture = random_pose(rng, 0.4)
+    position, rotation, flexion, abduction = random_pose(rng, 0.4)
+    posture = rotation, flexion, abduction
     direction = -position / np.linalg.norm(position)
     gap = rng.uniform(0.0, 0.01, size=16)
     travel, body = kernel.advance_hand(
