@@ -61,10 +61,9 @@ def palm_parts(hand_length: float, hand_breadth: float, knuckle: FloatArray, knu
     """Return the bones and pads of a right palm.
 
     Args:
-        hand_length: Wrist crease to middle fingertip [m].
-        hand_breadth: Across the knuckles [m].
-        knuckle: First joints of index to little finger [m], shape (4, 3), palm frame.
-        knuckle_radius: Finger radii there [m], shape (4,).
+        hand_length, hand_breadth: Wrist crease to middle fingertip, and across the knuckles [m].
+        knuckle, knuckle_radius: First joints of index to little finger (4, 3) [m], palm frame, and finger radii there
+            (4,).
     """
     along, across = hand_length, hand_breadth
     carpus = -0.150 * along

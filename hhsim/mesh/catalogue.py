@@ -22,16 +22,13 @@ class CatalogueObject:
     """A shipped object.
 
     Attributes:
-        title: Short description.
         mesh: Closed mesh [m], z up, centre of its bounding box at the origin.
         stresses: What it demands of a method.
-        source: Origin of the shape.
-        licence: Terms of the shape.
+        source, licence: Origin and terms of the shape.
         notice: File beside it with the terms in full; empty where the licence of the project holds.
         level: Level of its sphere tree: the coarsest, 3 or 4, at which a hand touches within 1 mm of the mesh.
         paper_level: Level that the paper uses for its kind: 3 for simple shapes, 4 for complex ones.
-        density: Density of the free object [kg/m³].
-        friction: Friction coefficient of the free object [-].
+        density, friction: Of the free object [kg/m³], [-].
     """
 
     name: str
@@ -64,11 +61,7 @@ def _described() -> set[str]:
 
 
 def object_description(name: str) -> dict[str, Any]:
-    """Return the content of an object's TOML file.
-
-    Raises:
-        UnknownNameError: No such object; the message lists the near names.
-    """
+    """Return the content of an object's TOML file; UnknownNameError lists the near names."""
     known = _described()
     if name not in known:
         raise UnknownNameError("object", name, known)

@@ -62,11 +62,7 @@ def _middles(vertices: FloatArray, faces: IntArray) -> FloatArray:
 
 
 def turn_outward(surface: MeshInRepair) -> None:
-    """Wind closed parts outward; a part inside another may be wound inward: a cavity.
-
-    Raises:
-        MeshError: It encloses no volume.
-    """
+    """Wind closed parts outward; a part inside another may be wound inward: a cavity. MeshError without volume."""
     label = part_labels(surface.faces)
     if not all(is_closed(surface.faces[label == part]) for part in range(label.max() + 1)):
         # Parts that share an edge close each other: they are one.

@@ -128,15 +128,11 @@ def open_faces(faces: IntArray) -> BoolArray:
 
 
 class _Border(NamedTuple):
-    """Points on triangles, and the solid beside them.
+    """Points (n, 3) on triangles (n,), the area of each, and the solid beside them.
 
-    Attributes:
-        point: Shape (n, 3).
-        face: Triangle of each, shape (n,).
-        area: Area of each, shape (n,).
-        front, back: True if it is inside in front of the triangle and behind it, shape (n,).
-        turns: Mean winding number of both sides, shape (n,): 1/2 between inside and outside, 0 where nothing is
-            enclosed.
+    `front` and `back` mark points with the solid in front of the triangle and behind it; `turns` is the mean winding
+    number
+    of both sides: 1/2 between inside and outside, 0 where nothing is enclosed.
     """
 
     point: FloatArray

@@ -116,10 +116,9 @@ class TetGrid:
         return np.asarray(((vertex == 0) | (vertex == self.cubes * _CUBE)).any(axis=1))
 
     def surface(self, inside: BoolArray) -> tuple[IntArray, IntArray, IntArray]:
-        """Extract the surface between inside and outside (marching tetrahedra): closed, manifold, and wound outward.
+        """Extract the surface between vertices inside, True in (V,), and outside, by marching tetrahedra.
 
-        Args:
-            inside: True for vertices inside, shape (V,).
+        It is closed, manifold, and wound outward.
 
         Returns:
             The edges that it cuts, as (vertex inside, vertex outside), shape (n, 2); its triangles, as indices of those

@@ -44,11 +44,7 @@ class Finding(NamedTuple):
 
 
 def check_method(name: str) -> Iterator[Finding]:
-    """Run a method through a short grasp of a ball, and yield what is found, until it fails.
-
-    Args:
-        name: As for `hhsim.solver.known_methods.find_method`.
-    """
+    """Run a method of a name through a short grasp of a ball, and yield what is found, until it fails."""
     try:
         options = SolverOptions(method=name)
     except HhsimError as error:

@@ -13,12 +13,9 @@ from hhsim.result.schema import CONTACT_COLUMNS, FREE_COLUMNS, OBJECT_COLUMNS
 
 
 def driven_block(block: dict[str, AnyArray], driven: TickInput | None, part: slice) -> dict[str, AnyArray]:
-    """Return a block of columns in the world.
+    """Return a block of columns, given as the object sees it, in the world.
 
-    Args:
-        block: As the object sees it.
-        driven: Motion in the world; None where the object stands still, and the block is the world's.
-        part: Ticks of the block.
+    `part` are its ticks; `driven` is the motion in the world, None where the object stands still.
     """
     if driven is None or driven.object_motion is None:
         return block
@@ -47,14 +44,13 @@ def free_block(
     position: AnyArray,
     orientation: AnyArray,
 ) -> dict[str, AnyArray]:
-    """Return a block of columns in the world.
+    """Return a block of columns, given as the free object sees it at the end of each tick, in the world.
 
     Args:
-        block: As the free object sees it at the end of each tick.
         haptic: Haptic hand, world.
         ticks: Record of the object.
-        position: Origin of its own frame before the first tick [m], shape (3,), world.
-        orientation: Object to world then, shape (4,).
+        position, orientation: Origin (3,) [m] and orientation (4,) of the object's own frame before the first tick,
+            world.
     """
     moved, count = moved_by(ticks), len(ticks.turn)
     pose = ObjectMotion(

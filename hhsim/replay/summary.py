@@ -54,12 +54,9 @@ class ReplaySummary:
     Attributes:
         rows: Whole table.
         notes: Remarks for a reader, a sentence each.
-        ticks: Number of ticks.
         warm_up: Preparation of the kernels; no part of any tick.
-        method, object_name, motion_name: Their names.
         surface: Surface that the hand touched.
         promises: Promises of the method, of `hhsim.solver.method.PROMISES`.
-        path: Result file.
     """
 
     rows: tuple[SummaryRow, ...]
@@ -130,11 +127,8 @@ def summarise(
     """Compute the table of a run that has just ended.
 
     Args:
-        scene: Scene of the run.
         surface: Object's surface as it was touched.
-        options: Solver's options.
         series: Datasets of /tick, as the object sees them.
-        prepared: Preparation of the kernels.
         free: Datasets of /tick and /contact of a free object, world; unused for another object.
         of_paper: True to show the paper's figures.
     """

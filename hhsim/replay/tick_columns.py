@@ -54,13 +54,9 @@ class TickColumns:
     def block(
         self, time: AnyArray, input_seq: AnyArray, haptic: HandConfiguration, record: TickRecord
     ) -> dict[str, AnyArray]:
-        """Return the columns of the next ticks.
+        """Return the columns of the next B ticks: `record` is the solver's output for `haptic`.
 
-        Args:
-            time: Since the start of the motion [s], shape (B,).
-            input_seq: Number of the input sample in use, shape (B,).
-            haptic: Input of the solver.
-            record: Its output.
+        `time` is since the start of the motion [s], `input_seq` the number of the input sample in use, shape (B,).
         """
         placed = PlacedHand(record.joints, record.position, record.orientation)
         depth = penetration(self._surface, *self._shape, *placed, self._fingers)

@@ -66,13 +66,8 @@ def touch_distances(
     """Compute the distance [m] of each demanded touch, shape (n,); infinite where no sphere is in its region.
 
     The least distance of the body to a sphere that it would touch within the region, by brute force over all spheres.
-
-    Args:
-        object_name: Catalogue object that has the regions; unused where all touches are anywhere.
-        tree: Object at rest in its own frame.
-        joints: Joints of the hand [m], object's frame, shape (5, 4, 3).
-        position: Palm origin [m], object's frame, shape (3,).
-        rotation: Palm to object, shape (3, 3).
+    `joints` (5, 4, 3) [m], `position` (3,) [m] and `rotation` (3, 3) of the hand are in the frame of the object at
+    rest, a catalogue object if a touch names a region.
 
     Raises:
         UnknownNameError: The object has no such region.

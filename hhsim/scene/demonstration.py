@@ -71,11 +71,7 @@ def is_demonstration(table: dict[str, Any]) -> bool:
 
 
 def parse_demonstration(text: str, *, name: str, folder: Path | Traversable, where: str) -> Demonstration:
-    """Read a demonstration from TOML text.
-
-    Args:
-        folder: Folder of the recording.
-        where: Name of the text in messages.
+    """Read a demonstration from TOML text; `folder` has the recording, `where` names the text in messages.
 
     Raises:
         TrajectoryError: Not TOML, an unknown value, or no recording.

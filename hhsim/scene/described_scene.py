@@ -33,19 +33,14 @@ class SceneWords:
 
     Attributes:
         object, trajectory: Name of the catalogue, or a file.
-        unit: Unit of a mesh file.
-        size_mm: Longest extent that a mesh file gets [mm].
-        thickness_mm: Thickness of the sheets that open parts of a mesh file become [mm].
+        unit, size_mm, thickness_mm: Unit of a mesh file, its longest extent [mm], thickness of its open parts' sheets
+            [mm].
         max_error: Error that the tree was chosen by [m].
-        tree: File of the tree.
-        hand_file: File of the hand's sizes.
+        tree, hand_file: Files of the tree and of the hand's sizes.
         tremor_mm_deg: Amplitudes of a script's tremor: position [mm] and rotation [°].
         samples: Interpolation between two samples of the motion.
-        place_object: Placement of a recording's object.
         object_pose: "recorded", or "fixed" for an object that stands still although its recording moves it.
-        rate: Ticks per second [Hz].
         ticks: Number of first ticks to run.
-        seed: Seed of a script's tremor and sensor noise.
     """
 
     object: str

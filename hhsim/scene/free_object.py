@@ -77,13 +77,7 @@ class FreeObject:
 
     @classmethod
     def of_mesh(cls, mesh: Mesh, *, mass: float | None = None, density: float = 1000.0, **others: Any) -> Self:
-        """Return a solid of uniform density.
-
-        Args:
-            mesh: Closed surface [m].
-            mass: [kg]; None: by the density.
-            density: [kg/m³].
-            others: Other attributes.
+        """Return a solid of uniform density [kg/m³], or of a mass [kg]; `others` are the other attributes.
 
         Raises:
             MeshError: The mesh encloses nothing.

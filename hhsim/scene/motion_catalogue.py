@@ -33,16 +33,9 @@ ORDER = (
 
 
 class TrajectoryDescription(NamedTuple):
-    """Entry of the catalogue.
+    """Entry of the catalogue: duration [s], rate [Hz], fingers that close, names of phases.
 
-    Attributes:
-        title, stresses: What the hand does, and what that demands of a method.
-        duration: [s].
-        rate: Samples per second [Hz].
-        fingers: Fingers that close.
-        phases: Names in order.
-        objects: Objects that it is made for; empty for any.
-        figures: Figures of the paper that show it.
+    `objects` are those that it is made for, empty for any; `figures` are the paper's that show it.
     """
 
     name: str

@@ -175,13 +175,10 @@ class _Candidate(NamedTuple):
 
 
 class _Approach(NamedTuple):
-    """Approach of the object to the hand.
+    """Approach of the object to the hand, in the posture of a sample.
 
-    Attributes:
-        sample: Sample whose finger posture the hand has.
-        direction: Unit direction of the hand's approach, world.
-        aim: Point of the hand that comes over the object's middle [m], world.
-        push: Advance beyond first contact [m].
+    `direction` is the hand's, unit, world; `aim` is the point of the hand over the object's middle [m], world; `push`
+    is the advance beyond first contact [m].
     """
 
     sample: int

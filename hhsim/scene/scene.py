@@ -87,12 +87,9 @@ def make_scene(
     seed: int = 0,
     description: Mapping[str, Any] | None = None,
 ) -> Scene:
-    """Put object, hand and motion together.
+    """Put object and tree, both in the object's own frame, hand and motion together.
 
     Args:
-        mesh: Object [m], in its own frame.
-        tree: Its sphere tree, in the same frame.
-        hand: Hand model.
         motion: A recording, which holds the object's pose; a script, which closes on the object where it is; or a
             demonstration, which places the object where the recorded hand touches it.
         rate: Ticks per second [Hz].

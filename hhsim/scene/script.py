@@ -211,13 +211,9 @@ def read_script(path: Path, *, unplaced: bool = False) -> Script:
 
 
 def parse_script(text: str, *, name: str, where: str, unplaced: bool = False) -> Script:
-    """Read a script from TOML text.
+    """Read a script from TOML text; `where` names the text in messages.
 
-    Args:
-        text: TOML document.
-        name: Name of the script.
-        where: Name of the text in messages.
-        unplaced: Accept a script without placements on the objects that it is made for.
+    `unplaced` accepts a script without placements on the objects that it is made for.
 
     Raises:
         TrajectoryError: Not TOML, or an unknown key, value or phase.

@@ -25,8 +25,7 @@ def finger_rows(state: Any, finger: int) -> IntArray:
 def coupled_problem(state: Any) -> tuple[QpProblem, IntArray]:
     """Return the coupled program of the current linearisation, and the kernels' row of each of its rows.
 
-    Args:
-        state: Tick's state after `hhsim.kernels.tick.linearisation.build_program` has found contacts.
+    `state` is a tick's after `hhsim.kernels.tick.linearisation.build_program` has found contacts.
     """
     problem, start = state.problem, state.contacts.start
     rows = [np.arange(start[0], start[1])]

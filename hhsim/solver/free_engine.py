@@ -67,15 +67,7 @@ def hull_corners(mesh: Mesh) -> FloatArray:
 
 
 class FreeEngine:
-    """Runs the ticks of hand and free object.
-
-    Args:
-        workspace: Workspace of the hand, and of the object as it stands at first.
-        free: Physical properties of the object.
-
-    Attributes:
-        ticks: Record of the object in the last block.
-    """
+    """Runs the ticks of hand and free object; `ticks` is the record of the object in the last block."""
 
     def __init__(self, workspace: TickWorkspace, free: FreeObject) -> None:
         require_free(workspace.options)

@@ -56,12 +56,7 @@ def _no_engine(name: str, workspace: Any) -> Engine:
 
 
 def outside_method(name: str, made: Callable[[Any], Any]) -> Method:
-    """Return the record of a method from outside.
-
-    Args:
-        name: Name in messages.
-        made: Class, as `hhsim.solver.outside_method.OutsideMethod`, or any factory with its attributes.
-    """
+    """Return the record of a method from outside: a `hhsim.solver.outside_method.OutsideMethod` class, or a factory."""
     facts = facts_of(made)
     return _method(name, facts, partial(_engine, name, made, facts["forces"]))
 

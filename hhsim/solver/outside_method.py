@@ -143,12 +143,7 @@ class MethodHere:
 
 
 def checked_answer(name: str, tick: int, found: Timed, forces: bool) -> TickAnswer:
-    """Return the answer to a tick as arrays of float64 with a unit quaternion.
-
-    Args:
-        name, tick: Names in messages.
-        found: Answer, and the times of the tick.
-        forces: True if there must be forces; without, none are read.
+    """Return the answer to a tick as arrays of float64 with a unit quaternion; `forces` requires forces.
 
     Raises:
         InputError: It is no hand, or claims a time that the tick did not take.
@@ -192,12 +187,7 @@ def checked_answer(name: str, tick: int, found: Timed, forces: bool) -> TickAnsw
 
 
 class OutsideEngine:
-    """Runs a method from outside, and computes from its hands what hhsim's own methods record.
-
-    Args:
-        run_by: Makes the runner of the method's code for a scene.
-        forces: True if its ticks have forces.
-    """
+    """Runs a method from outside by `run_by` of a scene, and computes from its hands what hhsim's own methods record."""
 
     def __init__(self, run_by: Callable[[MethodScene], MethodRunner], forces: bool, workspace: "TickWorkspace") -> None:
         self.forces, self.workspace = forces, workspace

@@ -87,11 +87,7 @@ class TickWorkspace:
         self.thread_team = ThreadTeam(self.states, options.threads if JIT_ENABLED else 1)
 
     def gather(self) -> None:
-        """Update the tick's lists for a configuration that was set from outside.
-
-        Raises:
-            HhsimError: More pairs are near than the arrays hold.
-        """
+        """Update the tick's lists for a configuration set from outside; HhsimError if more pairs are near than fit."""
         if not rebuild_candidates(self.hand, self.surface, self.tick_options, self.states):
             raise self.full()
 
@@ -121,9 +117,7 @@ class TickWorkspace:
 def tick_state(stiffness: FloatArray, modelled: BoolArray | None = None, surface: Surface = SPHERES) -> Any:
     """Return a fresh state, a record array of shape (1,), with the lists of all modelled bodies still to be gathered.
 
-    Args:
-        stiffness: Coupling's G, shape (21,).
-        modelled: True for bodies that the scene uses, shape (16,); None: all.
+    `stiffness` is the coupling's G, shape (21,); `modelled` is True for bodies that the scene uses, shape (16,).
     """
     states = zeroed(tick_state_dtype(surface.candidates))
     state = states[0]

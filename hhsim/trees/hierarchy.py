@@ -14,11 +14,7 @@ from hhsim.trees.sphere_tree import SphereTree, enclosing_radius
 def build_hierarchy(center: FloatArray, radius: FloatArray, level: int, branching: int) -> SphereTree:
     """Build a tree over leaves: halved along principal axes, each inner node the least sphere around its leaves.
 
-    Args:
-        center: [m], shape (n, 3), 1 ≤ n ≤ branching ** level.
-        radius: [m], shape (n,).
-        level: Level of the leaves; 0 for a lone sphere.
-        branching: Most children of a node.
+    There are 1 ≤ n ≤ branching ** level leaves, centres (n, 3) and radii (n,) [m].
     """
     center, radius = np.ascontiguousarray(center, np.float64), np.ascontiguousarray(radius, np.float64)
     return _grow(center, radius, level, branching)[0]

@@ -40,14 +40,7 @@ BARS: dict[tuple[str, int], Bar] = {
 class Reference:
     """Spheres of another program on the same shape, measured in November 2026 on one core of a 2-core machine.
 
-    Attributes:
-        object: Shape.
-        label: Program and its method.
-        spheres: Number of spheres; None if unknown, as in the following.
-        protrusion: Largest distance outside the mesh [m].
-        protrusion_mean: Mean over the spheres' free surface [m].
-        gap: Largest distance of the mesh outside of them [m].
-        cpu: CPU time of the build [s].
+    Largest and mean protrusion [m], the mean over the free surface; gap [m]; CPU time of the build [s]. None: unknown.
     """
 
     object: str

@@ -21,11 +21,7 @@ _ROUNDING = 1e-9
 
 
 def save_sph(tree: SphereTree, path: str | Path) -> None:
-    """Write a tree in metres, with every digit.
-
-    Raises:
-        OutputError: The file cannot be written.
-    """
+    """Write a tree in metres, with every digit; OutputError if it cannot be written."""
     count = np.bincount(tree.parent[1:], minlength=len(tree.radius))
     branching = max(2, int(count.max()))
     levels = tree.depth + 1

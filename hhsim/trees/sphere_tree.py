@@ -170,11 +170,7 @@ class SphereTree:
         return np.stack([(self.leaf_center - radius).min(axis=0), (self.leaf_center + radius).max(axis=0)])
 
     def arrays(self) -> TreeArrays:
-        """Return a copy of the tree in the kernels' form.
-
-        Raises:
-            InputError: Too wide and deep for a walk of the kernels, which check no bounds.
-        """
+        """Return a copy of the tree in the kernels' form; InputError if it is too wide and deep for a walk."""
         child_count = np.bincount(self.parent[1:], minlength=len(self.radius)).astype(np.int64)
         widest = int(child_count.max())
         waiting = max(widest - 1, 0) * self.depth + 1
