@@ -5,6 +5,8 @@ import itertools
 import os
 import sys
 import time
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +15,7 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.solver.outside_method import MethodScene, TickAnswer
 
 PROCESS_TIME = time.process_time
+COUNT = itertools.count()
 
 
 class Follow:
@@ -24,15 +27,45 @@ class Follow:
     def __init__(self, scene: MethodScene) -> None:
         self.scene = scene
         self.begun: list[HandConfiguration] = []
+        self.ticks = 0
 
     def begin(self, pose: HandConfiguration) -> None:
         self.begun.append(pose)
 
     def tick(self, haptic: HandConfiguration) -> HandConfiguration | TickAnswer:
+        self.ticks += 1
         return self.answer(haptic)
 
     def answer(self, haptic: HandConfiguration) -> HandConfiguration | TickAnswer:
         return haptic
+
+
+def answering(answer: Callable[[HandConfiguration], Any]) -> type[Follow]:
+    """A class whose ticks answer so."""
+    return type("Answering", (Follow,), {"answer": lambda _, haptic: answer(haptic)})
+
+
+def work_for(seconds: float) -> None:
+    until = PROCESS_TIME() + seconds
+    while PROCESS_TIME() < until:
+        pass
+
+
+Millimetres = answering(lambda haptic: haptic._replace(position=1e3 * haptic.position))
+Mirrored = answering(lambda haptic: haptic._replace(position=haptic.position * [1.0, -1.0, 1.0]))
+Degrees = answering(lambda haptic: haptic._replace(flexion=np.degrees(haptic.flexion)))
+Random = answering(lambda haptic: haptic._replace(position=haptic.position + 1e-9 * next(COUNT)))
+NotUnit = answering(lambda haptic: haptic._replace(orientation=2.0 * haptic.orientation))
+WrongShape = answering(lambda haptic: haptic._replace(flexion=haptic.flexion.ravel()))
+NotFinite = answering(lambda haptic: haptic._replace(position=np.full(3, np.nan)))
+NoNumbers = answering(lambda haptic: haptic._replace(abduction="wide"))  # type: ignore[arg-type]
+NoHand = answering(lambda haptic: None)
+Modest = answering(lambda haptic: TickAnswer(haptic, native_ns=123))
+Boasts = answering(lambda haptic: TickAnswer(haptic, native_ns=10**15))
+Owes = answering(lambda haptic: TickAnswer(haptic, native_ns=-(10**18)))
+Leaves = answering(lambda haptic: sys.exit(0))
+Exits = answering(lambda haptic: os._exit(0))
+Grows = answering(lambda haptic: np.ones(2**44))
 
 
 class NotBuilt(Follow):
@@ -72,78 +105,14 @@ class TurnedForces(OurOwn):
 
 
 class NoForces(Follow):
-    """Promises forces."""
-
     gives_forces = True
 
 
 class Promises(Follow):
-    """Promises not to penetrate, and does."""
-
     never_penetrates = True
 
 
-class Millimetres(Follow):
-    """Positions in another unit."""
-
-    def answer(self, haptic: HandConfiguration) -> HandConfiguration:
-        return haptic._replace(position=1e3 * haptic.position)
-
-
-class Mirrored(Follow):
-    """A left-handed frame."""
-
-    def answer(self, haptic: HandConfiguration) -> HandConfiguration:
-        return haptic._replace(position=haptic.position * [1.0, -1.0, 1.0])
-
-
-class Degrees(Follow):
-    """Angles in another unit."""
-
-    def answer(self, haptic: HandConfiguration) -> HandConfiguration:
-        return haptic._replace(flexion=np.degrees(haptic.flexion))
-
-
-class Random(Follow):
-    """Never the same twice."""
-
-    count = itertools.count()
-
-    def answer(self, haptic: HandConfiguration) -> HandConfiguration:
-        return haptic._replace(position=haptic.position + 1e-9 * next(self.count))
-
-
-class Modest(Follow):
-    """Says what its own engine took."""
-
-    def answer(self, haptic: HandConfiguration) -> TickAnswer:
-        return TickAnswer(haptic, native_ns=123)
-
-
-class Boasts(Follow):
-    """Claims more time of its own than the tick took."""
-
-    def answer(self, haptic: HandConfiguration) -> TickAnswer:
-        return TickAnswer(haptic, native_ns=10**15)
-
-
-class Owes(Follow):
-    """Claims less than no time."""
-
-    def answer(self, haptic: HandConfiguration) -> TickAnswer:
-        return TickAnswer(haptic, native_ns=-(10**18))
-
-
-class Leaves(Follow):
-    """Ends the interpreter."""
-
-    def answer(self, haptic: HandConfiguration) -> HandConfiguration:
-        sys.exit(0)
-
-
 class Interrupts(Follow):
-    """Raises what Ctrl-C raises."""
-
     def answer(self, haptic: HandConfiguration) -> HandConfiguration:
         raise KeyboardInterrupt
 
@@ -163,14 +132,10 @@ class Talks(Follow):
 
 
 class StopsTheClock(Follow):
-    """Has the time stand still, and works for 2 ms."""
-
     def answer(self, haptic: HandConfiguration) -> HandConfiguration:
-        until = PROCESS_TIME() + 0.003
         for name in ("perf_counter_ns", "process_time_ns", "perf_counter", "process_time"):
             setattr(time, name, lambda: 0)
-        while PROCESS_TIME() < until:
-            pass
+        work_for(0.003)
         return haptic
 
 
@@ -188,38 +153,15 @@ class Rewrites(Follow):
 class Dies(Follow):
     """Its process ends in its third tick by a fault of the memory."""
 
-    count = 0
-
     def answer(self, haptic: HandConfiguration) -> HandConfiguration:
-        self.count += 1
-        if self.count == 3:
+        if self.ticks == 3:
             ctypes.string_at(0)
         return haptic
 
 
-class Exits(Follow):
-    """Its process ends in its first tick without a word."""
-
-    def answer(self, haptic: HandConfiguration) -> HandConfiguration:
-        os._exit(0)
-
-
-class Grows(Follow):
-    """Asks for more memory than there is."""
-
-    def answer(self, haptic: HandConfiguration) -> HandConfiguration:
-        self.kept = np.ones(2**44)
-        return haptic
-
-
 class NeverEnds(Follow):
-    """Its second tick does not end."""
-
-    count = 0
-
     def answer(self, haptic: HandConfiguration) -> HandConfiguration:
-        self.count += 1
-        while self.count == 2:
+        while self.ticks == 2:
             pass
         return haptic
 
@@ -227,14 +169,9 @@ class NeverEnds(Follow):
 class Lazy(Follow):
     """Prepares in the first tick."""
 
-    ready = False
-
     def answer(self, haptic: HandConfiguration) -> HandConfiguration:
-        if not self.ready:
-            self.ready = True
-            until = time.process_time() + 0.03
-            while time.process_time() < until:
-                pass
+        if self.ticks == 1:
+            work_for(0.03)
         return haptic
 
 
@@ -249,62 +186,18 @@ class Writes(Follow):
 
 
 class Raises(Follow):
-    """Fails in its third tick."""
-
-    ticks = 0
-
     def answer(self, haptic: HandConfiguration) -> HandConfiguration:
-        self.ticks += 1
         if self.ticks == 3:
             raise ZeroDivisionError("of no\nuse")
         return haptic
 
 
 class CannotBeMade(Follow):
-    """Fails before the first tick."""
-
     def __init__(self, scene: MethodScene) -> None:
         raise FileNotFoundError("no weights")
 
 
-class NotUnit(Follow):
-    """A quaternion that is none."""
-
-    def answer(self, haptic: HandConfiguration) -> HandConfiguration:
-        return haptic._replace(orientation=2.0 * haptic.orientation)
-
-
-class WrongShape(Follow):
-    """Joint angles in a row."""
-
-    def answer(self, haptic: HandConfiguration) -> HandConfiguration:
-        return haptic._replace(flexion=haptic.flexion.ravel())
-
-
-class NotFinite(Follow):
-    """A hand that is nowhere."""
-
-    def answer(self, haptic: HandConfiguration) -> HandConfiguration:
-        return haptic._replace(position=np.full(3, np.nan))
-
-
-class NoNumbers(Follow):
-    """Words."""
-
-    def answer(self, haptic: HandConfiguration) -> HandConfiguration:
-        return haptic._replace(abduction="wide")  # type: ignore[arg-type]
-
-
-class NoHand(Follow):
-    """Nothing at all."""
-
-    def answer(self, haptic: HandConfiguration) -> HandConfiguration:
-        return None  # type: ignore[return-value]
-
-
 class NoTick:
-    """Lacks what a method must have."""
-
     def begin(self, pose: HandConfiguration) -> None: ...
 
 

@@ -1,5 +1,6 @@
 """A short grasp of a simple object that several test modules replay, so that it is written down once."""
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,12 @@ def short_grasp_text(hold: float = 0.05, release: float = 0.0) -> str:
 def short_grasp(hold: float = 0.05, release: float = 0.0) -> Script:
     """The same, read."""
     return parse_script(short_grasp_text(hold, release), name="short", where="short")
+
+
+def shortened(script: Script, duration: float) -> Script:
+    """A script whose phases all take the same share less, so that it lasts so long [s]."""
+    share = duration / script.duration
+    return replace(script, phases=tuple(replace(phase, duration=share * phase.duration) for phase in script.phases))
 
 
 @cache

@@ -1,1 +1,1 @@
-"""The hand: sizes, palm, forward kinematics."""
+"""Hand: sizes, palm, forward kinematics."""

@@ -1,7 +1,4 @@
-"""Configurations of a hand along time as plain arrays: what a solver takes and a record holds, and what can be cut up.
-
-They have no stamps and are not checked: they may hold what a broken device sends.
-"""
+"""Configurations of a hand along time: plain unchecked arrays without stamps, as solvers take and records hold them."""
 
 from typing import NamedTuple, Protocol
 
@@ -12,7 +9,7 @@ from hhsim.hand.quaternion import conjugate, quaternion, quaternion_product, rot
 
 
 class _Posed(Protocol):
-    """Whatever holds the four arrays among others: ticks, a record of them, a trajectory."""
+    """Anything with the four arrays: ticks, a record of them, a trajectory."""
 
     @property
     def position(self) -> FloatArray: ...
@@ -25,7 +22,7 @@ class _Posed(Protocol):
 
 
 class HandConfiguration(NamedTuple):
-    """Configurations of a hand, one a tick or sample, world frame; a single one has no T.
+    """Configurations of a hand, one per tick or sample, world frame; a single one has no T.
 
     Attributes:
         position: Palm origin [m], shape (T, 3).
@@ -47,7 +44,7 @@ class HandConfiguration(NamedTuple):
 
     @classmethod
     def of(cls, posed: _Posed) -> "HandConfiguration":
-        """Those in a record that has more than them, as its own arrays."""
+        """Return the configurations of a record that has more, without a copy."""
         return cls(posed.position, posed.orientation, posed.flexion, posed.abduction)
 
     @property
@@ -56,23 +53,23 @@ class HandConfiguration(NamedTuple):
         return len(self.position)
 
     def part(self, first: int, last: int | None = None) -> "HandConfiguration":
-        """Ticks `first` to `last` - 1, as views; negative ones count from the end."""
+        """Return ticks `first` to `last` - 1, as views; negative ones count from the end."""
         return self.at(slice(first, last))
 
     def at(self, ticks: int | slice | IntArray) -> "HandConfiguration":
-        """A single tick or a slice, as views, or the ticks of these numbers in this order, as copies."""
+        """Return a single tick or a slice, as views, or the ticks of these numbers, as copies."""
         return HandConfiguration(*(values[ticks] for values in self))
 
     def copy(self) -> "HandConfiguration":
-        """The same in arrays of its own."""
+        """Return a copy."""
         return HandConfiguration(*(np.array(values, dtype=np.float64, order="C") for values in self))
 
     def hold(self, ticks: int) -> "HandConfiguration":
-        """This motion, and its last configuration for some ticks more."""
+        """Return this motion with its last configuration held for some more ticks."""
         return sequence(self, HandConfiguration(*(np.repeat(values[-1:], ticks, axis=0) for values in self)))
 
     def line(self, goal: "HandConfiguration", ticks: int) -> "HandConfiguration":
-        """This motion, and from its last configuration at constant speed to the first one of `goal`, reached last."""
+        """Return this motion, then a motion at constant speed to the first configuration of `goal`, reached last."""
         share = np.arange(1, ticks + 1) / ticks
         parts = [
             a[-1] + share.reshape(-1, *[1] * (a.ndim - 1)) * (b[0] - a[-1]) for a, b in zip(self, goal, strict=True)
@@ -83,5 +80,5 @@ class HandConfiguration(NamedTuple):
 
 
 def sequence(*motions: HandConfiguration) -> HandConfiguration:
-    """One motion after the other."""
+    """Concatenate motions."""
     return HandConfiguration(*(np.concatenate(parts) for parts in zip(*motions, strict=True)))

@@ -1,4 +1,4 @@
-"""A hand in the world, tick by tick: where its joints are, whichever way it was posed."""
+"""Joint positions of a hand in the world, tick by tick."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -22,23 +22,23 @@ class PlacedHand(NamedTuple):
     orientation: FloatArray
 
     def at(self, ticks: slice | IntArray | Sequence[int]) -> "PlacedHand":
-        """The hand at some of the ticks."""
+        """Return the hand at some of the ticks."""
         return PlacedHand(*(np.ascontiguousarray(values[ticks]) for values in self))
 
     @property
     def points(self) -> FloatArray:
-        """The twenty joint and tip centres and the palm's origin [m], shape (T, 21, 3)."""
+        """Twenty joint and tip centres and the palm's origin [m], shape (T, 21, 3)."""
         joints = self.joints.reshape(-1, 20, 3)
         return np.concatenate([joints, self.position[:, None]], axis=1)
 
     @property
     def ends(self) -> FloatArray:
-        """The five tip centres and the palm's origin [m], shape (T, 6, 3)."""
+        """Five tip centres and the palm's origin [m], shape (T, 6, 3)."""
         return np.concatenate([self.joints[:, :, 3], self.position[:, None]], axis=1)
 
 
 def hand_shape(hand: HandModel) -> HandShape:
-    """The sizes of a hand model."""
+    """Return the sizes of a hand model in the kernels' form."""
     palm = hand.palm_tree
     return HandShape(as_argument(hand.radius), as_argument(palm.leaf_center), as_argument(palm.leaf_radius))
 

@@ -6,20 +6,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 DIGITS = 6
-"""Of a length in [m]: a micrometre."""
+"""Decimals of a length in [m]: a micrometre."""
 
 
 def format_hand_file(
     hand_length: float, hand_breadth: float, fingers: Mapping[str, Mapping[str, ArrayLike]], remark: str = ""
 ) -> str:
-    """The text of a hand file.
+    """Return the text of a hand file, with a remark in the first line; lengths in m.
 
-    Args:
-        hand_length: Wrist crease to middle fingertip [m].
-        hand_breadth: Across the knuckles [m].
-        fingers: Sizes of each finger that differ from the usual ones, by the keys of a hand file; a right hand's palm
-            frame [m].
-        remark: A line at its top.
+    `fingers` has the non-default sizes of each finger by the keys of a hand file, in a right hand's palm frame.
     """
     lines = [f"# {' '.join(remark.split())}"] if remark else []
     lines += [f"hand_length = {_number(hand_length)}", f"hand_breadth = {_number(hand_breadth)}"]

@@ -1,18 +1,16 @@
-"""The virtual hand: five chains of three round cones on a palm, from published anthropometry.
+"""Virtual hand: five chains of three round cones on a palm, from published anthropometry.
 
-Hand length HL runs from the wrist crease to the middle fingertip, hand breadth HB across the knuckles; their default is
-a male hand (Binvignat et al. 2012, n = 267: mean HL 184.9 mm). Sources of the shares of HL and HB below:
-
-- segment lengths: Buchholz, Armstrong & Goldstein, Ergonomics 35(3), 1992; proximal phalanges by the ratios to the
-  middle ones in An, Chao, Cooney & Linscheid, J. Biomechanics 12, 1979;
-- thicknesses and knuckle positions: the kinematic hand model of Sancho-Bru and colleagues;
-- joint limits: the same, and clinical ranges where it is silent (thumb abduction).
+Hand length HL runs from the wrist crease to the middle fingertip, hand breadth HB across the knuckles; the default is a
+male hand (Binvignat et al. 2012, n = 267: mean HL 184.9 mm). Sources: segment lengths by Buchholz, Armstrong &
+Goldstein, Ergonomics 35(3), 1992, proximal phalanges by the ratios to the middle ones in An, Chao, Cooney & Linscheid,
+J. Biomechanics 12, 1979; thicknesses, knuckle positions and joint limits by the kinematic hand model of Sancho-Bru and
+colleagues; thumb abduction by clinical ranges.
 
 The thumb's metacarpal counts as its first phalanx; the palm is the rest (paper, Section III-B). Positive abduction
 turns a finger towards the thumb side and the thumb out of the palm's plane.
 
-A TOML file replaces any size; keys left out keep their default. Lengths in m, angles in rad, points in the palm frame
-of a *right* hand (x from thumb to little finger, y to the fingers, z out of the back); a left hand is its mirror::
+A TOML file replaces any size; lengths in m, angles in rad, points in the palm frame of a *right* hand (x from thumb to
+little finger, y to the fingers, z out of the back). Keys; a left hand is its mirror::
 
     hand_length = 0.18          # everything below that is not named scales with it
     hand_breadth = 0.080
@@ -20,7 +18,7 @@ of a *right* hand (x from thumb to little finger, y to the fingers, z out of the
 
     [index]
     base = [-0.026, 0.041, 0.003]      # first joint (MCP; CMC of the thumb)
-    distal = [-0.087, 0.996, 0.0]      # where the straight finger points at zero abduction
+    distal = [-0.087, 0.996, 0.0]      # direction of the straight finger at zero abduction
     dorsal = [-0.07, 0.0, 0.998]       # out of the finger's back
     length = [0.048, 0.026, 0.011]     # between joint centres; the last one to the CENTRE of the tip sphere
     radius = [0.009, 0.0085, 0.0075, 0.006]  # at the three joints and the tip, not growing towards the tip
@@ -55,11 +53,10 @@ from hhsim.trees.sphere_tree import SphereTree
 
 Side = Literal["right", "left"]
 
-
 DEFAULT_HAND_LENGTH = 0.19
 BREADTH_PER_LENGTH = 0.085 / 0.19
 HAND_LENGTH_RANGE = (0.05, 0.40)
-"""Hand lengths [m] that are taken for a hand; outside it the unit is probably wrong."""
+"""Accepted hand lengths [m]; outside of it the unit is probably wrong."""
 
 LENGTH_SHARES = (
     (0.251, 0.196, 0.158),
@@ -92,7 +89,7 @@ BASE_HEIGHT = (-0.085, 0.030, 0.045, 0.030, -0.005)
 """Height of the first joints over the palm's middle plane [HB]: the transverse arch, highest at the middle finger."""
 
 FAN = (5.0, 0.0, -5.0, -11.0)
-"""Where the straight index to little finger points at zero abduction, towards the thumb side [degrees]."""
+"""Directions of the straight index to little finger at zero abduction, towards the thumb side [degrees]."""
 
 ROLL = (6.0, 0.0, -5.0, -12.0)
 """Lean of the finger's back towards the thumb side [degrees]: it follows the arch, so that curling fingers converge."""
@@ -111,7 +108,7 @@ FLEXION_DEGREES = (
 ABDUCTION_DEGREES = ((-20.0, 45.0), (-15.0, 42.0), (-8.0, 35.0), (-14.0, 20.0), (-40.0, 30.0))
 
 MIRROR = np.array([-1.0, 1.0, 1.0])
-"""From a right hand to a left one, palm frame."""
+"""Factors from a right hand to a left one, palm frame."""
 
 Place = Annotated[float, between(-0.5, 0.5, "m")]
 Direction = Annotated[float, between(-1e6, 1e6)]
@@ -121,7 +118,7 @@ Angle = Annotated[float, between(-math.pi, math.pi, "rad")]
 
 
 class FingerTable(Settings, frozen=True):
-    """Sizes of one finger that a TOML file replaces; the module's docstring says what each means."""
+    """Sizes of one finger in a TOML file; the module's docstring explains the keys."""
 
     base: tuple[Place, Place, Place] | None = None
     distal: tuple[Direction, Direction, Direction] | None = None
@@ -134,13 +131,13 @@ class FingerTable(Settings, frozen=True):
     abduction_max: Angle | None = None
 
     def check(self) -> None:
-        """Refuse a finger that grows towards the tip."""
+        """Check that the finger does not grow towards the tip."""
         if self.radius and (np.diff(self.radius) > 0.0).any():
             raise InputError(f"radius = {_text(self.radius)}: must not grow towards the tip")
 
 
 class HandTable(Settings, frozen=True):
-    """Sizes of a hand that a TOML file replaces; the module's docstring says what each means."""
+    """Sizes of a hand in a TOML file; the module's docstring explains the keys."""
 
     hand_length: Annotated[float, between(*HAND_LENGTH_RANGE, "m, wrist to middle fingertip")] = DEFAULT_HAND_LENGTH
     hand_breadth: float | None = None
@@ -153,15 +150,15 @@ class HandTable(Settings, frozen=True):
 
     @property
     def breadth(self) -> float:
-        """Across the knuckles [m]."""
+        """Hand breadth across the knuckles [m]."""
         return BREADTH_PER_LENGTH * self.hand_length if self.hand_breadth is None else self.hand_breadth
 
     def check(self) -> None:
         """Check the breadth against the length."""
         if not 0.25 * self.hand_length <= self.breadth <= 0.75 * self.hand_length:
+            low, high = 0.25 * self.hand_length, 0.75 * self.hand_length
             raise InputError(
-                f"hand_breadth = {self.breadth:g}; expected {0.25 * self.hand_length:.3g} to "
-                f"{0.75 * self.hand_length:.3g} m, a quarter to three quarters of hand_length"
+                f"hand_breadth = {self.breadth:g}; expected {low:.3g} to {high:.3g} m for this hand_length"
             )
 
 
@@ -179,7 +176,7 @@ class HandModel:
         radius: At each joint and at the tip, not growing towards the tip [m], shape (5, 4).
         flexion_min, flexion_max: Joint limits [rad], shape (5, 3).
         abduction_min, abduction_max: Abduction limits, positive towards the thumb side [rad], shape (5,).
-        palm_mesh: The palm without the thumb's metacarpal [m], closed, palm frame.
+        palm_mesh: Palm without the thumb's metacarpal [m], closed, palm frame.
         palm_tree: Its sphere tree; the leaves are what collides.
     """
 
@@ -210,12 +207,12 @@ class HandModel:
         hand_breadth: float | None = None,
         palm_level: int = 2,
     ) -> "HandModel":
-        """The hand of the published shares.
+        """Return the hand of the published shares.
 
         Args:
             side: Right or left; a left hand is the mirror in x.
             hand_length: Wrist crease to middle fingertip [m].
-            hand_breadth: Across the knuckles [m]; in proportion to the length if not given.
+            hand_breadth: Across the knuckles [m]; None: in proportion to the length.
             palm_level: Level of the palm's sphere tree.
 
         Raises:
@@ -228,16 +225,16 @@ class HandModel:
 
     @classmethod
     def from_toml(cls, path: str | Path, side: Side = "right") -> "HandModel":
-        """The default hand with the sizes that a TOML file replaces; the module's docstring shows one.
+        """Return the default hand with the sizes of a TOML file; the module's docstring explains the keys.
 
         Raises:
-            InputError: No such file, broken TOML, a key that no hand has, or a size of wrong shape or sign.
+            InputError: No such file, broken TOML, an unknown key, or a size of wrong shape or sign.
         """
         return _model(read_settings(Path(path), HandTable, "hand"), side, str(path))
 
     @property
     def abduction_sign(self) -> float:
-        """+1 where a positive abduction turns a finger positively about `dorsal`, as in a right hand, else -1."""
+        """Sign of rotation about `dorsal` of a positive abduction: +1 in a right hand, else -1."""
         return 1.0 if self.side == "right" else -1.0
 
     @property
@@ -246,13 +243,9 @@ class HandModel:
         return np.cross(self.dorsal, self.distal)
 
     def arrays(self) -> HandArrays:
-        """The hand as the kernels take it."""
-        slope = np.array(
-            [
-                [cone_slope(self.length[f, k], self.radius[f, k], self.radius[f, k + 1]) for k in range(3)]
-                for f in range(len(FINGERS))
-            ]
-        )
+        """Return the hand in the kernels' form."""
+        cones = [cone_slope(*cone) for cone in zip(self.length.flat, self.radius[:, :3].flat, self.radius[:, 1:].flat)]
+        slope = np.array(cones).reshape(len(FINGERS), 3, 2)
         # A chain stretches at most to the sum of its lengths, whatever the joint angles are.
         lever = np.zeros((len(FINGERS), 3, 3))
         for k in range(3):
@@ -260,17 +253,12 @@ class HandModel:
                 lever[:, k, i] = self.length[:, i : k + 1].sum(axis=1)
         center = np.ascontiguousarray(self.palm_tree.leaf_center, dtype=np.float64)
         group, group_start = _palm_groups(self.palm_tree)
+        own = ("base", "distal", "dorsal", "length", "radius", "flexion_min", "flexion_max")
         return HandArrays(
-            base=self.base.copy(),
-            distal=self.distal.copy(),
-            dorsal=self.dorsal.copy(),
+            **{name: getattr(self, name).copy() for name in own},
             abduction_sign=np.array([self.abduction_sign]),
-            length=self.length.copy(),
-            radius=self.radius.copy(),
             tan_slope=np.ascontiguousarray(slope[:, :, 0]),
             inverse_length=np.ascontiguousarray(slope[:, :, 1]),
-            flexion_min=self.flexion_min.copy(),
-            flexion_max=self.flexion_max.copy(),
             reach=np.linalg.norm(self.base, axis=1)[:, None] + np.cumsum(self.length, axis=1),
             lever=lever,
             turning_lever=_turning_levers(self.length, center),
@@ -291,7 +279,7 @@ class HandModel:
     def joints(
         self, position: ArrayLike, orientation: ArrayLike, flexion: ArrayLike, abduction: ArrayLike
     ) -> FloatArray:
-        """World positions of the three joints and the tip sphere's centre of each finger [m], shape (5, 4, 3).
+        """Compute the three joints and the tip sphere's centre of each finger [m], world, shape (5, 4, 3).
 
         Args:
             position: Palm origin [m], shape (3,), world.
@@ -320,7 +308,7 @@ class HandModel:
 
 
 def default_fingers(hand_length: float, hand_breadth: float) -> dict[str, FloatArray]:
-    """The finger arrays of `HandModel` for a right hand of these sizes [m]."""
+    """Return the finger arrays of `HandModel` for a right hand of these sizes [m]."""
     thickness = np.array(THICKNESS_SHARES)
     radius = np.empty((5, 4))
     radius[:, 0] = thickness[:, 0, 0]
@@ -361,7 +349,6 @@ def default_fingers(hand_length: float, hand_breadth: float) -> dict[str, FloatA
 
 
 def _model(sizes: HandTable, side: Side, where: str) -> HandModel:
-    """The default hand with `sizes` replaced, checked; `where` names their origin in messages."""
     if side not in ("right", "left"):
         raise UnknownNameError("hand side", str(side), ("right", "left"))
     hand_length, hand_breadth = sizes.hand_length, sizes.breadth
@@ -392,7 +379,7 @@ def _model(sizes: HandTable, side: Side, where: str) -> HandModel:
 def _turning_levers(length: FloatArray, center: FloatArray) -> FloatArray:
     """`HandArrays.turning_lever`: two points that move by d at most move by 2 d at most against each other.
 
-    The palm's turn is that of two sides of the box around its centres: its square is no more than the sum of theirs.
+    The palm's rotation is that of two sides of the box around its centres: its square is at most the sum of theirs.
     """
     sides = np.sort(np.ptp(center, axis=0))[1:]
     palm = 1.0 / np.sqrt(np.sum(1.0 / np.maximum(sides, 1e-9) ** 2))
@@ -409,7 +396,6 @@ def _palm_groups(tree: SphereTree) -> tuple[FloatArray, IntArray]:
 
 
 def _left_palm(right: Mesh, options: TreeOptions) -> tuple[Mesh, SphereTree]:
-    """The mirror image of a right palm, and its sphere tree."""
     source = f"{right.source}, left"
     mesh = Mesh(right.vertices * MIRROR, right.faces[:, ::-1], name=f"left-{right.name}", source=source)
     tree = shipped_tree(mesh, options)
@@ -421,7 +407,6 @@ def _left_palm(right: Mesh, options: TreeOptions) -> tuple[Mesh, SphereTree]:
 
 
 def _replace_finger(arrays: dict[str, FloatArray], index: int, sizes: FingerTable, where: str) -> None:
-    """Put the sizes that a file names for one finger in place and check its limits."""
     for key in sizes.__struct_fields__:
         if getattr(sizes, key) is not None:
             arrays[key][index] = getattr(sizes, key)
@@ -432,21 +417,18 @@ def _replace_finger(arrays: dict[str, FloatArray], index: int, sizes: FingerTabl
 
 
 def _frames(distal: FloatArray, dorsal: FloatArray, where: str) -> tuple[FloatArray, FloatArray]:
-    """Unit distal directions and the unit dorsal directions perpendicular to them."""
     for finger, u, w in zip(FINGERS, distal, dorsal):
         sine = np.linalg.norm(np.cross(u, w))
         if not sine > 1e-3 * np.linalg.norm(u) * np.linalg.norm(w) > 0.0:
-            raise InputError(
-                f"{where}: {finger}.distal {_text(u)} and {finger}.dorsal {_text(w)}: "
-                "expected two directions across each other"
-            )
+            pair = f"{finger}.distal {_text(u)} and {finger}.dorsal {_text(w)}"
+            raise InputError(f"{where}: {pair}: expected two directions across each other")
     distal = distal / np.linalg.norm(distal, axis=1, keepdims=True)
     dorsal = dorsal - np.einsum("fi,fi->f", dorsal, distal)[:, None] * distal
     return distal, dorsal / np.linalg.norm(dorsal, axis=1, keepdims=True)
 
 
 def _array(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
-    """A finite float64 array of this shape, or an InputError that names it."""
+    """Finite float64 array of a shape, or an InputError that names it."""
     what = f"{shape[0]} numbers" if len(shape) == 1 else f"an array of shape {shape}" if shape else "one number"
     try:
         array = np.array(value, order="C")

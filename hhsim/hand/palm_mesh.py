@@ -1,14 +1,13 @@
-"""The palm as a closed mesh, generated from a few sizes.
+"""Closed mesh of the palm, generated from a few sizes.
 
-The palm of the hybrid hand holds the four finger metacarpals, the carpus and the flesh on them; the thumb's metacarpal
-is a phalanx of its own (paper, Section III-B). The surface is the zero set of a smooth union of round cones: bones
-from the carpus to the knuckles, pads under the knuckles, hypothenar, thenar base and heel. Seen from its middle the
-palm is star-shaped, so one vertex a ray from there gives a mesh that is closed by construction.
+The palm is the four finger metacarpals, the carpus and the flesh on them, without the thumb's metacarpal (paper,
+Section III-B): the zero set of a smooth union of round cones, namely bones, pads, hypothenar, thenar base and heel.
+Seen from its middle it is star-shaped, so one vertex per ray gives a mesh that is closed by construction.
 """
 
 import functools
-from dataclasses import dataclass
 from importlib.resources import files
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,20 +23,19 @@ HALF_EXTENT = (0.43, 0.265, 0.145)
 """Half edges of that box: breadth [HB], length [HL], thickness [HB]; its edges run along the palm's rounded rims."""
 
 CENTER_HEIGHT = -0.045
-"""Where the rays start, over the palm frame's origin [HB]: halfway between the back and the pads."""
+"""Origin of the rays over the palm frame's origin [HB]: halfway between the back and the pads."""
 
 BLEND_SHARE = 0.035
-"""Width of the blend between two parts, as a share of hand breadth."""
+"""Width of the blend between two round cones, as a share of hand breadth."""
 
 SHIPPED = "palm.ply"
-"""The default palm, in hhsim.objects."""
+"""Default palm, in hhsim.objects."""
 
 ROUNDING = 1e-12
-"""How far apart [m] processors may find a vertex, whose last bits they do not agree on."""
+"""Largest difference [m] of a vertex between processors, which differ in the last bits."""
 
 
-@dataclass(frozen=True)
-class RoundCones:
+class RoundCones(NamedTuple):
     """Round cones (hulls of two spheres) in the palm frame, right hand.
 
     Attributes:
@@ -51,7 +49,7 @@ class RoundCones:
     radius_b: FloatArray
 
     def distance(self, points: FloatArray) -> FloatArray:
-        """Distance [m] of points, shape (m, 3), to each part, shape (m, n); linear taper, negative inside."""
+        """Return the distance [m] of points, shape (m, 3), to each cone, shape (m, n); linear taper."""
         axis = self.b - self.a
         offset = points[:, None, :] - self.a
         share = np.clip(np.einsum("mni,ni->mn", offset, axis) / np.einsum("ni,ni->n", axis, axis), 0.0, 1.0)
@@ -60,13 +58,12 @@ class RoundCones:
 
 
 def palm_parts(hand_length: float, hand_breadth: float, knuckle: FloatArray, knuckle_radius: FloatArray) -> RoundCones:
-    """Bones and pads of a right palm.
+    """Return the bones and pads of a right palm.
 
     Args:
-        hand_length: Wrist crease to middle fingertip [m].
-        hand_breadth: Across the knuckles [m].
-        knuckle: First joints of index to little finger [m], shape (4, 3), palm frame.
-        knuckle_radius: Finger radii there [m], shape (4,).
+        hand_length, hand_breadth: Wrist crease to middle fingertip, and across the knuckles [m].
+        knuckle, knuckle_radius: First joints of index to little finger (4, 3) [m], palm frame, and finger radii there
+            (4,).
     """
     along, across = hand_length, hand_breadth
     carpus = -0.150 * along
@@ -89,16 +86,12 @@ def palm_parts(hand_length: float, hand_breadth: float, knuckle: FloatArray, knu
     )
     thenar = np.array([-0.215 * across, carpus + 0.020 * along, -0.070 * across])
     rows.append((thenar, 0.150 * across, np.array([-0.290 * across, 0.090 * along, -0.025 * across]), 0.105 * across))
-    return RoundCones(
-        a=np.array([row[0] for row in rows]),
-        b=np.array([row[2] for row in rows]),
-        radius_a=np.array([row[1] for row in rows]),
-        radius_b=np.array([row[3] for row in rows]),
-    )
+    a, radius_a, b, radius_b = (np.array(column) for column in zip(*rows))
+    return RoundCones(a, b, radius_a, radius_b)
 
 
 def palm_mesh(hand_length: float, hand_breadth: float, knuckle: FloatArray, knuckle_radius: FloatArray) -> Mesh:
-    """The closed mesh of a right palm, palm frame; arguments as `palm_parts`.
+    """Return the closed mesh of a right palm, palm frame; arguments as for `palm_parts`.
 
     Raises:
         InputError: Knuckles so far from the palm frame's origin that no palm lies around it.
@@ -123,10 +116,8 @@ def _palm_mesh(
         return np.asarray(least - blend * np.log(np.exp((least[:, None] - d) / blend).sum(axis=1)) < 0.0)
 
     if not inside(np.zeros(len(rays))).all():
-        raise InputError(
-            "the finger bases leave the palm's middle empty: expected them around the knuckles' line, "
-            f"y = {0.2 * hand_length:.3g} m from the palm's origin"
-        )
+        line = f"y = {0.2 * hand_length:.3g} m from the palm's origin"
+        raise InputError(f"the finger bases leave the palm's middle empty: expected them around {line}")
     near, far = np.zeros(len(rays)), np.full(len(rays), 0.6 * hand_length)
     for _ in range(48):
         middle = 0.5 * (near + far)
@@ -141,7 +132,7 @@ def _palm_mesh(
 
 
 def _as_shipped(vertices: FloatArray) -> FloatArray:
-    """The vertices that ship where these are the same but for rounding: the tree that ships is of those, to the bit."""
+    """Shipped vertices if these are the same but for rounding: the shipped tree is of those, to the bit."""
     file = files("hhsim.objects") / SHIPPED
     shipped, _ = read_own_ply(file.read_bytes(), SHIPPED)
     alike = shipped.shape == vertices.shape and np.abs(shipped - vertices).max() <= ROUNDING
@@ -149,7 +140,7 @@ def _as_shipped(vertices: FloatArray) -> FloatArray:
 
 
 def box_rays(half_extent: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Unit rays through a rounded box's grid, shape (n, 3), and the outward triangles between them, shape (m, 3)."""
+    """Return unit rays through a rounded box's grid, shape (n, 3), and the outward triangles between them, (m, 3)."""
     keys: dict[tuple[int, ...], int] = {}
     points: list[FloatArray] = []
     faces: list[tuple[int, int, int]] = []

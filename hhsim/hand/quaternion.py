@@ -1,4 +1,4 @@
-"""Rotations of the library as unit quaternions (w, x, y, z), whole arrays of them at a time."""
+"""Rotations as arrays of unit quaternions (w, x, y, z)."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -7,7 +7,7 @@ from hhsim.arrays import FloatArray
 
 
 def quaternion(vector: ArrayLike) -> FloatArray:
-    """Unit quaternions (w, x, y, z), shape (..., 4), of rotation vectors [rad], shape (..., 3)."""
+    """Return unit quaternions (w, x, y, z), shape (..., 4), of rotation vectors [rad], shape (..., 3)."""
     turns = np.asarray(vector, np.float64)
     half = 0.5 * np.linalg.norm(turns, axis=-1, keepdims=True)
     # np.sinc(x) is sin(πx)/(πx), and whole at zero.
@@ -15,7 +15,7 @@ def quaternion(vector: ArrayLike) -> FloatArray:
 
 
 def rotation_vector(quaternions: ArrayLike) -> FloatArray:
-    """Rotation vectors [rad], shape (..., 3), the short way round, of unit quaternions (w, x, y, z), shape (..., 4)."""
+    """Return the shortest rotation vectors [rad], shape (..., 3), of unit quaternions (w, x, y, z), shape (..., 4)."""
     q = np.asarray(quaternions, np.float64)
     q = np.where(q[..., :1] < 0.0, -q, q)
     sine = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
@@ -26,7 +26,7 @@ def rotation_vector(quaternions: ArrayLike) -> FloatArray:
 
 
 def quaternion_product(first: ArrayLike, second: ArrayLike) -> FloatArray:
-    """The rotation `second` and then `first`, shapes (..., 4)."""
+    """Return the rotation by `second` and then by `first`, shapes (..., 4)."""
     aw, ax, ay, az = np.moveaxis(np.asarray(first, np.float64), -1, 0)
     bw, bx, by, bz = np.moveaxis(np.asarray(second, np.float64), -1, 0)
     return np.stack(
@@ -41,13 +41,13 @@ def quaternion_product(first: ArrayLike, second: ArrayLike) -> FloatArray:
 
 
 def conjugate(quaternions: ArrayLike) -> FloatArray:
-    """The inverse of unit quaternions, shape (..., 4)."""
+    """Return the inverse of unit quaternions, shape (..., 4)."""
     turned: FloatArray = np.asarray(quaternions, np.float64) * [1.0, -1.0, -1.0, -1.0]
     return turned
 
 
 def rotation_matrix(quaternions: ArrayLike) -> FloatArray:
-    """Matrices, shape (..., 3, 3), of unit quaternions (w, x, y, z), shape (..., 4)."""
+    """Return matrices, shape (..., 3, 3), of unit quaternions (w, x, y, z), shape (..., 4)."""
     w, x, y, z = np.moveaxis(np.asarray(quaternions, np.float64), -1, 0)
     entries = [
         *(1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
@@ -58,7 +58,7 @@ def rotation_matrix(quaternions: ArrayLike) -> FloatArray:
 
 
 def quaternion_from_matrix(matrix: ArrayLike) -> FloatArray:
-    """Unit quaternions (w, x, y, z), w >= 0, shape (..., 4), of rotation matrices, shape (..., 3, 3); NaN of NaN."""
+    """Return unit quaternions (w, x, y, z), w >= 0, shape (..., 4), of rotation matrices, (..., 3, 3); NaN of NaN."""
     m = np.moveaxis(np.asarray(matrix, np.float64), (-2, -1), (0, 1))
     wx, wy, wz = m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]
     xy, xz, yz = m[0, 1] + m[1, 0], m[0, 2] + m[2, 0], m[1, 2] + m[2, 1]

@@ -1,7 +1,4 @@
-"""A frame that moves with a mesh.
-
-What is computed in it does not depend on where the mesh lies, how it is turned, or how large it is.
-"""
+"""A frame that moves with a mesh: what is computed in it does not depend on the mesh's place, rotation and size."""
 
 from dataclasses import dataclass
 
@@ -10,19 +7,19 @@ import numpy as np
 from hhsim.arrays import FloatArray
 
 GRID = 2.0**-30
-"""Step of the coordinates in the frame [-]: coarser than the rounding of a motion, so that it leaves no trace."""
+"""Step of the coordinates in the frame [-]: coarser than the rounding of a motion, which it removes."""
 
 _TIE = 1e-6
 
 
 @dataclass(frozen=True)
 class CanonicalFrame:
-    """A similarity: a point p [m] has the coordinates rotation @ (p − origin) / size in the frame.
+    """A similarity: a point p [m] has the coordinates rotation @ (p − origin) / size.
 
     Attributes:
         origin: Mean of the vertices [m], shape (3,).
         rotation: Rows are the axes of the frame, shape (3, 3).
-        size: Distance of the vertex that is farthest from the origin [m].
+        size: Distance of the farthest vertex from the origin [m].
     """
 
     origin: FloatArray
@@ -30,20 +27,21 @@ class CanonicalFrame:
     size: float
 
     def into(self, points: FloatArray) -> FloatArray:
-        """Coordinates of points [m], shape (n, 3), on the grid."""
+        """Return the coordinates of points [m], shape (n, 3), on the grid."""
         inside = (points - self.origin) @ self.rotation.T / self.size
         return np.ascontiguousarray(np.round(inside / GRID) * GRID)
 
     def out_of(self, points: FloatArray) -> FloatArray:
-        """Points [m] of coordinates, shape (n, 3)."""
+        """Return the points [m] of coordinates, shape (n, 3)."""
         return np.ascontiguousarray(points @ self.rotation * self.size + self.origin)
 
 
 def canonical_frame(vertices: FloatArray) -> CanonicalFrame:
-    """Frame of vertices [m], shape (V, 3).
+    """Compute the frame of vertices [m], shape (V, 3).
 
-    Its axes lead to the farthest vertex and to the one that is then farthest off the axis. Of those equally far, the
-    first counts: a symmetric mesh, whose principal axes would be arbitrary, has a frame too.
+    Its axes lead to the farthest vertex and to the one that is then farthest off the axis. Of those equally far the
+    first
+    counts: a symmetric mesh, whose principal axes would be arbitrary, has a frame too.
     """
     origin = vertices.mean(axis=0)
     arm = vertices - origin

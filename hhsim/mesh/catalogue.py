@@ -1,7 +1,4 @@
-"""The objects that ship with hhsim, and how a name or a path becomes a mesh.
-
-They are meshes in metres, z up, with their source and licence.
-"""
+"""Objects that ship with hhsim, and the mesh that a name or a path means."""
 
 import functools
 import tomllib
@@ -25,17 +22,13 @@ class CatalogueObject:
     """A shipped object.
 
     Attributes:
-        name: The name that commands take.
-        title: What it is, in a few words.
-        mesh: Closed mesh [m], z up, the centre of its bounding box at the origin.
-        stresses: What it demands of a hand-rendering method.
-        source: Where the shape comes from.
-        licence: Terms of the shape.
-        notice: File beside it that holds the terms in full; empty where the licence of the project holds.
-        level: Of its sphere tree: the coarsest, 3 or 4, at which a hand touches within 1 mm of the mesh.
-        paper_level: That the paper uses for its kind: 3 for simple shapes, 4 for complex ones.
-        density: Where it is free, of the whole of it [kg/m³].
-        friction: Coefficient of its contacts where it is free [-].
+        mesh: Closed mesh [m], z up, centre of its bounding box at the origin.
+        stresses: What it demands of a method.
+        source, licence: Origin and terms of the shape.
+        notice: File beside it with the terms in full; empty where the licence of the project holds.
+        level: Level of its sphere tree: the coarsest, 3 or 4, at which a hand touches within 1 mm of the mesh.
+        paper_level: Level that the paper uses for its kind: 3 for simple shapes, 4 for complex ones.
+        density, friction: Of the free object [kg/m³], [-].
     """
 
     name: str
@@ -52,7 +45,7 @@ class CatalogueObject:
 
 
 def object_names() -> list[str]:
-    """Names of all objects, the simple ones first, both kinds in the paper's order."""
+    """Return the names of all objects, the simple ones first, both kinds in the paper's order."""
     return list(_in_order())
 
 
@@ -62,16 +55,13 @@ def _in_order() -> tuple[str, ...]:
 
 
 def _described() -> set[str]:
-    folder = files("hhsim.objects")
-    return {entry.name.removesuffix(SUFFIX) for entry in folder.iterdir() if entry.name.endswith(SUFFIX)}
+    return {
+        entry.name.removesuffix(SUFFIX) for entry in files("hhsim.objects").iterdir() if entry.name.endswith(SUFFIX)
+    }
 
 
 def object_description(name: str) -> dict[str, Any]:
-    """The content of an object's TOML file.
-
-    Raises:
-        UnknownNameError: No such object; the message lists the near names.
-    """
+    """Return the content of an object's TOML file; UnknownNameError lists the near names."""
     known = _described()
     if name not in known:
         raise UnknownNameError("object", name, known)
@@ -79,17 +69,14 @@ def object_description(name: str) -> dict[str, Any]:
 
 
 def usual_level(word: str) -> int | None:
-    """Return the level of the tree that an object has where none is asked for; None of a name that nobody knows."""
+    """Return the default tree level of an object or a mesh file; None for an unknown name."""
     if names_a_file(word):
         return MESH_LEVEL
     return int(object_description(word)["level"]) if word in object_names() else None
 
 
 def load_object(name: str) -> CatalogueObject:
-    """Load an object of the catalogue.
-
-    The mesh passed `load_mesh`'s checks when it was added (a test repeats them); here its content hash shows that it is
-    still that mesh.
+    """Load an object of the catalogue; its content hash shows that its mesh is the checked one.
 
     Raises:
         UnknownNameError: No such object; the message lists the near names.
@@ -105,23 +92,17 @@ def load_object(name: str) -> CatalogueObject:
     mesh = Mesh(vertices * METRES_PER_UNIT[description["unit"]], faces, name=name, source=description["source"])
     if mesh.sha256 != description["sha256"]:
         raise MeshError(f"{file}: content hash {mesh.sha256[:12]}… differs from its description; install hhsim again")
+    stated = ("title", "stresses", "source", "licence", "level", "paper_level", "density", "friction")
     return CatalogueObject(
         name=name,
-        title=description["title"],
         mesh=replace(mesh, repairs=tuple(description.get("repairs", ()))),
-        stresses=description["stresses"],
-        source=description["source"],
-        licence=description["licence"],
         notice=description.get("notice", ""),
-        level=description["level"],
-        paper_level=description["paper_level"],
-        density=description["density"],
-        friction=description["friction"],
+        **{key: description[key] for key in stated},
     )
 
 
 def names_a_file(word: str) -> bool:
-    """Whether a word that is a name or a file means a file: a suffix or a folder in it says so."""
+    """Return True if a word means a file and no catalogue name: it has a suffix or a folder."""
     return bool(Path(word).suffix) or "/" in word or "\\" in word
 
 
@@ -132,18 +113,18 @@ def resolve_object(
     thickness: float | None = None,
     solid: bool = True,
 ) -> tuple["Mesh", int]:
-    """The mesh that a word on the command line means, and the level of the sphere tree that suits it.
+    """Return the mesh that a word on the command line means, and its default sphere-tree level.
 
     Args:
-        name_or_path: A name of the catalogue, or a mesh file.
+        name_or_path: Catalogue name, or a mesh file.
         unit: Length unit of a mesh file: m, cm, mm or inch; None is m.
         size: Longest extent that a mesh file gets [m], whatever its unit.
-        thickness: Of the sheets that the open parts of a mesh file become [m]; None closes them.
-        solid: False takes the triangles of a mesh file as they are, where no sheets are asked for.
+        thickness: Thickness of the sheets that the open parts of a mesh file become [m]; None closes them.
+        solid: False takes the triangles of a mesh file as they are, unless sheets are asked for.
 
     Raises:
         UnknownNameError: No such object; the message lists the near names.
-        InputError: No such file, or a unit, a size or a thickness for an object that has its own.
+        InputError: No such file, or a unit, size or thickness for an object that has its own.
         MeshError: A mesh that cannot be used.
     """
     word = str(name_or_path)

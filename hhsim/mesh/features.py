@@ -1,11 +1,9 @@
-"""What of a mesh can be touched: its faces, edges and vertices, made ready for contacts.
+"""Contact features of a mesh: its faces, edges and vertices.
 
-Any triangles will do: they may enclose nothing, meet three at an edge, lie loose, lie on each other. Vertices at the
-same place are one, and so are those that rounding has torn apart; of several triangles on the same corners one is kept.
-A triangle without area is touched as the line or the point that it is.
-
-The boundary of a solid is touched from outside alone: concave edges, and vertices that only an inside could touch, are
-then no features. That this holds is shown first; any other mesh is touched from both sides, closed or not.
+Any triangles will do: open, loose, three at an edge, on top of each other. Vertices at the same place are merged, and
+    so are those that rounding has separated; of several triangles on the same corners one is kept. A triangle without
+    area is touched as a line or point. The proved boundary of a solid is touched from outside alone: concave edges, and
+    vertices that only an inside could touch, are then no features. Any other mesh is touched from both sides.
 """
 
 import numpy as np
@@ -23,36 +21,49 @@ from hhsim.kernels.mesh.features import (
     face_spheres,
     touchable_vertices,
 )
+<<<<<<< HEAD
 from hhsim.mesh.one_sided import has_solid_behind
 from hhsim.mesh.topology import distinct_rows, merged_vertices
+=======
+from hhsim.kernels.mesh.self_contact import touches_itself
+from hhsim.kernels.mesh.winding_number import winding_numbers
+from hhsim.mesh.topology import distinct_rows, face_areas, merged_vertices, part_labels
+>>>>>>> scene
 
 SAME_PLACE = 1e-10
-"""Vertices of an open mesh that are closer than this share of its longest extent are one: each copy of an edge would
-else have the normals of a border."""
+"""Vertices of an open mesh closer than this share of its longest extent are merged: each copy of an edge would
+otherwise have the normals of a border."""
 FLAT = 1e-8
-"""Sine of the angle between two faces under which their edge is none."""
+"""Sine of the angle between two faces below which their edge is no feature."""
 WITHOUT_AREA = 1e-10
 """A triangle whose height is this share of its longest side, or less, has a normal that is noise."""
 LINE = 1e-13
-"""The same share of a triangle whose corners lie on a line but for rounding: a mesh of nothing else is no surface."""
+"""Same share for a triangle whose corners lie on a line but for rounding: a mesh of nothing else is no surface."""
 WIDTH = 1e-9
 """Width [m] of the strip along its longest side that stands for a triangle without area."""
 HIGHEST = 0.1
-"""Height above a face [m] from which nothing is felt: the radius of a body and the reach of its list together are less.
-So high the gap between two faces that are nearly one plane is narrower than what each reaches beyond its sides."""
+"""Height above a face [m] from which nothing is touched: the radius of a body and the reach of its list together are
+less. Up to this height the gap between two almost coplanar faces is narrower than what each reaches beyond its
+sides."""
 
 BEYOND = 1e-7
-"""How far the inside of a face may reach beyond a corner [m]. At the tip of a sliver the sides, each moved by `ON`,
-would meet millimetres away; this much makes the distance of a body of millimetres 1e-12 m too short."""
+"""Limit of the reach of a face beyond a corner [m]. At the tip of a sliver the sides, each moved by `ON`, would meet
+millimetres away; this much makes the distance of a body of millimetres 1e-12 m too short."""
+WINDING_WORK = 3.0e7
+"""Largest number of pairs of a part and a triangle for winding numbers, about a third of a second. A mesh of more parts
+is touched from both sides, which is right for any mesh and slower."""
+BEHIND = 0.25
+"""Least mean of the winding numbers on both sides of a triangle with a solid behind it: it is 1/2 there, and -1/2 for
+one that is wound inside out."""
 
 
 def mesh_features(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tuple[MeshFeatures, int]:
-    """Features of a mesh, and how many triangles lie on the same corners as another one, which stands for them.
+    """Compute the features of a mesh, and the number of triangles dropped as copies of another one on the same corners.
 
     Args:
         vertices: [m], shape (V, 3).
         faces: Indices of the corners, shape (F, 3), counter-clockwise from outside where something is inside.
-        closed: Whether the triangles enclose something, so that a point near them is inside or outside.
+        closed: True if the triangles enclose something, so that a point near them is inside or outside.
 
     Raises:
         MeshError: No triangle has an area.
@@ -96,7 +107,7 @@ def mesh_features(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tup
         and repeated == 0
         and bool(high.all() and (np.diff(wing_start) == 2).all())
         and not touches_itself(spheres, corner, face, corners, line, edge_ends)
-        and has_solid_behind(place, corners)
+        and _has_solid_behind(place, corners)
     )
     flat = _is_flat(wing, wing_start, slack[wing_face])
     bent = ~flat
@@ -181,11 +192,11 @@ def _strips(triangle: FloatArray) -> FloatArray:
 
 
 def _are_covered(
-    spheres: FaceSpheres, face: FloatArray, place: FloatArray, corners: IntArray, asked: IntArray
+    spheres: FaceSpheres, face: FloatArray, place: FloatArray, corners: IntArray, marked: IntArray
 ) -> BoolArray:
-    # Which of the corners asked for lie within the plane of each of their faces.
+    # Which of the corners marked lie within the plane of each of their faces.
     covered = np.zeros(len(place), dtype=bool)
-    covered[asked] = True
+    covered[marked] = True
     # Contiguous also where there are many: `nonzero` gives columns, for which the kernel would be compiled once more.
     own, at = (np.ascontiguousarray(values) for values in np.nonzero(covered[corners]))
     corner = corners[own, at]
@@ -294,3 +305,30 @@ def _is_convex(wing: FloatArray, start: IntArray, normal: FloatArray) -> BoolArr
     first = start[:-1][two]
     convex[two] = np.einsum("ij,ij->i", wing[first], normal[first + 1]) < 0.0
     return convex
+
+
+def _has_solid_behind(place: FloatArray, corners: IntArray) -> bool:
+    """Return True if the winding number is at least 1 behind every triangle.
+
+    Args:
+        place: Vertices [m], shape (V, 3).
+        corners: Closed triangles that do not touch each other but along their sides, two at each, shape (F, 3). The
+            winding number is then the same behind all triangles of a part.
+    """
+    part = part_labels(corners)
+    parts = int(part.max()) + 1
+    if parts * len(corners) > WINDING_WORK:
+        return False
+    # The largest triangle of each part, at whose middle all others are far away.
+    order = np.lexsort((-face_areas(place, corners), part))
+    largest = order[np.searchsorted(part[order], np.arange(parts))]
+    triangles = np.ascontiguousarray(place[corners])
+    for i in largest.tolist():
+        middle = triangles[i].mean(axis=0)[None]
+        whole, own = np.empty(1), np.empty(1)
+        winding_numbers(triangles, middle, whole)
+        # On the triangle itself its own share is 1/2 or -1/2, by rounding; without it the mean of both sides is left.
+        winding_numbers(triangles[i : i + 1], middle, own)
+        if not float(whole[0] - own[0]) > BEHIND:
+            return False
+    return True

@@ -12,15 +12,11 @@ from hhsim.system.input_file import check_ordinary
 from hhsim.system.media_kind import media_kind_of
 
 ENCODING_GUESSER = "charset_normalizer"
-"""The package that trimesh asks in which encoding a text is that is no UTF-8."""
+"""Package that trimesh asks for the encoding of a text that is not UTF-8."""
 
 
 def read_triangles(path: Path) -> tuple[FloatArray, IntArray]:
-    """Read the triangles of a file; the parts of a scene are joined in the scene's frame.
-
-    Returns:
-        Vertices in the file's unit, shape (V, 3), and faces, shape (F, 3), as they stand in the file: nothing is merged
-        or removed.
+    """Read vertices (V, 3) in the file's unit and faces (F, 3), unmerged; the parts of a scene are joined in its frame.
 
     Raises:
         InputError: No such file, or a folder.
@@ -45,7 +41,7 @@ def read_triangles(path: Path) -> tuple[FloatArray, IntArray]:
         what = f"unknown mesh format '.{kind}'" if kind else "no suffix that says which mesh format it is"
         raise MeshError(f"{path}: {what}; known: {', '.join(known)}")
     try:
-        # What numpy warns of inside the readers (NaN in a normal, say) is found and told by the checks that follow.
+        # What numpy warns of inside the readers (NaN in a normal, say) is found by the checks that follow.
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             scene = trimesh.load_scene(path, process=False, resolver=_ordinary_files_beside(path))
@@ -60,9 +56,7 @@ def read_triangles(path: Path) -> tuple[FloatArray, IntArray]:
     except Exception as error:
         # The readers raise whatever their parser trips over: IndexError, KeyError, struct.error and more.
         reason = " ".join(f"{type(error).__name__}: {error}".rstrip(": ").split())
-        raise MeshError(
-            f"{path}: cannot be read as .{kind}, so it is damaged, or of another kind ({reason[:200]})"
-        ) from error
+        raise MeshError(f"{path}: cannot be read as .{kind}: damaged, or of another kind ({reason[:200]})") from error
     if not parts:
         raise MeshError(f"{path}: no triangles; expected a surface mesh")
     starts = np.cumsum([0] + [len(part.vertices) for part in parts[:-1]])
@@ -72,7 +66,7 @@ def read_triangles(path: Path) -> tuple[FloatArray, IntArray]:
 
 
 def _ordinary_files_beside(path: Path) -> Any:
-    """What finds the buffers and materials that a mesh file names, and refuses those that are no ordinary files."""
+    """Resolver of the buffers and materials that a mesh file names; it refuses those that are no ordinary files."""
     from trimesh.resolvers import FilePathResolver
 
     class Resolver(FilePathResolver):

@@ -1,6 +1,6 @@
 """Caps for the holes of an open surface."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -8,12 +8,11 @@ from hhsim.arrays import FloatArray, IntArray
 from hhsim.mesh.topology import boundary_loops
 
 
-@dataclass(frozen=True)
-class HoleCaps:
+class HoleCaps(NamedTuple):
     """Triangles that close every boundary loop of a surface.
 
     Attributes:
-        vertices: The surface's vertices and the centres of fans after them, shape (V + fans, 3).
+        vertices: The surface's vertices, then the centres of fans, shape (V + fans, 3).
         faces: The caps alone, wound as the faces around them, shape (C, 3).
         width: Longest extent of each hole in its plane, shape (H,).
         bend: Largest distance of each hole's edge from its plane, shape (H,).
@@ -26,16 +25,11 @@ class HoleCaps:
 
 
 def hole_caps(vertices: FloatArray, faces: IntArray) -> HoleCaps:
-    """Cap each boundary loop: a fan about its centroid where that folds nowhere in the loop's plane, else ears.
+    """Cap each boundary loop of vertices (V, 3) and faces (F, 3).
 
-    Args:
-        vertices: Corners in any unit, shape (V, 3).
-        faces: Indices, shape (F, 3).
+    A cap is a fan about the loop's centroid where that folds nowhere in the loop's plane, else it is cut into ears.
     """
-    caps: list[IntArray] = []
-    centers: list[FloatArray] = []
-    widths: list[float] = []
-    bends: list[float] = []
+    caps, centers, widths, bends = list[IntArray](), list[FloatArray](), list[float](), list[float]()
     for loop in boundary_loops(faces):
         ring = vertices[loop]
         center = ring.mean(axis=0)
@@ -62,7 +56,7 @@ def hole_caps(vertices: FloatArray, faces: IntArray) -> HoleCaps:
 
 
 def _sees_all(flat: FloatArray) -> bool:
-    """Whether the centroid of a polygon about the origin, shape (n, 2), sees each edge from the same side."""
+    """True if the centroid of a polygon about the origin, shape (n, 2), sees each edge from the same side."""
     following = np.roll(flat, -1, axis=0)
     turn = flat[:, 0] * following[:, 1] - flat[:, 1] * following[:, 0]
     return bool((turn > 0.0).all() or (turn < 0.0).all())

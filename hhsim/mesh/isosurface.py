@@ -1,4 +1,4 @@
-"""A closed mesh of a solid that is known only by a test of points: adaptive, to a tolerance that is then measured."""
+"""Closed mesh of a solid that is known only by a test of points: adaptive, to a tolerance that is then measured."""
 
 import numpy as np
 
@@ -9,29 +9,29 @@ from hhsim.mesh.tet_grid import HALVINGS, TetGrid
 from hhsim.mesh.topology import is_closed, part_labels, used_vertices
 
 COARSE = 16
-"""Cubes along the longest extent, to begin with …"""
+"""Cubes of the coarse grid along the longest extent."""
 FIRST = 3
-"""… and how often their tetrahedra are halved where the surface is known to be."""
+"""Number of first halvings of the tetrahedra at the known surface."""
 MOST_TETS = 3_000_000
 MOST_TRIANGLES = 600_000
 ENOUGH = 100_000
-"""Triangles from which on only what is missed is refined."""
+"""Number of triangles from which on only what is missed is refined."""
 MARGIN = 0.07
-"""Room around the solid, as a share of the longest extent."""
+"""Margin of the grid around the solid, as a share of the longest extent."""
 _SIMPLER = (0.5, 0.1)
 _NEAREST = 1e-3
 """A corner of the surface keeps this share of its edge away from the ends."""
 
 
 def is_inside(field: SolidField, points: FloatArray) -> BoolArray:
-    """Which points, shape (n, 3) [m], lie inside."""
+    """Return True for each point, shape (n, 3) [m], that lies inside."""
     result = np.empty(len(points), np.bool_)
     inside(field, np.ascontiguousarray(points, np.float64), result)
     return result
 
 
 class _Crossings:
-    """Where the edges of a grid leave the solid; each is looked for once."""
+    """Points at which the edges of a grid leave the solid; each is searched for once."""
 
     def __init__(self, field: SolidField) -> None:
         self.field = field
@@ -54,27 +54,18 @@ class _Crossings:
 
 
 def solid_mesh(
-    field: SolidField,
-    border: FloatArray,
-    low: FloatArray,
-    high: FloatArray,
-    tolerance: float,
+    field: SolidField, border: FloatArray, low: FloatArray, high: FloatArray, tolerance: float
 ) -> tuple[FloatArray, IntArray]:
-    """Closed manifold mesh of a solid, wound outward.
+    """Compute a closed manifold mesh of a solid, wound outward: vertices (V, 3), faces (F, 3); empty without inside.
 
     Tetrahedra are halved where the mesh is off by more than the tolerance: where a triangle's middle has none of the
-    solid's triangles that near and, moved by that much outward and inward, is not outside and inside; or where a point
-    of the true border is farther away. It ends when none is, or when
-    the mesh gets too large; so its error has to be measured.
+    solid's triangles that near and, moved by the tolerance outward and inward, is not outside and inside; or where a
+    point of the true border is farther away. The mesh may get too large first, so its error has to be measured.
 
     Args:
-        field: The solid.
-        border: Points known to lie on its border, shape (n, 3).
+        border: Points known to lie on the solid's border, shape (n, 3).
         low, high: Corners of a box around it, shape (3,).
         tolerance: In the unit of the field.
-
-    Returns:
-        Vertices, shape (V, 3), and faces, shape (F, 3); both empty where no inside is found.
     """
     extent = float((high - low).max())
     # Off the round numbers that drawn meshes are made of.
@@ -119,7 +110,6 @@ def solid_mesh(
 
 
 def _without_specks(vertices: FloatArray, faces: IntArray, size: float) -> tuple[FloatArray, IntArray]:
-    """Drop closed parts and cavities that are no larger than `size`."""
     label = part_labels(faces)
     corner = vertices[faces].reshape(-1, 3)
     low, high = np.full((int(label.max()) + 1, 3), np.inf), np.full((int(label.max()) + 1, 3), -np.inf)
@@ -129,7 +119,7 @@ def _without_specks(vertices: FloatArray, faces: IntArray, size: float) -> tuple
 
 
 def border_distances(vertices: FloatArray, faces: IntArray, border: FloatArray) -> tuple[float, float]:
-    """How far points, shape (n, 3), are outside of a closed mesh at most, and how far inside."""
+    """Return the largest distance of points, shape (n, 3), outside of a closed mesh, and inside of it."""
     distance = mesh_signed_distance(build_mesh_bvh(vertices, faces), border)
     return float(distance.max(initial=0.0)), float(-distance.min(initial=0.0))
 
@@ -137,7 +127,7 @@ def border_distances(vertices: FloatArray, faces: IntArray, border: FloatArray) 
 def simplified(
     vertices: FloatArray, faces: IntArray, border: FloatArray, tolerance: float
 ) -> tuple[FloatArray, IntArray]:
-    """The mesh with fewer triangles, where that takes it no farther from points of the border, shape (n, 3)."""
+    """Simplify the mesh where that takes it no farther from points of the border, shape (n, 3)."""
     from manifold3d import Error, Manifold, Mesh64
 
     before = max(border_distances(vertices, faces, border))

@@ -1,7 +1,6 @@
 """Volume, centre and inertia of the solid that a closed mesh encloses, by the divergence theorem.
 
-A tetrahedron between each triangle and a common point: its moments are polynomials of its corners (Tonon: Explicit
-exact formulas for the 3-D tetrahedron inertia tensor in terms of its vertex coordinates, 2005).
+After Tonon, Explicit exact formulas for the 3-D tetrahedron inertia tensor in terms of its vertex coordinates, 2005.
 """
 
 from typing import NamedTuple
@@ -18,12 +17,12 @@ LEAST_FILLED = 1e-6
 
 
 class MassProperties(NamedTuple):
-    """Of a solid of density 1.
+    """Mass properties of a solid of density 1.
 
     Attributes:
         volume: [m³].
         center: Centre of mass [m], shape (3,), in the mesh's frame.
-        inertia: About the centre, in the mesh's axes, shape (3, 3) [m⁵]: times a density [kg/m³] it is in kg·m².
+        inertia: About the centre, in the mesh's axes, shape (3, 3) [m⁵]; times a density [kg/m³] it is in kg·m².
     """
 
     volume: float
@@ -32,7 +31,7 @@ class MassProperties(NamedTuple):
 
 
 def mass_properties(mesh: Mesh) -> MassProperties:
-    """Volume, centre and inertia of what a mesh encloses.
+    """Compute volume, centre and inertia of the inside of a mesh.
 
     Raises:
         MeshError: The triangles enclose nothing, or are wound inside out.
@@ -40,14 +39,12 @@ def mass_properties(mesh: Mesh) -> MassProperties:
     # Corners of equal places are one: a file may have given each triangle its own.
     if not is_closed(merged_vertices(mesh.vertices, mesh.faces)[1]):
         raise MeshError(
-            f"{mesh.name}: the mesh is not closed, so it encloses nothing that has a mass; make sheets of its open "
-            "parts (--thickness), let hhsim close it (--surface spheres), or let the object stand still"
+            f"{mesh.name}: not closed, so it has no mass; make sheets of its open parts (--thickness), let hhsim close "
+            "it (--surface spheres), or let the object stand still"
         )
     if mesh.volume <= LEAST_FILLED * float(mesh.extent.max()) ** 3:
-        raise MeshError(
-            f"{mesh.name}: the triangles enclose {1e6 * mesh.volume:.3g} cm³, so it has no mass: a free object needs a "
-            "solid, wound outward"
-        )
+        filled = f"the triangles enclose {1e6 * mesh.volume:.3g} cm³"
+        raise MeshError(f"{mesh.name}: {filled}: no mass; a free object needs a solid, wound outward")
     origin = mesh.bounds.mean(axis=0)
     corners = mesh.triangles - origin
     a, b, c = corners.transpose(1, 0, 2)

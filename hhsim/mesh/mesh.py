@@ -14,32 +14,35 @@ from hhsim.mesh.file import read_triangles
 from hhsim.ranges import check_range
 
 METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254}
-"""The units that `load_mesh` takes, and their length [m]."""
+"""Units that `load_mesh` takes, and their length [m]."""
 
 UNIT_NAMES = {"mm": "millimetres", "m": "metres", "cm": "centimetres", "inch": "inches"}
-"""The same in words, the most usual first."""
+"""Their names in words, the most usual first."""
 SMALLEST_USUAL_EXTENT = 0.02
 LARGEST_USUAL_EXTENT = 3.0
-"""Outside of this [m], from a bottle's cap to a door, the unit is asked about."""
+"""Outside of this range [m], from a bottle's cap to a door, the unit is doubted."""
 SMALLEST_EXTENT = 0.001
 LARGEST_EXTENT = 20.0
-"""Outside of this [m] a mesh is refused: a hand has no use for it, and the unit is wrong."""
+"""Outside of this range [m] a mesh is refused: no hand can use it, and the unit is wrong."""
 SMALLEST_NUMBER = 1e-6
 LARGEST_NUMBER = 1e6
-"""Outside of this a file's own extent is refused: squares and cubes of it lose their digits."""
+"""Outside of this range a file's own extent is refused: its squares and cubes lose their digits."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Mesh:
-    """A surface of triangles: closed and counter-clockwise seen from outside, but where it was taken as it is.
+    """A surface of triangles: closed and counter-clockwise seen from outside, unless it was taken as it is.
 
     Attributes:
         vertices: Corner positions [m], shape (V, 3), float64, C-contiguous.
         faces: Corner indices of each triangle, shape (F, 3), int64, C-contiguous.
         name: Short name for tables and messages.
-        source: Where it comes from: a path, or the generator with its parameters.
-        repairs: What was repaired or assumed on the way in, one plain sentence each.
-        warnings: What looks wrong but does not stop the work, one plain sentence each.
+        source: Path, or the generator with its parameters.
+        repairs: Repairs and assumptions, one plain sentence each.
+        warnings: Suspicions that do not stop the work, one plain sentence each.
+
+    Raises:
+        MeshError: Wrong shapes, no triangle, non-finite vertices, or an index that no vertex has.
     """
 
     vertices: FloatArray
@@ -50,11 +53,6 @@ class Mesh:
     warnings: tuple[str, ...] = field(default=())
 
     def __post_init__(self) -> None:
-        """Normalise the arrays.
-
-        Raises:
-            MeshError: Wrong shapes, no triangle, non-finite vertices, or an index that no vertex has.
-        """
         vertices = np.array(self.vertices, dtype=np.float64, order="C")
         faces = np.array(self.faces, dtype=np.int64, order="C")
         require_usable_arrays(vertices, faces, self.name)
@@ -78,7 +76,7 @@ class Mesh:
 
     @property
     def box_corners(self) -> FloatArray:
-        """The eight corners of that box [m], shape (8, 3)."""
+        """Eight corners of that box [m], shape (8, 3)."""
         return np.array(np.meshgrid(*self.bounds.T)).reshape(3, -1).T
 
     @property
@@ -119,16 +117,13 @@ def require_usable_arrays(vertices: FloatArray, faces: IntArray, name: str) -> N
         raise MeshError(f"{name}: faces have shape {faces.shape}, expected (F, 3)")
     broken = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
     if broken.size:
-        raise MeshError(
-            f"{name}: {broken.size} of {len(vertices)} vertices are NaN or infinite, first at index {broken[0]}; "
-            "export the mesh again"
-        )
+        count = f"{broken.size} of {len(vertices)} vertices"
+        raise MeshError(f"{name}: {count} are NaN or infinite, first at index {broken[0]}; export the mesh again")
     bad = np.flatnonzero(((faces < 0) | (faces >= len(vertices))).any(axis=1))
     if bad.size:
-        raise MeshError(
-            f"{name}: {bad.size} of {len(faces)} triangles name a vertex that does not exist, first triangle {bad[0]}; "
-            f"indices must lie in 0 to {len(vertices) - 1}"
-        )
+        count = f"{bad.size} of {len(faces)} triangles"
+        where = f"first triangle {bad[0]}; expected 0 to {len(vertices) - 1}"
+        raise MeshError(f"{name}: {count} name a vertex that does not exist, {where}")
 
 
 def load_mesh(
@@ -141,19 +136,16 @@ def load_mesh(
 ) -> Mesh:
     """Read a mesh file, scale it to metres, check it and give it an inside.
 
-    What is safe to repair is repaired. Of what is not, the inside is taken to be where the winding number of the
-    triangles exceeds 1/2, if they enclose nearly all of it; else it is refused.
+    What is safe to repair is repaired. Otherwise the inside is where the winding number of the triangles exceeds 1/2,
+    if they enclose nearly all of it; else the mesh is refused.
 
     Args:
         path: Any format that trimesh reads (.obj .stl .ply .off .glb …); the parts of a scene are joined.
         unit: Length unit of the file: m, cm, mm or inch.
-        size: Longest extent that the mesh should get [m]; replaces `unit`.
+        size: Longest extent of the mesh [m]; replaces `unit`.
         repair: False refuses a mesh that needs more than merging equal vertices.
-        thickness: Makes a sheet this thick [m] of each part that is open, instead of closing it.
+        thickness: Makes a sheet this thick [m] of each open part, instead of closing it.
         solid: False takes the triangles as they are, closed or not: for contact with the mesh itself.
-
-    Returns:
-        The mesh [m]; `repairs` says what was changed and assumed, `warnings` what looks wrong.
 
     Raises:
         InputError: No such file, an unknown unit, or a size or a thickness out of its range.
@@ -177,38 +169,24 @@ def load_mesh(
         raise MeshError(f"{path}: all vertices lie in one point; expected a surface mesh")
     unit_length = METRES_PER_UNIT[unit] if size is None else size / longest
     if not SMALLEST_NUMBER <= longest <= LARGEST_NUMBER:
-        raise MeshError(
-            f"{path}: longest extent {longest:.3g} in the file: expected {SMALLEST_NUMBER:g} to {LARGEST_NUMBER:g}; is "
-            "a vertex damaged?"
-        )
+        expected = f"expected {SMALLEST_NUMBER:g} to {LARGEST_NUMBER:g}; is a vertex damaged?"
+        raise MeshError(f"{path}: longest extent {longest:.3g} in the file: {expected}")
     if not SMALLEST_EXTENT <= longest * unit_length <= LARGEST_EXTENT:
         hint = "is --size wrong?" if size is not None else size_hint(longest * unit_length, unit)
-        raise MeshError(
-            f"{path}: longest extent {longest * unit_length:.3g} m: expected {SMALLEST_EXTENT:g} to "
-            f"{LARGEST_EXTENT:g} m, since a hand is to touch it; {hint}"
-        )
+        expected = f"expected {SMALLEST_EXTENT:g} to {LARGEST_EXTENT:g} m for a hand; {hint}"
+        raise MeshError(f"{path}: longest extent {longest * unit_length:.3g} m: {expected}")
     if not solid:
         mesh = replace(mesh, vertices=mesh.vertices * unit_length)
         return replace(mesh, warnings=size_warnings(mesh, unit) if size is None else ())
-    surface = solid_surface(
-        mesh.vertices,
-        mesh.faces,
-        str(path),
-        unit_length,
-        repair,
-        None if thickness is None else thickness / unit_length,
-    )
-    mesh = replace(
-        mesh,
-        vertices=surface.vertices * unit_length,
-        faces=surface.faces,
-        repairs=(*surface.merged, *surface.repairs),
-    )
+    thick = None if thickness is None else thickness / unit_length
+    surface = solid_surface(mesh.vertices, mesh.faces, str(path), unit_length, repair, thick)
+    vertices, repairs = surface.vertices * unit_length, (*surface.merged, *surface.repairs)
+    mesh = replace(mesh, vertices=vertices, faces=surface.faces, repairs=repairs)
     return replace(mesh, warnings=(*(size_warnings(mesh, unit) if size is None else ()), *surface.warnings))
 
 
 def size_warnings(mesh: Mesh, unit: str) -> tuple[str, ...]:
-    """Say so when a mesh is too large or too small for a hand; the usual cause is a wrong unit."""
+    """Return a warning for a mesh that is too large or too small for a hand, most often by a wrong unit."""
     longest = float(mesh.extent.max())
     if SMALLEST_USUAL_EXTENT <= longest <= LARGEST_USUAL_EXTENT:
         return ()
@@ -217,7 +195,7 @@ def size_warnings(mesh: Mesh, unit: str) -> tuple[str, ...]:
 
 
 def size_hint(longest: float, unit: str) -> str:
-    """What the unit of a file might be instead, whose mesh is that long [m] by the unit it was read in."""
+    """Return a hint at the right unit of a file whose mesh is so long [m] in the given one."""
     for other, name in UNIT_NAMES.items():
         extent = longest * METRES_PER_UNIT[other] / METRES_PER_UNIT[unit]
         if other != unit and SMALLEST_USUAL_EXTENT <= extent <= LARGEST_USUAL_EXTENT:

@@ -1,4 +1,4 @@
-"""Which side of loose triangles is out: the one that sees more of the far away.
+"""Outer side of loose triangles: the one that sees more of the far away.
 
 After Takayama, Jacobson, Kavan and Sorkine-Hornung, "A simple method for correcting facet orientations in polygon
 meshes based on ray-casting" (2014): rays from both sides of each part; those that meet nothing count.
@@ -12,9 +12,9 @@ from hhsim.kernels.mesh.inside_field import count_hits
 from hhsim.mesh.topology import alike_wound, face_areas, part_labels
 
 RAYS = 60_000
-"""Rays in all, shared out by area, but …"""
+"""Total number of rays, shared out by area."""
 LEAST_RAYS = 12
-"""… at least so many from each part."""
+"""Least number of rays from each part."""
 CLEAR = 0.1
 """A part is turned where its back sees more by this share of its rays: a few reach a cavity through a hole."""
 
@@ -22,18 +22,15 @@ SEED = 20131
 
 
 def turned_outward(vertices: FloatArray, faces: IntArray, start: float) -> tuple[IntArray, int]:
-    """Wind neighbours alike, and then each part so that the outside is where it sees more of the far away.
+    """Wind neighbours alike, and each part so that its front sees more of the far away; also return the number turned.
 
-    A part that sees hardly anything of it from either side keeps its winding: it may be a cavity or a solid within a
-    solid, and only who made the file knows.
+    A part that sees hardly anything from either side keeps its winding: it may be a cavity or a solid within a solid,
+        and only the author of the file knows.
 
     Args:
         vertices: Corners, shape (V, 3).
         faces: Indices, shape (F, 3), wound in any way.
-        start: How far from a triangle a ray begins [unit of the vertices].
-
-    Returns:
-        The faces, and how many of them were turned.
+        start: Distance of a ray's start from its triangle [unit of the vertices].
     """
     wound = alike_wound(faces, one_sided=True)
     assert wound is not None
@@ -71,7 +68,7 @@ def turned_outward(vertices: FloatArray, faces: IntArray, start: float) -> tuple
 
 
 def _faces_by_area(area: FloatArray, label: IntArray, number: IntArray, rng: np.random.Generator) -> IntArray:
-    """Faces at random, by area within each part, as many for each part as `number` says."""
+    """Random faces, by area within each part, as many for each part as `number` says."""
     order = np.argsort(label, kind="stable")
     reached = np.cumsum(area[order])
     last = np.searchsorted(label[order], np.arange(len(number)), side="right") - 1

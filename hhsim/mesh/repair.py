@@ -1,4 +1,4 @@
-"""Checks of a triangle mesh, and the repairs that are safe: each is named, and what is not safe is refused."""
+"""Checks of a triangle mesh, and the safe repairs: each is named, and what is not safe is refused."""
 
 import numpy as np
 
@@ -23,16 +23,16 @@ NEAR_VERTEX = 1e-5
 """Vertices closer than this share of the longest extent are merged where that closes open edges."""
 
 FRAGMENT_AREA = 0.01
-"""Loose open fragments may be dropped while they make at most this share of the surface."""
+"""Loose open fragments may be dropped up to this share of the surface."""
 
 CAP_AREA = 0.4
-"""Holes are closed while the caps make at most this share of the surface; the rest is called an open surface."""
+"""Holes are closed up to this share of caps in the surface; beyond it the surface is called open."""
 
 SHEET_VOLUME = 1e-3
 """A part whose volume with caps is below this share of its area to the power of 3/2 is a sheet, and no cap helps."""
 
 WIDE_HOLE = 0.1
-"""A hole wider than this share of the longest extent must be flat to be closed, and is warned of."""
+"""A hole wider than this share of the longest extent must be flat to be closed, and gives a warning."""
 
 BENT_HOLE = 0.2
 """Largest distance of a wide hole's edge from its plane, as a share of its width."""
@@ -44,17 +44,14 @@ def closed_surface(
     """Check a mesh and repair it to a closed surface, wound outward, whose winding number is 0 or 1.
 
     Args:
-        vertices: Finite corners [unit of the source], shape (V, 3).
+        vertices: Finite corners [unit of the source, as the surface that is returned], shape (V, 3).
         faces: Valid indices, shape (F, 3), F > 0.
-        name: What messages call the mesh.
+        name: Name of the mesh in messages.
         unit_length: Length of the unit [m].
         repair: False refuses a mesh that needs more than merging vertices at equal places.
 
-    Returns:
-        The closed surface, still in the unit of the source, with its repairs and warnings in plain sentences.
-
     Raises:
-        MeshError: The mesh has no inside that a safe repair would give; or it needs a repair and `repair` is False.
+        MeshError: No safe repair gives the mesh an inside; or it needs a repair and `repair` is False.
     """
     surface = MeshInRepair(vertices, faces, name, unit_length)
     merge_and_clean(surface)
@@ -76,18 +73,14 @@ def merge_and_clean(surface: MeshInRepair) -> None:
     Raises:
         MeshError: No triangle is left.
     """
-    _merge_equal_vertices(surface)
-    _drop_useless_faces(surface)
-    _merge_near_vertices(surface)
-
-
-def _merge_equal_vertices(surface: MeshInRepair) -> None:
     before = len(surface.vertices)
     surface.vertices, surface.faces = merged_vertices(surface.vertices, surface.faces)
     if len(surface.vertices) < before:
         surface.merged.append(
             f"merged {counted(before, 'vertex')} into {len(surface.vertices)}: equal places, or used by no triangle"
         )
+    _drop_useless_faces(surface)
+    _merge_near_vertices(surface)
 
 
 def _drop_useless_faces(surface: MeshInRepair) -> None:
@@ -102,15 +95,15 @@ def _drop_useless_faces(surface: MeshInRepair) -> None:
         surface.repairs.append(f"removed {counted(int((~keep).sum()), 'duplicate triangle')}")
         faces = faces[keep]
     if len(faces) == 0:
-        raise MeshError(f"{surface.name}: no volume: its triangles are degenerate or cancel each other")
+        raise surface.error("no volume: its triangles are degenerate or cancel each other")
     surface.faces = faces
 
 
 def _once(faces: IntArray) -> BoolArray:
-    """Which faces to keep so that none occurs twice, shape (F,).
+    """Mark the faces to keep so that none occurs twice, shape (F,).
 
-    A face and its reverse enclose nothing and cancel; unless most faces have their reverse: then the file holds both
-    sides of one surface, and one of each is kept.
+    A face and its reverse cancel, unless most faces have their reverse: such a file holds both sides of one surface,
+        and one of each is kept.
     """
     first = np.argmin(faces, axis=1)
     turned = np.take_along_axis(faces, (first[:, None] + np.arange(3)) % 3, axis=1)
@@ -174,7 +167,7 @@ def _drop_fragments(surface: MeshInRepair) -> None:
 def _wind_alike(surface: MeshInRepair) -> None:
     result = alike_wound(surface.faces)
     if result is None:
-        raise MeshError(f"{surface.name}: one-sided like a Möbius strip, so it has no inside")
+        raise surface.error("one-sided like a Möbius strip, so it has no inside")
     surface.faces, turned = result
     if turned:
         surface.repairs.append(f"turned {counted(turned, 'triangle')} wound against the neighbours")
@@ -189,10 +182,8 @@ def _close_holes(surface: MeshInRepair) -> None:
     bent = np.flatnonzero(wide & (caps.bend > BENT_HOLE * caps.width))
     if len(bent):
         width, bend = surface.millimetres(caps.width[bent[0]]), surface.millimetres(caps.bend[bent[0]])
-        raise MeshError(
-            f"{surface.name}: open: a hole {width} wide is bent by {bend}, too much to close safely; "
-            "close it in a mesh editor"
-        )
+        bent_hole = f"a hole {width} wide is bent by {bend}, too much to close safely"
+        raise surface.error(f"open: {bent_hole}; close it in a mesh editor")
     widest = surface.millimetres(float(caps.width.max()))
     faces = np.concatenate([surface.faces, caps.faces])
     label = part_labels(faces)
@@ -204,10 +195,8 @@ def _close_holes(surface: MeshInRepair) -> None:
         inside = abs(signed_volume(caps.vertices, faces[label == part]))
         sheets += inside < SHEET_VOLUME * float(area[label == part].sum()) ** 1.5
     if share > CAP_AREA or sheets:
-        raise MeshError(
-            f"{surface.name}: an open surface: {counted(holes, 'hole')} up to {widest} wide, whose caps would have "
-            f"{100.0 * share:.0f} % of its area; give it a thickness"
-        )
+        caps_area = f"whose caps would have {100.0 * share:.0f} % of its area; give it a thickness"
+        raise surface.error(f"an open surface: {counted(holes, 'hole')} up to {widest} wide, {caps_area}")
     surface.repairs.append(f"closed {counted(holes, 'hole')} up to {widest} wide")
     if wide.any():
         small = holes - int(wide.sum())
@@ -224,12 +213,6 @@ def _require_closed(surface: MeshInRepair) -> None:
         return
     fanned = int(np.count_nonzero(count > 2))
     open_edges = int(np.count_nonzero(count == 1))
-    what = " and ".join(
-        part
-        for part in (
-            f"{counted(fanned, 'edge')} shared by more than two triangles" if fanned else "",
-            f"{counted(open_edges, 'open edge')}" if open_edges else "",
-        )
-        if part
-    )
-    raise MeshError(f"{surface.name}: not watertight: {what or 'neighbours wound against each other'}; no safe repair")
+    faults = [f"{counted(fanned, 'edge')} shared by more than two triangles"] if fanned else []
+    what = " and ".join(faults + ([counted(open_edges, "open edge")] if open_edges else []))
+    raise surface.error(f"not watertight: {what or 'neighbours wound against each other'}; no safe repair")

@@ -1,9 +1,8 @@
-"""Which way a closed surface is wound, and where it overlaps itself: its winding number is made to be 0 or 1."""
+"""Winding of a closed surface, and overlaps with itself: its winding number is made to be 0 or 1."""
 
 import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
-from hhsim.errors import MeshError
 from hhsim.kernels.mesh.winding_number import winding_numbers
 from hhsim.mesh.repair_log import MeshInRepair, percent
 from hhsim.mesh.topology import in_fixed_order, is_closed, merged_vertices, part_labels, signed_volume
@@ -16,21 +15,20 @@ WINDING_WORK = 3.0e7
 """Largest number of point-triangle pairs in one winding test, about a third of a second."""
 
 FEWEST_SAMPLES = 600
-"""Triangles that are fewer are tested at more than one place each."""
+"""Fewer triangles are tested at more than one place each."""
 
 CAVITY_POINTS = 50
-"""At about so many points a part wound inward has to lie within the others to be a cavity."""
+"""Approximate number of points at which a part wound inward has to lie within the others to be a cavity."""
 
 SAMPLE_OFFSET = 1e-4
 """Distance of the test points from the surface, as a share of the longest extent."""
 
 
 def winding_faults(vertices: FloatArray, faces: IntArray) -> tuple[int, int, float, float]:
-    """Winding number at points close to both sides of the faces, spread evenly over them.
+    """Count points beside both sides of the faces, spread evenly, whose winding number is neither 0 nor 1.
 
     Returns:
-        How many points are neither inside (1) nor outside (0), how many were tested, and the lowest and highest
-        winding number found.
+        Number of such points, number of tested points, and the lowest and highest winding number found.
     """
     triangles = np.ascontiguousarray(vertices[faces])
     step = max(1, int(np.ceil(2.0 * len(faces) ** 2 / WINDING_WORK)))
@@ -60,16 +58,11 @@ def _winding_at(vertices: FloatArray, faces: IntArray, points: FloatArray) -> Fl
 
 
 def _middles(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    """Middles of about `CAVITY_POINTS` faces, shape (n, 3)."""
     return np.asarray(vertices[faces[:: max(1, len(faces) // CAVITY_POINTS)]].mean(axis=1))
 
 
 def turn_outward(surface: MeshInRepair) -> None:
-    """Wind closed parts outward; a part inside another may be wound inward: a cavity.
-
-    Raises:
-        MeshError: It encloses no volume.
-    """
+    """Wind closed parts outward; a part inside another may be wound inward: a cavity. MeshError without volume."""
     label = part_labels(surface.faces)
     if not all(is_closed(surface.faces[label == part]) for part in range(label.max() + 1)):
         # Parts that share an edge close each other: they are one.
@@ -95,19 +88,17 @@ def turn_outward(surface: MeshInRepair) -> None:
         surface.repairs.append(f"{which}wound inside out: turned")
     volume = signed_volume(surface.vertices, surface.faces)
     if volume <= 1e-9 * surface.size**3:
-        raise MeshError(
-            f"{surface.name}: no volume: it encloses {1e9 * volume * surface.unit_length**3:.3g} mm³; expected a solid"
-        )
+        raise surface.error(f"no volume: it encloses {1e9 * volume * surface.unit_length**3:.3g} mm³; expected a solid")
 
 
 def resolve_overlaps(surface: MeshInRepair) -> None:
     """Join parts that overlap, so that the winding number is 0 or 1.
 
     Raises:
-        MeshError: The surface crosses itself, or a part of it does.
+        MeshError: The surface, or a part of it, crosses itself.
     """
-    faulty, tested, low, high = winding_faults(surface.vertices, surface.faces)
-    if faulty and part_labels(surface.faces).max() > 0:
+    found = winding_faults(surface.vertices, surface.faces)
+    if found[0] and part_labels(surface.faces).max() > 0:
         _require_sound_parts(surface)
         joined = _union_of_parts(surface)
         if joined is not None:
@@ -115,17 +106,21 @@ def resolve_overlaps(surface: MeshInRepair) -> None:
             surface.vertices, surface.faces = joined
             left = int(part_labels(surface.faces).max()) + 1
             surface.repairs.append(f"joined {parts} overlapping parts into {left}")
-            faulty, tested, low, high = winding_faults(surface.vertices, surface.faces)
+            found = winding_faults(surface.vertices, surface.faces)
+    faulty, tested, low, high = found
     share = faulty / tested if tested else 1.0
     if share > CROSSING_SHARE:
-        raise MeshError(
-            f"{surface.name}: crosses itself: the winding number is neither 0 nor 1 at {faulty} of {tested} points "
-            f"beside the surface (from {low:.2f} to {high:.2f}); no safe repair"
-        )
+        raise surface.error(f"crosses itself: {_crossing(found)}")
     if faulty:
         surface.warnings.append(
             f"crosses itself at about {percent(share)} of its surface (winding number {low:.2f} to {high:.2f})"
         )
+
+
+def _crossing(found: tuple[int, int, float, float]) -> str:
+    faulty, tested, low, high = found
+    where = f"at {faulty} of {tested} points beside the surface (from {low:.2f} to {high:.2f})"
+    return f"the winding number is neither 0 nor 1 {where}; no safe repair"
 
 
 def _require_sound_parts(surface: MeshInRepair) -> None:
@@ -134,12 +129,9 @@ def _require_sound_parts(surface: MeshInRepair) -> None:
     for part in range(int(label.max()) + 1):
         faces = surface.faces[label == part]
         inward = signed_volume(surface.vertices, faces) < 0.0
-        faulty, tested, low, high = winding_faults(surface.vertices, faces[:, ::-1] if inward else faces)
-        if faulty > CROSSING_SHARE * tested:
-            raise MeshError(
-                f"{surface.name}: a part crosses itself: the winding number is neither 0 nor 1 at {faulty} of {tested} "
-                f"points beside its surface (from {low:.2f} to {high:.2f}); no safe repair"
-            )
+        found = winding_faults(surface.vertices, faces[:, ::-1] if inward else faces)
+        if found[0] > CROSSING_SHARE * found[1]:
+            raise surface.error(f"a part crosses itself: {_crossing(found)}")
 
 
 def _union_of_parts(surface: MeshInRepair) -> tuple[FloatArray, IntArray] | None:

@@ -1,10 +1,10 @@
 """A solid for a mesh that encloses none cleanly: the inside by generalized winding number, or sheets with a thickness.
 
-The triangles of the file are wound alike, and outward as far as that can be found out; the inside is then where their
-winding number exceeds 1/2. Of it a closed mesh is made; how far that is from the triangles is measured, and told.
+The triangles are wound alike, and outward as far as possible; the inside is where their winding number exceeds 1/2. The
+distance of its closed mesh from the triangles is measured and reported.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,28 +17,35 @@ from hhsim.mesh.isosurface import border_distances, is_inside, simplified, solid
 from hhsim.mesh.orientation import turned_outward
 from hhsim.mesh.repair import CAP_AREA, closed_surface, merge_and_clean
 from hhsim.mesh.repair_log import MeshInRepair, percent
-from hhsim.mesh.surface_sampling import face_samples
 from hhsim.mesh.thin_sheets import slab_union
-from hhsim.mesh.topology import face_areas, in_fixed_order, is_closed, part_labels, undirected_edges, used_vertices
+from hhsim.mesh.topology import (
+    face_areas,
+    face_samples,
+    in_fixed_order,
+    is_closed,
+    part_labels,
+    undirected_edges,
+    used_vertices,
+)
 from hhsim.system.counted import counted
 
 TOLERANCE = 5e-4
 """Wanted distance of the new mesh from the triangles of the file, as a share of the longest extent."""
 
 BESIDE = 1e-5
-"""Distance from a triangle at which its two sides are looked up, as a share of the longest extent."""
+"""Distance from a triangle at which its two sides are evaluated, as a share of the longest extent."""
 
 SAMPLES = 60_000
-"""Points on a surface that measure it."""
+"""Number of points that measure a surface."""
 
 LOOSE = 0.25
-"""Mean winding number of its sides under which a triangle hangs in the air: nothing is enclosed there."""
+"""Mean winding number of its sides below which a triangle encloses nothing."""
 
 LOST_AREA = 0.05
-"""Triangles that enclose nothing are left out while they make at most this share of the surface."""
+"""Triangles that enclose nothing are dropped up to this share of the surface."""
 
 FARTHEST = 0.02
-"""A new mesh that is farther than this from what it stands for, as a share of the longest extent, is refused."""
+"""Largest accepted distance of a new mesh from its source, as a share of the longest extent."""
 
 THICKNESS = (2e-3, 0.5)
 """Least and greatest thickness of a sheet, as shares of the longest extent."""
@@ -49,7 +56,7 @@ SLABS = 3000
 _LEAST_REPORTED = 1e-5
 
 ASSUMED_SOLID = "the guarantee is of the assumed solid"
-"""How the sentence begins that says what of the file's surface lies outside of the solid that is made of it."""
+"""Start of the sentence that says how much of the file's surface lies outside of its solid."""
 
 THICKEN = "pass --thickness to make a sheet of it"
 
@@ -64,18 +71,9 @@ def solid_surface(
     repair: bool = True,
     thickness: float | None = None,
 ) -> MeshInRepair:
-    """Closed surface of a mesh: by a safe repair, else by winding number, else, if that is wanted, of sheets.
+    """Close the surface of a mesh: by a safe repair, else by winding number, or as sheets; repairs state assumptions.
 
-    Args:
-        vertices: Finite corners [unit of the source], shape (V, 3).
-        faces: Valid indices, shape (F, 3), F > 0.
-        name: What messages call the mesh.
-        unit_length: Length of the unit [m].
-        repair: False refuses a mesh that needs more than merging vertices at equal places.
-        thickness: Of open parts, which become sheets [unit of the source]; closed parts stay solid.
-
-    Returns:
-        The closed surface, in the unit of the source; its repairs say what was changed and assumed.
+    Arguments as for `hhsim.mesh.repair.closed_surface`; `thickness` [unit of the source] makes sheets of open parts.
 
     Raises:
         MeshError: The mesh has no inside; or it needs a repair and `repair` is False; or the thickness is out of range.
@@ -116,7 +114,7 @@ def _solid(vertices: FloatArray, faces: IntArray, name: str, unit_length: float,
 
 
 def open_faces(faces: IntArray) -> BoolArray:
-    """Which faces belong to parts that are open, shape (F,): taken away with them, they leave no edge with one face."""
+    """Mark the faces of open parts, shape (F,): without them no edge has a single face."""
     result = np.zeros(len(faces), dtype=bool)
     while not result.all():
         rest = np.flatnonzero(~result)
@@ -129,17 +127,12 @@ def open_faces(faces: IntArray) -> BoolArray:
     return result
 
 
-@dataclass(frozen=True)
-class _Border:
-    """Points on triangles, and what lies beside them.
+class _Border(NamedTuple):
+    """Points (n, 3) on triangles (n,), the area of each, and the solid beside them.
 
-    Attributes:
-        point: Shape (n, 3).
-        face: Triangle of each, shape (n,).
-        area: What each stands for, shape (n,).
-        front, back: Whether it is inside in front of the triangle and behind it, shape (n,).
-        turns: Mean of the winding numbers of both sides, shape (n,): 1/2 for a triangle that parts inside from outside
-            if the whole is closed, 0 for one that hangs in the air.
+    `front` and `back` mark points with the solid in front of the triangle and behind it; `turns` is the mean winding
+    number
+    of both sides: 1/2 between inside and outside, 0 where nothing is enclosed.
     """
 
     point: FloatArray
@@ -151,22 +144,20 @@ class _Border:
 
     @property
     def parting(self) -> FloatArray:
-        """The points between inside and outside, shape (m, 3), but for films beside what hangs in the air."""
+        """Points between inside and outside, shape (m, 3), without films beside loose triangles."""
         parts = (self.front != self.back) & (np.abs(self.turns - 0.5) <= 0.5 - LOOSE)
         return np.asarray(self.point[parts])
 
     @property
     def loose(self) -> BoolArray:
-        """Which points hang in the air, shape (n,)."""
         return np.asarray(self.turns < LOOSE)
 
     def share(self, chosen: BoolArray) -> float:
-        """Share of the area that the chosen points stand for."""
         return float(self.area[chosen].sum() / self.area.sum())
 
 
 def _fill_winding(surface: MeshInRepair, refusal: str) -> None:
-    """Make a surface that of its inside by winding number; `refusal` says why no safe repair closes it."""
+    """Replace a surface by that of its inside by winding number; `refusal` says why no safe repair closes it."""
     source = np.ascontiguousarray(surface.vertices[surface.faces])
     size = surface.size
     surface.repairs.insert(0, f"{refusal}: its inside is taken to be where the winding number exceeds 1/2")
@@ -178,9 +169,8 @@ def _fill_winding(surface: MeshInRepair, refusal: str) -> None:
     border = _border(surface, field)
     lost = border.share(border.loose)
     if lost > LOST_AREA:
-        raise MeshError(
-            f"{surface.name}: {refusal}; and {percent(lost)} of its surface encloses nothing by winding number; "
-            f"{THICKEN}"
+        raise surface.error(
+            f"{refusal}; and {percent(lost)} of its surface encloses nothing by winding number; {THICKEN}"
         )
     if lost > 0.0:
         surface.repairs.append(f"left out {100.0 * lost:.2g} % of the surface, which encloses nothing")
@@ -192,14 +182,12 @@ def _fill_winding(surface: MeshInRepair, refusal: str) -> None:
     if hidden > _LEAST_REPORTED:
         surface.repairs.append(f"left out {100.0 * hidden:.2g} % of the surface, which lies inside")
     if not len(border.parting):
-        raise MeshError(f"{surface.name}: {refusal}; and it has no inside by winding number; {THICKEN}")
+        raise surface.error(f"{refusal}; and it has no inside by winding number; {THICKEN}")
     out, buried = _mesh_anew(surface, field, border.parting, TOLERANCE * size)
     surface.repairs.append(_distances(surface, "what parts inside from outside", out, buried))
     share, reach = _assumed(surface, source, max(TOLERANCE * size, out))
     if share > CAP_AREA / (1.0 + CAP_AREA):
-        raise MeshError(
-            f"{surface.name}: {refusal}; and {100.0 * share:.0f} % of its surface would have to be assumed; {THICKEN}"
-        )
+        raise surface.error(f"{refusal}; and {100.0 * share:.0f} % of its surface would have to be assumed; {THICKEN}")
     if share > _LEAST_REPORTED:
         surface.repairs.append(_assumption(surface, share, reach))
     _tell_outside(surface, source)
@@ -215,9 +203,9 @@ def _tell_outside(surface: MeshInRepair, source: FloatArray) -> None:
 
 
 def outside_solid(surface: MeshInRepair, source: FloatArray) -> tuple[float, float]:
-    """Share of the triangles of the file (F, 3, 3) that lies outside of a closed surface, and how far at most, sampled.
+    """Sampled share of the triangles of the file (F, 3, 3) outside of a closed surface, and its largest distance.
 
-    What is nearer to it than `BESIDE` of its size is on it.
+    Points nearer to it than `BESIDE` of its size are on it.
     """
     bvh = build_mesh_bvh(surface.vertices, surface.faces)
     corners = np.arange(3 * len(source)).reshape(-1, 3)
@@ -228,14 +216,12 @@ def outside_solid(surface: MeshInRepair, source: FloatArray) -> tuple[float, flo
 
 
 def _make_sheets(surface: MeshInRepair, sheet: BoolArray, thickness: float) -> None:
-    """Make a surface that of all within half the thickness of the faces `sheet`, and of what the others enclose."""
+    """Replace a surface by all within half the thickness of the faces `sheet`, and what the others enclose."""
     size = surface.size
     least, most = (share * size for share in THICKNESS)
     if not least <= thickness <= most:
-        raise MeshError(
-            f"{surface.name}: a sheet {surface.millimetres(thickness)} thick; expected {surface.millimetres(least)} to "
-            f"{surface.millimetres(most)} for a mesh {surface.millimetres(size)} long"
-        )
+        given, low, high, longest = (surface.millimetres(length) for length in (thickness, least, most, size))
+        raise surface.error(f"a sheet {given} thick; expected {low} to {high} for a mesh {longest} long")
     parts = int(part_labels(surface.faces[sheet]).max()) + 1
     surface.repairs.append(
         f"made {counted(parts, 'open part')} a sheet {surface.millimetres(thickness)} thick"
@@ -267,7 +253,7 @@ def _make_sheets(surface: MeshInRepair, sheet: BoolArray, thickness: float) -> N
 
 
 def _cleaned(vertices: FloatArray, faces: IntArray, name: str, unit_length: float) -> tuple[MeshInRepair, FloatArray]:
-    """The mesh about the origin, so that a far place costs no digits, and what was its middle."""
+    """Mesh about the origin, so that a far place costs no digits, and its original middle."""
     corner = vertices[faces].reshape(-1, 3)
     origin = 0.5 * (corner.min(axis=0) + corner.max(axis=0))
     surface = MeshInRepair(vertices - origin, faces, name, unit_length)
@@ -278,7 +264,6 @@ def _cleaned(vertices: FloatArray, faces: IntArray, name: str, unit_length: floa
 
 
 def _field(vertices: FloatArray, faces: IntArray) -> SolidField:
-    """The inside by winding number of faces, none of which makes an empty one, and of no sheets."""
     nowhere = build_mesh_bvh(np.zeros((1, 3)), np.zeros((1, 3), np.int64), signed=False)
     bvh = build_mesh_bvh(vertices, faces, signed=False) if len(faces) else nowhere
     return SolidField(bvh, winding_moments(bvh), nowhere, -1.0)
@@ -291,32 +276,23 @@ def _border(surface: MeshInRepair, field: SolidField) -> _Border:
     sides = [point + beside, point - beside]
     for side, out in zip(sides, turns):
         fast_winding_numbers(field.bvh, field.moments, side, out)
-    if field.half > 0.0:
-        within = [is_inside(field, side) for side in sides]
-    else:
-        within = [out > 0.5 for out in turns]
+    within = [is_inside(field, side) if field.half > 0.0 else out > 0.5 for side, out in zip(sides, turns)]
     return _Border(point, face, area, within[0], within[1], 0.5 * (turns[0] + turns[1]))
 
 
 def _mesh_anew(surface: MeshInRepair, field: SolidField, border: FloatArray, tolerance: float) -> tuple[float, float]:
-    """Replace a surface by the mesh of the field.
-
-    Returns:
-        How far points on the border are outside of it at most, and how far inside.
-    """
+    """Replace a surface by the mesh of the field; return the border's largest distance outside of it, and inside."""
     size = surface.size
     grown = max(field.half, 0.0)
     corner = surface.vertices[surface.faces].reshape(-1, 3)
     vertices, faces = solid_mesh(field, border, corner.min(axis=0) - grown, corner.max(axis=0) + grown, tolerance)
     if len(faces) == 0:
-        raise MeshError(f"{surface.name}: no volume: it encloses nothing as large as {surface.millimetres(tolerance)}")
+        raise surface.error(f"no volume: it encloses nothing as large as {surface.millimetres(tolerance)}")
     vertices, faces = simplified(vertices, faces, border, tolerance)
     out, buried = border_distances(vertices, faces, border)
     if out > FARTHEST * size:
-        raise MeshError(
-            f"{surface.name}: too thin in places: its surface is {surface.millimetres(out)} outside of the finest mesh "
-            f"of its inside; {'pass more --thickness' if grown else THICKEN}"
-        )
+        advice = "pass more --thickness" if grown else THICKEN
+        raise surface.error(f"too thin in places: {surface.millimetres(out)} outside of the finest mesh; {advice}")
     surface.vertices, surface.faces = in_fixed_order(*used_vertices(vertices, faces))
     return out, buried
 
@@ -329,7 +305,7 @@ def _distances(surface: MeshInRepair, what: str, out: float, buried: float) -> s
 
 
 def _assumed(surface: MeshInRepair, source: FloatArray, tolerance: float) -> tuple[float, float]:
-    """Share of a surface that is farther than a tolerance from the triangles of the file, (F, 3, 3), and how far."""
+    """Share of a surface farther than a tolerance from the triangles of the file, (F, 3, 3), and that distance."""
     bvh = build_mesh_bvh(source.reshape(-1, 3), np.arange(3 * len(source)).reshape(-1, 3), signed=False)
     point, _, area = face_samples(surface.vertices, surface.faces, SAMPLES, np.random.default_rng(SEED))
     distance = np.abs(mesh_signed_distance(bvh, point))

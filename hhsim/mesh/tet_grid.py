@@ -1,4 +1,4 @@
-"""A box of tetrahedra that is refined where it is asked to be, and the closed surface between inside and outside."""
+"""A box of tetrahedra that is refined locally, and the closed surface between inside and outside."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.kernels.mesh.tet_grid import MOST_COORDINATE, Tets, fill_table, halve_tets, locate
 
 HALVINGS = 11
-"""How often the edge of a cube can be halved."""
+"""Largest number of halvings of a cube's edge."""
 
 _CUBE = 1 << HALVINGS
 
@@ -51,9 +51,9 @@ class TetGrid:
             cubes=self.cubes,
             used=np.array([len(tet), len(corner), len(corner)]),
         )
-        self._make_room()
+        self._reserve()
 
-    def _make_room(self) -> None:
+    def _reserve(self) -> None:
         """Make the arrays at least twice as long as what is in use."""
         tets, vertices, _ = self._tets.used
 
@@ -74,7 +74,7 @@ class TetGrid:
 
     @property
     def leaves(self) -> IntArray:
-        """The tetrahedra that are not halved."""
+        """Tetrahedra that are not halved."""
         return np.flatnonzero(self._tets.child[: self._tets.used[0]] < 0)
 
     @property
@@ -89,7 +89,7 @@ class TetGrid:
 
     @property
     def ages(self) -> IntArray:
-        """How often each was halved; three times halve the edges, shape (T,)."""
+        """Number of halvings of each; three halve the edges, shape (T,)."""
         return self._tets.age[: self._tets.used[0]]
 
     def refine(self, chosen: IntArray, times: int = 3) -> None:
@@ -98,28 +98,27 @@ class TetGrid:
         wanted[chosen] = np.minimum(self.ages[chosen] + times, 3 * HALVINGS)
         done = False
         while not done:
-            room = np.zeros(len(self._tets.tet), np.int64)
-            room[: len(wanted)] = wanted
-            done = halve_tets(self._tets, _CUBE, room)
-            wanted = room
-            self._make_room()
+            padded = np.zeros(len(self._tets.tet), np.int64)
+            padded[: len(wanted)] = wanted
+            done = halve_tets(self._tets, _CUBE, padded)
+            wanted = padded
+            self._reserve()
 
     def locate(self, points: FloatArray) -> IntArray:
-        """Which tetrahedron holds each point [m], shape (n, 3); −1 outside of the box."""
+        """Return the tetrahedron of each point [m], shape (n, 3); −1 outside of the box."""
         result = np.empty(len(points), np.int64)
         locate(self._tets, _CUBE, np.ascontiguousarray((points - self.low) * (_CUBE / self.edge)), result)
         return result
 
     def on_border(self) -> BoolArray:
-        """Which vertices lie on the border of the box, shape (V,)."""
+        """Return True for each vertex on the border of the box, shape (V,)."""
         vertex = self._tets.vertex[: self._tets.used[1]]
         return np.asarray(((vertex == 0) | (vertex == self.cubes * _CUBE)).any(axis=1))
 
     def surface(self, inside: BoolArray) -> tuple[IntArray, IntArray, IntArray]:
-        """The surface between inside and outside (marching tetrahedra): closed, manifold, and wound outward.
+        """Extract the surface between vertices inside, True in (V,), and outside, by marching tetrahedra.
 
-        Args:
-            inside: Which vertices lie inside, shape (V,).
+        It is closed, manifold, and wound outward.
 
         Returns:
             The edges that it cuts, as (vertex inside, vertex outside), shape (n, 2); its triangles, as indices of those

@@ -12,20 +12,15 @@ ROUND = 8
 def slab_union(
     vertices: FloatArray, faces: IntArray, half: float, closed: IntArray, tolerance: float
 ) -> tuple[FloatArray, IntArray] | None:
-    """Surface of all that is within a distance of faces, joined with closed parts.
+    """Compute the surface of all within a distance of faces, joined with closed parts; None if these are no manifold.
 
-    Along the faces the distance is exact; around rims and creases it is up to 15 % less, for the spheres there are
-    hulls.
+    Along the faces the distance is exact; around rims and creases it is up to 15 % less, where hulls replace spheres.
 
     Args:
-        vertices: Shape (V, 3).
-        faces: Of the sheets, shape (F, 3).
-        half: The distance.
+        faces: Faces of the sheets, shape (F, 3).
+        half: Distance.
         closed: Faces of closed parts, wound outward, shape (G, 3); G may be 0.
-        tolerance: By which the surface may be simplified.
-
-    Returns:
-        Vertices and faces; None where the closed parts are no manifold.
+        tolerance: Tolerance of the simplification.
     """
     from manifold3d import Error, Manifold, Mesh64, OpType
 

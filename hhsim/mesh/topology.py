@@ -1,4 +1,4 @@
-"""How triangles hang together: shared vertices, edges, parts, boundary loops, winding."""
+"""Topology of triangles: shared vertices, edges, parts, boundary loops, winding."""
 
 from collections import deque
 
@@ -8,10 +8,7 @@ from hhsim.arrays import AnyArray, BoolArray, FloatArray, IntArray
 
 
 def distinct_rows(rows: AnyArray) -> tuple[IntArray, IntArray]:
-    """Which rows of a table are equal; as `numpy.unique` finds them along an axis, in a third of its time.
-
-    Args:
-        rows: Shape (N, M), without NaN.
+    """Find equal rows of a table without NaN, shape (N, M); as `numpy.unique` along an axis, in a third of its time.
 
     Returns:
         The first row of each kind, in the order of their values, and the kind of each row, shape (N,).
@@ -25,15 +22,9 @@ def distinct_rows(rows: AnyArray) -> tuple[IntArray, IntArray]:
 
 
 def merged_vertices(vertices: FloatArray, faces: IntArray, distance: float = 0.0) -> tuple[FloatArray, IntArray]:
-    """Give vertices at the same place one index, and drop those that no face names.
+    """Merge vertices (V, 3) [m] at most a distance apart, and chains of them; drop those that no face (F, 3) names.
 
-    Args:
-        vertices: Corners [m], shape (V, 3).
-        faces: Indices, shape (F, 3).
-        distance: Vertices at most this far apart are the same [m]; chains of them too.
-
-    Returns:
-        Vertices in the order of their first use, and faces.
+    The vertices are in the order of their first use.
     """
     vertices = vertices + 0.0  # -0.0 and 0.0 are one place
     place: IntArray
@@ -81,8 +72,9 @@ def undirected_edges(faces: IntArray) -> tuple[IntArray, IntArray, IntArray]:
     """Group the directed edges by their pair of vertices.
 
     Returns:
-        Which undirected edge each directed edge is, shape (3F,); how many faces each undirected edge has, shape (E,);
-        and forward minus backward directed edges of each, shape (E,): 0 where the surface is closed and wound alike.
+        Index of the undirected edge of each directed one, shape (3F,); number of faces of each undirected edge, shape
+        (E,); and its forward minus its backward directed edges, shape (E,): 0 where the surface is closed and wound
+        alike.
     """
     edges = directed_edges(faces)
     forward = edges[:, 0] < edges[:, 1]
@@ -93,12 +85,12 @@ def undirected_edges(faces: IntArray) -> tuple[IntArray, IntArray, IntArray]:
 
 
 def is_closed(faces: IntArray) -> bool:
-    """Whether each edge is walked as often forth as back: no boundary, all faces wound alike."""
+    """Return True if each edge occurs as often forward as backward: no boundary, all faces wound alike."""
     return bool(np.all(undirected_edges(faces)[2] == 0))
 
 
 def part_labels(faces: IntArray) -> IntArray:
-    """Connected part of each face, through edges that exactly two faces share, shape (F,)."""
+    """Return the connected part of each face, through edges that exactly two faces share, shape (F,)."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -108,7 +100,7 @@ def part_labels(faces: IntArray) -> IntArray:
 
 
 def _neighbours(faces: IntArray) -> tuple[IntArray, IntArray, BoolArray]:
-    """Pairs of faces that share an edge that no third face has, and whether the two are wound alike."""
+    """Pairs of faces that share an edge that no third face has, and True where the two are wound alike."""
     index, count, balance = undirected_edges(faces)
     paired = np.flatnonzero(count[index] == 2)
     paired = paired[np.argsort(index[paired], kind="stable")]
@@ -117,14 +109,9 @@ def _neighbours(faces: IntArray) -> tuple[IntArray, IntArray, BoolArray]:
 
 
 def alike_wound(faces: IntArray, one_sided: bool = False) -> tuple[IntArray, int] | None:
-    """Turn faces round until neighbours are wound alike; in each part the minority is turned.
+    """Turn faces (F, 3) until neighbours are wound alike, the minority of each part; also return how many were turned.
 
-    Args:
-        faces: Indices, shape (F, 3).
-        one_sided: Wind a one-sided part too, against its neighbours along a seam.
-
-    Returns:
-        Faces and how many were turned; None where a part is one-sided and `one_sided` is False.
+    None if a part is one-sided, unless `one_sided`: it is then wound against its neighbours along a seam.
     """
     first, second, alike = _neighbours(faces)
     if alike.all():
@@ -159,9 +146,9 @@ def alike_wound(faces: IntArray, one_sided: bool = False) -> tuple[IntArray, int
 
 
 def boundary_loops(faces: IntArray) -> list[IntArray]:
-    """Closed walks along the edges that only one face has, in the direction of that face.
+    """Return closed walks along the edges that only one face has, in the direction of that face.
 
-    Where two loops touch in a vertex each is a loop of its own. Edges that cannot be joined to a loop are left out.
+    Two loops that touch in a vertex are separate. Edges that cannot be joined to a loop are left out.
     """
     index, count, _ = undirected_edges(faces)
     onward: dict[int, list[int]] = {}
@@ -198,3 +185,22 @@ def signed_volume(vertices: FloatArray, faces: IntArray) -> float:
     """Volume [m³] that closed faces enclose, negative when they are wound inside out."""
     a, b, c = (vertices[faces] - vertices[faces].reshape(-1, 3).mean(axis=0)).transpose(1, 0, 2)
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
+
+
+def face_samples(
+    vertices: FloatArray, faces: IntArray, count: int, rng: np.random.Generator
+) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Sample points on faces (F, 3) of vertices (V, 3), about `count` by area, and one more on each face with an area.
+
+    Returns:
+        Points, shape (n, 3); the face of each, shape (n,), in order; and the area that each stands for, shape (n,).
+    """
+    area = face_areas(vertices, faces)
+    each = np.where(area > 0.0, 1 + np.floor(count * area / max(area.sum(), np.finfo(np.float64).tiny)), 0)
+    face = np.repeat(np.arange(len(faces)), each.astype(np.int64))
+    u, v = rng.random((2, len(face)))
+    over = u + v > 1.0
+    u[over], v[over] = 1.0 - u[over], 1.0 - v[over]
+    a, b, c = vertices[faces[face]].transpose(1, 0, 2)
+    point = a + u[:, None] * (b - a) + v[:, None] * (c - a)
+    return np.ascontiguousarray(point), face, (area / np.maximum(each, 1))[face]

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
-from hhsim.mesh.surface_sampling import face_samples
+from hhsim.mesh.topology import face_samples
 from hhsim.render.rasterizer import look_from
 from hhsim.render.triangle_soup import Surface
 

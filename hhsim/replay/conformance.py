@@ -1,8 +1,8 @@
-"""A conformance test for a method from outside: what a newcomer got wrong, one line each."""
+"""Conformance test of a method from outside: its mistakes, one line each."""
 
 import itertools
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.kernels.tick.block import TickRecord
-from hhsim.kernels.tick.state import WORK_CANDIDATES
+from hhsim.kernels.tick.state import WORK_CANDIDATES, WORK_TOUCHING
 from hhsim.metrics.metrics import penetration
 from hhsim.scene.open_scene import open_scene
 from hhsim.scene.scene import Scene
@@ -23,43 +23,28 @@ from hhsim.system.counted import counted
 from hhsim.trees.contact_surface import contact_surface
 
 OBJECT, MOTION = "sphere", "grasp"
-"""The scene: a ball has no edge that could be blamed."""
+"""Scene: a ball has no edge that could be blamed."""
 OK, WRONG, NOTE = "ok", "wrong", "note"
 FOLLOWS = 1e-3
-"""A hand that touches nothing and is this far from the user's [m] does not follow it."""
+"""A hand that touches nothing and is farther from the user's [m] does not follow it."""
 AT_REST = 1e-5
-"""A hand that still moves by this a tick [m] has not come to rest."""
+"""A hand that moves by more per tick [m] is not at rest."""
 
 
-@dataclass(frozen=True)
-class Finding:
-    """One thing that was looked at.
-
-    Attributes:
-        verdict: `OK`, `WRONG`, or `NOTE` for what is no fault but worth knowing.
-        says: In a sentence.
-    """
+class Finding(NamedTuple):
+    """Outcome of one check: its name, `OK`, `WRONG` or `NOTE` (no fault but worth knowing), and a sentence."""
 
     name: str
     verdict: str
     says: str
 
     def to_json(self) -> dict[str, str]:
-        """As plain values."""
-        return asdict(self)
+        """Return the finding as plain values."""
+        return self._asdict()
 
 
 def check_method(name: str) -> Iterator[Finding]:
-    """Put a method through a short grasp of a ball, and look at what a table would be made of.
-
-    Ends where nothing can be said any more: at what cannot be imported, is not installed, or cannot be made or run.
-
-    Args:
-        name: As for `hhsim.solver.known_methods.find_method`.
-
-    Yields:
-        What was found, one thing after the other.
-    """
+    """Run a method of a name through a short grasp of a ball, and yield what is found, until it fails."""
     try:
         options = SolverOptions(method=name)
     except HhsimError as error:
@@ -80,13 +65,10 @@ def check_method(name: str) -> Iterator[Finding]:
     except HhsimError as error:
         yield Finding("run", WRONG, str(error))
         return
-    yield Finding(
-        "run", OK, f"{counted(ticks, 'tick')}, each with a hand of the right shapes, finite, its quaternion unit"
-    )
-    shown = HandConfiguration.of(record)
+    yield Finding("run", OK, f"{counted(ticks, 'tick')}, each a hand of the right shapes, finite, its quaternion unit")
     yield _same(record, again)
     yield _free(record, haptic)
-    yield _bends(scene, shown)
+    yield _bends(scene, HandConfiguration.of(record))
     yield _rest(record)
     yield _depth(scene, options, record, promised=method.never_penetrates)
     yield _touches(record)
@@ -101,33 +83,27 @@ def _run(scene: Scene, options: SolverOptions, haptic: HandConfiguration) -> Tic
 
 
 def _same(record: TickRecord, again: TickRecord) -> Finding:
-    differ = np.zeros(len(record.position), bool)
-    for field in HandConfiguration._fields:
-        one, other = getattr(record, field), getattr(again, field)
-        differ |= (one != other).reshape(len(one), -1).any(axis=1)
+    pairs = zip(HandConfiguration.of(record), HandConfiguration.of(again))
+    differ = np.any([(one != other).reshape(len(one), -1).any(axis=1) for one, other in pairs], axis=0)
     if not differ.any():
         return Finding("repeatable", OK, "a second run gives the same hands, bit for bit")
-    first = int(np.flatnonzero(differ)[0])
-    return Finding(
-        "repeatable",
-        NOTE,
-        f"a second run differs from tick {first:,} on: its results cannot be run again bit for bit",
-    )
+    begun = f"a second run differs from tick {int(np.argmax(differ)):,} on"
+    return Finding("repeatable", NOTE, f"{begun}: its results cannot be run again bit for bit")
 
 
 def _free(record: TickRecord, haptic: HandConfiguration) -> Finding:
-    far = np.flatnonzero(record.work[:, 5] == 0)
+    far = np.flatnonzero(record.work[:, WORK_CANDIDATES] == 0)
     if far.size == 0:
         return Finding("free space", WRONG, "the shown hand is never farther than the margin from the object")
-    off = np.linalg.norm(record.position[far] - haptic.position[far], axis=1)
-    worst = float(off.max())
+    shown, wanted = record.position[far], haptic.position[far]
+    worst = float(np.linalg.norm(shown - wanted, axis=1).max())
     if worst <= FOLLOWS:
         return Finding("free space", OK, f"the shown palm follows the user's to {1e3 * worst:.3g} mm")
-    return Finding("free space", WRONG, f"{_suspicion(record.position[far], haptic.position[far])} (free of contact)")
+    return Finding("free space", WRONG, f"{_suspicion(shown, wanted)} (free of contact)")
 
 
 def _suspicion(shown: FloatArray, wanted: FloatArray) -> str:
-    """What would make the one palm the other's."""
+    """Likely reason of the difference of two palms."""
     off = float(np.linalg.norm(shown - wanted, axis=1).max())
     for text, changed in same_but_for(shown):
         if float(np.linalg.norm(changed - wanted, axis=1).max()) < 0.1 * off:
@@ -136,7 +112,7 @@ def _suspicion(shown: FloatArray, wanted: FloatArray) -> str:
 
 
 def same_but_for(position: FloatArray) -> Iterator[tuple[str, FloatArray]]:
-    """What positions would be, had they been given in another unit or frame: the mistake, and the positions mended."""
+    """Yield positions as they would be in another unit or frame: the suspected mistake, and the corrected positions."""
     for unit, size in (("millimetres", 1e-3), ("centimetres", 1e-2), ("inches", 0.0254)):
         yield unit, position * size
     for axis, name in enumerate("xyz"):
@@ -182,34 +158,32 @@ def _depth(scene: Scene, options: SolverOptions, record: TickRecord, *, promised
 
 def _touches(record: TickRecord) -> Finding:
     if np.any(record.work[:, WORK_CANDIDATES] > 0):
-        return Finding(
-            "contact", OK, f"the hand touches the object in {counted(int((record.work[:, 6] > 0).sum()), 'tick')}"
-        )
+        touching = counted(int((record.work[:, WORK_TOUCHING] > 0).sum()), "tick")
+        return Finding("contact", OK, f"the hand touches the object in {touching}")
     return Finding("contact", WRONG, "the shown hand never comes near the object that the user grasps")
 
 
 def _push(record: TickRecord) -> Finding:
-    free = record.work[:, 5] == 0
+    free = record.work[:, WORK_CANDIDATES] == 0
     size = np.linalg.norm(record.total, axis=1)
     if float(size[free].max(initial=0.0)) > 1e-3:
         return Finding("forces", NOTE, f"{size[free].max():.3g} N where nothing is within the margin")
     if float(size.max()) == 0.0:
         return Finding("forces", WRONG, "it promises forces, and all are 0 in a grasp")
-    # What keeps the shown hand off the user's is what pushes it: Eq. 1 without inertia.
+    # Contact forces balance the coupling: Eq. 1 without inertia.
     if float(np.einsum("ti,ti->t", record.total, record.palm_wrench[:, :3]).sum()) < 0.0:
         return Finding("forces", WRONG, "forces pull the hand towards the user's: meant are those on the hand; turned?")
     return Finding("forces", OK, f"up to {size.max():.3g} N, and they push the shown hand off the user's")
 
 
 def _times(record: TickRecord) -> Iterator[Finding]:
-    near = record.work[:, 5] > 0
-    # Of what replay's table says it of: a tick in free space may take next to nothing.
+    near = record.work[:, WORK_CANDIDATES] > 0
+    # As in replay's table: a tick in free space may take next to nothing.
     near |= not near.any()
     total, native = 1e-3 * np.median(record.duration_cpu[near]), 1e-3 * np.median(record.duration[near, 1])
     own = f", of which {native:.3g} µs are its own by its word" if native > 0.0 else ""
     first = 1e-3 * float(record.duration_cpu[0])
     yield Finding("time", OK, f"a tick in contact takes {total:,.1f} µs of CPU in the median{own}")
     if first > 100.0 * total and first > 1e4:
-        yield Finding(
-            "first tick", NOTE, f"the first one took {1e-3 * first:.3g} ms: prepare in __init__, which is not timed"
-        )
+        advice = f"the first one took {1e-3 * first:.3g} ms: prepare in __init__, which is not timed"
+        yield Finding("first tick", NOTE, advice)

@@ -1,4 +1,4 @@
-"""How far times differ from run to run of the same replay, of which nothing else does."""
+"""Spread of the times over several runs of the same replay, which differ in nothing else."""
 
 import math
 import statistics
@@ -11,7 +11,7 @@ from hhsim.replay.summary import ReplaySummary
 from hhsim.replay.summary_table import SummaryRow
 
 MORE_DIGITS = 2
-"""That a deviation may add to those of the table, which are tenths of a µs: a tick's time is whole nanoseconds."""
+"""Digits that a deviation may add to the table's tenths of a µs: a tick's time is whole nanoseconds."""
 
 
 @dataclass(frozen=True)
@@ -20,8 +20,7 @@ class RepeatedTime:
 
     Attributes:
         row: Its line in the table of the last run.
-        mean: Over the runs [s], or [%] where it is defined so.
-        deviation: Standard deviation of a run, n - 1 in the denominator, in the same unit.
+        mean, deviation: Mean, and standard deviation of a run (n - 1 in the denominator) [s, or % where defined so].
     """
 
     row: SummaryRow
@@ -37,14 +36,14 @@ class RepeatedTime:
 
 
 def digits_with(deviation: float, digits: int) -> int:
-    """Digits behind the point that show two of a deviation, at least `digits` and not many more."""
+    """Return the number of decimals that show two digits of a deviation, at least `digits` and not many more."""
     if not deviation > 0.0:
         return digits
     return min(max(digits, 1 - math.floor(math.log10(deviation))), digits + MORE_DIGITS)
 
 
 def repeated_times(runs: Sequence[ReplaySummary]) -> list[RepeatedTime]:
-    """Every figure that has noise, over at least two runs of the same replay; what is undefined is left out."""
+    """Return every figure that has noise, over at least two runs of the same replay, without undefined ones."""
     found = []
     for row in runs[-1].rows:
         values = [float(other.value) for run in runs for other in run.rows if other.name == row.name]
@@ -54,16 +53,12 @@ def repeated_times(runs: Sequence[ReplaySummary]) -> list[RepeatedTime]:
 
 
 def repeated_document(runs: Sequence[ReplaySummary]) -> dict[str, Any]:
-    """Times over at least two runs of the same replay, for machines and for the file: SI, or % where defined so."""
+    """Return times over at least two runs of the same replay as plain values: SI, or % where defined so."""
     times = {time.row.name: {"mean": time.mean, "std": time.deviation} for time in repeated_times(runs)}
     return {"runs": len(runs), "times": times}
 
 
 def stored_times(repeated: Mapping[str, Any], rows: Sequence[SummaryRow]) -> list[RepeatedTime]:
-    """What a result says of its runs, in the order of its table; nothing where it was run once.
-
-    Args:
-        repeated: `hhsim.result.reader.Result.repeated`.
-    """
+    """Return the repeated times of a result (`hhsim.result.reader.Result.repeated`), in the order of its table."""
     times = repeated.get("times", {})
     return [RepeatedTime(row, times[row.name]["mean"], times[row.name]["std"]) for row in rows if row.name in times]

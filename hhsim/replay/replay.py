@@ -1,7 +1,6 @@
-"""The main job: run a hand through a motion, tick by tick, and write down everything.
+"""Main loop: run a hand through a motion, and write down everything.
 
-The ticks run in compiled blocks; each block is measured and written before the next one starts, outside of the timed
-ticks.
+The ticks run in compiled blocks; each is measured and written before the next one starts, outside of the timed ticks.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -12,13 +11,12 @@ import numpy as np
 
 from hhsim.errors import HhsimError, InputError
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.replay.driven_ticks import world_block
-from hhsim.replay.free_ticks import FreeSeries, as_seen, contact_rows, free_block
+from hhsim.replay.moving_object import as_seen, contact_rows, driven_block, free_block
 from hhsim.replay.stored_scene import describe_scene, static_arrays
-from hhsim.replay.summary import ReplaySummary, TickSeries, summarise
-from hhsim.replay.tick_columns import TickColumns
+from hhsim.replay.summary import ReplaySummary, summarise, summarised_columns
+from hhsim.replay.tick_columns import KeptColumns, TickColumns
 from hhsim.result.reader import CHUNK_TICKS
-from hhsim.result.schema import CONTACT
+from hhsim.result.schema import CONTACT, CONTACT_COLUMNS, FREE_COLUMNS, OBJECT_COLUMNS
 from hhsim.result.writer import ResultWriter
 from hhsim.scene.free_object import LAW
 from hhsim.scene.motion_catalogue import of_the_paper
@@ -32,6 +30,11 @@ from hhsim.system.deferred_sigint import interruptible_between
 from hhsim.trees.contact_surface import contact_surface
 
 Progress = Callable[[str, int, int], None]
+OF_FREE_OBJECT = (
+    *(column.name for column in (*OBJECT_COLUMNS, *FREE_COLUMNS)),
+    *(f"{CONTACT}/{column.name}" for column in CONTACT_COLUMNS),
+)
+"""Datasets of a free object that the table needs."""
 
 
 def replay_scene(
@@ -44,23 +47,19 @@ def replay_scene(
     before_ticks: Callable[[], None] | None = None,
     progress: Progress | None = None,
 ) -> ReplaySummary:
-    """Replay the scene's motion and write a result file.
+    """Replay the scene's motion, write a result file, and return the figures of the table.
 
     Args:
         scene: Object, hand and motion.
-        options: Of the solver.
-        output_path: The result file; an existing result there is replaced when the new one is complete.
-        description: What else the file is to say of how the scene came about, as plain values: more than the scene
-            says of itself, or something else.
-        command: That makes the result, word by word, for the file to say; empty where a program calls this.
-        before_ticks: Called once, when all is ready for the first tick: the place to wait for what would disturb ticks.
-        progress: Called with what is being done, how much is done and how much there is.
-
-    Returns:
-        The figures of the table.
+        options: Solver's options.
+        output_path: Result file; an existing one is replaced when the new one is complete.
+        description: Further description of the scene as plain values, over the scene's own.
+        command: Command line that makes the result, for the file to record; empty in a program.
+        before_ticks: Called once before the first tick: the place to wait for disturbances to end.
+        progress: Called with the current stage, how much is done and how much there is.
 
     Raises:
-        InputError: Options that are none, or a method that lacks what it needs.
+        InputError: Invalid options, or a method that lacks what it needs.
         OutputError: The file cannot be written.
         HhsimError: More pairs were near than the solver holds.
     """
@@ -73,11 +72,11 @@ def replay_scene(
     solver = HandSolver(scene.hand, surface, options, free)
     ticks, total = scene.ticks, scene.ticks.tick_count
     motion = scene.trajectory
-    static = static_arrays(scene.mesh, scene.tree, scene.hand, motion.object_position, motion.object_orientation)
+    pose = motion.object_position, motion.object_orientation
+    static = static_arrays(scene.mesh, scene.tree, scene.hand, *pose)
     described = {
         **scene.description,
         **(description or {}),
-        "solver": options.to_json(),
         "rate": ticks.rate,
         "motion": motion.name,
         "motion_source": motion.source,
@@ -85,16 +84,11 @@ def replay_scene(
         **({} if free is None else {"free": free.to_json(), "friction_law": LAW}),
         **describe_scene(scene.mesh, scene.tree, scene.hand, options, static, free=free is not None),
     }
-    series, kept = TickSeries(total), FreeSeries()
+    series, kept, names = KeptColumns(), KeptColumns(), summarised_columns()
     columns = TickColumns(surface.arrays, scene.hand, options)
+    moves: dict[str, Any] = {"driven": scene.driven is not None, "free": free is not None}
     with ResultWriter(
-        Path(output_path),
-        scene=described,
-        static=static,
-        phases=ticks.phases,
-        command=command,
-        driven=scene.driven is not None,
-        free=free is not None,
+        Path(output_path), scene=described, static=static, phases=ticks.phases, command=command, **moves
     ) as writer:
         if before_ticks is not None:
             before_ticks()
@@ -106,21 +100,17 @@ def replay_scene(
                 haptic = HandConfiguration.of(ticks).at(part)
                 record = solver.run(*haptic)
                 if not np.isfinite(record.joints).all():
-                    raise HhsimError(
-                        f"the graphic hand is not finite after tick {first}: please report this with the command"
-                    )
+                    raise HhsimError(f"the graphic hand is not finite after tick {first}: please report the command")
                 if free is None:
                     block = columns.block(ticks.time[part], ticks.input_seq[part], haptic, record)
-                    writer.append(world_block(block, scene.driven, part))
+                    writer.append(driven_block(block, scene.driven, part))
                 else:
                     moved = solver.object_ticks
-                    seen = as_seen(haptic, moved)
-                    block = columns.block(ticks.time[part], ticks.input_seq[part], seen, record)
-                    pose = (motion.object_position, motion.object_orientation)
+                    block = columns.block(ticks.time[part], ticks.input_seq[part], as_seen(haptic, moved), record)
                     whole, contacts = free_block(block, haptic, moved, *pose), contact_rows(moved, first)
                     writer.append(whole, {CONTACT: contacts})
-                    kept.keep(whole, contacts)
-                series.keep(part, block)
+                    kept.keep(whole | {f"{CONTACT}/{name}": rows for name, rows in contacts.items()}, OF_FREE_OBJECT)
+                series.keep(block, names)
                 check_interrupt()
         if progress is not None:
             progress("ticks", total, total)
@@ -130,7 +120,6 @@ def replay_scene(
 
 
 def _of_outside_method(options: SolverOptions) -> dict[str, Any]:
-    """Return what a method from outside gives and promises, so that its file tells how it is judged, and its code."""
     if options.method in METHODS:
         return {}
     method = find_method(options.method)

@@ -1,4 +1,4 @@
-"""The object, its tree, the hand and the options as a result file holds them, in and out, bit for bit."""
+"""Object, tree, hand and options to and from a result file, bit for bit."""
 
 import hashlib
 from collections.abc import Mapping
@@ -22,7 +22,7 @@ from hhsim.trees.contact_surface import ContactSurface, contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 
 PARTS = {"object": "the object's mesh", "tree": "the object's sphere tree", "hand": "the hand"}
-"""What has a checksum of its own in the file, and its name in messages."""
+"""Groups of datasets with a checksum, and their names in messages."""
 
 
 def static_arrays(
@@ -32,12 +32,12 @@ def static_arrays(
     object_position: ArrayLike = (0.0, 0.0, 0.0),
     object_orientation: ArrayLike = (1.0, 0.0, 0.0, 0.0),
 ) -> dict[str, AnyArray]:
-    """The arrays of `hhsim.result.schema.STATIC_COLUMNS`.
+    """Return the arrays of `hhsim.result.schema.STATIC_COLUMNS`.
 
     Args:
-        mesh: The object's, world [m].
+        mesh: Object's mesh, world [m].
         tree: Its sphere tree, world [m].
-        hand: The hand.
+        hand: Hand model.
         object_position: Origin of the object's own frame [m], shape (3,), world.
         object_orientation: Object to world, unit (w, x, y, z), shape (4,).
     """
@@ -65,7 +65,7 @@ def describe_scene(
     *,
     free: bool = False,
 ) -> dict[str, Any]:
-    """What the file's scene says of them, as plain values; `static` is what `static_arrays` made of them."""
+    """Return the description of a scene for the result's file as plain values; `static` is of `static_arrays`."""
     return {
         "solver": options.to_json(),
         "hand": {
@@ -76,25 +76,20 @@ def describe_scene(
         },
         "object_name": mesh.name,
         "object_spheres": tree.leaf_count,
-        "modelled": modelled(tree, hand, options, free=free),
+        "modelled": {
+            "fingers": list(options.fingers),
+            "phalanges": int(options.modelled()[:PALM_BODY].sum()),
+            "palm_spheres": hand.palm_tree.leaf_count,
+            "object_spheres": tree.leaf_count,
+            "all_pairs": all_pairs(hand, tree),
+            "not_modelled": [*([] if free else ["friction", "dynamics"]), "deformation", "finger-to-finger contact"],
+        },
         "checksums": checksums(static),
     }
 
 
-def modelled(tree: SphereTree, hand: HandModel, options: SolverOptions, *, free: bool = False) -> dict[str, Any]:
-    """What the scene models: bodies, spheres and pairs that a model without trees would test every tick."""
-    return {
-        "fingers": list(options.fingers),
-        "phalanges": int(options.modelled()[:PALM_BODY].sum()),
-        "palm_spheres": hand.palm_tree.leaf_count,
-        "object_spheres": tree.leaf_count,
-        "all_pairs": all_pairs(hand, tree),
-        "not_modelled": [*([] if free else ["friction", "dynamics"]), "deformation", "finger-to-finger contact"],
-    }
-
-
 def checksums(static: Mapping[str, AnyArray]) -> dict[str, str]:
-    """SHA-256 of each of `PARTS`: of its datasets' little-endian bytes, by name."""
+    """Return the SHA-256 of each of `PARTS`: of its datasets' little-endian bytes, by name."""
     digests = {part: hashlib.sha256() for part in PARTS}
     for name in sorted(static):
         part = "tree" if name.startswith("object/tree/") else name.split("/")[0]
@@ -105,71 +100,44 @@ def checksums(static: Mapping[str, AnyArray]) -> dict[str, str]:
 
 
 def require_whole(result: Result) -> None:
-    """Make sure that a result holds all that its run needs, as its run left it.
-
-    Raises:
-        InputError: An object, a tree or a hand that is not the one of the run.
-    """
+    """Raise InputError if the object, the tree or the hand of a result is not the one of its run."""
     found = checksums(result.static)
     stated = result.scene.get("checksums", {})
     for part, what in PARTS.items():
         if found[part] != stated.get(part):
-            raise InputError(
-                f"{result.path} cannot be run again: {what} in the file is another one than the run was made with "
-                "(its checksum differs)"
-            )
+            raise InputError(f"{result.path} cannot be run again: {what} in the file is another one (checksum)")
 
 
 def stored_mesh(result: Result) -> Mesh:
-    """The object's mesh, world [m]."""
+    """Return the object's mesh, world [m]."""
     name = str(result.scene.get("object_name") or result.scene.get("object") or "object")
     return Mesh(result.static["object/vertices"], result.static["object/faces"], name=name, source=str(result.path))
 
 
 def stored_tree(result: Result) -> SphereTree:
-    """The object's sphere tree, world [m].
-
-    Raises:
-        InputError: Arrays that are no tree.
-    """
+    """Return the object's sphere tree, world [m]; InputError if the arrays are no tree."""
     center, radius, level, parent = (result.static[f"object/tree/{name}"] for name in TREE_ARRAYS)
     return SphereTree(center, radius, level, parent)
 
 
 def stored_surface(result: Result) -> ContactSurface:
-    """The surface that the hand touched, world [m].
-
-    Raises:
-        InputError: Arrays that are no tree, or a surface that this hhsim does not have.
-    """
+    """Return the surface that the hand touched, world [m]; InputError if hhsim has no such surface."""
     return contact_surface(result.surface, stored_mesh(result), stored_tree(result))
 
 
 def stored_hand(result: Result) -> HandModel:
-    """The hand of a run.
-
-    Raises:
-        InputError: Arrays that are no hand, or not the one of the run.
-    """
+    """Return the hand of a run; InputError if it is not the one of the run."""
     require_whole(result)
     return result_hand(result)
 
 
 def stored_free(result: Result) -> FreeObject | None:
-    """What the object of a run is besides its surface, where it is free.
-
-    Raises:
-        InputError: Values that are none of a free object.
-    """
+    """Return the properties of a free object; None for another object."""
     return FreeObject.from_json(result.scene["free"]) if result.free else None
 
 
 def stored_options(result: Result) -> SolverOptions:
-    """The solver's options.
-
-    Raises:
-        InputError: Options that this hhsim does not have.
-    """
+    """Return the solver's options; InputError if hhsim has no such options."""
     values = dict(result.scene.get("solver", {}))
     known = {option.name for option in fields(SolverOptions)}
     strange = sorted(values.keys() - known)

@@ -1,4 +1,4 @@
-"""The table that `hhsim replay` prints: our figures beside the paper's."""
+"""Table that `hhsim replay` prints: our figures beside the paper's."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
@@ -22,6 +22,7 @@ from hhsim.metrics.run.registry import known_figures, needed_columns, tick_figur
 from hhsim.metrics.run_ticks import RunTicks
 from hhsim.motion.object_motion import ObjectMotion
 from hhsim.replay.summary_table import SummaryRow, figure_table, short_table, summary_rows
+from hhsim.replay.tick_columns import KeptColumns
 from hhsim.replay.tremor_hold import tremor_variation
 from hhsim.replay.verdict import Verdict, run_verdict
 from hhsim.scene.scene import Scene
@@ -35,52 +36,27 @@ from hhsim.trees.contact_surface import ContactSurface
 from hhsim.trees.options import MOST_LEVEL
 
 REFERENCE_TICKS = 16
-"""Ticks of the hold at which the reference optimum is computed."""
+"""Number of ticks of the hold at which the reference optimum is computed."""
 
 GRAPHIC_HAND = ("graphic/position", "graphic/orientation", "graphic/flexion", "graphic/abduction")
-"""Datasets that figures of runs of their own begin from."""
+"""Datasets from which figures of further runs start."""
 
 
-class TickSeries:
-    """What the table needs of every tick: some of the result file's datasets.
-
-    Args:
-        ticks: How many there will be.
-    """
-
-    def __init__(self, ticks: int) -> None:
-        """Nothing is kept yet."""
-        self.ticks = ticks
-        self._names = dict.fromkeys((*needed_columns(), *GRAPHIC_HAND))
-        self._columns: dict[str, AnyArray] = {}
-
-    def keep(self, part: slice, block: dict[str, AnyArray]) -> None:
-        """Keep the ticks of a block, a slice of all ticks."""
-        for name in self._names:
-            values = block[name]
-            if name not in self._columns:
-                self._columns[name] = np.zeros((self.ticks, *values.shape[1:]), values.dtype)
-            self._columns[name][part] = values
-
-    def __getitem__(self, name: str) -> AnyArray:
-        return self._columns[name]
+def summarised_columns() -> tuple[str, ...]:
+    """Return the names of the datasets of /tick that the table needs."""
+    return tuple(dict.fromkeys((*needed_columns(), *GRAPHIC_HAND)))
 
 
 @dataclass(frozen=True, repr=False)
 class ReplaySummary:
-    """What a replay found.
+    """Figures and notes of a replay.
 
     Attributes:
-        rows: The whole table.
-        notes: What a reader should know besides, a sentence each.
-        ticks: How many.
-        warm_up: What preparing the kernels took; no part of any tick.
-        method: Of the solver.
-        object_name: What people call the object.
-        motion_name: What people call the motion.
-        surface: Of the object that the hand touched.
-        promises: What the method promises, of `hhsim.solver.method.PROMISES`.
-        path: The result file.
+        rows: Whole table.
+        notes: Remarks for a reader, a sentence each.
+        warm_up: Preparation of the kernels; no part of any tick.
+        surface: Surface that the hand touched.
+        promises: Promises of the method, of `hhsim.solver.method.PROMISES`.
     """
 
     rows: tuple[SummaryRow, ...]
@@ -100,7 +76,7 @@ class ReplaySummary:
         return f"ReplaySummary({run}: {self.verdict.word}{place}; figures by name, SI: .attributes())"
 
     def _repr_html_(self) -> str:
-        """The short table, for a notebook."""
+        """Return the short table, for a notebook."""
         from html import escape
 
         from hhsim.table.html import table_html
@@ -110,19 +86,19 @@ class ReplaySummary:
 
     @property
     def verdict(self) -> Verdict:
-        """By the default limits."""
+        """Verdict by the default limits."""
         return run_verdict(self.rows, self.promises, self.ticks, surface=self.surface)
 
     def attributes(self) -> dict[str, float | int]:
-        """The table as attributes of the result file: deterministic figures and timings by name."""
+        """Return the table as attributes of the result file: figures and timings by name."""
         return {"ticks": self.ticks, **{row.name: row.value for row in self.rows}}
 
     def at(self, path: Path) -> "ReplaySummary":
-        """The same, with the file's place."""
+        """Return the summary with the file's path."""
         return replace(self, path=path)
 
     def to_json(self) -> dict[str, Any]:
-        """For machines: SI units."""
+        """Return the summary as plain values, SI."""
         return {
             "result": str(self.path) if self.path else None,
             "hhsim": __version__,
@@ -142,7 +118,7 @@ def summarise(
     scene: Scene,
     surface: ContactSurface,
     options: SolverOptions,
-    series: TickSeries,
+    series: KeptColumns,
     prepared: WarmUp,
     free: Datasets | None = None,
     *,
@@ -151,25 +127,19 @@ def summarise(
     """Compute the table of a run that has just ended.
 
     Args:
-        scene: What was replayed.
-        surface: The object's, as it was touched.
-        options: Of the solver.
+        surface: Object's surface as it was touched.
         series: Datasets of /tick, as the object sees them.
-        prepared: What preparing the kernels took.
-        free: Datasets of /tick and /contact of a free object, world; not asked where it is none.
-        of_paper: Whether the paper's figures stand beside.
+        free: Datasets of /tick and /contact of a free object, world; unused for another object.
+        of_paper: True to show the paper's figures.
     """
     ticks, motion = scene.ticks, scene.trajectory
     free_run = None
     if scene.free is not None and free is not None:
-        first = ObjectMotion(motion.object_position, motion.object_orientation)
-        free_run = FreeRun(
-            *(free, scene.free.to_json(), scene.mesh.box_corners, first),
-            *(options.stiffness.diagonal(), options.offset),
-        )
+        first, stiffness = ObjectMotion(motion.object_position, motion.object_orientation), options.stiffness.diagonal()
+        free_run = FreeRun(free, scene.free.to_json(), scene.mesh.box_corners, first, stiffness, options.offset)
     run = RunTicks(
         columns=series,
-        ticks=series.ticks,
+        ticks=ticks.tick_count,
         phases=ticks.phases,
         rate=ticks.rate,
         fingers=len(options.fingers),
@@ -198,7 +168,7 @@ def summarise(
             *_floating(scene, figures),
             *(() if free_run is None else filter(None, [free_run.left_behind(ticks.phases, ticks.position)])),
         ),
-        ticks=series.ticks,
+        ticks=ticks.tick_count,
         warm_up=prepared,
         method=options.method,
         object_name=scene.mesh.name,
@@ -211,14 +181,9 @@ def summarise(
 def figures_of_own_runs(
     hand: HandModel, surface: Any, options: SolverOptions, haptic: HandConfiguration, run: RunTicks
 ) -> dict[str, float]:
-    """The figures that further runs of the solver are needed for: the reference optimum, and a trembling hold.
+    """Compute the figures that need further runs of the solver: the reference optimum, and a trembling hold.
 
-    Args:
-        hand: The hand.
-        surface: The object's, world, as `HandSolver` takes it.
-        options: Of the solver.
-        haptic: The haptic hand of every tick.
-        run: The ticks, with those of `GRAPHIC_HAND`.
+    `surface` is as `HandSolver` takes it; `run` has the datasets of `GRAPHIC_HAND`.
     """
     if not run.holds:
         return {"tracking_excess": np.nan}
@@ -237,16 +202,14 @@ def figures_of_own_runs(
 
 
 def _floating(scene: Scene, figures: Mapping[str, float]) -> tuple[str, ...]:
-    """What mends contacts that are farther from the mesh than a user should feel."""
+    """Advice on contacts that are farther from the mesh than a user should feel."""
     error = figures["contact_error_max"]
     # A hand that is as deep in the spheres is off the mesh to the inside, whatever the spheres.
     if not error > max(MOST_CONTACT_ERROR, figures["penetration_max"]):
         return ()
-    level = scene.tree.depth
-    finer = f"--level {level + 1}, or --max-error 1mm, which takes the coarsest level that is enough"
-    way = (
-        f"mend it with {finer}" if level < MOST_LEVEL else "replay the part that the hand touches as a mesh of its own"
-    )
+    level, way = scene.tree.depth, "replay the part that the hand touches as a mesh of its own"
+    if level < MOST_LEVEL:
+        way = f"mend it with --level {level + 1}, or --max-error 1mm, which takes the coarsest level that is enough"
     return (
         f"the hand touches up to {1e3 * error:.2g} mm off the mesh: {scene.tree.leaf_count:,} spheres (level {level}) "
         f"are too coarse for an object of {1e3 * scene.mesh.extent.max():,.0f} mm; {way}",

@@ -1,4 +1,4 @@
-"""The rows of the table that `hhsim replay` prints, of a run that has just ended or as its file holds them."""
+"""Rows of the table that `hhsim replay` prints, of a run that has just ended or as its file holds them."""
 
 import math
 from collections.abc import Collection, Mapping, Sequence
@@ -14,11 +14,11 @@ from hhsim.table.table import Table, number, words
 
 @dataclass(frozen=True)
 class SummaryRow:
-    """One line of the table.
+    """One row of the table.
 
     Attributes:
-        figure: Whose line it is.
-        value: In SI units, or % where the figure is defined so; NaN where it is undefined.
+        figure: Figure of the row.
+        value: SI units, or % where the figure is defined so; NaN where undefined.
         paper: The paper's figure as printed there, or "".
     """
 
@@ -28,30 +28,26 @@ class SummaryRow:
 
     @property
     def name(self) -> str:
-        """Of the attribute in the result file and the JSON document."""
+        """Name in the result file and in JSON."""
         return self.figure.name
 
     @property
     def label(self) -> str:
-        """For people."""
+        """Label in tables."""
         return self.figure.label
 
     @property
     def shown(self) -> str:
-        """The value as the table shows it."""
+        """Value as the table shows it."""
         return self.figure.shown(self.value)
 
     @property
     def unit(self) -> str:
-        """Of `shown`."""
+        """Unit of `shown`."""
         return self.figure.unit
 
     def limit(self, promises: Collection[str]) -> str:
-        """Return the default limit in `unit`; "not promised" where a method is not held to it; "" where there is none.
-
-        Args:
-            promises: What the method promises, of `hhsim.solver.method.PROMISES`.
-        """
+        """Return the default limit in `unit`, "not promised" for a method with these promises, or "" without one."""
         metric = run_metrics().get(self.name)
         if metric is None or metric.judged is None or metric.judged.limit is None:
             return ""
@@ -66,10 +62,10 @@ def figure_table(
     """Return figures as a table: label, value, unit, and the paper's figure where there is one.
 
     Args:
-        rows: Of the table, one a figure.
-        title: Of the table.
+        rows: Rows, one per figure.
+        title: Title of the table.
         name: Heading of the labels.
-        promises: As of `SummaryRow.limit`, where the default limits are to stand beside.
+        promises: As for `SummaryRow.limit`; adds the default limits.
     """
     columns = [words(name, "label"), number("hhsim", "shown"), words("unit")]
     if promises is not None:
@@ -80,12 +76,12 @@ def figure_table(
 
 
 def summary_rows(figures: Mapping[str, float], rate: float, *, of_paper: bool = False) -> tuple[SummaryRow, ...]:
-    """The table of figures; those that are no run metric are left out.
+    """Return the rows of figures, without those that are no run metric.
 
     Args:
         figures: By name; SI units, or % where they are defined so.
         rate: Ticks per second [Hz].
-        of_paper: Whether the scene is one of the paper's, so that its figures have a place beside ours.
+        of_paper: True if the scene is one of the paper's, whose figures then stand beside.
     """
     trembling = TREMBLING in figures
     rows = []
@@ -97,23 +93,19 @@ def summary_rows(figures: Mapping[str, float], rate: float, *, of_paper: bool = 
     return tuple(rows)
 
 
-def stored_rows(summary: Mapping[str, Any], rate: float, *, of_paper: bool = False) -> tuple[SummaryRow, ...]:
-    """The table of a result's summary, as its replay printed it."""
+def stored_rows(summary: Mapping[str, Any], rate: float) -> tuple[SummaryRow, ...]:
+    """Return the rows of a result's summary, as its replay printed them."""
     found = {name: float(summary[name]) for name in run_metrics() if name in summary}
-    return summary_rows(found, rate, of_paper=of_paper)
+    return summary_rows(found, rate)
 
 
 def whole_table(rows: Sequence[SummaryRow]) -> tuple[SummaryRow, ...]:
-    """Every line that says something: without the largest of what never happened."""
+    """Return every row that says something: without the largest of what never happened."""
     return tuple(row for row in rows if row.value != 0.0 or not run_metrics()[row.name].unless_zero)
 
 
 def short_table(rows: Sequence[SummaryRow], missed: Sequence[str] = ()) -> tuple[SummaryRow, ...]:
-    """The lines that matter: those of `RunMetric.short`, and what is over its limit.
-
-    Args:
-        missed: Names of the figures that are over their limits.
-    """
+    """Return the important rows: those of `RunMetric.short`, and the missed figures."""
     chosen: dict[str, SummaryRow] = {}
     for row in rows:
         line = run_metrics()[row.name].short

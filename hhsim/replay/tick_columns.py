@@ -1,5 +1,6 @@
-"""What a result file keeps of each tick: the solver's record, and what is measured from it apart from the solver."""
+"""Columns of a result file for each tick: the solver's record, and what is measured from it apart from the solver."""
 
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -15,35 +16,47 @@ from hhsim.result.schema import TICK_COLUMNS
 from hhsim.solver.options import SolverOptions
 
 
+class KeptColumns:
+    """Datasets kept block by block, such as those that the table of a run needs."""
+
+    def __init__(self) -> None:
+        self._blocks: dict[str, list[AnyArray]] = {}
+
+    def keep(self, block: Mapping[str, AnyArray], names: Iterable[str]) -> None:
+        """Keep the named datasets of the next block."""
+        for name in names:
+            self._blocks.setdefault(name, []).append(block[name])
+
+    def __getitem__(self, name: str) -> AnyArray:
+        blocks = self._blocks[name]
+        blocks[:] = [np.concatenate(blocks)] if len(blocks) > 1 else blocks
+        return blocks[0]
+
+
 class TickColumns:
     """Makes the columns of `hhsim.result.schema.TICK_COLUMNS`, block after block of one run.
 
     Args:
-        surface: The object's, world.
-        options: Of the solver; fingers that the scene does not use have no penetration.
+        surface: Object's surface, world.
+        options: Solver's options; unused fingers have no penetration.
     """
 
     def __init__(self, surface: Any, hand: HandModel, options: SolverOptions) -> None:
-        """No tick has gone before."""
         self._surface, self._shape = surface, hand_shape(hand)
         self._fingers = np.array([finger in options.fingers for finger in FINGERS])
         self.forget()
 
     def forget(self) -> None:
-        """The next tick follows on none: the rates of change of its forces are not defined."""
+        """Leave the force variation of the next tick undefined, since it follows on none."""
         self._total = np.full((1, 3), np.nan)
         self._finger = np.full((1, 5, 3), np.nan)
 
     def block(
         self, time: AnyArray, input_seq: AnyArray, haptic: HandConfiguration, record: TickRecord
     ) -> dict[str, AnyArray]:
-        """The columns of the next ticks.
+        """Return the columns of the next B ticks: `record` is the solver's output for `haptic`.
 
-        Args:
-            time: Since the start of the motion [s], shape (B,).
-            input_seq: Number of the input sample in use, shape (B,).
-            haptic: What the solver was given.
-            record: What it made of it.
+        `time` is since the start of the motion [s], `input_seq` the number of the input sample in use, shape (B,).
         """
         placed = PlacedHand(record.joints, record.position, record.orientation)
         depth = penetration(self._surface, *self._shape, *placed, self._fingers)

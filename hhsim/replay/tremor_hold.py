@@ -1,8 +1,7 @@
-"""The second way to measure a hold: the same hold again, by a hand that trembles.
+"""Repetition of a hold with tremor: the second measure of force variation.
 
-With frozen input the force must come to rest, which shows limit cycles but not what a user would feel: nobody's hand is
-still. The paper's 0.18 % was measured on a live hold. So a hold with frozen input is run once more with seeded
-physiological tremor.
+With frozen input the force must come to rest, which shows limit cycles but not what a user feels. The paper's 0.18 %
+was measured on a live hold, so a hold with frozen input is run once more with seeded physiological tremor.
 """
 
 import math
@@ -22,7 +21,7 @@ from hhsim.solver.options import SolverOptions
 TREMOR = Disturbance(tremor_position=1e-4, tremor_rotation=math.radians(0.2), tremor_frequency=10.0)
 """0.1 mm and 0.2° at 10 Hz: physiological tremor of the hand is 8 to 12 Hz and 0.05 to 0.1 mm."""
 ONSET = 0.1
-"""The first period of the tremor [s] is left out: its onset is a jump."""
+"""First period of the tremor [s], left out: its onset is a jump."""
 
 
 def tremor_variation(
@@ -34,10 +33,9 @@ def tremor_variation(
     rate: float,
     seed: int = 0,
 ) -> Statistics | None:
-    """Force variation rate [%] of a hold with frozen input repeated with tremor; arguments as `trembling_hold`.
+    """Compute mean, spread and maximum of the force variation rate [%] of a hold repeated with tremor.
 
-    Returns:
-        Mean, spread and maximum, undefined where the hold is no longer than the onset; None where its input moves.
+    Undefined where the hold is no longer than the onset; None where its input moves. Arguments as for `trembling_hold`.
     """
     if any(np.any(values != values[:1]) for values in haptic):
         return None
@@ -56,20 +54,14 @@ def trembling_hold(
     disturbance: Disturbance = TREMOR,
     sample_rate: float | None = None,
 ) -> tuple[TickRecord, BoolArray]:
-    """Repeat a hold with a hand that is not still.
+    """Repeat a hold with a trembling hand; return its ticks, and True for those after the onset, shape (T,).
 
     Args:
-        surface: The object's, world frame, as `HandSolver` takes it.
-        haptic: Haptic hand at each tick of the hold.
-        graphic: Graphic hand at each tick of the hold; the repetition starts from its first one.
+        surface: Object's surface, world frame, as `HandSolver` takes it.
+        haptic, graphic: Hands at each tick of the hold; the repetition starts from the first graphic one.
         rate: Ticks per second [Hz].
-        seed: Of the tremor.
-        disturbance: What moves it.
-        sample_rate: Samples per second [Hz] of the device that measures it, each held until the next one; None for a
-            sample every tick.
-
-    Returns:
-        The ticks of the repetition, and which of them come after the onset, shape (T,).
+        disturbance: Tremor, of this seed.
+        sample_rate: Samples per second [Hz] of the measuring device, each held; None for a sample every tick.
     """
     time = np.arange(len(haptic.position)) / rate
     sample = np.arange(len(time)) if sample_rate is None else np.floor(time * sample_rate + 1e-9).astype(np.int64)

@@ -1,4 +1,4 @@
-"""The verdict on a run: a word and a few sentences, above its table and at the top of its report."""
+"""Verdict on a run: a word and a few sentences, above its table and at the top of its report."""
 
 import math
 from collections.abc import Collection, Mapping, Sequence
@@ -15,20 +15,21 @@ from hhsim.solver.method import PROMISES
 OK, MISSED, UNTOUCHED = "within limits", "limits missed", "nothing touched"
 SHORT, LATE, EMPTY = "cut short", "ticks missed", "no ticks"
 NOT_JUDGED = "depth not judged"
-"""The words. A run that misses limits is one that misses limits, cut short or not, whatever it touches."""
+"""Words of verdicts. Missed limits come first, whether a run is cut short or touches nothing."""
 STATED_TIMES = "the times of its ticks are what the submission says: they were not measured here"
+"""Remark on the times of a submission."""
 ELSEWHERE = "Put the object elsewhere (a recording: --place-object auto), or look at its size (--unit, --size)."
-"""What to try where nothing touches."""
+"""Advice where nothing touches."""
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """Of one run.
+    """Verdict on one run.
 
     Attributes:
         word: One of the words.
-        sentences: What it rests on, the limits that were missed last.
-        missed: Names of the figures that are over their limits.
+        sentences: Reasons, missed limits last.
+        missed: Names of the figures over their limits.
         mostly_stuck: True if more than half of the ticks are stuck.
         line: Word and reason, for the head of a table that has the figures themselves.
     """
@@ -41,31 +42,30 @@ class Verdict:
 
 
 def verdict(result: Result, rows: Sequence[SummaryRow]) -> Verdict:
-    """Judge a result by the table of it; as `run_verdict`."""
+    """Judge a result by its table; as `run_verdict`."""
     # A tick that never was is in no figure of the ticks.
     late = int(result.summary.get("missed", 0))
     repairs = [str(text) for text in result.scene.get("object_repairs") or []]
     run = rows, stored_promises(result.scene), result.ticks
     found = run_verdict(*run, complete=result.complete, late=late, repairs=repairs, surface=result.surface)
     if result.scene.get("submission") and any(row.name.startswith("tick_") for row in rows):
-        said = f"{STATED_TIMES[:1].upper()}{STATED_TIMES[1:]}."
-        found = replace(found, sentences=(*found.sentences, said), line=f"{found.line} {said}")
+        remark = f"{STATED_TIMES[:1].upper()}{STATED_TIMES[1:]}."
+        found = replace(found, sentences=(*found.sentences, remark), line=f"{found.line} {remark}")
     return found if result.live is None else _with_faults(found, result)
 
 
 def _with_faults(found: Verdict, session: Result) -> Verdict:
-    """Return the verdict on a session, which misses its limits by what went wrong in it too."""
     figures = recorded_faults(session).figures
     over = [fault for fault in SESSION_FAULTS if figures[fault.name] > fault.limit]
     if not over:
         return found
-    told = "; ".join(_over(SummaryRow(fault, figures[fault.name]), fault.limit) for fault in over)
+    listed = "; ".join(_over(SummaryRow(fault, figures[fault.name]), fault.limit) for fault in over)
     return replace(
         found,
         word=MISSED,
-        sentences=(f"Over the limits of a session: {told}. It ended so: {how_it_ended(session)}.", *found.sentences),
+        sentences=(f"Over the limits of a session: {listed}. It ended so: {how_it_ended(session)}.", *found.sentences),
         missed=(*found.missed, *(fault.name for fault in over)),
-        line=f"{MISSED}: {told}. {found.line[:1].upper()}{found.line[1:]}",
+        line=f"{MISSED}: {listed}. {found.line[:1].upper()}{found.line[1:]}",
     )
 
 
@@ -79,17 +79,17 @@ def run_verdict(
     repairs: Sequence[str] = (),
     surface: str = "spheres",
 ) -> Verdict:
-    """Judge a run by the limits that `hhsim gate` has where a project sets none.
+    """Judge a run by the default limits of `hhsim gate`.
 
-    A figure that is undefined, that is missing, or that the method does not promise is not judged. A depth that is not
-    judged and over the limit is the verdict itself: such a run is never "within limits".
+    A figure that is undefined, missing, or not promised by the method is not judged. A depth over the limit that is not
+    judged is the verdict itself: such a run is never "within limits".
 
     Args:
-        promises: What the method promises, of `hhsim.solver.method.PROMISES`.
-        complete: False where it was stopped.
+        promises: Promises of the method, of `hhsim.solver.method.PROMISES`.
+        complete: False if it was stopped.
         late: Periods of a session that had no tick.
-        repairs: Of the object's mesh; where its solid is an assumed one, they say what the guarantee is not of.
-        surface: Of the object that the hand touched.
+        repairs: Repairs of the object's mesh; an assumed solid is a reservation.
+        surface: Surface that the hand touched.
     """
     if ticks == 0:
         return Verdict(EMPTY, ("The file holds no tick.",), line=f"{EMPTY}: the file holds none")
@@ -129,7 +129,7 @@ def run_verdict(
 
 
 def _contact(figures: Mapping[str, SummaryRow], surface: str) -> tuple[str, bool]:
-    """What the hand did to the object, in a sentence, and whether it touched it at all, as far as that is known."""
+    """Sentence on the contact, and whether the hand touched the object, as far as known."""
     near, touching, depth = (figures.get(name) for name in ("candidates_max", "touching_max", "penetration_max"))
     force = figures.get("force_contact_max")
     if any(row is not None and row.value > 0.0 for row in (touching, force, depth)):

@@ -1,4 +1,4 @@
-"""Closing a hand at a given place on an object, instead of where a search finds it best."""
+"""Closing a hand at a given place on an object."""
 
 from collections.abc import Callable
 
@@ -18,11 +18,11 @@ from hhsim.scene.stored_pose import Placement
 from hhsim.trees.sphere_tree import SphereTree
 
 PALM_WAY = 0.03
-"""A palm that touches is looked for this far [m] before and behind its stored place."""
+"""A palm that touches is searched for within this distance [m] before and behind its stored place."""
 
 
 def find_placement(script: Script, hand: HandModel, tree: SphereTree) -> Placement | None:
-    """The script's own placement on the object that a tree was built for; None where it finds one by itself.
+    """Return the script's own placement on the object of a tree; None where a search finds one.
 
     Raises:
         TrajectoryError: The script is made for other objects, or for a right hand.
@@ -33,7 +33,7 @@ def find_placement(script: Script, hand: HandModel, tree: SphereTree) -> Placeme
                 return placement
             if script.objects:
                 raise TrajectoryError(
-                    f"script {script.name}: its place on the {placement.object_name} is one of a right hand"
+                    f"script {script.name}: its place on the {placement.object_name} is a right hand's"
                 )
             return None
     if script.objects:
@@ -49,14 +49,11 @@ def close_placed(
     object_position: FloatArray | None = None,
     object_rotation: FloatArray | None = None,
 ) -> FingerClosure:
-    """Close the script's fingers with the palm at a place.
+    """Close the script's fingers with the palm at a place on an object (`tree`, world frame).
 
     Args:
-        script: Which fingers close, and how deep they are commanded.
-        tree: The object, world frame.
-        placement: The place, object's frame.
-        object_position: [m], shape (3,), world; None for the origin.
-        object_rotation: Object to world, shape (3, 3); None for upright.
+        object_position: [m], shape (3,), world; None: the origin.
+        object_rotation: Object to world, shape (3, 3); None: upright.
 
     Raises:
         TrajectoryError: No named finger reaches the object from there, or the palm that is to touch does not.
@@ -72,10 +69,10 @@ def close_placed(
 
 
 class PlacedCloser(Closer):
-    """Closes one script's hand on one object, at any number of places."""
+    """Closes a script's hand on an object, at any number of placements."""
 
     def opened(self, placement: Placement) -> FloatArray:
-        """Flexion of the open hand at a place [rad], shape (5, 3)."""
+        """Return the flexion of the open hand at a place [rad], shape (5, 3)."""
         wide = OPEN_SHARE * np.minimum(self.hand.flexion_min, 0.0) + placement.open[:, None] * self.rates
         return np.ascontiguousarray(np.clip(wide, self.hand.flexion_min, self.hand.flexion_max))
 
@@ -86,10 +83,9 @@ class PlacedCloser(Closer):
         object_rotation: FloatArray | None = None,
         clear: Callable[[FloatArray, FloatArray, FloatArray], bool] | None = None,
     ) -> FingerClosure:
-        """Close the hand; arguments as `close_placed`.
+        """Close the hand; arguments as for `close_placed`.
 
-        `clear`, called with position, rotation and open flexion, may refuse a place before the fingers close: they then
-        stay open.
+        If `clear` refuses position, rotation and open flexion of a place, the fingers stay open.
         """
         turn = np.eye(3) if object_rotation is None else object_rotation
         rotation = np.empty((3, 3))

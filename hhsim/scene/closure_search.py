@@ -1,17 +1,17 @@
-"""Closing a hand on an object: where the palm goes and how far the fingers flex, from distances alone.
+"""Search for a grasp: palm pose and finger flexion at which a hand closes on an object, from distances alone.
 
-For each of a fixed set of palm directions around the object, the open hand comes near until the palm is as close as
-wanted, and the named fingers close until they touch. The best of these grasps is kept: all named fingers reach the
-object and press into it, everything else keeps its distance, the palm is where it should be, the fingers oppose each
-other and keep hold in a slide, and the hand comes from above or the side. Nothing is random and no solver takes part.
+For each of a fixed set of palm directions the open hand advances until the palm is as near as wanted, and the named
+fingers close until they touch. The best grasp is kept: all named fingers press into the object, everything else keeps
+its distance, the fingers oppose each other and keep hold in a slide, and the hand comes from above or the side.
 """
 
 import copy
 import hashlib
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,57 +20,63 @@ from hhsim.errors import TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import DEFAULT_HAND_LENGTH, HandModel
 from hhsim.kernels.hand import finger_closure as kernel
-from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY
-from hhsim.scene.finger_closure import Closer, FingerClosure, body_distances
+from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY, HandArrays
+from hhsim.kernels.sphere_tree import TreeArrays
+from hhsim.scene.finger_closure import Closer, FingerClosure, body_distances, make_work
 from hhsim.scene.hand_moves import level
 from hhsim.scene.script import Script, ScriptPhase
-from hhsim.scene.slide import best_slide
 from hhsim.trees.sphere_tree import SphereTree
 
 OPEN_SHARE = 0.6
-"""The open hand is extended to this share of the joints' range beyond straight."""
+"""Share of the joints' range beyond straight to which the open hand is extended."""
 FIST_SHARE = 0.6
-"""A hand that closes in the air flexes to this share of the joints' range."""
+"""Share of the joints' range to which a hand flexes that closes in the air."""
 
 NEAR_PALM = 0.02
 """Up to this gap [m] the palm is aimed at the object's middle; beyond it the fingertips are."""
 PALM_AIMS = ((0.0, 0.02), (0.0, 0.0), (0.0, 0.04), (0.012, 0.02), (0.012, 0.0), (-0.012, 0.02))
 FINGERTIP_AIMS = ((0.0, 0.0), (0.0, -0.015), (0.0, 0.015), (0.015, 0.0), (-0.015, 0.0))
-"""Where the object's middle may lie under the palm or the fingertips: x and y in the palm frame [m]."""
+"""Places of the object's middle under the palm or the fingertips: x and y in the palm frame [m]."""
 ROLLS = 8
-"""Directions of the fingers tried for each palm direction."""
+"""Number of finger directions for each palm direction."""
 LEADERS = 8
-"""Candidates that the next round starts from."""
+"""Number of candidates that the next round starts from."""
 TILT = math.radians(15.0)
-"""Turn of the last round about each palm axis: a third of the first round's steps."""
+"""Rotation of the last round about each palm axis: a third of the first round's steps."""
 
 TABLE_WEIGHT = 40.0
-"""A hand that goes down to the table as far as `UNDER` is as bad as one that reaches with no finger."""
+"""Penalty of a hand that goes below the table by `UNDER`: that of a grasp that reaches with no finger."""
 LEVEL_WEIGHT = 20.0
-"""So bad is a push straight down on what is to be moved."""
+"""Penalty of a push straight down on an object that is to be moved."""
 OPPOSE_WEIGHT = 20.0
-"""So good is a grasp of it whose thumb pushes against the fingers."""
+"""Reward of a grasp of it whose thumb pushes against the fingers."""
 SLIDE_WEIGHT = 40.0
-"""A slide that loses all fingers is as bad as a grasp that reaches with none."""
+"""Penalty of a slide that loses all fingers."""
 
 MARGIN = 0.002
-"""Fingers that will touch keep this distance [m] while the open hand comes near."""
+"""Distance [m] that fingers which will touch keep while the open hand advances."""
 UNDER = 0.02
-"""A joint this far [m] below the object's lowest point is as bad as any lower one."""
-IDLE_DISTANCE = 0.04
-"""Fingers that do not take part are out of the way at this distance [m]."""
+"""Depth [m] of a joint below the object's lowest point from which the penalty is full."""
+UNUSED_DISTANCE = 0.04
+"""Distance [m] from which uninvolved fingers count as clear."""
 BEARING = 0.005
 """The palm rests on the object with the spheres that are this near [m] when the first one touches."""
 
+HOLDING_DEPTH = 0.002
+"""A finger commanded this deep [m] surely keeps hold."""
+DIRECTIONS = 16
+"""Number of slide directions along the palm; the first is its own x axis."""
+STATIONS = (0.25, 0.5, 0.75, 1.0)
+"""Shares of the slide at which the hand is evaluated."""
+
 KEPT = 64
-"""Closures that a process remembers."""
+"""Number of closures that a process caches."""
 
 _found: dict[tuple[Script, bytes], tuple[FingerClosure, float]] = {}
 
 
-@dataclass(frozen=True, eq=False)
-class _Candidate:
-    """What was tried: a palm orientation and the point of the palm frame that is brought over the object's middle."""
+class _Candidate(NamedTuple):
+    """A palm orientation, the point of the palm frame that comes over the object's middle, and the grasp it gives."""
 
     rotation: FloatArray
     aim: FloatArray
@@ -79,12 +85,7 @@ class _Candidate:
 
 
 def plan_finger_closure(script: Script, hand: HandModel, tree: SphereTree) -> FingerClosure:
-    """Find how the hand of a script closes on an object.
-
-    Args:
-        script: Which fingers close, how deep, and where the palm is.
-        hand: The hand.
-        tree: The object at rest, world frame; its leaves are what is touched.
+    """Find how the hand of a script closes on an object at rest (`tree`, world frame), whose leaves are touched.
 
     Raises:
         TrajectoryError: No named finger reaches the object from any side, or the palm cannot touch it.
@@ -99,7 +100,7 @@ def plan_finger_closure(script: Script, hand: HandModel, tree: SphereTree) -> Fi
 
 
 def _closing(script: Script) -> Script:
-    """Of a script, what the search may depend on: not its name, its times, its noise or its places."""
+    """Script with only what the search depends on: without name, times, noise and places."""
     slides = ScriptPhase("slide", 1.0, distance=script.slide_distance)
     pushes = (ScriptPhase("push", 1.0, distance=script.push_distance),) if script.push_distance > 0.0 else ()
     moves = (ScriptPhase("lift", 1.0),) if script.moves_object else ()
@@ -116,7 +117,7 @@ def _closing(script: Script) -> Script:
 
 
 def _searched(script: Script, hand: HandModel, tree: SphereTree) -> tuple[FingerClosure, float]:
-    """What the search finds, and the object's radius [m]; searched once in a process, for however many replays."""
+    """Result of the search, and the object's radius [m]; searched once in a process."""
     arrays = hashlib.blake2b()
     for values in (*hand.arrays(), *tree.arrays()):
         arrays.update(np.asarray(values).tobytes())
@@ -148,7 +149,6 @@ def _orientations() -> tuple[FloatArray, ...]:
 
 
 def _tilts() -> list[FloatArray]:
-    """Turns about each palm axis, both ways, shape (3, 3) each."""
     turns = []
     for axis, sign in product(range(3), (1.0, -1.0)):
         turn = np.eye(3)
@@ -160,13 +160,11 @@ def _tilts() -> list[FloatArray]:
 
 
 def _leading(candidates: list[_Candidate]) -> list[_Candidate]:
-    """The best ones, best first; the earlier one of equals, where rounding does not tell symmetric grasps apart."""
+    """Best candidates, best first; of equals the earlier one, since rounding must not decide between symmetric ones."""
     return sorted(candidates, key=lambda candidate: -round(candidate.score, 6))[:LEADERS]
 
 
 class _Search(Closer):
-    """The candidates and their evaluation for one script, hand and object."""
-
     def __init__(self, script: Script, hand: HandModel, tree: SphereTree) -> None:
         super().__init__(script, hand, tree)
         low, high = tree.bounds
@@ -183,36 +181,34 @@ class _Search(Closer):
         self.aims = self._aims(hand.hand_length / DEFAULT_HAND_LENGTH)
 
     def best(self) -> FingerClosure:
-        """Every direction at the first aim, then the best directions at every aim, then the best of those tilted."""
+        """Evaluate every direction at the first aim, the best directions at every aim, and the best of those tilted."""
         found = [self._evaluate(rotation.copy(), self.aims[0]) for rotation in _orientations()]
         found += [self._evaluate(leader.rotation, aim) for leader in _leading(found) for aim in self.aims[1:]]
         found += [self._evaluate(leader.rotation @ tilt, leader.aim) for leader in _leading(found) for tilt in _tilts()]
         leaders = _leading(found)
+        best = leaders[0].closure
         if self.script.push_distance > 0.0:
-            return replace(leaders[0].closure, slide=self._pressing(leaders[0].closure))
-        return self._with_slide(leaders) if self.script.slide_distance > 0.0 else leaders[0].closure
+            return replace(best, slide=self._pressing(best))
+        if self.script.slide_distance == 0.0:
+            return best
+        slides = [best_slide(self.script, leader.closure, self.hand, self.tree) for leader in leaders]
+        best_score = -math.inf
+        for leader, (direction, share) in zip(leaders, slides):
+            if leader.score + SLIDE_WEIGHT * share > best_score + 1e-6:
+                best_score = leader.score + SLIDE_WEIGHT * share
+                best = replace(leader.closure, slide=direction)
+        return best
 
     def _pressing(self, closure: FingerClosure) -> FloatArray:
-        """Where the closing fingers press, level: the unit direction in which they push, shape (3,)."""
+        """Unit level direction in which the closing fingers push, shape (3,)."""
         tips = []
         for flexion in (closure.contact, closure.command):
             self._distances(closure.position, closure.rotation, flexion)
             tips.append(self.work.joints[self.fingers, 3].mean(axis=0))
         return level(tips[1] - tips[0], -closure.back)
 
-    def _with_slide(self, leaders: list[_Candidate]) -> FingerClosure:
-        """The leader that slides best, with the direction in which it does."""
-        script = self.script
-        best, best_score = leaders[0].closure, -math.inf
-        for leader in leaders:
-            direction, share = best_slide(script, leader.closure, self.hand, self.tree)
-            if leader.score + SLIDE_WEIGHT * share > best_score + 1e-6:
-                best_score = leader.score + SLIDE_WEIGHT * share
-                best = replace(leader.closure, slide=direction)
-        return best
-
     def _gaps(self) -> FloatArray:
-        """Distance that each body keeps [m] while the open hand comes near, shape (16,)."""
+        """Distance that each body keeps [m] while the open hand advances, shape (16,)."""
         script = self.script
         gap = np.full(BODY_COUNT, script.clearance + MARGIN)
         touches = script.palm_depth > 0.0
@@ -237,7 +233,7 @@ class _Search(Closer):
         return body_distances(self.hand, self.tree, position, rotation, flexion, self.abduction, self.work)
 
     def _evaluate(self, rotation: FloatArray, aim: FloatArray) -> _Candidate:
-        """Bring the open hand near along the palm's normal, close the fingers, command them deeper."""
+        """Advance the open hand along the palm's normal, close the fingers, command them deeper."""
         rotation = np.ascontiguousarray(rotation)
         back = np.ascontiguousarray(rotation[:, 2])
         # From here no body can reach the object, whatever the posture.
@@ -255,13 +251,14 @@ class _Search(Closer):
                 travel, blocking = distance, body
         position = start - travel * back
         unclosed = None if self.script.contact else self.fist
-        place = position, rotation, back
-        closure = self.closed(place, self.open, self.abduction, np.zeros(3), self.fingers, unclosed)
+        closure = self.closed(
+            (position, rotation, back), self.open, self.abduction, np.zeros(3), self.fingers, unclosed
+        )
         score = self._score(closure) if blocking >= 0 else -math.inf
         return _Candidate(rotation, aim, score, closure)
 
     def _score(self, closure: FingerClosure) -> float:
-        """How good a grasp is; the weights order the wishes, from reaching at all down to looks."""
+        """Quality of a grasp; the weights order the demands, from reaching at all down to appearance."""
         upward = float(closure.rotation[2, 2])
         # From above or the side rather than from below, where a table would be.
         score = 0.5 * upward - 3.0 * max(0.0, -upward)
@@ -308,18 +305,18 @@ class _Search(Closer):
         oppose = OPPOSE_WEIGHT if self.script.moves_object else 4.0
         score += oppose * (1.0 - self._one_sided(normals))
         # Fingers that do not take part are well out of the way.
-        idle = [f for f in range(len(FINGERS)) if f not in self.fingers]
-        if idle:
-            away = float(closure.distance[:PALM_BODY].reshape(len(FINGERS), 3)[idle].min())
-            score += 4.0 * min(1.0, away / IDLE_DISTANCE)
+        unused = [f for f in range(len(FINGERS)) if f not in self.fingers]
+        if unused:
+            away = float(closure.distance[:PALM_BODY].reshape(len(FINGERS), 3)[unused].min())
+            score += 4.0 * min(1.0, away / UNUSED_DISTANCE)
         # The pads touch, and more phalanges hold better than fewer.
         touching = closure.touching[self.fingers]
         return score + 3.0 * float(touching[:, 2].mean()) + 6.0 * float(touching.mean())
 
     def _one_sided(self, normals: list[tuple[int, int, FloatArray]]) -> float:
-        """How far the fingers push to one side: 0 where the thumb holds against all others, 1 where all push alike.
+        """Share of the push to one side: 0 where the thumb balances all others, 1 where all push alike.
 
-        For what is to be moved, the thumb's side counts as much as that of all fingers together.
+        For an object that is to be moved, the thumb counts as much as all fingers together.
         """
         if not self.script.moves_object:
             return float(np.linalg.norm(np.mean([normal for _, _, normal in normals], axis=0)))
@@ -338,3 +335,39 @@ class _Search(Closer):
             for center, radius in zip(centers, self.hand.palm_radius)
         ]
         return float(np.mean(near))
+
+
+def best_slide(script: Script, closure: FingerClosure, hand: HandArrays, tree: TreeArrays) -> tuple[FloatArray, float]:
+    """Find the unit direction along the palm (3,), world, in which the fingers keep hold best, and its score.
+
+    The score is 1 where nothing changes on the way, lower the more it does; `closure` is the hand before the slide.
+    """
+    work = make_work()
+    reached = [FINGERS.index(name) for name in closure.reached]
+    if not reached:
+        return closure.rotation[:, 0].copy(), 0.0
+    before = _finger_depth(closure.distance)[reached]
+    start = closure.position - script.palm_depth * closure.back
+    best, best_score = closure.rotation[:, 0], -math.inf
+    for k in range(DIRECTIONS):
+        angle = 2.0 * math.pi * k / DIRECTIONS
+        direction = math.cos(angle) * closure.rotation[:, 0] + math.sin(angle) * closure.rotation[:, 1]
+        score = 0.0
+        for station in STATIONS:
+            place = start + station * script.slide_distance * direction
+            near = body_distances(hand, tree, place, closure.rotation, closure.command, closure.abduction, work)
+            depth = _finger_depth(near)[reached]
+            change = np.abs(depth - before) / max(script.depth, HOLDING_DEPTH)
+            score += float(np.mean(np.clip(depth / HOLDING_DEPTH, -1.0, 1.0) - 0.5 * np.minimum(change, 2.0)))
+            if (near[PALM_BODY] < 0.0) != (script.palm_depth > 0.0):
+                score -= 1.0
+        # Only a real difference turns the slide away from the palm's own axes.
+        if score / len(STATIONS) > best_score + 1e-6:
+            best, best_score = direction, score / len(STATIONS)
+    return best.copy(), best_score
+
+
+def _finger_depth(distance: FloatArray) -> FloatArray:
+    """Depth [m] of each finger in the object, negative outside, from body distances (16,); shape (5,)."""
+    depth: FloatArray = -distance[:PALM_BODY].reshape(len(FINGERS), 3).min(axis=1)
+    return depth

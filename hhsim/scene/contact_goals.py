@@ -1,15 +1,8 @@
-"""What a script demands of a hold, which finger touches which part of the object, and whether a hand does it.
+"""Touches that a script demands at the end of a hold, and the distances of a hand from them.
 
-A hold of a script may say what it touches::
-
-    [[phase]]
-    name = "hold"
-    duration = 0.9
-    touch = { thumb = "handle_inside", middle = "inside", index = ["ear_left", "ear_right"] }
-
-The names are regions of the object (`hhsim.scene.object_regions`); a list demands each of them. "anywhere" is any
-place. A hold that says nothing demands, after a closing, that the fingers that closed touch anywhere, and the palm
-where it is to touch; after a slide, nothing.
+A hold may state them: `touch = { thumb = "handle_inside", index = ["ear_left", "ear_right"] }`, names of regions of the
+object (`hhsim.scene.object_regions`), each of a list, or "anywhere". A hold that states none demands, after a closing,
+that the fingers that closed touch anywhere, and the palm if it is to touch; after a slide, nothing.
 """
 
 from collections.abc import Sequence
@@ -31,9 +24,9 @@ ANYWHERE = "anywhere"
 PALM = "palm"
 TOUCHERS = (*FINGERS, PALM)
 CHUNK = 64
-"""Leaves whose contact points are looked at together."""
+"""Number of leaves whose contact points are computed together."""
 TOUCHING = 1e-5
-"""A part of the hand that is this near [m] to a sphere of the object touches it."""
+"""A body that is this near [m] to a sphere of the object touches it."""
 
 
 @dataclass(frozen=True)
@@ -52,11 +45,11 @@ Regions = Annotated[
     Region | Annotated[tuple[Region, ...], Meta(min_length=1)], Meta(description="the name of a region, or several")
 ]
 TouchTable = dict[Annotated[str, one_of(TOUCHERS)], Regions]
-"""Table `touch` of a hold: the region, or the regions, that each part of the hand must touch."""
+"""Table `touch` of a hold: region, or regions, that each body must touch."""
 
 
 def touches_of(table: TouchTable) -> tuple[Touch, ...]:
-    """Return what the `touch` table of a hold demands."""
+    """Return the touches that the `touch` table of a hold demands."""
     found = ((part, (named,) if isinstance(named, str) else named) for part, named in table.items())
     return tuple(Touch(part, region) for part, regions in found for region in regions)
 
@@ -70,16 +63,11 @@ def touch_distances(
     position: FloatArray,
     rotation: FloatArray,
 ) -> FloatArray:
-    """How far each demanded touch is from happening [m], shape (n,); infinite where nothing of the part is in reach.
+    """Compute the distance [m] of each demanded touch, shape (n,); infinite where no sphere is in its region.
 
-    By brute force over all spheres: the least distance of the part to a sphere that it would touch within the region.
-
-    Args:
-        object_name: Of the catalogue, whose regions are meant; may be anything where all touches are anywhere.
-        tree: The object at rest in its own frame.
-        joints: Of the hand [m], object's frame, shape (5, 4, 3).
-        position: Of the palm [m], object's frame, shape (3,).
-        rotation: Palm to object, shape (3, 3).
+    The least distance of the body to a sphere that it would touch within the region, by brute force over all spheres.
+    `joints` (5, 4, 3) [m], `position` (3,) [m] and `rotation` (3, 3) of the hand are in the frame of the object at
+    rest, a catalogue object if a touch names a region.
 
     Raises:
         UnknownNameError: The object has no such region.
@@ -93,7 +81,6 @@ def touch_distances(
 def _bodies(
     part: str, hand: HandModel, joints: FloatArray, position: FloatArray, rotation: FloatArray
 ) -> list[tuple[FloatArray, FloatArray, float, float]]:
-    """The round cones of a finger, or the spheres of the palm as cones of no length: both ends and both radii."""
     if part == PALM:
         places = hand.palm_tree.leaf_center @ rotation.T + position
         return [(place, place, size, size) for place, size in zip(places, hand.palm_tree.leaf_radius.tolist())]
@@ -104,7 +91,6 @@ def _bodies(
 def _nearest(
     touch: Touch, object_name: str, tree: SphereTree, a: FloatArray, b: FloatArray, radius_a: float, radius_b: float
 ) -> float:
-    """Least distance of a body to a leaf that it would touch within the region."""
     center, radius = tree.leaf_center, tree.leaf_radius
     ball = a is b
     if ball:
@@ -113,8 +99,7 @@ def _nearest(
         distance = round_cone_distance(center, a, b, radius_a, radius_b) - radius
     if touch.region == ANYWHERE:
         return float(distance.min())
-    region = object_region(object_name, touch.region)
-    nearest = np.argsort(distance)
+    region, nearest = object_region(object_name, touch.region), np.argsort(distance)
     # Contact points cost more than distances, and the nearest leaves decide.
     for first in range(0, len(nearest), CHUNK):
         some = nearest[first : first + CHUNK]

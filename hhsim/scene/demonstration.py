@@ -1,7 +1,6 @@
-"""Demonstrations: a recording of a real hand, and what of it is to touch the object, whichever object that is.
+"""Demonstrations: a recording of a real hand, and the finger of it that is to touch whichever object.
 
-A TOML file beside the recording; unlike a script it moves the hand as somebody did, and the object is placed where that
-hand touches it (`hhsim.scene.object_pose`)::
+A TOML file beside the recording; the object is placed where that hand touches it (`hhsim.scene.object_pose`)::
 
     title = "Finger tap, recorded"
     stresses = "a real hand at 54 Hz: …"
@@ -11,7 +10,7 @@ hand touches it (`hhsim.scene.object_pose`)::
     finger = "index"
     depth = 0.015                   # its tip is commanded this much deeper than first contact [m]
 
-Other keys are for people: where the recording comes from, and what was done to it.
+`notice` and `package` say where the recording comes from; nothing reads them.
 """
 
 from dataclasses import dataclass, replace
@@ -35,10 +34,9 @@ class Demonstration:
     """A recorded motion that touches any object.
 
     Attributes:
-        motion: As it was recorded; its object pose does not count.
-        touch: What is to be touched by what.
-        title: What the hand does.
-        stresses: What it demands of a method.
+        motion: Recording; its object pose is ignored.
+        touch: Finger that touches, and how deep.
+        title, stresses: What the hand does, and what that demands of a method.
     """
 
     motion: Trajectory
@@ -48,19 +46,16 @@ class Demonstration:
 
     @property
     def name(self) -> str:
-        """Of the motion."""
+        """Name of the motion."""
         return self.motion.name
 
     @property
     def hand(self) -> HandSide:
-        """The hand that was recorded."""
+        """Side of the hand that was recorded."""
         return self.motion.hand
 
     def placed(self, hand: HandModel, tree: SphereTree) -> Trajectory:
-        """The motion beside an object.
-
-        Args:
-            tree: The object at rest, z up.
+        """Return the motion beside an object, whose tree is at rest with z up.
 
         Raises:
             TrajectoryError: The finger cannot reach this object.
@@ -71,19 +66,15 @@ class Demonstration:
 
 
 def is_demonstration(table: dict[str, Any]) -> bool:
-    """Whether a TOML document is a demonstration rather than a script."""
+    """Return True if a TOML document is a demonstration rather than a script."""
     return "recording" in table
 
 
 def parse_demonstration(text: str, *, name: str, folder: Path | Traversable, where: str) -> Demonstration:
-    """Make a demonstration from TOML text.
-
-    Args:
-        folder: That the recording lies in.
-        where: Names the text in messages.
+    """Read a demonstration from TOML text; `folder` has the recording, `where` names the text in messages.
 
     Raises:
-        TrajectoryError: No TOML, a value that no demonstration has, or no recording.
+        TrajectoryError: Not TOML, an unknown value, or no recording.
     """
     table = parse_settings(text, _DemonstrationTable, where, TrajectoryError)
     motion = replace(_load(folder, table.recording, where), name=name)
@@ -97,7 +88,6 @@ class _DemonstrationTable(Settings, frozen=True):
     stresses: str = ""
     notice: Any = None
     package: Any = None
-    """The last two say where a recording is from, and are for its reader alone."""
 
 
 def _load(folder: Path | Traversable, name: str, where: str) -> Trajectory:

@@ -1,38 +1,46 @@
-"""A scene with what its results say of it: what `hhsim replay` makes of its words, for whoever makes the same runs."""
+"""A scene as `hhsim replay` makes it: its object placed where the hand touches it, and described for its result."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any, Literal
 
+import numpy as np
+
+from hhsim.errors import TrajectoryError
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
+from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.mesh.mesh import Mesh
+from hhsim.metrics.metrics import hand_clearance
 from hhsim.motion.trajectory import ResampleMode, Trajectory
+from hhsim.scene.contact_goals import TOUCHING
 from hhsim.scene.demonstration import Demonstration
-from hhsim.scene.placed_scene import Place, PlacedScene, placed_scene
+from hhsim.scene.recorded_grasp_pose import GraspPlacement, place_at_grasp
+from hhsim.scene.scene import Scene, make_scene
 from hhsim.scene.script import Script
 from hhsim.trees.sphere_tree import SphereTree
+
+Place = Literal["recorded", "auto"]
+
+MOST_START_DEPTH = 0.005
+"""A hand that begins deeper [m] in the object was not recorded at it: fit, tracker and spheres are off by less."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SceneWords:
-    """What a scene is asked for by, as `hhsim replay` takes it; what is None was not said.
+    """Arguments of a scene, as `hhsim replay` takes them; None where an argument was not given.
 
     Attributes:
-        object: A name of the catalogue, or a mesh file.
-        trajectory: A name of the catalogue, or a file.
-        unit: Of a mesh file.
-        size_mm: Longest extent that a mesh file gets [mm].
-        thickness_mm: Of the sheets that open parts of a mesh file become [mm].
-        max_error: That the tree was chosen by [m].
-        tree: File that the tree was taken from.
-        hand_file: Of the hand's sizes.
-        tremor_mm_deg: Amplitudes of the tremor that a script got, of position [mm] and rotation [°].
-        samples: Between two samples of the motion.
-        place_object: Where the object of a recording is to be.
-        object_pose: Recorded, or fixed for an object that is not to move although its recording says so.
-        rate: Ticks a second [Hz].
-        ticks: Only the first so many.
-        seed: Of a script's tremor and sensor noise.
+        object, trajectory: Name of the catalogue, or a file.
+        unit, size_mm, thickness_mm: Unit of a mesh file, its longest extent [mm], thickness of its open parts' sheets
+            [mm].
+        max_error: Error that the tree was chosen by [m].
+        tree, hand_file: Files of the tree and of the hand's sizes.
+        tremor_mm_deg: Amplitudes of a script's tremor: position [mm] and rotation [°].
+        samples: Interpolation between two samples of the motion.
+        object_pose: "recorded", or "fixed" for an object that stands still although its recording moves it.
+        ticks: Number of first ticks to run.
     """
 
     object: str
@@ -52,6 +60,31 @@ class SceneWords:
     seed: int = 0
 
 
+@dataclass(frozen=True)
+class PlacedScene:
+    """A scene, and the placement of its object.
+
+    Attributes:
+        placement: Placement of a recording's object; None where the motion states it or a script finds it.
+        by_itself: True if the object was placed because the recording states no place, not on demand.
+        note: A sentence for the user, or "".
+    """
+
+    scene: Scene
+    placement: GraspPlacement | None = None
+    by_itself: bool = False
+    note: str = ""
+
+    @property
+    def place(self) -> Place:
+        """Placement as a --place-object argument."""
+        return "recorded" if self.placement is None else "auto"
+
+    def to_json(self) -> dict[str, Any] | None:
+        """Return the placement as plain values, SI; None where there is none."""
+        return None if self.placement is None else {**self.placement.to_json(), "by_itself": self.by_itself}
+
+
 def described_scene(
     words: SceneWords,
     mesh: Mesh,
@@ -61,24 +94,15 @@ def described_scene(
     motion: Script | Demonstration | Trajectory,
     fingers: Sequence[str] = FINGERS,
 ) -> PlacedScene:
-    """Put together what was loaded, and write down how that came about.
+    """Make a scene of what was loaded, with its description; arguments and errors as for `placed_scene`.
 
     Args:
-        mesh: The object [m], in its own frame.
-        tree: Its sphere tree, in the same frame.
-        level: That the tree was built to.
-        motion: With its tremor.
-        fingers: That the scene uses.
-
-    Raises:
-        TrajectoryError: As `hhsim.scene.placed_scene.placed_scene`.
+        level: Level that the tree was built to.
+        motion: Motion, with its tremor.
     """
     placed = placed_scene(
-        mesh,
-        tree,
-        hand,
-        motion,
-        asked=words.place_object,
+        *(mesh, tree, hand, motion),
+        place=words.place_object,
         fingers=fingers,
         rate=words.rate,
         mode=words.samples,
@@ -86,29 +110,93 @@ def described_scene(
     )
     scene = placed.scene
     if words.ticks is not None:
-        # Cut last: where the object is put does not depend on how much of the motion is run.
+        # Cut last: where the object is placed does not depend on how much of the motion is run.
         driven = None if scene.driven is None else scene.driven.first(words.ticks)
         scene = replace(scene, ticks=scene.ticks.first(words.ticks), driven=driven)
+    as_given = ("object", "trajectory", "unit", "size_mm", "thickness_mm", "max_error", "tree", "samples", "hand_file")
     description = {
-        "object": words.object,
+        **{name: getattr(words, name) for name in (*as_given, "tremor_mm_deg", "seed")},
         "object_mesh": mesh.sha256,
-        "unit": words.unit,
-        "size_mm": words.size_mm,
-        "thickness_mm": words.thickness_mm,
         "object_repairs": list(mesh.repairs),
         "level": level,
-        "max_error": words.max_error,
-        "tree": words.tree,
         "tree_options": dict(tree.options),
-        "trajectory": words.trajectory,
-        "samples": words.samples,
         "place_object": placed.place,
         "placement": placed.to_json(),
-        "hand_file": words.hand_file,
-        "tremor_mm_deg": words.tremor_mm_deg,
-        "seed": words.seed,
         **({} if words.ticks is None else {"ticks": words.ticks}),
-        # Said only where it changes something: files of objects that stand still are as they were.
+        # Files of objects that stand still by themselves do not mention it.
         **({"object_pose": "fixed"} if words.object_pose == "fixed" else {}),
     }
     return replace(placed, scene=replace(scene, description=description))
+
+
+def placed_scene(
+    mesh: Mesh,
+    tree: SphereTree,
+    hand: HandModel,
+    motion: Script | Demonstration | Trajectory,
+    *,
+    place: Place | None = None,
+    fingers: Sequence[str] = FINGERS,
+    rate: float = 1000.0,
+    mode: ResampleMode = "interpolate",
+    seed: int = 0,
+) -> PlacedScene:
+    """Make a scene, and place the object of a recording that is in no world, such as keypoints of a camera.
+
+    Args:
+        mesh: Object [m], in its own frame.
+        tree: Its sphere tree, in the same frame.
+        motion: Motion of the hand; only a recording is placed.
+        place: Placement of a recording's object; None: as recorded, unless the hand touches nothing there, or begins
+            inside in an import (which has flags) without an object place; then where the fingers close.
+        fingers: Fingers that the scene uses.
+        rate, mode, seed: As for `hhsim.scene.scene.make_scene`.
+
+    Raises:
+        TrajectoryError: The motion cannot be done on this object, or cannot be placed as demanded.
+    """
+
+    def make(moved: Script | Demonstration | Trajectory) -> Scene:
+        return make_scene(mesh, tree, hand, moved, rate=rate, mode=mode, seed=seed)
+
+    if place == "auto" and isinstance(motion, Trajectory):
+        found = place_at_grasp(motion, hand, tree)
+        return PlacedScene(make(found.motion), found, note=found.text)
+    scene = make(motion)
+    if place == "recorded" or not isinstance(motion, Trajectory) or motion.object_motion is not None:
+        return PlacedScene(scene)
+    # Only an import states no object place. A session, or a synthesised motion, may well begin inside.
+    imported = motion.flags is not None and not motion.object_position.any()
+    inside = imported and depth_at_start(scene, fingers) > MOST_START_DEPTH
+    if not inside and touches(scene, fingers):
+        return PlacedScene(scene)
+    why = f"as the recording has it, the hand {'begins inside the object' if inside else 'touches nothing'}"
+    try:
+        found = place_at_grasp(motion, hand, tree)
+        if inside and found.start_gap <= 0.0:
+            raise TrajectoryError("the hand would begin inside wherever its fingers close on the object")
+    except TrajectoryError as error:
+        return PlacedScene(scene, note=f"{why}, and no other place was found: {error}")
+    return PlacedScene(make(found.motion), found, by_itself=True, note=f"{why}, so {found.text}")
+
+
+def touches(scene: Scene, fingers: Sequence[str] = FINGERS) -> bool:
+    """Return True if the haptic hand comes within `TOUCHING` of the leaf spheres in any tick.
+
+    Only the palm and the named fingers count; the others pass through the object.
+    """
+    return bool(_nearest(scene, HandConfiguration.of(scene.ticks), fingers, TOUCHING) < TOUCHING)
+
+
+def depth_at_start(scene: Scene, fingers: Sequence[str] = FINGERS) -> float:
+    """Return the depth of palm and named fingers of the haptic hand at the first tick [m]; 0 outside."""
+    return -_nearest(scene, HandConfiguration.of(scene.ticks).part(0, 1), fingers, 0.0)
+
+
+def _nearest(scene: Scene, haptic: HandConfiguration, fingers: Sequence[str], limit: float) -> float:
+    """Least signed distance of a hand to the leaf spheres over some ticks [m], at most `limit`."""
+    joints = forward_kinematics(scene.hand, *haptic).joints
+    shape = hand_shape(scene.hand)
+    palm, finger = hand_clearance(scene.tree.arrays(), *shape, joints, haptic.position, haptic.orientation, limit=limit)
+    modelled = finger[:, [name in fingers for name in FINGERS]]
+    return float(min(np.nanmin(palm, initial=limit), np.nanmin(modelled, initial=limit)))

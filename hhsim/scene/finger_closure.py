@@ -1,4 +1,4 @@
-"""A hand closed on an object: the palm's place, the fingers' postures, and how near each body is."""
+"""A hand closed on an object: palm pose, finger postures, and distance of each body."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,27 +15,27 @@ from hhsim.scene.script import Script
 from hhsim.trees.sphere_tree import SphereTree
 
 DIP_PER_PIP = 2.0 / 3.0
-"""The last joint follows the middle one in free flexion (Rijpkema & Girard 1991)."""
+"""Flexion of the last joint over that of the middle one in free flexion (Rijpkema & Girard 1991)."""
 THUMB_RATE = (0.5, 1.0, 0.8)
-"""Share of the thumb's joints in its closing: the metacarpal has the shortest range."""
+"""Rates of the thumb's joints as it closes: the metacarpal has the shortest range."""
 REACH_DEPTH = 0.0005
 """A finger reaches the object when its command lies this deep [m] in it."""
 
 
 @dataclass(frozen=True, eq=False)
 class FingerClosure:
-    """A grasp of one object: a palm pose, an open hand and the postures that touch and press.
+    """A grasp of one object: palm pose, open hand, and the postures that touch and press.
 
     Attributes:
         rotation: Palm to world, shape (3, 3).
-        back: Unit direction of the way back to the start, shape (3,), world; the palm's normal if not told otherwise.
+        back: Unit direction of the retreat, shape (3,), world; by default the palm's normal.
         position: Palm origin where the fingers close [m], shape (3,), world; a palm that is to touch does so there.
         open: Flexion of the open hand [rad], shape (5, 3).
         contact: Flexion at first contact; the open one for fingers that do not close [rad], shape (5, 3).
         command: Flexion commanded into the object [rad], shape (5, 3).
         abduction: [rad], shape (5,).
-        reached: The named fingers whose command lies inside the object.
-        missed: The named fingers that do not reach it.
+        reached: Named fingers whose command lies inside the object.
+        missed: Named fingers that do not reach it.
         slide: Unit direction of a slide, shape (3,), world; zeros where the script has none.
         touching: 1 for each phalanx that touches at first contact, else 0, shape (5, 3).
         distance: Signed distance of each body with the palm and all named fingers as commanded [m], shape (16,).
@@ -56,15 +56,9 @@ class FingerClosure:
 
 
 class Closer:
-    """Closes the fingers of one script's hand on one object, wherever the palm is.
-
-    Args:
-        script: Which fingers close, and how deep they are commanded.
-        tree: The object at rest, world frame.
-    """
+    """Closes the fingers of a script's hand on an object at rest (`tree`, world frame), at any palm pose."""
 
     def __init__(self, script: Script, hand: HandModel, tree: SphereTree) -> None:
-        """Nothing is closed yet."""
         self.script = script
         self.hand: HandArrays = hand.arrays()
         self.tree: TreeArrays = tree.arrays()
@@ -81,15 +75,13 @@ class Closer:
         fingers: Sequence[int],
         unclosed: FloatArray | None = None,
     ) -> FingerClosure:
-        """Close some fingers until they touch, and command them deeper.
+        """Close fingers until they touch, and command them deeper; shapes as in `FingerClosure`.
 
         Args:
-            place: Position, rotation and way back of the palm, as of `FingerClosure`.
-            opened: Flexion of the open hand [rad], shape (5, 3).
-            abduction: [rad], shape (5,).
-            slide: As of `FingerClosure`.
-            fingers: Those that close, by number; the script's others count as missed.
-            unclosed: Command of the fingers that do not close [rad], shape (5, 3); None for the open hand's.
+            place: Position, rotation and back of the palm.
+            opened: Flexion of the open hand [rad].
+            fingers: Indices of the fingers that close; the script's others count as missed.
+            unclosed: Command of fingers that do not close [rad]; None: the open hand's.
         """
         (position, rotation, back), work = place, self.work
         contact, touching = opened.copy(), np.zeros((len(FINGERS), 3))
@@ -121,14 +113,14 @@ class Closer:
 
 
 def closure_rates(curl: float) -> FloatArray:
-    """Share of each joint in the closing of each finger, shape (5, 3)."""
+    """Return the rate of each joint as a finger closes, shape (5, 3)."""
     rates = np.tile([1.0, curl, curl * DIP_PER_PIP], (len(FINGERS), 1))
     rates[0] = THUMB_RATE
     return rates
 
 
 def make_work() -> kernel.ClosureWork:
-    """Workspace for the kernels of the search."""
+    """Allocate the workspace of the kernels."""
     return kernel.ClosureWork(
         joints=np.zeros((5, 4, 3)),
         direction=np.zeros((5, 3, 3)),
@@ -147,7 +139,7 @@ def body_distances(
     abduction: FloatArray,
     work: kernel.ClosureWork,
 ) -> FloatArray:
-    """Signed distance of the 15 phalanges and the palm to the object's leaf spheres [m], shape (16,).
+    """Compute the signed distance of the 15 phalanges and the palm to the leaf spheres [m], shape (16,).
 
     `work` then holds the kinematics of that pose.
     """

@@ -1,21 +1,19 @@
-"""The motions that ship with hhsim, and how a name or a path on the command line becomes a motion.
+"""Catalogue of motions, and the motion that a name or a path on the command line means.
 
-A trajectory is named by its catalogue name (`grasp`), by a script or a demonstration of one's own (`.toml`) or by a
-recording: a trajectory (`.h5`, `.csv`), a result or a live session (`.h5`), whose motion it is, or a file that
-`hhsim import` reads, imported as it does without options.
+A trajectory is a catalogue name (`grasp`), a script or demonstration (`.toml`), a trajectory (`.h5`, `.csv`), a result
+or live session (`.h5`), or any other recording, which is imported as `hhsim import` does without options.
 """
 
 import functools
 from collections.abc import Mapping
-from dataclasses import dataclass
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from hhsim.errors import InputError, TrajectoryError, UnknownNameError
+from hhsim.errors import InputError, TrajectoryError, UnknownNameError, check_known
 from hhsim.motion.csv_file import CSV_SUFFIX
 from hhsim.motion.sample_flags import MENDED, marked
 from hhsim.motion.trajectory import UNCHECKED, Trajectory
@@ -26,28 +24,18 @@ from hhsim.system.settings_file import parse_toml, read_toml_text
 
 SCRIPT_SUFFIX = ".toml"
 RECORDING_SUFFIXES = (".h5", ".hdf5", CSV_SUFFIX)
-"""Of trajectories and results; a recording of any other format, a .csv too, is imported on the way in."""
+"""Suffixes of trajectories and results; a recording of any other format, a .csv too, is imported."""
 ORDER = (
     *("touch", "pinch", "grasp", "whole-hand", "slide", "carry", "sequence", "never"),
     *("lift", "shake", "turn", "push", "slip"),
 )
-"""Those for any object, from one finger to the whole hand; those for one object follow by name, recordings last."""
+"""Motions for any object, from one finger to the whole hand; those for one object follow by name, recordings last."""
 
 
-@dataclass(frozen=True)
-class TrajectoryDescription:
-    """A line of the catalogue.
+class TrajectoryDescription(NamedTuple):
+    """Entry of the catalogue: duration [s], rate [Hz], fingers that close, names of phases.
 
-    Attributes:
-        name: What commands take.
-        title: What the hand does.
-        stresses: What it demands of a method.
-        duration: [s].
-        rate: Samples a second [Hz].
-        fingers: Those that close.
-        phases: Names in order.
-        objects: That it is made for; empty for any.
-        figures: Of the paper that show it.
+    `objects` are those that it is made for, empty for any; `figures` are the paper's that show it.
     """
 
     name: str
@@ -62,14 +50,14 @@ class TrajectoryDescription:
 
 
 def imported_suffixes() -> tuple[str, ...]:
-    """The endings of recordings that are imported on the way in."""
+    """Return the suffixes of recordings that are imported."""
     from hhsim.recordings.registry import recording_suffixes
 
     return tuple(suffix for suffix in recording_suffixes() if suffix not in RECORDING_SUFFIXES)
 
 
 def is_imported(path: Path) -> bool:
-    """Whether a recording is imported on the way in: by its suffix, or a .csv by the names of its columns."""
+    """Return True if a recording is imported: by its suffix, or a .csv by the names of its columns."""
     if path.suffix.lower() != CSV_SUFFIX:
         return path.suffix.lower() in imported_suffixes()
     if not path.is_file():
@@ -85,83 +73,62 @@ def is_imported(path: Path) -> bool:
 
 
 def trajectory_names() -> list[str]:
-    """Names of all shipped scripts, in the order of `ORDER`, and then of the demonstrations."""
+    """Return the names of all shipped scripts, in the order of `ORDER`, then of the demonstrations."""
     return [*script_names(), *sorted(_names()[1])]
 
 
 def script_names() -> list[str]:
-    """Names of all shipped scripts, in the order of `ORDER`."""
+    """Return the names of all shipped scripts, in the order of `ORDER`."""
     names = _names()[0]
     return [name for name in ORDER if name in names] + sorted(names.difference(ORDER))
 
 
 @functools.cache
 def _names() -> tuple[frozenset[str], frozenset[str]]:
-    """Names of the shipped scripts and of the shipped demonstrations."""
-    scripts: set[str] = set()
-    demonstrations: set[str] = set()
-    for entry in files("hhsim.trajectories").iterdir():
-        if entry.name.endswith(SCRIPT_SUFFIX):
-            recorded = is_demonstration(parse_toml(entry.read_text(encoding="utf-8"), entry.name))
-            (demonstrations if recorded else scripts).add(entry.name.removesuffix(SCRIPT_SUFFIX))
-    return frozenset(scripts), frozenset(demonstrations)
+    entries = [entry for entry in files("hhsim.trajectories").iterdir() if entry.name.endswith(SCRIPT_SUFFIX)]
+    tables = {entry.name: parse_toml(entry.read_text(encoding="utf-8"), entry.name) for entry in entries}
+    recorded = frozenset(name.removesuffix(SCRIPT_SUFFIX) for name, table in tables.items() if is_demonstration(table))
+    return frozenset(name.removesuffix(SCRIPT_SUFFIX) for name in tables) - recorded, recorded
 
 
 def load_script(name: str) -> Script:
-    """The shipped script of this name.
-
-    Raises:
-        UnknownNameError: No such script; the message lists the near names.
-    """
-    if name not in script_names():
-        raise UnknownNameError("trajectory", name, script_names())
+    """Return the shipped script of a name; UnknownNameError lists the near names."""
+    check_known("trajectory", [name], script_names())
     script = _shipped(name)
     assert isinstance(script, Script)
     return script
 
 
 def describe(name: str) -> TrajectoryDescription:
-    """What the catalogue says about a shipped script or demonstration.
+    """Return the catalogue entry of a shipped script or demonstration.
 
     Raises:
         UnknownNameError: Neither of them; the message lists the near names.
     """
-    if name not in trajectory_names():
-        raise UnknownNameError("trajectory", name, trajectory_names())
+    check_known("trajectory", [name], trajectory_names())
     found = _shipped(name)
     if isinstance(found, Script):
-        duration, rate, phases = found.duration, found.rate, [phase.name for phase in found.phases]
-        fingers, objects, paper = found.fingers if found.contact else (), found.objects, found.paper
+        phases = tuple(phase.name for phase in found.phases)
+        fingers, figures = found.fingers if found.contact else (), tuple(use.figure for use in found.paper)
+        use = (found.duration, found.rate, fingers, phases, found.objects, figures)
     else:
-        duration, rate, phases = found.motion.duration, found.motion.mean_rate, [p.name for p in found.motion.phases]
-        fingers, objects, paper = (found.touch.finger,), (), ()
-    return TrajectoryDescription(
-        name=name,
-        title=found.title,
-        stresses=found.stresses,
-        duration=duration,
-        rate=rate,
-        fingers=fingers,
-        phases=tuple(phases),
-        objects=objects,
-        figures=tuple(use.figure for use in paper),
-    )
+        motion = found.motion
+        phases = tuple(phase.name for phase in motion.phases)
+        use = (motion.duration, motion.mean_rate, (found.touch.finger,), phases, (), ())
+    return TrajectoryDescription(name, found.title, found.stresses, *use)
 
 
 def of_the_paper(description: Mapping[str, Any]) -> bool:
-    """Whether a scene, by what a result says of it, is one that the paper shows: its motion on one of its objects."""
+    """Return True if the paper shows the scene of a result's description: its motion on one of its objects."""
     motion, object_ = str(description.get("trajectory")), description.get("object")
     return motion in _names()[0] and any(object_ in use.objects for use in load_script(motion).paper)
 
 
 def resolve_trajectory(name_or_path: str | Path) -> Script | Demonstration | Trajectory:
-    """The script, the demonstration or the recording that a word on the command line means.
-
-    A catalogue name wins; then the suffix decides: .toml is a script, or a demonstration where it names a recording,
-    .h5, .hdf5 and .csv are trajectories, and what `is_imported` is imported.
+    """Return the script, demonstration or recording that a word on the command line means; a catalogue name wins.
 
     Raises:
-        UnknownNameError: Neither a name of the catalogue nor a path with a known suffix.
+        UnknownNameError: Neither a catalogue name nor a path with a known suffix.
         TrajectoryError: No such file, or one that is not what its suffix says.
     """
     word = str(name_or_path)
@@ -181,10 +148,10 @@ def resolve_trajectory(name_or_path: str | Path) -> Script | Demonstration | Tra
 
 
 def load_recorded(path: Path) -> Trajectory:
-    """A recorded motion from a trajectory file or a result, or imported where `is_imported`.
+    """Read a recorded motion from a trajectory file or a result, or import it where `is_imported`.
 
     Raises:
-        TrajectoryError: No such file, none of the formats, or one that cannot be mended safely.
+        TrajectoryError: No such file, no known format, or a recording that cannot be repaired safely.
     """
     if is_imported(path):
         return _imported(path)
@@ -202,18 +169,18 @@ def load_recorded(path: Path) -> Trajectory:
 
 
 def import_remarks(motion: Any, word: str) -> list[str]:
-    """What is to be said of a motion that was imported on the way in, where unit, side and axes may be guesses.
+    """Return remarks on a motion that was imported, whose unit, side and axes may be guesses.
 
     Args:
-        motion: Of any kind, or None; only a trajectory can have been imported.
-        word: That it was named by.
+        motion: Motion of any kind, or None; only a trajectory can have been imported.
+        word: Name of the motion on the command line.
     """
     if not isinstance(motion, Trajectory) or motion.flags is None or not is_imported(Path(word)):
         return []
     mended = int(np.sum(marked(motion.flags, MENDED)))
-    remark = f"{mended:,} of {motion.sample_count:,} samples were mended on the way in: hhsim import tells what"
-    if not mended:
-        remark = "the recording was imported on the way in: hhsim import tells what it was taken for"
+    remark = "the recording was imported on the way in: hhsim import tells what it was taken for"
+    if mended:
+        remark = f"{mended:,} of {motion.sample_count:,} samples were mended on the way in: hhsim import tells what"
     return [remark, UNCHECKED] if motion.checksums == "missing" else [remark]
 
 

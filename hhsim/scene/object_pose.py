@@ -1,9 +1,9 @@
-"""Where an object has to stand so that a recorded hand touches it: a recording has no object of ours.
+"""Object pose at which a recorded finger touches the object.
 
-The named finger has one moment at which its tip is farthest along its stroke (the main direction of its way, towards
-the palm's side). There the object is set before it: upright, in some turn about the vertical, somewhere across the
-stroke, and so near that the tip is commanded `depth` deeper than first contact. Of the candidates the best is the one
-whose other bodies keep out of the way; a hand that would start in the object is no candidate. Nothing is random.
+At the moment when the fingertip is farthest along its stroke (the main direction of its path, towards the palm's side)
+the object is set before it: upright, at some turn about the vertical and offset across the stroke, so near that the tip
+is commanded `depth` deeper than first contact. The candidate whose other bodies keep the largest distance wins; a hand
+that would start in the object is no candidate. Nothing is random.
 """
 
 from itertools import product
@@ -27,27 +27,27 @@ from hhsim.system.settings_file import Settings, one_of
 from hhsim.trees.sphere_tree import SphereTree
 
 TURNS = 12
-"""Turns about the vertical that are tried."""
+"""Number of turns about the vertical."""
 ACROSS = (-0.4, -0.2, 0.0, 0.2, 0.4)
-"""Places of the stroke across the object, as shares of its width."""
+"""Offsets of the stroke across the object, as shares of its width."""
 LOOKS = 24
-"""Samples of the recording at which a candidate is looked at."""
+"""Number of samples of the recording at which a candidate is evaluated."""
 START_GAP = 0.002
-"""The hand begins at least this far from the object [m]."""
+"""Least distance [m] of the hand at the start."""
 WANTED_GAP = 0.01
-"""Bodies that are to keep out of the way are out of it at this distance [m]."""
+"""Distance [m] at which other bodies count as clear."""
 PRESSED = 0.4
-"""The tip has to get this share of the depth into the object: else it grazes it."""
+"""Least share of the depth that the tip must reach: less is a graze."""
 FAR = 1e3
-"""A gap below minus this [m] never stops a body."""
+"""A gap of minus this [m] never stops a body."""
 
 
 class Wanted(Settings, frozen=True):
-    """What the recording is to do to the object.
+    """Touch that the recording is to make.
 
     Attributes:
-        finger: That touches it.
-        depth: How much deeper than first contact its tip is commanded [m].
+        finger: Finger that touches.
+        depth: Commanded depth of its tip beyond first contact [m].
     """
 
     finger: Annotated[str, one_of(FINGERS)]
@@ -55,7 +55,7 @@ class Wanted(Settings, frozen=True):
 
 
 class _Best(NamedTuple):
-    """A placement in the object's frame: the hand's shift, the object's turn, how far others keep away in the mean."""
+    """Best placement so far, object's frame: shift of the hand, turn of the object, mean distance of other bodies."""
 
     shift: FloatArray
     turn: float
@@ -63,15 +63,10 @@ class _Best(NamedTuple):
 
 
 def place_object(motion: Trajectory, hand: HandModel, tree: SphereTree, wanted: Wanted) -> Trajectory:
-    """The motion beside the object.
-
-    Args:
-        motion: Of a hand, without regard for its object pose.
-        tree: The object at rest in its own frame, z up.
-        wanted: What is to be touched, by what.
+    """Return the motion with the object (`tree`, its own frame, z up) placed where the finger touches it.
 
     Raises:
-        TrajectoryError: Nowhere does the finger reach the object without the hand beginning in it.
+        TrajectoryError: The finger reaches the object nowhere without the hand starting in it.
     """
     finger = FINGERS.index(wanted.finger)
     placed = forward_kinematics(hand, *HandConfiguration.of(motion))
@@ -79,17 +74,24 @@ def place_object(motion: Trajectory, hand: HandModel, tree: SphereTree, wanted: 
     stroke, moment = _stroke(tips, motion)
     best = _search(motion, hand, tree, finger, stroke, moment, wanted.depth)
     if best is None:
-        raise TrajectoryError(
-            f"{motion.name or 'the motion'} cannot be placed at this object: nowhere does its {wanted.finger} finger "
-            "reach it without the hand beginning in it"
-        )
-    turn = quaternion(np.array([0.0, 0.0, best.turn]))
-    # In the object's frame a point is Rᵀ p + shift, so the object's own origin is at -R shift.
-    return motion.placed(-(rotation_matrix(turn) @ best.shift), turn)
+        name = motion.name or "the motion"
+        why = f"nowhere does its {wanted.finger} finger reach it without the hand beginning in it"
+        raise TrajectoryError(f"{name} cannot be placed at this object: {why}")
+    return placed_by(motion, best.shift, best.turn)
+
+
+def upright_turn(angle: float) -> FloatArray:
+    """Return the rotation matrix of an angle [rad] about the vertical, shape (3, 3)."""
+    return rotation_matrix(quaternion(np.array([0.0, 0.0, angle])))
+
+
+def placed_by(motion: Trajectory, shift: FloatArray, angle: float) -> Trajectory:
+    """Return a motion beside an object in whose frame a point of the world is Rᵀ p + shift, R a turn by an angle."""
+    return motion.placed(-(upright_turn(angle) @ shift), quaternion(np.array([0.0, 0.0, angle])))
 
 
 def _stroke(tips: FloatArray, motion: Trajectory) -> tuple[FloatArray, int]:
-    """Unit direction of a fingertip's main way, towards the palm's side, and the sample that is farthest along it."""
+    """Unit main direction of a fingertip's path, towards the palm's side, and the sample that is farthest along it."""
     off = tips - tips.mean(axis=0)
     direction = np.linalg.svd(off, full_matrices=False)[2][0]
     inwards = -rotation_matrix(motion.orientation)[:, :, 2].mean(axis=0)
@@ -99,13 +101,7 @@ def _stroke(tips: FloatArray, motion: Trajectory) -> tuple[FloatArray, int]:
 
 
 def _search(
-    motion: Trajectory,
-    hand: HandModel,
-    tree: SphereTree,
-    finger: int,
-    stroke: FloatArray,
-    moment: int,
-    depth: float,
+    motion: Trajectory, hand: HandModel, tree: SphereTree, finger: int, stroke: FloatArray, moment: int, depth: float
 ) -> _Best | None:
     arrays, nodes, work = hand.arrays(), tree.arrays(), make_work()
     looks = np.unique(np.concatenate([np.linspace(0, motion.sample_count - 1, LOOKS).round().astype(int), [moment]]))
@@ -113,8 +109,7 @@ def _search(
     flexion = [np.ascontiguousarray(values) for values in motion.flexion[looks]]
     abduction = [np.ascontiguousarray(values) for values in motion.abduction[looks]]
     joints = hand.joints(motion.position[moment], motion.orientation[moment], flexion[here], abduction[here])
-    center, radius = tree.leaf_center, tree.leaf_radius
-    low, high = (center - radius[:, None]).min(axis=0), (center + radius[:, None]).max(axis=0)
+    low, high = tree.bounds
     middle, size = 0.5 * (low + high), float(np.linalg.norm(high - low))
     tip_body = PHALANX_COUNT * finger + PHALANX_COUNT - 1
     gap = np.full(BODY_COUNT, -FAR)
@@ -123,7 +118,7 @@ def _search(
     best: _Best | None = None
     for step in range(TURNS):
         turn = 2.0 * np.pi * step / TURNS
-        back = rotation_matrix(quaternion(np.array([0.0, 0.0, turn]))).T
+        back = upright_turn(turn).T
         direction = np.ascontiguousarray(back @ stroke)
         rotations = [np.ascontiguousarray(back @ rotation_matrix(q)) for q in motion.orientation[looks]]
         positions = motion.position[looks] @ back.T
@@ -154,7 +149,7 @@ def _search(
 
 
 def across(direction: FloatArray) -> FloatArray:
-    """Two unit vectors across a direction and each other, shape (2, 3)."""
+    """Return two unit vectors across a direction and each other, shape (2, 3)."""
     least = np.eye(3)[int(np.argmin(np.abs(direction)))]
     first = np.cross(direction, least)
     first /= np.linalg.norm(first)

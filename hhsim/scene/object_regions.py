@@ -1,15 +1,14 @@
-"""Named parts of the catalogue's objects: the bunny's ears, the cup's handle, the teapot's spout.
+"""Named regions of the catalogue's objects: the bunny's ears, the cup's handle, the teapot's spout.
 
-A region is where a contact point may lie, in the object's frame. The description of an object (`objects/*.toml`) states
-each as a list of shapes that must all hold the point, lengths in metres::
+The description of an object (`objects/*.toml`) states each as shapes that must all hold the contact point [m]::
 
     [regions]
     handle = [{ box = [[0.024, -0.01, -0.035], [0.06, 0.01, 0.04]] }]
     inside = [{ cylinder = [[-0.017, 0.0, -0.04], [-0.017, 0.0, 0.05]], radius = [0.034, 0.038] }]
     outside = [{ cylinder = […], radius = […], outside = true }]
 
-A cylinder has a radius at each end and ends there. A sphere is
-`{ sphere = [x, y, z], radius = r }`. With `outside = true` the point must not be in the shape.
+A cylinder has a radius at each end and ends there; a sphere is `{ sphere = [x, y, z], radius = r }`; with
+`outside = true` the point must not be in the shape.
 """
 
 from dataclasses import dataclass
@@ -33,15 +32,7 @@ Radius = Annotated[float, between(0.0, 1e6)]
 
 
 class Shape(Settings, frozen=True):
-    """A box, a straight cone frustum or a ball in the object's frame.
-
-    Attributes:
-        box: Lowest and highest corner [m].
-        cylinder: Both ends of the axis [m].
-        sphere: The centre [m].
-        radius: At the two ends, or of the ball [m].
-        outside: Whether it holds what is not in it.
-    """
+    """A box, a straight cone frustum or a ball in the object's frame; the module's docstring explains the keys."""
 
     box: tuple[Point, Point] | None = None
     cylinder: tuple[Point, Point] | None = None
@@ -50,7 +41,7 @@ class Shape(Settings, frozen=True):
     outside: bool = False
 
     def check(self) -> None:
-        """Refuse what is not one of the shapes, or has no inside."""
+        """Check that it is exactly one of the shapes, with an inside."""
         kinds = [kind for kind in SHAPES if getattr(self, kind) is not None]
         if len(kinds) != 1 or not isinstance(self.radius, SHAPES[kinds[0]]):
             raise InputError("expected a box, a cylinder and its radius at both ends, or a sphere and its radius")
@@ -60,7 +51,7 @@ class Shape(Settings, frozen=True):
             raise InputError("a cylinder needs two different ends")
 
     def holds(self, points: FloatArray) -> BoolArray:
-        """Whether it holds points [m], shape (n, 3); shape (n,)."""
+        """Return True for each point [m], shape (n, 3), that it holds; shape (n,)."""
         if self.box is not None:
             inside = ((points >= self.box[0]) & (points <= self.box[1])).all(axis=1)
         elif self.cylinder is None:
@@ -80,37 +71,34 @@ Shapes = Annotated[tuple[Shape, ...], a_list("[{ box = [[0.0, 0.0, 0.0], [0.1, 0
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """A named part of an object: what all of its shapes hold."""
+    """Named region of an object: the intersection of its shapes."""
 
     name: str
     shapes: tuple[Shape, ...]
 
     def holds(self, points: ArrayLike) -> BoolArray:
-        """Whether it holds points of the object's frame [m], shape (n, 3); shape (n,)."""
+        """Return True for each point of the object's frame [m], shape (n, 3), that it holds; shape (n,)."""
         array = np.asarray(points, dtype=np.float64).reshape(-1, 3)
-        held = np.ones(len(array), bool)
-        for shape in self.shapes:
-            held &= shape.holds(array)
-        return held
+        return np.asarray(np.all([shape.holds(array) for shape in self.shapes], axis=0))
 
 
 @cache
 def object_regions(name: str) -> dict[str, Region]:
-    """The regions of an object of the catalogue, by name; none for most.
+    """Return the regions of a catalogue object by name; most have none.
 
     Raises:
         UnknownNameError: No such object.
-        InputError: Its description holds a region that is none.
+        InputError: Its description holds an invalid region.
     """
     regions = typed(object_description(name).get("regions", {}), dict[str, Shapes], f"objects/{name}.toml: regions")
     return {region: Region(region, shapes) for region, shapes in regions.items()}
 
 
 def object_region(name: str, region: str) -> Region:
-    """One region of an object of the catalogue.
+    """Return one region of a catalogue object.
 
     Raises:
-        UnknownNameError: No such object, or it has no such region.
+        UnknownNameError: No such object or region.
     """
     known = object_regions(name)
     if region not in known:

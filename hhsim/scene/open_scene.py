@@ -1,4 +1,4 @@
-"""A scene from names and files: what `hhsim replay OBJECT TRAJECTORY` runs, for programs."""
+"""A scene from names and files, for programs: what `hhsim replay OBJECT TRAJECTORY` runs."""
 
 from pathlib import Path
 
@@ -31,37 +31,38 @@ def open_scene(
     mode: ResampleMode = "interpolate",
     seed: int = 0,
 ) -> Scene:
-    """Load an object and a motion, build the object's sphere tree or take it from the cache, and put them together.
+    """Load an object and a motion, take the object's sphere tree from the cache or build it, and put them together.
 
     Args:
         object_: A name (`hhsim objects`), a mesh file, or a mesh [m].
-        motion: A name (`hhsim trajectories`), a script (.toml), a recording or a result, or one that is loaded.
+        motion: A name (`hhsim trajectories`), a script (.toml), a recording, a result, or a loaded motion.
         unit: Length unit of a mesh file: m, cm, mm or inch; None is m.
         size: Longest extent that a mesh file gets [m], whatever its unit.
         solid: False takes the triangles of a mesh file as they are, for `SolverOptions(surface="mesh")`.
-        level: Of the tree's leaves, 1 to 5; None is what suits the object, 3 or 4.
-        hand: A model, or right or left for the default hand of that side; None is that of the motion's side.
+        level: Level of the tree's leaves, 1 to 5; None is the object's own, 3 or 4.
+        hand: A model, or right or left for the default hand of that side; None is the motion's side.
         rate: Ticks per second [Hz].
-        mode: Between two samples of the motion: interpolate, or hold the last one.
-        seed: Of a script's tremor and sensor noise.
+        mode: Resampling between two samples of the motion: interpolate, or hold the last one.
+        seed: Seed of a script's tremor and sensor noise.
 
     Raises:
-        UnknownNameError: No such object, trajectory or side of the hand; the message lists the near names.
+        UnknownNameError: No such object, trajectory or hand side; the message lists the near names.
         InputError: A file or an option that cannot be used, or a motion that cannot be done on this object.
     """
-    mesh, usual = (
-        (object_, MESH_LEVEL) if isinstance(object_, Mesh) else resolve_object(object_, unit, size, solid=solid)
-    )
+    if isinstance(object_, Mesh):
+        mesh, usual = object_, MESH_LEVEL
+    else:
+        mesh, usual = resolve_object(object_, unit, size, solid=solid)
     moved = resolve_trajectory(motion) if isinstance(motion, str | Path) else motion
-    at_level = level or usual
-    tree = cached_sphere_tree(mesh, TreeOptions(level=at_level)) if solid else tree_of_any(mesh, at_level)
+    level = level or usual
+    tree = cached_sphere_tree(mesh, TreeOptions(level=level)) if solid else tree_of_any(mesh, level)
     description = {
         "object": mesh.name if isinstance(object_, Mesh) else str(object_),
         "object_mesh": mesh.sha256,
         "unit": unit,
         "size_mm": None if size is None else 1e3 * size,
         "object_repairs": list(mesh.repairs),
-        "level": level or usual,
+        "level": level,
         "tree_options": dict(tree.options),
         "trajectory": str(motion) if isinstance(motion, str | Path) else moved.name,
         "samples": mode,

@@ -1,15 +1,13 @@
-"""Where an object has to stand so that a recorded grasp closes on it, whichever fingers take part.
+"""Object pose at which the fingers of a recorded grasp close on the object, whichever fingers take part.
 
-A recording of a bare hand tells where its fingers close, and not on what. The moment of the grasp is where the fingers
-have closed furthest while the palm is slow. Some way before it, with the fingertips still open by a lead, the object is
-brought against the hand from outside: along the palm's normal, the fingers' stroke or the palm's way, upright in some
-turn about the vertical. From there the recorded fingers close on into it. Of all candidates the best is the one that
-most of the closing fingers sink into, a little and from two sides, and that neither the start of the recording nor the
-palm is in. A recording whose fingers never close is placed at the fingertips of its deepest flexion. Nothing is random.
+The grasp is the moment when the fingers have closed furthest while the palm is slow. With the fingertips still open by
+a lead, the object is brought against the hand from outside: along the palm's normal, the fingers' stroke or the palm's
+path, upright at some turn about the vertical; from there the recorded fingers close into it. Best is the candidate that
+most of the closing fingers enter, a little and from two sides, with palm and start of the recording outside. If no
+finger ever closes, the object goes to the fingertips of the deepest flexion. Nothing is random.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -20,69 +18,62 @@ from hhsim.errors import TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
-from hhsim.hand.quaternion import quaternion, rotation_matrix
+from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.hand import finger_closure as kernel
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.motion.trajectory import Trajectory
 from hhsim.scene.finger_closure import body_distances, make_work
-from hhsim.scene.object_pose import START_GAP, across
+from hhsim.scene.object_pose import START_GAP, across, placed_by, upright_turn
 from hhsim.trees.sphere_tree import SphereTree
 
 WINDOW = 1.5
 """A closing that takes longer than this [s] is two motions."""
 SLOW = 0.3
-"""A palm of this speed [m/s] halves what a closing counts."""
+"""Palm speed [m/s] that halves the weight of a closing."""
 CLOSED = 0.5
-"""A finger closes whose three joints together bend by this [rad]; the thumb alone grasps nothing."""
+"""Sum of the flexions of a finger's joints [rad] from which it closes; the thumb alone grasps nothing."""
 SHARE = 0.3
-"""A finger takes part that bends by this share of what the one does that bends most."""
+"""A finger takes part if it bends by this share of the one that bends most."""
 LEADS = (0.006, 0.015, 0.04, 0.1)
-"""How far the fingertips still have to go [m] when the object meets the hand."""
+"""Distances of the fingertips from where they close [m] when the object meets the hand."""
 LEAST_WAY = 0.003
-"""A shorter way [m] has no direction."""
+"""A shorter path [m] has no direction."""
 PUSH = 0.006
-"""Where the fingers do not close, the hand is commanded this deep [m]."""
+"""Commanded depth [m] of the hand where no finger closes."""
 TURNS = 12
-"""Turns about the vertical that are tried."""
+"""Number of turns about the vertical."""
 OFFSETS = ((0.0, 0.0), (0.25, 0.0), (-0.25, 0.0), (0.0, 0.25), (0.0, -0.25))
-"""Places of the hand across the object, as shares of its width."""
+"""Offsets of the hand across the object, as shares of its width."""
 LOOKS = 32
-"""Samples of the recording at which a candidate is looked at."""
+"""Number of samples of the recording at which a candidate is evaluated."""
 FINALISTS = 60
-"""Candidates that are looked at over the whole recording; the others only at its start and at the grasp."""
+"""Number of candidates evaluated over the whole recording; the others only at its start and at the grasp."""
 WANTED_DEPTH = 0.004
-"""A finger that sinks in this deep [m] at the grasp is in."""
+"""Depth [m] of a finger at the grasp that scores in full."""
 MOST_DEPTH = 0.012
-"""Deeper than this [m] is no longer a bit."""
+"""Depth [m] from which a finger is too deep."""
 IN = 0.0005
 """A finger this deep [m] in the object at the grasp is named."""
 
 
 class Grasp(NamedTuple):
-    """The closest grasp of a recording.
-
-    Attributes:
-        sample: Where the fingers have closed furthest.
-        fingers: Those that take part, by number.
-        closes: Whether any finger closes.
-    """
+    """Closest grasp of a recording: its sample, the indices of its fingers, and whether any finger closes."""
 
     sample: int
     fingers: tuple[int, ...]
     closes: bool
 
 
-@dataclass(frozen=True)
-class GraspPlacement:
+class GraspPlacement(NamedTuple):
     """An object placed at a recorded grasp.
 
     Attributes:
-        motion: The recording, with the object's pose.
-        grasp: Where the object was put.
-        time: Of the grasp, from the first sample on [s].
-        fingers: Those that are in the object then.
-        depth: How deep the deepest of them is [m].
-        start_gap: Distance of the hand to the object at the first sample [m]; negative where it begins inside.
+        motion: Recording, with the object's pose.
+        grasp: Grasp at which the object was placed.
+        time: Time of the grasp from the first sample on [s].
+        fingers: Fingers that are in the object then.
+        depth: Depth of the deepest of them [m].
+        start_gap: Distance of the hand from the object at the first sample [m]; negative where it begins inside.
     """
 
     motion: Trajectory
@@ -94,7 +85,7 @@ class GraspPlacement:
 
     @property
     def text(self) -> str:
-        """The placement in one line."""
+        """Placement in one line."""
         who = " and ".join(filter(None, [", ".join(self.fingers[:-1]), *self.fingers[-1:]])) or "no finger"
         verb = "close on it" if len(self.fingers) > 1 else "closes on it"
         if not self.grasp.closes:
@@ -107,7 +98,7 @@ class GraspPlacement:
         return f"object placed where {who} {verb} at {self.time:.2f} s, {1e3 * self.depth:.1f} mm deep; {begins}"
 
     def to_json(self) -> dict[str, Any]:
-        """For machines: SI units."""
+        """Return the placement as plain values, SI."""
         return {
             "how": "closing fingers" if self.grasp.closes else "deepest flexion",
             "text": self.text,
@@ -122,7 +113,7 @@ class GraspPlacement:
 
 
 def find_grasp(motion: Trajectory) -> Grasp:
-    """The moment at which a recorded hand has closed furthest while its palm is slow."""
+    """Find the sample at which a recorded hand has closed furthest while its palm is slow."""
     stamps = motion.time - motion.time[0]
     bend = motion.flexion.sum(axis=2)
     rise = bend - _least_before(bend, stamps)
@@ -135,11 +126,7 @@ def find_grasp(motion: Trajectory) -> Grasp:
 
 
 def place_at_grasp(motion: Trajectory, hand: HandModel, tree: SphereTree) -> GraspPlacement:
-    """Put an object where the fingers of a recording close.
-
-    Args:
-        motion: Of a hand, without regard for its object pose.
-        tree: The object at rest in its own frame, z up.
+    """Place an object (`tree`, its own frame, z up) where the fingers of a recording close.
 
     Raises:
         TrajectoryError: No finger meets the object from any side.
@@ -148,16 +135,14 @@ def place_at_grasp(motion: Trajectory, hand: HandModel, tree: SphereTree) -> Gra
     search = _Search(motion, hand, tree, grasp)
     best = search.best()
     if best is None:
+        when = motion.time[grasp.sample] - motion.time[0]
         raise TrajectoryError(
-            f"{motion.name or 'the motion'} cannot be placed at this object: at the grasp, at "
-            f"{motion.time[grasp.sample] - motion.time[0]:.2f} s, no finger meets it"
+            f"{motion.name or 'the motion'}: no finger meets this object at the grasp, at {when:.2f} s"
         )
-    turn = quaternion(np.array([0.0, 0.0, best.turn]))
     distance = search.distances(best, np.array([0, grasp.sample]))
     depth = -distance[1, :PALM_BODY].reshape(len(FINGERS), PHALANX_COUNT).min(axis=1)
-    # In the object's frame a point is Rᵀ p + shift, so the object's own origin is at -R shift.
     return GraspPlacement(
-        motion=motion.placed(-(rotation_matrix(turn) @ best.shift), turn),
+        motion=placed_by(motion, best.shift, best.turn),
         grasp=grasp,
         time=float(motion.time[grasp.sample] - motion.time[0]),
         fingers=tuple(finger for finger, deep in zip(FINGERS, depth) if deep > IN),
@@ -167,7 +152,7 @@ def place_at_grasp(motion: Trajectory, hand: HandModel, tree: SphereTree) -> Gra
 
 
 def _least_before(bend: FloatArray, stamps: FloatArray) -> FloatArray:
-    """The least of each column over the `WINDOW` up to each sample."""
+    """Least value of each column over the `WINDOW` up to each sample."""
     first = np.searchsorted(stamps, stamps - WINDOW)
     return np.stack([bend[a : t + 1].min(axis=0) for t, a in enumerate(first.tolist())])
 
@@ -182,7 +167,7 @@ def _palm_speed(position: FloatArray, stamps: FloatArray) -> FloatArray:
 
 
 class _Candidate(NamedTuple):
-    """A placement in the object's frame: the turn of the object, the hand's shift, and how good it is."""
+    """A placement in the object's frame: turn of the object, shift of the hand, score."""
 
     turn: float
     shift: FloatArray
@@ -190,13 +175,10 @@ class _Candidate(NamedTuple):
 
 
 class _Approach(NamedTuple):
-    """How the object is brought against the hand of the grasp.
+    """Approach of the object to the hand, in the posture of a sample.
 
-    Attributes:
-        sample: That the fingers are as open as.
-        direction: That the hand comes in, unit, world.
-        aim: Point of the hand that comes over the object's middle [m], world.
-        push: How much farther than first contact [m].
+    `direction` is the hand's, unit, world; `aim` is the point of the hand over the object's middle [m], world; `push`
+    is the advance beyond first contact [m].
     """
 
     sample: int
@@ -206,13 +188,10 @@ class _Approach(NamedTuple):
 
 
 class _Search:
-    """The candidates and their evaluation for one recording, hand and object."""
-
     def __init__(self, motion: Trajectory, hand: HandModel, tree: SphereTree, grasp: Grasp) -> None:
         self.motion, self.grasp = motion, grasp
         self.hand, self.nodes, self.work = hand.arrays(), tree.arrays(), make_work()
-        radius = tree.leaf_radius[:, None]
-        self.low, self.high = (tree.leaf_center - radius).min(axis=0), (tree.leaf_center + radius).max(axis=0)
+        self.low, self.high = tree.bounds
         self.rotation = rotation_matrix(motion.orientation)
         still = (np.zeros_like(motion.position), np.tile([1.0, 0.0, 0.0, 0.0], (motion.sample_count, 1)))
         self.tips = forward_kinematics(hand, *still, motion.flexion, motion.abduction).joints[:, :, 3]
@@ -220,23 +199,21 @@ class _Search:
         self.looks = np.unique(np.append(np.linspace(0, last, LOOKS).round().astype(np.int64), grasp.sample))
 
     def best(self) -> _Candidate | None:
-        """The best of the candidates; one whose hand begins in the object only where there is no other."""
+        """Return the best candidate; one whose hand begins in the object only where there is no other."""
         ends = np.array([0, self.grasp.sample])
         found = [self._scored(candidate, ends) for candidate in self._candidates()]
-        met = [candidate for candidate in found if np.isfinite(candidate.score)]
-        leading = sorted(met, key=lambda candidate: -candidate.score)[:FINALISTS]
+        leading = sorted(filter(lambda c: np.isfinite(c.score), found), key=lambda c: -c.score)[:FINALISTS]
         return max((self._scored(c, self.looks) for c in leading), key=lambda c: c.score, default=None)
 
     def distances(self, candidate: _Candidate, samples: IntArray) -> FloatArray:
         """Signed distance of every body at some samples [m], shape (N, 16)."""
-        back = rotation_matrix(quaternion(np.array([0.0, 0.0, candidate.turn]))).T
-        return np.stack([self._pose_distances(back, candidate.shift, int(sample)) for sample in samples])
-
-    def _pose_distances(self, back: FloatArray, shift: FloatArray, sample: int) -> FloatArray:
-        position = back @ self.motion.position[sample] + shift
-        rotation = np.ascontiguousarray(back @ self.rotation[sample])
-        flexion, abduction = self.motion.flexion[sample].copy(), self.motion.abduction[sample].copy()
-        return body_distances(self.hand, self.nodes, position, rotation, flexion, abduction, self.work)
+        back, motion, found = upright_turn(candidate.turn).T, self.motion, []
+        for sample in samples.tolist():
+            position = back @ motion.position[sample] + candidate.shift
+            rotation = np.ascontiguousarray(back @ self.rotation[sample])
+            flexion, abduction = motion.flexion[sample].copy(), motion.abduction[sample].copy()
+            found.append(body_distances(self.hand, self.nodes, position, rotation, flexion, abduction, self.work))
+        return np.stack(found)
 
     def _candidates(self) -> Iterator[_Candidate]:
         middle, size = 0.5 * (self.low + self.high), float(np.linalg.norm(self.high - self.low))
@@ -246,23 +223,21 @@ class _Search:
         approaches = list(self._approaches())
         for step in range(TURNS):
             turn = 2.0 * np.pi * step / TURNS
-            back = rotation_matrix(quaternion(np.array([0.0, 0.0, turn]))).T
+            back = upright_turn(turn).T
             palm = back @ self.motion.position[self.grasp.sample]
             rotation = np.ascontiguousarray(back @ self.rotation[self.grasp.sample])
             for approach in approaches:
-                flexion, abduction = (
-                    values[approach.sample].copy() for values in (self.motion.flexion, self.motion.abduction)
-                )
+                flexion = self.motion.flexion[approach.sample].copy()
+                abduction = self.motion.abduction[approach.sample].copy()
                 direction = np.ascontiguousarray(back @ approach.direction)
                 side = across(direction)
                 width = np.abs(side) @ (self.high - self.low)
                 aim = back @ approach.aim
                 for offset in OFFSETS:
-                    goal = middle + (np.array(offset) * width) @ side
-                    here = goal - aim - far * direction
-                    start = palm + here
+                    here = middle + (np.array(offset) * width) @ side - aim - far * direction
                     travel, body = kernel.advance_hand(
-                        self.hand, self.nodes, start, rotation, flexion, abduction, direction, gap, 2.0 * far, self.work
+                        *(self.hand, self.nodes, palm + here, rotation, flexion, abduction),
+                        *(direction, gap, 2.0 * far, self.work),
                     )
                     if body >= 0:
                         yield _Candidate(turn, here + (travel + approach.push) * direction, 0.0)
@@ -284,7 +259,7 @@ class _Search:
                     yield _Approach(k, way / length, aim, 0.0 if self.grasp.closes else PUSH)
 
     def _before(self, lead: float) -> int:
-        """The last sample before the grasp at which the closing tips are still `lead` from where they close."""
+        """Last sample before the grasp at which the closing tips are still `lead` from where they close."""
         g, closure = self.grasp.sample, list(self.grasp.fingers)
         off = np.linalg.norm(self.tips[: g + 1, closure] - self.tips[g, closure], axis=2).mean(axis=1)
         return int(np.flatnonzero(off >= lead).max(initial=0))

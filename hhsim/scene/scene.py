@@ -1,7 +1,7 @@
-"""A scene: one object with its sphere tree, one hand, one motion, all in the world frame.
+"""A scene: one object with its sphere tree, one hand, one motion, in the world frame.
 
-An object that moves as recorded stands still in a scene: all is in the frame that moves with it and is the world's at
-the first tick, and so is what is solved and measured. `Scene.driven` has the motion in the world.
+An object that moves as recorded stands still in a scene: all is in the frame that moves with it, which is the world's
+at the first tick. `Scene.driven` has the motion in the world.
 """
 
 from collections.abc import Mapping
@@ -23,17 +23,20 @@ from hhsim.trees.sphere_tree import SphereTree
 
 @dataclass(frozen=True, repr=False)
 class Scene:
-    """What a replay needs.
+    """Object, hand and motion of a replay.
 
     Attributes:
-        mesh: The object's surface [m], world frame.
+        mesh: Surface of the object [m], world frame.
         tree: Its sphere tree, world frame.
-        hand: The hand.
-        trajectory: The motion of the haptic hand, with the object's pose in it.
-        ticks: The motion at the tick rate, as the object sees it.
-        description: How the scene came about, as plain values: what its results say of it.
-        driven: The motion in the world, with the object's, where the object moves as recorded; else None.
-        free: What the object is besides, where it is free: the mesh is then where it is before the first tick.
+        hand: Hand model.
+        trajectory: Motion of the haptic hand, with the object's pose.
+        ticks: Motion at the tick rate, as the object sees it.
+        description: Origin of the scene as plain values, for its results.
+        driven: Motion of hand and object in the world where the object moves as recorded; else None.
+        free: Physical properties of a free object, whose mesh is where it is before the first tick; else None.
+
+    Raises:
+        InputError: A free object, and a motion that moves it.
     """
 
     mesh: Mesh
@@ -46,15 +49,9 @@ class Scene:
     free: FreeObject | None = None
 
     def __post_init__(self) -> None:
-        """Refuse an object that moves in two ways.
-
-        Raises:
-            InputError: It is free, and the motion says how it moves.
-        """
         if self.free is not None and self.driven is not None:
-            raise InputError(
-                f"in {self.trajectory.name or 'the motion'} the object moves as recorded, so it cannot be free"
-            )
+            name = self.trajectory.name or "the motion"
+            raise InputError(f"in {name} the object moves as recorded, so it cannot be free")
 
     def __repr__(self) -> str:
         ticks, leaves = self.ticks, self.tree.leaf_count
@@ -65,20 +62,17 @@ class Scene:
 
     @property
     def all_pairs(self) -> int:
-        """Pairs of a hand body (phalanx or palm sphere) and an object sphere.
-
-        What a model without trees tests every tick.
-        """
+        """Number of pairs that a model without trees tests every tick; see `all_pairs`."""
         return all_pairs(self.hand, self.tree)
 
 
 def all_pairs(hand: HandModel, tree: SphereTree) -> int:
-    """Pairs of a body of the hand (phalanx or palm sphere) and an object sphere."""
+    """Return the number of pairs of a hand body (phalanx or palm sphere) and an object sphere."""
     return (hand.radius[:, 1:].size + hand.palm_tree.leaf_count) * tree.leaf_count
 
 
 def side_of(motion: Script | Demonstration | Trajectory) -> Side:
-    """The hand that a recording is of; scripts close either, and are of the right one."""
+    """Return the side of the recorded hand; scripts close either, and default to the right."""
     return "left" if getattr(motion, "hand", "") == "left" else "right"
 
 
@@ -93,18 +87,15 @@ def make_scene(
     seed: int = 0,
     description: Mapping[str, Any] | None = None,
 ) -> Scene:
-    """Put object, hand and motion together.
+    """Put object and tree, both in the object's own frame, hand and motion together.
 
     Args:
-        mesh: The object [m], in its own frame.
-        tree: Its sphere tree, in the same frame.
-        hand: The hand.
         motion: A recording, which holds the object's pose; a script, which closes on the object where it is; or a
-            demonstration, which puts the object where the recorded hand touches it.
+            demonstration, which places the object where the recorded hand touches it.
         rate: Ticks per second [Hz].
-        mode: How a motion of another rate is brought to the ticks.
-        seed: Of a script's tremor and sensor noise.
-        description: How the scene came about.
+        mode: Resampling of a motion of another rate.
+        seed: Seed of a script's tremor and sensor noise.
+        description: Origin of the scene.
 
     Raises:
         TrajectoryError: The script or the demonstration cannot be done on this object.

@@ -1,93 +1,36 @@
-"""Trajectory scripts: TOML files that say what a hand does to an object, whichever object that is.
+"""Trajectory scripts: TOML files that say what a hand does to any object, without coordinates.
 
-A script holds no coordinates. It names phases and the fingers that close in them; where the hand goes and how far each
-finger closes is found on the object (`hhsim.scene.closure_search`). A script that has to touch named parts of an object
-keeps its place on it (`hhsim.scene.stored_pose`) and says what it touches (`hhsim.scene.contact_goals`). Keys, with
-their defaults where they have one::
+Where the hand goes and how far each finger closes is found on the object (`hhsim.scene.closure_search`), or stored with
+the script where named parts must be touched (`hhsim.scene.stored_pose`). Keys, with their defaults::
 
-    title = "Five-finger grasp"
-    stresses = "many contacts at once"
+    title, stresses = ""   # what the hand does, and what that demands of a method
     rate = 1000.0          # samples a second [Hz]
     contact = true         # false: the whole hand keeps `clearance` and closes in the air
-    depth = 0.015          # the fingertips are commanded this much deeper than first contact [m]
+    depth = 0.015          # fingertips are commanded this much deeper than first contact [m]
     clearance = 0.005      # least distance of fingers that no phase names, and of the palm unless palm_depth > 0 [m]
     palm_gap = 0.005       # wanted distance between palm and object [m]
     palm_depth = 0.0       # > 0: the palm touches too and is commanded this deep [m]
-    start_distance = 0.12  # the hand starts so far back from its place [m]
-    curl = 1.0             # flexion of the second joint for 1 rad of the first; the third follows with 2/3 of it
-    objects = ["cup"]      # made for these objects of the catalogue only, and placed on each; default: for any object
+    start_distance = 0.12  # the hand starts this far back from its place [m]
+    curl = 1.0             # flexion of the second joint per 1 rad of the first; the third follows with 2/3 of it
+    objects = []           # catalogue objects that it is for, each with a placement; empty: any object
 
-    [[phase]]
+    [[phase]]              # the first one is an approach; every phase has a duration [s]
     name = "approach"      # comes near with open fingers
-    duration = 0.8         # [s]
+    # touch, pinch, grasp: `fingers` close, all others open; default: index; thumb and index; all
+    # hold: nothing moves; `touch = { thumb = "handle", index = "anywhere" }` must hold at its end (contact_goals.py)
+    # slide: the palm moves along the object by `distance` [m], the fingers still commanded deep
+    # push: the hand goes on by `distance` [m] where its fingers press, level
+    # carry: hand and object go along a level arc of `distance` [m] and `turn` [rad] about the vertical; default: 0
+    # lift: the hand alone goes up by `distance` [m]; a free object follows if it is held
+    # shake: `cycles` (default: 4) swings of up to `distance` [m], level and across the palm
+    # turn: by `turn` [rad] about the fingers' direction, level, through the object's middle
+    # slip: the fingers ease until they would just touch
+    # release: the fingers open and the hand goes back to its start
 
-    [[phase]]
-    name = "grasp"         # touch, pinch, grasp: these fingers close, all others open
-    duration = 0.5
-    fingers = ["thumb", "index", "middle", "ring", "little"]   # default: touch index, pinch thumb and index, grasp all
-
-    [[phase]]
-    name = "hold"          # nothing moves
-    duration = 0.9
-    touch = { thumb = "handle", index = "anywhere" }   # what must be touched at its end, see hhsim.scene.contact_goals
-
-    [[phase]]
-    name = "slide"         # the palm moves along the object, fingers still commanded deep
-    duration = 0.5
-    distance = 0.03        # [m]
-
-    [[phase]]
-    name = "carry"         # hand and object go along an arc together, upright and at one height
-    duration = 1.2
-    distance = 0.4         # of the arc [m]
-    turn = 1.57            # of both, from x to y [rad]; default: 0, straight on
-
-    [[phase]]
-    name = "lift"          # the hand alone goes straight up; a free object comes along if it is held
-    duration = 0.8
-    distance = 0.1         # below 0 it goes down [m]
-
-    [[phase]]
-    name = "shake"         # swings that grow and fade, level and across the palm
-    duration = 1.5
-    distance = 0.02        # the largest goes nearly so far [m]
-    cycles = 4.0           # default: 4
-
-    [[phase]]
-    name = "turn"          # about the way that the fingers point, level, through where the object's middle is
-    duration = 1.0
-    turn = 0.8             # [rad]
-
-    [[phase]]
-    name = "push"          # the hand goes on where its fingers press, level
-    duration = 1.0
-    distance = 0.1         # [m]
-
-    [[phase]]
-    name = "slip"          # the fingers ease until they would just touch
-    duration = 3.0
-
-    [[phase]]
-    name = "release"       # the fingers open and the hand goes back to where it started
-    duration = 0.8
-
-    [tremor]               # one seeded ellipse of this amplitude for the palm's position, one for its rotation
-    position = 0.0         # [m]
-    rotation = 0.0         # [rad]
-    frequency = 10.0       # [Hz]
-
-    [sensor]               # of the joint angles
-    counts = 0             # a full turn, 0 for no quantisation
-    noise = 0.0            # standard deviation before quantisation [rad]
-
+    [tremor]               # seeded ellipses of the palm's `position` [m] and `rotation` [rad]; `frequency` = 10.0 [Hz]
+    [sensor]               # joint angles: `counts` a full turn (0: not quantised), `noise` before quantisation [rad]
     [[placement]]          # see hhsim.scene.stored_pose
-    object = "cup"
-
-    [[paper]]              # where the paper shows it
-    figure = "15"
-    objects = ["cup", "bunny"]
-    case = "SF"            # the row of that figure, if it has several
-    instances = 100        # seeded variations of the hand's place
+    [[paper]]              # where the paper shows it: `figure`, `objects`, `case` and `instances` (default: 1)
 
 Each phase moves by minimum jerk: 10τ³ − 15τ⁴ + 6τ⁵ (Flash & Hogan, J. Neuroscience 5, 1985).
 """
@@ -110,15 +53,15 @@ from hhsim.scene.stored_pose import Placement, PlacementTable
 from hhsim.system.settings_file import Settings, a_list, between, one_of, parse_settings, read_toml_text
 
 DEFAULT_FINGERS: dict[str, tuple[str, ...]] = {"touch": ("index",), "pinch": ("thumb", "index"), "grasp": FINGERS}
-"""The fingers that a closing phase closes where it names none."""
+"""Fingers that a closing phase closes where it names none."""
 PHASE_NAMES = (
     *("approach", *DEFAULT_FINGERS, "hold", "slide", "carry"),
     *("lift", "shake", "turn", "push", "slip", "release"),
 )
 DISTANCES = {"slide": (0.0, 1.0), "carry": (0.0, 10.0), "lift": (-1.0, 1.0), "shake": (0.0, 0.5), "push": (0.0, 1.0)}
-"""The phases that go so far, which they must say, and from where to where that may be [m]."""
+"""Range of `distance` [m] by phase; these phases require it."""
 TAKE_ALONG = ("lift", "shake", "turn")
-"""The phases that move the hand with what it holds."""
+"""Phases that move the hand with what it holds."""
 KEYS_OF_PHASES: dict[str, Collection[str]] = {
     "fingers": DEFAULT_FINGERS,
     "distance": DISTANCES,
@@ -126,29 +69,23 @@ KEYS_OF_PHASES: dict[str, Collection[str]] = {
     "cycles": ("shake",),
     "touch": ("hold",),
 }
-"""The phases that each key belongs to."""
+"""Phases that each key belongs to."""
 DISTURBANCES = {
     part: tuple(key.name.removeprefix(f"{part}_") for key in fields(Disturbance) if key.name.startswith(f"{part}_"))
     for part in ("tremor", "sensor")
 }
-"""Keys of the tables of tremor and of the sensors."""
+"""Keys of the tables `tremor` and `sensor`."""
 MAX_SAMPLES = 10_000_000
-"""More samples than this are a slip of the pen: about three hours at 1 kHz."""
+"""More samples are a typing error: about three hours at 1 kHz."""
 
 
 @dataclass(frozen=True)
 class ScriptPhase:
-    """One phase of a script.
+    """One phase of a script; the module's docstring explains the fields.
 
     Attributes:
-        name: One of `PHASE_NAMES`.
-        duration: [s].
-        fingers: Those that are closed at its end; closing phases only.
-        distance: How far it goes [m]; of the phases of `DISTANCES` only.
-        turn: Of hand and object about the vertical, or of the hand about the way its fingers point [rad]; carry and
-            turn only.
-        cycles: Swings; shake only.
-        touch: What must be touched at its end; None where the script leaves it open; hold only.
+        fingers: Fingers closed at its end; closing phases only.
+        touch: Touches demanded at its end; None where the script leaves them open; hold only.
     """
 
     name: str
@@ -161,13 +98,12 @@ class ScriptPhase:
 
 
 class PaperUse(Settings, frozen=True):
-    """Where the paper shows a script's motion.
+    """Figure of the paper that shows a script's motion.
 
     Attributes:
-        figure: Such as "13".
-        objects: Of the catalogue, on which it does.
-        case: The figure's name for it; empty where it has none.
-        instances: Seeded variations of the hand's place; 1 for the script's own.
+        objects: Catalogue objects on which it is shown.
+        case: Row of the figure, if it has several.
+        instances: Number of seeded variations of the hand's place; 1 for the script's own place.
     """
 
     figure: str
@@ -182,15 +118,7 @@ class PaperUse(Settings, frozen=True):
 
 @dataclass(frozen=True)
 class Script:
-    """A checked script; the module's docstring says what each field means.
-
-    Attributes:
-        name: Of the catalogue, or the file's stem.
-        phases: The first one is an approach.
-        objects: That it is made for; empty for any.
-        placements: Of the hand, on some objects.
-        paper: Where the paper shows it.
-    """
+    """A checked script; the module's docstring explains the fields."""
 
     name: str
     phases: tuple[ScriptPhase, ...]
@@ -216,14 +144,18 @@ class Script:
 
     @property
     def sample_count(self) -> int:
-        """Samples of the motion: k / rate for every k below duration · rate."""
+        """Number of samples: k / rate for every k below duration · rate."""
         return max(1, round(self.duration * self.rate))
 
     def shaken(self, tremor_mm_deg: Sequence[float]) -> "Script":
-        """The same with tremor, of so much: the palm's position [mm] and rotation [°], as `hhsim replay` takes it."""
+        """Return the script with tremor of the palm's position [mm] and rotation [°], as `hhsim replay` takes it."""
         position, rotation = tremor_mm_deg
         shaken = replace(self.disturbance, tremor_position=1e-3 * position, tremor_rotation=math.radians(rotation))
         return replace(self, disturbance=shaken)
+
+    def has(self, *names: str) -> bool:
+        """Return True if any phase has one of these names."""
+        return any(phase.name in names for phase in self.phases)
 
     @property
     def slide_distance(self) -> float:
@@ -237,28 +169,28 @@ class Script:
 
     @property
     def takes_along(self) -> bool:
-        """Whether it moves the hand with what it holds."""
-        return any(phase.name in TAKE_ALONG for phase in self.phases)
+        """True if it moves the hand with what it holds."""
+        return self.has(*TAKE_ALONG)
 
     @property
     def carries(self) -> bool:
-        """Whether it says how the object moves."""
-        return any(phase.name == "carry" for phase in self.phases)
+        """True if it says how the object moves."""
+        return self.has("carry")
 
     @property
     def moves_object(self) -> bool:
-        """Whether it is to move an object that is free, and stands on a table."""
-        return any(phase.name in (*TAKE_ALONG, "push", "slip") for phase in self.phases)
+        """True if it is to move a free object that stands on a table."""
+        return self.has(*TAKE_ALONG, "push", "slip")
 
     @property
     def fingers(self) -> tuple[str, ...]:
-        """The fingers that some phase closes, in the order of `FINGERS`."""
+        """Fingers that some phase closes, in the order of `FINGERS`."""
         named = {finger for phase in self.phases for finger in phase.fingers}
         return tuple(finger for finger in FINGERS if finger in named)
 
     @property
     def hold_touches(self) -> tuple[tuple[Touch, ...], ...]:
-        """What each hold must touch at its end, in order."""
+        """Touches that each hold demands at its end, in order."""
         found: list[tuple[Touch, ...]] = []
         usual: tuple[Touch, ...] = ()
         for phase in self.phases:
@@ -273,35 +205,25 @@ class Script:
 
 
 def read_script(path: Path, *, unplaced: bool = False) -> Script:
-    """Read a script from a TOML file; `unplaced` as in `parse_script`.
-
-    Raises:
-        TrajectoryError: No such file, no TOML, or a key, value or phase that no script has.
-    """
+    """Read a script from a TOML file; arguments and errors as for `parse_script`, or no such file."""
     text = read_toml_text(path, "script", TrajectoryError)
     return parse_script(text, name=path.stem, where=str(path), unplaced=unplaced)
 
 
 def parse_script(text: str, *, name: str, where: str, unplaced: bool = False) -> Script:
-    """Make a script from TOML text.
+    """Read a script from TOML text; `where` names the text in messages.
 
-    Args:
-        text: The TOML document.
-        name: Of the script.
-        where: Names the text in messages.
-        unplaced: The script may lack placements on the objects that it is made for, since they are to be searched for.
+    `unplaced` accepts a script without placements on the objects that it is made for.
 
     Raises:
-        TrajectoryError: No TOML, or a key, value or phase that no script has.
+        TrajectoryError: Not TOML, or an unknown key, value or phase.
     """
     table = parse_settings(text, _ScriptTable, where, TrajectoryError)
     script = table.script(name)
     placed = {placement.object_name for placement in script.placements}
     missing = [name for name in script.objects if name not in placed]
     if missing and not unplaced:
-        raise TrajectoryError(
-            f"{where}: no placement on {', '.join(missing)}; expected a [[placement]] for each object"
-        )
+        raise TrajectoryError(f"{where}: no placement on {', '.join(missing)}; expected one for each object")
     if script.sample_count > MAX_SAMPLES:
         raise TrajectoryError(f"{where}: {script.sample_count} samples; expected at most {MAX_SAMPLES}")
     return script
@@ -328,7 +250,6 @@ class _PhaseTable(Settings, frozen=True):
             raise InputError(f"distance = {self.distance:g}; expected a number from {low:g} to {high:g} m")
 
     def phase(self) -> ScriptPhase:
-        """Return the phase, with the fingers in the order of the hand."""
         fingers = self.fingers or DEFAULT_FINGERS.get(self.name, ())
         return ScriptPhase(
             self.name,
@@ -383,16 +304,10 @@ class _ScriptTable(Settings, frozen=True, kw_only=True):
         self.disturbance()
 
     def disturbance(self) -> Disturbance:
-        """Return tremor and sensor noise.
-
-        Raises:
-            TrajectoryError: A value out of its range.
-        """
         tables = {"tremor": self.tremor, "sensor": self.sensor}
         return Disturbance(**{f"{part}_{key}": value for part, table in tables.items() for key, value in table.items()})
 
     def script(self, name: str) -> Script:
-        """Return the script."""
         as_they_are = {key: getattr(self, key) for key in self.__struct_fields__ if key in Script.__dataclass_fields__}
         return Script(
             name,

@@ -1,19 +1,16 @@
-"""A hand's place on one object, stored with a script: what a description such as "thumb in the handle" needs.
+"""A hand's place on one object, stored with a script that has to touch named parts ("thumb in the handle").
 
-A script that closes anywhere finds its place by itself (`hhsim.scene.closure_search`). Where it has to touch named
-parts of an object, the place was searched for once (`tools/placement_search.py`) and is kept in the script::
+Such a place is searched for once (`tools/placement_search.py`). How far each finger closes still follows from the
+object's spheres, so another sphere tree needs no other place. Keys, in the object's frame::
 
     [[placement]]
-    object = "cup"                 # of the catalogue; the frame below is the object's own
+    object = "cup"                 # catalogue name
     position = [0.03, 0.0, 0.12]   # palm origin where the fingers close [m]
     orientation = [1.0, 0.0, 0.0, 0.0]   # palm to object, (w, x, y, z)
-    back = [0.0, 0.0, 1.0]         # the way that the hand comes from and goes back to
-    open = [0.0, 0.2, 0.0, 0.0, 0.0]     # flexion of the open fingers' first joint beyond the open hand's [rad]
+    back = [0.0, 0.0, 1.0]         # direction from which the hand comes and into which it retreats
+    open = [0.0, 0.2, 0.0, 0.0, 0.0]     # flexion of the first joints beyond the open hand's [rad]
     abduction = [0.0, 0.0, 0.0, 0.0, 0.0]   # [rad]
-    slide = [1.0, 0.0, 0.0]        # direction of a slide; only of scripts that have one
-
-Only the place is stored: how far each finger closes follows from the object's spheres, so that another sphere tree
-needs no other place.
+    slide = [1.0, 0.0, 0.0]        # direction of a slide; only in scripts that have one
 """
 
 import math
@@ -28,22 +25,15 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.mesh.catalogue import object_names
 from hhsim.system.settings_file import Settings, between
 
-_SIZES = ("position", "orientation", "back", "open", "abduction", "slide")
+_REQUIRED = ("position", "orientation", "back")
 _OPTIONAL = ("open", "abduction", "slide")
 
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """A hand's place on one object; the module's docstring says what each field means.
+    """Place of a hand on one object; the module's docstring explains the fields.
 
-    Attributes:
-        object_name: Of the catalogue; empty where it is no stored one.
-        position: [m], shape (3,), object's frame, as all the others.
-        orientation: Unit (w, x, y, z), shape (4,).
-        back: Unit, shape (3,).
-        open: [rad], shape (5,).
-        abduction: [rad], shape (5,).
-        slide: Unit, or zeros, shape (3,).
+    Directions have unit length; `open` and `abduction` have shape (5,); `slide` is zero in a script without one.
     """
 
     object_name: str
@@ -55,14 +45,12 @@ class Placement:
     slide: FloatArray = field(default_factory=lambda: np.zeros(3))
 
     def to_toml(self) -> str:
-        """As a table of a script; lengths to 10 µm, angles and directions to 10⁻⁴."""
+        """Return the placement as a table of a script; lengths to 10 µm, angles and directions to 10⁻⁴."""
         lines = ["[[placement]]", f'object = "{self.object_name}"']
-        for name in _SIZES:
-            values = getattr(self, name)
-            if name in _OPTIONAL and not values.any():
-                continue
-            digits = 5 if name == "position" else 4
-            lines.append(f"{name} = [{', '.join(f'{round(float(v), digits) + 0.0:g}' for v in values)}]")
+        for name in (*_REQUIRED, *_OPTIONAL):
+            values, digits = getattr(self, name), 5 if name == "position" else 4
+            if name in _REQUIRED or values.any():
+                lines.append(f"{name} = [{', '.join(f'{round(float(v), digits) + 0.0:g}' for v in values)}]")
         return "\n".join(lines)
 
 
@@ -72,7 +60,7 @@ OfFingers = tuple[Number, Number, Number, Number, Number]
 
 
 class PlacementTable(Settings, frozen=True):
-    """A [[placement]] table of a script; the module's docstring says what each key means."""
+    """Table [[placement]] of a script; the module's docstring explains the keys."""
 
     object: str
     position: Three
@@ -83,7 +71,7 @@ class PlacementTable(Settings, frozen=True):
     slide: Three | None = None
 
     def check(self) -> None:
-        """Check the object's name, and that directions have unit length."""
+        """Check the object's name and the unit length of directions."""
         check_known("object", [self.object], object_names())
         for key in ("orientation", "back", "slide"):
             size = float(np.linalg.norm(getattr(self, key) or 1.0))
@@ -91,9 +79,9 @@ class PlacementTable(Settings, frozen=True):
                 raise InputError(f"{key} has length {size:.3g}; expected 1")
 
     def placement(self) -> Placement:
-        """Return the place, with directions of unit length."""
-        given = {name: np.array(value) for name in _SIZES if (value := getattr(self, name)) is not None}
-        for key in ("orientation", "back", "slide"):
-            if key in given:
-                given[key] /= np.linalg.norm(given[key])
+        """Return the placement, with directions normalised."""
+        names = (*_REQUIRED, *_OPTIONAL)
+        given = {name: np.array(value) for name in names if (value := getattr(self, name)) is not None}
+        for key in given.keys() & {"orientation", "back", "slide"}:
+            given[key] /= np.linalg.norm(given[key])
         return Placement(self.object, **given)

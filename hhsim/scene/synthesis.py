@@ -1,4 +1,4 @@
-"""From a script, a hand and an object to a trajectory: minimum-jerk motion between the poses that the closing found."""
+"""Trajectory of a script: minimum-jerk motion between the poses that closing the hand on the object has found."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,13 +14,13 @@ from hhsim.motion.tremor import Disturbance
 from hhsim.scene.closure_at_pose import close_placed, find_placement
 from hhsim.scene.closure_search import plan_finger_closure
 from hhsim.scene.finger_closure import FingerClosure
-from hhsim.scene.hand_moves import carried, minimum_jerk, phase_share, taken_along
+from hhsim.scene.hand_moves import carried, minimum_jerk, phase_shares, taken_along
 from hhsim.scene.script import DEFAULT_FINGERS, Script, ScriptPhase
 from hhsim.scene.stored_pose import Placement
 from hhsim.trees.sphere_tree import SphereTree
 
 RELEASE_OPENING = 0.6
-"""A release opens the fingers in this first share of its time and goes back in the last one of the same length."""
+"""A release opens the fingers in this first share of its duration and retreats in the last share of the same length."""
 
 
 def synthesize(
@@ -34,21 +34,14 @@ def synthesize(
     object_position: ArrayLike = (0.0, 0.0, 0.0),
     object_orientation: ArrayLike = (1.0, 0.0, 0.0, 0.0),
 ) -> Trajectory:
-    """Make the motion of a script on an object.
+    """Make the trajectory of a script on an object at rest (`tree`, world); the same arguments give the same bytes.
 
     Args:
-        script: What the hand does.
-        hand: Which hand.
-        tree: The object at rest, world frame.
-        seed: Of tremor and sensor noise; the motion itself is the same for every seed.
-        disturbance: Instead of the script's own.
-        placement: Instead of the script's own, or of a search.
+        seed: Seed of tremor and sensor noise; the motion itself is the same for every seed.
+        disturbance: Replaces the script's own.
+        placement: Replaces the script's own, or a search.
         object_position: Recorded with the motion [m], shape (3,); `tree` is already there.
         object_orientation: Recorded with the motion (w, x, y, z), shape (4,).
-
-    Returns:
-        A trajectory of script.duration · script.rate samples, whose object moves where the script carries it; the same
-        arguments give the same bytes.
 
     Raises:
         TrajectoryError: The script cannot be done on this object.
@@ -96,9 +89,9 @@ def planned(
     object_orientation: ArrayLike = (1.0, 0.0, 0.0, 0.0),
     placement: Placement | None = None,
 ) -> FingerClosure:
-    """How the hand closes: at the given place, at the script's own on this object, or where a search finds it best.
+    """Return the closed hand: at the given place, at the script's own on this object, or where a search finds the best.
 
-    Arguments and errors as `synthesize`.
+    Arguments and errors as for `synthesize`.
     """
     if placement is None:
         placement = find_placement(script, hand, tree)
@@ -110,7 +103,6 @@ def planned(
 
 
 def _source(script: Script, closure: FingerClosure, hand: HandModel, seed: int, noise: Disturbance) -> str:
-    """What the motion was made from, in one line."""
     parts = [f"hhsim script '{script.name}' for a {hand.side} hand of {1000.0 * hand.hand_length:.0f} mm"]
     if closure.missed:
         parts.append(f"fingers that do not reach this object: {', '.join(closure.missed)}")
@@ -120,7 +112,7 @@ def _source(script: Script, closure: FingerClosure, hand: HandModel, seed: int, 
 
 
 class _Course:
-    """How far back, how far along, how closed and how much at ease the hand is at each sample, and the phases."""
+    """Retreat, slide, closure and easing of the hand at each sample, and the phases."""
 
     def __init__(self, script: Script, time: FloatArray) -> None:
         count = time.shape[0]
@@ -128,16 +120,12 @@ class _Course:
         self.slide = np.zeros(count)
         self.closure = np.zeros((count, len(FINGERS)))
         self.ease = np.zeros(count)
-        phases = []
-        start = 0.0
-        for phase in script.phases:
-            self._play(script, phase, phase_share(time, start, phase.duration))
-            phases.append(Phase(phase.name, start, start + phase.duration))
-            start += phase.duration
-        self.phases = tuple(phases)
+        self.phases: tuple[Phase, ...] = ()
+        for phase, start, share in phase_shares(script, time):
+            self._play(script, phase, share)
+            self.phases += (Phase(phase.name, start, start + phase.duration),)
 
     def _play(self, script: Script, phase: ScriptPhase, share: FloatArray) -> None:
-        """Add the move of one phase to all samples after its start."""
         if phase.name == "approach":
             self._move(self.retreat, -script.palm_depth, minimum_jerk(share))
         elif phase.name in DEFAULT_FINGERS:
@@ -155,5 +143,5 @@ class _Course:
 
     @staticmethod
     def _move(values: FloatArray, target: ArrayLike, share: FloatArray) -> None:
-        """Go from where the last sample would rest to `target`, in place."""
+        """Move from the value at the last sample to `target`, in place."""
         values += share * (np.asarray(target) - values[-1])

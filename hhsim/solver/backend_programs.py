@@ -1,9 +1,8 @@
-"""The programs of a tick solved by any installed QP solver.
+"""Programs of a tick solved by any installed QP solver.
 
-The tick is the kernels' own, `hhsim.kernels.tick.tick.converge`, run as Python: detection, rows, steps and forces are
-the compiled ones, only the solving differs, and a program that a backend fails on is treated as one without solution.
-In the progressive method our solver decides which fingers join the palm's program, since few backends tell infeasible
-from unsolved.
+The tick is the kernels' own, `hhsim.kernels.tick.tick.converge`, run as Python: only the solving differs, and a program
+that a backend fails on counts as infeasible. In `progressive` our solver decides which fingers join the palm's program,
+since few backends tell infeasible from unsolved.
 """
 
 from collections.abc import Callable
@@ -39,11 +38,11 @@ from hhsim.solver.qp import QpProblem, QpStatus, solve
 from hhsim.solver.workspace import TickWorkspace
 
 MULTIPLIER_FLOOR = 1e-9
-"""Multipliers [N] that interior-point backends leave on inactive rows are below this."""
+"""Interior-point backends leave smaller multipliers [N] on inactive rows."""
 
 
 class PythonPrograms(NamedTuple):
-    """A method whose programs are solved in Python: `solve` writes the state's `step` and says whether it could."""
+    """A method whose programs are solved in Python: `solve` writes the state's `step` and returns True if it could."""
 
     options: TickOptions
     method: Coupled | Progressive
@@ -56,7 +55,6 @@ def _solve(given: PythonPrograms, state: Any, qp: QpWork) -> int:
 
 
 def _as_the_method(part: Any) -> Any:
-    """Return a part of the tick that does as that of the method whose programs are solved."""
     return lambda given, *others: part(given.method, *others)
 
 
@@ -67,7 +65,7 @@ solve_linearisation.of(PythonPrograms)(getattr(solve_hand, "py_func", solve_hand
 
 
 def drive_tick(workspace: TickWorkspace, method: Coupled | Progressive, solve: Callable[[], bool]) -> int:
-    """One tick after `set_haptic`, with any way to solve a linearisation's program; returns the tick's status bits."""
+    """Run one tick after `set_haptic` with any solver of a linearisation's program; return the tick's status bits."""
     tick = getattr(converge, "py_func", converge)
     given = PythonPrograms(method.options, method, solve)
     return int(tick(given, workspace.hand, workspace.surface, workspace.states[0], workspace.qp))
@@ -76,12 +74,12 @@ def drive_tick(workspace: TickWorkspace, method: Coupled | Progressive, solve: C
 def run_block_with_backend(
     workspace: TickWorkspace, method: Coupled | Progressive, haptic: HapticBlock, record: TickRecord
 ) -> int:
-    """Run one tick for each haptic configuration with the QP solver that the options name; returns the ticks done."""
+    """Run one tick per haptic configuration with the QP solver that the options name; return the ticks done."""
     state, backend = workspace.states[0], workspace.options.qp
 
     def solve_one() -> bool:
         if isinstance(method, Coupled) or state.program.is_coupled:
-            return _solve_coupled(state, backend)
+            return _solve_first(state, coupled_problem(state), slice(0, DOF), backend)
         return _solve_progressive(method, state, workspace.qp, backend)
 
     for i, sample in enumerate(zip(*haptic)):
@@ -94,11 +92,11 @@ def run_block_with_backend(
     return len(haptic.position)
 
 
-def _solve_coupled(state: Any, backend: str) -> bool:
+def _solve_first(state: Any, program: tuple[QpProblem, IntArray], part: slice, backend: str) -> bool:
+    """Solve the program of the whole hand, or of the palm."""
     began = monotonic_ns()
-    problem, rows = coupled_problem(state)
     state.step.count = 0
-    solved = _take(state, problem, rows, slice(0, DOF), backend)
+    solved = _take(state, *program, part, backend)
     state.step.duration[DURATION_PALM] += monotonic_ns() - began
     return solved
 
@@ -106,29 +104,20 @@ def _solve_coupled(state: Any, backend: str) -> bool:
 def _solve_progressive(method: Progressive, state: Any, qp: QpWork, backend: str) -> bool:
     from hhsim.kernels.tick.progressive import solve_progressive
 
-    status = solve_progressive(method, state, qp)
-    if status != OPTIMAL:
+    if solve_progressive(method, state, qp) != OPTIMAL:
         return False
-    began = monotonic_ns()
-    problem, rows = palm_problem(state)
-    state.step.count = 0
-    solved = _take(state, problem, rows, slice(0, 6), backend)
-    state.step.duration[DURATION_PALM] += monotonic_ns() - began
-    began = monotonic_ns()
+    solved = _solve_first(state, palm_problem(state), slice(0, 6), backend)
+    began, start = monotonic_ns(), state.contacts.start
     for finger in range(FINGER_COUNT):
-        if not solved:
-            break
-        if state.contacts.start[finger + 1] == state.contacts.start[finger + 2]:
-            continue
-        problem, rows = finger_problem(state, finger, state.step.delta[:6])
-        first = 6 + PHALANX_COUNT * finger
-        solved = _take(state, problem, rows, slice(first, first + PHALANX_COUNT), backend)
+        if solved and start[finger + 1] != start[finger + 2]:
+            problem, rows = finger_problem(state, finger, state.step.delta[:6])
+            first = 6 + PHALANX_COUNT * finger
+            solved = _take(state, problem, rows, slice(first, first + PHALANX_COUNT), backend)
     state.step.duration[DURATION_FINGERS] += monotonic_ns() - began
     return solved
 
 
 def _take(state: Any, problem: QpProblem, rows: IntArray, part: slice, backend: str) -> bool:
-    """Solve and append the solution's leading variables and its multipliers to the tick's step."""
     solution = solve(problem, backend)
     if solution.status not in (QpStatus.OPTIMAL, QpStatus.INACCURATE):
         return False

@@ -1,7 +1,8 @@
-"""Compile, or load from the cache, every kernel that a replay runs, before the first tick is timed."""
+"""Warm-up: every kernel of a replay is compiled, or loaded from the cache, before the first tick is timed."""
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,16 +22,15 @@ from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 
 
-@dataclass(frozen=True)
-class WarmUp:
-    """What preparing the kernels took: wall time [s], and whether anything was compiled instead of loaded."""
+class WarmUp(NamedTuple):
+    """Wall time of the warm-up [s], and True if anything was compiled instead of loaded."""
 
     seconds: float
     compiled: bool
 
 
 def start_numba() -> None:
-    """Have numba make its own start, a third of a second, by the smallest kernel that every replay runs."""
+    """Make numba start, a third of a second, by the smallest kernel that every replay runs."""
     quaternion_to_matrix(np.array([1.0, 0.0, 0.0, 0.0]), np.empty((3, 3)))
 
 

@@ -1,4 +1,4 @@
-"""The programs of a tick as `QpProblem`s, taken from the kernels' rows: to inspect, to solve again, to compare."""
+"""Programs of a tick as `QpProblem`s, from the kernels' rows: to inspect, to solve again, to compare."""
 
 from typing import Any
 
@@ -14,7 +14,7 @@ LIMITS_PER_FINGER = LIMIT_ROWS // FINGER_COUNT
 
 
 def finger_rows(state: Any, finger: int) -> IntArray:
-    """Rows of one finger: its contacts, then its six joint limits."""
+    """Return the rows of one finger: its contacts, then its six joint limits."""
     start = state.contacts.start
     limits = start[-1] + LIMITS_PER_FINGER * finger
     return np.concatenate(
@@ -23,10 +23,9 @@ def finger_rows(state: Any, finger: int) -> IntArray:
 
 
 def coupled_problem(state: Any) -> tuple[QpProblem, IntArray]:
-    """The coupled program at the present linearisation and the kernels' row of each of its rows.
+    """Return the coupled program of the current linearisation, and the kernels' row of each of its rows.
 
-    Args:
-        state: A tick's state after `hhsim.kernels.tick.linearisation.build_program` has found contacts.
+    `state` is a tick's after `hhsim.kernels.tick.linearisation.build_program` has found contacts.
     """
     problem, start = state.problem, state.contacts.start
     rows = [np.arange(start[0], start[1])]
@@ -45,7 +44,7 @@ def coupled_problem(state: Any) -> tuple[QpProblem, IntArray]:
 
 
 def palm_problem(state: Any) -> tuple[QpProblem, IntArray]:
-    """The palm's program of the progressive method and the kernels' row of each of its rows.
+    """Return the palm's program of `progressive`, and the kernels' row of each of its rows.
 
     Variables are the palm's six and three for each finger that joined it, which keeps `YIELD_WEIGHT` of its stiffness.
     """
@@ -82,7 +81,7 @@ def palm_problem(state: Any) -> tuple[QpProblem, IntArray]:
 
 
 def finger_problem(state: Any, finger: int, palm_step: FloatArray) -> tuple[QpProblem, IntArray]:
-    """A finger's program once the palm has taken its step (6,) [m, rad], and the kernels' row of each of its rows."""
+    """Return a finger's program after the palm's step (6,) [m, rad], and the kernels' row of each of its rows."""
     problem = state.problem
     index = finger_rows(state, finger)
     first = 6 + PHALANX_COUNT * finger

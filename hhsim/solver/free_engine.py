@@ -1,4 +1,4 @@
-"""The engine of `coupled` where the object is free: hand and object in one program, with friction and a table."""
+"""Engine of `coupled` with a free object: hand and object in one program, with friction and a table."""
 
 from typing import Any
 
@@ -25,27 +25,24 @@ from hhsim.solver.surface import surface_of
 from hhsim.solver.workspace import TickWorkspace, zeroed
 
 BELOW = 1e-6
-"""An object that is no further in the table than this at the start [m] begins on it."""
+"""Largest depth [m] of an object in the table at the start: rounding."""
 
 
 def require_free(options: SolverOptions) -> None:
-    """Make sure that a free object can be solved for so.
-
-    Raises:
-        InputError: Another method than `coupled`, another QP solver, another force model, or several threads.
-    """
-    if options.method != "coupled":
-        raise InputError(f"method {options.method} has no free objects: coupled has")
-    if options.qp != "active-set":
-        raise InputError(f"a free object is solved for by hhsim's own QP solver, not {options.qp}: use active-set")
-    if options.force != "kkt":
-        raise InputError("with a free object the forces are the program's own: use the force model kkt")
-    if options.threads > 1:
-        raise InputError(f"threads is {options.threads}, but a free object is solved for in one thread")
+    """Raise an InputError unless a free object can be solved with these options."""
+    qp, threads = options.qp, options.threads
+    for wrong, message in (
+        (options.method != "coupled", f"method {options.method} has no free objects: coupled has"),
+        (qp != "active-set", f"a free object is solved for by hhsim's own QP solver, not {qp}: use active-set"),
+        (options.force != "kkt", "with a free object the forces are the program's own: use the force model kkt"),
+        (threads > 1, f"threads is {threads}, but a free object is solved for in one thread"),
+    ):
+        if wrong:
+            raise InputError(message)
 
 
 def support_of(workspace: TickWorkspace) -> Support:
-    """What of the object can stand on a plane: the corners of its mesh's convex hull; spheres where it has no mesh."""
+    """Return the points that can stand on a plane: the corners of the mesh's convex hull; spheres without a mesh."""
     surface = workspace.surface
     if workspace.mesh is not None:
         points = hull_corners(workspace.mesh)
@@ -59,7 +56,7 @@ def support_of(workspace: TickWorkspace) -> Support:
 
 
 def hull_corners(mesh: Mesh) -> FloatArray:
-    """Corners of a mesh's convex hull [m], shape (S, 3); all its vertices where it is flat."""
+    """Return the corners of a mesh's convex hull [m], shape (S, 3); all its vertices where it is flat."""
     from scipy.spatial import ConvexHull, QhullError
 
     points = mesh.vertices[np.unique(mesh.faces)]
@@ -70,15 +67,7 @@ def hull_corners(mesh: Mesh) -> FloatArray:
 
 
 class FreeEngine:
-    """Runs the ticks of hand and free object.
-
-    Args:
-        workspace: Of the hand, and of the object as it stands at first.
-        free: The object.
-
-    Attributes:
-        ticks: What became of the object in the last block.
-    """
+    """Runs the ticks of hand and free object; `ticks` is the record of the object in the last block."""
 
     def __init__(self, workspace: TickWorkspace, free: FreeObject) -> None:
         require_free(workspace.options)
@@ -129,10 +118,8 @@ class FreeEngine:
         support = self.method.support
         lowest = float((support.point[:, 2] - support.radius).min()) - free.table
         if lowest < -BELOW:
-            raise InputError(
-                f"the object begins {-1e3 * lowest:.3g} mm below the table at z = {1e3 * free.table:.6g} mm: put the "
-                f"table at {1e3 * (lowest + free.table):.6g} mm or lower"
-            )
+            depth, height = f"{-1e3 * lowest:.3g} mm below", f"z = {1e3 * (lowest + free.table):.6g} mm or lower"
+            raise InputError(f"the object begins {depth} the table: put the table at {height}")
         body.position[2] += max(0.0, self.workspace.options.offset - lowest)
 
     def begin(self) -> None:
@@ -149,12 +136,12 @@ class FreeEngine:
             raise workspace.full()
 
     def run(self, haptic: HapticBlock, record: TickRecord, ticks: ObjectRecord | None = None) -> int:
-        """See `Engine.run`; what becomes of the object is written to `ticks`, or to fresh arrays."""
+        """See `Engine.run`; the object's record goes to `ticks`, or to new arrays."""
         self.ticks = object_record(len(haptic.position)) if ticks is None else ticks
         return int(run_free_block(*self._given(haptic, record, self.ticks)))
 
     def block(self, haptic: HapticBlock, record: TickRecord, ticks: ObjectRecord) -> tuple[int, FreeBlock]:
-        """As `TickWorkspace.block`, of `run_free_block`."""
+        """See `TickWorkspace.block`; of `run_free_block`."""
         given = self._given(haptic, record, ticks)
         compiled: Any = run_free_block
         return compiled.address(*given), given
@@ -165,7 +152,7 @@ class FreeEngine:
 
 
 def object_record(ticks: int) -> ObjectRecord:
-    """Room for what becomes of the object in a block of ticks."""
+    """Allocate the record of the object in a block of ticks."""
     zeros, rows = np.zeros, ticks * ACTIVE_CAPACITY
     return ObjectRecord(
         turn=zeros((ticks, 4)),
@@ -188,7 +175,7 @@ def object_record(ticks: int) -> ObjectRecord:
 
 
 def of_tick(record: ObjectRecord, i: int) -> ObjectRecord:
-    """Room for tick i alone in the record of a block, whose contacts go on from those of the tick before."""
+    """Return the record of tick i alone as views of a block's record; its contacts follow those of the tick before."""
     parts: list[Any] = [values[i : i + 1] for values in record]
     first = ObjectRecord._fields.index("contact")
     return ObjectRecord._make([*parts[:first], record.contact[i : i + 2], *record[first + 1 :]])

@@ -1,4 +1,4 @@
-"""The graphic hand's solver: one object's surface, one hand, one tick after another."""
+"""Solver of the graphic hand: one hand, one object's surface, one tick after another."""
 
 from typing import Any
 
@@ -26,28 +26,26 @@ from hhsim.solver.options import SolverOptions
 from hhsim.solver.workspace import TickWorkspace, tick_record
 
 START_LINEARISATIONS = 4000
-"""Budget for the way from a free place back to an object that the haptic hand is inside of at the first tick."""
+"""Budget of linearisations from a free place back to an object that the haptic hand is inside of at the first tick."""
 
 
 class HandSolver:
     """Keeps the graphic hand between ticks.
 
     Args:
-        hand: The hand.
-        surface: The object's, world frame, of the kind that the options name: a
-            `hhsim.trees.contact_surface.ContactSurface`, or its arrays alone, such as those of a sphere tree. A method
-            from outside may need the mesh, which arrays do not have.
+        hand: Hand model.
+        surface: Object's surface, world frame, of the kind that the options name: a
+            `hhsim.trees.contact_surface.ContactSurface`, or its arrays alone. A method from outside may need the mesh.
         options: Method, stiffness and lengths.
-        free: What the object is besides, where it is free; the surface is then where it is at first, and ticks are
-            given in the world and come out as the object sees them, its own motion in `object_ticks`.
+        free: Physical properties of a free object; the surface is then where it is at first, ticks are given in the
+            world and come out as the object sees them, and its own motion is in `object_ticks`.
 
     Raises:
-        InputError: A method that lacks what it needs, arrays of another surface than the options name, or a free object
-            that they do not go with.
+        InputError: A method that lacks what it needs, arrays of another surface than the options name, or options that
+            a free object does not go with.
     """
 
     def __init__(self, hand: HandModel, surface: Any, options: SolverOptions, free: FreeObject | None = None) -> None:
-        """Allocate the workspaces; nothing is computed yet."""
         self.options = options
         self.workspace = TickWorkspace(hand, surface, options)
         self.engine: Engine
@@ -65,13 +63,9 @@ class HandSolver:
 
     @property
     def object_ticks(self) -> ObjectRecord:
-        """What became of the free object in the last ticks."""
-        return self._free.ticks
-
-    @property
-    def _free(self) -> FreeEngine:
+        """Record of the free object in the last ticks."""
         assert isinstance(self.engine, FreeEngine)
-        return self.engine
+        return self.engine.ticks
 
     def run(
         self, position: FloatArray, orientation: FloatArray, flexion: FloatArray, abduction: FloatArray
@@ -83,9 +77,6 @@ class HandSolver:
             orientation: Palm quaternion (w, x, y, z), shape (B, 4).
             flexion: Joint angles [rad], shape (B, 5, 3).
             abduction: [rad], shape (B, 5).
-
-        Returns:
-            The B ticks.
 
         Raises:
             HhsimError: More pairs were near than the arrays hold.
@@ -100,23 +91,23 @@ class HandSolver:
         return record
 
     def tick(self, haptic: HapticBlock, record: TickRecord, object_ticks: ObjectRecord | None = None) -> int:
-        """Run one tick in memory that is there already: for a loop that must not wait for any.
+        """Run one tick in allocated memory, for a loop that must not wait for any.
 
-        The same bytes as `run` with that configuration alone; a tick whose pairs did not fit says so instead of
-        raising, since a loop goes on.
+        It gives the same bytes as `run` with that configuration alone, but states in the status, instead of raising,
+        that more pairs were near than the arrays hold.
 
         Args:
             haptic: As in `run` with B = 1, float64 and C-contiguous.
-            record: Of one tick; overwritten.
-            object_ticks: The same of a free object; None has it go to fresh arrays, which waits for memory.
+            record: Record of one tick; overwritten.
+            object_ticks: Record of a free object; None allocates one.
 
         Returns:
-            The tick's status bits (`hhsim.kernels.tick.state`).
+            Status bits of the tick (`hhsim.kernels.tick.state`).
         """
         return self._advance(haptic, record, object_ticks)
 
     def begin(self, haptic: HapticBlock) -> int:
-        """Put the graphic hand on the first haptic one that is finite; the first tick does it where nobody has.
+        """Place the graphic hand at the first finite haptic configuration; the first tick does it if nobody has.
 
         Where that is inside the object, start at a free place nearby and come as near as possible.
 
@@ -131,15 +122,13 @@ class HandSolver:
         """
         self._started = True
         workspace = self.workspace
-        samples = zip(*haptic)
-        first = next((sample for sample in samples if is_finite_configuration(*sample)), None)
-        pose, limits = workspace.states[0].pose, workspace.hand
+        first = next((sample for sample in zip(*haptic) if is_finite_configuration(*sample)), None)
+        pose, haptic_pose, limits = workspace.states[0].pose, workspace.states[0].haptic, workspace.hand
         if first is not None:
             pose.position[:] = first[0]
             pose.orientation[:] = first[1] / np.linalg.norm(first[1])
             pose.flexion[:] = np.clip(first[2], limits.flexion_min, limits.flexion_max)
             pose.abduction[:] = first[3]
-        haptic_pose = workspace.states[0].haptic
         for name in HapticBlock._fields:
             haptic_pose[name][:] = pose[name]
         inside = self._clearance() < 0.0
@@ -153,11 +142,10 @@ class HandSolver:
             # The start is no part of the method: every method begins from the same place.
             engine = LinearisingEngine(workspace, Coupled(workspace.tick_options))
             engine.begin()
-        way = tick_record(1)
-        engine.approach(
-            START_LINEARISATIONS, HapticBlock(*(np.array(haptic_pose[name])[None] for name in HapticBlock._fields)), way
-        )
-        if way.status[0] & STATUS_CAPACITY_EXCEEDED:
+        goal = HapticBlock(*(np.array(haptic_pose[name])[None] for name in HapticBlock._fields))
+        approach = tick_record(1)
+        engine.approach(START_LINEARISATIONS, goal, approach)
+        if approach.status[0] & STATUS_CAPACITY_EXCEEDED:
             raise workspace.full()
         if engine is not self.engine:
             self.engine.begin()
@@ -166,35 +154,34 @@ class HandSolver:
     def compiled_tick(
         self, haptic: HapticBlock, record: TickRecord, object_ticks: ObjectRecord | None = None
     ) -> tuple[int, TickBlock | FreeBlock]:
-        """What `tick` comes to after `begin`, for a loop in compiled code.
+        """Return `tick` after `begin` as machine code, for a loop in compiled code.
 
         Args:
             haptic, record, object_ticks: As in `tick`; each tick reads and writes these very arrays.
 
         Returns:
-            The address of machine code and what it is given; the address is 0 where Python takes part in every tick.
+            Address of the machine code and its arguments; the address is 0 where Python takes part in every tick.
         """
         options, workspace = self.options, self.workspace
         if JIT_ENABLED and options.qp == "active-set" and find_method(options.method).compiled:
             engine: Any = self.engine
             if object_ticks is not None:
-                return self._free.block(haptic, record, object_ticks)
+                block: tuple[int, FreeBlock] = engine.block(haptic, record, object_ticks)
+                return block
             return workspace.block(engine.method, haptic, record)
         method = Coupled(workspace.tick_options)
         return 0, TickBlock(method, workspace.hand, workspace.surface, workspace.states, workspace.qp, haptic, record)
 
     def _advance(self, haptic: HapticBlock, record: TickRecord, object_ticks: ObjectRecord | None = None) -> int:
-        """One tick for each configuration, at least one; returns the status bits of the last one that was run."""
-        start = 0 if self._started else self.begin(haptic)
-        if object_ticks is None:
-            done = self.engine.run(haptic, record)
-        else:
-            done = self._free.run(haptic, record, object_ticks)
+        """Run one tick per configuration, at least one; return the status bits of the last one."""
+        start, engine = 0 if self._started else self.begin(haptic), self.engine
+        own = [object_ticks] if isinstance(engine, FreeEngine) else []
+        done = engine.run(haptic, record, *own)
         record.status[0] |= start
         return int(record.status[done - 1])
 
     def place(self, position: FloatArray, orientation: FloatArray, flexion: FloatArray, abduction: FloatArray) -> None:
-        """Put the graphic hand at a configuration, shapes (3,), (4,), (5, 3), (5,), that does not penetrate.
+        """Place the graphic hand at a configuration, shapes (3,), (4,), (5, 3), (5,), that does not penetrate.
 
         Method `paper` takes any.
         """
@@ -210,9 +197,9 @@ class HandSolver:
         self._started = True
 
     def _clearance(self) -> float:
-        """Signed distance [m] between the graphic hand and the object's surface, up to ten times the margin.
+        """Signed distance [m] of the graphic hand to the object's surface, up to ten times the margin.
 
-        Without the tick's own lists, which are not made for a hand deep inside.
+        The tick's own lists are not made for a hand deep inside.
         """
         workspace = self.workspace
         pose = workspace.states[0].pose

@@ -1,7 +1,7 @@
-"""Methods from outside in a process of their own, for code that nobody trusts.
+"""Methods from outside in a process of their own, for untrusted code.
 
-The other process imports the method, is given the scene, and answers each tick with plain numbers: nothing that comes
-from it is unpickled. Its death is a named error, and a tick that never ends can be interrupted.
+The process imports the method, is given the scene, and answers each tick with plain numbers: nothing from it is
+unpickled. Its death is a named error, and a tick that never ends can be interrupted.
 """
 
 import ctypes
@@ -29,14 +29,7 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.solver.method_names import facts_of, outside_class
-from hhsim.solver.outside_method import (
-    SHAPES,
-    MethodHere,
-    MethodScene,
-    OutsideEngine,
-    TickAnswer,
-    checked_answer,
-)
+from hhsim.solver.outside_method import SHAPES, MethodHere, MethodScene, OutsideEngine, TickAnswer, checked_answer
 from hhsim.system.deferred_sigint import interrupt_is_noted
 from hhsim.system.foreign_call import Timed
 
@@ -44,21 +37,21 @@ if TYPE_CHECKING:
     from hhsim.solver.workspace import TickWorkspace
 
 SCENE, BEGIN, TICK, DONE, ERROR = b"s", b"b", b"t", b"d", b"e"
-"""First byte of a message: what is asked for, and how it was answered."""
+"""First byte of a message: the request, or the kind of the answer."""
 TIMES = struct.Struct("<qqqq")
-"""Of a tick: wall time, CPU time, and what the method says that its own engine took [ns]; the work that it counted."""
+"""Header of a tick's answer: wall time, CPU time, the engine's own time as stated [ns], and the counted work."""
 HAND, FORCES = 27, 48
-"""Numbers of a hand, and of a tick's forces: of 15 phalanges and the palm."""
+"""Numbers of a hand, and of a tick's forces on 15 phalanges and the palm."""
 LONGEST_MESSAGE = 100_000
-"""Most bytes that the process may answer with."""
+"""Largest answer [bytes]."""
 LONGEST_TEXT = 2_000
-"""Most letters of an error that it reports."""
+"""Longest error text [letters]."""
 PATIENCE = 1.0
-"""How long a tick may go on after Ctrl-C before its process is killed [s]."""
+"""Time after Ctrl-C until the process of an unfinished tick is killed [s]."""
 AT_FIRST, EACH_TICK = 1_000_000_000, 500_000
-"""CPU time that the process may take beside its ticks and as much again [ns]: once, and for each tick."""
+"""CPU time that the process may take beside twice its ticks [ns]: once, and for each tick."""
 MEMORY_SHARE = 0.9
-"""Of the memory that is available at the start, what the process may have."""
+"""Share of the memory available at the start that the process may have."""
 PR_SET_PDEATHSIG = 1
 
 
@@ -66,15 +59,14 @@ class IsolatedMethod:
     """A method in a process of its own, which ends with this object.
 
     Args:
-        name: Of the method, as `hhsim.solver.method_names.outside_class` takes it.
+        name: Name of the method, as `hhsim.solver.method_names.outside_class` takes it.
 
     Attributes:
-        facts: What the class says of itself: `summary`, `forces`, `work`, `never_penetrates` and `missing`; and
-            `source`, the digest of its file.
+        facts: Facts of the class, see `hhsim.solver.method_names.facts_of`.
 
     Raises:
-        InputError: It cannot be imported; and so each call where the method fails, its process ends, or it answers
-            with what is no hand.
+        InputError: It cannot be imported; so each call where the method fails, its process ends, or its answer is no
+            hand.
         KeyboardInterrupt: Ctrl-C was pressed and the method does not come to an end.
     """
 
@@ -96,7 +88,7 @@ class IsolatedMethod:
         self.facts = {key: kind(facts.get(key, "")) for key, kind in kinds.items()}
 
     def make(self, scene: MethodScene) -> "IsolatedMethod":
-        """Have the method made for a scene; returns this."""
+        """Have the method made for a scene; return this object."""
         self._ask(SCENE + pickle.dumps(scene), "while it was made")
         return self
 
@@ -115,9 +107,9 @@ class IsolatedMethod:
         own_wall, own_cpu, native, work = TIMES.unpack_from(answer)
         self._counted = max(0, self._counted + cpu - 2 * own_cpu - EACH_TICK)
         if not (0 <= own_wall <= wall and 0 <= own_cpu <= cpu and self._counted <= AT_FIRST):
+            stated, counted = f"{own_wall:,} ns and {own_cpu:,} ns of CPU time", f"{wall:,} ns and {cpu:,} ns"
             raise InputError(
-                f"method '{self.name}' says that a tick took {own_wall:,} ns and {own_cpu:,} ns of CPU time, of "
-                f"{wall:,} ns and {cpu:,} ns that the system counted for its process (tick {self.ticks:,})"
+                f"method '{self.name}' states {stated}, of {counted} that the system counted (tick {self.ticks:,})"
             )
         numbers = np.frombuffer(answer, np.float64, offset=TIMES.size)
         pose, push = _unpacked(numbers), numbers[HAND:]
@@ -178,22 +170,19 @@ def _end(process: "subprocess.Popen[bytes]", link: Connection) -> None:
 
 
 _waiting: dict[str, IsolatedMethod] = {}
-"""Processes that were asked for the facts alone, for the first engine of each method to take."""
+"""Processes that have stated their facts, for the first engine of each method."""
 
 
 @cache
 def isolated_facts(name: str) -> dict[str, Any]:
-    """What the class of a method says of itself, asked in a process of its own; see `IsolatedMethod.facts`."""
+    """Return the facts of a method's class, asked in a process of its own; see `IsolatedMethod.facts`."""
     _waiting[name] = IsolatedMethod(name)
+    """Processes that have stated their facts, for the first engine of each method."""
     return _waiting[name].facts
 
 
 def isolated_engine(name: str, forces: bool, workspace: "TickWorkspace") -> OutsideEngine:
-    """The engine of a method that runs in a process of its own.
-
-    Raises:
-        InputError: As `IsolatedMethod`.
-    """
+    """Return the engine of a method in a process of its own; errors as for `IsolatedMethod`."""
     process = _waiting.pop(name, None) or IsolatedMethod(name)
     return OutsideEngine(process.make, forces, workspace)
 

@@ -1,4 +1,4 @@
-"""The record of every method that has a name, see `hhsim.solver.method_names`."""
+"""Records of all methods by name, see `hhsim.solver.method_names`."""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -11,18 +11,18 @@ from hhsim.solver.method import FORCES, METHODS, RUNS, TIMES, UNITS, Engine, Met
 from hhsim.solver.method_names import ISOLATED, facts_of, isolated_name, outside_class, source_of
 
 SUBMITTED = "submission:"
-"""What the name of a submission's poses begins with, in its result; see `hhsim.submissions.score`."""
+"""Prefix of the method of a submission's poses in its result; see `hhsim.submissions.score`."""
 _known_for_now: dict[str, Method] = {}
 
 
 def find_method(name: str) -> Method:
-    """The method of a name.
+    """Return the method of a name.
 
     Args:
-        name: One of `method_names`, or `package.module:Class`; one from outside may have `ISOLATED` in front.
+        name: One of `method_names`, or `package.module:Class`; one from outside may have the prefix `ISOLATED`.
 
     Raises:
-        UnknownNameError: Nothing is called so.
+        UnknownNameError: No such method.
         InputError: It cannot be imported, or is no method.
     """
     if name in METHODS:
@@ -43,7 +43,7 @@ def find_method(name: str) -> Method:
 
 @contextmanager
 def known_for_now(name: str, method: Method) -> Iterator[None]:
-    """Have `find_method` know a method by a name, which begins with `SUBMITTED`, until the block ends."""
+    """Make `find_method` know a method by a name, which begins with `SUBMITTED`, until the block ends."""
     _known_for_now[name] = method
     try:
         yield
@@ -52,20 +52,11 @@ def known_for_now(name: str, method: Method) -> Iterator[None]:
 
 
 def _no_engine(name: str, workspace: Any) -> Engine:
-    raise InputError(
-        f"'{name}' is poses that were computed elsewhere, which cannot be computed again: hhsim score measures their "
-        "file anew"
-    )
+    raise InputError(f"'{name}' is poses computed elsewhere: hhsim score measures their file anew")
 
 
 def outside_method(name: str, made: Callable[[Any], Any]) -> Method:
-    """The record of a method from outside.
-
-    Args:
-        name: For messages.
-        made: The class, as `hhsim.solver.outside_method.OutsideMethod`, or whatever makes one for a scene and has its
-            attributes.
-    """
+    """Return the record of a method from outside: a `hhsim.solver.outside_method.OutsideMethod` class, or a factory."""
     facts = facts_of(made)
     return _method(name, facts, partial(_engine, name, made, facts["forces"]))
 

@@ -1,4 +1,4 @@
-"""The engine of the methods that go from linearisation to linearisation."""
+"""Engine of the methods that converge over linearisations."""
 
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.kernels.tick.method import Coupled, Progressive
@@ -7,11 +7,7 @@ from hhsim.solver.workspace import TickWorkspace
 
 
 class LinearisingEngine:
-    """Runs the ticks of `coupled` and `progressive`, shared by threads or with the programs of another QP solver.
-
-    Args:
-        method: In the kernels' form.
-    """
+    """Runs the ticks of `coupled` and `progressive`, shared by threads or with the programs of another QP solver."""
 
     def __init__(self, workspace: TickWorkspace, method: Coupled | Progressive) -> None:
         self.workspace = workspace
@@ -27,7 +23,7 @@ class LinearisingEngine:
         return self._run(self.method, haptic, record)
 
     def approach(self, linearisations: int, haptic: HapticBlock, record: TickRecord) -> int:
-        """As `run`, with as many linearisations a tick."""
+        """Run ticks with up to so many linearisations each."""
         options = self.method.options._replace(linearisations=linearisations, budget=UNLIMITED)
         return self._run(self.method._replace(options=options), haptic, record)
 

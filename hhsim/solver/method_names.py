@@ -1,7 +1,7 @@
 """Names of methods: hhsim's own, those that installed packages declare, and classes of any module.
 
-A package declares one as an entry point of the group "hhsim.methods"; `package.module:Class` names one that nobody
-declares. Either is a `hhsim.solver.method.Method`, or a class as `hhsim.solver.outside_method.OutsideMethod`.
+A package declares one as an entry point of the group "hhsim.methods"; `package.module:Class` names an undeclared one.
+Either is a `hhsim.solver.method.Method`, or a class as `hhsim.solver.outside_method.OutsideMethod`.
 """
 
 import hashlib
@@ -19,19 +19,19 @@ from hhsim.solver.method import METHODS, Method
 from hhsim.system.foreign_call import ForeignError, foreign_call
 
 GROUP = "hhsim.methods"
-"""Of the entry points."""
+"""Group of the entry points."""
 ISOLATED = "isolated:"
-"""What stands in front of the name of a method from outside that runs in a process of its own."""
+"""Prefix of the name of a method from outside that runs in a process of its own."""
 
 
 @cache
 def declared_methods() -> dict[str, EntryPoint]:
-    """What installed packages declare, by name; a name of hhsim's own is theirs no longer."""
+    """Return the entry points of installed packages by name, but for hhsim's own names."""
     return {entry.name: entry for entry in entry_points(group=GROUP) if entry.name not in METHODS}
 
 
 def method_names() -> list[str]:
-    """Every name that `find_method` knows, hhsim's own first, without importing a method."""
+    """Return every name that `find_method` knows, hhsim's own first, without importing a method."""
     return [*METHODS.names(), *sorted(declared_methods())]
 
 
@@ -39,11 +39,11 @@ def outside_class(name: str) -> Any:
     """Import the class of a method from outside.
 
     Args:
-        name: Of a method that a package declares, or `package.module:Class`.
+        name: Name of a declared method, or `package.module:Class`.
 
     Raises:
         InputError: It cannot be imported, or is no method.
-        UnknownNameError: Nothing is called so.
+        UnknownNameError: No such method.
     """
     if name in declared_methods():
         found = _imported(name, declared_methods()[name].load)
@@ -54,10 +54,8 @@ def outside_class(name: str) -> Any:
     missing = [part for part in ("begin", "tick") if not callable(getattr(found, part, None))]
     if not isinstance(found, Method) and (not isinstance(found, type) or missing):
         what = f"lacks {' and '.join(missing)}" if missing else "is an instance"
-        raise InputError(
-            f"method '{name}' is no method: {found!r} {what}; expected a class with __init__(scene), begin(pose) and "
-            "tick(haptic)"
-        )
+        expected = "expected a class with __init__(scene), begin(pose) and tick(haptic)"
+        raise InputError(f"method '{name}' is no method: {found!r} {what}; {expected}")
     return found
 
 
@@ -75,26 +73,21 @@ def _imported(name: str, load: Callable[[], Any]) -> Any:
         return foreign_call(load).value
     except ForeignError as error:
         # Whatever somebody else's module raises is told in one line.
-        raise InputError(
-            f"method '{name}' cannot be imported: {error} (package.module:Class, from the current folder or installed)"
-        ) from error.__cause__
+        where = "package.module:Class, from the current folder or installed"
+        raise InputError(f"method '{name}' cannot be imported: {error} ({where})") from error.__cause__
 
 
 def isolated_name(name: str) -> str:
-    """The name by which a method from outside runs in a process of its own.
-
-    Raises:
-        InputError: The method is hhsim's own.
-    """
+    """Return the name by which a method from outside runs in a process of its own; InputError for hhsim's own."""
     if name in METHODS:
         raise InputError(f"method '{name}' is hhsim's own: only one from outside runs in a process of its own")
     return name if name.startswith(ISOLATED) else ISOLATED + name
 
 
 def facts_of(made: Any) -> dict[str, Any]:
-    """What the class of a method says of itself: `summary`, `forces`, `work`, `never_penetrates` and `missing`.
+    """Return the facts of a method's class: `summary`, `forces`, `work`, `never_penetrates`, `missing` and `source`.
 
-    And `source`, the SHA-256 of the file that it is written in; "" where there is none.
+    The last is the SHA-256 of its file; "" without one.
     """
     lines = (getattr(made, "__doc__", None) or "").strip().splitlines()
     return {
@@ -108,7 +101,7 @@ def facts_of(made: Any) -> dict[str, Any]:
 
 
 def source_of(made: Any) -> str:
-    """Return the SHA-256 of the file that a class or function is written in; "" where there is none."""
+    """Return the SHA-256 of the file of a class or function; "" without one."""
     try:
         return hashlib.sha256(Path(inspect.getfile(made)).read_bytes()).hexdigest()
     except (TypeError, OSError):

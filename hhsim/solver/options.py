@@ -1,4 +1,4 @@
-"""How the graphic hand is solved for: method, backend, stiffness, and the lengths that steer a tick."""
+"""Options of the solver: method, backend, stiffness, and lengths of a tick."""
 
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
@@ -16,44 +16,44 @@ from hhsim.solver.surface import SURFACES
 FORCES = ("kkt", "paper")
 FRUSTUM_ENDS = ("spheres", "flat")
 TOUCH = 1e-5
-"""A hand of the usual size touches spheres that are no farther than this [m]."""
+"""A hand of default size touches spheres that are at most this far [m]."""
 
 UNLIMITED = 2**62
-"""A budget of work units that no tick uses up."""
+"""Budget of work units that no tick uses up."""
 BUDGET_SHARE = 0.15
-"""Of a tick's period in nanoseconds: the default budget in work units, of which one takes 1 to 3 ns. The linearisation
-under way is finished, lists that it gathers included: that may take a tick to 0.6 of its period."""
+"""Default budget in work units of 1 to 3 ns, as a share of a tick's period in nanoseconds. The current linearisation is
+finished, list updates included: that may take a tick to 0.6 of its period."""
 BY_PERIOD: Any = None
-"""Default of an option whose default depends on the period; no option keeps this value."""
+"""Placeholder of a default that depends on the period."""
 
 NUMBERS = (
     *("period", "response", "contact_response", "linearisations", "budget", "threads"),
     *("margin", "skin", "offset", "step_tolerance", "touch", "tolerance"),
 )
-"""Options that are numbers, of which `hhsim.ranges` has the ranges; the default budget follows from the period."""
+"""Numeric options, whose ranges are in `hhsim.ranges`."""
 BY_METHOD: Any = None
-"""Default of an option whose default depends on the method; no option keeps this value."""
+"""Placeholder of a default that depends on the method."""
 BY_SURFACE: Any = None
-"""The same of the surface."""
+"""Placeholder of a default that depends on the surface."""
 DEFAULTS_OF_SURFACE = {"mesh": {"skin": 5e-4, "touch": 1e-6}}
 USUAL_OF_SURFACE = {"skin": 2e-3, "touch": TOUCH}
-"""Skin and touch [m] of a surface. Triangles are many where they are small: a wide skin lists more than it saves; and a
-contact that bears a force is an `offset` away from them, with none of the spheres' error to hide in."""
+"""Skin and touch [m] of a surface. Where triangles are small they are many: a wide skin lists more than it saves. A
+contact that bears a force is an `offset` away from them, without the error of spheres."""
 
 
 @dataclass(frozen=True)
 class Stiffness:
-    """The virtual coupling G of the paper's Eq. 1.
+    """Virtual coupling G of the paper's Eq. 1.
 
-    The defaults, a choice of ours: a palm that is 1 mm off pulls with 1 N; the rotation's is the translation's times
-    (70 mm)²; one joint holds the tip of a finger 80 mm long with 80 N/m.
+    Our defaults: a palm that is 1 mm off pulls with 1 N; the rotation's is the translation's times (70 mm)²; one joint
+    holds the tip of a finger 80 mm long with 80 N/m.
 
     Attributes:
         translation: k_t [N/m].
         rotation: k_r [N·m/rad].
         flexion: k_θ [N·m/rad].
         contact: k of Eq. 14 and Fig. 9 [N/m].
-        penalty: Of every contact of the method `penalty` [N/m].
+        penalty: Stiffness of every contact of the method `penalty` [N/m].
     """
 
     translation: float = 1000.0
@@ -63,17 +63,16 @@ class Stiffness:
     penalty: float = 100_000.0
 
     def __post_init__(self) -> None:
-        """Raise InputError for a stiffness out of its range."""
         for name, value in asdict(self).items():
             object.__setattr__(self, name, check_range(f"stiffness {name}", value))
 
     def diagonal(self) -> FloatArray:
-        """G of the 21 variables, shape (21,)."""
+        """Return G of the 21 variables, shape (21,)."""
         return np.concatenate([np.full(3, self.translation), np.full(3, self.rotation), np.full(15, self.flexion)])
 
 
 def usual_budget(period: float) -> int:
-    """Work units that a tick of a period [s] may use, where nothing else is asked for."""
+    """Return the default budget of work units of a tick with a period [s]."""
     return max(1, round(1e9 * BUDGET_SHARE * period))
 
 
@@ -87,27 +86,29 @@ class SolverOptions:
         qp: `active-set`, or a backend that qpsolvers offers; `paper` takes no other, `penalty` needs none.
         force: `kkt` (the QP's multipliers) or `paper` (Eq. 14). Default: `paper` for method `paper`, else `kkt`.
         fingers: Fingers that the scene uses, of thumb, index, middle, ring, little. The others follow the haptic hand
-            without looking for contact, and the palm is always looked after.
-        linearisations: Most of them in a tick. Default: 12; method `paper` makes exactly this many, 1 unless told;
-            of `penalty`, most rounds in which a tick finds which contacts push.
-        budget: Work units (`hhsim.kernels.tick.state`) after which a tick begins no further linearisation; the way
-            that is left is lag, and the next tick goes on. Default: `BUDGET_SHARE` of the period. With `UNLIMITED` only
-            `linearisations` bounds a tick.
+            without contact; the palm is always used.
+        linearisations: Most of them in a tick. Default: 12; method `paper` makes exactly this many, by default 1; in
+            `penalty`, most rounds in which a tick finds which contacts push.
+        budget: Work units (`hhsim.kernels.tick.state`) after which a tick begins no further linearisation; the rest of
+            the step is lag, which the next tick continues. Default: `BUDGET_SHARE` of the period.
         margin: Pairs up to this far enter the QP; near the object no step is longer. Default: 1 mm. Of method `paper`
-            this is Δr, 0.5 mm unless told, and no bound on a step.
-        skin: Pairs up to this much farther are kept at hand between ticks. Default: 2 mm; 0.5 mm with surface `mesh`.
+            this is Δr, by default 0.5 mm, and no bound on a step.
+        skin: Pairs up to this much farther are listed between ticks. Default: 2 mm; 0.5 mm with surface `mesh`.
         offset: Clearance that contacts keep, so that second-order errors of small steps do not penetrate.
         step_tolerance: A step shorter than this ends the tick.
-        tolerance: Largest violation of a program's row that counts as satisfied, as a share of the margin.
+        tolerance: Accepted violation of a program's row, as a share of the margin.
         touch: Pairs nearer than this count as touching. Default: 10 µm; 1 µm with surface `mesh`.
-        threads: That share the work of a tick, up to six, one for each finger and the palm: finding contacts, and in
-            `progressive` the fingers' programs. The same bytes come out with any number.
-        stiffness: The virtual coupling.
+        threads: Threads that share a tick, up to six, one for each finger and the palm: detection, and in `progressive`
+            the fingers' programs. The bytes do not depend on their number.
+        stiffness: Virtual coupling.
         frustum_ends: Of method `paper`: `spheres` (Eq. 13's range of k at every joint, as at the fingertip) or `flat`
             (Eq. 7's, but for the fingertip), which takes large object spheres beyond a joint for contacts.
-        period: What a tick lasts [s]; only the dynamics of `penalty` need it. A replay takes it from the motion.
+        period: Duration of a tick [s]; only the dynamics of `penalty` need it. A replay takes it from the motion.
         response: Time constant of the coupling of `penalty` [s]: its virtual mass is G times the square of it.
         contact_response: Damping of the contacts of `penalty`, as a time [s]: b = k times it.
+
+    Raises:
+        InputError: An unknown name, or a number out of its range.
     """
 
     method: str = "coupled"
@@ -131,7 +132,6 @@ class SolverOptions:
     contact_response: float = 1e-3
 
     def __post_init__(self) -> None:
-        """Raise InputError for unknown names and for numbers out of their ranges."""
         method = find_method(self.method)
         for name, value in method.defaults.items():
             if getattr(self, name) is BY_METHOD:
@@ -139,9 +139,8 @@ class SolverOptions:
         if self.surface not in SURFACES:
             raise UnknownNameError("surface", self.surface, SURFACES)
         if self.surface != "spheres" and method.refuses_surfaces:
-            raise InputError(
-                f"method {self.method} takes the surface spheres, not {self.surface}: {method.refuses_surfaces}"
-            )
+            why = method.refuses_surfaces
+            raise InputError(f"method {self.method} takes the surface spheres, not {self.surface}: {why}")
         for name, value in DEFAULTS_OF_SURFACE.get(self.surface, USUAL_OF_SURFACE).items():
             if getattr(self, name) is BY_SURFACE:
                 object.__setattr__(self, name, value)
@@ -169,27 +168,24 @@ class SolverOptions:
             raise InputError(f"a margin of {1e3 * self.margin:g} mm is too small: at least {least:g} mm, ten offsets")
 
     def __repr__(self) -> str:
-        """Method, surface and what differs from the defaults of these."""
+        """Method, surface and all that differs from their defaults."""
         usual = SolverOptions(method=self.method, surface=self.surface)
         names = (field.name for field in fields(self))
         shown = [f"{name}={getattr(self, name)!r}" for name in names if getattr(self, name) != getattr(usual, name)]
         return f"SolverOptions({', '.join([f'method={self.method!r}', f'surface={self.surface!r}', *shown])})"
 
     def at_rate(self, rate: float) -> "SolverOptions":
-        """The same options for ticks at a rate [Hz]; a budget that is the default one follows the period."""
+        """Return the options for ticks at a rate [Hz]; a default budget follows the period."""
         budget = BY_PERIOD if self.budget == usual_budget(self.period) else self.budget
         return replace(self, period=1.0 / rate, budget=budget)
 
     def scaled(self, factor: float) -> "SolverOptions":
-        """The same options for a hand and an object `factor` times as large, which then move alike.
+        """Return the options for a hand and an object `factor` times as large, which then move alike.
 
-        Lengths grow by the factor; rotational stiffness by its square, so that forces and the share of each joint stay
-        what they are to each other. Forces are then `factor` times as large.
+        Lengths grow by the factor, rotational stiffness by its square; forces are then `factor` times as large.
         """
         stiffness = replace(
-            self.stiffness,
-            rotation=self.stiffness.rotation * factor**2,
-            flexion=self.stiffness.flexion * factor**2,
+            self.stiffness, rotation=self.stiffness.rotation * factor**2, flexion=self.stiffness.flexion * factor**2
         )
         lengths = {
             name: getattr(self, name) * factor for name in ("margin", "skin", "offset", "step_tolerance", "touch")
@@ -197,12 +193,12 @@ class SolverOptions:
         return replace(self, stiffness=stiffness, **lengths)
 
     def modelled(self) -> BoolArray:
-        """Which bodies the scene uses, shape (16,): the phalanges of its fingers, and the palm."""
+        """Return True for each body that the scene uses, shape (16,): the phalanges of its fingers, and the palm."""
         bodies = np.ones(BODIES, bool)
         for f, finger in enumerate(FINGERS):
             bodies[PHALANGES * f : PHALANGES * (f + 1)] = finger in self.fingers
         return bodies
 
     def to_json(self) -> dict[str, Any]:
-        """All options as plain values."""
+        """Return all options as plain values."""
         return asdict(self)

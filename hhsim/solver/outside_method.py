@@ -1,6 +1,6 @@
-"""Methods from outside: a class that is given the user's hand tick by tick, and says where the shown hand goes.
+"""Methods from outside: a class that is given the haptic hand tick by tick, and returns the graphic hand.
 
-hhsim times it, and measures its hands as it does its own. See docs/outside-methods.md.
+hhsim times it, and measures its hands like those of its own methods. See docs/outside-methods.md.
 """
 
 import copy
@@ -25,24 +25,24 @@ if TYPE_CHECKING:
     from hhsim.solver.workspace import TickWorkspace
 
 SHAPES = {"position": (3,), "orientation": (4,), "flexion": (5, 3), "abduction": (5,)}
-"""Of a hand's configuration."""
+"""Shapes of a hand's configuration."""
 NATIVE = 1
-"""Place of the method's own time among the parts of a tick: the optimisation of the whole hand."""
+"""Index of the method's own time among the durations of a tick: the optimisation of the whole hand."""
 MOST_WORK = 10**12
-"""Of a tick, so that the sum over a run's ticks is an exact integer of 64 bits."""
+"""Largest work of a tick, so that the sum over a run is an exact integer of 64 bits."""
 UNIT = 1e-6
-"""A quaternion whose length is farther than this from 1 is none."""
+"""Accepted deviation of a quaternion's length from 1."""
 
 
 @dataclass(frozen=True)
 class MethodScene:
-    """What a method is told before the first tick: copies, of which it may make what it likes.
+    """Scene of a method before the first tick: copies, which it may change.
 
     Attributes:
         hand: Sizes, joint limits, and the spheres of the palm.
-        mesh: The object [m], world; None where it is spheres alone.
+        mesh: Object [m], world; None where it is spheres alone.
         tree: Its sphere tree [m], world; None where it is triangles alone.
-        options: Stiffness of the coupling, tick period, margin, and which surface is judged.
+        options: Stiffness of the coupling, tick period, margin, and the surface that is judged.
     """
 
     hand: HandModel
@@ -52,19 +52,19 @@ class MethodScene:
 
     @property
     def period(self) -> float:
-        """Of a tick [s]."""
+        """Period of a tick [s]."""
         return self.options.period
 
 
 class TickAnswer(NamedTuple):
-    """What a method may say of a tick besides the pose.
+    """Answer of a method to a tick.
 
     Attributes:
-        pose: The shown hand.
+        pose: Graphic hand.
         phalanx_force: Contact force on each phalanx [N], world, shape (5, 3, 3); None where the method has no forces.
-        palm_force: Contact force on the palm [N], world, shape (3,); None is none.
-        native_ns: Of the tick, what the method's own engine took [ns], by its own measure; 0 where it has none.
-        work: Of the tick, in units of the method's own: a count that is the same on every machine.
+        palm_force: Contact force on the palm [N], world, shape (3,); None is zero.
+        native_ns: Time of the method's own engine [ns], as it measured; 0 where it has none.
+        work: Work of the tick in the method's own unit: a count that is the same on every machine.
     """
 
     pose: HandConfiguration
@@ -81,43 +81,38 @@ class TickAnswer(NamedTuple):
 class OutsideMethod(Protocol):
     """A method from outside; made anew for every run.
 
-    A class may say `summary` (else the first line of its docstring is taken), `gives_forces = True` where its ticks
-    have forces, `gives_work = True` where they count their work, `never_penetrates = True` where it promises that, and
-    `missing`, what has to be installed before it can be made, or "".
+    A class may state `summary` (else the first line of its docstring is taken), `gives_forces = True` if its ticks have
+    forces, `gives_work = True` if they count their work, `never_penetrates = True` as a promise, and `missing`, what
+    has to be installed before it can be made, or "".
     """
 
     def __init__(self, scene: MethodScene) -> None:
-        """Prepare everything: what waits for the first tick is timed with it."""
+        """Prepare everything: what is left for the first tick is timed with it."""
 
     def begin(self, pose: HandConfiguration) -> None:
-        """Go on from this shown hand, which is free; called before the first tick, and whenever the hand is moved."""
+        """Continue from this free graphic hand; called before the first tick, and whenever the hand is placed."""
 
     def tick(self, haptic: HandConfiguration) -> HandConfiguration | TickAnswer:
-        """Say where the shown hand goes, for the user's hand of this tick."""
+        """Return the graphic hand for the haptic hand of this tick."""
 
 
 class MethodRunner(Protocol):
-    """Runs the code of a method, in this process or another; `ticks` counts those that were answered."""
+    """Runs the code of a method, in this process or another; `ticks` counts the answered ones."""
 
     ticks: int
 
     def begin(self, pose: HandConfiguration) -> None:
-        """Hand on a call of `OutsideMethod.begin`."""
+        """Call `OutsideMethod.begin`."""
 
     def tick(self, haptic: HandConfiguration) -> Timed:
-        """Hand on a call of `OutsideMethod.tick`; the value is a `TickAnswer` as `checked_answer` makes it."""
+        """Call `OutsideMethod.tick`; the value is a `TickAnswer` as `checked_answer` makes it."""
 
 
 class MethodHere:
-    """Runs a method in this process.
-
-    Args:
-        name: For messages.
-        make: Of the method for a scene.
-        forces: Whether its ticks have forces.
+    """Runs a method, made by `make` for a scene, in this process; `forces` is True if its ticks have forces.
 
     Raises:
-        InputError: It cannot be made; and so each call where it fails, or answers with what is no hand.
+        InputError: It cannot be made; so each call where it fails, or its answer is no hand.
     """
 
     def __init__(
@@ -148,12 +143,7 @@ class MethodHere:
 
 
 def checked_answer(name: str, tick: int, found: Timed, forces: bool) -> TickAnswer:
-    """Return what a tick was answered with as arrays of float64, the quaternion of length 1.
-
-    Args:
-        name, tick: For messages.
-        found: The answer, and the times that the tick took.
-        forces: Whether there must be forces; without, none are looked at.
+    """Return the answer to a tick as arrays of float64 with a unit quaternion; `forces` requires forces.
 
     Raises:
         InputError: It is no hand, or claims a time that the tick did not take.
@@ -176,10 +166,7 @@ def checked_answer(name: str, tick: int, found: Timed, forces: bool) -> TickAnsw
     answer = found.value if isinstance(found.value, TickAnswer) else TickAnswer(found.value)
     pose = answer.pose
     if not isinstance(pose, tuple) or len(pose) != len(SHAPES):
-        raise wrong(
-            f"answers with {type(pose).__name__}: expected a HandConfiguration (position, orientation, flexion, "
-            "abduction), or a TickAnswer"
-        )
+        raise wrong(f"answers with {type(pose).__name__}: expected a HandConfiguration or a TickAnswer")
     arrays = {part: array(part, values, shape) for (part, shape), values in zip(SHAPES.items(), pose)}
     length = float(np.linalg.norm(arrays["orientation"]))
     if abs(length - 1.0) > UNIT:
@@ -200,12 +187,7 @@ def checked_answer(name: str, tick: int, found: Timed, forces: bool) -> TickAnsw
 
 
 class OutsideEngine:
-    """Runs a method from outside, and finds out of its hands what `hhsim.kernels` would know.
-
-    Args:
-        run_by: Makes what runs the method's code, of a scene.
-        forces: Whether its ticks have forces.
-    """
+    """Runs a method from outside by `run_by` of a scene, and computes from its hands what hhsim's own methods record."""
 
     def __init__(self, run_by: Callable[[MethodScene], MethodRunner], forces: bool, workspace: "TickWorkspace") -> None:
         self.forces, self.workspace = forces, workspace
@@ -222,11 +204,7 @@ class OutsideEngine:
         self.runner.begin(HandConfiguration(*(self.pose[field].copy() for field in HandConfiguration._fields)))
 
     def run(self, haptic: "HapticBlock", record: "TickRecord") -> int:
-        """See `Engine.run`.
-
-        Raises:
-            InputError: The method fails, or answers with what is no hand.
-        """
+        """See `Engine.run`; InputError if the method fails, or its answer is no hand."""
         for i in range(len(haptic.position)):
             self._tick(HandConfiguration(*(values[i] for values in haptic)), i, record)
         return len(haptic.position)
@@ -256,6 +234,7 @@ class OutsideEngine:
         record.status[i] = 0 if good else STATUS_INPUT_INVALID
         record.duration_total[i], record.duration_cpu[i] = wall, cpu
         record.duration[i, NATIVE] = answer.native_ns
+        """Index of the method's own time among the durations of a tick: the optimisation of the whole hand."""
         record.fingertip_normal[i] = np.nan
         if self.forces:
             record.phalanx[i] = answer.phalanx_force

@@ -2,9 +2,8 @@
 
     minimise ½ (δ - δ*)ᵀ G (δ - δ*)   subject to   A δ >= b,      G diagonal and positive
 
-The problem is built apart from being solved, so that it can be inspected, and solved again by a reference. All backends
-get the same conditioned form: x = √G δ, which makes the Hessian the identity, and rows of length 1. Then lengths along
-x mean the same for palm and fingers, [√J], and a solver's tolerance is a distance.
+All backends get the same conditioned form: x = √G δ, which makes the Hessian the identity, and rows of length 1.
+Lengths along x [√J] then mean the same for palm and fingers, and a solver's tolerance is a distance.
 """
 
 import warnings
@@ -20,12 +19,12 @@ from hhsim.kernels.qp import active_set
 from hhsim.kernels.qp.row_scan import ProgramRows
 
 ACTIVE_SET = "active-set"
-"""The backend of our own: `hhsim.kernels.qp.active_set`."""
+"""Our own backend: `hhsim.kernels.qp.active_set`."""
 
 TOLERANCE = 1e-12
 """Row violation [√J] that the active-set backend accepts; 30 fm at a stiffness of 1 kN/m."""
 RESIDUAL_LIMIT = 1e-6
-"""A backend's answer with a larger `kkt_residual` [√J] is called inaccurate; 30 nm at a stiffness of 1 kN/m."""
+"""A backend's answer with a larger `kkt_residual` [√J] is inaccurate; 30 nm at a stiffness of 1 kN/m."""
 
 BACKEND_OPTIONS: dict[str, dict[str, Any]] = {
     "clarabel": {"tol_gap_abs": 1e-11, "tol_gap_rel": 1e-11, "tol_feas": 1e-11},
@@ -38,11 +37,11 @@ BACKEND_OPTIONS: dict[str, dict[str, Any]] = {
     "proxqp": {"eps_abs": 1e-9, "eps_rel": 0.0},
     "scs": {"eps_abs": 1e-9, "eps_rel": 0.0, "max_iters": 100_000},
 }
-"""Defaults aim at 1e-3 to 1e-8; these documented options ask for what each still reaches. Others run as they are."""
+"""Accuracy options of backends whose defaults aim at 1e-3 to 1e-8. Others run as they are."""
 
 
 class QpStatus(StrEnum):
-    """How a solve ended."""
+    """Outcome of a solve."""
 
     OPTIMAL = "optimal"
     INACCURATE = "inaccurate"
@@ -73,7 +72,6 @@ class QpProblem:
     target: FloatArray
 
     def __post_init__(self) -> None:
-        """Make the arrays contiguous float64 and check that they fit."""
         for name in ("stiffness", "matrix", "rhs", "target"):
             object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name), dtype=np.float64))
         n, m = self.target.size, self.rhs.size
@@ -102,7 +100,7 @@ class QpProblem:
         return float(np.max(np.concatenate([-slack, -push, np.abs(balance), np.minimum(slack, push)]), initial=0.0))
 
     def conditioned(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return √G, the rows for x = √G δ at length 1, and the lengths they had; a zero row stays, as of length 1."""
+        """Return √G, the rows for x = √G δ at length 1, and their former lengths; a zero row stays, with length 1."""
         root = np.sqrt(self.stiffness)
         scaled = self.matrix / root
         norm: FloatArray = np.linalg.norm(scaled, axis=1)
@@ -112,13 +110,13 @@ class QpProblem:
 
 @dataclass(frozen=True)
 class QpSolution:
-    """What a backend answered.
+    """Solution of a backend.
 
     Attributes:
         x: δ, shape (n,) [m] and [rad]; the target where there is no solution.
         multiplier: λ >= 0 of each row, shape (m,); [N] for contact rows; zeros where there is no solution.
         status: See `QpStatus`; compares equal to its string.
-        message: What went wrong, empty for an optimum.
+        message: Reason, empty for an optimum.
     """
 
     x: FloatArray
@@ -129,19 +127,17 @@ class QpSolution:
 
 
 def available_backends() -> list[str]:
-    """`active-set` first, then what qpsolvers finds installed."""
+    """Return `active-set`, then what qpsolvers finds installed."""
     import qpsolvers
 
     return [ACTIVE_SET, *sorted(qpsolvers.available_solvers)]
 
 
 def solve(problem: QpProblem, backend: str = ACTIVE_SET) -> QpSolution:
-    """Solve `problem` with one of `available_backends()`.
-
-    A backend that stops, refuses or raises gives a status, never an exception.
+    """Solve `problem` with one of `available_backends()`; a backend's failure is a status, never an exception.
 
     Raises:
-        UnknownNameError: For a backend that is not installed.
+        UnknownNameError: The backend is not installed.
     """
     if backend != ACTIVE_SET and backend not in available_backends():
         raise UnknownNameError("QP backend", backend, available_backends())

@@ -1,4 +1,4 @@
-"""The reference optimum that a method's tracking is held against: `coupled`, run until nothing moves."""
+"""Reference optimum of a method's tracking: `coupled`, converged."""
 
 from dataclasses import replace
 from typing import Any
@@ -17,16 +17,13 @@ from hhsim.solver.options import BY_SURFACE, UNLIMITED, SolverOptions
 
 REFERENCE_LINEARISATIONS = 400
 REFERENCE_STEP_TOLERANCE = 1e-8
-"""The reference has converged when a linearisation moves no point of the hand further than this [m]."""
+"""Largest move of any point of the hand [m] in the last linearisation of a converged reference."""
 
 
 def best_hands(hand: HandModel, mesh_surface: Any, options: SolverOptions, haptic: HandConfiguration) -> TickRecord:
-    """The least-energy pose of every tick: `coupled` on the triangles, converged, from the user's first hand on.
+    """Return the least-energy pose of every tick: `coupled` on the triangles, converged, from the haptic hand on.
 
-    Args:
-        mesh_surface: The object in the kernels' form, world: the surface `mesh`.
-        options: Stiffness and lengths.
-        haptic: The user's hand at every tick.
+    `mesh_surface` is the object's surface `mesh`, world; the options give stiffness and lengths.
 
     Raises:
         HhsimError: More pairs than the solver holds: the optimum on this mesh cannot be had.
@@ -53,19 +50,15 @@ def reference_excess(
     graphic: HandConfiguration,
     ticks: IntArray,
 ) -> FloatArray:
-    """Coupling energy above the reference optimum, (E - E*) / E*, at some ticks.
+    """Compute the coupling energy above the reference optimum, (E - E*) / E*, at some ticks, shape (len(ticks),).
 
-    The optimum is the local one that `coupled` converges to from the method's own graphic hand with the input held.
+    The optimum is the local one that `coupled` converges to from the method's own graphic hand with the input held. NaN
+    in free space, and where the graphic hand is too deep inside for the reference.
 
     Args:
-        surface: The object's, world frame, as `HandSolver` takes it.
-        options: Those of the method; stiffness and lengths are kept.
-        haptic: Haptic hand at every tick.
-        graphic: Graphic hand at every tick.
-
-    Returns:
-        Shape (len(ticks),); NaN in free space, and where the graphic hand is so deep inside that the reference finds no
-        way out.
+        surface: Object's surface, world frame, as `HandSolver` takes it.
+        options: Options of the method; stiffness and lengths are kept.
+        haptic, graphic: Hands at every tick.
     """
     solver = HandSolver(
         hand,

@@ -1,4 +1,4 @@
-"""The surfaces that an object can have for the solver.
+"""Surfaces that an object can have for the solver.
 
 To add a surface, add a module to `hhsim.kernels.surfaces` that declares a `SURFACE` and the kernels for its arrays.
 """
@@ -16,14 +16,9 @@ SURFACES: Registry["Surface"] = Registry("hhsim.kernels.surfaces", "SURFACE", "s
 
 
 def surface_of(arrays: Any) -> "Surface":
-    """The surface that arrays are of.
-
-    Raises:
-        InputError: Arrays of no surface.
-    """
+    """Return the surface of arrays; InputError for arrays of no surface."""
     for surface in SURFACES.values():
         if type(arrays) is surface.arrays:
             return surface
-    raise InputError(
-        f"{type(arrays).__name__} is no surface of an object; expected the arrays of {', '.join(SURFACES)}"
-    )
+    expected = f"expected the arrays of {', '.join(SURFACES)}"
+    raise InputError(f"{type(arrays).__name__} is no surface of an object; {expected}")

@@ -1,4 +1,4 @@
-"""The threads that help with a solver's ticks."""
+"""Threads that help with a solver's ticks."""
 
 import threading
 import time
@@ -18,41 +18,36 @@ from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.thread_team_worker import help_out
 
 ARRIVAL = 1.0
-"""A block begins without the helpers that are not there after this [s]: they can join at any tick."""
+"""A block begins without the helpers that have not arrived after this [s]: they can join at any tick."""
 
 WORTH_SHARING = 2500
-"""Distances outside of the largest part from which on sharing costs less than it saves: some two microseconds."""
+"""Number of distances outside of the largest part from which on sharing saves time: some two microseconds."""
+
+Given = tuple[HandArrays, Any, TickOptions, NDArray[np.void]]
 
 
 class ThreadTeam:
     """Helpers of one solver: threads that live while a block of ticks runs, and wait for work in compiled code.
 
-    Starting them takes about 0.1 ms a block, outside of the timed ticks.
-
-    Args:
-        states: The solver's state, shape (1,).
-        threads: Members, the caller's own thread included; 1 starts none.
-
-    Attributes:
-        worth: Detection is shared from this many distances outside of the largest part on, see
-            `hhsim.kernels.contact.parallel_detection.worth_sharing`.
+    Starting them takes about 0.1 ms a block, outside of the timed ticks. `threads` counts the caller's own; 1 starts
+    none. `worth` is the number of distances outside of the largest part from which on detection is shared, see
+    `hhsim.kernels.contact.parallel_detection.worth_sharing`.
     """
 
     def __init__(self, states: NDArray[np.void], threads: int) -> None:
-        """Allocate what each helper works in; no thread is started."""
         self.states = states
         self.worth = WORTH_SHARING
-        self.rooms = [_Room(states) for _ in range(threads - 1)]
+        self.works = [_HelperWork(states) for _ in range(threads - 1)]
         self._compiled = False
 
     @contextmanager
     def at_work(self, hand: HandArrays, surface: Any, options: TickOptions) -> Iterator[None]:
-        """Have the helpers at hand; however the block ends, none of them is left.
+        """Run the helpers during a block; however it ends, none of them is left.
 
         Raises:
-            BaseException: What a helper raised; the block is then complete, done by the others.
+            BaseException: Raised by a helper; the block is then complete, done by the others.
         """
-        if not self.rooms:
+        if not self.works:
             yield
             return
         shared = self.states[0].thread_team
@@ -61,10 +56,10 @@ class ThreadTeam:
         dismiss(word)
         if not self._compiled:
             # Here and not in a helper: a block of ticks would begin without it.
-            self.rooms[0].help_out(given)
+            self.works[0].help_out(given)
             self._compiled = True
         arrived = threading.Semaphore(0)
-        helpers = [_Helper(room, given, arrived) for room in self.rooms]
+        helpers = [_Helper(work, given, arrived) for work in self.works]
         try:
             assemble(word)
             for helper in helpers:
@@ -90,27 +85,27 @@ class ThreadTeam:
                 raise helper.failure
 
 
-class _Room:
-    """What a helper works in, so that it writes nothing that another thread writes."""
+class _HelperWork:
+    """Workspace of a helper, which writes nothing that another thread writes."""
 
     def __init__(self, states: NDArray[np.void]) -> None:
         self.qp: QpWork = new_work(DOF, ROW_CAPACITY)
         candidates = states[0].candidates
         self.walk = Walk(np.zeros_like(candidates.stack), np.zeros_like(candidates.scratch))
 
-    def help_out(self, given: tuple[HandArrays, Any, TickOptions, NDArray[np.void]]) -> None:
+    def help_out(self, given: Given) -> None:
         help_out(*given, self.qp, self.walk)
 
 
 class _Helper(threading.Thread):
     def __init__(
         self,
-        room: _Room,
-        given: tuple[HandArrays, Any, TickOptions, NDArray[np.void]],
+        work: _HelperWork,
+        given: Given,
         arrived: threading.Semaphore,
     ) -> None:
         super().__init__(name="hhsim-helper", daemon=True)
-        self.room = room
+        self.work = work
         self.given = given
         self.arrived = arrived
         self.clock: int | None = None
@@ -120,7 +115,7 @@ class _Helper(threading.Thread):
         try:
             self.clock = time.pthread_getcpuclockid(threading.get_ident())
             self.arrived.release()
-            self.room.help_out(self.given)
+            self.work.help_out(self.given)
         except BaseException as error:  # handed to the thread that asked for help
             self.failure = error
             self.arrived.release()

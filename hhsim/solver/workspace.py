@@ -1,4 +1,4 @@
-"""What the ticks of one hand and one object work in."""
+"""Workspace of the ticks of one hand and one object."""
 
 import math
 from typing import Any
@@ -27,11 +27,11 @@ from hhsim.trees.contact_surface import ContactSurface
 
 FORCE_MODELS = {"kkt": FORCE_KKT, "paper": FORCE_PAPER}
 RELAXATION = 100.0
-"""How many tolerances rows that contradict each other are moved back by."""
+"""Number of tolerances by which contradicting rows are relaxed."""
 
 
 def tick_options(options: SolverOptions) -> TickOptions:
-    """The solver's options in the kernels' form; tolerances in units of √G times a length."""
+    """Return the solver's options in the kernels' form; tolerances in units of √G times a length."""
     tolerance = options.tolerance * options.margin * math.sqrt(options.stiffness.translation)
     return TickOptions(
         force_model=FORCE_MODELS[options.force],
@@ -54,24 +54,23 @@ class TickWorkspace:
     """One hand, one object, and the memory of their ticks, of whatever method.
 
     Args:
-        surface: The object's, world frame: a `ContactSurface`, or its arrays alone.
+        surface: Object's surface, world frame: a `ContactSurface`, or its arrays alone.
         options: Method, stiffness and lengths.
 
     Raises:
         InputError: Arrays of another surface than the options name.
 
     Attributes:
-        hand: The hand in the kernels' form.
-        surface: The object's arrays.
-        mesh, tree: What they were made of; None where that was not given.
-        tick_options: The options in the kernels' form.
-        states: The tick's state, shape (1,).
+        hand: Hand in the kernels' form.
+        surface: Object's arrays.
+        mesh, tree: Source of the arrays; None if not given.
+        tick_options: Options in the kernels' form.
+        states: Tick's state, shape (1,).
         qp: Workspace of the active-set solver.
-        thread_team: Threads that help.
+        thread_team: Helping threads.
     """
 
     def __init__(self, model: HandModel, surface: Any, options: SolverOptions) -> None:
-        """Allocate; nothing is computed yet."""
         made_of = surface if isinstance(surface, ContactSurface) else ContactSurface(surface)
         surface = made_of.arrays
         self.model = model
@@ -82,24 +81,18 @@ class TickWorkspace:
         self.tick_options = tick_options(options)
         kind = surface_of(surface)
         if kind is not SURFACES[options.surface]:
-            raise InputError(
-                f"the options name the surface '{options.surface}', but {type(surface).__name__} are not its arrays"
-            )
+            raise InputError(f"surface '{options.surface}' of the options: {type(surface).__name__} are not its arrays")
         self.states = tick_state(options.stiffness.diagonal(), options.modelled(), kind)
         self.qp = new_work(DOF, ROW_CAPACITY)
         self.thread_team = ThreadTeam(self.states, options.threads if JIT_ENABLED else 1)
 
     def gather(self) -> None:
-        """Let the tick's lists follow a configuration that was set from outside.
-
-        Raises:
-            HhsimError: More pairs are near than the arrays hold.
-        """
+        """Update the tick's lists for a configuration set from outside; HhsimError if more pairs are near than fit."""
         if not rebuild_candidates(self.hand, self.surface, self.tick_options, self.states):
             raise self.full()
 
     def full(self) -> HhsimError:
-        """What to say where more pairs are near than the arrays hold."""
+        """Return the error that more pairs are near than the arrays hold."""
         return HhsimError(
             f"more than {CONTACT_ROWS:,} contacts, or more pairs of one part of the hand and the object than there is "
             f"room for, lie within the margin of {self.options.margin * 1e3:g} mm: use a smaller --margin or "
@@ -107,26 +100,24 @@ class TickWorkspace:
         )
 
     def center(self) -> FloatArray:
-        """A point that a hand inside the object gets away from [m], world, shape (3,)."""
+        """Return a point that a hand inside the object moves away from [m], world, shape (3,)."""
         return surface_of(self.surface).center(self.surface)
 
     def run_block(self, method: Any, haptic: HapticBlock, record: TickRecord) -> int:
-        """Run one tick of a compiled method for each row of the haptic input; returns the ticks done."""
+        """Run one tick of a compiled method for each row of the haptic input; return the ticks done."""
         return int(run_block(method, self.hand, self.surface, self.states, self.qp, haptic, record))
 
     def block(self, method: Any, haptic: HapticBlock, record: TickRecord) -> tuple[int, TickBlock]:
-        """Where the machine code of `run_block` begins, and what it is given, for a loop that calls it by itself."""
+        """Return the address of `run_block`'s machine code and its arguments, for a loop that calls it by itself."""
         given = TickBlock(method, self.hand, self.surface, self.states, self.qp, haptic, record)
         compiled: Any = run_block
         return compiled.address(*given), given
 
 
 def tick_state(stiffness: FloatArray, modelled: BoolArray | None = None, surface: Surface = SPHERES) -> Any:
-    """A fresh state, a record array of shape (1,): all modelled bodies still to be gathered.
+    """Return a fresh state, a record array of shape (1,), with the lists of all modelled bodies still to be gathered.
 
-    Args:
-        stiffness: The coupling's G, shape (21,).
-        modelled: Which bodies the scene uses, shape (16,); all where it is not given.
+    `stiffness` is the coupling's G, shape (21,); `modelled` is True for bodies that the scene uses, shape (16,).
     """
     states = zeroed(tick_state_dtype(surface.candidates))
     state = states[0]
@@ -142,7 +133,7 @@ def tick_state(stiffness: FloatArray, modelled: BoolArray | None = None, surface
 
 
 def zeroed(dtype: np.dtype[Any]) -> Any:
-    """A fresh record array of shape (1,)."""
+    """Return a zeroed record array of shape (1,)."""
     # Written, and not only asked for: the system would else hand out the pages one by one, in the ticks that are timed.
     memory = np.empty(1, dtype)
     memory.view(np.uint8)[:] = 0
@@ -150,7 +141,7 @@ def zeroed(dtype: np.dtype[Any]) -> Any:
 
 
 def tick_record(ticks: int) -> TickRecord:
-    """Room for the results of a block of ticks."""
+    """Allocate the record of a block of ticks."""
     zeros = np.zeros
     return TickRecord(
         status=zeros(ticks, np.int64),

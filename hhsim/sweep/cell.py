@@ -18,9 +18,8 @@ from hhsim import __version__
 from hhsim.errors import InputError
 from hhsim.mesh.catalogue import names_a_file, usual_level
 from hhsim.motion.trajectory import ResampleMode
-from hhsim.scene.described_scene import SceneWords
+from hhsim.scene.described_scene import Place, SceneWords
 from hhsim.scene.motion_catalogue import trajectory_names
-from hhsim.scene.placed_scene import Place
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.options import SolverOptions, Stiffness
 from hhsim.system.input_file import read_input

@@ -26,8 +26,7 @@ from hhsim.sweep.cell import OF_THE_SCENE, Cell, SweptObject, file_digest, sourc
 from hhsim.sweep.folder import PARTIAL, write_row
 from hhsim.system import environment as info
 from hhsim.system.own_core import on_own_core
-from hhsim.trees.cache import cached_sphere_tree
-from hhsim.trees.level_choice import coarsest_sphere_tree
+from hhsim.trees.cache import cached_sphere_tree, coarsest_sphere_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.trees.triangle_tree import tree_of_any

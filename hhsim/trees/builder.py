@@ -1,4 +1,4 @@
-"""Builds a sphere tree that covers a mesh, with proof, and protrudes little."""
+"""Builder of a sphere tree that covers a mesh, with proof, and protrudes little."""
 
 import time
 from dataclasses import replace
@@ -20,7 +20,7 @@ from hhsim.trees.sphere_tree import SphereTree
 from hhsim.trees.surface_cover import cover_of, in_own_frame
 
 GROWTH = 1e-6
-"""What spheres are grown by, as a share of the mesh's longest extent, where rounding stands in the way of a proof."""
+"""Growth of spheres, as a share of the mesh's longest extent, where rounding prevents a proof."""
 
 
 def build_sphere_tree(
@@ -28,15 +28,14 @@ def build_sphere_tree(
 ) -> SphereTree:
     """Build and measure a tree.
 
-    Each level has a cover of its own that is proved to contain the whole surface, with
-    branching ** level spheres; the leaves are that of the last level, and every inner node encloses the leaves below
-    it.
+    Each level has its own cover, proved to contain the whole surface, with branching ** level spheres; the leaves are
+    that of the last level, and every inner node encloses the leaves below it.
 
     Args:
         mesh: Watertight and wound outward.
         options: None for the defaults.
         progress: Called with (stage, done, total), stages "cover", "tree" and "measure".
-        threads: How many to build with, as far as they can be used: the same bytes with any number.
+        threads: Number of threads; the bytes do not depend on it.
 
     Raises:
         InputError: No tree is within the largest error.
@@ -48,7 +47,7 @@ def build_sphere_tree(
     bvh = build_mesh_bvh(vertices, faces)
     with Workers(threads) as workers:
         try:
-            tree = _Builder(vertices, faces, bvh, options, progress, workers).build()
+            tree = _Builder((vertices, faces, bvh), options, progress, workers).build()
         except (MeshError, InputError) as error:
             raise type(error)(f"{mesh.name}: {error}") from error
         progress("tree", 1, 1)
@@ -57,24 +56,14 @@ def build_sphere_tree(
 
 
 class _Builder:
-    """Builds a tree level by level."""
-
     def __init__(
-        self,
-        vertices: FloatArray,
-        faces: IntArray,
-        bvh: MeshBvh,
-        options: TreeOptions,
-        progress: Progress,
-        workers: Workers,
+        self, surface: tuple[FloatArray, IntArray, MeshBvh], options: TreeOptions, progress: Progress, workers: Workers
     ) -> None:
-        self.vertices, self.faces, self.bvh, self.options = vertices, faces, bvh, options
-        self.progress, self.workers = progress, workers
-        self.ready = in_own_frame(vertices, faces)
+        self.surface, self.options, self.progress, self.workers = surface, options, progress, workers
+        self.ready = in_own_frame(*surface[:2])
         self.done = self.total = 0
 
     def build(self) -> SphereTree:
-        """Build the tree; its covers are timed."""
         options, leaves, last, last_seconds = self.options, self.options.leaf_limit, None, 0.0
         if options.max_error is not None:
             start = time.process_time()
@@ -88,12 +77,8 @@ class _Builder:
         seconds: list[float] = []
         for at, size in enumerate(sizes):
             start = time.process_time()
-            if at == level and last is not None:
-                cover = last
-            elif at > 0 and size == sizes[at - 1]:
-                cover = covers[-1]
-            else:
-                cover = self.cover(size)
+            same = covers[-1] if at > 0 and size == sizes[at - 1] else None
+            cover = (last if at == level else None) or same or self.cover(size)
             tree, cover = cover_hierarchy(cover, at, options.branching)
             covers.append(cover)
             seconds.append(time.process_time() - start)
@@ -101,8 +86,6 @@ class _Builder:
         return replace(tree, covers=tuple(covers), cpu_seconds=tuple(seconds))
 
     def cover(self, size: int) -> LevelCover:
-        """Build and prove a cover of at most `size` spheres."""
-
         def report(stage: str, done: int, cycles: int) -> None:
             total = max(self.total, self.done + size)
             self.progress(stage, cycles * self.done + done * size, cycles * total)
@@ -110,9 +93,7 @@ class _Builder:
         center, radius = cover_of(self.ready, size, report, self.workers)
         self.done += size
         balanced = self.options.cover == "balanced"
-        return proved_cover(
-            self.vertices, self.faces, self.bvh, center, radius, balanced=balanced, workers=self.workers
-        )
+        return proved_cover(*self.surface, center, radius, balanced=balanced, workers=self.workers)
 
 
 def proved_cover(
@@ -125,16 +106,13 @@ def proved_cover(
     balanced: bool = False,
     workers: Workers | None = None,
 ) -> LevelCover:
-    """Prove that spheres cover a mesh; where rounding stands in the way, with spheres larger by `GROWTH` of its extent.
+    """Prove that spheres cover a mesh; where rounding prevents it, with spheres larger by `GROWTH` of its extent.
 
     Args:
-        vertices: [m], shape (V, 3).
-        faces: Wound outward, shape (F, 3).
-        center: [m], shape (n, 3).
-        radius: [m], shape (n,).
-        balanced: Take half of the bound off all radii, so that the spheres miss the surface by as little outside as
-            inside: it then lies at most so far out of them, and they at most so far out of it.
-        workers: Threads to prove with; None for the calling one.
+        vertices, faces: [m], shape (V, 3), and wound outward, shape (F, 3).
+        center, radius: [m], shapes (n, 3) and (n,).
+        balanced: Subtract half of the bound from all radii: the surface then lies at most so far out of the spheres,
+            and they at most so far out of it.
 
     Raises:
         MeshError: A face cannot be proved.
@@ -153,7 +131,7 @@ def proved_cover(
 
 
 def proved_anew(tree: SphereTree, mesh: Mesh) -> SphereTree:
-    """Return the tree of a mesh, such as a mirror image, with proofs that are made for this mesh.
+    """Return the tree of a mesh, such as a mirror image, with new proofs for this mesh.
 
     Raises:
         MeshError: A face cannot be proved.

@@ -1,13 +1,15 @@
-"""Where a sphere tree comes from: it ships with hhsim, lies in the cache, or is built.
+"""Sources of a sphere tree: it ships with hhsim, lies in the cache, or is built.
 
-A tree that is there needs no builder: the builder and its kernels are imported where a tree is built, and nowhere else.
+The builder and its kernels are imported only where a tree is built.
 """
 
 import hashlib
 import json
+import math
 from dataclasses import replace
 from importlib.resources import as_file, files
 from pathlib import Path
+from typing import NamedTuple
 
 from hhsim.errors import InputError, OutputError
 from hhsim.kernels.cache_folder import cache_root
@@ -15,7 +17,7 @@ from hhsim.mesh.mesh import Mesh
 from hhsim.system.progress import Progress, silent
 from hhsim.trees.file import load_tree, save_tree
 from hhsim.trees.hierarchy import at_level
-from hhsim.trees.options import TreeOptions
+from hhsim.trees.options import MOST_LEVEL, TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 
 SHIPPED_SUFFIX = "-tree.h5"
@@ -24,32 +26,22 @@ _SOURCES = (
     *("trees", "kernels/cover", "kernels/mesh", "kernels/enclosing_sphere.py", "kernels/kd_tree.py"),
     *("kernels/round_cone_distance.py", "kernels/triangle.py", "mesh/canonical_frame.py"),
 )
-"""Folders and files of hhsim that a built tree depends on: who changes one must not be given yesterday's tree."""
+"""Folders and files of hhsim that a built tree depends on: a change of one makes cached trees stale."""
 
 
 def cached_sphere_tree(
     mesh: Mesh, options: TreeOptions | None = None, progress: Progress = silent, threads: int = 1
 ) -> SphereTree:
-    """Return the tree of `hhsim.trees.builder.build_sphere_tree`: the one that ships, or is in the cache, or a new one.
+    """Return the tree that `hhsim.trees.builder.build_sphere_tree` makes: shipped, cached, or built.
 
-    Args:
-        mesh: Watertight and wound outward.
-        options: None for the defaults.
-        progress: As for `build_sphere_tree`, where it comes to that.
-
-    Raises:
-        InputError: No tree is within the largest error.
-        MeshError: The mesh has no inside, or a face could not be covered.
+    Arguments and errors as there.
     """
     options = TreeOptions() if options is None else options
     return shipped_tree(mesh, options) or kept_sphere_tree(mesh, options, progress, threads)
 
 
 def shipped_tree(mesh: Mesh, options: TreeOptions) -> SphereTree | None:
-    """Return the tree of a mesh that ships with hhsim, or a coarser level of it; None where none is what was asked for.
-
-    It has to be of exactly this mesh, these options and this version of the builder; the file's name decides nothing.
-    """
+    """Return a mesh's shipped tree, or a coarser level of it; None without one of this mesh, options and builder."""
     file = files("hhsim.objects") / f"{mesh.name}{SHIPPED_SUFFIX}"
     if not file.is_file():
         return None
@@ -67,7 +59,7 @@ def shipped_tree(mesh: Mesh, options: TreeOptions) -> SphereTree | None:
 
 
 def kept_sphere_tree(mesh: Mesh, options: TreeOptions, progress: Progress = silent, threads: int = 1) -> SphereTree:
-    """Return the tree from the cache, or build it and keep it there; arguments as for `cached_sphere_tree`.
+    """Return the tree from the cache, or build and cache it; arguments as for `cached_sphere_tree`.
 
     A damaged file in the cache is built again; a cache that cannot be written is done without.
     """
@@ -89,7 +81,7 @@ def kept_sphere_tree(mesh: Mesh, options: TreeOptions, progress: Progress = sile
 
 
 def cache_path(mesh: Mesh, options: TreeOptions) -> Path:
-    """Where the cache keeps the tree of a mesh."""
+    """Return the path of a mesh's tree in the cache."""
     digest = hashlib.sha256(mesh.sha256.encode())
     digest.update(json.dumps(options.recorded(), sort_keys=True).encode())
     for source in _SOURCES:
@@ -97,3 +89,30 @@ def cache_path(mesh: Mesh, options: TreeOptions) -> Path:
         for path in sorted(place.glob("*.py")) if place.is_dir() else (place,):
             digest.update(path.read_bytes())
     return cache_root() / "trees" / f"{digest.hexdigest()[:32]}.h5"
+
+
+class TreeChoice(NamedTuple):
+    """A tree, its level and the proved bound of its leaves' protrusion [m]."""
+
+    tree: SphereTree
+    level: int
+    bound: float
+
+
+def coarsest_sphere_tree(mesh: Mesh, max_error: float, progress: Progress = silent) -> TreeChoice:
+    """Build levels from the coarsest on until one is proved to protrude by no more than `max_error` [m].
+
+    Raises:
+        InputError: `max_error` is no length, or no level meets it.
+        MeshError: As for `hhsim.trees.builder.build_sphere_tree`.
+    """
+    if not (math.isfinite(max_error) and max_error > 0.0):
+        raise InputError(f"the largest error is {max_error:g} m: it must be positive and finite")
+    bound = math.inf
+    for level in range(1, MOST_LEVEL + 1):
+        tree = cached_sphere_tree(mesh, TreeOptions(level=level), progress)
+        bound = tree.errors[-1].bound
+        if bound <= max_error:
+            return TreeChoice(tree, level, bound)
+    finest = f"level {MOST_LEVEL}, the finest, protrudes by up to {1e3 * bound:.3g} mm"
+    raise InputError(f"{mesh.name}: no level is within {1e3 * max_error:g} mm; {finest}")

@@ -1,4 +1,4 @@
-"""What the solver touches of an object: the leaf spheres of its tree, or the triangles of its mesh."""
+"""Contact surface of an object: the leaf spheres of its tree, or the triangles of its mesh."""
 
 from typing import Any, NamedTuple
 
@@ -11,13 +11,12 @@ from hhsim.trees.sphere_tree import SphereTree
 
 
 class ContactSurface(NamedTuple):
-    """A surface in the kernels' form, and what to tell of it.
+    """A surface in the kernels' form, and its origin.
 
-    | field | meaning |
-    |---|---|
-    | arrays | of a surface of `hhsim.kernels.surfaces`, in the frame of mesh and tree |
-    | notes | what of the object cannot be touched or is not known, a sentence each |
-    | mesh, tree | what it was made of; None where the object has none |
+    Attributes:
+        arrays: Arrays of a surface of `hhsim.kernels.surfaces`, in the frame of mesh and tree.
+        notes: What of the object cannot be touched or is unknown, a sentence each.
+        mesh, tree: Source of the arrays; None where the object has none.
     """
 
     arrays: Any
@@ -27,7 +26,7 @@ class ContactSurface(NamedTuple):
 
 
 def encloses(mesh: Mesh) -> bool:
-    """Whether the triangles of a mesh enclose something, wound outward."""
+    """Return True if the triangles of a mesh enclose something, wound outward."""
     return is_closed(merged_vertices(mesh.vertices, mesh.faces)[1]) and mesh.volume > 0.0
 
 
@@ -36,7 +35,7 @@ def contact_surface(name: str, mesh: Mesh | None, tree: SphereTree | None) -> Co
 
     Args:
         name: `spheres` or `mesh`.
-        mesh: The object [m]; None where it is spheres alone.
+        mesh: Object [m]; None where it is spheres alone.
         tree: Its sphere tree, in the same frame; None where it is triangles alone.
 
     Raises:

@@ -1,6 +1,6 @@
-"""Whether what a sphere tree claims of a mesh holds: its covers, their proofs, how far they reach out.
+"""Check of a sphere tree's claims on a mesh: its covers, their proofs, and their bounds.
 
-It believes nothing of the builder: the proofs are followed by code of their own, the depths are measured again.
+It shares nothing with the builder: the proofs are followed by code of their own, the depths are measured again.
 """
 
 import numpy as np
@@ -20,8 +20,8 @@ from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
 from hhsim.trees.level_cover import LevelCover
 
-_ROOM = 1e-14
-_DEPTH_ROOM = 1e-9
+_ROUNDING = 1e-14
+_DEPTH_ROUNDING = 1e-9
 
 _WRONG = {
     NO_SUCH_SPHERE: "names a sphere that does not exist",
@@ -34,12 +34,7 @@ _WRONG = {
 
 
 def faults(mesh: Mesh, covers: tuple[LevelCover, ...]) -> tuple[str, ...]:
-    """What does not hold of the covers of a tree's levels, coarse to fine, one plain sentence each; empty if all does.
-
-    Args:
-        mesh: That the covers are said to cover.
-        covers: Of the levels from 0 on.
-    """
+    """Return the faults of the covers of levels 0 and on for a mesh, a plain sentence each; empty if there are none."""
     if not any(cover.proved for cover in covers):
         return ("the tree holds no proof that it covers the mesh",)
     corner = np.ascontiguousarray(mesh.triangles.reshape(-1, 9))
@@ -51,7 +46,7 @@ def faults(mesh: Mesh, covers: tuple[LevelCover, ...]) -> tuple[str, ...]:
             found.append(f"level {level}: {fault}")
         size = max(float(np.abs(corner).max()), float(np.abs(cover.center).max()))
         short = cover.depth + mesh_signed_distance(bvh, cover.center)
-        if not short.max() <= _DEPTH_ROOM * size:
+        if not short.max() <= _DEPTH_ROUNDING * size:
             sphere = int(np.argmax(short))
             found.append(f"level {level}: the centre of sphere {sphere} is {short[sphere]:.3g} m less deep than stated")
     return tuple(found)
@@ -61,7 +56,7 @@ def _cover_fault(corner: FloatArray, cover: LevelCover) -> str:
     if not cover.proved:
         return "no proof that it covers the mesh"
     size = max(float(np.abs(corner).max()), float(np.abs(cover.center).max()))
-    what, face, code = check_proof(corner, cover.center, cover.radius + cover.gap, _ROOM * size, cover.proof)
+    what, face, code = check_proof(corner, cover.center, cover.radius + cover.gap, _ROUNDING * size, cover.proof)
     if what == HOLDS:
         return ""
     return f"the proof {_WRONG[what]}, face {face}, code {code}"

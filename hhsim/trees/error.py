@@ -1,6 +1,6 @@
-"""How far the spheres of each level are from the mesh, measured by sampling, and what is proved about it.
+"""Error of the spheres of each level: sampled, and proved.
 
-The measurement shares nothing with the builder but the mesh: it does not know which sphere was made for what.
+The measurement shares nothing with the builder but the mesh.
 """
 
 import numpy as np
@@ -17,13 +17,13 @@ from hhsim.trees.surface_cover import ROUNDING
 MESH_SAMPLES = 20_000
 SPHERE_SAMPLES = 60_000
 LEAST_SAMPLES_EACH = 24
-"""On each sphere of a level, however many there are."""
+"""Least number of samples on each sphere of a level."""
 _PARTS = 8
-"""Parts that threads share out."""
+"""Number of ranges that threads share out."""
 
 
 def sample_mesh(vertices: FloatArray, faces: IntArray, count: int, rng: np.random.Generator) -> FloatArray:
-    """Points on a mesh [m], shape (count, 3), uniform by area."""
+    """Sample points on a mesh [m], shape (count, 3), uniform by area."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     face = rng.choice(len(faces), size=count, p=area / area.sum())
@@ -36,10 +36,10 @@ def sample_mesh(vertices: FloatArray, faces: IntArray, count: int, rng: np.rando
 def sample_spheres(
     center: FloatArray, radius: FloatArray, count: int, rng: np.random.Generator
 ) -> tuple[FloatArray, IntArray, FloatArray]:
-    """Points on spheres, about `count`, at least `LEAST_SAMPLES_EACH` on each.
+    """Sample about `count` points on spheres, at least `LEAST_SAMPLES_EACH` on each.
 
     Returns:
-        Points [m], shape (n, 3); the sphere that each lies on, (n,); the area that each stands for [m²], (n,).
+        Points [m], shape (n, 3); sphere of each, (n,); area that each stands for [m²], (n,).
     """
     area = 4.0 * np.pi * radius**2
     share = area / area.sum() if area.sum() > 0.0 else np.full(len(radius), 1.0 / len(radius))
@@ -52,29 +52,18 @@ def sample_spheres(
 
 
 def protrusion_bound(bvh: MeshBvh, center: FloatArray, radius: FloatArray) -> float:
-    """Proved upper bound of the protrusion [m]: the largest of (radius − depth of the centre inside the mesh)."""
+    """Return the proved bound of the protrusion [m]: the largest of (radius − depth of the centre inside the mesh)."""
     return float((radius + mesh_signed_distance(bvh, center)).max())
 
 
 def prove_cover(
-    vertices: FloatArray,
-    faces: IntArray,
-    center: FloatArray,
-    radius: FloatArray,
-    workers: Workers | None = None,
+    vertices: FloatArray, faces: IntArray, center: FloatArray, radius: FloatArray, workers: Workers | None = None
 ) -> tuple[IntArray, Codes]:
-    """Prove that spheres cover a mesh.
-
-    Args:
-        vertices: [m], shape (V, 3).
-        faces: Shape (F, 3).
-        center: [m], shape (n, 3).
-        radius: [m], shape (n,).
-        workers: Threads to prove with; None for the calling one.
+    """Prove that spheres, centres (n, 3) and radii (n,) [m], cover a mesh, vertices (V, 3) [m] and faces (F, 3).
 
     Returns:
-        Faces without a proof, and the codes of the proof, as `hhsim.kernels.cover.certify` explains them; no codes
-        if there is a face without.
+        Faces without a proof, and the codes of the proof as in `hhsim.kernels.cover.certify`; no codes if a face has
+        none.
     """
     corner = np.ascontiguousarray(vertices[faces], np.float64).reshape(-1, 9)
     size = max(float(np.abs(vertices[faces]).max()), float(np.abs(center).max()))
@@ -82,14 +71,14 @@ def prove_cover(
     center, radius = np.ascontiguousarray(center, np.float64), np.ascontiguousarray(radius, np.float64)
 
     def prove(begin: int, end: int) -> tuple[IntArray, Codes]:
-        unproved, room = np.empty(end - begin, np.int64), 2 * (end - begin) + 4 * len(radius)
+        unproved, capacity = np.empty(end - begin, np.int64), 2 * (end - begin) + 4 * len(radius)
         while True:
-            proof = np.empty(room, np.int32)
-            count, room = certify_cover(
+            proof = np.empty(capacity, np.int32)
+            count, capacity = certify_cover(
                 corner[begin:end], center, radius, 0.5 * ROUNDING * size, 1e-5 * extent, unproved, proof
             )
-            if count or room <= len(proof):
-                return unproved[:count] + begin, proof[:room].copy()
+            if count or capacity <= len(proof):
+                return unproved[:count] + begin, proof[:capacity].copy()
 
     parts = (workers or Workers()).each(prove, ranges(len(faces), _PARTS))
     unproved = np.concatenate([part for part, _ in parts])
@@ -105,14 +94,10 @@ def measure_levels(
     progress: Progress = silent,
     workers: Workers | None = None,
 ) -> tuple[LevelError, ...]:
-    """Measure the spheres of every level of a tree against a mesh: its cover of each level, or else its nodes.
+    """Measure every level of a tree, in the frame of the mesh: its cover, or else its nodes.
 
     Args:
-        vertices: [m], shape (V, 3).
-        faces: Shape (F, 3).
-        bvh: Over the same mesh.
-        tree: In the frame of the mesh.
-        seed: Of the samples; those of a level do not depend on which others there are.
+        seed: Seed of the samples; those of a level do not depend on the other levels.
         progress: Called with ("measure", levels done, levels).
         workers: Threads to measure with; None for the calling one.
     """
@@ -166,7 +151,6 @@ def _measure(
 
 
 def _mean_and_p99(height: FloatArray, area: FloatArray) -> tuple[float, float]:
-    """Mean and 99th percentile by area."""
     total = float(area.sum())
     if total <= 0.0:
         return 0.0, 0.0

@@ -1,4 +1,4 @@
-"""The hhsim-tree file: a sphere tree in HDF5, sealed, with units beside every number."""
+"""Hhsim-tree file: a sphere tree in HDF5, sealed, with units of every number."""
 
 import json
 from dataclasses import asdict, fields
@@ -18,7 +18,7 @@ FORMAT = "hhsim-tree"
 SCHEMA_VERSION = 2
 
 _WORTH_PACKING = 1000
-"""Values of a dataset from which on it is compressed."""
+"""Number of values from which on a dataset is compressed."""
 
 _DATASETS = {
     "center": ("m", "sphere centres, frame of the mesh"),
@@ -51,11 +51,7 @@ _ERROR_NAMES = {
 
 
 def save_tree(tree: SphereTree, path: str | Path) -> None:
-    """Write a tree; a file of that name is replaced in one step, so that no reader sees half of one.
-
-    Raises:
-        OutputError: The file cannot be written.
-    """
+    """Write a tree, in place of an existing file in one step; OutputError if it cannot be written."""
     write_atomically(Path(path), sealed_hdf5(lambda file: _write(tree, file)))
 
 
@@ -86,11 +82,7 @@ def _write_dataset(group: h5py.Group, name: str, data: AnyArray, units: str, lon
 
 
 def load_tree(path: str | Path) -> SphereTree:
-    """Read and check a tree.
-
-    Raises:
-        InputError: No such file, not an hhsim-tree file of a known version, or a tree that is not sound.
-    """
+    """Read and check a tree; InputError if there is no hhsim-tree file of a known version, or no valid tree in it."""
     source = Path(path)
     if not source.exists():
         raise InputError(f"{source}: no such file; expected a sphere tree (.h5)")

@@ -1,13 +1,13 @@
-"""Sphere trees that were built elsewhere: brought into the mesh's frame and measured against the mesh.
+"""Sphere trees of other programs, brought into the mesh's frame and measured against the mesh.
 
-A `.sph` file has neither unit nor frame. The toolkit that the format comes from counts from the centre of the mesh's
-bounding box, other programs from the mesh's own origin: where the spheres leave less of the mesh outside is where they
-belong.
+A `.sph` file has neither unit nor frame. Its centres count from the centre of the mesh's bounding box or from the
+mesh's
+own origin: whichever leaves less of the mesh outside.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from hhsim.trees.sphere_tree import SphereTree
 
 Frame = Literal["auto", "mesh", "centred"]
 FRAMES: tuple[Frame, ...] = get_args(Frame)
-"""Where the centres count from: the mesh's origin, the centre of its bounding box, or whichever fits."""
+"""Origin of the centres: the mesh's own, the centre of its bounding box, or whichever fits."""
 
 SUFFIXES = (".h5", ".sph")
 
@@ -35,15 +35,14 @@ _OFF_SIZE = 5.0
 _OFF_PLACE = 0.1
 
 
-@dataclass(frozen=True)
-class ImportedTree:
+class ImportedTree(NamedTuple):
     """A tree from a file, in the mesh's frame and in metres, with the measured errors of its levels.
 
     Attributes:
-        tree: It knows the mesh that it was measured against.
-        frame: Where its centres counted from: "mesh" or "centred".
-        notes: What was assumed and mended, and what its leaves do not prove, a sentence each.
-        unproved: Faces of the mesh that the leaves are not proved to cover; 0 for a certified cover.
+        tree: Tree, with the hash of the mesh that it was measured against.
+        frame: Origin of its centres: "mesh" or "centred".
+        notes: Assumptions, repairs, and what its leaves do not prove, a sentence each.
+        unproved: Number of faces of the mesh that the leaves are not proved to cover.
     """
 
     tree: SphereTree
@@ -60,15 +59,14 @@ def import_tree(
     seed: int = 0,
     progress: Progress = silent,
 ) -> ImportedTree:
-    """Read a tree that any program has built, and measure how far it is from a mesh.
+    """Read a tree of any program, and measure its distance from a mesh.
 
     Args:
         path: A `.sph` file, or a `.h5` file of hhsim, which is in metres and in the frame of its mesh.
         mesh: Watertight and wound outward.
-        unit_length: Of the `.sph` file [m].
-        frame: Where the centres of the `.sph` file count from.
-        seed: Of the samples that measure the errors.
-        progress: As for `hhsim.trees.builder.build_sphere_tree`.
+        unit_length: Length of the unit of the `.sph` file [m].
+        frame: Origin of the centres of the `.sph` file.
+        seed: Seed of the samples that measure the errors.
 
     Raises:
         InputError: No sphere tree, an unknown frame, or spheres that are not on this mesh.
@@ -101,33 +99,28 @@ def import_tree(
 
 
 def load_tree_for(path: str | Path, mesh: Mesh, unit_length: float = 1.0) -> ImportedTree:
-    """Read the tree of a mesh for a replay: `import_tree`, but a tree of another mesh is refused.
+    """Read the tree of a mesh for a replay, as `import_tree`; a tree of another mesh is refused.
 
     Raises:
-        InputError: As `import_tree`, or a `.h5` file that was built for another mesh.
+        InputError: As for `import_tree`, or a `.h5` file that was built for another mesh.
     """
     source = Path(path)
     if source.suffix == ".h5":
         sha256 = load_tree(source).mesh_sha256
         if sha256 not in ("", mesh.sha256):
-            raise InputError(
-                f"{source}: built for the mesh {sha256[:12]}…, but {mesh.name} is {mesh.sha256[:12]}…; name the "
-                "object, unit and size that it was built with, or build it again"
-            )
+            other = f"built for the mesh {sha256[:12]}…, but {mesh.name} is {mesh.sha256[:12]}…"
+            raise InputError(f"{source}: {other}; name the object, unit and size of the tree, or build it again")
     return import_tree(source, mesh, unit_length)
 
 
 def _placed(source: Path, mesh: Mesh, unit_length: float, frame: Frame) -> tuple[SphereTree, str, list[str]]:
-    """A .sph tree in metres and in the mesh's frame, where its centres counted from, and what to say of it."""
+    """A .sph tree in metres and in the mesh's frame, the origin of its centres, and notes."""
     tree = load_sph(source).scaled(unit_length)
     notes = []
     grown, repeated = tree.options["parents_grown"], tree.options["repeated"]
     if grown:
-        most = 1e3 * unit_length * tree.options["parents_grown_most"]
-        inner = tree.leaf_start
-        notes.append(
-            f"{grown:,} of {inner:,} inner spheres did not enclose the leaves below them: grown by up to {most:.3g} mm"
-        )
+        most, which = 1e3 * unit_length * tree.options["parents_grown_most"], f"{grown:,} of {tree.leaf_start:,}"
+        notes.append(f"{which} inner spheres did not enclose the leaves below them: grown by up to {most:.3g} mm")
     if repeated:
         notes.append(f"{repeated:,} spheres without children above the last level stand for their own children")
     middle = mesh.bounds.mean(axis=0)
@@ -154,7 +147,6 @@ def _placed(source: Path, mesh: Mesh, unit_length: float, frame: Frame) -> tuple
 
 
 def _mean_gap(points: FloatArray, tree: SphereTree) -> float:
-    """Mean distance [m] of points to the leaves, 0 inside."""
     x, y, z = (np.ascontiguousarray(tree.leaf_center[:, k]) for k in range(3))
     gap = np.empty(len(points))
     union_distance(points, x, y, z, np.ascontiguousarray(tree.leaf_radius), gap)
@@ -162,19 +154,13 @@ def _mean_gap(points: FloatArray, tree: SphereTree) -> float:
 
 
 def _require_near(source: Path, mesh: Mesh, tree: SphereTree) -> None:
-    """Refuse spheres of another size than the mesh, or elsewhere: another unit, or another mesh."""
-    low = (tree.leaf_center - tree.leaf_radius[:, None]).min(axis=0)
-    high = (tree.leaf_center + tree.leaf_radius[:, None]).max(axis=0)
-    spheres, extent = float((high - low).max()), float(mesh.extent.max())
+    """Raise an InputError for spheres of another size than the mesh, or elsewhere: another unit, or another mesh."""
+    spheres, extent = float(np.ptp(tree.bounds, axis=0).max()), float(mesh.extent.max())
     points = sample_mesh(mesh.vertices, mesh.faces, _SAMPLES, np.random.default_rng(0))
     gap = _mean_gap(points, tree)
     if not extent / _OFF_SIZE <= spheres <= extent * _OFF_SIZE:
-        raise InputError(
-            f"{source}: its spheres span {1e3 * spheres:.4g} mm, but {mesh.name} {1e3 * extent:.4g} mm: is it in "
-            "another unit, or of another mesh?"
-        )
+        spans = f"its spheres span {1e3 * spheres:.4g} mm, but {mesh.name} {1e3 * extent:.4g} mm"
+        raise InputError(f"{source}: {spans}: is it in another unit, or of another mesh?")
     if gap > _OFF_PLACE * extent:
-        raise InputError(
-            f"{source}: its spheres are {1e3 * gap:.4g} mm off {mesh.name} in the mean: is it in another frame, or of "
-            "another mesh?"
-        )
+        off = f"its spheres are {1e3 * gap:.4g} mm off {mesh.name} in the mean"
+        raise InputError(f"{source}: {off}: is it in another frame, or of another mesh?")

@@ -1,4 +1,4 @@
-"""Puts spheres as leaves under a tree, so that a walk can refuse many at once."""
+"""Hierarchy over spheres as leaves, so that a walk can reject many at once."""
 
 from dataclasses import replace
 
@@ -12,22 +12,18 @@ from hhsim.trees.sphere_tree import SphereTree, enclosing_radius
 
 
 def build_hierarchy(center: FloatArray, radius: FloatArray, level: int, branching: int) -> SphereTree:
-    """Put spheres as leaves under a tree: halved along principal axes, each inner node the least one around its leaves.
+    """Build a tree over leaves: halved along principal axes, each inner node the least sphere around its leaves.
 
-    Args:
-        center: [m], shape (n, 3), 1 ≤ n ≤ branching ** level.
-        radius: [m], shape (n,).
-        level: Level of the leaves; 0 for a lone sphere.
-        branching: Most children of a node.
+    There are 1 ≤ n ≤ branching ** level leaves, centres (n, 3) and radii (n,) [m].
     """
     center, radius = np.ascontiguousarray(center, np.float64), np.ascontiguousarray(radius, np.float64)
     return _grow(center, radius, level, branching)[0]
 
 
 def cover_hierarchy(cover: LevelCover, level: int, branching: int) -> tuple[SphereTree, LevelCover]:
-    """Put the spheres of a cover as leaves under a tree, as `build_hierarchy`; also return the cover in their order.
+    """Build a tree over the spheres of a cover, as `build_hierarchy`; also return the cover in the order of the leaves.
 
-    The order in which the spheres come makes no difference.
+    The order of the given spheres makes no difference.
     """
     by_place = cover.reordered(np.lexsort((cover.radius, *cover.center.T)))
     tree, leaves = _grow(by_place.center, by_place.radius, level, branching)
@@ -35,10 +31,7 @@ def cover_hierarchy(cover: LevelCover, level: int, branching: int) -> tuple[Sphe
 
 
 def at_level(tree: SphereTree, level: int) -> SphereTree:
-    """Return the tree whose leaves are what stands for the mesh at a level: its own cover.
-
-    The same tree that is built when this level is asked for.
-    """
+    """Return the tree whose leaves are the cover of a level: the same that is built for this level."""
     tree.require_level(level)
     if level == tree.depth:
         return tree
@@ -71,7 +64,7 @@ def at_level(tree: SphereTree, level: int) -> SphereTree:
 
 
 def _grow(center: FloatArray, radius: FloatArray, level: int, branching: int) -> tuple[SphereTree, IntArray]:
-    """Return the tree, and which sphere became which leaf."""
+    """Tree, and the sphere of each leaf."""
     center, radius = as_argument(center), as_argument(radius)
     nodes, spheres, levels, parents = [np.arange(len(radius))], [np.empty((0, 4))], [0], [-1]
     sphere = np.empty(4)

@@ -1,4 +1,4 @@
-"""The cover of one level: spheres that contain the whole surface of a mesh, with the proof that they do."""
+"""Cover of one level: spheres that contain the whole surface of a mesh, with the proof that they do."""
 
 from dataclasses import dataclass
 
@@ -16,10 +16,13 @@ class LevelCover:
     Attributes:
         center: [m], shape (n, 3), frame of the mesh.
         radius: [m], shape (n,).
-        depth: How deep each centre lies inside the mesh, negative outside [m], shape (n,).
-        gap: How far the surface may lie outside of the spheres [m]: grown by this they cover it. 0 for a full cover.
-        proof: That the grown spheres cover each face, as `hhsim.kernels.cover.certify` writes it, shape (m,); empty
-            for spheres of which nothing is proved.
+        depth: Depth of each centre inside the mesh, negative outside [m], shape (n,).
+        gap: Largest distance of the surface outside the spheres [m]: grown by this they cover it. 0 for a full cover.
+        proof: Proof that the grown spheres cover each face, as `hhsim.kernels.cover.certify` writes it, shape (m,);
+            empty if nothing is proved.
+
+    Raises:
+        InputError: Wrong shapes, no sphere, a value not finite, a negative radius or gap.
     """
 
     center: FloatArray
@@ -29,11 +32,6 @@ class LevelCover:
     proof: Codes
 
     def __post_init__(self) -> None:
-        """Normalise the arrays.
-
-        Raises:
-            InputError: Wrong shapes, no sphere, a value not finite, a negative radius or gap.
-        """
         for name in ("center", "radius", "depth"):
             object.__setattr__(self, name, np.array(getattr(self, name), dtype=np.float64, order="C"))
         object.__setattr__(self, "proof", np.array(self.proof, dtype=np.int32, order="C"))
@@ -50,16 +48,16 @@ class LevelCover:
 
     @property
     def proved(self) -> bool:
-        """Whether there is a proof; `hhsim.trees.coverage_check` checks it."""
+        """True if there is a proof; `hhsim.trees.coverage_check` checks it."""
         return self.proof.size > 0
 
     @property
     def bound(self) -> float:
-        """Farthest that the spheres can reach out of the mesh [m]: the largest of (radius − depth)."""
+        """Largest distance of the spheres outside the mesh [m]: the largest of (radius − depth)."""
         return float((self.radius - self.depth).max())
 
     def reordered(self, order: IntArray) -> "LevelCover":
-        """Return the cover with its spheres in another order, a permutation of shape (n,); the proof follows."""
+        """Return the cover and its proof with the spheres in another order, a permutation of shape (n,)."""
         place = np.empty(len(order), np.int32)
         place[order] = np.arange(len(order), dtype=np.int32)
         proof = np.where(self.proof >= 0, place[np.maximum(self.proof, 0)], self.proof)
@@ -68,7 +66,7 @@ class LevelCover:
     def transformed(self, rotation: ArrayLike, translation: ArrayLike) -> "LevelCover":
         """Return the cover moved by `rotation @ center + translation`; shapes (3, 3) and (3,) [m].
 
-        A mirror image loses its proof: that goes by the order of the corners of each face.
+        A mirror image loses its proof, which depends on the order of the corners of each face.
         """
         matrix = np.asarray(rotation, dtype=np.float64)
         moved = self.center @ matrix.T + np.asarray(translation, dtype=np.float64)

@@ -1,4 +1,4 @@
-"""What a sphere tree is to be: how fine, how many leaves, how close to the mesh."""
+"""Options of a sphere tree: how fine, how many leaves, how close to the mesh."""
 
 import math
 from dataclasses import asdict, dataclass
@@ -7,29 +7,33 @@ from typing import Any
 from hhsim.errors import InputError, UnknownNameError
 
 BUILDER_VERSION = 1
-"""Raised with every change that changes what is built: a tree of another version is none of today's."""
+"""Version of the builder's output: each change of what is built raises it."""
 
 MOST_LEVEL = 5
 MOST_LEAVES = 262_144
 """Beyond this a build takes many minutes, and no tick would be in time."""
 
 COVERS = ("outer", "balanced")
-"""What the spheres are to be, see `TreeOptions`."""
+"""Kinds of cover, see `TreeOptions`."""
 
 
 @dataclass(frozen=True)
 class TreeOptions:
-    """What to build.
+    """Options of the builder.
 
     Attributes:
         level: Level of the leaves, 1 to 5; the root is level 0. None for as many as `leaves` or `max_error` need, 4 if
             neither is given.
         branching: Most children of a node.
         leaves: Most leaves; None for branching ** level.
-        seed: Of the samples that measure the errors; the spheres do not depend on it.
+        seed: Seed of the samples that measure the errors; the spheres do not depend on it.
         cover: "outer" for covers that contain the whole surface, "balanced" for the least error to both sides.
-        max_error: Farthest that the leaves may be off the mesh, as proved [m]: as few leaves are taken as that needs,
+        max_error: Largest proved distance of the leaves from the mesh [m]; the fewest leaves that reach it are taken,
             see `hhsim.trees.sphere_count_search.find_fewest`. None to take all.
+
+    Raises:
+        InputError: A value out of its range.
+        UnknownNameError: No such cover.
     """
 
     level: int | None = None
@@ -40,12 +44,6 @@ class TreeOptions:
     max_error: float | None = None
 
     def __post_init__(self) -> None:
-        """Check the ranges, and put the level in that is meant by None.
-
-        Raises:
-            InputError: A value out of its range.
-            UnknownNameError: No such cover.
-        """
         if self.cover not in COVERS:
             raise UnknownNameError("cover", self.cover, COVERS)
         if self.max_error is not None and not (math.isfinite(self.max_error) and self.max_error > 0.0):
@@ -59,15 +57,13 @@ class TreeOptions:
         if not 1 <= self.leaf_level <= MOST_LEVEL:
             raise InputError(f"tree level {self.level}, expected 1 to {MOST_LEVEL}")
         if self.leaves is not None and not 1 <= self.leaves <= self.branching**self.leaf_level:
-            raise InputError(
-                f"{self.leaves} leaves, expected 1 to {self.branching**self.leaf_level} "
-                f"(branching {self.branching} at level {self.level})"
-            )
+            most = f"{self.branching**self.leaf_level} (branching {self.branching} at level {self.level})"
+            raise InputError(f"{self.leaves} leaves, expected 1 to {most}")
         if self.leaf_limit > MOST_LEAVES and self.max_error is None:
             raise InputError(f"{self.leaf_limit:,} leaves, expected at most {MOST_LEAVES:,}")
 
     def recorded(self) -> dict[str, Any]:
-        """What a tree says of how it was built: these options, and by which version of the builder."""
+        """Return the options and the builder's version, as a tree records them."""
         return asdict(self) | {"builder_version": BUILDER_VERSION}
 
     @property
@@ -77,12 +73,12 @@ class TreeOptions:
 
     @property
     def leaf_limit(self) -> int:
-        """Most leaves that the tree may have."""
+        """Largest number of leaves of the tree."""
         return self.branching**self.leaf_level if self.leaves is None else self.leaves
 
 
 def needed_level(leaves: int, branching: int) -> int:
-    """Coarsest level from 1 on that has room for so many leaves."""
+    """Return the coarsest level from 1 on with capacity for so many leaves."""
     level = 1
     while branching**level < leaves:
         level += 1

@@ -1,4 +1,4 @@
-"""What trees of this and of other programs are held against: the bars of hhsim, and peers on the same shapes.
+"""References for trees of this and of other programs: the bars of hhsim, and peers on the same shapes.
 
 All figures are for objects with a longest extent of 100 mm; errors scale with it.
 """
@@ -6,20 +6,15 @@ All figures are for objects with a longest extent of 100 mm; errors scale with i
 from dataclasses import dataclass
 
 EXTENT = 0.1
-"""Longest extent of the objects that the figures are of [m]."""
+"""Longest extent of the objects of the figures [m]."""
 
 LEAST_GAP = 1e-9
-"""A gap that is not larger is none [m]."""
+"""A gap up to this is none [m]."""
 
 
 @dataclass(frozen=True)
 class Bar:
-    """What a tree has to reach.
-
-    Attributes:
-        protrusion: Farthest that its spheres may stick out of the mesh [m].
-        cpu: Time that its builder may take [s], without compilation.
-    """
+    """Largest protrusion of a tree from the mesh [m], and CPU time of its builder without compilation [s]."""
 
     protrusion: float
     cpu: float
@@ -38,21 +33,14 @@ BARS: dict[tuple[str, int], Bar] = {
     ("cylinder", 4096): Bar(0.23e-3, 12.0),
     ("cup", 4096): Bar(0.85e-3, 12.0),
 }
-"""By object and number of leaves."""
+"""Bars by object and number of leaves."""
 
 
 @dataclass(frozen=True)
 class Reference:
-    """Another program's spheres on the same shape, as measured in November 2026 on one core of a 2-core machine.
+    """Spheres of another program on the same shape, measured in November 2026 on one core of a 2-core machine.
 
-    Attributes:
-        object: The shape.
-        label: The program and its method.
-        spheres: How many it made; None where that was not kept.
-        protrusion: Farthest out of the mesh [m].
-        protrusion_mean: Mean over the spheres' free surface [m]; None where that was not kept.
-        gap: Farthest that the mesh lies outside of them [m]; None where that was not kept.
-        cpu: Time that it took [s]; None where that was not kept.
+    Largest and mean protrusion [m], the mean over the free surface; gap [m]; CPU time of the build [s]. None: unknown.
     """
 
     object: str
@@ -65,7 +53,7 @@ class Reference:
 
 
 TOOLKIT = "toolkit 2004, medial"
-"""The program of Bradshaw and O'Sullivan with its adaptive medial axis."""
+"""Program of Bradshaw and O'Sullivan with its adaptive medial axis."""
 
 REFERENCES: tuple[Reference, ...] = (
     Reference("bunny", TOOLKIT, 505, 2.97e-3, 0.545e-3, 0.55e-3, 137.0),

@@ -1,11 +1,9 @@
-"""The .sph text format of Bradshaw's sphere-tree toolkit.
+""".sph text format of Bradshaw's sphere-tree toolkit.
 
 First line: number of levels including the root, and branching factor B. Then one line for each slot of the complete
 tree, `x y z radius importance`, breadth first: the children of slot n are the slots n·B + 1 to n·B + B. A radius that
-is not positive marks an unused slot. Further columns, and lines after the last slot (the toolkit appends statistics),
-are ignored.
-The format has no unit. The toolkit's centres count from the centre of the mesh's bounding box; see
-`hhsim.trees.foreign_tree`.
+is not positive marks an unused slot. Further columns, and lines after the last slot, are ignored. The format has no
+unit; the toolkit's centres count from the centre of the mesh's bounding box, see `hhsim.trees.foreign_tree`.
 """
 
 from pathlib import Path
@@ -23,11 +21,7 @@ _ROUNDING = 1e-9
 
 
 def save_sph(tree: SphereTree, path: str | Path) -> None:
-    """Write a tree in metres, with every digit.
-
-    Raises:
-        OutputError: The file cannot be written.
-    """
+    """Write a tree in metres, with every digit; OutputError if it cannot be written."""
     count = np.bincount(tree.parent[1:], minlength=len(tree.radius))
     branching = max(2, int(count.max()))
     levels = tree.depth + 1
@@ -44,9 +38,9 @@ def save_sph(tree: SphereTree, path: str | Path) -> None:
 def load_sph(path: str | Path) -> SphereTree:
     """Read a tree.
 
-    The toolkit's parents do not always enclose what is below them: their radii grow until they do. A sphere that has no
-    children above the last level is repeated down to it, so that all leaves lie at one depth. The options of the tree
-    say how often: `parents_grown`, by how much at most, `parents_grown_most` [unit of the file], and `repeated`.
+    Parents that do not enclose all below them grow until they do. A sphere without children above the last level is
+    repeated down to it, so that all leaves lie at one depth. The tree's options state both: `parents_grown`, the
+    largest growth `parents_grown_most` [unit of the file], and `repeated`.
 
     Raises:
         InputError: No such file, or not a sphere tree.
@@ -56,16 +50,18 @@ def load_sph(path: str | Path) -> SphereTree:
         lines = read_input_text(source, "ascii", "replace").splitlines()
     except OSError as error:
         raise InputError(f"{source}: {error.strerror or error}; expected a sphere tree (.sph)") from error
-    levels, branching = _header(source, lines)
-    slots = _slots(levels, branching)
-    spheres = _spheres(source, [line for line in lines[1:] if line.strip()], slots)
-    used = spheres[:, 3] > 0.0
-    if not used[0]:
-        raise InputError(f"{source}: the root sphere is unused; expected a positive radius in the first slot")
-    orphans = np.flatnonzero(used[1:] & ~used[(np.arange(1, slots) - 1) // branching]) + 1
-    if orphans.size:
-        raise InputError(f"{source}: the sphere in slot {orphans[0]} hangs under an unused slot")
-
+    try:
+        levels, branching = _header(lines)
+        slots = _slots(levels, branching)
+        spheres = _spheres([line for line in lines[1:] if line.strip()], slots)
+        used = spheres[:, 3] > 0.0
+        if not used[0]:
+            raise InputError("the root sphere is unused; expected a positive radius in the first slot")
+        orphans = np.flatnonzero(used[1:] & ~used[(np.arange(1, slots) - 1) // branching]) + 1
+        if orphans.size:
+            raise InputError(f"the sphere in slot {orphans[0]} hangs under an unused slot")
+    except InputError as error:
+        raise InputError(f"{source}: {error}") from error
     center, radius, level, parent = [spheres[0, :3]], [spheres[0, 3]], [0], [-1]
     # Slot of each node of the level above; None below a sphere that is repeated.
     above: list[tuple[int, int | None]] = [(0, 0)]
@@ -100,25 +96,25 @@ def _slots(levels: int, branching: int) -> int:
     return sum(branching**depth for depth in range(levels))
 
 
-def _header(source: Path, lines: list[str]) -> tuple[int, int]:
+def _header(lines: list[str]) -> tuple[int, int]:
     words = lines[0].split() if lines else []
     if len(words) < 2 or not (words[0].isdecimal() and words[1].isdecimal()):
-        raise InputError(f"{source}: the first line must hold the number of levels and the branching factor")
+        raise InputError("the first line must hold the number of levels and the branching factor")
     levels, branching = int(words[0]), int(words[1])
     if not (1 <= levels <= 32 and 1 <= branching <= 4096 and _slots(levels, branching) <= _MOST_SLOTS):
-        raise InputError(f"{source}: {levels} levels with branching {branching}; expected a tree that fits in memory")
+        raise InputError(f"{levels} levels with branching {branching}; expected a tree that fits in memory")
     return levels, branching
 
 
-def _spheres(source: Path, lines: list[str], slots: int) -> FloatArray:
+def _spheres(lines: list[str], slots: int) -> FloatArray:
     if len(lines) < slots:
-        raise InputError(f"{source}: {len(lines)} spheres, but the first line promises {slots}")
+        raise InputError(f"{len(lines)} spheres, but the first line promises {slots}")
     spheres = np.empty((slots, 4))
     for slot, line in enumerate(lines[:slots]):
         try:
             spheres[slot] = [float(word) for word in line.split()[:4]]
         except ValueError as error:
-            raise InputError(f"{source}: slot {slot} reads '{line.strip()[:60]}', expected x y z radius") from error
+            raise InputError(f"slot {slot} reads '{line.strip()[:60]}', expected x y z radius") from error
     if not np.isfinite(spheres[spheres[:, 3] > 0.0]).all():
-        raise InputError(f"{source}: a sphere is not finite")
+        raise InputError("a sphere is not finite")
     return spheres

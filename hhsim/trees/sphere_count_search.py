@@ -1,4 +1,4 @@
-"""The fewest spheres with which a cover is within an error."""
+"""Search for the fewest spheres with which a cover is within an error."""
 
 import math
 from collections.abc import Callable
@@ -7,9 +7,9 @@ from hhsim.errors import InputError
 from hhsim.trees.level_cover import LevelCover
 
 NEAR = 0.95
-"""The search ends when this share of the spheres, or more, was tried and is not enough …"""
+"""The search ends when this share of the spheres, or more, was tried and is not enough."""
 PROBES, PROBED = (0.93, 0.9), 1024
-"""… and, up to so many spheres, which are cheap to try and off by more luck, each of these shares too."""
+"""Further shares to try, up to so many spheres: small covers are cheap, and their errors vary more."""
 
 _FIRST = 64
 _GROWTH = 8.0
@@ -21,17 +21,11 @@ _SURE_FROM = 512
 
 
 def find_fewest(build: Callable[[int], LevelCover], max_error: float, most: int) -> LevelCover:
-    """Find the cover with the fewest spheres whose bound and gap are within an error.
+    """Find the cover with the fewest spheres, up to `most`, whose bound and gap are within an error [m].
 
-    A number is guessed from those that were tried, by an error that falls with a power of the number of spheres, until
-    it is enclosed: one cover is within the error, and one with at least `NEAR` of its spheres, or one less, is not; up
-    to `PROBED` spheres those of `PROBES` are not either. As an error does not fall with every single sphere, a number
-    in between or below may do by luck.
-
-    Args:
-        build: Makes the cover with at most as many spheres.
-        max_error: [m].
-        most: Spheres at most.
+    The number is guessed by an error that falls with a power of it, until it is enclosed: one cover is within the
+    error, and one with at least `NEAR` of its spheres, or one less, is not; up to `PROBED` spheres those of `PROBES`
+    are not either. An error does not fall with every single sphere, so a number in between or below may do by luck.
 
     Raises:
         InputError: `most` spheres are too few, or would be by far.
@@ -55,10 +49,8 @@ def find_fewest(build: Callable[[int], LevelCover], max_error: float, most: int)
             continue
         guess = _guess(error, max_error)
         if found is None and (low >= most or (low >= min(_SURE_FROM, most) and guess > _HOPELESS * most)):
-            raise InputError(
-                f"no cover of up to {most:,} spheres is within {1e3 * max_error:g} mm: {low:,} are off by up to "
-                f"{1e3 * error[low]:.3g} mm, and about {guess:.2g} would be needed"
-            )
+            tried = f"{low:,} are off by up to {1e3 * error[low]:.3g} mm, and about {guess:.2g} would be needed"
+            raise InputError(f"no cover of up to {most:,} spheres is within {1e3 * max_error:g} mm: {tried}")
         if found is None:
             wanted = max(low + 1, min(math.ceil(min(_SPARE * guess, _GROWTH * low)), most))
         else:
@@ -70,7 +62,7 @@ def find_fewest(build: Callable[[int], LevelCover], max_error: float, most: int)
 
 
 def _guess(error: dict[int, float], max_error: float) -> float:
-    """How many spheres have an error, by the power law through the two tries that are nearest to it."""
+    """Number of spheres that has an error, by the power law through the two tries nearest to it."""
     near = sorted(error, key=lambda count: (abs(math.log(max(error[count], 1e-300) / max_error)), count))[:2]
     slope = _USUAL_SLOPE
     if len(near) == 2 and error[near[0]] != error[near[1]]:

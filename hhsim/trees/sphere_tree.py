@@ -17,22 +17,20 @@ if TYPE_CHECKING:
 
 
 ENCLOSING_TOLERANCE = 1e-9
-"""How far a leaf may stick out of an ancestor, relative to the root's radius [-]: rounding, not geometry."""
+"""Accepted excess of a leaf over an ancestor, relative to the root's radius [-]: rounding, not geometry."""
 
 
 @dataclass(frozen=True)
 class LevelError:
-    """How far the spheres of one level are from the mesh.
+    """Error of the spheres of one level.
 
     Attributes:
         level: 0 is the root.
-        spheres: Number of spheres of the level.
-        gap_max: Farthest that the mesh surface lies outside the spheres [m]; 0 for a complete cover.
-        gap_mean: Mean over the mesh surface [m].
-        gap_p99: 99th percentile over the mesh surface [m].
-        protrusion_max: Farthest that the surface of the union of the spheres lies outside the mesh [m], sampled.
-        protrusion_mean: Mean over that surface, without the part inside the mesh [m].
-        protrusion_p99: 99th percentile over the same [m].
+        spheres: Number of spheres.
+        gap_max: Largest distance of the mesh surface outside the spheres [m]; 0 for a complete cover.
+        gap_mean, gap_p99: Mean and 99th percentile over the mesh surface [m].
+        protrusion_max: Largest sampled distance of the surface of the union of the spheres outside the mesh [m].
+        protrusion_mean, protrusion_p99: Mean and 99th percentile over that surface outside the mesh [m].
         bound: Proved upper bound of the protrusion [m]: the largest of (radius − depth of the centre).
     """
 
@@ -48,16 +46,16 @@ class LevelError:
 
 
 LENGTHS = tuple(item.name for item in fields(LevelError) if item.name not in ("level", "spheres"))
-"""The fields of a LevelError that are lengths [m]."""
+"""Fields of a LevelError that are lengths [m]."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SphereTree:
     """Spheres in breadth-first order: node 0 is the root, children are contiguous, the leaves are the last nodes.
 
-    All leaves lie at the same depth, and every node encloses the spheres of the leaves below it, so that a walk may
-    refuse all of them at once. Such a node is a poor model of what is below it: as models the levels have covers of
-    their own, with as many spheres, that are as tight as those of a tree that ends there. `at_level` makes it.
+    All leaves lie at the same depth, and every node encloses the leaves below it, so that a walk may reject all of them
+    at once. Such a node is a poor model of the mesh: each level has a cover of its own for that, with as many spheres,
+    as tight as those of a tree that ends there. `at_level` makes that tree.
 
     Attributes:
         center: [m], shape (N, 3), frame of the mesh.
@@ -66,10 +64,13 @@ class SphereTree:
         parent: Index of each node's parent, −1 for the root, shape (N,).
         errors: Measured error of each level, coarse to fine; empty if it was not measured.
         mesh_sha256: Content hash of the mesh that the tree was built for; empty if unknown.
-        options: How it was built.
-        covers: The cover of each level, 0 to the leaves', whose spheres are the leaves; empty if there are none.
-        cpu_seconds: CPU time that each cover took to build [s]; empty for a tree that was read from a file: the same
-            input gives the same bytes, so they hold no times.
+        options: Options of the builder.
+        covers: Cover of each level, 0 to the leaves', whose spheres are the leaves; empty if there are none.
+        cpu_seconds: CPU time of each cover's build [s]; empty for a tree from a file, since files hold no times.
+
+    Raises:
+        InputError: Wrong shapes or order, a value not finite, a negative radius, a leaf outside an ancestor, or covers
+            that are not one a level, the last of them the leaves.
     """
 
     center: FloatArray
@@ -83,21 +84,12 @@ class SphereTree:
     cpu_seconds: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        """Normalise the arrays and check that they are a tree.
-
-        Raises:
-            InputError: Wrong shapes or order, a value not finite, a negative radius, a leaf outside an ancestor, or
-                covers that are not one a level, the last of them the leaves.
-        """
         for name, kind in (("center", np.float64), ("radius", np.float64), ("level", np.int64), ("parent", np.int64)):
             object.__setattr__(self, name, np.array(getattr(self, name), dtype=kind, order="C"))
         self._require_tree()
         sticking_out, node = self._worst_enclosure()
         if sticking_out > ENCLOSING_TOLERANCE * max(float(self.radius[0]), np.finfo(np.float64).tiny):
-            raise InputError(
-                f"sphere tree: a leaf sticks {sticking_out:.3g} m out of its ancestor, node {node}; "
-                "every node must enclose the leaves below it"
-            )
+            raise InputError(f"sphere tree: a leaf sticks {sticking_out:.3g} m out of its ancestor, node {node}")
         if self.covers:
             self._require_covers()
 
@@ -107,35 +99,35 @@ class SphereTree:
     def _require_covers(self) -> None:
         if len(self.covers) != self.depth + 1:
             raise InputError(
-                f"sphere tree: {len(self.covers)} covers, expected {self.depth + 1}, one for each level from 0 on"
+                f"sphere tree: {len(self.covers)} covers, expected one for each of {self.depth + 1} levels"
             )
         last = self.covers[-1]
         if not (np.array_equal(last.center, self.leaf_center) and np.array_equal(last.radius, self.leaf_radius)):
             raise InputError("sphere tree: the cover of the last level must be the leaves")
 
     def _require_tree(self) -> None:
-        count = len(self.radius)
+        count, rest = len(self.radius), self.parent[1:]
         shapes = (self.center.shape, self.radius.shape, self.level.shape, self.parent.shape)
         if count == 0 or shapes != ((count, 3), (count,), (count,), (count,)):
-            raise InputError(
-                f"sphere tree: center, radius, level, parent have shapes {shapes}, expected (N, 3) and (N,)"
-            )
+            raise InputError(f"sphere tree: center, radius, level, parent: {shapes}, expected (N, 3) and (N,)")
         if not (np.isfinite(self.center).all() and np.isfinite(self.radius).all()):
-            raise InputError("sphere tree: a centre or radius is not finite")
-        if (self.radius < 0.0).any():
-            raise InputError(f"sphere tree: node {int(np.argmin(self.radius))} has a negative radius")
-        if self.parent[0] != -1 or self.level[0] != 0:
-            raise InputError("sphere tree: node 0 must be the root, with parent -1 and level 0")
-        rest = self.parent[1:]
-        if (rest < 0).any() or (rest >= np.arange(1, count)).any() or (np.diff(rest) < 0).any():
-            raise InputError("sphere tree: nodes must be in breadth-first order, children contiguous, parents first")
-        if (self.level[1:] != self.level[rest] + 1).any():
-            raise InputError("sphere tree: the level of a node must be its parent's plus 1")
-        if (np.bincount(rest, minlength=count)[self.level < self.level[-1]] == 0).any():
-            raise InputError("sphere tree: all leaves must lie at the same level")
+            fault = "a centre or radius is not finite"
+        elif (self.radius < 0.0).any():
+            fault = f"node {int(np.argmin(self.radius))} has a negative radius"
+        elif self.parent[0] != -1 or self.level[0] != 0:
+            fault = "node 0 must be the root, with parent -1 and level 0"
+        elif (rest < 0).any() or (rest >= np.arange(1, count)).any() or (np.diff(rest) < 0).any():
+            fault = "nodes must be in breadth-first order, children contiguous, parents first"
+        elif (self.level[1:] != self.level[rest] + 1).any():
+            fault = "the level of a node must be its parent's plus 1"
+        elif (np.bincount(rest, minlength=count)[self.level < self.level[-1]] == 0).any():
+            fault = "all leaves must lie at the same level"
+        else:
+            return
+        raise InputError(f"sphere tree: {fault}")
 
     def _worst_enclosure(self) -> tuple[float, int]:
-        """How far a leaf sticks out of an ancestor at most [m], and the ancestor."""
+        """Largest excess of a leaf over an ancestor [m], and the ancestor."""
         ancestor = np.arange(self.leaf_start, len(self.radius))
         worst, node = -np.inf, 0
         for _ in range(self.depth):
@@ -178,29 +170,20 @@ class SphereTree:
         return np.stack([(self.leaf_center - radius).min(axis=0), (self.leaf_center + radius).max(axis=0)])
 
     def arrays(self) -> TreeArrays:
-        """Return the tree as the kernels read it, copied.
-
-        Raises:
-            InputError: Too wide and deep for a walk of the kernels, which check no bounds.
-        """
+        """Return a copy of the tree in the kernels' form; InputError if it is too wide and deep for a walk."""
         child_count = np.bincount(self.parent[1:], minlength=len(self.radius)).astype(np.int64)
         widest = int(child_count.max())
         waiting = max(widest - 1, 0) * self.depth + 1
         if waiting > MOST_WAITING:
-            raise InputError(
-                f"sphere tree: {self.depth} levels of up to {widest:,} children need {waiting:,} places in a walk of "
-                f"{MOST_WAITING:,}: build it with a smaller branching"
-            )
+            needed = f"{self.depth} levels of up to {widest:,} children need {waiting:,} places of {MOST_WAITING:,}"
+            raise InputError(f"sphere tree: {needed} in a walk: build it with a smaller branching")
         first_child = np.searchsorted(self.parent, np.arange(len(self.radius))).astype(np.int64)
         first_child[child_count == 0] = -1
         x, y, z = (np.ascontiguousarray(self.center[:, k]).copy() for k in range(3))
         return TreeArrays(x, y, z, self.radius.copy(), first_child, child_count, self.leaf_start)
 
     def spheres(self, level: int) -> tuple[FloatArray, FloatArray]:
-        """Centres [m], shape (n, 3), and radii [m], shape (n,), that stand for the mesh at a level.
-
-        Those of its cover, or of its nodes where the tree has no covers.
-        """
+        """Return centres [m], (n, 3), and radii [m], (n,), of the cover of a level, or of its nodes without covers."""
         self.require_level(level)
         if self.covers:
             return self.covers[level].center, self.covers[level].radius
@@ -213,7 +196,7 @@ class SphereTree:
             raise InputError(f"sphere tree: no level {level}; it has levels 0 to {self.depth}")
 
     def check(self, mesh: "Mesh") -> tuple[str, ...]:
-        """What does not hold of the tree's covers and their proofs; see `hhsim.trees.coverage_check.faults`."""
+        """Return the faults of the tree's covers and their proofs; see `hhsim.trees.coverage_check.faults`."""
         from hhsim.trees.coverage_check import faults
 
         return faults(mesh, self.covers)
@@ -221,7 +204,7 @@ class SphereTree:
     def transformed(self, rotation: ArrayLike, translation: ArrayLike) -> "SphereTree":
         """Return the tree moved by `rotation @ center + translation`; shapes (3, 3) and (3,) [m].
 
-        Its mirror image for a matrix of determinant −1; the covers then lose their proofs.
+        A mirror image (determinant −1) has covers without proofs.
         """
         matrix = np.asarray(rotation, dtype=np.float64)
         center = self.center @ matrix.T + np.asarray(translation, dtype=np.float64)
@@ -241,7 +224,7 @@ class SphereTree:
 
 
 def enclosing_radius(center: FloatArray, radius: FloatArray, level: IntArray, parent: IntArray) -> FloatArray:
-    """Radii [m], shape (N,), grown where needed so that every node encloses the leaves below it; leaves keep theirs."""
+    """Grow radii [m], shape (N,), where needed so that every node encloses the leaves below it; leaves keep theirs."""
     grown = np.array(radius, dtype=np.float64)
     leaves = np.flatnonzero(level == level[-1])
     ancestor = leaves

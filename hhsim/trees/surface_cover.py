@@ -1,4 +1,4 @@
-"""Covers a mesh by spheres that protrude as little as can be."""
+"""Cover of a mesh by spheres that protrude as little as possible."""
 
 import math
 from typing import NamedTuple
@@ -17,48 +17,47 @@ from hhsim.system.progress import Progress, silent
 from hhsim.system.thread_pool import Workers, ranges
 
 COARSE = 60
-"""Micro-triangles for each sphere, to begin with."""
+"""Micro-triangles per sphere at the start."""
 FINE = 220
-"""Micro-triangles for each sphere, at most, to end with, or …"""
+"""Largest number of micro-triangles per sphere at the end."""
 PLENTY = 300_000
-"""… as many in all, if that is more."""
+"""Largest number of micro-triangles in all, if that is more."""
 CYCLES = (3, 12)
-"""Cycles of refinement on the coarse ones, and on ever finer ones."""
+"""Cycles of refinement on the coarse micro-triangles, and on ever finer ones."""
 
 ROUNDING = 1e-12
-"""Relative room for rounding: spheres are made this much larger than the arithmetic says."""
+"""Relative margin for rounding: spheres are made this much larger than the arithmetic says."""
 
 _REACH = 0.3
 _TRIALS = 6
-_BREATH = (0.2, 0.01)
-"""Spheres taken away and placed anew in the first and in the last cycle, as shares of all."""
+_EXCHANGED = (0.2, 0.01)
+"""Share of the spheres removed and placed anew in the first and in the last cycle."""
 _ROUNDS = (2, 2)
-"""Rounds of moves and assignments after spheres were taken away, and after they were placed."""
+"""Rounds of moves and assignments after spheres were removed, and after they were placed."""
 _HANDICAP = 0.5
-"""Share of what a sphere costs less than the worst that it is given as an advantage, to take work from that one …"""
+"""Share of a sphere's margin to the worst cost that it gets as an advantage, to take work from the worst one."""
 _SLACK = 0.3
-"""… but no more than for this share of the worst."""
+"""Largest such margin, as a share of the worst cost."""
 _SPLITS = 8
 _SPLIT_FROM = 0.8
 _FINER_FROM = 0.85
 _FINEST = 0.03
 """Edges shorter than this share of the footprint of their sphere are not halved."""
 _HIGH = 0.9
-"""Quantile of the costs of the spheres that stands for all: a few that are far worse are none of the others'
-concern."""
+"""Quantile of the spheres' costs that stands for all: a few outliers do not count."""
 _REPLACEMENTS = 4
-"""Times that spheres which turned out to be nobody's best are placed anew."""
+"""Number of times that spheres which are nobody's best are placed anew."""
 _TRIMS = 4
 _TRIM_FROM = 0.95
 _THINNEST = 1e-9
 _SUBTREES = 3
-"""Depth of the subtrees of micro-triangles that threads share out …"""
+"""Depth of the subtrees of micro-triangles that threads share out."""
 _SHARES = 16
-"""… and number of the ranges of spheres."""
+"""Number of ranges of spheres that threads share out."""
 
 
 class _Cover:
-    """Spheres and their micro-triangles, while they are being improved."""
+    """Spheres and their micro-triangles, while they are improved."""
 
     def __init__(self, bvh: MeshBvh, micro: MicroTriangles, largest: float, spheres: int, workers: Workers) -> None:
         self.bvh, self.micro, self.largest, self.spheres, self.workers = bvh, micro, largest, spheres, workers
@@ -67,6 +66,10 @@ class _Cover:
         count = len(micro.corner)
         self.owner, self.second_owner = np.full((2, count), -1)
         self.cost, self.second_cost = np.full((2, count), np.inf)
+
+    def drop(self, stays: BoolArray) -> None:
+        self.owner = (np.cumsum(stays) - 1)[self.owner]
+        self.center, self.depth, self.step = self.center[stays].copy(), self.depth[stays], self.step[stays]
 
     @property
     def worst(self) -> float:
@@ -125,7 +128,7 @@ class _Cover:
             self.halve(chosen)
 
     def move(self, afresh: bool) -> None:
-        """Move each sphere towards less cost, with steps as long as those of the last time or afresh."""
+        """Move each sphere towards less cost, with the last step lengths or with new ones."""
         first, order = self._groups()
         if afresh:
             self.step[:] = 0.0
@@ -141,8 +144,8 @@ class _Cover:
         group_by_owner(self.owner, first, order)
         return first, order
 
-    def shed(self, spheres: int) -> None:
-        """Take away those spheres that are missed least, until there are `spheres`."""
+    def remove(self, spheres: int) -> None:
+        """Remove the most dispensable spheres until there are `spheres`."""
         while len(self.depth) > spheres:
             first, order = self._groups()
             cost = np.empty(len(self.depth))
@@ -151,23 +154,21 @@ class _Cover:
             spare_spheres(
                 np.argsort(cost, kind="stable"), first, order, self.second_owner, len(self.depth) - spheres, spared
             )
-            lost, stays = spared[self.owner], ~spared
+            lost = spared[self.owner]
             self.owner[lost], self.cost[lost] = self.second_owner[lost], self.second_cost[lost]
-            self.owner = (np.cumsum(stays) - 1)[self.owner]
-            self.center, self.depth, self.step = self.center[stays].copy(), self.depth[stays], self.step[stays]
+            self.drop(~spared)
             if len(self.depth) > spheres:
                 self.assign()
 
     def drop_unused(self) -> int:
-        """Take away the spheres that are nobody's best; return how many there are then."""
+        """Remove the spheres that are nobody's best; return the number left."""
         used = np.bincount(self.owner, minlength=len(self.depth)) > 0
         if not used.all():
-            self.owner = (np.cumsum(used) - 1)[self.owner]
-            self.center, self.depth, self.step = self.center[used].copy(), self.depth[used], self.step[used]
+            self.drop(used)
         return len(self.depth)
 
     def handicap(self) -> None:
-        """Assign so that the spheres that cost much have less to cover, and those that cost little more."""
+        """Assign so that costly spheres have less to cover, and cheap ones more."""
         own = np.empty(len(self.depth))
         removal_cost(self.owner, self.cost, own)
         most = float(own.max())
@@ -175,14 +176,13 @@ class _Cover:
         self.assign(deeper)
 
     def relax(self, rounds: int) -> None:
-        """Move and assign by turns."""
         for turn in range(rounds):
             self.move(afresh=turn == 0)
             self.assign()
 
-    def breathe(self, spheres: int) -> None:
-        """Take away `spheres` where they are missed least, and place as many where the cover is then worst."""
-        self.shed(self.spheres - spheres)
+    def exchange(self, spheres: int) -> None:
+        """Remove the `spheres` most dispensable ones, and place as many where the cover is then worst."""
+        self.remove(self.spheres - spheres)
         self.relax(_ROUNDS[0])
         self.fill()
         self.handicap()
@@ -190,10 +190,10 @@ class _Cover:
 
 
 class MeshInFrame(NamedTuple):
-    """A mesh made ready for covers of any number of spheres: in its own frame.
+    """A mesh prepared for covers of any number of spheres, in its own frame.
 
-    vertices: (V, 3) in the frame; faces: (F, 3); bvh: over both; frame: back to where the mesh is; reach: largest
-    coordinate of the mesh [m].
+    vertices: (V, 3) in the frame; faces: (F, 3); bvh: over both; frame: back to the mesh's place; reach: largest
+        coordinate of the mesh [m].
     """
 
     vertices: FloatArray
@@ -204,11 +204,7 @@ class MeshInFrame(NamedTuple):
 
 
 def in_own_frame(vertices: FloatArray, faces: IntArray) -> MeshInFrame:
-    """Make a mesh ready for covers.
-
-    Args:
-        vertices: [m], shape (V, 3).
-        faces: Wound outward, shape (F, 3).
+    """Prepare a mesh, vertices (V, 3) [m] and faces (F, 3) wound outward, for covers.
 
     Raises:
         MeshError: The mesh encloses no volume.
@@ -223,14 +219,11 @@ def in_own_frame(vertices: FloatArray, faces: IntArray) -> MeshInFrame:
 def cover_of(
     mesh: MeshInFrame, spheres: int, progress: Progress = silent, workers: Workers | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """Cover a mesh with at most `spheres` spheres.
-
-    Where the mesh lies, how it is turned and how large it is make no difference: the cover is found in its own frame.
+    """Cover a mesh with at most `spheres` spheres; its place, rotation and size make no difference.
 
     Args:
-        spheres: Most spheres.
         progress: Called with ("cover", cycles done, cycles).
-        workers: Threads to build with; None for the calling one. The same bytes with any number.
+        workers: Threads to build with; None for the calling one. The bytes do not depend on their number.
 
     Returns:
         Centres [m], shape (n, 3), and radii [m], shape (n,).
@@ -256,8 +249,8 @@ def _cover_in_frame(
     for turn in range(cycles):
         if turn >= CYCLES[0]:
             cover.refine(_FINER_FROM)
-        share = _BREATH[0] * (_BREATH[1] / _BREATH[0]) ** (turn / max(cycles - 1, 1))
-        cover.breathe(min(max(1, math.floor(share * spheres)), spheres // 2))
+        share = _EXCHANGED[0] * (_EXCHANGED[1] / _EXCHANGED[0]) ** (turn / max(cycles - 1, 1))
+        cover.exchange(min(max(1, math.floor(share * spheres)), spheres // 2))
         if cover.worst < least:
             least, best = cover.worst, (cover.center.copy(), cover.depth.copy())
         progress("cover", turn + 1, cycles + 1)

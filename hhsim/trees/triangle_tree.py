@@ -1,7 +1,7 @@
-"""A sphere tree around any triangles: what finds them, not what stands for them.
+"""A sphere tree around any triangles: it finds them, but does not stand for them.
 
-Its spheres reach out of the mesh by their radius. A hand that touches the triangles themselves does not feel that; what
-the tree serves there is to close a script's fingers on the object and to find where it is touched.
+Its spheres protrude by their radius. A hand that touches the triangles themselves does not feel that; the tree serves
+to close a script's fingers on the object and as the broad phase.
 """
 
 from dataclasses import replace
@@ -20,18 +20,13 @@ from hhsim.trees.sphere_tree import SphereTree
 
 BRANCHING = 8
 MANY = 20_000
-"""Triangles of a closed mesh from which a tree around them has to do: that of its inside takes minutes to build."""
+"""Number of triangles of a closed mesh above which the tree of its inside takes minutes to build."""
 OPTIONS = {"around": "triangles"}
-"""What such a tree says of how it was made."""
+"""Options recorded in such a tree."""
 
 
 def triangle_tree(mesh: Mesh, level: int) -> SphereTree:
-    """Make a tree whose leaves cover every triangle.
-
-    Args:
-        mesh: Any triangles [m].
-        level: Of the leaves: 8 ** level of them at most.
-    """
+    """Build a tree whose leaves, at most 8 ** level, cover every triangle of a mesh [m]."""
     center, radius = _around(_pieces(mesh.triangles, BRANCHING**level))
     groups = _grouped(center, BRANCHING**level)
     leaf, size = np.empty((len(groups), 3)), np.empty(len(groups))
@@ -44,12 +39,7 @@ def triangle_tree(mesh: Mesh, level: int) -> SphereTree:
 
 
 def tree_of_any(mesh: Mesh, level: int, progress: Progress = silent) -> SphereTree:
-    """The usual tree of a mesh that encloses something; a `triangle_tree` of one that does not, or has very many faces.
-
-    Args:
-        mesh: Any triangles [m].
-        progress: As for `hhsim.trees.builder.build_sphere_tree`.
-    """
+    """Return the usual tree of a mesh that encloses something; else, or for very many faces, a `triangle_tree`."""
     if len(mesh.faces) <= MANY and encloses(mesh):
         try:
             return cached_sphere_tree(mesh, TreeOptions(level=level), progress)
@@ -78,7 +68,7 @@ def _pieces(triangles: FloatArray, most: int) -> FloatArray:
 
 
 def _around(triangles: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """A ball around each triangle: on its longest side where that is wide enough, else around its middle."""
+    """Ball around each triangle: on its longest side where that is wide enough, else around its middle."""
     side = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)
     rows, first = np.arange(len(triangles)), side.argmax(axis=1)
     on_side = 0.5 * (triangles[rows, first] + triangles[rows, (first + 1) % 3])

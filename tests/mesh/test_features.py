@@ -149,15 +149,6 @@ def test_a_vertex_is_one_where_its_normal_cone_is_outside(name: str, closed: boo
     assert 10 < sum(answers) < len(answers) - 10
 
 
-def test_one_triangle_has_all_its_features() -> None:
-    mesh, repeated = mesh_features(TRIANGLE, np.array([[0, 1, 2]]), closed=False)
-    assert repeated == 0
-    assert owned(mesh.face_edge) == owned(mesh.face_vertex) == [0, 1, 2]
-    assert mesh.pseudonormal.shape == (0, 7, 3)
-    np.testing.assert_array_equal(np.diff(mesh.wing_start), 1)
-    np.testing.assert_array_equal(np.diff(mesh.spoke_start), 2)
-
-
 def test_a_sheet_has_no_edges_within_but_those_around_it() -> None:
     n = 4
     grid = np.array([[0.01 * i, 0.01 * j, 0.0] for i in range(n + 1) for j in range(n + 1)])

@@ -50,13 +50,6 @@ def test_width_and_bend_of_a_known_hole() -> None:
     np.testing.assert_allclose(caps.bend, 0.1, rtol=0.05)
 
 
-def test_no_hole_no_cap() -> None:
-    mesh = sphere(subdivisions=1)
-    caps = hole_caps(mesh.vertices, mesh.faces)
-    assert len(caps.faces) == len(caps.width) == 0
-    np.testing.assert_array_equal(caps.vertices, mesh.vertices)
-
-
 @settings(max_examples=30)
 @given(seed=st.integers(0, 10**6), missing=st.integers(1, 40))
 def test_any_set_of_missing_faces_is_closed_again(seed: int, missing: int) -> None:

@@ -47,7 +47,7 @@ def test_they_move_with_the_mesh() -> None:
 
 def test_what_encloses_nothing_is_refused() -> None:
     box = cube(0.07)
-    with pytest.raises(MeshError, match="not closed, so it encloses nothing that has a mass; make sheets"):
+    with pytest.raises(MeshError, match="not closed"):
         mass_properties(replace(box, faces=box.faces[1:]))
     sheet = Mesh(np.eye(3), np.array([[0, 1, 2], [0, 2, 1]]), name="sheet")
     with pytest.raises(MeshError, match="sheet: the triangles enclose 0 cm³"):

@@ -10,7 +10,7 @@ from hhsim.errors import MeshError
 from hhsim.mesh.repair import closed_surface
 from hhsim.mesh.repair_log import MeshInRepair
 from hhsim.mesh.self_intersection import winding_faults
-from hhsim.mesh.topology import is_closed, part_labels, signed_volume
+from hhsim.mesh.topology import is_closed, signed_volume
 from tools.shapes.generators import cube, cup, sphere
 
 BALL = sphere(0.08, subdivisions=2)
@@ -137,50 +137,10 @@ def test_wide_holes_and_small_ones_are_counted_apart_and_sum_up() -> None:
     assert [text for text in surface.warnings if "closed, and 1 small: it is solid there" in text]
 
 
-def test_a_length_of_negative_zero_reads_as_zero() -> None:
-    assert MeshInRepair(BALL.vertices, BALL.faces, "test").millimetres(-0.0) == "0 mm"
-
-
 def test_lengths_in_messages_are_real_ones() -> None:
     top = (CUBE.vertices[CUBE.faces][:, :, 2] > 0.0).all(axis=1)
     surface = closed_surface(CUBE.vertices * 1000.0, CUBE.faces[~top], "test", unit_length=0.001)
     assert surface.repairs == ["closed 1 hole up to 70 mm wide"]
-
-
-def test_hemisphere_is_an_open_surface() -> None:
-    lower = BALL.faces[BALL.triangles.mean(axis=1)[:, 2] < 0.0]
-    with pytest.raises(MeshError, match=r"an open surface: 1 hole up to .* of its area; give it a thickness"):
-        closed_surface(BALL.vertices, lower, "test")
-
-
-def test_bent_hole_is_refused() -> None:
-    x, _, z = BALL.triangles.mean(axis=1).T
-    # A window that reaches more than half way round the ball.
-    window = (np.abs(z) < 0.015) & (x > -0.02)
-    with pytest.raises(MeshError, match="too much to close safely"):
-        closed_surface(BALL.vertices, BALL.faces[~window], "test")
-
-
-def test_overlapping_parts_are_joined() -> None:
-    surface = repaired(*second_ball(0.05))
-    assert surface.repairs == ["joined 2 overlapping parts into 1"]
-    assert BALL.volume < volume(surface) < 2.0 * BALL.volume
-    assert part_labels(surface.faces).max() == 0
-
-
-def test_separate_parts_stay_two() -> None:
-    surface = repaired(*second_ball(0.1))
-    assert surface.repairs == []
-    assert volume(surface) == pytest.approx(2.0 * BALL.volume)
-
-
-def test_part_inside_a_part_is_swallowed_and_a_cavity_stays() -> None:
-    swallowed = repaired(*second_ball(0.0, scale=0.5))
-    assert swallowed.repairs == ["joined 2 overlapping parts into 1"]
-    assert volume(swallowed) == pytest.approx(BALL.volume)
-    hollow = repaired(*second_ball(0.0, inward=True, scale=0.5))
-    assert hollow.repairs == []
-    assert volume(hollow) == pytest.approx(0.875 * BALL.volume)
 
 
 def test_a_cavity_is_no_hole_in_a_part_that_fills_it() -> None:
@@ -206,37 +166,6 @@ def test_a_part_wound_inward_that_only_overlaps_is_no_cavity() -> None:
     assert volume(surface) > BALL.volume
 
 
-def test_a_part_that_crosses_itself_is_not_joined() -> None:
-    pushed = BALL.vertices.copy()
-    pushed[:, 2] = np.where(pushed[:, 2] > 0.01, -1.5 * pushed[:, 2], pushed[:, 2])
-    vertices = np.concatenate([pushed, BALL.vertices + np.array([0.05, 0.0, 0.0])])
-    with pytest.raises(MeshError, match="a part crosses itself"):
-        closed_surface(vertices, np.concatenate([BALL.faces, BALL.faces + len(pushed)]), "test")
-
-
-def test_hollow_ball_inside_out_keeps_its_cavity() -> None:
-    vertices, faces = second_ball(0.0, inward=True, scale=0.5)
-    surface = repaired(vertices, faces[:, ::-1])
-    assert surface.repairs == ["2 of 2 parts wound inside out: turned"]
-    assert volume(surface) == pytest.approx(0.875 * BALL.volume)
-
-
-def test_one_part_of_two_inside_out() -> None:
-    apart = repaired(*second_ball(0.1, inward=True))
-    assert apart.repairs == ["1 of 2 parts wound inside out: turned"]
-    assert volume(apart) == pytest.approx(2.0 * BALL.volume)
-    touching = repaired(*second_ball(0.05, inward=True))
-    assert touching.repairs == ["1 of 2 parts wound inside out: turned", "joined 2 overlapping parts into 1"]
-
-
-def test_surface_pushed_through_itself_is_refused_although_it_is_watertight() -> None:
-    vertices = BALL.vertices.copy()
-    vertices[:, 2] = np.where(vertices[:, 2] > 0.01, -1.5 * vertices[:, 2], vertices[:, 2])
-    assert is_closed(BALL.faces)
-    with pytest.raises(MeshError, match=r"crosses itself: the winding number is neither 0 nor 1 .* \(from -1\.00 to"):
-        closed_surface(vertices, BALL.faces, "test")
-
-
 def test_one_sided_strip_is_refused() -> None:
     count = 40
     angle = 2.0 * np.pi * np.arange(count) / count
@@ -251,19 +180,6 @@ def test_one_sided_strip_is_refused() -> None:
         closed_surface(np.concatenate([ring - 0.3 * across, ring + 0.3 * across]), np.array(faces), "test")
 
 
-def test_fin_on_a_solid_is_not_watertight() -> None:
-    a, b = BALL.faces[0, :2]
-    tip = 3.0 * BALL.vertices[[a]] + np.array([[0.0, 0.03, 0.0]])
-    faces = np.concatenate([BALL.faces, [[a, b, 162]]])
-    with pytest.raises(MeshError, match="not watertight: 1 edge shared by more than two triangles and 2 open edges"):
-        closed_surface(np.concatenate([BALL.vertices, tip]), faces, "test")
-
-
-def test_flat_solid_has_no_volume() -> None:
-    with pytest.raises(MeshError, match="no volume: it encloses"):
-        closed_surface(BALL.vertices * np.array([1.0, 1.0, 1e-12]), BALL.faces, "test")
-
-
 def test_repair_switched_off_says_what_it_would_take() -> None:
     with pytest.raises(MeshError, match="needs repair, which is switched off: wound inside out: turned"):
         closed_surface(BALL.vertices, BALL.faces[:, ::-1], "test", repair=False)
@@ -276,3 +192,54 @@ def test_winding_faults_see_an_overlap_of_few_large_triangles() -> None:
     assert faulty > 0
     assert tested > 500
     assert (round(low), round(high)) == (0, 2)
+
+
+JOINED, TURNED = "joined 2 overlapping parts into 1", "1 of 2 parts wound inside out: turned"
+
+
+@pytest.mark.parametrize(
+    ("balls", "turned", "repairs", "least", "most"),
+    [
+        (second_ball(0.05), False, [JOINED], 1.0, 2.0),
+        (second_ball(0.0, scale=0.5), False, [JOINED], 1.0, 1.0),
+        (second_ball(0.0, inward=True, scale=0.5), False, [], 0.875, 0.875),
+        (second_ball(0.0, inward=True, scale=0.5), True, ["2 of 2 parts wound inside out: turned"], 0.875, 0.875),
+        (second_ball(0.1, inward=True), False, [TURNED], 2.0, 2.0),
+        (second_ball(0.05, inward=True), False, [TURNED, JOINED], 1.0, 2.0),
+    ],
+    ids=["overlap", "swallowed", "cavity", "cavity inside out", "apart, one inside out", "overlap, one inside out"],
+)
+def test_two_balls_become_one_solid(
+    balls: tuple[FloatArray, IntArray], turned: bool, repairs: list[str], least: float, most: float
+) -> None:
+    vertices, faces = balls
+    surface = repaired(vertices, faces[:, ::-1] if turned else faces)
+    assert surface.repairs == repairs
+    assert least - 1e-9 <= volume(surface) / BALL.volume <= most + 1e-9
+
+
+PUSHED = BALL.vertices * [1.0, 1.0, 1.0]
+PUSHED[:, 2] = np.where(PUSHED[:, 2] > 0.01, -1.5 * PUSHED[:, 2], PUSHED[:, 2])
+X, _, Z = BALL.triangles.mean(axis=1).T
+FIN = [*BALL.faces[0, :2], len(BALL.vertices)]
+
+
+@pytest.mark.parametrize(
+    ("vertices", "faces", "message"),
+    [
+        (BALL.vertices, BALL.faces[Z < 0.0], r"an open surface: 1 hole up to .* of its area; give it a thickness"),
+        (BALL.vertices, BALL.faces[(np.abs(Z) >= 0.015) | (X <= -0.02)], "too much to close safely"),
+        (PUSHED, BALL.faces, r"crosses itself: the winding number is neither 0 nor 1 .* \(from -1\.00 to"),
+        (np.concatenate([PUSHED, BALL.vertices + [0.05, 0.0, 0.0]]), second_ball(0.0)[1], "a part crosses itself"),
+        (
+            np.concatenate([BALL.vertices, 3.0 * BALL.vertices[FIN[:1]] + [0.0, 0.03, 0.0]]),
+            np.concatenate([BALL.faces, [FIN]]),
+            "not watertight: 1 edge shared by more than two triangles and 2 open edges",
+        ),
+        (BALL.vertices * [1.0, 1.0, 1e-12], BALL.faces, "no volume: it encloses"),
+    ],
+    ids=["half", "bent window", "pushed through itself", "a part pushed through itself", "fin", "flat"],
+)
+def test_what_no_safe_repair_closes_is_refused(vertices: FloatArray, faces: IntArray, message: str) -> None:
+    with pytest.raises(MeshError, match=message):
+        closed_surface(vertices, faces, "test")

@@ -24,8 +24,7 @@ from hhsim.mesh.orientation import turned_outward
 from hhsim.mesh.repair import merge_and_clean
 from hhsim.mesh.repair_log import MeshInRepair
 from hhsim.mesh.solidify import open_faces, solid_surface
-from hhsim.mesh.surface_sampling import face_samples
-from hhsim.mesh.topology import face_areas, is_closed, signed_volume, undirected_edges
+from hhsim.mesh.topology import face_areas, face_samples, is_closed, signed_volume, undirected_edges
 from hhsim.trees.builder import build_sphere_tree
 from hhsim.trees.options import TreeOptions
 from tools.shapes.generators import cube, sphere

@@ -90,20 +90,3 @@ def test_the_surface_of_a_ball_is_closed_manifold_and_wound_outward(seed: int, r
     assert signed_volume(vertices, faces) > 0.0
     assert len(owner) == len(faces)
     assert np.isin(owner, grid.leaves).all()
-
-
-def test_the_surface_holds_as_much_as_the_ball() -> None:
-    grid = TetGrid(np.array([-1.1, -1.2, -1.15]), np.full(3, 1.1), 0.2)
-    grid.refine(grid.leaves, 3)
-    distance = np.linalg.norm(grid.points, axis=1)
-    edges, faces, _ = grid.surface(distance < 1.0)
-    low, high = distance[edges].T
-    vertices = grid.points[edges[:, 0]] + ((1.0 - low) / (high - low))[:, None] * (
-        grid.points[edges[:, 1]] - grid.points[edges[:, 0]]
-    )
-    assert signed_volume(vertices, faces) == pytest.approx(4.0 / 3.0 * np.pi, rel=0.01)
-
-
-def test_too_many_cubes_are_refused() -> None:
-    with pytest.raises(ValueError, match="too many"):
-        TetGrid(np.zeros(3), np.ones(3), 1e-3)

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from hhsim.mesh.topology import (
     alike_wound,
     boundary_loops,
-    directed_edges,
     distinct_rows,
     face_areas,
     in_fixed_order,
@@ -17,7 +16,6 @@ from hhsim.mesh.topology import (
     part_labels,
     signed_volume,
     undirected_edges,
-    used_vertices,
 )
 from tools.shapes.generators import cube, cup, sphere
 
@@ -33,10 +31,6 @@ def test_edges_of_a_closed_surface_follow_eulers_formula() -> None:
         assert len(mesh.vertices) - len(count) + len(mesh.faces) == 2 - 2 * genus
         assert is_closed(mesh.faces)
     assert not is_closed(BALL.faces[1:])
-
-
-def test_directed_edges_run_round_each_face() -> None:
-    np.testing.assert_array_equal(directed_edges(np.array([[4, 7, 9]])), [[4, 7], [7, 9], [9, 4]])
 
 
 @settings(max_examples=25)
@@ -83,12 +77,6 @@ def test_merging_within_a_distance_spans_chains() -> None:
     assert len(merged_vertices(vertices, faces, 0.5)[0]) == 4
 
 
-def test_used_vertices_keep_their_order() -> None:
-    vertices, faces = used_vertices(np.arange(15.0).reshape(5, 3), np.array([[4, 1, 3]]))
-    np.testing.assert_array_equal(vertices[:, 0], [3.0, 9.0, 12.0])
-    np.testing.assert_array_equal(faces, [[2, 0, 1]])
-
-
 def test_parts_do_not_join_through_an_edge_of_three_faces() -> None:
     assert part_labels(BALL.faces).max() == 0
     assert part_labels(np.concatenate([BALL.faces, BALL.faces + len(BALL.vertices)])).max() == 1
@@ -108,11 +96,6 @@ def test_winding_alike_turns_the_minority_of_each_part() -> None:
     np.testing.assert_array_equal(np.sort(faces, axis=1), np.sort(both, axis=1))
     assert is_closed(faces)
     np.testing.assert_array_equal(faces[:320], both[:320])
-
-
-def test_one_sided_strip_cannot_be_wound() -> None:
-    strip = np.array([[0, 2, 1], [1, 2, 3], [2, 4, 3], [3, 4, 5], [4, 1, 5], [5, 1, 0]])
-    assert alike_wound(strip) is None
 
 
 def test_loops_run_with_the_faces_around_them() -> None:

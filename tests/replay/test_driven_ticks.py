@@ -13,6 +13,7 @@ import pytest
 from conftest import Run
 from driven_scenes import carried, swing
 from sampled import sampled
+from short_grasp import shortened
 from sphere_scenes import bumpy_ball
 
 from hhsim.gate.input_hash import run_inputs
@@ -46,13 +47,7 @@ EQUAL = 1e-9
 
 @cache
 def motion() -> Trajectory:
-    script = load_script("grasp")
-    scale = 0.9 / script.duration
-    return synthesize(
-        replace(script, phases=tuple(replace(phase, duration=scale * phase.duration) for phase in script.phases)),
-        HAND,
-        TREE,
-    )
+    return synthesize(shortened(load_script("grasp"), 0.9), HAND, TREE)
 
 
 def run(path: Path, moving: Trajectory, method: str = "coupled") -> Result:
@@ -143,10 +138,7 @@ def test_the_referee_finds_every_claim_true_and_sees_what_the_library_sees(runs:
 
 @pytest.mark.parametrize(
     ("dataset", "claims"),
-    [
-        ("tick/object/position", {"depth", "object at first"}),
-        ("tick/object/orientation", {"object poses"}),
-    ],
+    [("tick/object/position", {"depth", "object at first"}), ("tick/object/orientation", {"object poses"})],
 )
 def test_a_changed_pose_of_the_object_is_found(
     runs: tuple[Result, Result], tmp_path: Path, dataset: str, claims: set[str]
@@ -185,24 +177,6 @@ def test_any_motion_of_both_leaves_what_is_between_them(tmp_path: Path, speed: f
     for column in MEASURED:
         np.testing.assert_allclose(seen[column.name], still[column.name], atol=EQUAL, rtol=0.0, err_msg=column.name)
     assert np.asarray(moved["penetration_depth"]).max() == 0.0
-
-
-def test_a_hand_at_rest_meets_an_object_that_comes(tmp_path: Path) -> None:
-    """The inverse: the world of the object turned round, where the hand's way is the object's."""
-    fixed = motion()
-    seen = fixed.seen_from_object()
-    count = seen.sample_count
-    from hhsim.motion.object_motion import ObjectMotion, RigidMotion
-
-    hand = ObjectMotion(fixed.position, fixed.orientation).since(fixed.position[0], fixed.orientation[0])
-    back = RigidMotion(hand.turn * [1.0, -1.0, -1.0, -1.0], np.zeros((count, 3)))
-    back = back._replace(shift=-back.vectors(hand.shift))
-    turned = carried(fixed, back)
-    assert np.ptp(turned.position, axis=0).max() < 1e-12
-    result, still = run(tmp_path / "driven.h5", turned), run(tmp_path / "fixed.h5", fixed)
-    for name in ("graphic/joints", "force/total", "force/palm_wrench"):
-        np.testing.assert_allclose(result.seen_from_object[name], still[name], atol=EQUAL, rtol=0.0, err_msg=name)
-    assert np.asarray(result["penetration_depth"]).max() == 0.0
 
 
 def test_the_command_line_drives_or_fixes_the_object_of_a_recording(run: Run, tmp_path: Path) -> None:

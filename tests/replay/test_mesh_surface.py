@@ -6,11 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from drawings_alone import leave_charts_undrawn
 from sampled import sampled
 from short_grasp import short_grasp, short_scene
 
-from hhsim.errors import InputError
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.kernels.tick.state import STATUS_LAG
 from hhsim.mesh.mesh import Mesh
@@ -18,7 +16,6 @@ from hhsim.metrics.run_ticks import PLACED
 from hhsim.replay.repeat import run_again
 from hhsim.replay.replay import replay_scene
 from hhsim.replay.summary import ReplaySummary
-from hhsim.report.report import make_report
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.open_scene import open_scene
 from hhsim.scene.scene import Scene, make_scene
@@ -69,15 +66,6 @@ def test_the_hand_touches_the_mesh_to_a_micrometre_and_is_nowhere_inside(run: tu
     assert least < 1e-3
 
 
-@ONE
-def test_spheres_of_the_same_scene_are_farther_off(
-    run: tuple[Result, ReplaySummary], scene: Scene, tmp_path: Path
-) -> None:
-    result, summary = run
-    spheres = replay_scene(scene, SolverOptions(method=result.method), tmp_path / "spheres.h5")
-    assert spheres.attributes()["contact_error_max"] > 1e-3 > 500 * summary.attributes()["contact_error_max"]
-
-
 @pytest.mark.soak  # on the mesh of a cylinder the referee judges such ticks every time
 def test_a_tick_on_its_way_keeps_its_forces(tmp_path: Path) -> None:
     # Where a finger snaps over an edge of the teapot, a tick of two linearisations ends on the way, micrometres from
@@ -101,6 +89,7 @@ def test_a_second_run_knows_the_surface(run: tuple[Result, ReplaySummary]) -> No
     assert run_again(result).identical
 
 
+<<<<<<< HEAD
 def no_picture(*_: object) -> Any:
     raise InputError("none is drawn here")
 
@@ -117,6 +106,8 @@ def test_the_report_knows_the_surface(run: tuple[Result, ReplaySummary], monkeyp
     assert "the mesh" in text and "stays out of the object's mesh" in text
 
 
+=======
+>>>>>>> scene
 def test_a_sheet_that_encloses_nothing_is_touched_from_both_sides(scene: Scene, tmp_path: Path) -> None:
     # The upper half of the cylinder's triangles: an open shell.
     middle = scene.mesh.triangles.mean(axis=1)

@@ -1,7 +1,6 @@
 """Only what a scene needs: fingers, work and tree level that a scene asks for, and what is told of it."""
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -30,12 +29,9 @@ from hhsim.kernels.tick.state import (
 )
 from hhsim.mesh.catalogue import load_object
 from hhsim.metrics.metrics import penetration
-from hhsim.scene.motion_catalogue import resolve_trajectory
-from hhsim.scene.scene import Scene, make_scene
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import UNLIMITED, SolverOptions
-from hhsim.trees.cache import cached_sphere_tree
-from hhsim.trees.level_choice import coarsest_sphere_tree
+from hhsim.trees.cache import cached_sphere_tree, coarsest_sphere_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -157,27 +153,6 @@ def test_another_unit_of_length_changes_no_digit(method: str, factor: float) -> 
     np.testing.assert_array_equal(other.flexion, one.flexion)
     np.testing.assert_array_equal(other.total / factor, one.total)
     np.testing.assert_array_equal(other.work, one.work)
-
-
-@cache
-def grasp_of_the_cube() -> Scene:
-    cube = load_object("cube")
-    tree = cached_sphere_tree(cube.mesh, TreeOptions(level=3))
-    return make_scene(cube.mesh, tree, HAND, resolve_trajectory("grasp"))
-
-
-@pytest.mark.parametrize("factor", [0.01, 100.0])
-@pytest.mark.parametrize("method", (*METHODS, "penalty"))
-def test_a_hand_and_an_object_of_another_size_move_alike(method: str, factor: float) -> None:
-    scene = grasp_of_the_cube()
-    ticks = scene.ticks
-    motion = Motion(ticks.position, ticks.orientation, ticks.flexion, ticks.abduction)
-    options = SolverOptions(method=method)
-    one = HandSolver(HAND, scene.tree.arrays(), options).run(*motion)
-    other = scaled_run(scene.tree, motion, options, factor)
-    np.testing.assert_allclose(other.joints / factor, one.joints, rtol=0.0, atol=1e-6 * HAND.hand_length)
-    np.testing.assert_allclose(other.flexion, one.flexion, rtol=0.0, atol=1e-6)
-    np.testing.assert_allclose(other.total / factor, one.total, rtol=0.0, atol=1e-6 * np.abs(one.total).max())
 
 
 def test_the_coarsest_level_within_the_budget_is_chosen() -> None:

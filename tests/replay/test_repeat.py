@@ -26,15 +26,7 @@ from tools.shapes.generators import sphere
 
 SHORT = """
 title = "short"
-[[phase]]
-name = "approach"
-duration = 0.2
-[[phase]]
-name = "grasp"
-duration = 0.3
-[[phase]]
-name = "hold"
-duration = 0.1
+phase = [{ name = "approach", duration = 0.2 }, { name = "grasp", duration = 0.3 }, { name = "hold", duration = 0.1 }]
 """
 ODD_OPTIONS = {
     "coupled": SolverOptions(stiffness=Stiffness(1234.5, 4.25, 0.4), margin=1.3e-3, fingers=("thumb", "index")),

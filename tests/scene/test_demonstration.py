@@ -16,13 +16,7 @@ from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.motion.trajectory import Trajectory
 from hhsim.scene.demonstration import Demonstration, parse_demonstration
 from hhsim.scene.finger_closure import body_distances, make_work
-from hhsim.scene.motion_catalogue import (
-    describe,
-    load_script,
-    resolve_trajectory,
-    script_names,
-    trajectory_names,
-)
+from hhsim.scene.motion_catalogue import describe, load_script, resolve_trajectory, script_names, trajectory_names
 from hhsim.scene.object_pose import Wanted, place_object
 from hhsim.scene.scene import make_scene
 from hhsim.trees.cache import cached_sphere_tree

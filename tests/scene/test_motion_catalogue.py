@@ -21,7 +21,6 @@ from hhsim.motion.file import save_trajectory
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import UNCHECKED, Trajectory
 from hhsim.recordings.repair import repair
-from hhsim.scene import closure_search
 from hhsim.scene.closure_search import plan_finger_closure
 from hhsim.scene.finger_closure import body_distances, make_work
 from hhsim.scene.motion_catalogue import (
@@ -70,16 +69,7 @@ def test_every_script_is_described_and_has_the_stated_length(name: str) -> None:
 
 def test_fingers_are_those_that_touch() -> None:
     fingers = {name: len(describe(name).fingers) for name in NAMES}
-    assert fingers == {
-        "touch": 1,
-        "pinch": 2,
-        "grasp": 5,
-        "whole-hand": 5,
-        "slide": 5,
-        "carry": 5,
-        "sequence": 5,
-        "never": 0,
-    }
+    assert fingers == {**dict.fromkeys(NAMES, 5), "touch": 1, "pinch": 2, "never": 0}
 
 
 def test_names_scripts_and_recordings_are_resolved(tmp_path: Path) -> None:
@@ -227,11 +217,3 @@ def test_what_moves_an_object_reaches_it_with_all_fingers_and_stays_over_the_tab
         HAND.arrays(), tree.arrays(), closure.position, closure.rotation, closure.contact, closure.abduction, work
     )
     assert float((work.joints[..., 2] - HAND.radius).min()) > tree.bounds[0, 2]
-
-
-def test_the_same_call_gives_the_same_bytes_on_a_real_object(monkeypatch: pytest.MonkeyPatch) -> None:
-    one = synthesize(load_script("pinch"), HAND, object_tree("cup"), seed=2)
-    monkeypatch.setattr(closure_search, "_found", {})
-    other = synthesize(load_script("pinch"), HAND, object_tree("cup"), seed=2)
-    for key in ("time", "position", "orientation", "flexion", "abduction"):
-        assert getattr(one, key).tobytes() == getattr(other, key).tobytes()

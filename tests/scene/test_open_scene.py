@@ -27,17 +27,11 @@ stresses = "nothing"
 palm_gap = 0.03
 clearance = 0.01
 
-[[phase]]
-name = "approach"
-duration = 0.1
-
-[[phase]]
-name = "pinch"
-duration = 0.1
-
-[[phase]]
-name = "hold"
-duration = 0.05
+phase = [
+    { name = "approach", duration = 0.1 },
+    { name = "pinch", duration = 0.1 },
+    { name = "hold", duration = 0.05 },
+]
 
 [tremor]
 position = 1e-4

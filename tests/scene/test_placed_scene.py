@@ -13,9 +13,8 @@ from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object
 from hhsim.motion.trajectory import Trajectory
-from hhsim.scene.placed_scene import Place, PlacedScene, placed_scene
+from hhsim.scene.described_scene import Place, PlacedScene, depth_at_start, placed_scene, touches
 from hhsim.scene.scene import Scene
-from hhsim.scene.touch import depth_at_start, touches
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 
@@ -44,8 +43,8 @@ def imported(at: float) -> Trajectory:
     return replace(fist(at), flags=np.zeros(20, dtype=np.uint32))
 
 
-def placed(motion: Trajectory, asked: Place | None = None) -> PlacedScene:
-    return placed_scene(MESH, TREE, HAND, motion, asked=asked, rate=100.0)
+def placed(motion: Trajectory, place: Place | None = None) -> PlacedScene:
+    return placed_scene(MESH, TREE, HAND, motion, place=place, rate=100.0)
 
 
 def test_it_is_placed_by_itself_where_nothing_touches() -> None:
@@ -78,7 +77,7 @@ def test_it_is_placed_by_itself_where_the_hand_would_begin_inside() -> None:
 
 
 def test_where_it_begins_inside_anyway_it_stays(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hhsim.scene.placed_scene.place_at_grasp", lambda *_: SimpleNamespace(start_gap=-0.001))
+    monkeypatch.setattr("hhsim.scene.described_scene.place_at_grasp", lambda *_: SimpleNamespace(start_gap=-0.001))
     found = placed(imported(0.0))
     assert (found.place, found.placement) == ("recorded", None)
     assert "begins inside the object, and no other place was found: the hand would begin inside" in found.note
@@ -88,7 +87,7 @@ def test_where_no_place_is_found_it_says_so_and_stays(monkeypatch: pytest.Monkey
     def refuse(*_: object) -> None:
         raise TrajectoryError("no finger meets it")
 
-    monkeypatch.setattr("hhsim.scene.placed_scene.place_at_grasp", refuse)
+    monkeypatch.setattr("hhsim.scene.described_scene.place_at_grasp", refuse)
     found = placed(fist())
     assert (found.place, found.placement) == ("recorded", None)
     assert found.note.endswith("no other place was found: no finger meets it")

@@ -46,26 +46,14 @@ def test_every_key_is_read() -> None:
         palm_depth = 0.0
         start_distance = 0.2
         curl = 0.5
-        [[phase]]
-        name = "approach"
-        duration = 1
-        [[phase]]
-        name = "pinch"
-        duration = 0.3
-        fingers = ["middle", "thumb"]
-        [[phase]]
-        name = "grasp"
-        duration = 0.3
-        [[phase]]
-        name = "hold"
-        duration = 0.3
-        [[phase]]
-        name = "slide"
-        duration = 0.3
-        distance = 0.03
-        [[phase]]
-        name = "release"
-        duration = 0.3
+        phase = [
+            { name = "approach", duration = 1 },
+            { name = "pinch", duration = 0.3, fingers = ["middle", "thumb"] },
+            { name = "grasp", duration = 0.3 },
+            { name = "hold", duration = 0.3 },
+            { name = "slide", duration = 0.3, distance = 0.03 },
+            { name = "release", duration = 0.3 },
+        ]
         [tremor]
         position = 1e-4
         rotation = 0.00349
@@ -115,15 +103,9 @@ BAD = [
     (SMALL.replace('"touch"', '"carry"'), r"phase\[2\]: distance is missing; a carry needs it"),
     (SMALL + phase("turn"), r"phase\[3\]: turn is missing"),
     (SMALL + phase("lift", "distance = 2"), r"phase\[3\]: distance = 2; expected a number from -1 to 1"),
-    (
-        SMALL + phase("shake", "distance = 0.1\ncycles = 0"),
-        r"phase\[3\].cycles = 0; expected a number",
-    ),
+    (SMALL + phase("shake", "distance = 0.1\ncycles = 0"), r"phase\[3\].cycles = 0; expected a number"),
     (SMALL + phase("carry", "distance = 1") + phase("slip"), "a carry and a slip; expected one of them in a script"),
-    (
-        SMALL + phase("slide", "distance = 0") + phase("push", "distance = 1"),
-        "a slide and a push; expected one",
-    ),
+    (SMALL + phase("slide", "distance = 0") + phase("push", "distance = 1"), "a slide and a push; expected one"),
     (SMALL + "speed = 0.1", r"phase\[2\]: unknown key 'speed'"),
     (SMALL + "fingers = ['indx']", r"phase\[2\].fingers\[1\]: unknown finger 'indx': did you mean index"),
     (SMALL + "fingers = 'index'", r"phase\[2\].fingers = 'index'; expected a list"),

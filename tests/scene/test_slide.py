@@ -6,10 +6,9 @@ from hhsim.arrays import FloatArray
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.kinematics import PALM_BODY
-from hhsim.scene.closure_search import plan_finger_closure
+from hhsim.scene.closure_search import best_slide, plan_finger_closure
 from hhsim.scene.finger_closure import body_distances, make_work
 from hhsim.scene.motion_catalogue import load_script
-from hhsim.scene.slide import best_slide
 from hhsim.trees.sphere_tree import SphereTree
 
 HAND = HandModel.default()

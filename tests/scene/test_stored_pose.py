@@ -149,7 +149,7 @@ def test_a_placed_script_moves_with_the_object() -> None:
 def test_a_script_that_is_made_for_one_object_says_so() -> None:
     with pytest.raises(TrajectoryError, match="script handle is made for cup, not for this object"):
         synthesize(load_script("handle"), HAND, BALL)
-    with pytest.raises(TrajectoryError, match="its place on the cup is one of a right hand"):
+    with pytest.raises(TrajectoryError, match="its place on the cup is a right hand's"):
         synthesize(load_script("handle"), HandModel.default("left"), CUP)
 
 

@@ -142,18 +142,12 @@ def test_any_rate_and_any_order_of_closings() -> None:
     script = parse_script(
         """
         rate = 250
-        [[phase]]
-        name = "approach"
-        duration = 0.5
-        [[phase]]
-        name = "grasp"
-        duration = 0.25
-        [[phase]]
-        name = "touch"
-        duration = 0.25
-        [[phase]]
-        name = "hold"
-        duration = 0.1
+        phase = [
+            { name = "approach", duration = 0.5 },
+            { name = "grasp", duration = 0.25 },
+            { name = "touch", duration = 0.25 },
+            { name = "hold", duration = 0.1 },
+        ]
         """,
         name="back to one",
         where="test",

@@ -83,16 +83,6 @@ def test_closed_form_of_one_contact(backend: str) -> None:
 
 
 @pytest.mark.parametrize("backend", available_backends())
-def test_a_command_without_contact_is_followed(backend: str) -> None:
-    problem = QpProblem(STIFFNESS[:3], np.eye(3), np.full(3, -1.0), np.array([1e-3, 2e-3, 3e-3]))
-    for candidate in (problem, QpProblem(STIFFNESS[:3], np.zeros((0, 3)), np.zeros(0), problem.target)):
-        solution = solve(candidate, backend)
-        assert solution.status == "optimal"
-        np.testing.assert_allclose(solution.x, problem.target, atol=1e-8)
-        np.testing.assert_allclose(solution.multiplier, 0.0, atol=1e-6)
-
-
-@pytest.mark.parametrize("backend", available_backends())
 def test_contradicting_rows_are_infeasible(backend: str) -> None:
     problem = contradiction()
     solution = solve(problem, backend)

@@ -93,18 +93,6 @@ def test_any_number_of_threads_gives_the_same_bytes(hand: HandModel, method: str
     assert helpers() == []
 
 
-@METHODS
-@pytest.mark.parametrize("leaves", sampled([300, 3000], lambda place, leaves: leaves == 300))
-def test_random_targets_give_the_same_bytes(hand: HandModel, method: str, leaves: int) -> None:
-    tree = bumpy_ball(leaves)
-    motion = random_targets(hand, 900, seed=leaves, hold=30, sweep=True)
-    alone, _ = run(hand, tree, motion, method=method)
-    for threads in (2, 3, PARTS):
-        shared, tasks = run(hand, tree, motion, method=method, threads=threads)
-        assert_same_bytes(alone, shared)
-        assert tasks > 100
-
-
 @pytest.mark.parametrize("method", sampled(THREADED, lambda place, method: method == "progressive"))
 def test_a_file_says_with_how_many_threads_and_holds_the_same(hand: HandModel, method: str, tmp_path: Path) -> None:
     mesh = load_object("bunny").mesh
@@ -187,7 +175,7 @@ def test_without_the_compiler_one_thread_does_everything(hand: HandModel) -> Non
         from hhsim.solver.options import SolverOptions
 
         solver = HandSolver(HandModel.default(), bumpy_ball(20).arrays(), SolverOptions(threads=3))
-        assert solver.workspace.thread_team.rooms == []
+        assert solver.workspace.thread_team.works == []
         record = solver.run(*still(2, [0.0, 0.0, 0.2]))
         print(record.position.tolist() == still(2, [0.0, 0.0, 0.2]).position.tolist())
         """

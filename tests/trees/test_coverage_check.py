@@ -22,7 +22,6 @@ from hhsim.trees.error import prove_cover
 from hhsim.trees.level_cover import LevelCover
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
-from tools.shapes.rock import rock
 
 
 def mesh_of(shape: trimesh.Trimesh) -> Mesh:
@@ -73,23 +72,6 @@ def test_a_proof_says_what_its_format_says() -> None:
     assert codes == []
     a, b, c = MESH.triangles.transpose(1, 0, 2)
     assert area == pytest.approx(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum(), rel=1e-9)
-
-
-def test_a_wrong_owner_is_found() -> None:
-    cover = built().covers[-1]
-    ends = np.flatnonzero(cover.proof >= 0)
-    for place in ends[:: len(ends) // 40]:
-        sphere = cover.proof[place]
-        far = int(np.argmax(np.linalg.norm(cover.center - cover.center[sphere], axis=1)))
-        assert "does not contain it" in faults_of(changed(cover, place, far))[0]
-
-
-def test_a_ball_taken_away_is_found() -> None:
-    cover = built().covers[-1]
-    last = len(cover.radius) - 1
-    assert last in cover.proof
-    fewer = LevelCover(cover.center[:last], cover.radius[:last], cover.depth[:last], 0.0, cover.proof)
-    assert "sphere that does not exist" in faults_of(fewer)[0]
 
 
 def test_a_smaller_ball_is_found() -> None:
@@ -161,16 +143,6 @@ def test_no_change_of_a_code_goes_unseen_unless_it_is_as_true(data: st.DataObjec
     except (IndexError, RecursionError):
         true = False
     assert (found == ()) == (true and code >= -3)
-
-
-@settings(max_examples=2)
-@given(st.integers(0, 2**31), st.sampled_from([(2, 8), (3, 4), (1, 30)]))
-def test_rocks(seed: int, shape: tuple[int, int]) -> None:
-    mesh = rock(seed=seed, subdivisions=3)
-    level, branching = shape
-    tree = build_sphere_tree(mesh, TreeOptions(level=level, branching=branching))
-    assert tree.check(mesh) == ()
-    assert [len(cover.radius) for cover in tree.covers] == [branching**at for at in range(level + 1)]
 
 
 def test_a_moved_tree_is_proved_of_the_moved_mesh() -> None:

@@ -8,13 +8,12 @@ from sampled import sampled
 from scipy.spatial.transform import Rotation
 
 from hhsim.arrays import FloatArray, IntArray
-from hhsim.errors import MeshError
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.mesh.catalogue import load_object
 from hhsim.system.progress import Progress, silent
 from hhsim.trees import surface_cover as mesh_cover
 from hhsim.trees.error import protrusion_bound, prove_cover
-from hhsim.trees.surface_cover import cover_of, in_own_frame, require_inside
+from hhsim.trees.surface_cover import cover_of, in_own_frame
 
 
 def arrays(shape: trimesh.Trimesh) -> tuple[FloatArray, IntArray]:
@@ -87,27 +86,6 @@ def test_one_ball_for_a_box_is_its_circumscribed_ball() -> None:
     assert np.abs(center[0]).max() < 1e-3
 
 
-def test_where_the_mesh_lies_does_not_matter() -> None:
-    vertices, faces = arrays(SHAPES["box"])
-    bounds = []
-    for offset in (0.0, 0.5, 1000.0):
-        there = vertices + offset
-        center, radius = build_cover(there, faces, 50)
-        assert prove_cover(there, faces, center, radius)[0].size == 0
-        bounds.append(protrusion_bound(build_mesh_bvh(there, faces), center, radius))
-    assert bounds == pytest.approx([bounds[0]] * 3, rel=1e-6)
-
-
-@pytest.mark.parametrize("scale", [1e-6, 1e3])
-def test_size_does_not_matter(scale: float) -> None:
-    vertices, faces = arrays(SHAPES["box"])
-    large, plain = (
-        protrusion_bound(build_mesh_bvh(points, faces), *build_cover(points, faces, 50))
-        for points in (scale * vertices, vertices)
-    )
-    assert large == pytest.approx(scale * plain, rel=1e-6)
-
-
 @pytest.mark.soak
 def test_a_ball_that_needs_fewer_spheres_than_it_may_have() -> None:
     # Where one sphere more would gain nothing none is added, so that turns end with different numbers of them.
@@ -117,21 +95,6 @@ def test_a_ball_that_needs_fewer_spheres_than_it_may_have() -> None:
     center, radius = build_cover(vertices, faces, 64)
     assert len(radius) <= 64
     assert prove_cover(vertices, faces, center, radius)[0].size == 0
-
-
-def test_progress_counts_the_rounds() -> None:
-    calls: list[tuple[str, int, int]] = []
-    build_cover(*arrays(SHAPES["box"]), 20, progress=lambda *call: calls.append(call))
-    assert [done for _, done, _ in calls] == list(range(1, calls[-1][2] + 1))
-    assert {stage for stage, _, _ in calls} == {"cover"}
-
-
-def test_what_has_no_inside_is_refused() -> None:
-    vertices, faces = arrays(SHAPES["box"])
-    for bad in (faces[:, ::-1], np.array([[0, 1, 2], [0, 2, 1]])):
-        with pytest.raises(MeshError, match="no inside"):
-            build_cover(vertices, np.ascontiguousarray(bad), 8)
-    require_inside((vertices[faces] * [1.0, 1.0, 1e-4]).reshape(-1, 9), 0.1)
 
 
 def catalogue_arrays(name: str) -> tuple[FloatArray, IntArray]:
@@ -171,10 +134,3 @@ def test_a_motion_and_a_scale_do_not_change_the_cover(name: str) -> None:
         assert prove_cover(there, faces, other_center, other_radius)[0].size == 0
         bound = protrusion_bound(build_mesh_bvh(there, faces), other_center, other_radius)
         assert bound == pytest.approx(scale * plain, rel=0.02)
-
-
-def test_the_same_mesh_gives_the_same_bytes() -> None:
-    vertices, faces = catalogue_arrays("teapot")
-    first, second = (build_cover(vertices, faces, 100) for _ in range(2))
-    assert first[0].tobytes() == second[0].tobytes()
-    assert first[1].tobytes() == second[1].tobytes()

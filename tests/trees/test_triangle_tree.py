@@ -37,12 +37,6 @@ def test_the_leaves_cover_every_triangle(count: int, level: int) -> None:
     assert max(sticking_out(tree, above, leaves_only=True) for above in range(level)) < 1e-12
 
 
-def test_a_finer_level_reaches_out_less() -> None:
-    mesh = soup(40)
-    coarse, fine = (triangle_tree(mesh, level).leaf_radius.max() for level in (2, 4))
-    assert fine < 0.3 * coarse
-
-
 def test_only_what_encloses_something_gets_the_usual_tree() -> None:
     box = trimesh.creation.box((0.05, 0.06, 0.07))
     vertices, faces = np.array(box.vertices, np.float64), np.array(box.faces, np.int64)

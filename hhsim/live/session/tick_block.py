@@ -8,7 +8,7 @@ from hhsim.kernels.free.record import ObjectRecord
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.live.ipc.config import LiveSetup
 from hhsim.motion.object_motion import RigidMotion
-from hhsim.replay.free_ticks import as_seen, contact_rows, free_block, moved_by
+from hhsim.replay.moving_object import as_seen, contact_rows, free_block, moved_by
 from hhsim.replay.tick_columns import TickColumns
 from hhsim.solver.options import SolverOptions
 

@@ -1,1 +1,1 @@
-"""The methods: one module each, which declares `METHOD`, a record of `hhsim.solver.method.Method`."""
+"""Methods: one module each, which declares `METHOD`, a record of `hhsim.solver.method.Method`."""

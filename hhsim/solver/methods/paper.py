@@ -39,4 +39,4 @@ METHOD = Method(
     refuses_surfaces="the paper's constraints are between frustums and spheres",
     defaults={"force": "paper", "linearisations": 1, "margin": 5e-4},
 )
-"""As printed: forces by Eq. 14, one linearisation a tick, Δr = 0.5 mm."""
+"""Defaults as printed: forces by Eq. 14, one linearisation a tick, Δr = 0.5 mm."""

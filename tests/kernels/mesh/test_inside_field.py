@@ -10,7 +10,7 @@ from hhsim.kernels.mesh.bvh import build_mesh_bvh, face_normals
 from hhsim.kernels.mesh.inside_field import SolidField, count_hits, inside, leave_inside, near
 from hhsim.kernels.mesh.winding_number import winding_moments
 from hhsim.mesh.mesh import Mesh
-from hhsim.mesh.surface_sampling import face_samples
+from hhsim.mesh.topology import face_samples
 from tools.shapes.generators import cube, sphere
 
 NOTHING = build_mesh_bvh(np.zeros((1, 3)), np.zeros((1, 3), np.int64), signed=False)
