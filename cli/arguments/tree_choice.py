@@ -70,18 +70,12 @@ class TreeChoice(OptionGroup, heading="Sphere tree"):
     )
 
     def choose(self, mesh: "Mesh", usual_level: int, report: Progress, *, solid: bool = True) -> ChosenTree:
-<<<<<<< HEAD
-        """Build the tree, or take it from the cache; without `solid` also of triangles that enclose nothing."""
-        from hhsim.trees.cache import cached_sphere_tree
-        from hhsim.trees.level_choice import coarsest_sphere_tree
-=======
         """Build the tree, or take it from the cache; without `solid` also of triangles that enclose nothing.
 
         Raises:
             UsageError: Options that contradict each other.
         """
         from hhsim.trees.cache import cached_sphere_tree, coarsest_sphere_tree
->>>>>>> scene
         from hhsim.trees.options import TreeOptions
         from hhsim.trees.triangle_tree import tree_of_any
 

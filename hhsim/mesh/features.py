@@ -21,14 +21,8 @@ from hhsim.kernels.mesh.features import (
     face_spheres,
     touchable_vertices,
 )
-<<<<<<< HEAD
-from hhsim.mesh.one_sided import has_solid_behind
-from hhsim.mesh.topology import distinct_rows, merged_vertices
-=======
-from hhsim.kernels.mesh.self_contact import touches_itself
 from hhsim.kernels.mesh.winding_number import winding_numbers
 from hhsim.mesh.topology import distinct_rows, face_areas, merged_vertices, part_labels
->>>>>>> scene
 
 SAME_PLACE = 1e-10
 """Vertices of an open mesh closer than this share of its longest extent are merged: each copy of an edge would

@@ -187,7 +187,7 @@ def checked_answer(name: str, tick: int, found: Timed, forces: bool) -> TickAnsw
 
 
 class OutsideEngine:
-    """Runs a method from outside by `run_by` of a scene, and computes from its hands what hhsim's own methods record."""
+    """Runs a method from outside by `run_by` of a scene, and computes what hhsim's own methods record."""
 
     def __init__(self, run_by: Callable[[MethodScene], MethodRunner], forces: bool, workspace: "TickWorkspace") -> None:
         self.forces, self.workspace = forces, workspace

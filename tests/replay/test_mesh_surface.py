@@ -89,25 +89,6 @@ def test_a_second_run_knows_the_surface(run: tuple[Result, ReplaySummary]) -> No
     assert run_again(result).identical
 
 
-<<<<<<< HEAD
-def no_picture(*_: object) -> Any:
-    raise InputError("none is drawn here")
-
-
-@ONE
-def test_the_report_knows_the_surface(run: tuple[Result, ReplaySummary], monkeypatch: pytest.MonkeyPatch) -> None:
-    result, _ = run
-    # What is drawn is tested elsewhere, and takes time.
-    monkeypatch.setattr("hhsim.report.worst_ticks.worst_ticks", lambda result: [])
-    leave_charts_undrawn(monkeypatch)
-    for picture in ("overview_picture", "held_picture"):
-        monkeypatch.setattr(f"hhsim.report.report.{picture}", no_picture)
-    text = make_report([result.path]).html.replace("&#x27;", "'").replace("&#39;", "'")
-    assert "the mesh" in text and "stays out of the object's mesh" in text
-
-
-=======
->>>>>>> scene
 def test_a_sheet_that_encloses_nothing_is_touched_from_both_sides(scene: Scene, tmp_path: Path) -> None:
     # The upper half of the cylinder's triangles: an open shell.
     middle = scene.mesh.triangles.mean(axis=1)
