@@ -395,10 +395,9 @@ def test_every_limit_that_a_suite_has_is_applied_to_a_result(result: Path, metho
 
 def test_a_figure_has_one_limit_for_all_methods_or_is_not_promised() -> None:
     # The objects of the default suite are fixed.
-    free = {
-        name: metric.judged.limit for name, metric in judged_metrics().items() if metric.free_only and metric.judged
-    }
-    usual = default_suite().limits_of("object") | {name: limit for name, limit in free.items() if limit is not None}
+    free = {name: metric.judged for name, metric in judged_metrics().items() if metric.free_only}
+    limited_ones = {name: by.limit for name, by in free.items() if by is not None and by.limit is not None}
+    usual = {**default_suite().limits_of("object"), **limited_ones}
     lacks = {"coupled": set(), "progressive": {"tracking_excess"}}
     neither = {"tracking_excess", "penetration_max", "free_off_max"}
     for method in METHODS:

@@ -190,8 +190,8 @@ def test_what_is_read_only_is_measured_by_the_same_kernels(
 def test_fingers_and_ticks_can_be_left_out(
     hand: HandModel, tree: SphereTree, placed: PlacedHand, found: ContactPoints
 ) -> None:
-    chosen = {"chosen": [3, 9], "fingers": [False, False, True, False, False]}
-    some = find_contact_points(tree.arrays(), hand_shape(hand), placed, TOUCH, **chosen)
+    middle = [False, False, True, False, False]
+    some = find_contact_points(tree.arrays(), hand_shape(hand), placed, TOUCH, chosen=[3, 9], fingers=middle)
     kept = np.isin(found.tick, [3, 9]) & np.isin(found.body, [6, 7, 8, 15])
     assert kept.sum() > 5
     for ours, theirs in zip(some, found):

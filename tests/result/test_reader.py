@@ -14,6 +14,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+from file_faults import attribute
 from numpy.typing import NDArray
 from sampled import sampled
 from sealed_change import changed
@@ -456,6 +457,11 @@ def other_shape(file: h5py.File) -> None:
     file["tick/force/total"] = np.zeros((50, 4))
 
 
+def folder_in_its_place(path: Path) -> None:
+    path.unlink()
+    path.mkdir()
+
+
 SPOILED: dict[str, tuple[Callable[[Path], object], str]] = {
     "text": (lambda path: path.write_text("time,x,y,z\n"), "is no HDF5 file"),
     "cut": (lambda path: os.truncate(path, path.stat().st_size // 2), "a damaged HDF5 file: cut short"),
@@ -471,9 +477,9 @@ SPOILED: dict[str, tuple[Callable[[Path], object], str]] = {
     "shape": (forged(other_shape), r"force/total has shape \(50, 4\), expected \(any, 3\)"),
     "no scene": (forged(lambda file: file.attrs.__delitem__("scene")), "is damaged or no result file"),
     "gone": (lambda path: path.unlink(), "no such file; expected a result"),
-    "folder": (lambda path: (path.unlink(), path.mkdir()), "is a folder"),
+    "folder": (folder_in_its_place, "is a folder"),
     **{
-        name: (forged(lambda file, name=name: file.attrs.update({name: "null"})), "JSON object")
+        name: (forged(attribute(name, "/", name, lambda _: "null")), "JSON object")
         for name in ("machine", "packages", "scene", "repeated", "score")
     },
 }
