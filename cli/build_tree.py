@@ -37,7 +37,7 @@ class BuiltTree(OptionGroup, heading="Sphere tree"):
     max_error: float | None = option(
         callback=read_length,
         metavar="LENGTH",
-        help="Take the fewest leaves proved to be within this distance of the mesh: 0.2mm, 200um, or mm.",
+        help="Take the fewest leaves proved to be within this distance of the mesh: 0.2mm, 200um or 0.2 (mm).",
     )
     branching: int = option(type=click.IntRange(2, 64), metavar="N", default=8, help="Most children of a sphere.")
     cover: str = option(

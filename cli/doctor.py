@@ -8,7 +8,6 @@ from .arguments import options
 from .console import announce_compilation, print_json, print_line, print_table
 
 BAR = 40
-"""Letters of the longest bar of the histogram."""
 
 
 @click.command()
@@ -64,7 +63,10 @@ def command(rate: float, duration: float, cpu: int | None, no_realtime: bool, as
         print()
         counts = histogram(wakeups)
         most = max(count for _, _, count in counts)
-        bars = [(_range(low, high), count, "█" * round(BAR * count / most)) for low, high, count in counts]
+        bars = []
+        for low, high, count in counts:
+            late = f"more than {low:,.0f}" if high is None else f"{low:,.0f} to {high:,.0f}"
+            bars.append((late, count, "█" * round(BAR * count / most)))
         headings = ("woken late by [µs]", "wake-ups", "")
         print_table(Table.of_cells(headings, bars, numbers=headings[:2]))
         print()
@@ -75,7 +77,3 @@ def command(rate: float, duration: float, cpu: int | None, no_realtime: bool, as
         for line in diagnosis.advice:
             print_line(f"  - {line}")
     return 0 if diagnosis.good else 1
-
-
-def _range(low: float, high: float | None) -> str:
-    return f"more than {low:,.0f}" if high is None else f"{low:,.0f} to {high:,.0f}"

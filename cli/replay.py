@@ -16,10 +16,9 @@ from hhsim.table.table import Table, number, words
 from .arguments import options, rerun_option
 from .arguments.comma_list import number_list
 from .arguments.free_object import FreeChoice
-from .arguments.method_name import isolate
 from .arguments.object_argument import MeshFile, complete_object
 from .arguments.option_group import GroupedCommand, option, shared
-from .arguments.options import COUNT, Side, ranged
+from .arguments.options import COUNT, Side, isolate, ranged
 from .arguments.tree_choice import TreeOrFile
 from .console import announce_compilation, print_json, print_line, print_notes, print_table, progress
 from .run_again import names_a_result, run_again

@@ -2,7 +2,6 @@
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 from click.core import ParameterSource
@@ -10,9 +9,6 @@ from click.core import ParameterSource
 from hhsim.table.table import Table
 
 from .console import announce_compilation, print_json, print_notes, print_table, progress
-
-if TYPE_CHECKING:
-    from hhsim.replay.repeat import ArrayComparison
 
 TAKEN = ("object_", "as_json", "quiet")
 """Parameters of `hhsim replay` that a second run may have."""
@@ -41,21 +37,20 @@ def run_again(context: click.Context, path: Path, *, as_json: bool, quiet: bool)
         title = f"{path}: {again.ticks:,} ticks run again, {same} of {len(again.arrays)} arrays identical"
         columns = ("array", "is", "ticks that differ", "first", "largest difference", "bound", "unit")
         numbers = ("ticks that differ", "first", "largest difference", "bound")
-        print_table(Table.of_cells(columns, [_row(array) for array in again.arrays], title, numbers=numbers))
+        rows = []
+        for array in again.arrays:
+            found = ("", "", "")
+            if not array.identical:
+                found = (f"{array.ticks:,}", f"{array.first_tick:,}", f"{array.largest:.3g}")
+            bound = "none" if math.isinf(array.bound) else f"{array.bound:g}"
+            rows.append((array.name, array.word, *found, bound, array.units))
+        print_table(Table.of_cells(columns, rows, title, numbers=numbers))
         for note in again.notes:
             print(f"note: {note}")
         print(again.sentence)
     if quiet and not again.identical:
         print_notes([f"{path} is run again: {again.sentence}"], prefix="note" if again.same else "missed")
     return 0 if again.same else 1
-
-
-def _row(array: "ArrayComparison") -> tuple[str, ...]:
-    found = ("", "", "")
-    if not array.identical:
-        found = (f"{array.ticks:,}", f"{array.first_tick:,}", f"{array.largest:.3g}")
-    bound = "none" if math.isinf(array.bound) else f"{array.bound:g}"
-    return array.name, array.word, *found, bound, array.units
 
 
 def _refuse_changes(context: click.Context, path: Path) -> None:

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from hhsim.sweep.sweep import SweepSummary
 
 MOST_FAILURES = 20
-"""Most failures that are printed; all of them are in the folder, and in the JSON document."""
 
 
 @click.command()

@@ -34,7 +34,7 @@ WHY = words("what is claimed; why so much is let pass", lambda claim: "; ".join(
     type=options.COUNT,
     default=None,
     metavar="K",
-    help="Ask the collision library at every K-th tick only. Default: 1 below 10,000 ticks, else 50.",
+    help="Ask the collision library at every K-th tick and at stated maxima. Default: 1 below 10,000 ticks, else 50.",
 )
 @click.option("--why", is_flag=True, help="Show what each claim says, and the reason of its tolerance.")
 @click.option(
@@ -80,17 +80,14 @@ def _print(path: Path, found: "Verification", *, why: bool) -> None:
     print_table(Table(columns, [*failed, *others], str(path)), optional=("looked at",))
     for claim in failed if not why else ():
         print_line(f"FALSE: {claim.name}: {WHY.shown(claim)}")
-    spheres = "" if math.isnan(found.sphere_penetration) else f"spheres {_depth(found.sphere_penetration)}, in the "
-    deep = f"deepest in the {spheres}mesh {_depth(found.mesh_penetration)}"
+    spheres, mesh = 1e6 * found.sphere_penetration, 1e6 * found.mesh_penetration
+    deep = "deepest in the " + ("" if math.isnan(spheres) else f"spheres {spheres:.3f} µm, in the ")
+    deep += "mesh not judged" if math.isnan(mesh) else f"mesh {mesh:.3f} µm"
     false = [claim.name for claim in found.claims if claim.failed]
     verdict = f"FALSE: {', '.join(false)}" if false else "every claim that could be judged holds"
     rest = [claim.name for claim in found.claims if claim.verdict == NOT_JUDGED]
     print_line(f"{found.looked}; {deep}; not judged: {', '.join(rest)}; {verdict}")
     print_notes([f"{claim.name}: {claim.note}" for claim in found.claims if claim.note])
-
-
-def _depth(depth: float) -> str:
-    return "not judged" if math.isnan(depth) else f"{1e6 * depth:.3f} µm"
 
 
 def _two_digits(value: float) -> str:

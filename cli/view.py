@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from hhsim.view.sink import RerunTarget
 
 SLOW, PIXELS = 1.0, 640
-"""Defaults of a film."""
 
 
 @click.command()
@@ -78,7 +77,7 @@ def command(
     """
     if video is None and (slow is not None or pixels is not None):
         raise click.UsageError("--slow and --pixels are of a film: name its file with --video")
-    from hhsim.view.file_kind import file_kind
+    from hhsim.view.gallery import file_kind
 
     kinds = [file_kind(path) for path in files]
     begin = time.perf_counter()
@@ -88,7 +87,10 @@ def command(
             raise click.UsageError("--video is of one result: name one file that hhsim replay or hhsim live wrote")
         document |= _make_video(files[0], video, slow or SLOW, pixels or PIXELS, quiet=quiet or as_json)
     if target is None and video is None:
-        target = _spawned()
+        from hhsim.view.sink import check_target, parse_target
+
+        target = parse_target("spawn")
+        check_target(target)
     if target is not None:
         if kinds == ["result"]:
             document |= _view_result(files[0], target, every, spheres=spheres, quiet=quiet, as_json=as_json)
@@ -96,14 +98,6 @@ def command(
             document |= _view_files(files, target, every, unit or "m", spheres=spheres, quiet=quiet, as_json=as_json)
     if as_json:
         print_json({**document, "seconds": time.perf_counter() - begin})
-
-
-def _spawned() -> "RerunTarget":
-    from hhsim.view.sink import check_target, parse_target
-
-    target = parse_target("spawn")
-    check_target(target)
-    return target
 
 
 def _make_video(path: Path, video: Path, slow: float, pixels: int, *, quiet: bool) -> dict[str, object]:

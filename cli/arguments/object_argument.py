@@ -27,11 +27,12 @@ class MeshSize(OptionGroup, heading="Mesh file"):
     unit: str | None = option(type=UNITS, help="Length unit of a mesh file, which does not state it. Default: m.")
     size: float | None = ranged("size", "MM", "Scale a mesh file to this longest extent [mm], whatever its unit.", 1e-3)
 
-    def read(self, object_: str) -> tuple["Mesh", int]:
-        """Load the mesh [m] of OBJECT, and its usual tree level; errors as `hhsim.mesh.catalogue.resolve_object`."""
+    def read(self, object_: str, *, solid: bool = True) -> tuple["Mesh", int]:
+        """Load the mesh [m] of OBJECT, and its usual tree level, as `hhsim.mesh.catalogue.resolve_object`."""
         from hhsim.mesh.catalogue import resolve_object
 
-        return resolve_object(object_, self.unit, metres(self.size))
+        thickness = metres(getattr(self, "thickness", None))
+        return resolve_object(object_, self.unit, metres(self.size), thickness, solid)
 
 
 class MeshFile(MeshSize):
@@ -40,12 +41,6 @@ class MeshFile(MeshSize):
     thickness: float | None = ranged(
         "thickness", "MM", "Make each open part of a mesh file a sheet this thick [mm], instead of closing it.", 1e-3
     )
-
-    def read(self, object_: str, *, solid: bool = True) -> tuple["Mesh", int]:
-        """Load the mesh as `MeshSize.read`; without `solid` its triangles stay as they are."""
-        from hhsim.mesh.catalogue import resolve_object
-
-        return resolve_object(object_, self.unit, metres(self.size), metres(self.thickness), solid)
 
     def unit_length(self, object_: str) -> float:
         """Return the length [m] of the mesh's unit, for a file of its sphere tree."""

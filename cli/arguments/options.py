@@ -4,12 +4,13 @@ from pathlib import Path
 from typing import Any, Literal
 
 import click
+from click.shell_completion import CompletionItem
 
+from hhsim.errors import UnknownNameError
 from hhsim.ranges import RANGES
 from hhsim.solver.method import METHODS
 from hhsim.solver.surface import SURFACES
 
-from .method_name import MethodName
 from .option_group import OptionGroup, option, shared
 
 FILE = click.Path(path_type=Path)
@@ -19,9 +20,33 @@ JOBS = click.IntRange(1, 4096)
 SIDES = click.Choice(["right", "left"])
 UNITS = click.Choice(["m", "cm", "mm", "inch"])
 OWN_METHODS = "; ".join(f"{name}: {known.summary}" for name, known in METHODS.items())
-"""hhsim's own methods, for help texts."""
 
 Side = Literal["right", "left"]
+
+
+class MethodName(click.ParamType[str]):
+    """A name that `hhsim methods` lists, or `package.module:Class`."""
+
+    name = "method"
+
+    def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str:
+        """Return hhsim's own methods by name for the help."""
+        return f"[{'|'.join(METHODS.names())}|NAME]"
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Return the name, or fail; a class is judged when it is imported."""
+        if value not in METHODS and ":" not in value:
+            from hhsim.solver.method_names import method_names
+
+            if value not in method_names():
+                self.fail(str(UnknownNameError("method", value, method_names())), param, ctx)
+        return value
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        """Complete the names."""
+        from hhsim.solver.method_names import method_names
+
+        return [CompletionItem(name) for name in method_names() if name.startswith(incomplete)]
 
 
 class Number(click.FloatRange):
@@ -106,6 +131,13 @@ picture = click.option(
     callback=_check_picture,
     metavar="FILE",
     help="Picture file. Default: beside the table, as .png.",
+)
+
+
+isolate = click.option(
+    "--isolate",
+    is_flag=True,
+    help="Run a method from outside in its own process; isolated: before its name says the same.",
 )
 
 

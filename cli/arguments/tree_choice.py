@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from hhsim.trees.sphere_tree import SphereTree
 
 AUTO = 0
-"""Value of `--level auto`."""
 LEAST_ERROR = 1e-6
 """Least --max-error [m]."""
 METRES = {"": 1e-3, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "m": 1.0}
@@ -66,7 +65,7 @@ class TreeChoice(OptionGroup, heading="Sphere tree"):
     max_error: float | None = option(
         callback=read_length,
         metavar="LENGTH",
-        help="Take the coarsest level whose spheres protrude by at most this: 0.3mm, 300um, or a number in mm.",
+        help="Take the coarsest level whose spheres protrude by at most this: 0.3mm, 300um or 0.3 (mm).",
     )
 
     def choose(self, mesh: "Mesh", usual_level: int, report: Progress, *, solid: bool = True) -> ChosenTree:

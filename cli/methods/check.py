@@ -5,13 +5,12 @@ import click
 from hhsim.table.table import Table, words
 
 from ..arguments import options
-from ..arguments.method_name import isolate
 from ..console import announce_compilation, print_json, print_line, print_table
 
 
 @click.command()
 @click.argument("name")
-@isolate
+@options.isolate
 @options.json
 def command(name: str, isolate: bool, as_json: bool) -> int:
     """Tell what is wrong with a method from outside.

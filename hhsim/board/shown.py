@@ -13,7 +13,6 @@ from hhsim.replay.repeated_times import digits_with
 from hhsim.table.table import Table, number, shown, words
 
 MARK = "●"
-"""Mark of the frontier."""
 LEGEND = (
     f"{MARK}: none that did the same scenes on the same machine is faster (p50, the median over scenes) and as "
     "good in depth and contacts off the mesh, each in its worst scene, and in energy over the optimum. Errors "

@@ -101,8 +101,12 @@ def _groups(entries: Iterable[Entry]) -> dict[tuple[str, ...], list[Entry]]:
 
 def _standing(key: tuple[str, ...], entries: Sequence[Entry], failed: Iterable[Entry]) -> Standing:
     machine, method, surface, name, options = key
-    p50, p50_std = _mean_of(_timed(entries, "tick_cpu_p50"), middle=True)
-    p99, p99_std = _mean_of(_timed(entries, "tick_cpu_p99"), middle=False)
+    times = {
+        name: sorted((one.figures[name], one.deviations.get(name, NAN)) for one in entries if name in one.figures)
+        for name in ("tick_cpu_p50", "tick_cpu_p99")
+    }
+    p50, p50_std = _mean_of(times["tick_cpu_p50"], middle=True)
+    p99, p99_std = _mean_of(times["tick_cpu_p99"], middle=False)
     return Standing(
         method=method,
         surface=surface,
@@ -122,11 +126,6 @@ def _standing(key: tuple[str, ...], entries: Sequence[Entry], failed: Iterable[E
         p50_std=p50_std,
         p99_std=p99_std,
     )
-
-
-def _timed(entries: Iterable[Entry], name: str) -> list[tuple[float, float]]:
-    """Return the time and its deviation of each run that has it, in order."""
-    return sorted((one.figures[name], one.deviations.get(name, NAN)) for one in entries if name in one.figures)
 
 
 def _mean_of(times: Sequence[tuple[float, float]], *, middle: bool) -> tuple[float, float]:

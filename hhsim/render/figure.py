@@ -70,7 +70,6 @@ VECTOR = {
     # Else the names of clipping paths are random.
     "svg.hashsalt": "hhsim report",
 }
-"""Settings of matplotlib for a file in which lines stay lines."""
 
 
 def vector_bytes(figure: "Figure", kind: str, title: str) -> bytes:

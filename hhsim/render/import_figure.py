@@ -30,7 +30,6 @@ BANDS: tuple[tuple[str, SampleFlag, str], ...] = (
     ("device unsure, estimated", SampleFlag.INVALID | SampleFlag.ESTIMATED, "#999999"),
     ("quaternion turned or scaled", SampleFlag.FLIPPED | SampleFlag.RENORMALISED, "#009E73"),
 )
-"""Rows of the strip of flags: label, flags, colour."""
 
 
 def draw_import(recording: Recording, motion: Trajectory, path: Path) -> None:
@@ -93,11 +92,11 @@ def _panel(
     for column, name in enumerate(names):
         axes.plot(time_out, went[:, column], color=COLOURS[column], linewidth=1.0, label=name)
     low, high = float(np.min(went)), float(np.max(went))
-    room = 0.35 * max(high - low, 1.0)
+    margin = 0.35 * max(high - low, 1.0)
     # Outliers leave the panel rather than flatten it.
     shown = came[np.isfinite(came)]
-    inside = shown[(shown > low - 3 * room) & (shown < high + 3 * room)]
-    axes.set_ylim(min(low, inside.min(initial=low)) - 0.2 * room, max(high, inside.max(initial=high)) + 0.2 * room)
+    inside = shown[(shown > low - 3 * margin) & (shown < high + 3 * margin)]
+    axes.set_ylim(min(low, inside.min(initial=low)) - 0.2 * margin, max(high, inside.max(initial=high)) + 0.2 * margin)
     axes.set_xlim(time_out[0], time_out[-1])
     axes.set_ylabel(label)
     axes.grid(color="0.92")

@@ -221,7 +221,6 @@ def _cases(runs: PaperRuns, methods: Sequence[str]) -> "Figure":
 
 
 GLASS = 0.4
-"""Opacity of the haptic hand."""
 AZIMUTHS, ELEVATIONS = range(0, 360, 45), (15.0, 50.0)
 """Views that are tried [degrees]."""
 TRIAL = (48, 48)

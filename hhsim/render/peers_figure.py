@@ -58,7 +58,7 @@ def draw_peers(path: Path, rows: Sequence[Row]) -> None:
     )
     figure.text(0.01, 0.01, note, fontsize=9, color="0.35")
     figure.tight_layout(rect=(0.0, 0.06, 1.0, 1.0))
-    # Where there is room for a label is known when the panels have their places.
+    # Free places for labels are known when the panels have their places.
     for axes, texts in labels.items():
         _spread(axes, texts)
     save_figure(figure, path)

@@ -5,7 +5,7 @@ matplotlib sorts triangles by their middles, which fails where bodies touch; her
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -256,39 +256,30 @@ def rasterise(
     rows, columns = shape
     depth, owner = np.full(rows * columns, -np.inf), np.full(rows * columns, -1, dtype=np.int64)
     weights = _weights(screen[faces])
-    spans = _spans(screen[faces], weights, shape)
+    face, line, left, length = _spans(screen[faces], weights, shape)
     # Towards the viewer along a row of pixels, as along any line in a triangle, goes evenly.
     z = towards[faces]
-    slope = np.einsum("mk,mk->m", weights[:, :, 0], z)[spans.face]
-    start = np.einsum("mk,mk->m", weights[:, :, 2], z)[spans.face]
-    start += np.einsum("mk,mk->m", weights[:, :, 1], z)[spans.face] * spans.row
-    ends = np.cumsum(spans.length)
+    slope = np.einsum("mk,mk->m", weights[:, :, 0], z)[face]
+    start = np.einsum("mk,mk->m", weights[:, :, 2], z)[face]
+    start += np.einsum("mk,mk->m", weights[:, :, 1], z)[face] * line
+    ends = np.cumsum(length)
     done = 0
     while done < len(ends):
         before = ends[done - 1] if done else 0
         part = slice(done, max(done + 1, int(np.searchsorted(ends, before + PIXELS, side="right"))))
         done = part.stop
-        span = np.repeat(np.arange(part.start, part.stop), spans.length[part])
-        column = spans.column[span] + count_up(spans.length[part])
-        pixel = spans.row[span] * columns + column
+        span = np.repeat(np.arange(part.start, part.stop), length[part])
+        column = left[span] + count_up(length[part])
+        pixel = line[span] * columns + column
         value = start[span] + slope[span] * column
         np.maximum.at(depth, pixel, value)
         nearest = value == depth[pixel]
-        owner[pixel[nearest]] = spans.face[span[nearest]]
+        owner[pixel[nearest]] = face[span[nearest]]
     seen = np.flatnonzero(owner >= 0)
     row, column = np.divmod(seen, columns)
     parts = weights.reshape(-1, 9).T[:, owner[seen]].reshape(3, 3, -1)
     weight = parts[:, 0] * column + parts[:, 1] * row + parts[:, 2]
     return depth.reshape(shape), weight, owner.reshape(shape)
-
-
-class _Spans(NamedTuple):
-    """Rows of pixels of triangles: triangle, row, first column and length, shapes (s,)."""
-
-    face: IntArray
-    row: IntArray
-    column: IntArray
-    length: IntArray
 
 
 def _weights(corners: FloatArray) -> FloatArray:
@@ -305,8 +296,11 @@ def _weights(corners: FloatArray) -> FloatArray:
     return weights * np.divide(1.0, area, out=np.zeros_like(area), where=seen)[:, None, None]
 
 
-def _spans(corners: FloatArray, weights: FloatArray, shape: tuple[int, int]) -> _Spans:
-    """Return the pixels whose middles lie in triangles, from corners [pixels], shape (m, 3, 2), and `_weights`."""
+def _spans(corners: FloatArray, weights: FloatArray, shape: tuple[int, int]) -> tuple[IntArray, ...]:
+    """Return the rows of pixels whose middles lie in triangles: triangle, row, first column and length, shapes (s,).
+
+    `corners` are in pixels, shape (m, 3, 2), `weights` as from `_weights`.
+    """
     rows, columns = shape
     low = np.clip(np.ceil(corners[:, :, 1].min(axis=1) - EDGE), 0, rows).astype(np.int64)
     high = np.clip(np.floor(corners[:, :, 1].max(axis=1) + EDGE), -1, rows - 1).astype(np.int64)
@@ -323,4 +317,4 @@ def _spans(corners: FloatArray, weights: FloatArray, shape: tuple[int, int]) -> 
     column = np.ceil(left - EDGE).astype(np.int64)
     length = np.floor(right + EDGE).astype(np.int64) - column + 1
     some = length > 0
-    return _Spans(face[some], row[some], column[some], length[some])
+    return face[some], row[some], column[some], length[some]

@@ -37,7 +37,6 @@ Picture = NDArray[np.uint8]
 
 SUFFIXES = (".gif", ".mp4")
 ASPECT = 0.75
-"""Height over width."""
 LEAST_WIDTH, MOST_WIDTH = 160, 1920
 MOST_FRAMES = 20_000
 FRAMED = 40

@@ -12,7 +12,6 @@ from hhsim.render.triangle_soup import Surface
 AZIMUTHS, ELEVATIONS = tuple(range(0, 360, 30)), (10.0, 35.0)
 """Views that are tried [degrees]."""
 CELLS = 48
-"""Rows and columns of a trial view."""
 GAIN = 0.5
 """Score, of at most about 2.5, by which another view must be better than the usual one."""
 POINTS = 10_000

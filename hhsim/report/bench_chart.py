@@ -1,15 +1,16 @@
 """Chart of a table of `hhsim bench`."""
 
+import json
 import math
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from hhsim.bench.table import BenchTable, Cell
-from hhsim.report.figure import GRID, LIMIT, SOFT, Drawing, ReportFigure, drawn_figure, panel_title, run_style
+from hhsim.report.figure import GRID, LIMIT, SOFT, Album, Drawing, ReportFigure, drawn_figure, panel_title, run_style
 from hhsim.system.counted import counted
-from hhsim.table.table import unit_size
+from hhsim.table.table import Column, Table, unit_size, words
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -94,7 +95,6 @@ CHARTS: Mapping[str, Chart] = {
     "mesh-size": Chart("Time of a tick by triangles", x="triangles", y="tick_p50"),
     "threads": Chart("Wall time of a tick by threads", ("case",), x="threads", y="total"),
 }
-"""Chart of each suite."""
 
 
 def bench_figure(found: BenchTable) -> ReportFigure | None:
@@ -246,3 +246,36 @@ def shown_unit(found: BenchTable, name: str) -> str:
     sizes = [abs(float(row[name])) for row in found.rows if isinstance(row[name], int | float)]
     largest = max((size for size in sizes if math.isfinite(size)), default=0.0)
     return next((unit for unit in SMALLER.get(own, ()) if largest >= unit_size(unit)), own)
+
+
+def bench_section(found: BenchTable, name: str, album: Album, prefix: str = "") -> dict[str, Any]:
+    """Return what the page shows of a table, by the names of its template; `prefix` goes before its chart's name."""
+    made = {str(key): str(value) for key, value in found.attributes.items()}
+    machine = json.loads(made.get("machine", "{}"))
+    about = f"{name}, written {made.get('created_utc', 'at an unknown time')} by hhsim {made.get('hhsim_version', '')}"
+    where = f", on {machine['cpu']}" if machine.get("cpu") else ""
+    chart = bench_figure(found)
+    columns = [_shown(column, found) for column in found.columns]
+    same = [column for column in columns if len({*map(column.shown, found.rows)}) == 1 < len(found.rows)]
+    alike = (words("column", "heading"), words("value", lambda column: column.shown(found.rows[0])))
+    options = [(key, json.dumps(value, ensure_ascii=False)) for key, value in found.options.items()]
+    caption = f"{counted(len(found.rows), 'row')} of hhsim bench {found.suite}"
+    return {
+        "heading": f"hhsim bench {found.suite}",
+        "about": f"{about}{where}.",
+        "chart": None if chart is None else album.shown(chart, prefix),
+        "whole": Table([column for column in columns if column not in same], found.rows, caption),
+        "more": {
+            "The same in all rows": Table(alike, same, "Columns with one value"),
+            "What the columns mean": Table((words("column", "name"), words("meaning", "says")), columns, "Columns"),
+            "Its options": Table.of_cells(("option", "value"), options, "Its options"),
+        },
+    }
+
+
+def _shown(column: Column, found: BenchTable) -> Column:
+    """Return a column as people read it."""
+    values = [row[column.name] for row in found.rows]
+    is_number = any(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
+    unit = shown_unit(found, column.name)
+    return replace(column, name=column.name.replace("_", " "), of=column.name, unit=unit, is_number=is_number)

@@ -173,12 +173,12 @@ def gridded(axes: "Axes") -> None:
     axes.tick_params(length=3.0)
 
 
-def legend_names(labels: Sequence[str], room: float) -> tuple[list[str], int]:
-    """Return names for a legend `room` [inches] wide, cut to fit a line, and how many of them fit a line."""
-    most = max(2, int((room - SIGN) / LETTER))
+def legend_names(labels: Sequence[str], width: float) -> tuple[list[str], int]:
+    """Return names for a legend `width` [inches] wide, cut to fit a line, and how many of them fit a line."""
+    most = max(2, int((width - SIGN) / LETTER))
     names = [label if len(label) <= most else f"{label[: most - 1]}…" for label in labels]
     longest = max(map(len, names), default=1)
-    return names, max(1, min(len(names), int(room / (SIGN + LETTER * longest))))
+    return names, max(1, min(len(names), int(width / (SIGN + LETTER * longest))))
 
 
 def panel_title(axes: "Axes", text: str, up: float, left: float = LEFT - 0.06) -> None:

@@ -25,12 +25,10 @@ FIGURES: Mapping[str, Callable[[Mapping[str, Result]], ReportFigure]] = {
     "speed-error": speed_error_figure,
     "hand": lambda results: _hand(results),
 }
-"""Makers of the figures by their names on the command line."""
 TABLE_FIGURE, TIMED_ERRORS = "speed-error", ("speed-error", "peers")
 """The figure that tables of `hhsim bench` have, and the suites that have it."""
 FORMATS = (".pdf", ".svg", ".png")
 UNITS = {"mm": 25.4, "cm": 2.54, "in": 1.0}
-"""Lengths of an inch."""
 LEAST_WIDTH, MOST_WIDTH = 50.0, 600.0
 """Widths of a figure [mm]."""
 NARROW = 6.4

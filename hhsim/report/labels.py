@@ -100,7 +100,6 @@ CAUSED = {
 AROUND = ("source", "hhsim", "commit", "cpu")
 """Words for results that were run in the same way."""
 MOST_WORDS = 3
-"""Most options in a label."""
 
 
 def _telling(options: Sequence[dict[str, str]]) -> list[list[str]]:

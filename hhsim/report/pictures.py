@@ -20,8 +20,7 @@ from hhsim.render.triangle_soup import Surface, hand_surface, joined, mesh_surfa
 from hhsim.render.viewpoint import View, viewpoint
 from hhsim.report.figure import DPI, INK, TEXT, Drawing, ReportFigure, drawn_figure, new_figure, png_bytes
 from hhsim.result.reader import Result, load_result
-from hhsim.view.decimation import ShownTicks, shown_ticks
-from hhsim.view.plots import palm_force
+from hhsim.view.plots import ShownTicks, palm_force, shown_ticks
 from hhsim.view.scene_log import force_places
 from hhsim.view.viewer import shown_scene
 
@@ -212,8 +211,8 @@ def _show(axes: "Axes", picture: FloatArray, moment: Moment, camera: Camera, why
     axes.set_axis_off()
     if why:
         seen = (moment.contacts.point - camera.center) @ camera.rotation.T * (camera.shape[0] / camera.height)
-        across, down = 0.5 * camera.shape[1] + seen[:, 0], 0.5 * camera.shape[0] - seen[:, 1]
-        axes.scatter(across, down, s=9.0, facecolor=DOT, edgecolor="white", linewidth=0.5, zorder=3)
+        x, y = 0.5 * camera.shape[1] + seen[:, 0], 0.5 * camera.shape[0] - seen[:, 1]
+        axes.scatter(x, y, s=9.0, facecolor=DOT, edgecolor="white", linewidth=0.5, zorder=3)
         label(axes, moment.forces, camera, size=size, pixel=100.0 / RENDER_DPI)
     rows, columns = camera.shape
     long, left, down = BAR * rows / camera.height, 0.04 * columns, 0.95 * rows

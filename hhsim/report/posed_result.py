@@ -17,7 +17,6 @@ DEPTH, PALM, FINGER = "penetration_depth", "penetration_palm", "penetration_fing
 """Datasets of /tick that follow from the poses."""
 POSES = ("graphic/joints", "graphic/position", "graphic/orientation")
 BLOCK_TICKS = 16_384
-"""Ticks that are read at a time."""
 ROUNDING = 1e-9
 """Depths that differ by no more are the same [m]."""
 
@@ -67,14 +66,16 @@ def posed_result(result: Result) -> PosedResult:
         InputError: The file cannot be read, or its tree is damaged.
     """
     result = result.seen_from_object
-    sizes = [result.static[f"hand/{name}"] for name in ("phalanx_radius", "palm_center", "palm_radius")]
+    sizes = ("phalanx_radius", "palm_center", "palm_radius")
+    phalanx, center, palm = (result.static[f"hand/{name}"] for name in sizes)
     surface = stored_surface(result).arrays
     used = [finger in result.fingers for finger in FINGERS]
     depths = {name: np.empty(result.ticks) for name in (DEPTH, PALM)} | {FINGER: np.empty((result.ticks, len(FINGERS)))}
     stated, first = 0.0, 0
     for block in result.blocks([*POSES, DEPTH], BLOCK_TICKS):
         count = len(block[DEPTH])
-        found = penetration(surface, *sizes, *(block[name] for name in POSES), used)
+        joints, position, orientation = (block[name] for name in POSES)
+        found = penetration(surface, phalanx, center, palm, joints, position, orientation, used)
         part = slice(first, first + count)
         finite = np.logical_and.reduce([np.isfinite(block[name]).reshape(count, -1).all(1) for name in POSES])
         for name, values in ((DEPTH, found.depth), (PALM, found.palm), (FINGER, found.finger)):

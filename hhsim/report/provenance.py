@@ -21,7 +21,6 @@ AS_GIVEN = "as the motion has it"
 DRIVEN = "moves as the motion has it; figures and pictures are seen from it"
 FORCES = {"kkt": "multipliers of the program (kkt)", "paper": "Eq. 14 of the paper"}
 COUPLING = {"translation": "N/m", "rotation": "N·m/rad", "flexion": "N·m/rad"}
-"""Units of the stiffnesses of the virtual coupling."""
 
 
 def run_facts(result: Result) -> dict[str, str]:

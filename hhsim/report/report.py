@@ -10,7 +10,7 @@ from hhsim import __version__
 from hhsim.bench import table as bench_file
 from hhsim.errors import InputError, OutputError
 from hhsim.metrics.session_faults import how_it_ended
-from hhsim.report.bench_section import bench_section
+from hhsim.report.bench_chart import bench_section
 from hhsim.report.compare import Comparison, compare
 from hhsim.report.figure import Album, PageFigure
 from hhsim.report.histogram import histogram_figure
@@ -39,9 +39,7 @@ FIGURES = (
     ("ticks", "How long a tick takes", histogram_figure),
     ("speed-error", "Speed against error", speed_error_figure),
 )
-"""Anchor, heading and maker of the figures that show all results together."""
 HANDS = "Skin: graphic hand. Blue: haptic hand. Dots: contacts. Red: forces; the object is see-through."
-"""Note below the hands of several results."""
 CUT_OBJECT = "An object that is much larger than the hand is cut at a clean edge near it."
 
 
@@ -240,7 +238,6 @@ def _head(page: Path) -> str:
 
 
 MOST_NAMED = 4
-"""Most results, or scenes, that the title names."""
 
 
 def title_of(runs: Sequence[ReportRun], tables: Sequence[str]) -> str:

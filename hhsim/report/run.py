@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from hhsim.live.session.summary_table import session_rows
 from hhsim.metrics.session_faults import broken_off
@@ -10,14 +11,7 @@ from hhsim.replay.verdict import MISSED, OK, Verdict, verdict
 from hhsim.report.labels import UNNAMED, result_labels
 from hhsim.report.posed_result import PosedResult, posed_result
 from hhsim.report.provenance import motion_name, object_name
-from hhsim.report.tick_table import (
-    FingerFigures,
-    PhaseFigures,
-    figure_table,
-    finger_figures,
-    phase_figures,
-    report_ticks,
-)
+from hhsim.report.tick_table import figure_table, finger_figures, phase_figures, report_ticks
 from hhsim.result.reader import Result
 
 
@@ -40,8 +34,8 @@ class ReportRun:
     rows: tuple[SummaryRow, ...]
     misstated: str
     session: tuple[SummaryRow, ...]
-    phases: tuple[PhaseFigures, ...]
-    fingers: tuple[FingerFigures, ...]
+    phases: tuple[dict[str, Any], ...]
+    fingers: tuple[dict[str, Any], ...]
     verdict: Verdict
 
     @property

@@ -20,13 +20,11 @@ from hhsim.result.reader import Result
 from hhsim.table.table import MISSING, Marked, Table, number, words
 
 MOST_PHASES = 100
-"""Most phases that are shown of a result."""
 MOST_EVENTS = 60
-"""Most lines of a session's log that are shown."""
 EVENT_LEVELS = ("information", "warning", "fault")
 PHASE_COLUMNS = (
     words("phase", "name"),
-    number("ticks", lambda phase: f"{phase.first:,} to {phase.last:,}"),
+    number("ticks", lambda phase: f"{phase['first']:,} to {phase['last']:,}"),
     number("time", "seconds", "s", 3),
     number("CPU p50 [µs]", "cpu_p50", digits=1),
     number("CPU p99 [µs]", "cpu_p99", digits=1),
@@ -205,7 +203,6 @@ KEY_FIGURES: Sequence[Mapping[str, str]] = (
 )
 """Run metrics that may stand in each column, with short headings: the first that most results have is shown."""
 SHOWN_WORDS = (BETTER, WORSE, WITHIN, NOT_COMPARABLE)
-"""Words that stand below a figure."""
 
 
 def key_table(runs: Sequence[ReportRun], comparisons: Sequence[Comparison]) -> Table:

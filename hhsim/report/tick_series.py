@@ -15,10 +15,9 @@ from hhsim.view.plots import force_values
 SingleArray = NDArray[np.float32]
 
 BLOCK = 16_384
-"""Ticks that are read at a time."""
 FORCES = ("resultant", *FINGERS, "palm")
 """Columns of `ReportColumns.force`."""
-TOLD = f"{LIVE_TICK}/command_stiffness"
+STIFFNESS = f"{LIVE_TICK}/command_stiffness"
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +31,7 @@ class ReportColumns:
         depth: Deepest penetration [m].
         variation: One-tick change of the total force's size [%]; NaN where undefined.
         force: Sizes of forces by `FORCES` [N], shape (T, 7).
-        told: Stiffness sent to each finger, 0 free to 1, shape (T, 5); None of a replay.
+        stiffness: Stiffness sent to each finger, 0 free to 1, shape (T, 5); None of a replay.
     """
 
     time: FloatArray
@@ -42,7 +41,7 @@ class ReportColumns:
     depth: SingleArray
     variation: SingleArray
     force: SingleArray
-    told: SingleArray | None = None
+    stiffness: SingleArray | None = None
 
     @property
     def ticks(self) -> int:
@@ -65,20 +64,20 @@ def report_columns(result: Result) -> ReportColumns:
     time = np.empty(result.ticks)
     single = {name: np.empty(result.ticks, np.float32) for name in SCALES}
     force = np.empty((result.ticks, len(FORCES)), np.float32)
-    told = np.empty((result.ticks, len(FINGERS)), np.float32) if result.live is not None else None
+    stiffness = np.empty((result.ticks, len(FINGERS)), np.float32) if result.live is not None else None
     first = 0
     names = ["time", "force/phalanx", "force/total", *(dataset for dataset, _ in SCALES.values())]
-    names += [TOLD] if told is not None else []
+    names += [STIFFNESS] if stiffness is not None else []
     for block in result.blocks(names, BLOCK):
         part = slice(first, first + len(block["time"]))
         time[part] = block["time"]
         for name, (dataset, scale) in SCALES.items():
             single[name][part] = scale * block[dataset]
         force[part] = force_values(block["force/phalanx"], block["force/total"])
-        if told is not None:
-            told[part] = block[TOLD]
+        if stiffness is not None:
+            stiffness[part] = block[STIFFNESS]
         first = part.stop
-    return ReportColumns(time=time, force=force, told=told, **single)
+    return ReportColumns(time=time, force=force, stiffness=stiffness, **single)
 
 
 class MinMaxBand(NamedTuple):

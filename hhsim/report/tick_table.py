@@ -1,7 +1,7 @@
 """Tables that a report computes of a result's ticks, read block by block: figures, phases, fingers."""
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,7 +17,6 @@ from hhsim.scene.motion_catalogue import of_the_paper
 from hhsim.solver.method import EVERYTHING, TIMES
 
 BLOCK_TICKS = 16_384
-"""Ticks that are read at a time."""
 SAME = 1e-9
 """Relative difference [SI, %] up to which figures are the same: sums in another order differ by less."""
 PHASE_COLUMNS = (
@@ -26,53 +25,6 @@ PHASE_COLUMNS = (
 )
 """Datasets of /tick that the line of a phase is computed from."""
 FORCE = "force/phalanx"
-"""Dataset of /tick that the line of a finger is computed from."""
-
-
-class PhaseFigures(NamedTuple):
-    """One phase; NaN where undefined.
-
-    Attributes:
-        first, last: Its first and last tick.
-        seconds: Duration [s].
-        cpu_p50, cpu_p99: CPU time of its ticks in contact [µs].
-        depth: Deepest penetration [µm].
-        force: Mean size of the total force [N].
-        variation: Mean one-tick change of that size [%].
-        candidates: Most pairs.
-        stuck, lagging: Number of ticks.
-    """
-
-    name: str
-    first: int
-    last: int
-    seconds: float
-    cpu_p50: float
-    cpu_p99: float
-    depth: float
-    force: float
-    variation: float
-    candidates: int
-    stuck: int
-    lagging: int
-
-
-class FingerFigures(NamedTuple):
-    """One finger; NaN where it never bears a force.
-
-    Attributes:
-        ticks: Number of ticks in which it bears a force.
-        mean, largest: Size of the sum of its phalanges' forces in these ticks [N].
-        step: Largest one-tick change of that sum as a vector [N], a touch that begins or ends included.
-        ripple: RMS of that sum between 50 and 400 Hz, in the worst quarter of a second [N].
-    """
-
-    name: str
-    ticks: int
-    mean: float
-    largest: float
-    step: float
-    ripple: float
 
 
 def report_ticks(result: Result) -> RunTicks:
@@ -121,8 +73,11 @@ def figure_table(result: Result, ticks: RunTicks) -> FigureTable:
     return FigureTable(rows, text)
 
 
-def phase_figures(result: Result, ticks: RunTicks) -> list[PhaseFigures]:
-    """Return a line for each phase, or one for all ticks without a phase; none without a tick."""
+def phase_figures(result: Result, ticks: RunTicks) -> list[dict[str, Any]]:
+    """Return a line for each phase, or one for all ticks without a phase; none without a tick.
+
+    CPU times are those of ticks in contact [µs], depth is in [µm], force the mean size of the total force [N].
+    """
     if result.ticks == 0:
         return []
     spans = [(phase.name, phase.first_tick, min(phase.last_tick, result.ticks - 1)) for phase in result.phases]
@@ -134,26 +89,30 @@ def phase_figures(result: Result, ticks: RunTicks) -> list[PhaseFigures]:
         cpu = metrics.tick_statistics(ticks["duration/total_cpu"][part][timed])
         force = metrics.statistics(np.linalg.norm(ticks["force/total"][part], axis=1))
         found.append(
-            PhaseFigures(
-                name,
-                first,
-                last,
-                (last - first + 1) / result.rate,
-                cpu.p50,
-                cpu.p99,
-                1e6 * metrics.statistics(ticks["penetration_depth"][part]).max,
-                force.mean,
-                metrics.statistics(ticks["force_variation_rate"][part]).mean,
-                int(candidates.max(initial=0)),
-                int(np.sum(status & STATUS_STUCK > 0)),
-                int(np.sum(status & STATUS_LAG > 0)),
-            )
+            {
+                "name": name,
+                "first": first,
+                "last": last,
+                "seconds": (last - first + 1) / result.rate,
+                "cpu_p50": cpu.p50,
+                "cpu_p99": cpu.p99,
+                "depth": 1e6 * metrics.statistics(ticks["penetration_depth"][part]).max,
+                "force": force.mean,
+                "variation": metrics.statistics(ticks["force_variation_rate"][part]).mean,
+                "candidates": int(candidates.max(initial=0)),
+                "stuck": int(np.sum(status & STATUS_STUCK > 0)),
+                "lagging": int(np.sum(status & STATUS_LAG > 0)),
+            }
         )
     return found
 
 
-def finger_figures(result: Result, ticks: RunTicks) -> list[FingerFigures]:
-    """Return a line for each finger, thumb to little finger; none without a tick."""
+def finger_figures(result: Result, ticks: RunTicks) -> list[dict[str, Any]]:
+    """Return a line for each finger, thumb to little finger; none without a tick.
+
+    All are of the sum of its phalanges' forces [N]: size in the ticks that bear one, largest one-tick change as a
+    vector, and RMS between 50 and 400 Hz in the worst quarter of a second.
+    """
     # Summed block by block: the forces on all phalanges of a long session do not fit into memory.
     sums = [block[FORCE].sum(axis=2) for block in result.blocks([FORCE], BLOCK_TICKS)]
     if not sums:
@@ -165,5 +124,6 @@ def finger_figures(result: Result, ticks: RunTicks) -> list[FingerFigures]:
         of_touch = metrics.statistics(size, touch)
         step = metrics.contact_force_step(force, touch, ticks.breaks)
         ripple = metrics.worst_force_ripple(force, ticks.rate, ticks.breaks) if touch.any() else math.nan
-        found.append(FingerFigures(name, int(touch.sum()), of_touch.mean, of_touch.max, step, ripple))
+        figures = {"mean": of_touch.mean, "largest": of_touch.max, "step": step, "ripple": ripple}
+        found.append({"name": name, "ticks": int(touch.sum()), **figures})
     return found

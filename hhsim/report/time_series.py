@@ -44,8 +44,7 @@ if TYPE_CHECKING:
 
 PAIRS = ("within the margin", "touching")
 FORCE_COLORS = (INK, *FINGER_COLORS, SKY)
-"""Colours of `FORCES`."""
-AS_THEY_ARE = 6_000
+MOST_POINTS = 6_000
 """Most ticks that are drawn point by point; a longer run is drawn as a band."""
 STRETCHES = 700
 """Number of stretches of the axis in a band."""
@@ -55,7 +54,7 @@ PAPER_VARIATION = 0.18
 """One-tick change of the force in a hold that the paper states, at 1 kHz [%]."""
 MARK_LETTERS = 6
 """Letters of a mark's word, with the gap to its line."""
-MOST_TOLD = 10
+MOST_MARKS = 10
 """Most marks that the alternative text lists."""
 COUNTS = {5: "Five", 6: "Six", 7: "Seven", 8: "Eight"}
 GREY_LINE = "#8c959f"
@@ -114,8 +113,8 @@ def series_figure(results: Mapping[str, Result]) -> ReportFigure:
         Panel(f"penetration of the {surface} [{depth_unit}]", 0.75, partial(_draw_depth, scale=depth_scale)),
         Panel("change of the force in one tick [%]", 1.0, _draw_variation),
     )
-    if any(run.columns.told is not None for run in runs):
-        panels += (Panel("stiffness told to the fingers, 0 to 1", 0.95, _draw_told, FINGERS if alone else ()),)
+    if any(run.columns.stiffness is not None for run in runs):
+        panels += (Panel("stiffness told to the fingers, 0 to 1", 0.95, _draw_stiffness, FINGERS if alone else ()),)
     if any(run.free for run in runs):
         panels += (
             Panel("rise of the object [mm]", 0.75, _draw_rise),
@@ -198,7 +197,7 @@ def _curve(
     axes: "Axes", run: Run, values: Any, color: str, dashes: str = "-", label: str = "", width: float = 0.9
 ) -> None:
     at = _at(run)
-    if len(at) <= AS_THEY_ARE:
+    if len(at) <= MOST_POINTS:
         axes.plot(at, values, color=color, linestyle=dashes, linewidth=width, label=label)
         return
     band = minmax_band(at, values, STRETCHES)
@@ -304,13 +303,17 @@ def _draw_variation(axes: "Axes", runs: Sequence[Run]) -> None:
         )  # fmt: skip
 
 
-def _draw_told(axes: "Axes", runs: Sequence[Run]) -> None:
+def _draw_stiffness(axes: "Axes", runs: Sequence[Run]) -> None:
     gridded(axes)
     if len(runs) > 1:
-        _curves(axes, runs, lambda run: None if run.columns.told is None else run.columns.told.max(axis=1, initial=0.0))
-    elif (told := runs[0].columns.told) is not None:
+
+        def stiffest(run: Run) -> Any:
+            return None if run.columns.stiffness is None else run.columns.stiffness.max(axis=1, initial=0.0)
+
+        _curves(axes, runs, stiffest)
+    elif (stiffness := runs[0].columns.stiffness) is not None:
         for finger, (name, color) in enumerate(zip(FINGERS, FINGER_COLORS)):
-            _curve(axes, runs[0], told[:, finger], color, label=name)
+            _curve(axes, runs[0], stiffness[:, finger], color, label=name)
     axes.set_ylim(0.0, max(1.15 * axes.get_ylim()[1], 0.1))
 
 
@@ -364,7 +367,7 @@ def _draw_marks(axes: "Sequence[Axes]", runs: Sequence[Run]) -> None:
     """Draw a line through all panels at each mark, and its word at the top where it fits."""
     low, high = axes[0].get_xlim()
     inches = axes[0].get_position().width * axes[0].figure.get_figwidth()  # type: ignore[union-attr]
-    room = LETTER * MARK_LETTERS * (high - low) / inches
+    word_width = LETTER * MARK_LETTERS * (high - low) / inches
     for number, run in enumerate(runs):
         color, named = LIMIT if len(runs) == 1 else run_style(number)[0], np.inf
         for place in axes:
@@ -375,9 +378,9 @@ def _draw_marks(axes: "Sequence[Axes]", runs: Sequence[Run]) -> None:
         # From the end on: the last word says most.
 
         for at, word in reversed(run.marks):
-            if named - at < 2.0 * room:
+            if named - at < 2.0 * word_width:
                 continue
-            named, last = at, high - at < room
+            named, last = at, high - at < word_width
             axes[0].annotate(
                 word, (at, 1.0), (-3.0 if last else 3.0, -12.0), xycoords=("data", "axes fraction"),
                 textcoords="offset points", ha="right" if last else "left", va="top", color=color,
@@ -407,7 +410,7 @@ def _caption(runs: Sequence[Run]) -> str:
             parts.append(f"Phases are those of {runs[0].label}.")
     parts.append("Shaded: holds, and slides in another shade. Penetration is measured after each tick.")
     parts.append("The change of the force is not defined below 0.01 N.")
-    if any(run.columns.told is not None for run in runs):
+    if any(run.columns.stiffness is not None for run in runs):
         parts.append("Stiffness is what a session told its glove: 0 is a free finger, 1 as hard as the glove can.")
         if len(runs) > 1:
             parts.append("Of several results it is the largest of the five fingers.")
@@ -415,9 +418,9 @@ def _caption(runs: Sequence[Run]) -> str:
         parts.append("Dashed lines through all panels: faults of a session, and its end where that was not in order.")
     if any(run.free for run in runs):
         parts.append("Friction is that of the contact nearest to sliding: at 100 % it slides.")
-    if any(run.columns.ticks > AS_THEY_ARE for run in runs):
+    if any(run.columns.ticks > MOST_POINTS for run in runs):
         parts.append(
-            f"Runs of more than {AS_THEY_ARE:,} ticks are drawn as bands from the least to the largest value, with the "
+            f"Runs of more than {MOST_POINTS:,} ticks are drawn as bands from the least to the largest value, with the "
             "median as a line: no spike is lost."
         )
     if runs[0].worst:
@@ -429,7 +432,7 @@ def _alt(runs: Sequence[Run], panels: int) -> str:
     several = len(runs) > 1
     sentences = [f"{COUNTS[panels]} panels over time{f', {len(runs)} results' if several else ''}."]
     for run in runs:
-        columns, who = run.columns, f"{run.label}: " if several else ""
+        columns, stiffness, who = run.columns, run.columns.stiffness, f"{run.label}: " if several else ""
         if columns.ticks == 0:
             sentences.append(f"{who}No tick.")
             continue
@@ -439,8 +442,8 @@ def _alt(runs: Sequence[Run], panels: int) -> str:
             f"{who}The total force reaches {force:.2f} N. Ticks take {fast} to {slow} of CPU time, with up to "
             f"{counted(int(columns.candidates.max()), 'pair')} within the margin. "
             + (f"The deepest penetration is {1e6 * depth:.3g} µm." if depth > 0.0 else "Nothing penetrates.")
-            + (f" A finger is told a stiffness of up to {columns.told.max():.2f}." if columns.told is not None else "")
-            + "".join(f" At {at:.3f} s: {word}." for at, word in run.marks[:MOST_TOLD])
+            + (f" A finger is told a stiffness of up to {stiffness.max():.2f}." if stiffness is not None else "")
+            + "".join(f" At {at:.3f} s: {word}." for at, word in run.marks[:MOST_MARKS])
             + (f" The object rises by {1e3 * run.free.raised:.1f} mm." if run.free else "")
         )
     return " ".join(sentences)

@@ -85,7 +85,6 @@ def _sentence(result: Result, kind: WorstKind, tick: int, value: float, values: 
 
 
 KINDS = {"slowest": "slowest", "deepest": "deepest", "force-step": "largest step of the force", "lag": "largest lag"}
-"""Why a tick was chosen, in words."""
 FACTS = {
     "duration/total_cpu": ("CPU time", "µs", 1e-3, 1),
     "duration/total": ("wall time", "µs", 1e-3, 1),

@@ -11,7 +11,6 @@ from operator import attrgetter
 from typing import Any
 
 MISSING = "—"
-"""Stands for a figure that is not known."""
 UNITS = {
     "": ("1", 1.0), "units": ("1", 1.0), "% of hold": ("%", 1.0), "µJ": ("J", 1e-6), "g": ("kg", 1e-3),
     "MB": ("B", 1e6), "ms": ("s", 1e-3), "µs": ("s", 1e-6), "ns": ("s", 1e-9), "mm": ("m", 1e-3), "µm": ("m", 1e-6),

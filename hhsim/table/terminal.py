@@ -11,7 +11,6 @@ if TYPE_CHECKING:
     from rich.text import Text
 
 GAP = 3
-"""Letters between two columns."""
 LONGEST_WORD = 28
 """Most letters of a word, such as a path, that keep a column as wide."""
 MOST_LINES = 4
@@ -91,23 +90,23 @@ def fits(columns: Sequence[LaidColumn], width: int) -> bool:
     gaps = GAP * (len(columns) - 1)
     if gaps + sum(column.least for column in columns) > width:
         return False
-    room = width - gaps - sum(column.least for column in columns if column.number)
+    free = width - gaps - sum(column.least for column in columns if column.number)
     words = [column for column in columns if not column.number]
-    return sum(column.width for column in words) <= MOST_LINES * room
+    return sum(column.width for column in words) <= MOST_LINES * free
 
 
 def widths(columns: Sequence[LaidColumn], width: int) -> list[int]:
     """Return the width of each column: whole if possible, else text gives way, the widest first."""
     found = [column.least for column in columns]
-    room = width - GAP * (len(columns) - 1) - sum(found)
+    free = width - GAP * (len(columns) - 1) - sum(found)
     whole = [column.width for column in columns]
     for i, column in enumerate(columns):
         if column.number:
-            more = min(max(room, 0), whole[i] - found[i])
-            found[i], room = found[i] + more, room - more
-    while room > 0 and found != whole:
+            more = min(max(free, 0), whole[i] - found[i])
+            found[i], free = found[i] + more, free - more
+    while free > 0 and found != whole:
         i = max(range(len(columns)), key=lambda i: (whole[i] - found[i]) / found[i])
-        found[i], room = found[i] + 1, room - 1
+        found[i], free = found[i] + 1, free - 1
     return found
 
 
@@ -116,7 +115,7 @@ def cards(columns: Sequence[LaidColumn], width: int) -> "list[Text]":
     from rich.text import Text
 
     first, *others = columns
-    room = max((len(column.heading) for column in others), default=0) + 2
+    indent = max((len(column.heading) for column in others), default=0) + 2
     lines: list[Text] = []
     for i, name in enumerate(first.cells):
         if i:
@@ -125,11 +124,11 @@ def cards(columns: Sequence[LaidColumn], width: int) -> "list[Text]":
         for column in others:
             if not column.cells[i]:
                 continue
-            inside = max(width - room - 2, 16)
+            inside = max(width - indent - 2, 16)
             # A number stays whole, whatever the width.
             parts = [column.cells[i]] if column.number else textwrap.wrap(column.cells[i], inside)
             for k, part in enumerate(parts):
-                lines.append(Text(f"  {'' if k else column.heading:<{room}}{part}"))
+                lines.append(Text(f"  {'' if k else column.heading:<{indent}}{part}"))
     return lines
 
 

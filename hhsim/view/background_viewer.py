@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from hhsim.view.viewer import Viewed
 
 Word = Literal["ready", "progress", "viewed", "refused"]
-"""Kinds of messages of the viewer process."""
 
 LAST_WORD_SECONDS = 10.0
 """Time that the viewer process has to end and to remove a half-written file."""

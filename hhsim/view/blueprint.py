@@ -89,10 +89,14 @@ def whole_blueprint(content: "rrb.Horizontal | rrb.Grid", *, live: bool = False)
     """Return a blueprint whose panels are collapsed; it plays a recording in a loop, or follows a live session."""
     import rerun.blueprint as rrb
 
-    play, loop = ("following", None) if live else ("playing", "all")
     return rrb.Blueprint(
         content,
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
-        rrb.TimePanel(state="collapsed", timeline="time", play_state=play, loop_mode=loop),
+        rrb.TimePanel(
+            state="collapsed",
+            timeline="time",
+            play_state="following" if live else "playing",
+            loop_mode=None if live else "all",
+        ),
     )

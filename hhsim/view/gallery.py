@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -17,10 +17,12 @@ from hhsim.motion.trajectory import Trajectory
 from hhsim.render.hand_meshes import PIECES, piece_poses, piece_surfaces
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import LIVE_TICK
+from hhsim.system.hdf5_input import hdf5_format
+from hhsim.system.input_file import open_input
+from hhsim.system.media_kind import media_kind_of
 from hhsim.system.progress import Progress, silent
 from hhsim.trees.file import load_tree
 from hhsim.view.blueprint import scene_view, whole_blueprint
-from hhsim.view.file_kind import Kind, file_kind
 from hhsim.view.plots import LIVE_PLOTS, RESULT_PLOTS
 from hhsim.view.scene_log import APPLICATION, STONE_COLOR, RerunScene, object_surface, rerun_mesh, rerun_spheres
 from hhsim.view.sink import RerunTarget, rerun_stream
@@ -31,15 +33,18 @@ if TYPE_CHECKING:
     import rerun.blueprint as rrb
 
 
+Kind: TypeAlias = Literal["result", "motion", "tree", "mesh"]
+
+HDF5_START = b"\x89HDF\r\n\x1a\n"
+FORMATS: dict[str, Kind] = {"hhsim-result": "result", "hhsim-trajectory": "motion", "hhsim-tree": "tree"}
+MESHES = (".stl", ".ply", ".obj", ".off", ".glb", ".gltf")
+"""Suffixes of mesh files, some of which are text without a mark of its own."""
+EXPECTED = (
+    f"a result, a trajectory, a sphere tree (.h5) or a mesh ({', '.join(MESHES)}); "
+    "hhsim import makes a trajectory of a recording"
+)
 STILLS = 50
 """Poses of a motion that decide where it is looked at from."""
-
-
-class Bounds(NamedTuple):
-    """Least and largest corner of what is shown [m], shape (3,) each."""
-
-    low: FloatArray
-    high: FloatArray
 
 
 @dataclass(frozen=True)
@@ -49,6 +54,7 @@ class Shown:
     Attributes:
         root: Begin of its entities' names.
         content: `Result`, `Trajectory`, `SphereTree` or `Mesh`.
+        bounds: Its least and largest corner [m], shape (2, 3).
         samples: Number of ticks or samples; 0 where it does not move.
     """
 
@@ -56,7 +62,7 @@ class Shown:
     kind: Kind
     root: str
     content: Any
-    bounds: Bounds
+    bounds: FloatArray
     samples: int
 
     def to_json(self) -> dict[str, Any]:
@@ -134,8 +140,8 @@ def _read(path: Path, root: str, unit: str) -> Shown:
         still = slice(None, None, max(1, len(motion.time) // STILLS))
         poses = (motion.position, motion.orientation, motion.flexion, motion.abduction)
         places = piece_poses(hand, *(values[still] for values in poses)).translation.reshape(-1, 3)
-        reach = hand.hand_breadth
-        return Shown(path, kind, root, motion, Bounds(places.min(0) - reach, places.max(0) + reach), len(motion.time))
+        bounds = _bounds(places) + np.array([[-1.0], [1.0]]) * hand.hand_breadth
+        return Shown(path, kind, root, motion, bounds, len(motion.time))
     if kind == "tree":
         tree = load_tree(path)
         wide = tree.leaf_radius[:, None]
@@ -146,8 +152,8 @@ def _read(path: Path, root: str, unit: str) -> Shown:
     return Shown(path, kind, root, mesh, _bounds(mesh.vertices), 0)
 
 
-def _bounds(points: FloatArray) -> Bounds:
-    return Bounds(points.min(axis=0), points.max(axis=0))
+def _bounds(points: FloatArray) -> FloatArray:
+    return np.stack([points.min(axis=0), points.max(axis=0)])
 
 
 def _send(stream: Any, one: Shown, every: int, *, spheres: bool) -> None:
@@ -189,8 +195,7 @@ def _arranged(shown: Sequence[Shown], *, spheres: bool) -> "rrb.Blueprint":
 
     views = []
     for one in shown:
-        middle = 0.5 * (one.bounds.low + one.bounds.high)
-        extent = float(np.linalg.norm(one.bounds.high - one.bounds.low))
+        middle, extent = one.bounds.mean(axis=0), float(np.linalg.norm(np.ptp(one.bounds, axis=0)))
         hidden = [f"{one.root}/world/object"] if spheres and one.kind == "result" else []
         views.append(scene_view(f"{one.root}/world", f"{one.path.name} ({one.kind})", middle, extent, hidden))
     plots = [
@@ -203,3 +208,34 @@ def _arranged(shown: Sequence[Shown], *, spheres: bool) -> "rrb.Blueprint":
     ]
     scenes = rrb.Grid(*views)
     return whole_blueprint(rrb.Horizontal(scenes, rrb.Tabs(*plots), column_shares=[3, 2]) if plots else scenes)
+
+
+def file_kind(path: Path) -> Kind:
+    """Return whether a file is a result, a motion, a sphere tree or a mesh; raise InputError for any other."""
+    if path.is_dir():
+        raise InputError(f"{path} is a folder: expected {EXPECTED}")
+    if not path.exists():
+        raise InputError(f"{path}: no such file; expected {EXPECTED}")
+    try:
+        with open_input(path) as file:
+            start = file.read(len(HDF5_START))
+        if start != HDF5_START:
+            return _by_name(path)
+        name = hdf5_format(path)
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror or error}") from error
+    if name not in FORMATS:
+        what = f"its format is {name!r}" if name else "it is damaged, or does not say what it holds"
+        raise InputError(f"{path} cannot be looked at: {what}; expected {EXPECTED}")
+    return FORMATS[name]
+
+
+def _by_name(path: Path) -> Kind:
+    suffix = path.suffix.lower()
+    if suffix in MESHES:
+        return "mesh"
+    if suffix == ".csv":
+        return "motion"
+    media = media_kind_of(path)
+    what = f"{path} is {media}" if media else f"{path} cannot be looked at"
+    raise InputError(f"{what}: expected {EXPECTED}")

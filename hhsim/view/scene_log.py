@@ -38,8 +38,7 @@ from hhsim.render.hand_meshes import PIECES, piece_poses, piece_surfaces
 from hhsim.render.triangle_soup import Surface, mesh_surface
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.sphere_tree import SphereTree
-from hhsim.view.decimation import ShownTicks
-from hhsim.view.plots import Plot, palm_force, sizes
+from hhsim.view.plots import Plot, ShownTicks, palm_force, sizes
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -206,8 +205,8 @@ class RerunScene:
         placed, moved = PlacedHand(ticks.joints, ticks.graphic.position, ticks.graphic.orientation), ticks.moved
         if moved is not None:
             # Contacts are looked for where the object stands still.
-            points = (moved.seen_points(values) for values in placed[:2])
-            placed = PlacedHand(*points, moved.seen_orientations(placed.orientation))
+            joints, position = (moved.seen_points(values) for values in placed[:2])
+            placed = PlacedHand(joints, position, moved.seen_orientations(placed.orientation))
         contacts = find_contact_points(
             scene.surface_arrays,
             scene.shape,

@@ -24,9 +24,7 @@ if TYPE_CHECKING:
 
 SUFFIX = ".rrd"
 PORT = 9876
-"""Port at which a rerun viewer listens by default."""
 MAGIC = b"RRF"
-"""First bytes of a rerun file."""
 FLUSH_SECONDS = 60.0
 """Longest wait for a viewer to take what was sent."""
 START_SECONDS = 30.0

@@ -11,7 +11,6 @@ WORDS = (
     (state.STATUS_ABDUCTION_HELD, "abduction held"),
     (state.STATUS_START_INSIDE, "began inside"),
 )
-"""Words for the status bits, the most urgent first."""
 
 
 def status_words(status: int) -> str:

@@ -28,8 +28,7 @@ from hhsim.system.hdf5_input import open_hdf5, read_numbers
 from hhsim.system.progress import Progress, silent
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.view.blueprint import blueprint
-from hhsim.view.decimation import ShownTicks, shown_ticks
-from hhsim.view.plots import GLOVE, LIVE_PLOTS, LOOP, RESULT_PLOTS, TIME, Plot, loop_values
+from hhsim.view.plots import GLOVE, LIVE_PLOTS, LOOP, RESULT_PLOTS, TIME, Plot, ShownTicks, loop_values, shown_ticks
 from hhsim.view.scene_log import APPLICATION, EVENT_LEVELS, OBJECT, RerunScene, ShownScene
 from hhsim.view.sink import NOTEBOOK, RerunTarget, rerun_stream
 from hhsim.view.status_text import status_words
@@ -39,7 +38,6 @@ if TYPE_CHECKING:
 
 
 BLOCK_TICKS = 16_384
-"""Ticks that are read and sent at a time."""
 
 MOST_FRAMED = 50
 """Ticks that decide where the scene is looked at from."""
@@ -130,9 +128,10 @@ def shown_scene(result: Result, *, spheres: bool = False) -> ShownScene:
     """Return what does not change with time; raise InputError for an unknown hand or a damaged mesh or tree."""
     static, solver = result.static, result.scene.get("solver", {})
     used = solver.get("fingers", FINGERS)
+    center, radius, level, parent = (static[f"object/tree/{name}"] for name in ("center", "radius", "level", "parent"))
     return ShownScene(
         mesh=Mesh(static["object/vertices"], static["object/faces"], "object", str(result.path)),
-        tree=SphereTree(**{name: static[f"object/tree/{name}"] for name in ("center", "radius", "level", "parent")}),
+        tree=SphereTree(center=center, radius=radius, level=level, parent=parent),
         hand=stored_hand(result),
         fingers=np.array([finger in used for finger in FINGERS]),
         touch=float(solver.get("touch", TOUCH)),

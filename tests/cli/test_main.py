@@ -84,30 +84,28 @@ def test_the_reference_page_is_what_the_commands_say(repository: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "line"),
+    ("line", "message"),
     [
-        (["relpay"], "hhsim: error: unknown command 'relpay': did you mean replay?"),
-        (["list"], "hhsim: error: unknown command 'list': hhsim objects and hhsim trajectories list what there is"),
-        (["version"], "hhsim: error: unknown command 'version': hhsim --version prints it, hhsim info all versions"),
-        (["info", "--jsn"], "hhsim: error: No such option '--jsn'. Did you mean '--json'? (see hhsim info --help)"),
-        (["build-tree", "bunyn"], "hhsim: error: unknown object 'bunyn': did you mean bunny?"),
-        (["build-tree", "none.stl"], "hhsim: error: none.stl: no such file; expected a mesh"),
+        ("relpay", "unknown command 'relpay': did you mean replay?"),
+        ("list", "unknown command 'list': hhsim objects and hhsim trajectories list what there is"),
+        ("info --jsn", "No such option '--jsn'. Did you mean '--json'? (see hhsim info --help)"),
+        ("build-tree bunyn", "unknown object 'bunyn': did you mean bunny?"),
+        ("build-tree none.stl", "none.stl: no such file; expected a mesh"),
+        ("build-tree cube --unit mm", "unit and size are for mesh files; 'cube' is an object that has its size"),
         (
-            ["build-tree", "cube", "--unit", "mm"],
-            "hhsim: error: unit and size are for mesh files; 'cube' is an object that has its size",
+            "build-tree mug.stl --unit mm --size 90",
+            "unit and size exclude each other",
         ),
         (
-            ["build-tree", "mug.stl", "--unit", "mm", "--size", "90"],
-            "hhsim: error: unit and size exclude each other: size scales whatever the unit is",
-        ),
-        (
-            ["build-tree", "cube", "--out", "cube.ply"],
-            "hhsim: error: --out cube.ply: a sphere tree is a .h5 or a .sph file (see hhsim build-tree --help)",
+            "build-tree cube --out a.ply",
+            "--out a.ply: a sphere tree is a .h5 or a .sph file (see",
         ),
     ],
 )
-def test_a_mistake_is_told_in_one_line(run: Run, arguments: list[str], line: str, tmp_path: Path) -> None:
-    assert run(*arguments) == (2, "", f"{line}\n")
+def test_a_mistake_is_told_in_one_line(run: Run, line: str, message: str, tmp_path: Path) -> None:
+    answer = run(*line.split())
+    assert (answer.code, answer.out, answer.err.count("\n")) == (2, "", 1)
+    assert answer.err.startswith(f"hhsim: error: {message}")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -149,15 +147,18 @@ def test_an_error_is_told_in_one_line_with_its_notes(
     assert answer.err.startswith("hhsim: ") and answer.err.endswith(f"{line}\n")
 
 
-def test_a_reader_that_leaves_is_no_error() -> None:
-    process = subprocess.Popen([*HHSIM, "info"], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-    assert process.stdout is not None
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [(["info"], ""), (["relpay", "--json"], "hhsim: error: unknown command 'relpay': did you mean replay?\n")],
+)
+def test_a_reader_that_leaves_is_no_error(arguments: list[str], told: str) -> None:
+    process = subprocess.Popen([*HHSIM, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None and process.stderr is not None
     process.stdout.close()
-    assert process.stderr is not None
     errors = process.stderr.read()
     process.stderr.close()
     assert process.wait() == 128 + signal.SIGPIPE
-    assert errors == b""
+    assert errors == told
 
 
 @pytest.mark.parametrize(
@@ -183,16 +184,6 @@ def test_an_error_never_goes_to_stdout_where_stderr_is_closed() -> None:
     command = ["sh", "-c", '"$@" 2>&-', "sh", *HHSIM, "relpay"]
     answer = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL)
     assert (answer.returncode, answer.stdout) == (2, "")
-
-
-def test_a_reader_that_leaves_before_an_error_is_told_is_no_crash() -> None:
-    process = subprocess.Popen([*HHSIM, "relpay", "--json"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    assert process.stdout is not None and process.stderr is not None
-    process.stdout.close()
-    errors = process.stderr.read()
-    process.stderr.close()
-    assert process.wait() == 128 + signal.SIGPIPE
-    assert errors == "hhsim: error: unknown command 'relpay': did you mean replay?\n"
 
 
 def test_an_encoding_without_our_letters_is_no_crash(run: Run) -> None:
@@ -221,10 +212,8 @@ def test_info_counts_cores(run: Run, monkeypatch: pytest.MonkeyPatch, cores: int
     assert line.endswith(f", {words}")
 
 
-@pytest.mark.parametrize(
-    ("command", "told"), [("objects", ("title", "licence")), ("trajectories", ("title", "stresses"))]
-)
-def test_a_catalogue_tells_people_and_machines_the_same(run: Run, command: str, told: tuple[str, ...]) -> None:
+@pytest.mark.parametrize("command", ["objects", "trajectories"])
+def test_a_catalogue_tells_people_and_machines_the_same(run: Run, command: str) -> None:
     items = json.loads(run(command, "--json").out)[command]
     lines = run(command).out.splitlines()[2:]
     assert [line.split()[0] for line in lines] == [item["name"] for item in items]
@@ -273,11 +262,8 @@ def test_trees_of_so_many_leaves_or_within_an_error(run: Run, tmp_path: Path) ->
 def test_a_tree_never_replaces_a_file_of_another_kind(run: Run, tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_text("not a tree")
     answer = run("build-tree", "cube", "--level", "1", "--out", name)
-    assert answer == (
-        2,
-        "",
-        f"hhsim: error: {name} exists and is no sphere tree, so it is not replaced: name another file\n",
-    )
+    assert (answer.code, answer.out) == (2, "") and f"{name} exists and is no sphere tree" in answer.err
+
     assert (tmp_path / name).read_text() == "not a tree"
     for _ in range(2):
         assert run("build-tree", "cube", "--level", "1", "--out", f"new-{name}", "--quiet") == (0, "", "")

@@ -21,18 +21,8 @@ ABSURD = (
 )
 WORDS = {
     *("--method", "--fingers", "--qp", "--object", "--motion", "--surface", "--case", "--columns", "--name"),
-    *(
-        "--source",
-        "--licence",
-        "--format",
-        "--object-track",
-        "--profile",
-        "--host",
-        "--pose-host",
-        "--scheduler",
-        "--serial",
-    ),
-    *("--rerun", "--trajectory", "--palm-axes"),
+    *("--source", "--licence", "--format", "--object-track", "--profile", "--host", "--pose-host"),
+    *("--scheduler", "--serial", "--rerun", "--trajectory", "--palm-axes"),
 }
 """Options whose texts hold no number."""
 READ_LATER = {

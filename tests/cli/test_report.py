@@ -10,7 +10,7 @@ from typing import Any, NoReturn
 import pytest
 from drawings_alone import leave_charts_undrawn
 from report_reader import Page, read_page
-from short_grasp import short_result
+from short_grasp import short_grasp_text, short_result
 
 from hhsim.errors import InputError
 from hhsim.report.run import report_runs
@@ -18,22 +18,6 @@ from hhsim.report.sections import result_tables
 from hhsim.result.reader import load_result
 
 Run = Callable[..., Any]
-
-SHORT = """
-title = "short"
-[[phase]]
-name = "approach"
-duration = 0.05
-[[phase]]
-name = "grasp"
-duration = 0.05
-"""
-
-
-@pytest.fixture
-def short(tmp_path: Path) -> str:
-    (tmp_path / "short.toml").write_text(SHORT)
-    return "short.toml"
 
 
 @pytest.fixture(autouse=True)
@@ -103,8 +87,9 @@ def test_what_cannot_be_reported_is_one_line(run: Run, tmp_path: Path) -> None:
     assert (tmp_path / "mine.html").read_text() == "mine"
 
 
-def test_the_command_that_made_a_result_is_told_as_it_was_typed(run: Run, tmp_path: Path, short: str) -> None:
-    typed = f"hhsim replay cube {short} --method progressive --level 2 --tremor '0.1, 0.2' --out x.h5 --quiet"
+def test_the_command_that_made_a_result_is_told_as_it_was_typed(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "short.toml").write_text(short_grasp_text())
+    typed = "hhsim replay cube short.toml --method progressive --level 2 --tremor '0.1, 0.2' --out x.h5 --quiet"
     answer = run(*shlex.split(typed)[1:])
     assert answer.code == 0, answer.err
     result = load_result(tmp_path / "x.h5")

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from short_grasp import short_grasp_text
 
 from hhsim.result.reader import load_result
 from hhsim.trees.file import load_tree
@@ -50,9 +51,7 @@ def test_a_file_of_the_toolkit_becomes_a_measured_tree(run: Run, tmp_path: Path,
 
 
 def test_a_replay_takes_the_tree_of_a_file(run: Run, tmp_path: Path, box: Path) -> None:
-    (tmp_path / "short.toml").write_text(
-        'title = "short"\n[[phase]]\nname = "approach"\nduration = 0.05\n[[phase]]\nname = "grasp"\nduration = 0.1\n'
-    )
+    (tmp_path / "short.toml").write_text(short_grasp_text())
     assert run("build-tree", "cube", "--level", "2", "--out", "cube.h5", "--quiet").code == 0
     assert run("build-tree", "cube", "--level", "2", "--out", "cube.sph", "--quiet").code == 0
     joints = []

@@ -6,23 +6,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from short_grasp import short_grasp_text
 
 Run = Callable[..., Any]
-
-SHORT = """
-title = "short"
-[[phase]]
-name = "approach"
-duration = 0.05
-[[phase]]
-name = "grasp"
-duration = 0.1
-"""
 
 
 @pytest.fixture
 def short(tmp_path: Path) -> str:
-    (tmp_path / "short.toml").write_text(SHORT)
+    (tmp_path / "short.toml").write_text(short_grasp_text())
     return "short.toml"
 
 
@@ -32,11 +23,11 @@ def test_a_replay_is_shown_and_can_be_looked_at_again(run: Run, tmp_path: Path, 
     assert (tmp_path / "short.rrd").stat().st_size > 10_000
     answer = run("view", "short.h5", "--rerun", "again.rrd", "--every", "10", "--spheres")
     assert answer.code == 0, answer.err
-    assert answer.out == "15 of 150 ticks went to again.rrd\n"
+    assert answer.out == "20 of 200 ticks went to again.rrd\n"
     answer = run("view", "short.h5", "--rerun", "again.rrd", "--json")
     document = json.loads(answer.out)
     assert document["seconds"] > 0.0
-    expected = {"result": "short.h5", "ticks": 150, "shown_ticks": 150, "rerun": "again.rrd"}
+    expected = {"result": "short.h5", "ticks": 200, "shown_ticks": 200, "rerun": "again.rrd"}
     assert expected.items() <= document.items()
 
 
@@ -52,7 +43,7 @@ def test_what_cannot_be_shown_is_told_before_the_replay(run: Run, tmp_path: Path
 def test_a_film_is_made_without_a_viewer(run: Run, tmp_path: Path, short: str) -> None:
     assert run("replay", "cube", short, "--level", "2", "--out", "short.h5", "--quiet").code == 0
     answer = run("view", "short.h5", "--video", "short.gif", "--pixels", "160")
-    assert (answer.code, answer.out) == (0, "5 frames of 150 ticks, 0.2 s, in short.gif\n"), answer.err
+    assert (answer.code, answer.out) == (0, "6 frames of 200 ticks, 0.2 s, in short.gif\n"), answer.err
     assert (tmp_path / "short.gif").read_bytes().startswith(b"GIF89a")
     for arguments, message in (
         (("short.h5", "--slow", "2"), "are of a film"),
@@ -73,6 +64,6 @@ def test_files_of_several_kinds_are_shown_together(run: Run, tmp_path: Path, sho
     assert answer.out == "short.h5 (result), ball.off (mesh), short.h5 (result) went to all.rrd\n"
     document = json.loads(run("view", "short.h5", "ball.off", "--rerun", "all.rrd", "--json").out)
     assert document["files"] == [
-        {"file": "short.h5", "kind": "result", "samples": 150},
+        {"file": "short.h5", "kind": "result", "samples": 200},
         {"file": "ball.off", "kind": "mesh", "samples": 0},
     ]

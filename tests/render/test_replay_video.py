@@ -74,12 +74,6 @@ def test_a_frame_holds_the_hand_on_white(result: Result) -> None:
     assert (frame[0] == 255).all()
 
 
-def test_the_same_result_gives_the_same_film(result: Result, tmp_path: Path) -> None:
-    for name in ("one", "two"):
-        write_video(result, tmp_path / f"{name}.gif", SMALL)
-    assert (tmp_path / "one.gif").read_bytes() == (tmp_path / "two.gif").read_bytes()
-
-
 def test_what_cannot_be_filmed_is_told_before_the_work(
     result: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hhsim.errors import InputError
 from hhsim.render.rasterizer import OVERSAMPLING, Camera
 from hhsim.render.tree_figure import COLORS, _spheres, draw_tree
 from hhsim.trees.builder import build_sphere_tree
@@ -66,8 +65,3 @@ def test_a_ball_is_coloured_by_its_height_over_the_mesh() -> None:
     wanted, lit = np.array(colormaps[COLORS](0.5)[:3]), layer.color[middle, middle]
     # Light changes how bright it is; which colour is strongest stays.
     assert lit.argsort().tolist() == wanted.argsort().tolist()
-
-
-def test_a_name_that_is_no_picture_is_refused(tmp_path: Path, tree: SphereTree) -> None:
-    with pytest.raises(InputError, match="no picture by its ending"):
-        draw_tree(tmp_path / "cube.xyz", cube(0.1), tree)

@@ -1,18 +1,31 @@
-"""Surfaces for pictures.
-
-They are the bodies that collide, their normals point outwards, arrows end where they should.
-"""
+"""Surfaces for pictures: the bodies that collide, with outward normals, arrows, and cuts at a box."""
 
 import numpy as np
 import pytest
+import trimesh
 
 from hhsim.hand.model import HandModel
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.round_cone_distance import sphere_round_cone_distance
 from hhsim.mesh.catalogue import load_object
-from hhsim.render.triangle_soup import NAIL, SKIN, SPHERE, arrow_surface, hand_surface, joined, mesh_surface, painted
+from hhsim.mesh.mesh import Mesh
+from hhsim.render.triangle_soup import (
+    FAR,
+    NAIL,
+    NEAR,
+    SKIN,
+    SPHERE,
+    Surface,
+    arrow_surface,
+    clipped,
+    hand_surface,
+    joined,
+    mesh_surface,
+    near_hands,
+    painted,
+)
 from hhsim.render.triangle_soup import round_cone_surface as cone
-from tools.shapes.generators import cube, sphere
+from tools.shapes.generators import cube
 
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
 
@@ -28,22 +41,6 @@ def test_surface_is_the_round_cones(tip: float, end: tuple[float, float, float])
         outside, _ = sphere_round_cone_distance(point + 0.001 * normal, 0.0, a, b, 0.01, tip)
         assert abs(distance) < 1e-16 + 1e-15
         assert outside == pytest.approx(0.001, abs=1e-15)
-
-
-def test_a_smooth_mesh_is_shaded_smoothly() -> None:
-    surface = mesh_surface(sphere(), SKIN)
-    np.testing.assert_allclose(np.linalg.norm(surface.normals, axis=1), 1.0, rtol=1e-12)
-    radial = surface.points / np.linalg.norm(surface.points, axis=1, keepdims=True)
-    assert (np.einsum("vi,vi->v", surface.normals, radial) > 0.999).all()
-
-
-def test_a_sharp_edge_stays_sharp() -> None:
-    surface = mesh_surface(cube(), SKIN)
-    np.testing.assert_allclose(np.sort(np.abs(surface.normals), axis=1), np.tile((0.0, 0.0, 1.0), (36, 1)), atol=1e-12)
-    a, b, c = surface.points[surface.faces].transpose(1, 0, 2)
-    facing = np.cross(b - a, c - a)
-    facing /= np.linalg.norm(facing, axis=1, keepdims=True)
-    np.testing.assert_allclose(surface.normals.reshape(-1, 3, 3), np.repeat(facing[:, None], 3, axis=1), atol=1e-12)
 
 
 def test_a_corner_is_smooth_over_the_faces_of_its_vertex_that_lie_flat_enough() -> None:
@@ -115,3 +112,54 @@ def test_an_arrow_reaches_from_its_start_to_its_tip(length: float) -> None:
     assert -0.002 < along.min() <= 0.0
     across = np.linalg.norm(surface.points - start - along[:, None] * direction, axis=1)
     assert across.max() <= 0.0025 + 1e-12
+
+
+STONE = np.array([0.8, 0.8, 0.78])
+
+
+def surface_of(mesh: trimesh.Trimesh) -> Surface:
+    return mesh_surface(Mesh(mesh.vertices, mesh.faces, "shape", "shape"), STONE)
+
+
+def area(surface: Surface) -> float:
+    a, b, c = surface.points[surface.faces].transpose(1, 0, 2)
+    return float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
+
+
+def test_a_door_without_a_corner_near_is_cut_to_the_box() -> None:
+    door = surface_of(trimesh.creation.box((0.9, 0.04, 2.0)))
+    part = clipped(door, (-0.2, -0.3, -0.1), (0.1, 0.3, 0.5))
+    np.testing.assert_allclose(part.points[part.faces].reshape(-1, 3).min(axis=0), (-0.2, -0.02, -0.1), atol=1e-12)
+    np.testing.assert_allclose(part.points[part.faces].reshape(-1, 3).max(axis=0), (0.1, 0.02, 0.5), atol=1e-12)
+    # Of the six sides only the front and the back go through the box.
+    assert area(part) == pytest.approx(2 * 0.3 * 0.6)
+
+
+def test_corners_keep_their_order_and_normals_their_length() -> None:
+    ball = surface_of(trimesh.creation.icosphere(2, 0.05))
+    part = clipped(ball, (-0.02, -0.02, -0.02), (0.03, 0.1, 0.1))
+    a, b, c = part.points[part.faces].transpose(1, 0, 2)
+    outward = np.cross(b - a, c - a)
+    large = np.linalg.norm(outward, axis=1) > 1e-12
+    assert (np.einsum("ni,ni->n", outward, a + b + c)[large] > 0.0).all()
+    np.testing.assert_allclose(np.linalg.norm(part.normals, axis=1), 1.0, atol=1e-9)
+
+
+def test_what_is_inside_stays_and_what_is_outside_goes() -> None:
+    ball = surface_of(trimesh.creation.icosphere(2, 0.05))
+    assert clipped(ball, (-1.0,) * 3, (1.0,) * 3) is ball
+    assert len(clipped(ball, (0.5,) * 3, (1.0,) * 3).faces) == 0
+
+
+def test_a_large_object_is_cut_near_the_hands_and_a_small_one_is_whole() -> None:
+    hands = np.array([[0.0, 0.0, 0.0], [0.1, 0.1, 0.1]])
+    size = np.linalg.norm(hands[1] - hands[0])
+    door = surface_of(trimesh.creation.box((0.9, 0.04, 2.0)))
+    part = near_hands(door, hands)
+    corners = part.points[part.faces].reshape(-1, 3)
+    np.testing.assert_allclose(corners[:, 2].min(), -NEAR * size, atol=1e-12)
+    np.testing.assert_allclose(corners[:, 2].max(), 0.1 + NEAR * size, atol=1e-12)
+    ball = surface_of(trimesh.creation.icosphere(1, FAR * size - 1e-3))
+    assert near_hands(ball, hands) is ball
+    # A hand that is nowhere near it is shown with all of it.
+    assert near_hands(door, hands + 50.0) is door

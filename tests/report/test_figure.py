@@ -188,7 +188,7 @@ def test_a_long_run_becomes_a_band_that_says_so(
     result: Result, alone: dict[Chart, ReportFigure], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert "bands" not in alone[series_figure].caption
-    monkeypatch.setattr(report_series, "AS_THEY_ARE", 100)
+    monkeypatch.setattr(report_series, "MOST_POINTS", 100)
     monkeypatch.setattr(report_series, "STRETCHES", 40)
     assert "bands" in series_figure({"A": result}).caption
 

@@ -16,7 +16,7 @@ from hhsim.result.reader import load_result
 from hhsim.scene.motion_catalogue import resolve_trajectory
 from hhsim.system.media_kind import media_kind, media_kind_of
 from hhsim.system.settings_file import read_toml_text
-from hhsim.view.file_kind import file_kind
+from hhsim.view.gallery import file_kind
 
 
 def picture(form: str) -> bytes:

@@ -12,31 +12,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rerun_files import Recording
+from short_grasp import short_grasp, short_scene
 
-from hhsim.hand.model import HandModel
-from hhsim.mesh.catalogue import load_object
 from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
-from hhsim.scene.scene import make_scene
-from hhsim.scene.script import parse_script
 from hhsim.solver.options import SolverOptions
-from hhsim.trees.cache import cached_sphere_tree
-from hhsim.trees.options import TreeOptions
 from hhsim.view.background_viewer import ViewAhead, can_fork
 from hhsim.view.sink import parse_target
 from hhsim.view.viewer import view_result
-
-MOTION = """
-title = "short"
-palm_gap = 0.005
-depth = 0.015
-[[phase]]
-name = "approach"
-duration = 0.02
-[[phase]]
-name = "grasp"
-duration = 0.04
-"""
 
 FORKED = """
 import os, signal, sys
@@ -63,9 +46,7 @@ def forked(body: str, *arguments: object) -> subprocess.CompletedProcess[str]:
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory: pytest.TempPathFactory) -> Result:
-    mesh = load_object("cylinder").mesh
-    tree = cached_sphere_tree(mesh, TreeOptions(level=2))
-    scene = make_scene(mesh, tree, HandModel.default(), parse_script(MOTION, name="short", where="short"))
+    scene = short_scene(short_grasp(hold=0.0))
     path = tmp_path_factory.mktemp("replay") / "short.h5"
     calls: list[str] = []
 
@@ -88,7 +69,7 @@ def test_the_process_beside_writes_what_this_one_would(result: Result, tmp_path:
     answer = forked(body, result.path, tmp_path / "beside.rrd")
     assert answer.returncode == 0, answer.stderr
     *steps, viewed = answer.stdout.splitlines()
-    assert steps == ["ticks 0 60", "ticks 60 60"]
+    assert steps == ["ticks 0 150", "ticks 150 150"]
     here = view_result(result, parse_target(str(tmp_path / "here.rrd")))
     assert viewed == str({**here.to_json(), "rerun": str(tmp_path / "beside.rrd")})
     beside, same = Recording(tmp_path / "beside.rrd"), Recording(tmp_path / "here.rrd")
@@ -160,8 +141,8 @@ def test_without_a_fork_it_is_shown_here(result: Result, tmp_path: Path, monkeyp
     monkeypatch.setattr("hhsim.view.background_viewer.can_fork", lambda: False)
     with ViewAhead(parse_target(str(tmp_path / "here.rrd"))) as viewer:
         viewer.settle()
-        assert viewer.show(result.path).shown == 60
-    assert len(Recording(tmp_path / "here.rrd").rows("/plots/force", "Scalars:scalars")) == 60
+        assert viewer.show(result.path).shown == 150
+    assert len(Recording(tmp_path / "here.rrd").rows("/plots/force", "Scalars:scalars")) == 150
 
 
 def test_a_process_with_rerun_in_it_is_not_forked() -> None:

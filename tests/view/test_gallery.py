@@ -18,8 +18,7 @@ from hhsim.result.reader import load_result
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.file import load_tree, save_tree
 from hhsim.trees.options import TreeOptions
-from hhsim.view.file_kind import file_kind
-from hhsim.view.gallery import view_files
+from hhsim.view.gallery import file_kind, view_files
 from hhsim.view.sink import parse_target
 
 TAP = Path(__file__).resolve().parents[2] / "trajectories" / "finger-tap.h5"

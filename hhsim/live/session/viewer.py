@@ -31,8 +31,7 @@ from hhsim.live.session.tick_block import SessionColumns
 from hhsim.live.shared_memory import RingReader
 from hhsim.result.safety import why_free_or_held
 from hhsim.view.blueprint import blueprint
-from hhsim.view.decimation import ShownTicks, shown_ticks
-from hhsim.view.plots import GLOVE, LIVE_PLOTS, LOOP, loop_values
+from hhsim.view.plots import GLOVE, LIVE_PLOTS, LOOP, ShownTicks, loop_values, shown_ticks
 from hhsim.view.scene_log import APPLICATION, EVENT_LEVELS, RerunScene, ShownScene
 from hhsim.view.sink import parse_target, rerun_stream
 from hhsim.view.status_text import status_words

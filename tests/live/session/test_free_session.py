@@ -37,7 +37,7 @@ from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.verify.free_object_checks import free_claims
 from hhsim.verify.object_frame import object_motion_claims
-from hhsim.view.decimation import shown_ticks
+from hhsim.view.plots import shown_ticks
 from tools.shapes.generators import sphere
 
 MILLISECOND = 1_000_000
