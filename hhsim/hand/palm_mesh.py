@@ -36,12 +36,7 @@ ROUNDING = 1e-12
 
 
 class RoundCones(NamedTuple):
-    """Round cones (hulls of two spheres) in the palm frame, right hand.
-
-    Attributes:
-        a, b: Sphere centres [m], shape (n, 3).
-        radius_a, radius_b: Their radii [m], shape (n,).
-    """
+    """Round cones (hulls of two spheres) in a right hand's palm frame: centres (n, 3), radii (n,) of their ends [m]."""
 
     a: FloatArray
     b: FloatArray
@@ -91,11 +86,7 @@ def palm_parts(hand_length: float, hand_breadth: float, knuckle: FloatArray, knu
 
 
 def palm_mesh(hand_length: float, hand_breadth: float, knuckle: FloatArray, knuckle_radius: FloatArray) -> Mesh:
-    """Return the closed mesh of a right palm, palm frame; arguments as for `palm_parts`.
-
-    Raises:
-        InputError: Knuckles so far from the palm frame's origin that no palm lies around it.
-    """
+    """Return the closed mesh of a right palm as `palm_parts`; InputError if no palm fits around the knuckles."""
     # A process that makes a hand usually makes the same one again, and its palm takes a tenth of a second.
     return _palm_mesh(hand_length, hand_breadth, tuple(knuckle.ravel().tolist()), tuple(knuckle_radius.tolist()))
 

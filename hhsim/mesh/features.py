@@ -304,10 +304,7 @@ def _is_convex(wing: FloatArray, start: IntArray, normal: FloatArray) -> BoolArr
 def _has_solid_behind(place: FloatArray, corners: IntArray) -> bool:
     """Return True if the winding number is at least 1 behind every triangle.
 
-    Args:
-        place: Vertices [m], shape (V, 3).
-        corners: Closed triangles that do not touch each other but along their sides, two at each, shape (F, 3). The
-            winding number is then the same behind all triangles of a part.
+    The triangles are closed, two at each side, and touch only there: the number is the same behind all of a part.
     """
     part = part_labels(corners)
     parts = int(part.max()) + 1

@@ -96,11 +96,7 @@ end_header
 
 
 def read_own_ply(content: bytes, name: str) -> tuple[FloatArray, IntArray]:
-    """Read binary PLY with 64-bit coordinates, as the shipped meshes are: without trimesh, whose import costs more.
-
-    Raises:
-        MeshError: The bytes are no such PLY file.
-    """
+    """Read binary PLY with 64-bit coordinates, as the shipped meshes are, without trimesh, whose import costs more."""
     head, mark, body = content.partition(b"end_header\n")
     lines = head.decode("ascii", errors="replace").splitlines()
     counts = [line.split()[-1] for line in lines if line.startswith("element ")]

@@ -17,12 +17,9 @@ LEAST_FILLED = 1e-6
 
 
 class MassProperties(NamedTuple):
-    """Mass properties of a solid of density 1.
+    """Volume [m³], centre of mass [m], (3,), in the mesh's frame, and inertia [m⁵], (3, 3), of a solid of density 1.
 
-    Attributes:
-        volume: [m³].
-        center: Centre of mass [m], shape (3,), in the mesh's frame.
-        inertia: About the centre, in the mesh's axes, shape (3, 3) [m⁵]; times a density [kg/m³] it is in kg·m².
+    The inertia is about the centre, in the mesh's axes; times a density [kg/m³] it is in kg·m².
     """
 
     volume: float
@@ -31,11 +28,7 @@ class MassProperties(NamedTuple):
 
 
 def mass_properties(mesh: Mesh) -> MassProperties:
-    """Compute volume, centre and inertia of the inside of a mesh.
-
-    Raises:
-        MeshError: The triangles enclose nothing, or are wound inside out.
-    """
+    """Compute volume, centre and inertia of the inside of a mesh; MeshError if it has none, or is wound inside out."""
     # Corners of equal places are one: a file may have given each triangle its own.
     if not is_closed(merged_vertices(mesh.vertices, mesh.faces)[1]):
         raise MeshError(

@@ -68,11 +68,7 @@ def closed_surface(
 
 
 def merge_and_clean(surface: MeshInRepair) -> None:
-    """Merge vertices at the same place, drop triangles that are degenerate or occur twice.
-
-    Raises:
-        MeshError: No triangle is left.
-    """
+    """Merge vertices at the same place, drop degenerate and repeated triangles; MeshError if none is left."""
     before = len(surface.vertices)
     surface.vertices, surface.faces = merged_vertices(surface.vertices, surface.faces)
     if len(surface.vertices) < before:

@@ -92,11 +92,7 @@ def turn_outward(surface: MeshInRepair) -> None:
 
 
 def resolve_overlaps(surface: MeshInRepair) -> None:
-    """Join parts that overlap, so that the winding number is 0 or 1.
-
-    Raises:
-        MeshError: The surface, or a part of it, crosses itself.
-    """
+    """Join parts that overlap, so that the winding number is 0 or 1; MeshError if a part crosses itself."""
     found = winding_faults(surface.vertices, surface.faces)
     if found[0] and part_labels(surface.faces).max() > 0:
         _require_sound_parts(surface)

@@ -12,13 +12,7 @@ _CUBE = 1 << HALVINGS
 
 
 class TetGrid:
-    """Tetrahedra over a box.
-
-    Attributes:
-        low: Lower corner [m], shape (3,).
-        edge: Edge of a coarse cube [m].
-        cubes: Cubes along each axis, shape (3,).
-    """
+    """Tetrahedra over a box with a lower corner (3,) [m], of so many cubes (3,) with an edge [m]."""
 
     def __init__(self, low: FloatArray, high: FloatArray, edge: float) -> None:
         """Fill the box from `low` to `high` [m] with cubes of an edge [m], each of six tetrahedra."""

@@ -16,12 +16,7 @@ MORE_DIGITS = 2
 
 @dataclass(frozen=True)
 class RepeatedTime:
-    """One figure of time over several runs.
-
-    Attributes:
-        row: Its line in the table of the last run.
-        mean, deviation: Mean, and standard deviation of a run (n - 1 in the denominator) [s, or % where defined so].
-    """
+    """Mean and standard deviation (n - 1) of a figure of time over several runs, and its row in the last table."""
 
     row: SummaryRow
     mean: float

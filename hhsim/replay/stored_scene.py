@@ -32,14 +32,9 @@ def static_arrays(
     object_position: ArrayLike = (0.0, 0.0, 0.0),
     object_orientation: ArrayLike = (1.0, 0.0, 0.0, 0.0),
 ) -> dict[str, AnyArray]:
-    """Return the arrays of `hhsim.result.schema.STATIC_COLUMNS`.
+    """Return the arrays of `hhsim.result.schema.STATIC_COLUMNS`: mesh and tree in the world [m].
 
-    Args:
-        mesh: Object's mesh, world [m].
-        tree: Its sphere tree, world [m].
-        hand: Hand model.
-        object_position: Origin of the object's own frame [m], shape (3,), world.
-        object_orientation: Object to world, unit (w, x, y, z), shape (4,).
+    The origin of the object's own frame [m], (3,), and its orientation (w, x, y, z), (4,), are in the world.
     """
     return {
         "object/vertices": mesh.vertices,

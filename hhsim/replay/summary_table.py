@@ -14,13 +14,7 @@ from hhsim.table.table import Table, number, words
 
 @dataclass(frozen=True)
 class SummaryRow:
-    """One row of the table.
-
-    Attributes:
-        figure: Figure of the row.
-        value: SI units, or % where the figure is defined so; NaN where undefined.
-        paper: The paper's figure as printed there, or "".
-    """
+    """One row of the table: a figure, its value (SI, or %; NaN where undefined), and the paper's as printed, or ""."""
 
     figure: Figure
     value: float
@@ -59,13 +53,9 @@ class SummaryRow:
 def figure_table(
     rows: Sequence[SummaryRow], title: str = "", *, name: str = "", promises: Collection[str] | None = None
 ) -> Table:
-    """Return figures as a table: label, value, unit, and the paper's figure where there is one.
+    """Return figures as a table: label (under a heading), value, unit, and the paper's figure where there is one.
 
-    Args:
-        rows: Rows, one per figure.
-        title: Title of the table.
-        name: Heading of the labels.
-        promises: As for `SummaryRow.limit`; adds the default limits.
+    `promises`, as for `SummaryRow.limit`, adds the default limits.
     """
     columns = [words(name, "label"), number("hhsim", "shown"), words("unit")]
     if promises is not None:
@@ -76,12 +66,9 @@ def figure_table(
 
 
 def summary_rows(figures: Mapping[str, float], rate: float, *, of_paper: bool = False) -> tuple[SummaryRow, ...]:
-    """Return the rows of figures, without those that are no run metric.
+    """Return the rows of figures by name, without those that are no run metric, at a tick rate [Hz].
 
-    Args:
-        figures: By name; SI units, or % where they are defined so.
-        rate: Ticks per second [Hz].
-        of_paper: True if the scene is one of the paper's, whose figures then stand beside.
+    `of_paper` is True if the scene is one of the paper's, whose figures then stand beside.
     """
     trembling = TREMBLING in figures
     rows = []

@@ -36,9 +36,7 @@ class KeptColumns:
 class TickColumns:
     """Makes the columns of `hhsim.result.schema.TICK_COLUMNS`, block after block of one run.
 
-    Args:
-        surface: Object's surface, world.
-        options: Solver's options; unused fingers have no penetration.
+    `surface` is the object's, world; fingers that the options leave out have no penetration.
     """
 
     def __init__(self, surface: Any, hand: HandModel, options: SolverOptions) -> None:

@@ -55,11 +55,7 @@ class Demonstration:
         return self.motion.hand
 
     def placed(self, hand: HandModel, tree: SphereTree) -> Trajectory:
-        """Return the motion beside an object, whose tree is at rest with z up.
-
-        Raises:
-            TrajectoryError: The finger cannot reach this object.
-        """
+        """Return the motion beside an object (`tree` at rest, z up); TrajectoryError if the finger cannot reach it."""
         placed = place_object(self.motion, hand, tree, self.touch)
         how = f"the object placed so that the {self.touch.finger} goes {1e3 * self.touch.depth:g} mm into it"
         return replace(placed, source="; ".join(part for part in (placed.source, how) if part))

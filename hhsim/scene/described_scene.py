@@ -94,12 +94,7 @@ def described_scene(
     motion: Script | Demonstration | Trajectory,
     fingers: Sequence[str] = FINGERS,
 ) -> PlacedScene:
-    """Make a scene of what was loaded, with its description; arguments and errors as for `placed_scene`.
-
-    Args:
-        level: Level that the tree was built to.
-        motion: Motion, with its tremor.
-    """
+    """Make a scene of what was loaded, with its description; the rest as for `placed_scene`."""
     placed = placed_scene(
         *(mesh, tree, hand, motion),
         place=words.place_object,

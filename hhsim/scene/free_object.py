@@ -96,11 +96,7 @@ class FreeObject:
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> Self:
-        """Return what `to_json` stored.
-
-        Raises:
-            InputError: The values describe no free object.
-        """
+        """Return what `to_json` stored; InputError for values that describe no free object."""
         try:
             rows = {name: _triple(value) for name, value in values.items() if name in _VECTORS}
             return cls(**{**values, **rows, "inertia": _rows(values["inertia"])})

@@ -100,11 +100,7 @@ def load_script(name: str) -> Script:
 
 
 def describe(name: str) -> TrajectoryDescription:
-    """Return the catalogue entry of a shipped script or demonstration.
-
-    Raises:
-        UnknownNameError: Neither of them; the message lists the near names.
-    """
+    """Return the catalogue entry of a shipped script or demonstration; UnknownNameError lists the near names."""
     check_known("trajectory", [name], trajectory_names())
     found = _shipped(name)
     if isinstance(found, Script):
@@ -169,12 +165,7 @@ def load_recorded(path: Path) -> Trajectory:
 
 
 def import_remarks(motion: Any, word: str) -> list[str]:
-    """Return remarks on a motion that was imported, whose unit, side and axes may be guesses.
-
-    Args:
-        motion: Motion of any kind, or None; only a trajectory can have been imported.
-        word: Name of the motion on the command line.
-    """
+    """Return remarks on a motion of any kind that was imported by a word, whose unit, side and axes may be guesses."""
     if not isinstance(motion, Trajectory) or motion.flags is None or not is_imported(Path(word)):
         return []
     mended = int(np.sum(marked(motion.flags, MENDED)))

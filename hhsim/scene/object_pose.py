@@ -43,12 +43,7 @@ FAR = 1e3
 
 
 class Wanted(Settings, frozen=True):
-    """Touch that the recording is to make.
-
-    Attributes:
-        finger: Finger that touches.
-        depth: Commanded depth of its tip beyond first contact [m].
-    """
+    """Touch that the recording is to make: the finger, and its tip's commanded depth beyond first contact [m]."""
 
     finger: Annotated[str, one_of(FINGERS)]
     depth: Annotated[float, Meta(gt=0.0, le=0.1, description="a number above 0, up to 0.1 m")]

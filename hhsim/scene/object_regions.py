@@ -84,22 +84,13 @@ class Region:
 
 @cache
 def object_regions(name: str) -> dict[str, Region]:
-    """Return the regions of a catalogue object by name; most have none.
-
-    Raises:
-        UnknownNameError: No such object.
-        InputError: Its description holds an invalid region.
-    """
+    """Return the regions of a catalogue object by name; most have none. InputError for an invalid description."""
     regions = typed(object_description(name).get("regions", {}), dict[str, Shapes], f"objects/{name}.toml: regions")
     return {region: Region(region, shapes) for region, shapes in regions.items()}
 
 
 def object_region(name: str, region: str) -> Region:
-    """Return one region of a catalogue object.
-
-    Raises:
-        UnknownNameError: No such object or region.
-    """
+    """Return one region of a catalogue object; UnknownNameError without such an object or region."""
     known = object_regions(name)
     if region not in known:
         raise UnknownNameError(f"region of the {name}", region, known)

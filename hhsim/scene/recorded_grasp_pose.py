@@ -126,11 +126,7 @@ def find_grasp(motion: Trajectory) -> Grasp:
 
 
 def place_at_grasp(motion: Trajectory, hand: HandModel, tree: SphereTree) -> GraspPlacement:
-    """Place an object (`tree`, its own frame, z up) where the fingers of a recording close.
-
-    Raises:
-        TrajectoryError: No finger meets the object from any side.
-    """
+    """Place an object (`tree`, own frame, z up) where a recording's fingers close; TrajectoryError if none meets it."""
     grasp = find_grasp(motion)
     search = _Search(motion, hand, tree, grasp)
     best = search.best()

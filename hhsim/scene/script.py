@@ -83,9 +83,7 @@ MAX_SAMPLES = 10_000_000
 class ScriptPhase:
     """One phase of a script; the module's docstring explains the fields.
 
-    Attributes:
-        fingers: Fingers closed at its end; closing phases only.
-        touch: Touches demanded at its end; None where the script leaves them open; hold only.
+    A closing phase has `fingers`; a hold has `touch`, the touches demanded at its end, None where they are left open.
     """
 
     name: str
@@ -98,12 +96,9 @@ class ScriptPhase:
 
 
 class PaperUse(Settings, frozen=True):
-    """Figure of the paper that shows a script's motion.
+    """Figure of the paper that shows a script's motion, on some objects; `case` is a row of it.
 
-    Attributes:
-        objects: Catalogue objects on which it is shown.
-        case: Row of the figure, if it has several.
-        instances: Number of seeded variations of the hand's place; 1 for the script's own place.
+    `instances` is the number of seeded variations of the hand's place; 1 for the script's own place.
     """
 
     figure: str

@@ -16,10 +16,7 @@ _known_for_now: dict[str, Method] = {}
 
 
 def find_method(name: str) -> Method:
-    """Return the method of a name.
-
-    Args:
-        name: One of `method_names`, or `package.module:Class`; one from outside may have the prefix `ISOLATED`.
+    """Return the method of a name of `method_names`, or `package.module:Class`; `ISOLATED` may precede an outside one.
 
     Raises:
         UnknownNameError: No such method.

@@ -28,11 +28,7 @@ class Engine(Protocol):
     """Runs the ticks of one method for one hand and one object."""
 
     def begin(self) -> None:
-        """Continue from the graphic hand in the workspace, which was placed from outside.
-
-        Raises:
-            HhsimError: More pairs are near than the arrays hold.
-        """
+        """Continue from the graphic hand in the workspace; HhsimError if more pairs are near than the arrays hold."""
 
     def run(self, haptic: "HapticBlock", record: "TickRecord") -> int:
         """Run one tick for each row of the haptic input; return the ticks done.

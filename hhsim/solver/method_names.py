@@ -36,10 +36,7 @@ def method_names() -> list[str]:
 
 
 def outside_class(name: str) -> Any:
-    """Import the class of a method from outside.
-
-    Args:
-        name: Name of a declared method, or `package.module:Class`.
+    """Import the class of a declared method, or of `package.module:Class`.
 
     Raises:
         InputError: It cannot be imported, or is no method.

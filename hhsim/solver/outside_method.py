@@ -109,11 +109,7 @@ class MethodRunner(Protocol):
 
 
 class MethodHere:
-    """Runs a method, made by `make` for a scene, in this process; `forces` is True if its ticks have forces.
-
-    Raises:
-        InputError: It cannot be made; so each call where it fails, or its answer is no hand.
-    """
+    """Runs a method, made by `make` for a scene, in this process; InputError where it fails or answers with no hand."""
 
     def __init__(
         self, name: str, make: Callable[[MethodScene], OutsideMethod], forces: bool, scene: MethodScene
@@ -187,7 +183,7 @@ def checked_answer(name: str, tick: int, found: Timed, forces: bool) -> TickAnsw
 
 
 class OutsideEngine:
-    """Runs a method from outside by `run_by` of a scene, and computes what hhsim's own methods record."""
+    """Runs a method from outside, made by `run_by`, and computes from its hands what hhsim's own methods record."""
 
     def __init__(self, run_by: Callable[[MethodScene], MethodRunner], forces: bool, workspace: "TickWorkspace") -> None:
         self.forces, self.workspace = forces, workspace

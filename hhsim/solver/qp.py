@@ -134,11 +134,7 @@ def available_backends() -> list[str]:
 
 
 def solve(problem: QpProblem, backend: str = ACTIVE_SET) -> QpSolution:
-    """Solve `problem` with one of `available_backends()`; a backend's failure is a status, never an exception.
-
-    Raises:
-        UnknownNameError: The backend is not installed.
-    """
+    """Solve `problem` with one of `available_backends()`; a backend's failure is a status, never an exception."""
     if backend != ACTIVE_SET and backend not in available_backends():
         raise UnknownNameError("QP backend", backend, available_backends())
     if not all(np.isfinite(array).all() for array in (problem.matrix, problem.rhs, problem.target)):

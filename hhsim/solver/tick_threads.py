@@ -42,11 +42,7 @@ class ThreadTeam:
 
     @contextmanager
     def at_work(self, hand: HandArrays, surface: Any, options: TickOptions) -> Iterator[None]:
-        """Run the helpers during a block; however it ends, none of them is left.
-
-        Raises:
-            BaseException: Raised by a helper; the block is then complete, done by the others.
-        """
+        """Run the helpers during a block, and raise what one of them raised; however it ends, none of them is left."""
         if not self.works:
             yield
             return

@@ -131,11 +131,7 @@ def proved_cover(
 
 
 def proved_anew(tree: SphereTree, mesh: Mesh) -> SphereTree:
-    """Return the tree of a mesh, such as a mirror image, with new proofs for this mesh.
-
-    Raises:
-        MeshError: A face cannot be proved.
-    """
+    """Return the tree of a mesh, such as a mirror image, with new proofs; MeshError if a face cannot be proved."""
     covers = []
     for old in tree.covers:
         unproved, proof = prove_cover(mesh.vertices, mesh.faces, old.center, old.radius + old.gap)

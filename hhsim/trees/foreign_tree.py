@@ -99,11 +99,7 @@ def import_tree(
 
 
 def load_tree_for(path: str | Path, mesh: Mesh, unit_length: float = 1.0) -> ImportedTree:
-    """Read the tree of a mesh for a replay, as `import_tree`; a tree of another mesh is refused.
-
-    Raises:
-        InputError: As for `import_tree`, or a `.h5` file that was built for another mesh.
-    """
+    """Read the tree of a mesh for a replay, as `import_tree`; a `.h5` file of another mesh is an InputError."""
     source = Path(path)
     if source.suffix == ".h5":
         sha256 = load_tree(source).mesh_sha256

@@ -204,11 +204,7 @@ class MeshInFrame(NamedTuple):
 
 
 def in_own_frame(vertices: FloatArray, faces: IntArray) -> MeshInFrame:
-    """Prepare a mesh, vertices (V, 3) [m] and faces (F, 3) wound outward, for covers.
-
-    Raises:
-        MeshError: The mesh encloses no volume.
-    """
+    """Prepare a mesh, (V, 3) [m] and (F, 3) wound outward, for covers; MeshError if it encloses no volume."""
     corner = np.ascontiguousarray(vertices[faces], np.float64).reshape(-1, 9)
     require_inside(corner, float(np.ptp(corner.reshape(-1, 3), axis=0).max()))
     frame = canonical_frame(vertices[np.unique(faces)])
