@@ -1,7 +1,7 @@
-"""Programs of real ticks with a free object, each solved as the complementarity problem that Coulomb's law is.
+"""Oracle for programs with a free object: Coulomb's law by Gauss-Seidel over the contacts on the Delassus matrix.
 
-The kernels come to it by cones of four directions and a Γ that is sought; here it is Gauss-Seidel over the contacts on
-the Delassus matrix, each contact by itself solved exactly with its round cone, in plain numpy.
+Each contact by itself is solved exactly with its round cone, in plain numpy; the kernels search cones of four
+directions.
 """
 
 from typing import Any, NamedTuple
@@ -17,27 +17,16 @@ PARTS = 1 + DIRECTIONS
 
 
 class CoulombProgram(NamedTuple):
-    """A tick's last program, as its contacts; variables and rows scaled as in the tick.
+    """A tick's last program of C contacts; variables and rows scaled as in the tick."""
 
-    | field | meaning | shape |
-    |---|---|---|
-    | target | where hand and object would go without contacts | (27,) |
-    | rows | of each contact: n · Δ, then s; zero where it has no friction | (C, 4, 27) |
-    | gap, start | n · Δ of the contact less its clearance [m], and its s before the program [m] | (C,), (C, 3) |
-    | found | the kernel's answer | (27,) |
-    | multiplier | the kernel's, along the normal and against s [N] | (C, 4) |
-    | weight | what the scaled variables are multiplied by [m], [rad] | (27,) |
-    | astray | the most by which a loaded contact's Γ is off its slip [m] | () |
-    """
-
-    target: FloatArray
-    rows: FloatArray
-    gap: FloatArray
-    start: FloatArray
-    found: FloatArray
-    multiplier: FloatArray
-    weight: FloatArray
-    astray: float
+    target: FloatArray  # step of hand and object without contacts, (27,)
+    rows: FloatArray  # of each contact: n · Δ, then s; zero if it has no friction, (C, 4, 27)
+    gap: FloatArray  # n · Δ of the contact less its clearance [m], (C,)
+    start: FloatArray  # its s before the program [m], (C, 3)
+    found: FloatArray  # the kernel's answer, (27,)
+    multiplier: FloatArray  # the kernel's, along the normal and against s [N], (C, 4)
+    weight: FloatArray  # factor of the scaled variables [m], [rad], (27,)
+    astray: float  # largest difference of a loaded contact's Γ from its slip
 
 
 def last_program(solver: Any) -> CoulombProgram:
@@ -81,16 +70,8 @@ def last_program(solver: Any) -> CoulombProgram:
             slip = begun + whole[1:] @ _scaled(state)
             astray = max(astray, abs(float(np.linalg.norm(slip)) - float(friction.shift[owner])))
     target = np.array(problem.target)
-    return CoulombProgram(
-        target,
-        np.array(rows),
-        np.array(gap),
-        np.array(start),
-        _scaled(state),
-        np.array(multiplier),
-        _weights(state),
-        astray,
-    )
+    a, b, c, loads = (np.array(values) for values in (rows, gap, start, multiplier))
+    return CoulombProgram(target, a, b, c, _scaled(state), loads, _weights(state), astray)
 
 
 def _weights(state: Any) -> FloatArray:

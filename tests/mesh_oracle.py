@@ -1,8 +1,7 @@
-"""Round cones against vertices, edges and triangles by search along the axis: what tests of mesh contact share.
+"""Oracle for distances of round cones to vertices, edges and triangles, without code of the kernels.
 
-Nothing of the kernels is in it. The distance of a point to a triangle is that to its plane where the point projects
-inside of it, else the least of those to its sides. That of a round cone is sought along its axis, where it is convex:
-sampled densely, then narrowed by golden sections down to rounding.
+The distance of a round cone is searched along its axis, where it is convex: sampled densely, then narrowed by golden
+sections down to rounding.
 """
 
 import math
@@ -94,12 +93,7 @@ def to_triangle(x: FloatArray, corners: FloatArray) -> FloatArray:
 
 
 def along_axes(cones: Cones, distance: Callable[[FloatArray], FloatArray]) -> FloatArray:
-    """Least of distance(centre) - radius [m] over the axis of each cone, shape (n,).
-
-    Args:
-        cones: n of them.
-        distance: Of points (k, n, 3), the i-th of each row to the i-th thing: convex.
-    """
+    """Least of distance(centre) - radius [m] over the axis of each of n cones; `distance` takes points (k, n, 3)."""
 
     def value(share: FloatArray) -> FloatArray:
         radius = cones.radius_a + share * (cones.radius_b - cones.radius_a)

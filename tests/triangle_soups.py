@@ -1,8 +1,4 @@
-"""Triangles as badly put together as files have them, and their distances by search: what tests of meshes share.
-
-Nothing of the kernels is in the distances. That of a point to a triangle is the one to its plane where the point
-projects inside, else the least of those to its sides; along an axis it is convex and sought by golden sections.
-"""
+"""Triangles as badly put together as files have them, and their distances by search, without code of the kernels."""
 
 import math
 from collections.abc import Callable
@@ -246,14 +242,7 @@ def _beyond(s: float, ends: FloatArray, radius: FloatArray, triangle: FloatArray
 
 @numba.njit(error_model="numpy")  # type: ignore[untyped-decorator]
 def least_distance(ends: FloatArray, radius: FloatArray, triangles: FloatArray, normals: FloatArray) -> float:
-    """Least distance [m] of a round cone to triangles; negative where it reaches through one.
-
-    Args:
-        ends: Of its axis [m], shape (2, 3).
-        radius: There [m], shape (2,).
-        triangles: [m], shape (F, 3, 3).
-        normals: By `plane_normals`, shape (F, 3).
-    """
+    """Least distance [m] of a round cone, by its axis (2, 3) and radii (2,), to triangles; negative through one."""
     best = np.inf
     half = 0.5 * math.sqrt(((ends[1] - ends[0]) ** 2).sum()) + 0.5 * (radius[0] - radius[1])
     for i in range(len(triangles)):

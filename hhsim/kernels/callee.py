@@ -155,7 +155,7 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
 
     @functools.cached_property
     def callee(self) -> Callee:
-        """The function for other kernels."""
+        """Version of the function for other kernels."""
         options = {**self.targetoptions, "no_cpython_wrapper": True}
         callee = Callee(self.py_func, options)
         if self._cached:

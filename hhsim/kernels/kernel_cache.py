@@ -164,7 +164,7 @@ class _FolderCache(FunctionCache):  # type: ignore[misc]
 
 
 class KernelCache(_FolderCache):
-    """The file cache of one kernel.
+    """File cache of one kernel.
 
     Code for a type that is declared outside of the kernels lies in a folder named by that type's source, so that edits
     are seen and other programs, which do not know the type, never read it.

@@ -18,20 +18,11 @@ from hhsim.kernels.kernel_cache import imported_kernels
 PACKAGE = Path(hhsim.__file__).parent
 
 
-def kernel_caches(root: Path, *modules: str, **environment: str) -> dict[str, str]:
-    """Folders that a copy of the package under `root` would keep the kernels of these modules in, by their names."""
-    script = "import sys, hhsim.kernels.kernel_cache as cache; print(cache.__file__)\n"
-    script += "for name in sys.argv[1:]: print(cache.module_cache(f'hhsim.kernels.{name}').name)"
-    found = subprocess.run(
-        [sys.executable, "-c", script, *modules],
-        cwd=root,
-        env={**os.environ, "PYTHONPATH": str(root), "HHSIM_CACHE_DIR": str(root / "cache"), **environment},
-        capture_output=True,
-        text=True,
-        check=True,
-    ).stdout.split()
-    assert Path(found[0]).is_relative_to(root), "not the copy"
-    return dict(zip(modules, found[1:], strict=True))
+def output(root: Path, script: str, *arguments: str, **environment: str) -> str:
+    """What a script prints that imports the copy of the package under `root`; without bytecode, which hides edits."""
+    variables = {**os.environ, "PYTHONPATH": str(root), "HHSIM_CACHE_DIR": str(root / "cache"), **environment}
+    command = [sys.executable, "-B", "-c", script, *arguments]
+    return subprocess.run(command, cwd=root, env=variables, capture_output=True, text=True, check=True).stdout
 
 
 @pytest.fixture
@@ -69,10 +60,7 @@ def test_an_edit_makes_the_kernels_stale_that_call_it_and_no_others(copy: Path) 
         "        known.cache_clear()\n"
         "    print(*(cache.module_cache(f'hhsim.kernels.{name}').name for name in watched))"
     )
-    environment = {**os.environ, "PYTHONPATH": str(copy), "HHSIM_CACHE_DIR": str(copy / "cache")}
-    command = [sys.executable, "-c", script, ",".join(WATCHED), ",".join(EDITS)]
-    done = subprocess.run(command, cwd=copy, env=environment, capture_output=True, text=True, check=True)
-    read_from, *folders = done.stdout.splitlines()
+    read_from, *folders = output(copy, script, ",".join(WATCHED), ",".join(EDITS)).splitlines()
     assert Path(read_from).is_relative_to(copy), "not the copy"
     for (name, stale), (before, after) in zip(EDITS.items(), pairwise(folders), strict=True):
         changed = zip(WATCHED, before.split(), after.split(), strict=True)
@@ -108,22 +96,13 @@ def planted(root: Path, answer: int, forms: Sequence[str], cache: Path | None = 
         path.parent.mkdir(exist_ok=True)
         (path.parent / "__init__.py").write_text(f'"""The {path.parent.name} ones."""\n')
         path.write_text(text)
-    # Bytecode would hide an edit within one second.
     script = (
         "import importlib\n"
         f"for i in range({len(forms)}):\n"
         "    caller = importlib.import_module(f'hhsim.kernels.near.caller_{i}').caller\n"
         "    print(caller(), sum(caller.stats.cache_hits.values()))"
     )
-    found = subprocess.run(
-        [sys.executable, "-B", "-c", script],
-        cwd=root,
-        env={**os.environ, "PYTHONPATH": str(root), "HHSIM_CACHE_DIR": str(cache or root / "cache")},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    return found.stdout.splitlines()
+    return output(root, script, HHSIM_CACHE_DIR=str(cache or root / "cache")).splitlines()
 
 
 @pytest.mark.parametrize(("forms",), sampled([(FORMS[-1:],), (FORMS,)], lambda place, _: place == 0), ids=len)
@@ -167,10 +146,7 @@ def test_what_is_compiled_for_a_foreign_type_lies_apart(copy: Path) -> None:
 
     def found(offset: float) -> str:
         (copy / "surface.py").write_text(source.format(offset))
-        environment = {**os.environ, "PYTHONPATH": str(copy), "HHSIM_CACHE_DIR": str(copy / "cache")}
-        return subprocess.run(
-            [sys.executable, "-B", "-c", script], cwd=copy, env=environment, capture_output=True, text=True, check=True
-        ).stdout
+        return output(copy, script)
 
     assert found(1.0) == "1.0 0\n"
     assert found(1.0) == "1.0 1\n", "not taken from the cache"
@@ -178,11 +154,9 @@ def test_what_is_compiled_for_a_foreign_type_lies_apart(copy: Path) -> None:
 
 
 def test_checked_and_unchecked_kernels_are_kept_apart(copy: Path) -> None:
-    usual, checked, generic = (
-        kernel_caches(copy, "tick.block", **how)["tick.block"]
-        for how in ({}, {"NUMBA_BOUNDSCHECK": "1"}, {"NUMBA_CPU_NAME": "generic"})
-    )
-    assert checked != usual != generic
+    script = "import hhsim.kernels.kernel_cache as cache; print(cache.module_cache('hhsim.kernels.tick.block').name)"
+    kinds: list[dict[str, str]] = [{}, {"NUMBA_BOUNDSCHECK": "1"}, {"NUMBA_CPU_NAME": "generic"}]
+    assert len({output(copy, script, **kind) for kind in kinds}) == 3
 
 
 def test_other_packages_keep_their_own_numba_cache_folder() -> None:

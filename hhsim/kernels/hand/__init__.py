@@ -1,1 +1,1 @@
-"""The hand: frustums, kinematics, closing fingers."""
+"""Hand: frustums, kinematics, closing fingers."""

@@ -25,7 +25,7 @@ DOF = 21
 
 
 class HandArrays(NamedTuple):
-    """The hand as the kernels see it; palm frame."""
+    """Hand as the kernels see it; palm frame."""
 
     base: Array  # first joint of each finger [m], (5, 3)
     distal: Array  # unit direction of the straight finger at zero abduction, (5, 3)

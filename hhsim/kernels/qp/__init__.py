@@ -1,1 +1,1 @@
-"""The active-set solver."""
+"""Active-set solver of quadratic programs."""

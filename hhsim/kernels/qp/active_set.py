@@ -46,7 +46,7 @@ NOT_FINITE = 3
 RANK_TOLERANCE = 1e-10
 """Distance of a unit row from the span of the active rows below which it counts as dependent."""
 WARM_RANK_TOLERANCE = 1e-6
-"""The same for guessed rows: a guess that is nearly dependent costs more than it saves."""
+"""Rank tolerance of guessed rows: a guess that is nearly dependent costs more than it saves."""
 MULTIPLIER_TOLERANCE = 1e-13
 """Entries of the dual step direction up to this size, relative to its largest or to 1, are rounding."""
 

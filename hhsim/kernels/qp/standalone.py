@@ -29,7 +29,7 @@ PROGRAM = np.dtype(
     ],
     align=True,
 )
-"""The arguments of `active_set.solve`, laid out as a tick has them."""
+"""Arguments of `active_set.solve` in the layout of a tick."""
 
 
 @jit

@@ -1,1 +1,1 @@
-"""The surfaces that objects can have: one module each, which declares `SURFACE`."""
+"""Surfaces that objects can have: one module each, which declares `SURFACE`."""

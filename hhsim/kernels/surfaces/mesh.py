@@ -143,7 +143,7 @@ CANDIDATES = np.dtype(
 class Probe(NamedTuple):
     """A phalanx or a sphere of the palm, for which features are listed."""
 
-    index: int
+    number: int
     cone: RoundCone
     start: int  # of its stretch of the candidates
 
@@ -514,8 +514,8 @@ def _face_rows(mesh: MeshFeatures, candidates: Record, probe: Probe, limit: floa
     _, cone, start = probe
     ends = 2 if cone.length > 0.0 else 1
     face, index, distance = mesh.face, candidates.face, candidates.face_distance
-    first_key = _first_key(mesh, probe.index)
-    for i in range(start, start + candidates.measured[probe.index, 0]):
+    first_key = _first_key(mesh, probe.number)
+    for i in range(start, start + candidates.measured[probe.number, 0]):
         if distance[i] > limit:
             continue
         f = index[i]
@@ -588,8 +588,8 @@ def _edge_rows(mesh: MeshFeatures, candidates: Record, probe: Probe, limit: floa
     edge, index, distance = mesh.edge, candidates.edge, candidates.edge_distance
     parameter, end_distance = candidates.edge_parameter, candidates.edge_end
     slope = cone.drop * cone.inverse_length
-    first_key = _first_key(mesh, probe.index) + 3 * mesh.face.shape[0]
-    for i in range(start, start + candidates.measured[probe.index, 1]):
+    first_key = _first_key(mesh, probe.number) + 3 * mesh.face.shape[0]
+    for i in range(start, start + candidates.measured[probe.number, 1]):
         # If the nearest point of the axis is beyond the edge, an end of the axis may still be over it.
         if distance[i] > limit and end_distance[i] > limit:
             continue
@@ -671,8 +671,8 @@ def _vertex_rows(mesh: MeshFeatures, candidates: Record, probe: Probe, limit: fl
     vertex, index = mesh.vertex, candidates.vertex
     distance, parameter = candidates.vertex_distance, candidates.vertex_parameter
     slope = cone.drop * cone.inverse_length
-    first_key = _first_key(mesh, probe.index) + 3 * (mesh.face.shape[0] + mesh.edge.shape[0])
-    for i in range(start, start + candidates.measured[probe.index, 2]):
+    first_key = _first_key(mesh, probe.number) + 3 * (mesh.face.shape[0] + mesh.edge.shape[0])
+    for i in range(start, start + candidates.measured[probe.number, 2]):
         if distance[i] > limit:
             continue
         s, v = parameter[i], index[i]

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from mesh_oracle import Cones, along_axes, random_cones, to_line, to_segment, to_triangle
 from numpy.typing import NDArray
 from sampled import sampled
-from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 
 from hhsim.arrays import FloatArray
@@ -73,21 +72,6 @@ def crossing(cones: Cones, corners: FloatArray) -> NDArray[np.bool_]:
     """Which axes come within 1 µm of their triangles: there a distance has a kink."""
     axes = Cones(cones.a, cones.b, np.zeros(len(cones.a)), np.zeros(len(cones.a)))
     return np.asarray(along_axes(axes, lambda x: to_triangle(x, corners)) < 1e-6)
-
-
-def test_the_search_agrees_with_a_bounded_minimum_by_scipy() -> None:
-    random = np.random.default_rng(0)
-    corners, cones = random_triangles(random, 40), random_cones(random, 40)
-    found = along_axes(cones, lambda x: to_triangle(x, corners))
-    for i in np.flatnonzero(~crossing(cones, corners)):
-
-        def value(share: float, i: int = int(i)) -> float:
-            radius = cones.radius_a[i] + share * (cones.radius_b[i] - cones.radius_a[i])
-            at = cones.a[i] + share * (cones.b[i] - cones.a[i])
-            return float(to_triangle(at, corners[i]) - radius)
-
-        inner = minimize_scalar(value, bounds=(0.0, 1.0), method="bounded", options={"xatol": 1e-12}).fun
-        assert found[i] == pytest.approx(min(inner, value(0.0), value(1.0)), abs=EXACT)
 
 
 @given(SEEDS)

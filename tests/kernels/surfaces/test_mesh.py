@@ -89,12 +89,8 @@ def finger_rows(mesh: MeshFeatures) -> dict[str, FloatArray]:
     along = (contacts.point[:, rows].T - state.pose.joints[1, 1]) @ state.pose.direction[1, 1]
     return {
         "along": along,
-        "distance": contacts.distance[rows].copy(),
-        "slides": contacts.slides[rows].copy(),
-        "straight": contacts.straight[:, rows].T.copy(),
-        "normal": contacts.normal[:, rows].T.copy(),
         "radius": contacts.hand_radius[rows].copy(),
-        "key": contacts.key[rows].copy(),
+        **{name: contacts[name][..., rows].T.copy() for name in ("distance", "slides", "straight", "normal", "key")},
     }
 
 
@@ -120,14 +116,8 @@ def test_a_finger_flat_on_a_large_face_has_a_row_at_each_end() -> None:
 
 
 def test_a_ridge_across_the_middle_of_a_finger_has_one_row_that_slides() -> None:
-    middle = 0.5 * LENGTH
-    top = beside(middle)
-    roof = [
-        [middle, -0.03, top],
-        [middle, 0.03, top],
-        [middle - 0.02, 0.0, top - 0.04],
-        [middle + 0.02, 0.0, top - 0.04],
-    ]
+    x, top = 0.5 * LENGTH, beside(0.5 * LENGTH)
+    roof = [[x, -0.03, top], [x, 0.03, top], [x - 0.02, 0.0, top - 0.04], [x + 0.02, 0.0, top - 0.04]]
     rows = finger_rows(under_the_finger(np.array(roof), [[0, 1, 2], [1, 0, 3]]))
     assert len(rows["key"]) == 1
     assert rows["distance"] == pytest.approx(GAP, abs=1e-12)
@@ -189,12 +179,15 @@ def test_a_vertex_of_a_hundred_triangles_is_one_row() -> None:
     assert len(finger_rows(under_the_finger(np.array([bottom, rim[0] - 0.01, rim[1] - 0.01]), [[0, 1, 2]]))["key"]) > 0
 
 
+def strips(count: int) -> IntArray:
+    first = 2 * np.arange(count - 1)
+    return np.stack([first, first + 1, first + 3, first, first + 3, first + 2], axis=1).reshape(-1, 3)
+
+
 def roof_along(*profile: tuple[float, float]) -> MeshFeatures:
     """Faces along the whole finger, under it: across it they go from place to place (to its side, below it) [m]."""
     place = np.array([[x, y, beside(x) - z] for y, z in profile for x in (-0.3, 0.5)])
-    first = 2 * np.arange(len(profile) - 1)
-    faces = [np.stack([first, first + 1, first + 3], axis=1), np.stack([first, first + 3, first + 2], axis=1)]
-    return under_the_finger(place, np.concatenate(faces))
+    return under_the_finger(place, strips(len(profile)))
 
 
 def test_the_plane_of_a_narrow_face_ends_where_the_face_does() -> None:
@@ -217,9 +210,7 @@ def test_a_corner_beside_a_finger_that_crosses_a_ridge_adds_no_row() -> None:
     # Askew, so that the place of the finger's axis that is nearest to the corner is another one than to the ridge.
     ridge = [[x + y, y, beside(x + y)] for y in (-0.03, beyond, 0.03)]
     wings = [[x + side * 0.02, 0.0, beside(x) - 0.04] for side in (-1.0, 1.0)]
-    rows = finger_rows(
-        under_the_finger(np.array(ridge + wings), [[0, 1, 3], [1, 2, 3], [1, 0, 4], [2, 1, 4]]),
-    )
+    rows = finger_rows(under_the_finger(np.array(ridge + wings), [[0, 1, 3], [1, 2, 3], [1, 0, 4], [2, 1, 4]]))
     assert len(rows["key"]) == 1
     assert rows["slides"] == 1
 
@@ -228,11 +219,7 @@ def test_a_face_of_slivers_holds_a_finger_as_one_face_does() -> None:
     # Strips of 50 µm by 0.8 m, cut in two: thousands to one, each with flat sides alone.
     y = np.linspace(-0.005, 0.005, 201)
     place = np.array([[x, value, beside(x)] for value in y for x in (-0.3, 0.5)])
-    first = 2 * np.arange(200)
-    faces = np.concatenate(
-        [np.stack([first, first + 1, first + 3], axis=1), np.stack([first, first + 3, first + 2], axis=1)]
-    )
-    rows = finger_rows(under_the_finger(place, faces))
+    rows = finger_rows(under_the_finger(place, strips(201)))
     np.testing.assert_allclose(rows["distance"], GAP, atol=1e-10)
     for radius in (RADIUS, END_RADIUS):
         assert np.abs(rows["radius"] - radius).min() < 1e-12
@@ -501,17 +488,13 @@ STEP = 2e-5
 
 
 class Border(NamedTuple):
-    """What an edge or a corner stands for whose nearest place is at the border of its normals: a face, or an edge.
+    """The face or edge that an edge or corner stands for whose nearest point is at the border of its normals."""
 
-    A `place` on the object, the `normal` there, whether the border is of a face, or of an edge that goes `along`; the
-    `share` of the axis at which it is near.
-    """
-
-    place: FloatArray
+    place: FloatArray  # on the object
     normal: FloatArray
-    flat: bool
-    along: FloatArray
-    share: float
+    flat: bool  # True for a face
+    along: FloatArray  # direction of an edge
+    share: float  # of the axis
 
 
 def row_distance(mesh: MeshFeatures, key: int, at: Motion, border: Border | None = None) -> float:
@@ -714,10 +697,8 @@ def program(rows: Rows, chosen: NDArray[np.bool_], at: Motion, target: FloatArra
     """The program of a linearisation with some of the rows, and the joints' limits."""
     flexion = at.flexion[0].ravel()
     free = np.eye(DOF)[6:]
-    lowest, highest = (
-        np.minimum(HAND.flexion_min.ravel() - flexion, 0.0),
-        np.minimum(flexion - HAND.flexion_max.ravel(), 0.0),
-    )
+    lowest = np.minimum(HAND.flexion_min.ravel() - flexion, 0.0)
+    highest = np.minimum(flexion - HAND.flexion_max.ravel(), 0.0)
     return QpProblem(
         options.stiffness.diagonal(),
         np.concatenate([rows.matrix[chosen], free, -free]),
