@@ -21,13 +21,11 @@ def command(as_json: bool) -> None:
       hhsim trajectories
       hhsim replay cup handle
     """
-    from dataclasses import asdict
-
     from hhsim.scene.motion_catalogue import describe, trajectory_names
 
     descriptions = [describe(name) for name in trajectory_names()]
     if as_json:
-        print_json({"trajectories": [asdict(item) for item in descriptions]})
+        print_json({"trajectories": [item._asdict() for item in descriptions]})
         return
     columns = (
         words("name"),

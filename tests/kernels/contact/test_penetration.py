@@ -17,7 +17,8 @@ FREE = 1.0
 """A limit [m] that no distance in these scenes reaches."""
 HAND = HandModel.default()
 PALM = HAND.palm_tree
-SHAPE = HandSurface(HAND.radius, *np.ascontiguousarray(PALM.leaf_center.T), PALM.leaf_radius)
+X, Y, Z = np.ascontiguousarray(PALM.leaf_center.T)
+SHAPE = HandSurface(HAND.radius, X, Y, Z, PALM.leaf_radius)
 
 
 def run(shape: HandSurface, tree: TreeArrays, hands: PlacedHands, limit: float) -> tuple[FloatArray, FloatArray]:
@@ -61,7 +62,8 @@ def scenes(draw: st.DrawFn) -> Scene:
     joints = spread * rng.normal(size=(ticks, 5, 1, 3)) + np.cumsum(step, axis=2)
     phalanx_radius = np.sort(rng.choice([0.0, 0.005, 0.01, 0.02], size=(5, 4)), axis=1)[:, ::-1].copy()
     rotation = np.ascontiguousarray(Rotation.random(ticks, rng=rng).as_matrix()) if ticks else np.zeros((0, 3, 3))
-    shape = HandSurface(phalanx_radius, *(0.03 * rng.normal(size=(3, palms))), rng.uniform(0.0, 0.015, size=palms))
+    x, y, z = 0.03 * rng.normal(size=(3, palms))
+    shape = HandSurface(phalanx_radius, x, y, z, rng.uniform(0.0, 0.015, size=palms))
     center, radius = 0.03 * rng.normal(size=(leaves, 3)), rng.uniform(0.0, 0.01, size=leaves)
     return shape, center, radius, PlacedHands(joints, spread * rng.normal(size=(ticks, 3)), rotation)
 

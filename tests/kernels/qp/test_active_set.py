@@ -153,7 +153,7 @@ def grouped_set(rng: np.random.Generator, m: int) -> tuple[Layout, FloatArray]:
     return Layout(21, 6, common, block, rhs, start, stop, group_block), inside + 2.0 * rng.normal(size=21)
 
 
-def used_rows(rows: Rows) -> IntArray:
+def used_rows(rows: Layout) -> IntArray:
     return np.concatenate([np.arange(a, b) for a, b in zip(rows.group_start, rows.group_stop)])
 
 
