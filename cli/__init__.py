@@ -1,1 +1,1 @@
-"""The `hhsim` command line: one thin module a command."""
+"""Command line `hhsim`: one thin module a command."""

@@ -25,7 +25,7 @@ STEP_SUMMARY = "GITHUB_STEP_SUMMARY"
 
 
 class Comparison(OptionGroup):
-    """What a suite or a result is compared with, and how it is timed."""
+    """Base of the comparison, and timing."""
 
     baseline: Path | None = file(
         "FILE", "File of --write-baseline, or another result, to compare with. Default: the suite's file."

@@ -82,7 +82,7 @@ class FileSettings(OptionGroup, heading="Recording"):
 
 
 class HandData(OptionGroup, heading="MANO, UmeTrack, LeRobot"):
-    """What files of poses and data sets need besides."""
+    """Additional data that files of poses and data sets need."""
 
     mano_model: Path | None = file("FILE", "Your own file of the MANO model, .pkl or .npz.")
     mano_pose: str | None = option(

@@ -1,4 +1,4 @@
-"""The `hhsim` command: a group that imports a command only when it is run, and reports all errors."""
+"""Command `hhsim`: a group that imports a command only when it is run, and reports all errors."""
 
 import json
 import os
@@ -39,7 +39,7 @@ COMMANDS = {
     "help": "Show the help of hhsim, or of a command.",
     "completion": "Print the script that completes hhsim commands in a shell.",
 }
-"""Every command with its one line; its module is named like it, with underscores, and holds `command`."""
+"""Commands with one line each; a command's module is named like it, with underscores, and holds `command`."""
 
 KEYWORDS = {"import": "import_"}
 """Modules of commands whose name no module can have."""

@@ -49,7 +49,7 @@ def complete_trajectory(context: click.Context, parameter: click.Parameter, inco
 
 
 class SolverSettings(options.Linearising, options.SolverChoice):
-    """All options of the solver; `stiffness` is k_t [N/m], k_r and k_θ [N·m/rad]."""
+    """Options of the solver; `stiffness` is k_t [N/m], k_r and k_θ [N·m/rad]."""
 
     isolate: bool = shared(isolate)
     qp: str = option(
@@ -110,7 +110,7 @@ class SolverSettings(options.Linearising, options.SolverChoice):
 
 
 class HandAndMotion(options.Sampling, heading="Hand and motion"):
-    """The hand and its motion; `tremor` is an amplitude of the palm's position [mm] and of its rotation [°]."""
+    """Hand and its motion; `tremor` is an amplitude of the palm's position [mm] and of its rotation [°]."""
 
     place_object: Literal["recorded", "auto"] | None = options.place_object(None)
     object_pose: Literal["recorded", "fixed"] = option(
@@ -191,7 +191,7 @@ class HandAndMotion(options.Sampling, heading="Hand and motion"):
 
 
 class ReplayOutput(options.Output):
-    """Where the result goes, and how much is printed."""
+    """Path of the result, and amount of output."""
 
     whole: bool = option(
         "--all", is_flag=True, help="Print every figure; without it those that matter, and what is over its limit."

@@ -1,1 +1,1 @@
-"""What commands take: options and arguments that several of them share, and how groups of them are declared."""
+"""Parameters of commands: options and arguments that several of them share, and how groups of them are declared."""

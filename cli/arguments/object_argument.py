@@ -1,4 +1,4 @@
-"""The OBJECT argument, a name of the catalogue or a mesh file, and the options of a mesh file."""
+"""Argument OBJECT, a name of the catalogue or a mesh file, and the options of a mesh file."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""The option for the target of a rerun recording."""
+"""Option for the target of a rerun recording."""
 
 from typing import TYPE_CHECKING
 

@@ -15,7 +15,7 @@ SUITES = {
     "mesh-size": "Contact with ever more triangles: time of a tick, time and memory to get ready.",
     "threads": "One thread or several: detection, response and total, by how much of the hand is in contact.",
 }
-"""Every suite with its one line."""
+"""Suites with one line each."""
 
 command = LazyGroup(
     "bench",

@@ -3,7 +3,7 @@
 from ..lazy_group import LazyGroup, show_help
 
 COMMANDS = {"glove": "A data glove in the loop: its hand against an object, forces back to its fingers."}
-"""Every command with its one line."""
+"""Commands with one line each."""
 
 command = LazyGroup(
     "live",

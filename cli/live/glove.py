@@ -41,7 +41,7 @@ def check_rerun(context: click.Context, parameter: click.Parameter, value: str |
 
 
 class HandChoice(OptionGroup, heading="Hand"):
-    """The hand, its motion if nobody moves it, and where its palm is."""
+    """Hand, its motion if nobody moves it, and the source of the palm's pose."""
 
     side: options.Side | None = option(
         "--hand", type=options.SIDES, help="Which hand's glove. Default: right, or the recording's."

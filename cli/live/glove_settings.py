@@ -15,7 +15,7 @@ from ..arguments.options import Number
 
 
 class GloveChoice(OptionGroup, heading="Glove"):
-    """The glove and its settings, which are fields of the subclass that `glove_choice` makes."""
+    """Glove and its settings, which are fields of the subclass that `glove_choice` makes."""
 
     device: str
 

@@ -62,7 +62,7 @@ class Entry:
 
     @property
     def key(self) -> tuple[str, str, str, str, str]:
-        """What was run, whatever the machine."""
+        """Identity of a run, apart from its machine."""
         return self.object, self.motion, self.method, self.surface, self.options
 
     @property

@@ -1,4 +1,4 @@
-"""The board's tables as people read them: in a terminal, in a document, on a page."""
+"""Tables of the board for a terminal, a document and a page."""
 
 import json
 import math

@@ -114,7 +114,7 @@ class HandBodies:
 
     @cached_property
     def joints(self) -> tuple[HandJoint, ...]:
-        """All joints: abduction and three flexions a finger, 20 in all."""
+        """Joints: abduction and three flexions a finger, 20 in all."""
         return tuple(joint for body in self.bodies for joint in body.joints)
 
     def angles(self, flexion: FloatArray, abduction: FloatArray) -> dict[str, float]:

@@ -29,7 +29,7 @@ def find_contact_points(
     chosen: ArrayLike | None = None,
     fingers: ArrayLike | None = None,
 ) -> ContactPoints:
-    """All pairs of a hand body and a piece of the surface no more than `touch` [m] apart, or inside each other.
+    """Find all pairs of a hand body and a piece of the surface no more than `touch` [m] apart, or inside each other.
 
     Args:
         surface: Surface of the object, world.

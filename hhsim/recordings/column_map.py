@@ -1,4 +1,4 @@
-"""Which column of a table is what: a small TOML file that makes a recording of any CSV.
+"""Column maps: a small TOML file that names the columns of any CSV, and makes a recording of it.
 
 Everything but the joints and the time is optional. Names of joints are those of our own CSV: thumb_flex1 (metacarpal)
 to little_flex3, proximal to distal, and thumb_abd to little_abd::

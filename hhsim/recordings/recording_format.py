@@ -93,7 +93,7 @@ class Content:
 
     @cached_property
     def data(self) -> bytes:
-        """All bytes of the file; TrajectoryError if it is missing, cannot be read or is too large."""
+        """Return all bytes of the file; TrajectoryError if it is missing, cannot be read or is too large."""
         self.refuse_large()
         assert self.path is not None
         with _readable():

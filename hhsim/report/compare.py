@@ -19,7 +19,7 @@ HOW = ("level", "max_error")
 OF_A_MESH = ("unit", "size_mm", "thickness_mm")
 OF_A_MOTION = ("number of ticks", "trajectory")
 OF_A_REPLAY = ("place_object", "samples", "seed", "tremor_mm_deg")
-"""What differs of necessity where the object, the motion, or the kind of run does."""
+"""Figures that differ of necessity where the object, the motion, or the kind of run does."""
 SEEDED_NOISE = {TREMBLING: 2.0, f"{TREMBLING}_std": 2.0}
 """Relative differences within the noise of a hand with random tremor.
 

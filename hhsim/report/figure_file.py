@@ -26,7 +26,7 @@ FIGURES: Mapping[str, Callable[[Mapping[str, Result]], ReportFigure]] = {
     "hand": lambda results: _hand(results),
 }
 TABLE_FIGURE, TIMED_ERRORS = "speed-error", ("speed-error", "peers")
-"""The figure that tables of `hhsim bench` have, and the suites that have it."""
+"""Figure that tables of `hhsim bench` have, and the suites that have it."""
 FORMATS = (".pdf", ".svg", ".png")
 UNITS = {"mm": 25.4, "cm": 2.54, "in": 1.0}
 LEAST_WIDTH, MOST_WIDTH = 50.0, 600.0

@@ -1,4 +1,4 @@
-"""The report's histogram of tick times."""
+"""Histogram of tick times."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The report's pictures of the hand: skin for the graphic hand, blue glass for the haptic one, forces in red."""
+"""Pictures of the hand: skin for the graphic hand, blue glass for the haptic one, forces in red."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -40,7 +40,7 @@ class ReportRun:
 
     @property
     def ended(self) -> str:
-        """How a session ended that did not end in order, in a few words; else ""."""
+        """Cause of the end of a session that did not end in order, in a few words; else ""."""
         why = broken_off(self.result)
         return f"ended: {why}" if why else ""
 

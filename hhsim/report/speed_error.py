@@ -1,4 +1,4 @@
-"""The report's picture of speed against error: each result a point, by what its file says."""
+"""Picture of speed against error: each result a point, by what its file says."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The report's curves over time, in the manner of the paper's Figs. 12 and 14."""
+"""Curves over time, in the manner of the paper's Figs. 12 and 14."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

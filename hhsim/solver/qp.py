@@ -45,7 +45,7 @@ class QpStatus(StrEnum):
 
     OPTIMAL = "optimal"
     INACCURATE = "inaccurate"
-    """The backend claims an optimum, but `QpProblem.kkt_residual` exceeds `RESIDUAL_LIMIT`."""
+    """Error of a backend that claims an optimum, though `QpProblem.kkt_residual` exceeds `RESIDUAL_LIMIT`."""
     INFEASIBLE = "infeasible"
     """No δ satisfies all rows; proven by Farkas' certificate whatever the backend said."""
     FAILED = "failed"

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from hhsim.kernels.contact.surface import Surface
 
 SURFACES: Registry["Surface"] = Registry("hhsim.kernels.surfaces", "SURFACE", "surface", first=("spheres", "mesh"))
-"""Every surface by its name."""
+"""Surfaces by name."""
 
 
 def surface_of(arrays: Any) -> "Surface":

@@ -115,7 +115,7 @@ def near_rows(
 
 
 def near_pairs(hand: OwnHand, posed: Posed, spheres: Groups, fingers: BoolArray, near: float) -> Pairs:
-    """All pairs of a body and a sphere no more than `near` [m] apart, world; `fingers` (5,) selects the fingers."""
+    """Find all pairs of a body and a sphere no more than `near` [m] apart, world, of the fingers in `fingers` (5,)."""
     found: list[Pairs] = []
     for first in range(0, len(posed.joints), CHUNK):
         some = Posed(*(values[first : first + CHUNK] for values in posed))

@@ -61,7 +61,7 @@ def triangle_groups(triangles: FloatArray) -> Groups:
 def near_triangle_pairs(
     hand: OwnHand, posed: Posed, triangles: ReadyTriangles, groups: Groups, fingers: BoolArray, near: float
 ) -> Pairs:
-    """All pairs of a body and a triangle no more than `near` [m] apart, world; `leaf` is the triangle's index.
+    """Find all pairs of a body and a triangle no more than `near` [m] apart, world; `leaf` is the triangle's index.
 
     A phalanx has pairs at its nearest point and at both ends, where it touches a face that it lies flat on. No depth
     exceeds the radius, that of a body whose axis passes through the triangle. `fingers` (5,) selects the fingers.

@@ -84,7 +84,7 @@ class ContactRun:
 
 @dataclass(frozen=True, eq=False)
 class PaperRuns:
-    """All runs: by scene, then by method; and those of the scenes for which the paper states a number of contacts."""
+    """Runs by scene, then by method; and those of the scenes for which the paper states a number of contacts."""
 
     scenes: tuple[SceneRun, ...]
     at_contacts: tuple[ContactRun, ...]

@@ -34,7 +34,7 @@ SEARCH = 20
 REPAIRS = 8
 """Most solutions more of a program with a Γ that turned out too large made smaller; the last time all are 0."""
 PART_REPAIRS = 2
-"""The same for a program with a clipped target, from which the tick goes on."""
+"""Limit for a program with a clipped target, from which the tick goes on."""
 MOST_WAIT = 3
 """After each search for Γ that came to nothing in a row twice as many ticks go without one, up to this power of 2."""
 LET_FLOAT = 0.5

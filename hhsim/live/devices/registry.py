@@ -95,7 +95,7 @@ class GloveConfig:
 
 
 GLOVES: Registry[Glove] = Registry("hhsim.live.devices", "GLOVE", "glove")
-"""Every glove by its name."""
+"""Gloves by name."""
 
 
 def configure(

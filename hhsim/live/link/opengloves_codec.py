@@ -20,7 +20,7 @@ LONGEST_LINE = 512
 """Bytes of a line; a glove's are shorter than 200."""
 FULL_LIMIT = 1000
 RELEASE = b"\nA0B0C0D0E0\n"
-"""All fingers free; the newline before it ends whatever was sent by half."""
+"""Message that frees all fingers; the newline before it ends whatever was sent by half."""
 
 _TOKEN = re.compile(rb"(?:\(([A-Z]{2,3})\)|([A-Z]))(-?\d{1,6}(?:\.\d{1,6})?)?")
 _NONE = (math.nan,) * 5

@@ -52,7 +52,7 @@ HAND_MARGIN = 0.16
 
 
 class ViewerGoneError(Exception):
-    """The viewer was closed, or takes nothing any more."""
+    """Error of a viewer that was closed or takes no more data."""
 
 
 class LiveViewer:
