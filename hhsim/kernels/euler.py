@@ -9,7 +9,7 @@ from hhsim.kernels.jit import Array, jit
 from hhsim.kernels.rotation import write_unit_quaternion
 
 LOCKED = 1e-9
-"""cos β below which only the sum or the difference of α and γ is defined."""
+"""Cosine of β below which only the sum or the difference of α and γ is defined."""
 
 
 @jit

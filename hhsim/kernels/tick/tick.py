@@ -306,7 +306,7 @@ def finish_hand(method: Any, hand: HandArrays, surface: Any, state: Record, qp: 
     detected = monotonic_ns()
     if options.force_model == FORCE_PAPER:
         find_contacts(surface, hand, state.pose, state.candidates, options.touch, state.contacts)
-    elif status & (STATUS_LAG | STATUS_STUCK) or is_strained(method, state):
+    elif status & STATUS_LAG or is_strained(method, state):
         settle_forces(hand, surface, options, state, qp)
     hand_forces(options, state)
     end_work(state)
