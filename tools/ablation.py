@@ -35,7 +35,7 @@ from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.hand.pose import copy_configuration
 from hhsim.kernels.jit import jit
-from hhsim.kernels.kernel_cache import KERNEL_CACHE, PACKAGE, kernel_closure, module_cache
+from hhsim.kernels.kernel_cache import KERNEL_CACHE, PACKAGE, kernel_closure, module_cache, source_of
 from hhsim.kernels.tick import method as tick_method
 from hhsim.kernels.tick import restoration
 from hhsim.kernels.tick.block import TickRecord
@@ -57,6 +57,8 @@ METHODS = ("coupled", "progressive")
 SURFACES = ("spheres", "mesh")
 RECORDING_OBJECTS = ("bunny", "cup")
 RECORDED = ("dapg_door_00", "dapg_door_07", "dfki", "leap_grab", "leap_pinch-half", "leap_roll", "mediapipe")
+RANDOM_SUITES = {"random": SolverOptions().linearisations, "few": 2}
+"""Suites of random targets, with the linearisations that a tick of theirs may make."""
 MOST_TICKS = 6000
 """Of a scene: all of a script, the beginning of a long recording."""
 JUDGED = 8
@@ -247,6 +249,8 @@ def share_kernels(safeguards: Sequence[Safeguard], folder: Path) -> None:
     }
     for cached in KERNEL_CACHE.iterdir():
         module = f"{PACKAGE}.{cached.name.rpartition('-')[0]}"
+        if source_of(module) is None:
+            continue
         if cached == module_cache(module) and not changed & kernel_closure(module):
             shutil.copytree(cached, folder / "kernels" / cached.name, dirs_exist_ok=True)
 
@@ -375,11 +379,14 @@ def measure(folder: Path, suites: Sequence[str], ticks: int) -> dict[str, Any]:
                 found[f"{suite} {name} {options.method} {options.surface}"] = run_one(scene, options)
             except HhsimError as error:
                 found[f"{suite} {name} {options.method} {options.surface}"] = {"digest": str(error)}
-    if "random" in suites:
-        grasped = [(name, scene) for suite, name, scene in known if suite == "scene" and name.endswith("grasp")]
+    grasped = [(name, scene) for suite, name, scene in known if suite == "scene" and name.endswith("grasp")]
+    for suite, linearisations in RANDOM_SUITES.items():
+        if suite not in suites:
+            continue
         for options in variants:
+            options = replace(options, linearisations=linearisations)
             for seed, (name, scene) in enumerate(grasped):
-                key = f"random {name.split()[0]} {options.method} {options.surface}"
+                key = f"{suite} {name.split()[0]} {options.method} {options.surface}"
                 found[key] = run_random(scene, options, ticks // len(grasped), seed)
     if "hard" in suites:
         for result in bench_hard(hard_cases(surfaces=SURFACES), variants):
@@ -396,7 +403,7 @@ def measure(folder: Path, suites: Sequence[str], ticks: int) -> dict[str, Any]:
     return found
 
 
-SUITES = ("scene", "random", "free", "recorded", "hard")
+SUITES = ("scene", *RANDOM_SUITES, "free", "recorded", "hard")
 
 
 def table(found: Mapping[str, Mapping[str, Any]]) -> str:
