@@ -3,6 +3,7 @@
 Velocities are derived from poses, forces on the object from contacts, slip from the poses of both bodies.
 """
 
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -458,7 +459,8 @@ def free_figures(result: Result) -> dict[str, float]:
     """Compute the summary's figures of a free object by their documented definitions; none where it is not free."""
     if not result.free:
         return {}
-    motion = FreeMotion(result)
+    # An object's view of two ticks is from two places, between which a spring has no energy.
+    motion = FreeMotion(replace(result, view=None, _loaded={}))
     wrench = np.asarray(result["object/hand_wrench"]) + result["object/table_wrench"]
     size = np.sqrt((motion.friction**2).sum(axis=1))
     outside = (size > motion.coefficient * motion.load * (1.0 + 1e-9)) | (motion.load < 0.0)
