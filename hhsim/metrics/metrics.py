@@ -15,7 +15,8 @@ from hhsim.arrays import BoolArray, FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import rotation_matrix
-from hhsim.kernels.contact.penetration import HandSurface, PlacedHands, clearances
+from hhsim.kernels.contact.penetration import clearances
+from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.kernels.jit import as_argument
 
 FORCE_FLOOR = 0.01
@@ -126,12 +127,12 @@ def hand_clearance(
     Negative inside. The other arguments are those of `penetration`.
     """
     joint_array = as_argument(joints)
-    center = np.ascontiguousarray(np.asarray(palm_center, dtype=np.float64).reshape(-1, 3).T)
     ticks = joint_array.shape[0]
     palm, finger = np.empty(ticks), np.empty((ticks, 5))
-    shape = HandSurface(as_argument(phalanx_radius), center[0], center[1], center[2], as_argument(palm_radius))
-    placed = PlacedHands(joint_array, as_argument(position), rotation_matrix(orientation))
-    clearances(surface, shape, placed, float(limit), palm, finger)
+    center = as_argument(np.asarray(palm_center, dtype=np.float64).reshape(-1, 3))
+    shape = HandShape(as_argument(phalanx_radius), center, as_argument(palm_radius))
+    placed = (joint_array, as_argument(position), rotation_matrix(orientation))
+    clearances(surface, shape, *placed, float(limit), palm, finger)
     return palm, finger
 
 

@@ -7,9 +7,10 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.model import HandModel
-from hhsim.kernels.contact.penetration import HandSurface, PlacedHands, clearances
+from hhsim.kernels.contact.penetration import clearances
 from hhsim.kernels.free.block import FreeBlock
 from hhsim.kernels.free.record import ObjectRecord
+from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.hand.pose import is_finite_configuration
 from hhsim.kernels.jit import JIT_ENABLED, as_argument
@@ -207,9 +208,9 @@ class HandSolver:
         rotation = np.empty((3, 3))
         quaternion_to_matrix(np.array(pose.orientation), rotation)
         hand, palm, finger = workspace.hand, np.empty(1), np.empty((1, FINGER_COUNT))
-        shape = HandSurface(hand.radius, hand.palm_x, hand.palm_y, hand.palm_z, hand.palm_radius)
-        placed = PlacedHands(np.ascontiguousarray(joints)[None], np.array(pose.position)[None], rotation[None])
-        clearances(workspace.surface, shape, placed, 10.0 * self.options.margin, palm, finger)
+        shape = HandShape(hand.radius, np.column_stack([hand.palm_x, hand.palm_y, hand.palm_z]), hand.palm_radius)
+        placed = (np.ascontiguousarray(joints)[None], np.array(pose.position)[None], rotation[None])
+        clearances(workspace.surface, shape, *placed, 10.0 * self.options.margin, palm, finger)
         used = self.options.modelled()[:PALM_BODY:PHALANX_COUNT]
         return float(min(palm[0], finger[0, used].min(initial=np.inf)))
 

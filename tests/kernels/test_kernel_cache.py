@@ -130,11 +130,12 @@ def test_the_digest_follows_every_kernel_that_a_module_takes_a_function_from(pat
 def test_what_is_compiled_for_a_foreign_type_lies_apart(copy: Path) -> None:
     script = (
         "import numpy as np, surface; from hhsim.kernels.contact.surface import cone_distance\n"
-        "from hhsim.kernels.contact.penetration import HandSurface, PlacedHands, clearances\n"
-        "shape = HandSurface(np.zeros((5, 4)), *np.zeros((4, 1)))\n"
-        "placed = PlacedHands(np.zeros((1, 5, 4, 3)), np.zeros((1, 3)), np.eye(3)[None])\n"
+        "from hhsim.kernels.contact.penetration import clearances\n"
+        "from hhsim.kernels.hand.hand_shape import HandShape\n"
+        "shape = HandShape(np.zeros((5, 4)), np.zeros((1, 3)), np.zeros(1))\n"
+        "placed = (np.zeros((1, 5, 4, 3)), np.zeros((1, 3)), np.eye(3)[None])\n"
         "palm, finger = np.empty(1), np.empty((1, 5))\n"
-        "clearances(surface.Level(0.5), shape, placed, 9.0, palm, finger)\n"
+        "clearances(surface.Level(0.5), shape, *placed, 9.0, palm, finger)\n"
         "print(palm[0], sum(clearances.stats.cache_hits.values()))"
     )
     source = (

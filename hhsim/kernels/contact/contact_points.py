@@ -7,11 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.contact.surface import ContactPoints, Walk, cone_contacts
-from hhsim.kernels.hand.hand_shape import HandShape
-from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
+from hhsim.kernels.hand.hand_shape import HandShape, stored_phalanx
+from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT, placed_sphere
 from hhsim.kernels.jit import Array, Indices, jit, jit_allocating
 from hhsim.kernels.rotation import quaternion_to_matrix
-from hhsim.kernels.round_cone_distance import RoundCone, cone_slope
 from hhsim.kernels.sphere_tree import STACK_SIZE
 
 SURE = 1e-12
@@ -37,43 +36,29 @@ def find_contact_pairs(
     was farther than `touch` from every piece is tested again after its ends have moved by the excess: no point of the
     hull of two spheres moves further. Returns the number of pairs, -1 if they or the walk do not fit.
     """
-    phalanx_radius, palm_center, palm_radius = shape
     walk = Walk(np.empty(STACK_SIZE, np.int64), np.empty(pairs_out.tick.shape[0], np.int64))
     rotation = np.empty((3, 3))
     count = 0
     phalanges = FINGER_COUNT * PHALANX_COUNT
-    parts = phalanges + palm_center.shape[0]
+    parts = phalanges + shape.palm_radius.shape[0]
     free, seen = np.full(parts, -1.0), np.zeros((parts, 6))
     for tick in chosen:
         quaternion_to_matrix(orientation[tick], rotation)
         for part in range(parts):
-            ux = uy = uz = 0.0
-            dx = dy = dz = 0.0
-            length = tan_slope = inverse_length = drop = 0.0
             if part < phalanges:
                 f, k = part // PHALANX_COUNT, part % PHALANX_COUNT
                 if not fingers[f]:
                     continue
-                a, b = joints[tick, f, k], joints[tick, f, k + 1]
-                ax, ay, az = a[0], a[1], a[2]
-                radius = phalanx_radius[f, k]
-                dx, dy, dz = b[0] - ax, b[1] - ay, b[2] - az
-                length = math.sqrt(dx * dx + dy * dy + dz * dz)
-                tan_slope, inverse_length = cone_slope(length, radius, phalanx_radius[f, k + 1])
-                ux, uy, uz = dx * inverse_length, dy * inverse_length, dz * inverse_length
-                drop = radius - phalanx_radius[f, k + 1]
+                cone, b = stored_phalanx(shape, joints[tick], f, k), joints[tick, f, k + 1]
+                ends = (cone.x, cone.y, cone.z, b[0], b[1], b[2])
             else:
-                c = palm_center[part - phalanges]
-                ax = position[tick, 0] + rotation[0, 0] * c[0] + rotation[0, 1] * c[1] + rotation[0, 2] * c[2]
-                ay = position[tick, 1] + rotation[1, 0] * c[0] + rotation[1, 1] * c[1] + rotation[1, 2] * c[2]
-                az = position[tick, 2] + rotation[2, 0] * c[0] + rotation[2, 1] * c[1] + rotation[2, 2] * c[2]
-                radius = palm_radius[part - phalanges]
-            if not math.isfinite(ax + ay + az + length):
+                c, radius = shape.palm_center[part - phalanges], shape.palm_radius[part - phalanges]
+                cone = placed_sphere(position[tick], rotation, c[0], c[1], c[2], radius)
+                ends = (cone.x, cone.y, cone.z, cone.x, cone.y, cone.z)
+            if not math.isfinite(cone.x + cone.y + cone.z + cone.length):
                 continue
-            ends = (ax, ay, az, ax + dx, ay + dy, az + dz)
             if _farthest_moved(ends, seen[part]) + SURE < free[part]:
                 continue
-            cone = RoundCone(ax, ay, az, ux, uy, uz, length, tan_slope, inverse_length, radius, drop)
             after, clearance = cone_contacts(surface, cone, touch, walk, count, pairs_out)
             if after < 0:
                 return -1

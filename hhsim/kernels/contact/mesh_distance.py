@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT
+from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT, placed_sphere
 from hhsim.kernels.jit import Array, Indices, jit, jit_allocating
 from hhsim.kernels.kd_tree import STACK
 from hhsim.kernels.mesh.bvh import MeshBvh, beyond, closest_on_mesh, outside
@@ -107,10 +107,9 @@ def hand_mesh_distances(
             continue
         for i in range(palm_center.shape[0]):
             c = palm_center[i]
-            x = p[0] + r[0, 0] * c[0] + r[0, 1] * c[1] + r[0, 2] * c[2]
-            y = p[1] + r[1, 0] * c[0] + r[1, 1] * c[1] + r[1, 2] * c[2]
-            z = p[2] + r[2, 0] * c[0] + r[2, 1] * c[1] + r[2, 2] * c[2]
-            best = min(best, _signed_distance(bvh, x, y, z, stack, stack_distance2) - palm_radius[i])
+            sphere = placed_sphere(p, r, c[0], c[1], c[2], palm_radius[i])
+            distance = _signed_distance(bvh, sphere.x, sphere.y, sphere.z, stack, stack_distance2)
+            best = min(best, distance - palm_radius[i])
         for f in range(FINGER_COUNT):
             for k in range(PHALANX_COUNT):
                 best = round_cone_mesh_distance(

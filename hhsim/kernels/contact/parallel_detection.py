@@ -5,7 +5,7 @@ from typing import Any
 from hhsim.kernels.contact.detection import choose_gathers, evaluate_range, follow_motion, part_cost
 from hhsim.kernels.contact.surface import Walk
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT, HandArrays
-from hhsim.kernels.jit import Indices, Record, as_int64, jit, jit_once
+from hhsim.kernels.jit import Record, as_int64, jit, jit_once
 from hhsim.kernels.parallel.thread_team import (
     NOTHING,
     PARTS,
@@ -19,19 +19,11 @@ from hhsim.kernels.parallel.thread_team import (
 
 
 @jit_once
-def worth_sharing(
-    hand: HandArrays,
-    pose: Record,
-    needed: float,
-    margin: float,
-    skin: float,
-    candidates: Record,
-    thread_team: Record,
-    work: Indices,
-) -> bool:
+def worth_sharing(hand: HandArrays, needed: float, margin: float, skin: float, state: Record) -> bool:
     """Return True if the coming evaluation is long enough to share; its parts are then in order."""
-    follow_motion(hand, pose, candidates)
-    choose_gathers(needed, margin, skin, candidates, work[:])
+    candidates, thread_team = state.candidates, state.thread_team
+    follow_motion(hand, state.pose, candidates)
+    choose_gathers(needed, margin, skin, candidates, state.work[:])
     thread_team.parts = 0
     total = 0
     for part in range(PARTS):
@@ -47,56 +39,30 @@ def worth_sharing(
 
 
 @jit_once
-def evaluate_in_parallel(
-    hand: HandArrays,
-    pose: Record,
-    surface: Any,
-    margin: float,
-    skin: float,
-    candidates: Record,
-    thread_team: Record,
-    work: Indices,
-) -> int:
+def evaluate_in_parallel(hand: HandArrays, surface: Any, margin: float, skin: float, state: Record) -> int:
     """Evaluate the parts found by `worth_sharing`, bit for bit as `kernels.contact.detection.evaluate` does."""
+    candidates, thread_team = state.candidates, state.thread_team
     for i in range(thread_team.parts):
         thread_team.status[i] = 0
         thread_team.work[i, :] = 0
     word = thread_team.word[:]
     post(word, as_int64(TASK_DISTANCES), thread_team.parts)
-    evaluate_items(
-        hand,
-        pose,
-        surface,
-        margin,
-        skin,
-        candidates,
-        thread_team,
-        Walk(candidates.stack[:], candidates.scratch[:]),
-        thread_team.work[:],
-    )
+    walk = Walk(candidates.stack[:], candidates.scratch[:])
+    evaluate_items(hand, surface, margin, skin, state, walk)
     await_done(word, thread_team.parts)
     status = 0
     for i in range(thread_team.parts):
         status |= thread_team.status[i]
         for j in range(thread_team.work.shape[1]):
-            work[j] += thread_team.work[i, j]
+            state.work[j] += thread_team.work[i, j]
     return status
 
 
 @jit
-def evaluate_items(
-    hand: HandArrays,
-    pose: Record,
-    surface: Any,
-    margin: float,
-    skin: float,
-    candidates: Record,
-    thread_team: Record,
-    walk: Walk,
-    counted: Indices,
-) -> None:
+def evaluate_items(hand: HandArrays, surface: Any, margin: float, skin: float, state: Record, walk: Walk) -> None:
     """Process items of the task TASK_DISTANCES until none is left, with the thread's own `walk`."""
-    word = thread_team.word[:]
+    pose, candidates, thread_team = state.pose, state.candidates, state.thread_team
+    word, counted = thread_team.word[:], thread_team.work[:]
     while True:
         item = take_item(word, as_int64(TASK_DISTANCES))
         if item == NOTHING:

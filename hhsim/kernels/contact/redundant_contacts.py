@@ -31,11 +31,11 @@ FEWEST = 8
 
 
 @jit_vector
-def _open_all(start: int, stop: int, distance: Array, open_out: Array) -> float:
+def _open_all(start: int, stop: int, distance: Array, open_distance: Array) -> float:
     # Returns the least distance.
     least = np.inf
     for i in range(np.uint64(start), np.uint64(stop)):
-        open_out[i] = distance[i]
+        open_distance[i] = distance[i]
         least = distance[i] if distance[i] < least else least
     return least
 
@@ -51,7 +51,7 @@ def _drop_implied(
     normal: Array,
     distance: Array,
     hand_radius: Array,
-    open_out: Array,
+    open_distance: Array,
 ) -> float:
     # Returns the least distance of the contacts that are still open.
     r = hand_radius[reference]
@@ -67,10 +67,10 @@ def _drop_implied(
         # √p + √q <= gap, without the roots.
         p, q, gap = lever * (x * x + y * y + z * z), turn * (nx * nx + ny * ny + nz * nz), distance[i] - d
         rest = gap * gap - p - q
-        before = open_out[i]
+        before = open_distance[i]
         implied = (gap >= 0.0) & (rest >= 0.0) & (4.0 * p * q <= rest * rest) & (before > REFERENCE)
         after = np.inf if implied else before
-        open_out[i] = after
+        open_distance[i] = after
         least = after if (after < least) & (after > REFERENCE) else least
     return least
 
@@ -90,49 +90,45 @@ def _move(contacts: Record, source: int, target: int) -> None:
 
 
 @jit
-def _thin(start: int, stop: int, row: int, lever: float, reach: float, contacts: Record, is_open: Array) -> int:
+def _thin(start: int, stop: int, row: int, lever: float, reach: float, contacts: Record, open_distance: Array) -> int:
     """Move those of the contacts [start, stop) that do not follow to `row` and on; return the row after them."""
-    if stop - start >= FEWEST:
+    thins = stop - start >= FEWEST
+    if thins:
         point, normal, distance, hand_radius = contacts.point, contacts.normal, contacts.distance, contacts.hand_radius
-        least = _open_all(start, stop, distance, is_open)
+        least = _open_all(start, stop, distance, open_distance)
         for _ in range(REFERENCES):
             if least == np.inf:
                 break
             nearest = start
-            while is_open[nearest] != least:
+            while open_distance[nearest] != least:
                 nearest += 1
             least = _drop_implied(
-                start, stop, nearest, reach / lever, reach, point, normal, distance, hand_radius, is_open
+                start, stop, nearest, reach / lever, reach, point, normal, distance, hand_radius, open_distance
             )
-            is_open[nearest] = REFERENCE
-        for i in range(start, stop):
-            if is_open[i] < np.inf:
-                if row < i:
-                    _move(contacts, i, row)
-                row += 1
-        return row
+            open_distance[nearest] = REFERENCE
     for i in range(start, stop):
-        if row < i:
-            _move(contacts, i, row)
-        row += 1
+        if not thins or open_distance[i] < np.inf:
+            if row < i:
+                _move(contacts, i, row)
+            row += 1
     return row
 
 
 @jit_inline
-def drop_redundant_contacts(hand: HandArrays, reach: float, contacts: Record, excess: Array) -> None:
+def drop_redundant_contacts(hand: HandArrays, reach: float, contacts: Record, open_distance: Array) -> None:
     """Keep only the contacts, in their order, that do not follow from others of their body.
 
-    No axis point of a body with contacts moves farther than `reach` [m] in the step; `excess` is workspace, shape
-    (CONTACT_ROWS,).
+    No axis point of a body with contacts moves farther than `reach` [m] in the step; `open_distance` is workspace of
+    shape (CONTACT_ROWS,).
     """
     start = contacts.start[0]
     stop = contacts.start[1]
-    row = _thin(start, stop, start, hand.turning_lever[PALM_BODY], reach, contacts, excess)
+    row = _thin(start, stop, start, hand.turning_lever[PALM_BODY], reach, contacts, open_distance)
     contacts.start[1] = row
     for f in range(FINGER_COUNT):
         for k in range(PHALANX_COUNT):
             start = stop
             stop = contacts.phalanx_end[f, k]
-            row = _thin(start, stop, row, hand.turning_lever[3 * f + k], reach, contacts, excess)
+            row = _thin(start, stop, row, hand.turning_lever[3 * f + k], reach, contacts, open_distance)
             contacts.phalanx_end[f, k] = row
         contacts.start[f + 2] = row

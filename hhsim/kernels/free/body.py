@@ -36,63 +36,42 @@ class Support(NamedTuple):
 
 BODY = np.dtype(
     [
-        ("period", np.float64),
-        ("center", np.float64, (3,)),
-        ("axes", np.float64, (3, 3)),
-        ("moment", np.float64, (3,)),
+        ("period", np.float64),  # Δt [s]
+        ("center", np.float64, (3,)),  # centre of mass [m], object's frame
+        ("axes", np.float64, (3, 3)),  # principal axes as rows, object's frame
+        ("moment", np.float64, (3,)),  # principal moments [kg·m²]
+        # Δt / √m [m/√J], Δt / √I of each principal axis [rad/√J]: 1 / √(M/Δt²)
         ("inverse_root", np.float64, (OBJECT_DOF,)),
-        ("gravity", np.float64, (3,)),
-        ("damping", np.float64),
-        ("friction", np.float64),
-        ("torsion", np.float64),
-        ("has_table", np.int64),
-        ("table", np.float64),
-        ("table_friction", np.float64),
-        ("position", np.float64, (3,)),
-        ("orientation", np.float64, (4,)),
-        ("rotation", np.float64, (3, 3)),
-        ("safe_position", np.float64, (3,)),
+        ("gravity", np.float64, (3,)),  # [m/s²]
+        ("damping", np.float64),  # [1/s]
+        ("friction", np.float64),  # μ of the hand's contacts
+        ("torsion", np.float64),  # torsional moment over normal force of the hand's contacts [m]
+        ("has_table", np.int64),  # 1 where there is a plane
+        ("table", np.float64),  # its height [m]
+        ("table_friction", np.float64),  # its μ
+        ("position", np.float64, (3,)),  # centre of mass [m]
+        ("orientation", np.float64, (4,)),  # object's frame to world
+        ("rotation", np.float64, (3, 3)),  # the same as a matrix
+        ("safe_position", np.float64, (3,)),  # where nothing penetrates
         ("safe_orientation", np.float64, (4,)),
-        ("start_position", np.float64, (3,)),
+        ("start_position", np.float64, (3,)),  # at the start of the tick
         ("start_orientation", np.float64, (4,)),
-        ("goal_position", np.float64, (3,)),
+        ("goal_position", np.float64, (3,)),  # where the body would be at the end of the tick by itself
         ("goal_orientation", np.float64, (4,)),
-        ("left", np.float64, (OBJECT_DOF,)),
-        ("safe_left", np.float64, (OBJECT_DOF,)),
-        ("clipped", np.float64, (OBJECT_DOF,)),
-        ("pushed", np.float64, (3, 3)),
-        ("safe_pushed", np.float64, (3, 3)),
-        ("velocity", np.float64, (3,)),
-        ("spin", np.float64, (3,)),
-        ("quaternion", np.float64, (4,)),
+        ("left", np.float64, (OBJECT_DOF,)),  # of the last step, what was not made, as `body_target` gives it
+        ("safe_left", np.float64, (OBJECT_DOF,)),  # the same of the last step that ended without penetration
+        ("clipped", np.float64, (OBJECT_DOF,)),  # what the present program's step was shortened by, as `left`
+        ("pushed", np.float64, (3, 3)),  # `rotation` at the start of the last step, in whose directions its forces are
+        ("safe_pushed", np.float64, (3, 3)),  # the same of the last step that ended without penetration
+        ("velocity", np.float64, (3,)),  # of the centre [m/s]
+        ("spin", np.float64, (3,)),  # angular velocity about the principal axes [rad/s]
+        ("quaternion", np.float64, (4,)),  # scratch, as the next two
         ("other", np.float64, (4,)),
         ("vector", np.float64, (3,)),
     ],
     align=True,
 )
-"""Free body; world frame unless said otherwise.
-
-| field | meaning |
-|---|---|
-| period | Δt [s] |
-| center | centre of mass [m], object's frame |
-| axes | principal axes as rows, object's frame |
-| moment | principal moments [kg·m²] |
-| inverse_root | Δt / √m [m/√J], Δt / √I of each principal axis [rad/√J]: 1 / √(M/Δt²) |
-| gravity, damping | [m/s²], [1/s] |
-| friction, torsion | μ, and torsional moment over normal force [m], of the hand's contacts |
-| has_table, table, table_friction | whether there is a plane, its height [m], its μ |
-| position, orientation, rotation | centre of mass [m], object's frame to world |
-| safe_…, start_… | the same where nothing penetrates, and at the start of the tick |
-| goal_… | where the body would be at the end of the tick by itself |
-| left | of the last step, what was not made, as `body_target` gives it |
-| clipped | what the present program's step was shortened by, as `left` |
-| pushed | `rotation` at the start of the last step, in whose directions its forces are |
-| safe_left, safe_pushed | the same of the last step that ended without penetration |
-| velocity | of the centre [m/s] |
-| spin | angular velocity about the principal axes [rad/s] |
-| quaternion, other, vector | scratch |
-"""
+"""Free body; world frame unless said otherwise."""
 
 
 @jit_once

@@ -24,21 +24,15 @@ WIDTH = COMMON + PHALANX_COUNT
 
 LEANINGS = np.dtype(
     [
+        # J of each contact that bears a force: normal, then s along e_1 to e_3, scaled; common columns, then its own
         ("part", np.float64, (FREE_DOF, PARTS, WIDTH)),
-        ("matrix", np.float64, (FREE_DOF, FREE_DOF)),
-        ("even", np.float64, (FREE_DOF,)),
-        ("wanted", np.float64, (FRICTIONS, 4)),
+        ("matrix", np.float64, (FREE_DOF, FREE_DOF)),  # Jᵀ J
+        ("even", np.float64, (FREE_DOF,)),  # y of `_spread_evenly`
+        ("wanted", np.float64, (FRICTIONS, 4)),  # which way each contact is to rub next, see `find_leanings`
     ],
     align=True,
 )
-"""Workspace for directions of friction.
-
-| field | meaning |
-|---|---|
-| part | J of each contact that bears a force: normal, then s along e_1 to e_3, scaled; common columns, then its own |
-| matrix, even | Jᵀ J, and y of `_spread_evenly` |
-| wanted | which way each contact is to rub next, see `find_leanings` |
-"""
+"""Workspace for directions of friction."""
 
 
 @jit

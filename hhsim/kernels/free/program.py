@@ -225,29 +225,50 @@ def begin_search(coulomb: Record) -> int:
     return as_int64(ROUNDS)
 
 
+@jit_once
+def _solve_once(options: TickOptions, rows: WideRows, guessed: int, state: Record, qp: QpWork) -> int:
+    """Solve the program for the Γ at hand, and read its solution; returns a status of `kernels.qp.active_set`."""
+    problem, loaded, tolerance, relaxation = state.free_problem, state.loaded, options.tolerance, options.relaxation
+    variables, target = as_int64(FREE_DOF), problem.target[:]
+    status = solve(variables, rows, target, tolerance, relaxation, loaded.guess[:], guessed, qp)
+    state.step.iterations += qp.counts[1]
+    if status == OPTIMAL:
+        problem.solutions += 1
+        _read(state.body, problem, state.friction, loaded, qp)
+    return status
+
+
+@jit_once
+def _next_slips(floats: float, state: Record, qp: QpWork) -> None:
+    """Foresee the slips by a step of Newton's method, and the directions of friction."""
+    body, problem, friction, loaded = state.body, state.free_problem, state.friction, state.loaded
+    keep_slips(friction, loaded, state.coulomb)
+    foresee_slips(state.pose, body, floats, problem, friction, qp, state.coulomb)
+    find_leanings(body, floats, problem, friction, loaded, state.leanings)
+    turn_contacts(friction, state.leanings)
+
+
+@jit_once
+def _end_search(friction: Record, loaded: Record, coulomb: Record) -> None:
+    """Return to the best slips of a search that came to nothing.
+
+    Where contacts let go at once slips run away from round to round: they do so from tick to tick instead.
+    """
+    return_to_slips(friction, loaded, coulomb)
+    coulomb.failures = min(coulomb.failures + 1, MOST_WAIT)
+    coulomb.wait = 2**coulomb.failures
+
+
 @jit
-def solve_free(
-    options: TickOptions,
-    pose: Record,
-    contacts: Record,
-    body: Record,
-    relaxed: bool,
-    problem: Record,
-    friction: Record,
-    loaded: Record,
-    coulomb: Record,
-    leanings: Record,
-    held: Record,
-    step: Record,
-    qp: QpWork,
-    rounds: int,
-    clipped: bool,
-) -> int:
+def solve_free(options: TickOptions, rounds: int, clipped: bool, state: Record, qp: QpWork) -> int:
     """Solve for a step of hand and object, with one Γ after another until friction is Coulomb's.
 
     The problem's `delta` and the step's are written where the status is OPTIMAL. Γ of a step that is clipped is for a
     part of the tick's slip, and is not kept. Returns a status of `kernels.qp.active_set`.
     """
+    pose, body, contacts, step = state.pose, state.body, state.contacts, state.step
+    problem, friction, loaded, coulomb = state.free_problem, state.friction, state.loaded, state.coulomb
+    offset, relaxed = options.offset, state.program.is_relaxed
     rows = WideRows(
         as_int64(COMMON),
         problem.common[:],
@@ -257,30 +278,17 @@ def solve_free(
         problem.group_stop[:],
         problem.group_block[:],
     )
-    status = OPTIMAL
-    friction_rows(pose, body, contacts, options.offset, relaxed, problem, friction)
-    floats, backs = LET_FLOAT * options.offset, STANDS_BACK * options.offset
+    friction_rows(pose, body, contacts, offset, relaxed, problem, friction)
+    floats, backs = LET_FLOAT * offset, STANDS_BACK * offset
     guessed = _guess(problem, loaded)
     best = np.inf
     seeks = rounds > 1
     repairs = as_int64(0)
     for i in range(rounds + REPAIRS + 2):
-        status = solve(
-            as_int64(FREE_DOF),
-            rows,
-            problem.target[:],
-            options.tolerance,
-            options.relaxation,
-            loaded.guess[:],
-            guessed,
-            qp,
-        )
-        step.iterations += qp.counts[1]
+        status = _solve_once(options, rows, guessed, state, qp)
         if status != OPTIMAL:
             return status
-        problem.solutions += 1
-        _read(body, problem, friction, loaded, qp)
-        if _is_settled(pose, body, options.offset, problem, friction):
+        if _is_settled(pose, body, offset, problem, friction):
             if seeks:
                 coulomb.failures = 0
             break
@@ -288,15 +296,9 @@ def solve_free(
         seeks = seeks and i < rounds - 1 and problem.astray <= CONVERGES * best and step.iterations < SEARCH
         if seeks:
             best = problem.astray
-            keep_slips(friction, loaded, coulomb)
-            foresee_slips(pose, body, floats, problem, friction, qp, coulomb)
-            find_leanings(body, floats, problem, friction, loaded, leanings)
-            turn_contacts(friction, leanings)
+            _next_slips(floats, state, qp)
         elif worse:
-            # Where contacts let go at once slips run away from round to round: they do so from tick to tick instead.
-            return_to_slips(friction, loaded, coulomb)
-            coulomb.failures = min(coulomb.failures + 1, MOST_WAIT)
-            coulomb.wait = 2**coulomb.failures
+            _end_search(friction, loaded, coulomb)
         else:
             repairs += 1
             most = PART_REPAIRS if clipped else REPAIRS
@@ -307,21 +309,21 @@ def solve_free(
                 guessed = RESUMES
                 for c in range(lowered):
                     j = coulomb.contact[c]
-                    contact_rows(pose, body, options.offset, relaxed, j, friction.row[j], problem, friction)
+                    contact_rows(pose, body, offset, relaxed, j, friction.row[j], problem, friction)
                 continue
             # Once these are lowered others may be too large: none is of which all are 0.
             for j in range(friction.count):
                 friction.shift[j] = 0.0
         for j in range(friction.count):
             if friction.rubs[j] == 1:
-                contact_rows(pose, body, options.offset, relaxed, j, friction.row[j], problem, friction)
+                contact_rows(pose, body, offset, relaxed, j, friction.row[j], problem, friction)
         guessed = loaded.count
         for j in range(guessed):
             loaded.guess[j] = loaded.row[j]
     if not clipped:
-        find_leanings(body, floats, problem, friction, loaded, leanings)
-        _hold(options.offset, friction, leanings, held)
+        find_leanings(body, floats, problem, friction, loaded, state.leanings)
+        _hold(offset, friction, state.leanings, state.held)
     if loaded.count > 0:
         _rest(body, problem)
     take_step(pose, body, problem, step.delta[:])
-    return status
+    return OPTIMAL

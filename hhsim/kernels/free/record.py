@@ -25,34 +25,27 @@ STICKS = 1e-9
 BORNE = np.dtype(
     [
         ("count", np.int64),
+        # its row or place in FRICTION, to put together what several rows bear
         ("contact", np.int64, (ACTIVE_CAPACITY,)),
-        ("body", np.int64, (ACTIVE_CAPACITY,)),
-        ("point", np.float64, (ACTIVE_CAPACITY, 3)),
+        ("body", np.int64, (ACTIVE_CAPACITY,)),  # of the hand, ON_TABLE for the table
+        ("point", np.float64, (ACTIVE_CAPACITY, 3)),  # [m]
+        # from the object to the hand, of the table from the table to the object
         ("normal", np.float64, (ACTIVE_CAPACITY, 3)),
-        ("load", np.float64, (ACTIVE_CAPACITY,)),
-        ("friction", np.float64, (ACTIVE_CAPACITY, 3)),
-        ("moment", np.float64, (ACTIVE_CAPACITY,)),
-        ("slip", np.float64, (ACTIVE_CAPACITY,)),
+        ("load", np.float64, (ACTIVE_CAPACITY,)),  # normal force on the hand, of the table on the object [N]
+        ("friction", np.float64, (ACTIVE_CAPACITY, 3)),  # tangential force [N]
+        ("moment", np.float64, (ACTIVE_CAPACITY,)),  # about the normal [N·m]
+        ("slip", np.float64, (ACTIVE_CAPACITY,)),  # tangential way of the contact in the tick [m]
+        # of the hand on the object: force [N], moment about its centre of mass [N·m]
         ("hand_wrench", np.float64, (6,)),
-        ("table_wrench", np.float64, (6,)),
+        ("table_wrench", np.float64, (6,)),  # the same of the table
+        # the most by which the slip that friction is balanced against is off the slip of a contact here [m]
         ("residual", np.float64),
+        # the most that a contact slips that bears a force without rows of friction: it came from too far [m]
         ("bare", np.float64),
     ],
     align=True,
 )
-"""Contacts that bear a force; object's frame.
-
-| field | meaning |
-|---|---|
-| contact | which row or place in FRICTION it is, for putting together what is borne by several rows |
-| body | of the hand, ON_TABLE for the table |
-| point, normal | [m]; from the object to the hand, of the table from the table to the object |
-| load, friction, moment | on the hand, of the table on the object: normal [N], tangential [N], about the normal [N·m] |
-| slip | tangential way of the contact in the tick [m] |
-| hand_wrench, table_wrench | on the object: force [N], moment about its centre of mass [N·m] |
-| residual | the most by which the slip that friction is balanced against is off the slip of a contact here [m] |
-| bare | the most that a contact slips that bears a force without rows of friction: it came from too far [m] |
-"""
+"""Contacts that bear a force; object's frame."""
 
 
 class ObjectRecord(NamedTuple):

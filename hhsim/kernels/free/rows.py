@@ -71,102 +71,66 @@ TINY = 1e-9
 
 FREE_PROBLEM = np.dtype(
     [
-        ("common", np.float64, (COMMON, FREE_ROWS)),
-        ("block", np.float64, (PHALANX_COUNT, FREE_ROWS)),
-        ("rhs", np.float64, (FREE_ROWS,)),
-        ("key", np.int64, (FREE_ROWS,)),
-        ("owner", np.int64, (FREE_ROWS,)),
-        ("kind", np.int64, (FREE_ROWS,)),
-        ("hand_target", np.float64, (DOF,)),
-        ("body_target", np.float64, (OBJECT_DOF,)),
-        ("target", np.float64, (FREE_DOF,)),
-        ("abduction_step", np.float64, (FINGER_COUNT,)),
-        ("abduction_total", np.float64, (FINGER_COUNT,)),
-        ("inverse_root", np.float64, (DOF,)),
+        ("common", np.float64, (COMMON, FREE_ROWS)),  # columns of palm and object, scaled
+        ("block", np.float64, (PHALANX_COUNT, FREE_ROWS)),  # columns of the row's own finger, scaled
+        ("rhs", np.float64, (FREE_ROWS,)),  # [m] for contacts, [rad] for limits
+        ("key", np.int64, (FREE_ROWS,)),  # names the same row at every tick
+        ("owner", np.int64, (FREE_ROWS,)),  # its place in FRICTION, or -1
+        ("kind", np.int64, (FREE_ROWS,)),  # 0 normal, 1 to 3 for e_1 to e_3, 4 to 6 for their opposites
+        ("hand_target", np.float64, (DOF,)),  # step to the user's hand, unscaled
+        ("body_target", np.float64, (OBJECT_DOF,)),  # step to where the body would go by itself, unscaled
+        ("target", np.float64, (FREE_DOF,)),  # both targets, scaled, in the program's order
+        ("abduction_step", np.float64, (FINGER_COUNT,)),  # of the fingers, as delta [rad]
+        ("abduction_total", np.float64, (FINGER_COUNT,)),  # of the fingers, as total [rad]
+        ("inverse_root", np.float64, (DOF,)),  # 1 / √G of the hand's variables
         ("group_start", np.int64, (FREE_GROUPS,)),
         ("group_stop", np.int64, (FREE_GROUPS,)),
         ("group_block", np.int64, (FREE_GROUPS,)),
-        ("delta", np.float64, (FREE_DOF,)),
-        ("total", np.float64, (FREE_DOF,)),
-        ("before", np.float64, (FREE_DOF,)),
+        ("delta", np.float64, (FREE_DOF,)),  # the program's step, unscaled, in its order
+        ("total", np.float64, (FREE_DOF,)),  # the same of this tick so far
+        ("before", np.float64, (FREE_DOF,)),  # the step of the tick before
         ("before_abduction", np.float64, (FINGER_COUNT,)),
-        ("whole", np.float64, (FREE_DOF,)),
+        ("whole", np.float64, (FREE_DOF,)),  # the tick's step with the program's
         ("whole_abduction", np.float64, (FINGER_COUNT,)),
-        ("solutions", np.int64),
-        ("astray", np.float64),
+        ("solutions", np.int64),  # of programs in this tick
+        ("astray", np.float64),  # the most by which Γ e_1 is off the slip of a contact that bears a force [m]
     ],
     align=True,
 )
-"""Rows in the layout of `kernels.qp.active_set`, and the steps.
-
-| field | meaning |
-|---|---|
-| common | columns of palm and object, scaled |
-| block | columns of the row's own finger, scaled |
-| rhs | [m] for contacts, [rad] for limits |
-| key | names the same row at every tick |
-| owner, kind | its place in FRICTION, or -1; 0 normal, 1 to 3 for e_1 to e_3, 4 to 6 for their opposites |
-| hand_target, body_target | step to the user's hand, and to where the body would go by itself, unscaled |
-| target | both, scaled, in the program's order |
-| inverse_root | 1 / √G of the hand's variables |
-| delta | the program's step, unscaled, in its order |
-| total | the same of this tick so far |
-| abduction_step, abduction_total | the fingers' spread, as delta and total [rad] |
-| before, before_abduction | the step of the tick before |
-| whole, whole_abduction | the tick's step with the program's |
-| solutions | of programs in this tick |
-| astray | the most by which Γ e_1 is off the slip of a contact that bears a force [m] |
-"""
+"""Rows in the layout of `kernels.qp.active_set`, and the steps."""
 
 FRICTION = np.dtype(
     [
         ("count", np.int64),
-        ("of_hand", np.int64),
-        ("contact", np.int64, (FRICTIONS,)),
-        ("body", np.int64, (FRICTIONS,)),
+        ("of_hand", np.int64),  # the first so many are of the hand
+        ("contact", np.int64, (FRICTIONS,)),  # its contact record, or the number of the point of the hull
+        ("body", np.int64, (FRICTIONS,)),  # of the hand, or ON_TABLE
         ("key", np.int64, (FRICTIONS,)),
-        ("rubs", np.int64, (FRICTIONS,)),
-        ("point", np.float64, (FRICTIONS, 3)),
-        ("normal", np.float64, (FRICTIONS, 3)),
-        ("along", np.float64, (FRICTIONS, DIRECTIONS, 3)),
-        ("about", np.float64, (FRICTIONS, DIRECTIONS)),
-        ("distance", np.float64, (FRICTIONS,)),
-        ("shift", np.float64, (FRICTIONS,)),
-        ("start", np.float64, (FRICTIONS, 3)),
-        ("start_spin", np.float64, (FRICTIONS,)),
-        ("row", np.int64, (FRICTIONS,)),
-        ("slip", np.float64, (FRICTIONS, 3)),
-        ("spin", np.float64, (FRICTIONS,)),
-        ("length", np.float64, (FRICTIONS,)),
-        ("plain", np.float64, (FRICTIONS,)),
-        ("cone", np.float64, (FRICTIONS,)),
-        ("bearings", np.int64),
-        ("bearing", np.int64, (FREE_DOF,)),
-        ("entries", np.int64),
-        ("entry", np.int64, (ENTRIES,)),
-        ("near", np.int64, (NEAR_POINTS,)),
-        ("near_distance", np.float64, (NEAR_POINTS,)),
+        ("rubs", np.int64, (FRICTIONS,)),  # 1 where it has rows of friction; contacts of the table may have none
+        ("point", np.float64, (FRICTIONS, 3)),  # [m], object's frame
+        ("normal", np.float64, (FRICTIONS, 3)),  # out of the object, of the table into it; object's frame
+        ("along", np.float64, (FRICTIONS, DIRECTIONS, 3)),  # parts of e_1 to e_3 along the surface, object's frame
+        ("about", np.float64, (FRICTIONS, DIRECTIONS)),  # parts of e_1 to e_3 about the normal
+        ("distance", np.float64, (FRICTIONS,)),  # d [m]
+        ("shift", np.float64, (FRICTIONS,)),  # Γ [m]
+        ("start", np.float64, (FRICTIONS, 3)),  # s of the tick before the program: along the surface [m]
+        ("start_spin", np.float64, (FRICTIONS,)),  # and about the normal [m]
+        ("row", np.int64, (FRICTIONS,)),  # its first row of friction
+        ("slip", np.float64, (FRICTIONS, 3)),  # s of the tick with the last solution: μ Δ_t [m]
+        ("spin", np.float64, (FRICTIONS,)),  # γ n · φ [m]
+        ("length", np.float64, (FRICTIONS,)),  # |s| [m]
+        ("plain", np.float64, (FRICTIONS,)),  # multiplier of the normal row [N]
+        ("cone", np.float64, (FRICTIONS,)),  # multiplier of friction [N]
+        ("bearings", np.int64),  # number of contacts with rows of friction that bear a force
+        ("bearing", np.int64, (FREE_DOF,)),  # their places here
+        ("entries", np.int64),  # number of points of the hull that a step of this tick would have had in the table
+        ("entry", np.int64, (ENTRIES,)),  # which points
+        ("near", np.int64, (NEAR_POINTS,)),  # points of the hull within reach of the table
+        ("near_distance", np.float64, (NEAR_POINTS,)),  # how far they are [m]
     ],
     align=True,
 )
-"""Contacts with friction, the hand's first, then all of the table.
-
-| field | meaning |
-|---|---|
-| contact | its contact record, or the number of the point of the hull |
-| body | of the hand, or ON_TABLE |
-| rubs | 1 where it has rows of friction; contacts of the table may have none |
-| point, normal | [m]; out of the object, of the table into it; object's frame |
-| along, about | e_1 to e_3: their parts along the surface, object's frame, and about the normal |
-| distance, shift | d and Γ [m] |
-| row | its first row of friction |
-| slip, spin, length | s of the tick with the last solution: μ Δ_t, γ n · φ, and |s| [m] |
-| start, start_spin | s of the tick before the program |
-| plain, cone | multipliers of it: of the normal row, and of friction [N] |
-| bearings, bearing | of the contacts with rows of friction those that bear a force: how many, and their places here |
-| entries, entry | points of the hull that a step of this tick would have had in the table: how many, and which |
-| near, near_distance | points of the hull within reach of the table, and how far they are [m] |
-"""
+"""Contacts with friction, the hand's first, then all of the table."""
 
 HELD = np.dtype(
     [
@@ -299,17 +263,15 @@ def write_row(
     of: int,
     row: int,
     point: Array,
-    mx: float,
-    my: float,
-    mz: float,
-    wx: float,
-    wy: float,
-    wz: float,
+    m: tuple[float, float, float],
+    w: tuple[float, float, float],
     rhs: float,
 ) -> None:
     """Write a row for the displacement along m plus the rotation along w."""
     common, block, weight, root = problem.common, problem.block, problem.inverse_root, body.inverse_root
     px, py, pz = point[0], point[1], point[2]
+    mx, my, mz = m
+    wx, wy, wz = w
     sign = -1.0
     if of == ON_TABLE:
         sign = 1.0
@@ -651,7 +613,7 @@ def friction_rows(
             rhs -= STANDS_BACK * offset
         if relaxed and friction.distance[i] >= 0.0:
             rhs = min(rhs, 0.0)
-        write_row(pose, body, problem, ON_TABLE, row, friction.point[i], n[0], n[1], n[2], 0.0, 0.0, 0.0, rhs)
+        write_row(pose, body, problem, ON_TABLE, row, friction.point[i], (n[0], n[1], n[2]), (0.0, 0.0, 0.0), rhs)
         problem.key[row] = TABLE_KEYS - KINDS * friction.key[i]
         problem.owner[row] = i
         problem.kind[row] = 0
@@ -685,8 +647,8 @@ def contact_rows(
         rhs = offset - d - friction.shift[i] + sign * begun
         if relaxed and d >= 0.0:
             rhs = min(rhs, 0.0)
-        mx, my, mz = n[0] - push * t[0], n[1] - push * t[1], n[2] - push * t[2]
-        write_row(pose, body, problem, of, row, point, mx, my, mz, w * n[0], w * n[1], w * n[2], rhs)
+        m = (n[0] - push * t[0], n[1] - push * t[1], n[2] - push * t[2])
+        write_row(pose, body, problem, of, row, point, m, (w * n[0], w * n[1], w * n[2]), rhs)
         if of == ON_TABLE:
             problem.key[row] = TABLE_KEYS - KINDS * friction.key[i] - 1 - k
         else:

@@ -37,32 +37,22 @@ FLAT = 1e-3
 
 COULOMB = np.dtype(
     [
-        ("contact", np.int64, (FREE_DOF,)),
-        ("moved", np.float64, (FREE_DOF, FREE_DOF)),
-        ("matrix", np.float64, (FREE_DOF, FREE_DOF)),
-        ("rhs", np.float64, (FREE_DOF,)),
-        ("share", np.float64, (FREE_DOF,)),
-        ("shift", np.float64, (FRICTIONS,)),
-        ("along", np.float64, (FRICTIONS, 3)),
-        ("about", np.float64, (FRICTIONS,)),
-        ("row", np.int64, (FREE_DOF,)),
-        ("rows", np.int64),
-        ("failures", np.int64),
-        ("wait", np.int64),
+        ("contact", np.int64, (FREE_DOF,)),  # their places in FRICTION
+        ("moved", np.float64, (FREE_DOF, FREE_DOF)),  # what a metre of Γ adds to the program's variables, scaled
+        ("matrix", np.float64, (FREE_DOF, FREE_DOF)),  # I - D; or dλ / dΓ of plain rows [N/m]
+        ("rhs", np.float64, (FREE_DOF,)),  # what Γ is short of, then dΓ [m]; or the loads of plain rows [N], then dΓ
+        ("share", np.float64, (FREE_DOF,)),  # scratch
+        ("shift", np.float64, (FRICTIONS,)),  # Γ of the round before [m]
+        ("along", np.float64, (FRICTIONS, 3)),  # e_1 of the round before, as FRICTION has it
+        ("about", np.float64, (FRICTIONS,)),  # its part about the normal
+        ("row", np.int64, (FREE_DOF,)),  # loaded rows of the round before
+        ("rows", np.int64),  # number of these
+        ("failures", np.int64),  # searches in a row that came to nothing
+        ("wait", np.int64),  # ticks that go without one
     ],
     align=True,
 )
-"""Workspace of a step of Newton's method; the first axis is that of its contacts.
-
-| field | meaning |
-|---|---|
-| contact | their places in FRICTION |
-| moved | what a metre of Γ adds to the program's variables, scaled |
-| matrix, rhs | I - D, and what Γ is short of, then dΓ [m]; or dλ / dΓ of plain rows [N/m], and their loads, then dΓ |
-| share | scratch |
-| shift, along, about, row, rows | Γ and e_1 of the round before, as FRICTION has them, and its loaded rows |
-| failures, wait | searches in a row that came to nothing, and ticks that go without one |
-"""
+"""Workspace of a step of Newton's method; the first axis is that of its contacts."""
 
 
 @jit
@@ -116,7 +106,8 @@ def _fill_system(pose: Record, body: Record, floats: float, problem: Record, fri
         of, n = friction.body[i], friction.normal[i]
         mu, w = coefficient(body, of), torsion_radius(body, of) * spin
         point = friction.point[i]
-        write_row(*(pose, body, problem, of, scratch, point, mu * x, mu * y, mu * z, w * n[0], w * n[1], w * n[2], 0.0))
+        turn = (w * n[0], w * n[1], w * n[2])
+        write_row(pose, body, problem, of, scratch, point, (mu * x, mu * y, mu * z), turn, 0.0)
         block = own_columns(of)
         for c in range(count):
             moved = work.moved[c]

@@ -67,12 +67,12 @@ from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.restoration import TRUST_DECAY, only_leaves, take_back
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, WORK_LINEARISATIONS, WORK_TOUCHING
 from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FORCE, DURATION_PALM
-from hhsim.kernels.tick.step_length import WHOLE_TARGET, vouched_share
+from hhsim.kernels.tick.step_length import WHOLE_TARGET, allowed_fraction
 from hhsim.kernels.tick.tick import (
     MOST_FAILED_STEPS,
     accept,
-    end_progress,
-    follow_step,
+    tick_status,
+    update_reach,
 )
 
 CLOSE = 20.0
@@ -129,7 +129,7 @@ def _prepare(hand: HandArrays, method: Free, surface: Any, state: Record) -> int
         return -1
     reach = min(state.trust.reach, state.trust.radius)
     found = contacts.start[FINGER_COUNT + 1]
-    drop_redundant_contacts(hand, reach, contacts, state.excess[:])
+    drop_redundant_contacts(hand, reach, contacts, state.open_distance[:])
     total = contacts.start[FINGER_COUNT + 1]
     _aim(state)
     state.body.clipped[:] = 0.0
@@ -177,23 +177,7 @@ def _solve_rows(method: Free, clipped: bool, state: Record, qp: QpWork) -> int:
     rounds = as_int64(1)
     if state.work[WORK_LINEARISATIONS] <= SEARCHED and not clipped:
         rounds = begin_search(state.coulomb)
-    status = solve_free(
-        method.options,
-        state.pose,
-        state.contacts,
-        state.body,
-        state.program.is_relaxed,
-        state.free_problem,
-        state.friction,
-        state.loaded,
-        state.coulomb,
-        state.leanings,
-        state.held,
-        state.step,
-        qp,
-        rounds,
-        clipped,
-    )
+    status = solve_free(method.options, rounds, clipped, state, qp)
     state.step.duration[DURATION_PALM] += monotonic_ns() - began
     return status
 
@@ -234,7 +218,7 @@ def _clip_target(hand: HandArrays, method: Free, only_leave: bool, state: Record
     """
     options, problem = method.options, state.free_problem
     copy_values(problem.abduction_step[:], state.problem.abduction_step[:])
-    fraction, longest = vouched_share(hand, options, state)
+    fraction, longest = allowed_fraction(hand, options, state)
     if only_leave:
         fraction = 0.0
     elif fraction >= 0.5:
@@ -334,10 +318,10 @@ def _advance(method: Free, hand: HandArrays, surface: Any, unclipped: float, sta
     for f in range(FINGER_COUNT):
         clamp_to_limits(hand, state.pose, f, step.delta[:])
     copy_values(problem.abduction_step[:], state.problem.abduction_step[:])
-    fraction, longest = vouched_share(hand, options, state)
+    fraction, longest = allowed_fraction(hand, options, state)
     _move_both(hand, fraction, state)
     foreseen = max(REACH_FLOOR * options.step_tolerance, longest)
-    follow_step(options, fraction, longest, unclipped, foreseen, state)
+    update_reach(options, fraction, longest, unclipped, foreseen, state)
     fits = evaluate_pose(hand, surface, options, state)
     table, lowest = _table(method, state)
     if table < 0.0:
@@ -372,7 +356,7 @@ def _finish_tick(method: Free, hand: HandArrays, surface: Any, state: Record, qp
         _take_back(state)
         is_full = not evaluate_pose(hand, surface, options, state) or is_full
     _see_haptic(hand, state)
-    status = end_progress(cut_short, as_bool(False), state)
+    status = tick_status(cut_short, as_bool(False), state)
     if is_full:
         status |= STATUS_CAPACITY_EXCEEDED
     if progress.is_accepted:

@@ -48,11 +48,10 @@ def evaluate_pose(hand: HandArrays, surface: Any, options: TickOptions, state: R
     # A reach exceeds the step that is expected. Lists that vouch for that step may wait for a tick that makes no other;
     # where the step turns out longer, `complete_lists` gathers them.
     candidates.leeway = needed - max(options.listed, needed / REACH_PACE)
-    team, work = state.thread_team, state.work
-    if team.members > 1 and worth_sharing(hand, pose, needed, margin, skin, candidates, team, work):
-        status = evaluate_in_parallel(hand, pose, surface, margin, skin, candidates, team, work)
+    if state.thread_team.members > 1 and worth_sharing(hand, needed, margin, skin, state):
+        status = evaluate_in_parallel(hand, surface, margin, skin, state)
     else:
-        status = evaluate(hand, pose, surface, needed, margin, skin, candidates, work)
+        status = evaluate(hand, pose, surface, needed, margin, skin, candidates, state.work)
     state.progress.is_full = status != 0
     return status == 0
 

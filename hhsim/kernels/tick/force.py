@@ -27,22 +27,14 @@ FORCE_PAPER = 1
 
 FORCES = np.dtype(
     [
-        ("phalanx", np.float64, (5, 3, 3)),
-        ("fingertip_normal", np.float64, (5, 3)),
-        ("palm_wrench", np.float64, (6,)),
-        ("total", np.float64, (3,)),
+        ("phalanx", np.float64, (5, 3, 3)),  # [N]
+        ("fingertip_normal", np.float64, (5, 3)),  # [N], Fig. 9
+        ("palm_wrench", np.float64, (6,)),  # Eq. 1: force [N], torque about the palm's origin [N·m]
+        ("total", np.float64, (3,)),  # sum over phalanges and palm [N]
     ],
     align=True,
 )
-"""Forces on the hand, world frame.
-
-| field | meaning |
-|---|---|
-| phalanx | [N] |
-| fingertip_normal | [N], Fig. 9 |
-| palm_wrench | Eq. 1: force [N], torque about the palm's origin [N·m] |
-| total | sum over phalanges and palm [N] |
-"""
+"""Forces on the hand, world frame."""
 
 
 @jit

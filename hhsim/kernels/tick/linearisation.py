@@ -81,7 +81,7 @@ def build_program(hand: HandArrays, surface: Any, options: TickOptions, state: R
     if not find_program_contacts(hand, surface, options, state):
         return -1
     found = state.contacts.start[FINGER_COUNT + 1]
-    drop_redundant_contacts(hand, min(state.trust.reach, state.trust.radius), state.contacts, state.excess[:])
+    drop_redundant_contacts(hand, min(state.trust.reach, state.trust.radius), state.contacts, state.open_distance[:])
     set_target(state)
     contacts = state.contacts.start[FINGER_COUNT + 1]
     count_linearisation(hand, surface, options, found, contacts, state)

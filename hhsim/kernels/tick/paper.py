@@ -70,47 +70,30 @@ from hhsim.kernels.tick.step import ACTIVE_CAPACITY, DURATION_DETECT, DURATION_F
 
 PAPER_STATE = np.dtype(
     [
-        ("euler", np.float64, (3,)),
-        ("haptic_euler", np.float64, (3,)),
-        ("axes", np.float64, (3, 3)),
-        ("tried", np.float64, (FINGER_COUNT, PHALANX_COUNT)),
-        ("shapes", np.float64, (PALM_BODY, SHAPE)),
-        ("lowest", np.float64, (FINGER_COUNT, PHALANX_COUNT)),
+        ("euler", np.float64, (3,)),  # α, β, γ of the graphic palm, kept from tick to tick [rad]
+        ("haptic_euler", np.float64, (3,)),  # those of the haptic palm
+        ("axes", np.float64, (3, 3)),  # world axes of the three angles
+        ("tried", np.float64, (FINGER_COUNT, PHALANX_COUNT)),  # joint angles set aside while others are looked at [rad]
+        ("shapes", np.float64, (PALM_BODY, SHAPE)),  # of each phalanx, see `kernels.hand.frustum`
+        ("lowest", np.float64, (FINGER_COUNT, PHALANX_COUNT)),  # the joints' limits [rad]
         ("highest", np.float64, (FINGER_COUNT, PHALANX_COUNT)),
-        ("frustum", FRUSTUM),
-        ("kind", np.int8, (PALM_BODY, PHALANX_PAIRS)),
-        ("closed", np.bool_),
+        ("frustum", FRUSTUM),  # the phalanx at hand
+        ("kind", np.int8, (PALM_BODY, PHALANX_PAIRS)),  # which part of its phalanx each pair is with
+        ("closed", np.bool_),  # spheres close all ends of the frustums, see `kernels.hand.frustum.in_range`
+        # 1 where the palm, and each finger, has more pairs than its arrays hold
         ("full", np.int8, (FINGER_COUNT + 1,)),
-        ("normal", np.float64, (3, ROW_CAPACITY)),
-        ("body", np.int64, (ROW_CAPACITY,)),
-        ("target", np.float64, (6,)),
-        ("start", np.int64, (1,)),
+        ("normal", np.float64, (3, ROW_CAPACITY)),  # of each row, from object to hand
+        ("body", np.int64, (ROW_CAPACITY,)),  # of each row, 0 to 15
+        ("target", np.float64, (6,)),  # of the program at hand, times √G
+        ("start", np.int64, (1,)),  # the one row group of a program
         ("stop", np.int64, (1,)),
-        ("first", np.int64, (1,)),
-        ("guess", np.int64, (1,)),
-        ("stack", np.int64, (PALM_STACK,)),
+        ("first", np.int64, (1,)),  # its block's first variable
+        ("guess", np.int64, (1,)),  # empty
+        ("stack", np.int64, (PALM_STACK,)),  # of the palm's walk
     ],
     align=True,
 )
-"""State of the method besides TICK_STATE, of which it uses the poses, the arrays of pairs and rows, and the outcome.
-
-| field | meaning |
-|---|---|
-| euler | α, β, γ of the graphic palm, kept from tick to tick [rad] |
-| haptic_euler | those of the haptic palm |
-| axes | world axes of the three angles |
-| tried | joint angles set aside while others are looked at [rad] |
-| shapes | of each phalanx, see `kernels.hand.frustum` |
-| lowest, highest | the joints' limits [rad] |
-| frustum | the phalanx at hand |
-| kind | which part of its phalanx each pair is with |
-| closed | spheres close all ends of the frustums, see `kernels.hand.frustum.in_range` |
-| full | 1 where the palm, and each finger, has more pairs than there is room for |
-| normal, body | of each row: from object to hand; 0 to 15 |
-| target | of the program at hand, times √G |
-| start, stop, first, guess | the one row group of a program, its block's first variable, no guess |
-| stack | of the palm's walk |
-"""
+"""State of the method besides TICK_STATE, of which it uses the poses, the arrays of pairs and rows, and the outcome."""
 
 
 @jit

@@ -99,39 +99,24 @@ class PenaltyOptions(NamedTuple):
 
 PENALTY_STATE = np.dtype(
     [
-        ("velocity", np.float64, (DOF,)),
-        ("bias", np.float64, (DOF,)),
-        ("step", np.float64, (DOF,)),
-        ("before", np.float64, (DOF,)),
-        ("lowest", np.float64, (DOF,)),
-        ("highest", np.float64, (DOF,)),
-        ("matrix", np.float64, (DOF, DOF)),
-        ("row", np.float64, (6 + PHALANX_COUNT,)),
-        ("weight", np.float64, (CONTACT_ROWS,)),
-        ("threshold", np.float64, (CONTACT_ROWS,)),
-        ("short", np.float64, (CONTACT_ROWS,)),
-        ("short_before", np.float64, (CONTACT_ROWS,)),
-        ("pushes", np.int8, (CONTACT_ROWS,)),
-        ("bent", np.int64, (DOF,)),
+        ("velocity", np.float64, (DOF,)),  # √G v
+        ("bias", np.float64, (DOF,)),  # what the step would be without contacts, times α
+        ("step", np.float64, (DOF,)),  # y = √G δ
+        ("before", np.float64, (DOF,)),  # that of the round before
+        ("lowest", np.float64, (DOF,)),  # joint limits as lower bounds of y
+        ("highest", np.float64, (DOF,)),  # as upper ones
+        ("matrix", np.float64, (DOF, DOF)),  # of the Newton round
+        ("row", np.float64, (6 + PHALANX_COUNT,)),  # of one contact
+        ("weight", np.float64, (CONTACT_ROWS,)),  # w of each contact [N/m]
+        ("threshold", np.float64, (CONTACT_ROWS,)),  # r of each contact: it pushes where a · y < r [m]
+        ("short", np.float64, (CONTACT_ROWS,)),  # r - a · y: how far a contact falls short of that [m]
+        ("short_before", np.float64, (CONTACT_ROWS,)),  # a round before [m]
+        ("pushes", np.int8, (CONTACT_ROWS,)),  # 1 for contacts that push in this round, else 0
+        ("bent", np.int64, (DOF,)),  # 1 where a joint's upper limit pushes, -1 its lower one, else 0
     ],
     align=True,
 )
-"""State from tick to tick, and workspace, besides TICK_STATE.
-
-| field | meaning |
-|---|---|
-| velocity | √G v |
-| bias | what the step would be without contacts, times α |
-| step, before | y = √G δ, and that of the round before |
-| lowest, highest | joint limits as bounds of y |
-| matrix | of the Newton round |
-| row | of one contact |
-| weight | w of each contact [N/m] |
-| threshold | r of each contact: it pushes where a · y < r [m] |
-| short, short_before | r - a · y: how far a contact falls short of that, now and a round before [m] |
-| pushes | 1 for contacts that push in this round, else 0 |
-| bent | 1 where a joint's upper limit pushes, -1 its lower one, else 0 |
-"""
+"""State from tick to tick, and workspace, besides TICK_STATE."""
 
 
 @jit_once

@@ -17,7 +17,7 @@ from hhsim.kernels.tick.linearisation import complete_lists
 from hhsim.kernels.tick.method import Coupled, Progressive, begin_motion
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.restoration import take_back
-from hhsim.kernels.tick.step_length import vouched_share
+from hhsim.kernels.tick.step_length import allowed_fraction
 
 STEADY = 2.0
 """Ratio of a tick's path to that of the tick before, above which the hand has jumped and nothing is predicted."""
@@ -66,7 +66,7 @@ def predict_pose(method: Any, hand: HandArrays, surface: Any, state: Record) -> 
     copy_configuration(state.pose, prediction.start)
     if not foreseeable:
         return
-    _, longest = vouched_share(hand, options, state)
+    _, longest = allowed_fraction(hand, options, state)
     if not options.step_tolerance < longest <= reach:
         return
     complete_lists(hand, surface, options, state)

@@ -35,68 +35,42 @@ PALM_GROUPS = 1 + 2 * FINGER_COUNT
 
 FINGER_WORK = np.dtype(
     [
-        ("start", np.int64, (2,)),
-        ("stop", np.int64, (2,)),
-        ("block", np.int64, (2,)),
-        ("guess", np.int64, (ACTIVE_CAPACITY,)),
-        ("target", np.float64, (PHALANX_COUNT,)),
-        ("delta", np.float64, (DOF,)),
-        ("row", np.int64, (PHALANX_COUNT + 1,)),
-        ("multiplier", np.float64, (PHALANX_COUNT + 1,)),
-        ("count", np.int64),
-        ("iterations", np.int64),
-        ("status", np.int64),
-        ("correction", CORRECTION_WORK),
-        ("apart", np.int64, (16,)),
+        ("start", np.int64, (2,)),  # first row of each row group: contacts, limits
+        ("stop", np.int64, (2,)),  # end of each row group
+        ("block", np.int64, (2,)),  # first variable of each row group's block
+        ("guess", np.int64, (ACTIVE_CAPACITY,)),  # rows expected to be active
+        ("target", np.float64, (PHALANX_COUNT,)),  # √G δ*
+        ("delta", np.float64, (DOF,)),  # the palm's step and the finger's own, the rest 0 [m, rad, rad]
+        ("row", np.int64, (PHALANX_COUNT + 1,)),  # rows with a multiplier
+        ("multiplier", np.float64, (PHALANX_COUNT + 1,)),  # theirs [N]
+        ("count", np.int64),  # number of these
+        ("iterations", np.int64),  # of its program
+        ("status", np.int64),  # of `kernels.qp.active_set`
+        ("correction", CORRECTION_WORK),  # for `kernels.tick.second_order`
+        ("apart", np.int64, (16,)),  # keeps the next finger's out of the cache lines that this one writes
     ],
     align=True,
 )
-"""Workspace and solution of one finger's program: nothing that another finger's writes.
-
-| field | meaning |
-|---|---|
-| start, stop, block | row groups: contacts, limits |
-| guess | rows expected to be active |
-| target | √G δ* |
-| delta | the palm's step and the finger's own, the rest 0 [m, rad, rad] |
-| row, multiplier, count | rows with a multiplier, and theirs [N] |
-| iterations | of its program |
-| status | of `kernels.qp.active_set` |
-| correction | for `kernels.tick.second_order` |
-| apart | keeps the next finger's out of the cache lines that this one writes |
-"""
+"""Workspace and solution of one finger's program: nothing that another finger's writes."""
 
 PROGRESSIVE_WORK = np.dtype(
     [
+        # row groups of the palm's program: its contacts; contacts, then limits of each finger that joined it
         ("palm_start", np.int64, (PALM_GROUPS,)),
         ("palm_stop", np.int64, (PALM_GROUPS,)),
         ("palm_block", np.int64, (PALM_GROUPS,)),
-        ("yields", np.int64, (FINGER_COUNT,)),
-        ("variables", np.int64),
-        ("guess", np.int64, (ACTIVE_CAPACITY,)),
-        ("palm_target", np.float64, (DOF,)),
-        ("palm_step", np.float64, (6,)),
-        ("finger", FINGER_WORK, (FINGER_COUNT,)),
-        ("rhs", np.float64, (ROW_CAPACITY,)),
-        ("block", np.float64, (3, ROW_CAPACITY)),
+        ("yields", np.int64, (FINGER_COUNT,)),  # -1, or the first variable of the finger in the palm's program
+        ("variables", np.int64),  # of the palm's program
+        ("guess", np.int64, (ACTIVE_CAPACITY,)),  # rows of the palm's program expected to be active
+        ("palm_target", np.float64, (DOF,)),  # √G δ* of the palm's program
+        ("palm_step", np.float64, (6,)),  # the palm's step, times √G
+        ("finger", FINGER_WORK, (FINGER_COUNT,)),  # of each finger's program
+        ("rhs", np.float64, (ROW_CAPACITY,)),  # of the fingers' programs, each finger's in its own rows
+        ("block", np.float64, (3, ROW_CAPACITY)),  # joint columns of the fingers in the palm's program
     ],
     align=True,
 )
-"""Workspace.
-
-| field | meaning |
-|---|---|
-| palm_start, palm_stop, palm_block | row groups of the palm's program: its contacts; contacts, then limits of each
-finger that joined it |
-| yields | -1, or the first variable of the finger in the palm's program |
-| variables | of the palm's program |
-| guess | rows of the palm's program expected to be active |
-| palm_target | √G δ* of the palm's program |
-| palm_step | the palm's step, times √G |
-| finger | of each finger's program |
-| rhs | of the fingers' programs, each finger's in its own rows |
-| block | joint columns of the fingers in the palm's program |
-"""
+"""Workspace."""
 
 
 @jit

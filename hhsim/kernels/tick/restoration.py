@@ -67,7 +67,7 @@ def take_free_share(hand: HandArrays, surface: Any, options: TickOptions, state:
 @recover.of(Coupled)
 @recover.of(Progressive)
 @jit_inline
-def make_easier(method: Any, hand: HandArrays, surface: Any, state: Record) -> bool:
+def ease_program(method: Any, hand: HandArrays, surface: Any, state: Record) -> bool:
     """Make the next program easier after one without solution; returns False where nothing is left to try.
 
     First contacts nearer than the offset may stay as near as they are, then the hand returns to the last feasible

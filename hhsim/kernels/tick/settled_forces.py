@@ -11,7 +11,7 @@ from hhsim.kernels.tick.coupled import solve_coupled
 from hhsim.kernels.tick.linearisation import set_target
 from hhsim.kernels.tick.method import Coupled
 from hhsim.kernels.tick.options import TickOptions
-from hhsim.kernels.tick.step import DURATION_FINGERS, DURATION_PALM, keep_active
+from hhsim.kernels.tick.step import DURATION_FINGERS, DURATION_PALM, store_active
 
 ON_THE_WAY = 20.0
 """Distance up to which a lagging hand bears on the object, in offsets: its last step has not brought it nearer yet."""
@@ -43,6 +43,6 @@ def settle_forces(hand: HandArrays, surface: Any, options: TickOptions, state: R
         for j in range(DOF):
             state.problem.target[j] /= state.problem.inverse_root[j]
         if solve_coupled(Coupled(options), state, qp) == OPTIMAL:
-            keep_active(state.contacts, state.step, state.active)
+            store_active(state.contacts, state.step, state.active)
     duration[DURATION_PALM] = palm
     duration[DURATION_FINGERS] = fingers

@@ -58,116 +58,82 @@ JOINTS = (FINGER_COUNT, PHALANX_COUNT + 1, 3)
 
 HAPTIC_INPUT = np.dtype(
     [
-        ("joints", np.float64, JOINTS),
-        ("motion", np.float64),
-        ("previous_motion", np.float64),
+        ("joints", np.float64, JOINTS),  # of the sample before the newest [m], world
+        ("motion", np.float64),  # of the joint that moved farthest from that sample to the newest [m]
+        ("previous_motion", np.float64),  # the same of the sample before [m]
     ],
     align=True,
 )
-"""Motion of the haptic hand, for the prediction.
-
-| field | meaning |
-|---|---|
-| joints | of the sample before the newest [m], world |
-| motion | of the joint that moved farthest from that sample to the newest [m] |
-| previous_motion | the same of the sample before [m] |
-"""
+"""Motion of the haptic hand, for the prediction."""
 
 PREDICTION = np.dtype(
     [
-        ("start", HAND_POSE),
-        ("is_predicted", np.bool_),
+        ("start", HAND_POSE),  # the graphic hand where this tick began; before `begin_motion`, where the last one did
+        ("is_predicted", np.bool_),  # the hand stands where it was predicted, and no step has been accepted from there
+        # the last tick converged, and its path was not much longer than that of the tick before
         ("is_steady", np.bool_),
-        ("previous_path", np.float64),
+        ("previous_path", np.float64),  # `path` of the last tick [m]
     ],
     align=True,
 )
-"""Prediction of the pose, see `kernels.tick.prediction`.
+"""Prediction of the pose, see `kernels.tick.prediction`."""
 
-| field | meaning |
-|---|---|
-| start | the graphic hand where this tick began; before `begin_motion`, where the last one did |
-| is_predicted | the hand stands where it was predicted, and no step has been accepted from there |
-| is_steady | the last tick converged, and its path was not much longer than that of the tick before |
-| previous_path | `path` of the last tick [m] |
-"""
-
-TRUST = np.dtype([("radius", np.float64), ("reach", np.float64)], align=True)
-"""Bounds of a step near the object; a program holds the pairs that are as far as the smaller one.
-
-| field | meaning |
-|---|---|
-| radius | what steps that had to be taken back have left of the margin [m] |
-| reach | what the last steps let expect [m]; at most the margin |
-"""
+TRUST = np.dtype(
+    [
+        ("radius", np.float64),  # what steps that had to be taken back have left of the margin [m]
+        ("reach", np.float64),  # what the last steps let expect [m]; at most the margin
+    ],
+    align=True,
+)
+"""Bounds of a step near the object; a program holds the pairs that are as far as the smaller one."""
 
 PROGRESS = np.dtype(
     [
-        ("is_accepted", np.bool_),
-        ("is_full", np.bool_),
+        ("is_accepted", np.bool_),  # a step has been accepted in this tick
+        ("is_full", np.bool_),  # the pairs at the present configuration do not fit into the arrays
+        # the hand has moved from its last safe configuration, and the present one is not accepted
         ("is_untested", np.bool_),
+        # a tick has accepted no step, or a part of one, and the hand has not arrived since
         ("is_unfinished", np.bool_),
-        ("failed_steps", np.int64),
-        ("idle_ticks", np.int64),
-        ("path", np.float64),
-        ("lag", np.float64),
-        ("motion", np.float64, (BODY_COUNT,)),
+        ("failed_steps", np.int64),  # steps in a row that ended inside the object
+        ("idle_ticks", np.int64),  # ticks in a row that accepted no step
+        ("path", np.float64),  # sum of the motion bounds of all steps tried in this tick [m]
+        ("lag", np.float64),  # distance still to go [m]
+        ("motion", np.float64, (BODY_COUNT,)),  # motion bound of each body in the last step [m]
     ],
     align=True,
 )
-"""Progress of a tick.
-
-| field | meaning |
-|---|---|
-| is_accepted | a step has been accepted in this tick |
-| is_full | the pairs at the present configuration do not fit into the arrays |
-| is_untested | the hand has moved from its last safe configuration, and the present one is not accepted |
-| is_unfinished | a tick has accepted no step, or a part of one, and the hand has not arrived since |
-| failed_steps | steps in a row that ended inside the object |
-| idle_ticks | ticks in a row that accepted no step |
-| path | sum of the motion bounds of all steps tried in this tick [m] |
-| lag | distance still to go [m] |
-| motion | motion bound of each body in the last step [m] |
-"""
+"""Progress of a tick."""
 
 PROGRAM = np.dtype(
     [
-        ("is_relaxed", np.bool_),
-        ("holds_abduction", np.bool_),
-        ("is_coupled", np.bool_),
+        ("is_relaxed", np.bool_),  # contacts nearer than the offset may stay as near as they are
+        ("holds_abduction", np.bool_),  # the abduction stays as it is
+        ("is_coupled", np.bool_),  # palm and fingers are solved in one program, whatever the method
     ],
     align=True,
 )
-"""Kind of this tick's programs, made easier after each program without a solution.
-
-| field | meaning |
-|---|---|
-| is_relaxed | contacts nearer than the offset may stay as near as they are |
-| holds_abduction | the abduction stays as it is |
-| is_coupled | palm and fingers are solved in one program, whatever the method |
-"""
+"""Kind of this tick's programs, made easier after each program without a solution."""
 
 FIRST_STEP = np.dtype(
-    [("delta", np.float64, (DOF,)), ("abduction", np.float64, (FINGER_COUNT,)), ("free_share", np.float64)],
+    [
+        ("delta", np.float64, (DOF,)),  # of the step that was made [m, rad, rad]
+        ("abduction", np.float64, (FINGER_COUNT,)),  # of it [rad]
+        ("free_share", np.float64),  # estimated share of it that does not enter the object; 0 where there is none
+    ],
     align=True,
 )
-"""First step that led from the last pose without penetration into the object.
-
-| field | meaning |
-|---|---|
-| delta, abduction | of the step that was made [m, rad, rad], [rad] |
-| free_share | estimated share of it that does not enter the object; 0 where there is no such step |
-"""
+"""First step that led from the last pose without penetration into the object."""
 
 
-DECOUPLING = np.dtype([("is_suspended", np.bool_), ("suspended_joints", np.float64, JOINTS)], align=True)
-"""Suspension of decoupling, see `kernels.tick.decoupling`.
-
-| field | meaning |
-|---|---|
-| is_suspended | they do, as long as the haptic joints stay near `suspended_joints` |
-| suspended_joints | haptic joints where they were found to make no progress apart [m] |
-"""
+DECOUPLING = np.dtype(
+    [
+        ("is_suspended", np.bool_),  # they share a program, as long as the haptic joints stay near `suspended_joints`
+        ("suspended_joints", np.float64, JOINTS),  # haptic joints where they were found to make no progress apart [m]
+    ],
+    align=True,
+)
+"""Suspension of the separate programs of palm and fingers, see `kernels.tick.decoupling`."""
 
 
 @cache
@@ -190,7 +156,7 @@ def tick_state_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
     | forces | of this tick |
     | modelled | 1 for bodies that the scene uses; the others follow the haptic hand through the object |
     | work | counters of this tick |
-    | excess | workspace of `kernels.contact.redundant_contacts` |
+    | open_distance | workspace of `kernels.contact.redundant_contacts` |
     | stiffness | G |
     | scratch | of three numbers |
 
@@ -215,7 +181,7 @@ def tick_state_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
             ("forces", FORCES),
             ("modelled", np.int8, (BODY_COUNT,)),
             ("work", np.int64, (WORK_COUNTERS,)),
-            ("excess", np.float64, (CONTACT_ROWS,)),
+            ("open_distance", np.float64, (CONTACT_ROWS,)),
             ("stiffness", np.float64, (DOF,)),
             ("scratch", np.float64, (3,)),
             ("input", HAPTIC_INPUT),

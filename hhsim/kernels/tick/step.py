@@ -17,53 +17,33 @@ DURATION_FORCE = 3
 
 STEP = np.dtype(
     [
-        ("delta", np.float64, (DOF,)),
-        ("row", np.int64, (ACTIVE_CAPACITY,)),
-        ("multiplier", np.float64, (ACTIVE_CAPACITY,)),
-        ("count", np.int64),
-        ("iterations", np.int64),
-        ("duration", np.int64, (4,)),
+        ("delta", np.float64, (DOF,)),  # (δp, δφ, δθ) [m, rad, rad]
+        ("row", np.int64, (ACTIVE_CAPACITY,)),  # rows with a multiplier; a row may stand more than once
+        ("multiplier", np.float64, (ACTIVE_CAPACITY,)),  # λ >= 0 [N], [N·m] for joint limits
+        ("count", np.int64),  # number of these
+        ("iterations", np.int64),  # QP iterations of this tick, added to
+        ("duration", np.int64, (4,)),  # wall time of this tick [ns]: detection, palm QP, finger QPs, forces; added to
     ],
     align=True,
 )
-"""A proposed step and the multipliers that hold it.
-
-| field | meaning |
-|---|---|
-| delta | (δp, δφ, δθ) [m, rad, rad] |
-| row | rows with a multiplier; a row may stand more than once |
-| multiplier | λ >= 0 [N], [N·m] for joint limits |
-| count | number of these |
-| iterations | QP iterations of this tick, added to |
-| duration | wall time of this tick [ns]: detection, palm QP, finger QPs, forces; added to |
-"""
+"""A proposed step and the multipliers that hold it."""
 
 ACTIVE_CONTACTS = np.dtype(
     [
-        ("key", np.int64, (ACTIVE_CAPACITY,)),
-        ("body", np.int64, (ACTIVE_CAPACITY,)),
-        ("point", np.float64, (3, ACTIVE_CAPACITY)),
-        ("normal", np.float64, (3, ACTIVE_CAPACITY)),
-        ("multiplier", np.float64, (ACTIVE_CAPACITY,)),
-        ("count", np.int64),
+        ("key", np.int64, (ACTIVE_CAPACITY,)),  # as in the contact records; -1 - i for joint limit i
+        ("body", np.int64, (ACTIVE_CAPACITY,)),  # 0 to 15, -1 for a joint limit
+        ("point", np.float64, (3, ACTIVE_CAPACITY)),  # [m], world
+        ("normal", np.float64, (3, ACTIVE_CAPACITY)),  # from the object to the hand, world
+        ("multiplier", np.float64, (ACTIVE_CAPACITY,)),  # [N], [N·m] for joint limits
+        ("count", np.int64),  # how many
     ],
     align=True,
 )
-"""Contacts with a multiplier at some step.
-
-| field | meaning |
-|---|---|
-| key | as in the contact records; -1 - i for joint limit i |
-| body | 0 to 15, -1 for a joint limit |
-| point | [m], world |
-| normal | from the object to the hand, world |
-| multiplier | [N], [N·m] for joint limits |
-| count | how many |
-"""
+"""Contacts with a multiplier at some step."""
 
 
 @jit
-def keep_active(contacts: Record, step: Record, active: Record) -> None:
+def store_active(contacts: Record, step: Record, active: Record) -> None:
     """Remember the contacts that carry the step's multipliers."""
     limits = limit_start(contacts, as_int64(0))
     for i in range(step.count):

@@ -16,7 +16,7 @@ WHOLE_TARGET = -1.0
 
 
 @jit
-def vouched_share(hand: HandArrays, options: TickOptions, state: Record) -> tuple[float, float]:
+def allowed_fraction(hand: HandArrays, options: TickOptions, state: Record) -> tuple[float, float]:
     """Compute the share of the step that the pairs at hand vouch for, and a bound of its longest motion.
 
     Returns the share, 0 to 1, and how far the farthest point of the hand moves in the whole step [m].
@@ -58,7 +58,7 @@ def clip_target(hand: HandArrays, options: TickOptions, only_leave: bool, state:
     Returns:
         The motion of the unclipped step [m], where the program is to be solved anew, else `WHOLE_TARGET`.
     """
-    fraction, longest = vouched_share(hand, options, state)
+    fraction, longest = allowed_fraction(hand, options, state)
     if only_leave:
         fraction = 0.0
     elif fraction >= (LEAST_SHARE if least_distance(state.candidates) >= CLEAR * options.offset else 0.5):

@@ -44,16 +44,6 @@ def help_out(
             return
         looks = as_int64(0)
         if task == TASK_DISTANCES:
-            evaluate_items(
-                hand,
-                state.pose,
-                surface,
-                options.margin,
-                options.skin,
-                state.candidates,
-                state.thread_team,
-                walk,
-                state.thread_team.work[:],
-            )
+            evaluate_items(hand, surface, options.margin, options.skin, state, walk)
         else:
             solve_items(options, state, qp)

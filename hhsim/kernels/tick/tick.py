@@ -8,7 +8,7 @@
      6      where too little of δ is vouched for: scale the target by it, and solve again        clip_target
      7      where there is no solution: relax and solve all fingers with the palm, or return
                 to safe with a quarter of the radius, or hold the abduction, and go to 2         recover
-     8      t ← the share of δ in which no body moves farther than its pairs vouch for           vouched_share
+     8      t ← the share of δ in which no body moves farther than its pairs vouch for           allowed_fraction
      9      pose ← pose + t δ;  reach ← what t δ lets expect                                     advance
     10      where no true distance is negative:  safe ← pose;
                 end if t = 1, the target is whole, and δ is short or met no contact              accept
@@ -74,8 +74,8 @@ from hhsim.kernels.tick.state import (
     WORK_TOUCHING,
     WORK_UNITS,
 )
-from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FORCE, copy_active, keep_active
-from hhsim.kernels.tick.step_length import WHOLE_TARGET, clip_target, vouched_share
+from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FORCE, copy_active, store_active
+from hhsim.kernels.tick.step_length import WHOLE_TARGET, allowed_fraction, clip_target
 
 REACH_GROWTH = 4.0
 """Growth of the reach after a step that it has cut short."""
@@ -194,7 +194,7 @@ def accept(options: TickOptions, fraction: float, longest: float, unclipped: flo
 
 
 @jit
-def follow_step(
+def update_reach(
     options: TickOptions, fraction: float, longest: float, unclipped: float, foreseen: float, state: Record
 ) -> None:
     """Add a step to the path, and set the reach of the next one.
@@ -221,17 +221,17 @@ def advance_hand(method: Any, hand: HandArrays, surface: Any, unclipped: float, 
     """Make the step as far as the pairs at hand vouch for, and judge it by the true distances."""
     began = monotonic_ns()
     options, step, progress = method.options, state.step, state.progress
-    keep_active(state.contacts, step, state.warm)
+    store_active(state.contacts, step, state.warm)
     # A program may miss a joint limit by its tolerance, and the next one would start from there: with a palm that is a
     # million times stiffer than a joint that adds up.
     for f in range(FINGER_COUNT):
         clamp_to_limits(hand, state.pose, f, step.delta[:])
     clearance = least_distance(state.candidates)
-    fraction, longest = vouched_share(hand, options, state)
+    fraction, longest = allowed_fraction(hand, options, state)
     move(state.pose, step.delta, state.problem.abduction_step, fraction)
     # The next step may be the longer one, where contacts change; cut short by the reach, it would make that grow again.
     foreseen = REACH_FLOOR * max(options.step_tolerance, longest)
-    follow_step(options, fraction, longest, unclipped, foreseen, state)
+    update_reach(options, fraction, longest, unclipped, foreseen, state)
     done = False
     if not evaluate_pose(hand, surface, options, state):
         done = True
@@ -256,7 +256,7 @@ def advance_hand(method: Any, hand: HandArrays, surface: Any, unclipped: float, 
 
 
 @jit
-def end_progress(cut_short: bool, made_part: bool, state: Record) -> int:
+def tick_status(cut_short: bool, made_part: bool, state: Record) -> int:
     """Judge how far the tick has come; returns status bits.
 
     Args:
@@ -297,7 +297,7 @@ def finish_hand(method: Any, hand: HandArrays, surface: Any, state: Record, qp: 
     if made_part:
         # What is not free in one program may be in several.
         state.trust.radius = max(TRUST_DECAY, state.first_step.free_share) * min(state.trust.reach, state.trust.radius)
-    status = end_progress(cut_short, made_part, state)
+    status = tick_status(cut_short, made_part, state)
     if progress.is_accepted and status & STATUS_LAG and is_stalled(method, state):
         suspend_decoupling(state)
     if is_full:

@@ -1,5 +1,7 @@
 """Clearances of stored hands against brute force over all pairs, the axis parameter found by search."""
 
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -10,20 +12,26 @@ from sphere_scenes import sphere_tree
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.model import HandModel
-from hhsim.kernels.contact.penetration import HandSurface, PlacedHands, clearances
+from hhsim.kernels.contact.penetration import clearances
+from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.kernels.sphere_tree import TreeArrays
 
 FREE = 1.0
 """A limit [m] that no distance in these scenes reaches."""
 HAND = HandModel.default()
 PALM = HAND.palm_tree
-X, Y, Z = np.ascontiguousarray(PALM.leaf_center.T)
-SHAPE = HandSurface(HAND.radius, X, Y, Z, PALM.leaf_radius)
+SHAPE = HandShape(HAND.radius, PALM.leaf_center, PALM.leaf_radius)
 
 
-def run(shape: HandSurface, tree: TreeArrays, hands: PlacedHands, limit: float) -> tuple[FloatArray, FloatArray]:
+class PlacedHands(NamedTuple):
+    joints: FloatArray
+    position: FloatArray
+    rotation: FloatArray
+
+
+def run(shape: HandShape, tree: TreeArrays, hands: PlacedHands, limit: float) -> tuple[FloatArray, FloatArray]:
     palm, finger = np.full(len(hands.joints), np.nan), np.full((len(hands.joints), 5), np.nan)
-    clearances(tree, shape, hands, limit, palm, finger)
+    clearances(tree, shape, *hands, limit, palm, finger)
     return palm, finger
 
 
@@ -32,11 +40,11 @@ def tree_of(center: FloatArray, radius: FloatArray) -> TreeArrays:
 
 
 def brute_force(
-    shape: HandSurface, leaves: FloatArray, leaf_radius: FloatArray, hands: PlacedHands
+    shape: HandShape, leaves: FloatArray, leaf_radius: FloatArray, hands: PlacedHands
 ) -> tuple[FloatArray, FloatArray]:
     """Least signed distances of the palm (T,) and of each finger (T, 5)."""
     joints, ticks, count = hands.joints, len(hands.joints), len(leaf_radius)
-    palm = np.stack([shape.palm_x, shape.palm_y, shape.palm_z], axis=1) @ hands.rotation.transpose(0, 2, 1)
+    palm = shape.palm_center @ hands.rotation.transpose(0, 2, 1)
     away = np.linalg.norm(palm[:, :, None] + hands.position[:, None, None] - leaves, axis=3)
     ends = (joints[:, :, :3].reshape(-1, 3), joints[:, :, 1:].reshape(-1, 3))
     radii = (np.tile(shape.phalanx_radius[:, k : k + 3].ravel(), ticks) for k in range(2))
@@ -49,7 +57,7 @@ def brute_force(
     return least, finger.reshape(ticks, 5, 3 * count).min(axis=2)
 
 
-Scene = tuple[HandSurface, FloatArray, FloatArray, PlacedHands]
+Scene = tuple[HandShape, FloatArray, FloatArray, PlacedHands]
 
 
 @st.composite
@@ -62,8 +70,7 @@ def scenes(draw: st.DrawFn) -> Scene:
     joints = spread * rng.normal(size=(ticks, 5, 1, 3)) + np.cumsum(step, axis=2)
     phalanx_radius = np.sort(rng.choice([0.0, 0.005, 0.01, 0.02], size=(5, 4)), axis=1)[:, ::-1].copy()
     rotation = np.ascontiguousarray(Rotation.random(ticks, rng=rng).as_matrix()) if ticks else np.zeros((0, 3, 3))
-    x, y, z = 0.03 * rng.normal(size=(3, palms))
-    shape = HandSurface(phalanx_radius, x, y, z, rng.uniform(0.0, 0.015, size=palms))
+    shape = HandShape(phalanx_radius, 0.03 * rng.normal(size=(palms, 3)), rng.uniform(0.0, 0.015, size=palms))
     center, radius = 0.03 * rng.normal(size=(leaves, 3)), rng.uniform(0.0, 0.01, size=leaves)
     return shape, center, radius, PlacedHands(joints, spread * rng.normal(size=(ticks, 3)), rotation)
 

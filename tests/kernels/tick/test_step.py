@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from hhsim.kernels.contact.linearise import LIMIT_ROWS
 from hhsim.kernels.hand.kinematics import PALM_BODY
-from hhsim.kernels.tick.step import ACTIVE_CAPACITY, ACTIVE_CONTACTS, STEP, guess_rows, keep_active
+from hhsim.kernels.tick.step import ACTIVE_CAPACITY, ACTIVE_CONTACTS, STEP, guess_rows, store_active
 
 
 def loaded_step(random: np.random.Generator, contacts: Any) -> Any:
@@ -39,7 +39,7 @@ def test_loaded_rows_are_kept_and_found_again(seed: int) -> None:
     contacts, total = state.contacts, int(state.contacts.start[-1])
     step = loaded_step(random, contacts)
     active = np.zeros(1, ACTIVE_CONTACTS).view(np.recarray)[0]
-    keep_active(contacts, step, active)
+    store_active(contacts, step, active)
     assert active.count == step.count
     for i, row in enumerate(step.row[: step.count]):
         assert active.multiplier[i] == step.multiplier[i]
@@ -67,7 +67,7 @@ def test_contacts_that_are_gone_are_not_guessed_and_the_room_is_kept_to() -> Non
     random = np.random.default_rng(0)
     step = loaded_step(random, contacts)
     active = np.zeros(1, ACTIVE_CONTACTS).view(np.recarray)[0]
-    keep_active(contacts, step, active)
+    store_active(contacts, step, active)
     active.key[: active.count] = np.where(active.key[: active.count] >= 0, 10**15, active.key[: active.count])
     guess = np.full(3, -7, dtype=np.int64)
     for group in range(6):
