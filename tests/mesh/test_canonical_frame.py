@@ -6,7 +6,7 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from hhsim.mesh.canonical_frame import GRID, canonical_frame
+from hhsim.trees.surface_cover import GRID, canonical_frame
 
 SHAPES = {
     "box": np.array(trimesh.creation.box((0.1, 0.1, 0.1)).vertices),

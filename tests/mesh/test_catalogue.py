@@ -13,8 +13,7 @@ from sampled import sampled
 from hhsim.errors import InputError, MeshError, UnknownNameError
 from hhsim.mesh.catalogue import load_object, object_description, object_names
 from hhsim.mesh.file import read_own_ply, read_triangles
-from hhsim.mesh.repair import closed_surface
-from hhsim.mesh.self_intersection import winding_faults
+from hhsim.mesh.repair import closed_surface, winding_faults
 from tools.build_catalogue import REFERENCE_SHAPES, derived_object, made_object, ply_bytes
 from tools.shapes.generators import GENERATORS
 

@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from hhsim.arrays import FloatArray
-from hhsim.mesh.holes import hole_caps
-from hhsim.mesh.topology import face_areas, is_closed
+from hhsim.mesh.topology import face_areas, hole_caps, is_closed
 from tools.shapes.generators import sphere
 from tools.shapes.surface_parts import band
 

@@ -8,8 +8,7 @@ import trimesh
 
 from hhsim.errors import MeshError
 from hhsim.mesh.catalogue import load_object, object_names
-from hhsim.mesh.mass_properties import mass_properties
-from hhsim.mesh.mesh import Mesh
+from hhsim.mesh.mesh import Mesh, mass_properties
 from tools.shapes.generators import cube, sphere
 
 

@@ -13,9 +13,8 @@ from hypothesis import strategies as st
 from sampled import sampled
 
 from hhsim.errors import InputError, MeshError
-from hhsim.mesh import self_intersection
+from hhsim.mesh import repair
 from hhsim.mesh.mesh import Mesh, load_mesh
-from hhsim.mesh.repair_log import percent
 from tools.shapes.generators import cube, sphere
 
 
@@ -144,7 +143,7 @@ def test_what_no_hand_can_touch_is_refused(tmp_path: Path, side: float, unit: st
 
 @pytest.mark.parametrize(("share", "text"), [(1.0, "100 %"), (0.996, "100 %"), (0.12, "12 %"), (0.0123, "1.2 %")])
 def test_a_share_is_written_for_people(share: float, text: str) -> None:
-    assert percent(share) == text
+    assert repair.percent(share) == text
 
 
 def test_unknown_unit_and_impossible_size(tmp_path: Path) -> None:
@@ -229,14 +228,14 @@ def test_real_clean_meshes_need_nothing_but_merged_vertices(shared_data: Path, f
     assert len(mesh.repairs) <= 1
 
 
-POINTS = {name: getattr(self_intersection, name) for name in ("WINDING_WORK", "FEWEST_SAMPLES")}
+POINTS = {name: getattr(repair, name) for name in ("WINDING_WORK", "FEWEST_SAMPLES")}
 
 
 @pytest.fixture
 def few_winding_points(monkeypatch: pytest.MonkeyPatch) -> None:
     """Loading looks at a tenth of the points beside the surface; `assert_sound` looks at all."""
     for name, value in POINTS.items():
-        monkeypatch.setattr(self_intersection, name, value // 10)
+        monkeypatch.setattr(repair, name, value // 10)
 
 
 def assert_sound(mesh: Mesh) -> trimesh.Trimesh:
@@ -248,8 +247,8 @@ def assert_sound(mesh: Mesh) -> trimesh.Trimesh:
     assert mesh.volume > 0.0
     with pytest.MonkeyPatch.context() as patch:
         for name, value in POINTS.items():
-            patch.setattr(self_intersection, name, value)
-        faulty, tested, _, _ = self_intersection.winding_faults(mesh.vertices, mesh.faces)
+            patch.setattr(repair, name, value)
+        faulty, tested, _, _ = repair.winding_faults(mesh.vertices, mesh.faces)
     assert faulty <= 0.001 * tested
     return other
 

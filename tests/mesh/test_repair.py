@@ -7,9 +7,7 @@ from hypothesis import strategies as st
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import MeshError
-from hhsim.mesh.repair import closed_surface
-from hhsim.mesh.repair_log import MeshInRepair
-from hhsim.mesh.self_intersection import winding_faults
+from hhsim.mesh.repair import MeshInRepair, closed_surface, winding_faults
 from hhsim.mesh.topology import is_closed, signed_volume
 from tools.shapes.generators import cube, cup, sphere
 

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 
 from hhsim.hand.quaternion import rotation_matrix
-from hhsim.scene.hand_moves import carried, level, minimum_jerk, taken_along, to_and_fro
+from hhsim.scene.closure_search import level
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.script import ScriptPhase
+from hhsim.scene.synthesis import carried, minimum_jerk, taken_along, to_and_fro
 
 MIDDLE = np.array([0.1, -0.2, 0.3])
 

@@ -9,13 +9,15 @@ import pytest
 from joint_samples import joint_sample, openxr_csv
 from recording_samples import smooth_recording
 from sampled import sampled
+from sphere_scenes import record_clearance
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError, UnknownNameError
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
+from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.kinematics import PALM_BODY
-from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.motion.file import save_trajectory
 from hhsim.motion.sample_flags import SampleFlag
@@ -149,16 +151,8 @@ def object_tree(name: str) -> SphereTree:
 
 def look(motion: Trajectory, tree: SphereTree) -> tuple[FloatArray, FloatArray, FloatArray]:
     """At every STRIDE-th sample: time (K,), body distances (K, 16), fingertip centres (K, 5, 3)."""
-    hand, nodes, work = HAND.arrays(), tree.arrays(), make_work()
-    rotation = np.empty((3, 3))
-    samples = range(0, motion.sample_count, STRIDE)
-    distance, tips = np.empty((len(samples), 16)), np.empty((len(samples), 5, 3))
-    for row, i in enumerate(samples):
-        quaternion_to_matrix(motion.orientation[i].copy(), rotation)
-        place, flexion, abduction = motion.position[i].copy(), motion.flexion[i].copy(), motion.abduction[i].copy()
-        distance[row] = body_distances(hand, nodes, place, rotation, flexion, abduction, work)
-        tips[row] = work.joints[:, 3]
-    return motion.time[::STRIDE], distance, tips
+    placed = forward_kinematics(HAND, *HandConfiguration.of(motion).at(slice(None, None, STRIDE)))
+    return motion.time[::STRIDE], record_clearance(HAND, tree, placed), placed.joints[:, :, 3]
 
 
 @pytest.mark.parametrize(

@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from sampled import sampled
+from sphere_scenes import Motion, brute_pairs
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
-from hhsim.hand.forward_kinematics import forward_kinematics
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion, quaternion_product, rotation_matrix
 from hhsim.mesh.catalogue import load_object
-from hhsim.metrics.brute_force_distance import round_cone_distance
 from hhsim.motion.trajectory import Trajectory
 from hhsim.scene.motion_catalogue import load_recorded
 from hhsim.scene.recorded_grasp_pose import GraspPlacement, find_grasp, place_at_grasp
@@ -51,19 +51,9 @@ def reach_and_close(bend: float = 1.0, fingers: slice = slice(0, 5), still: bool
 
 def finger_distances(motion: Trajectory, tree: SphereTree, sample: int) -> FloatArray:
     """Least distance of each finger to all leaves, one by one [m], shape (5,)."""
-    rotation = rotation_matrix(motion.object_orientation)
-    center, radius = tree.leaf_center @ rotation.T + motion.object_position, tree.leaf_radius
-    pose = (motion.position, motion.orientation, motion.flexion, motion.abduction)
-    joints = forward_kinematics(HAND, *(values[sample : sample + 1] for values in pose)).joints[0]
-    return np.array(
-        [
-            min(
-                float((round_cone_distance(center, *joints[f, k : k + 2], *HAND.radius[f, k : k + 2]) - radius).min())
-                for k in range(3)
-            )
-            for f in range(5)
-        ]
-    )
+    there = tree.transformed(rotation_matrix(motion.object_orientation), motion.object_position)
+    pairs = brute_pairs(HAND, there.leaf_center, there.leaf_radius, Motion(*HandConfiguration.of(motion)), sample)
+    return pairs[:15].reshape(5, -1).min(axis=1)
 
 
 def check_by_brute_force(placed: GraspPlacement, tree: SphereTree) -> FloatArray:
@@ -147,7 +137,7 @@ def test_a_hand_that_is_always_there_begins_inside_and_says_so() -> None:
     placed = place_at_grasp(motion, HAND, tree)
     assert placed.start_gap < 0.0 and "the hand begins in it" in placed.text
     check_by_brute_force(placed, tree)
-    one = Trajectory(*(getattr(motion, key)[:1] for key in ("time", "position", "orientation", "flexion", "abduction")))
+    one = Trajectory(motion.time[:1], *HandConfiguration.of(motion).part(0, 1))
     assert place_at_grasp(one, HAND, tree).start_gap < 0.0
 
 

@@ -10,11 +10,10 @@ from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion_from_matrix
 from hhsim.mesh.catalogue import load_object
-from hhsim.scene.closure_at_pose import close_placed, find_placement
 from hhsim.scene.closure_search import plan_finger_closure
+from hhsim.scene.finger_closure import close_placed, find_placement
 from hhsim.scene.motion_catalogue import load_script
-from hhsim.scene.script import Script, parse_script
-from hhsim.scene.stored_pose import Placement, PlacementTable
+from hhsim.scene.script import Placement, PlacementTable, Script, parse_script
 from hhsim.scene.synthesis import synthesize
 from hhsim.system.settings_file import typed
 from hhsim.trees.cache import cached_sphere_tree

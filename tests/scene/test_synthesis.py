@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from sphere_scenes import ball, row
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.model import HandModel
@@ -15,25 +16,8 @@ from hhsim.scene.finger_closure import body_distances, make_work
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.script import parse_script
 from hhsim.scene.synthesis import synthesize
-from hhsim.trees.sphere_tree import SphereTree
 
 HAND = HandModel.default()
-
-
-def ball(radius: float = 0.035) -> SphereTree:
-    return SphereTree(np.zeros((2, 3)), np.array([radius, radius]), np.array([0, 1]), np.array([-1, 0]))
-
-
-def bar() -> SphereTree:
-    """Balls in a row along y, 200 mm long, 40 mm thick."""
-    center = np.zeros((41, 3))
-    center[:, 1] = np.linspace(-0.1, 0.1, 41)
-    return SphereTree(
-        np.vstack([np.zeros(3), center]),
-        np.concatenate([[0.13], np.full(41, 0.02)]),
-        np.concatenate([[0], np.ones(41, dtype=np.int64)]),
-        np.concatenate([[-1], np.zeros(41, dtype=np.int64)]),
-    )
 
 
 def bytes_of(motion: Trajectory) -> bytes:
@@ -55,7 +39,7 @@ def test_quaternion_of_a_matrix_is_scipys() -> None:
 @pytest.mark.parametrize("name", ["touch", "pinch", "grasp", "whole-hand", "slide"])
 def test_the_motion_goes_through_what_was_planned(name: str) -> None:
     script = load_script(name)
-    tree = ball()
+    tree = ball(0.035)
     closure = plan_finger_closure(script, HAND, tree)
     motion = synthesize(script, HAND, tree)
     assert motion.sample_count == 3000
@@ -80,7 +64,7 @@ def test_the_motion_goes_through_what_was_planned(name: str) -> None:
 
 
 def test_the_motion_has_no_jumps_in_speed() -> None:
-    motion = synthesize(load_script("slide"), HAND, ball())
+    motion = synthesize(load_script("slide"), HAND, ball(0.035))
     for key, limit in (("position", 20.0), ("flexion", 200.0)):
         acceleration = np.diff(getattr(motion, key), n=2, axis=0) * 1e6
         assert np.abs(acceleration).max() < limit, key
@@ -90,7 +74,7 @@ def test_the_motion_has_no_jumps_in_speed() -> None:
 
 def test_a_slide_goes_the_stated_distance_along_the_palm() -> None:
     script = load_script("slide")
-    motion = synthesize(script, HAND, bar())
+    motion = synthesize(script, HAND, row([0.0, 1.0, 0.0]))
     slide = next(phase for phase in motion.phases if phase.name == "slide")
     first, last = (int(np.searchsorted(motion.time, time)) for time in (slide.start_time, slide.end_time))
     moved = motion.position[last] - motion.position[first - 1]
@@ -109,12 +93,12 @@ def test_the_same_arguments_give_the_same_bytes_and_the_seed_only_moves_the_nois
     quiet = []
     for seed in (0, 5):
         monkeypatch.setattr(closure_search, "_found", {})  # it searches twice, too
-        quiet.append(bytes_of(synthesize(script, HAND, ball(), seed)))
+        quiet.append(bytes_of(synthesize(script, HAND, ball(0.035), seed)))
     assert quiet[0] == quiet[1]
-    noisy = [synthesize(script, HAND, ball(), seed, disturbance=noise) for seed in (0, 5)]
+    noisy = [synthesize(script, HAND, ball(0.035), seed, disturbance=noise) for seed in (0, 5)]
     assert bytes_of(noisy[0]) != bytes_of(noisy[1])
-    assert bytes_of(noisy[0]) == bytes_of(synthesize(replace(script, disturbance=noise), HAND, ball()))
-    still = synthesize(script, HAND, ball())
+    assert bytes_of(noisy[0]) == bytes_of(synthesize(replace(script, disturbance=noise), HAND, ball(0.035)))
+    still = synthesize(script, HAND, ball(0.035))
     excursion = np.linalg.norm(noisy[1].position - still.position, axis=1)
     assert 0.9e-4 < excursion.max() <= 1e-4 * (1 + 1e-9)
 
@@ -152,8 +136,8 @@ def test_any_rate_and_any_order_of_closings() -> None:
         name="back to one",
         where="test",
     )
-    closure = plan_finger_closure(script, HAND, ball())
-    motion = synthesize(script, HAND, ball())
+    closure = plan_finger_closure(script, HAND, ball(0.035))
+    motion = synthesize(script, HAND, ball(0.035))
     assert motion.sample_count == 275
     last = motion.flexion[-1]
     np.testing.assert_allclose(last[1], closure.command[1], atol=1e-12)
@@ -164,7 +148,7 @@ def test_any_rate_and_any_order_of_closings() -> None:
 def test_a_hold_stands_still_to_the_last_bit(durations: tuple[float, ...]) -> None:
     names = ("approach", "pinch", "hold")
     text = "".join(f'[[phase]]\nname = "{name}"\nduration = {t!r}\n' for name, t in zip(names, durations))
-    motion = synthesize(parse_script(f'title = "x"\n{text}', name="x", where="x"), HAND, ball())
+    motion = synthesize(parse_script(f'title = "x"\n{text}', name="x", where="x"), HAND, ball(0.035))
     held = motion.time >= durations[0] + durations[1] - 1e-9
     assert np.count_nonzero(held) > 90
     for values in (motion.position[held], motion.orientation[held], motion.flexion[held]):
@@ -175,7 +159,7 @@ def test_a_carry_takes_hand_and_object_along_one_arc_and_leaves_what_is_between_
     script = load_script("carry")
     (carry,) = (phase for phase in script.phases if phase.name == "carry")
     still = replace(script, phases=tuple(replace(p, name="hold") if p is carry else p for p in script.phases))
-    motion, held = synthesize(script, HAND, ball()), synthesize(still, HAND, ball())
+    motion, held = synthesize(script, HAND, ball(0.035)), synthesize(still, HAND, ball(0.035))
     assert motion.object_motion is not None and held.object_motion is None
     way = np.linalg.norm(np.diff(motion.object_motion.position, axis=0), axis=1)
     assert way.sum() == pytest.approx(carry.distance, rel=1e-5)
@@ -191,7 +175,7 @@ def test_a_carry_takes_hand_and_object_along_one_arc_and_leaves_what_is_between_
 
 
 def test_a_lift_takes_the_hand_up_and_back_and_leaves_the_object_to_friction() -> None:
-    script, tree = load_script("lift"), ball()
+    script, tree = load_script("lift"), ball(0.035)
     closure, motion = plan_finger_closure(script, HAND, tree), synthesize(script, HAND, tree)
     assert motion.object_motion is None
     for sample, height in ((2700, 0.1), (4100, 0.0)):
@@ -200,7 +184,7 @@ def test_a_lift_takes_the_hand_up_and_back_and_leaves_the_object_to_friction() -
 
 
 def test_a_push_goes_level_where_the_fingers_press() -> None:
-    script, tree = load_script("push"), ball()
+    script, tree = load_script("push"), ball(0.035)
     closure, motion = plan_finger_closure(script, HAND, tree), synthesize(script, HAND, tree)
     way = motion.position[2700] - motion.position[1500]
     assert np.linalg.norm(way) == pytest.approx(0.08, abs=1e-9) and abs(way[2]) < 1e-12
@@ -210,7 +194,7 @@ def test_a_push_goes_level_where_the_fingers_press() -> None:
 
 
 def test_a_slip_eases_the_fingers_until_they_would_just_touch() -> None:
-    script, tree = load_script("slip"), ball()
+    script, tree = load_script("slip"), ball(0.035)
     closure, motion = plan_finger_closure(script, HAND, tree), synthesize(script, HAND, tree)
     np.testing.assert_allclose(motion.flexion[2500], closure.command, atol=1e-12)
     np.testing.assert_allclose(motion.flexion[4700], closure.contact, atol=1e-12)
@@ -219,5 +203,5 @@ def test_a_slip_eases_the_fingers_until_they_would_just_touch() -> None:
 
 def fingertips(position: FloatArray, rotation: FloatArray, flexion: FloatArray) -> FloatArray:
     work = make_work()
-    body_distances(HAND.arrays(), ball().arrays(), position, rotation, flexion, np.zeros(5), work)
+    body_distances(HAND.arrays(), ball(0.035).arrays(), position, rotation, flexion, np.zeros(5), work)
     return work.joints[:, 3].copy()

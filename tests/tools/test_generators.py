@@ -8,7 +8,7 @@ import trimesh
 
 from hhsim.errors import InputError
 from hhsim.mesh.mesh import Mesh
-from hhsim.mesh.self_intersection import winding_faults
+from hhsim.mesh.repair import winding_faults
 from tools.shapes.generators import (
     GENERATORS,
     cube,

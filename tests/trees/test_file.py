@@ -11,8 +11,7 @@ import pytest
 from hhsim.errors import InputError, OutputError
 from hhsim.trees.file import load_tree, save_tree
 from hhsim.trees.hierarchy import build_hierarchy
-from hhsim.trees.level_cover import LevelCover
-from hhsim.trees.sphere_tree import LevelError, SphereTree
+from hhsim.trees.sphere_tree import LevelCover, LevelError, SphereTree
 
 ERROR = LevelError(0, 1, 0.0, 0.0, 0.0, 3e-3, 2e-3, 2.9e-3, 4e-3)
 
