@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, UnknownNameError
@@ -85,9 +86,7 @@ def test_a_sphere_meets_a_leaf_on_the_line_between_the_centres() -> None:
 def pose(seed: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Near the cup: position, rotation, flexion and the distance of each body by the tree."""
     random = np.random.default_rng(seed)
-    q, r = np.linalg.qr(random.standard_normal((3, 3)))
-    rotation = np.ascontiguousarray(q * np.sign(np.diag(r)))
-    rotation[:, 0] *= np.linalg.det(rotation)
+    rotation = np.ascontiguousarray(Rotation.random(rng=random).as_matrix())
     position, flexion = random.uniform(-0.1, 0.1, 3), random.uniform(0.0, 1.0, (5, 3))
     work = make_work()
     distance = body_distances(HAND.arrays(), TREE.arrays(), position, rotation, flexion, np.zeros(5), work)
