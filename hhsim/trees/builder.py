@@ -104,42 +104,26 @@ class _Builder:
 
         center, radius = cover_of(self.ready, size, report, self.workers)
         self.done += size
-        balanced = self.options.cover == "balanced"
-        return proved_cover(*self.surface, center, radius, balanced=balanced, workers=self.workers)
+        return self.proved(center, radius)
 
+    def proved(self, center: FloatArray, radius: FloatArray) -> LevelCover:
+        """Prove that spheres cover the mesh; where rounding prevents it, with spheres larger by `GROWTH`.
 
-def proved_cover(
-    vertices: FloatArray,
-    faces: IntArray,
-    bvh: MeshBvh,
-    center: FloatArray,
-    radius: FloatArray,
-    *,
-    balanced: bool = False,
-    workers: Workers | None = None,
-) -> LevelCover:
-    """Prove that spheres cover a mesh; where rounding prevents it, with spheres larger by `GROWTH` of its extent.
-
-    Args:
-        vertices, faces: [m], shape (V, 3), and wound outward, shape (F, 3).
-        center, radius: [m], shapes (n, 3) and (n,).
-        balanced: Subtract half of the bound from all radii: the surface then lies at most so far out of the spheres,
-            and they at most so far out of it.
-
-    Raises:
-        MeshError: A face cannot be proved.
-    """
-    unproved, proof = prove_cover(vertices, faces, center, radius, workers)
-    if unproved.size:
-        radius = radius + GROWTH * float(np.ptp(vertices[faces].reshape(-1, 3), axis=0).max())
-        unproved, proof = prove_cover(vertices, faces, center, radius, workers)
-    if unproved.size:
-        raise MeshError(f"{unproved.size} faces could not be covered, first face {unproved[0]}")
-    cover = LevelCover(center, radius, -mesh_signed_distance(bvh, center), 0.0, proof)
-    if not balanced:
-        return cover
-    half = 0.5 * max(cover.bound, 0.0)
-    return replace(cover, radius=np.maximum(radius - half, 0.0), gap=half)
+        Of a balanced cover half of the bound is subtracted from all radii: the surface then lies at most so far out of
+        the spheres, and they at most so far out of it. MeshError if a face cannot be proved.
+        """
+        vertices, faces, bvh = self.surface
+        unproved, proof = prove_cover(vertices, faces, center, radius, self.workers)
+        if unproved.size:
+            radius = radius + GROWTH * float(np.ptp(vertices[faces].reshape(-1, 3), axis=0).max())
+            unproved, proof = prove_cover(vertices, faces, center, radius, self.workers)
+        if unproved.size:
+            raise MeshError(f"{unproved.size} faces could not be covered, first face {unproved[0]}")
+        cover = LevelCover(center, radius, -mesh_signed_distance(bvh, center), 0.0, proof)
+        if self.options.cover != "balanced":
+            return cover
+        half = 0.5 * max(cover.bound, 0.0)
+        return replace(cover, radius=np.maximum(radius - half, 0.0), gap=half)
 
 
 def proved_anew(tree: SphereTree, mesh: Mesh) -> SphereTree:

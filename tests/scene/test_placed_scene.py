@@ -13,7 +13,7 @@ from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object
 from hhsim.motion.trajectory import Trajectory
-from hhsim.scene.described_scene import Place, PlacedScene, depth_at_start, placed_scene, touches
+from hhsim.scene.described_scene import Place, PlacedScene, SceneWords, depth_at_start, described_scene, touches
 from hhsim.scene.scene import Scene
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
@@ -44,7 +44,8 @@ def imported(at: float) -> Trajectory:
 
 
 def placed(motion: Trajectory, place: Place | None = None) -> PlacedScene:
-    return placed_scene(MESH, TREE, HAND, motion, place=place, rate=100.0)
+    words = SceneWords(object="sphere", trajectory="fist", place_object=place, rate=100.0)
+    return described_scene(words, MESH, TREE, 2, HAND, motion)
 
 
 def test_it_is_placed_by_itself_where_nothing_touches() -> None:
