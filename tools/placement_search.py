@@ -24,9 +24,8 @@ from hhsim.hand.quaternion import quaternion_from_matrix
 from hhsim.kernels.hand import finger_closure as kernel
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY
 from hhsim.mesh.catalogue import load_object
-from hhsim.scene.contact_goals import ANYWHERE, PALM, TOUCHING, Touch
+from hhsim.scene.contact_goals import ANYWHERE, PALM, TOUCHING, Touch, object_region
 from hhsim.scene.finger_closure import FingerClosure, PlacedCloser, body_distances
-from hhsim.scene.object_regions import object_region
 from hhsim.scene.script import Placement, Script, read_script
 from hhsim.scene.synthesis import synthesize
 from hhsim.solver.options import SolverOptions

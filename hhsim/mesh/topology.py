@@ -260,9 +260,13 @@ def face_samples(
     area = face_areas(vertices, faces)
     each = np.where(area > 0.0, 1 + np.floor(count * area / max(area.sum(), np.finfo(np.float64).tiny)), 0)
     face = np.repeat(np.arange(len(faces)), each.astype(np.int64))
-    u, v = rng.random((2, len(face)))
+    return random_points(vertices[faces[face]], rng), face, (area / np.maximum(each, 1))[face]
+
+
+def random_points(triangles: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Draw a point on each triangle, shape (n, 3, 3), uniform by area; shape (n, 3)."""
+    u, v = rng.random((2, len(triangles)))
     over = u + v > 1.0
     u[over], v[over] = 1.0 - u[over], 1.0 - v[over]
-    a, b, c = vertices[faces[face]].transpose(1, 0, 2)
-    point = a + u[:, None] * (b - a) + v[:, None] * (c - a)
-    return np.ascontiguousarray(point), face, (area / np.maximum(each, 1))[face]
+    a, b, c = triangles.transpose(1, 0, 2)
+    return np.ascontiguousarray(a + u[:, None] * (b - a) + v[:, None] * (c - a))
