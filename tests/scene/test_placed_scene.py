@@ -5,11 +5,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from plain_clearance import brute_clearance
+from sphere_scenes import record_clearance
 
 from hhsim.errors import TrajectoryError
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
+from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object
 from hhsim.motion.trajectory import Trajectory
@@ -99,11 +99,8 @@ def test_where_no_place_is_found_it_says_so_and_stays(monkeypatch: pytest.Monkey
 @pytest.mark.parametrize("height", [0.02, 0.06, 0.0912, 0.0914, 0.12, 0.2])
 def test_a_touch_is_one_by_brute_force(height: float) -> None:
     scene = placed(fist(height), "recorded").scene
-    haptic = HandConfiguration.of(scene.ticks)
-    joints = forward_kinematics(HAND, *haptic).joints
-    shown = zip(joints, haptic.position, haptic.orientation)
-    tree = scene.tree
-    least = min(brute_clearance(tree.leaf_center, tree.leaf_radius, *hand_shape(HAND), *pose) for pose in shown)
+    placed_hand = forward_kinematics(HAND, *HandConfiguration.of(scene.ticks))
+    least = record_clearance(HAND, scene.tree, placed_hand).min()
     assert touches(scene) == (least < 1e-5)
 
 

@@ -12,14 +12,15 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from sphere_scenes import bumpy_ball
+from sphere_scenes import PALM, bumpy_ball, record_clearance
 
 import hhsim
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.gate.input_hash import differences, run_inputs
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
-from hhsim.metrics.metrics import hand_clearance
 from hhsim.motion.trajectory import Trajectory
 from hhsim.motion.tremor import Disturbance
 from hhsim.result.schema import TICK_COLUMNS
@@ -75,17 +76,8 @@ def test_a_script_closes_on_the_object() -> None:
     ticks = scene.ticks
     assert {phase.name for phase in ticks.phases} >= {"approach", "hold"}
     np.testing.assert_array_equal(scene.tree.center, TREE.center)
-    joints = np.array(
-        [
-            HAND.joints(*(values[t] for values in (ticks.position, ticks.orientation, ticks.flexion, ticks.abduction)))
-            for t in range(0, ticks.tick_count, 50)
-        ]
-    )
-    palm = HAND.palm_tree
-    position, orientation = ticks.position[::50], ticks.orientation[::50]
-    _, finger = hand_clearance(
-        TREE.arrays(), HAND.radius, palm.leaf_center, palm.leaf_radius, joints, position, orientation, 1.0
-    )
+    finger = record_clearance(HAND, TREE, forward_kinematics(HAND, *HandConfiguration.of(ticks)).at(slice(0, None, 50)))
+    finger = finger[:, :PALM]
     assert finger[0].min() > 0.0, "it starts outside"
     assert finger.min() < 0.0, "and commands a finger into the object"
 
