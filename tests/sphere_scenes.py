@@ -6,6 +6,7 @@ kernels' clamped parameter; `test_detection` compares it with a dense sampling o
 
 import math
 from collections.abc import Sequence
+from functools import cache
 from typing import Any, NamedTuple
 
 import numba
@@ -22,7 +23,10 @@ from hhsim.kernels.tick.haptic_input import set_haptic
 from hhsim.kernels.tick.linearisation import build_program
 from hhsim.kernels.tick.method import Coupled, Progressive, solve_program
 from hhsim.kernels.tick.tick import begin_tick
+from hhsim.mesh.catalogue import load_object
 from hhsim.solver.hand_solver import HandSolver
+from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree, enclosing_radius
 
 BALL_RADIUS = 0.038
@@ -65,6 +69,13 @@ def ball(radius: float = BALL_RADIUS, center: tuple[float, float, float] = (0.0,
 def row(axis: Sequence[float], count: int = 41, length: float = 0.2) -> SphereTree:
     """Balls of 20 mm radius in a row along a unit axis, a length [m] from first to last middle."""
     return flat_tree(np.linspace(-length / 2, length / 2, count)[:, None] * axis, np.full(count, 0.02))
+
+
+@cache
+def object_tree(name: str, level: int | None = None) -> SphereTree:
+    """The sphere tree of a catalogue object, by default of its own level."""
+    item = load_object(name)
+    return cached_sphere_tree(item.mesh, TreeOptions(level=level or item.level))
 
 
 def _near_order(center: FloatArray, index: IntArray) -> IntArray:

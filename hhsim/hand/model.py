@@ -155,8 +155,8 @@ class HandTable(Settings, frozen=True):
 
     def check(self) -> None:
         """Check the breadth against the length."""
-        if not 0.25 * self.hand_length <= self.breadth <= 0.75 * self.hand_length:
-            low, high = 0.25 * self.hand_length, 0.75 * self.hand_length
+        low, high = 0.25 * self.hand_length, 0.75 * self.hand_length
+        if not low <= self.breadth <= high:
             raise InputError(
                 f"hand_breadth = {self.breadth:g}; expected {low:.3g} to {high:.3g} m for this hand_length"
             )

@@ -55,7 +55,7 @@ def brute_distances(
     """Every body against every leaf."""
     orientation = Rotation.from_matrix(rotation).as_quat(scalar_first=True)
     placed = forward_kinematics(hand, position[None], orientation[None], *(values[None] for values in angles))
-    return record_clearance(hand, tree, placed)[0]
+    return np.asarray(record_clearance(hand, tree, placed)[0])
 
 
 def random_pose(rng: np.random.Generator, distance: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+from sphere_scenes import object_tree
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, UnknownNameError
@@ -25,12 +26,9 @@ from hhsim.scene.contact_goals import (
 )
 from hhsim.scene.finger_closure import body_distances, make_work
 from hhsim.system.settings_file import typed
-from hhsim.trees.cache import cached_sphere_tree
-from hhsim.trees.options import TreeOptions
 
 HAND = HandModel.default()
-TREE = cached_sphere_tree(load_object("cup").mesh, TreeOptions(level=3))
-COARSE = cached_sphere_tree(load_object("cup").mesh, TreeOptions(level=2))
+TREE, COARSE = object_tree("cup", 3), object_tree("cup", 2)
 
 coordinate = st.floats(-0.05, 0.05)
 point = st.tuples(coordinate, coordinate, coordinate).map(np.array)

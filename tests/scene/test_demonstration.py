@@ -6,7 +6,7 @@ from typing import cast
 import numpy as np
 import pytest
 from sampled import sampled
-from sphere_scenes import record_clearance
+from sphere_scenes import object_tree, record_clearance
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError, UnknownNameError
@@ -20,17 +20,10 @@ from hhsim.motion.trajectory import Trajectory
 from hhsim.scene.demonstration import Demonstration, Wanted, parse_demonstration, place_object
 from hhsim.scene.motion_catalogue import describe, load_script, resolve_trajectory, script_names, trajectory_names
 from hhsim.scene.scene import make_scene
-from hhsim.trees.cache import cached_sphere_tree
-from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 
 HAND = HandModel.default()
 TAP = cast(Demonstration, resolve_trajectory("finger-tap"))
-
-
-def object_tree(name: str) -> SphereTree:
-    item = load_object(name)
-    return cached_sphere_tree(item.mesh, TreeOptions(level=item.level))
 
 
 def distances(motion: Trajectory, tree: SphereTree) -> FloatArray:
@@ -55,7 +48,7 @@ def test_the_finger_taps_every_object(name: str) -> None:
 
 
 def test_the_command_is_as_deep_as_asked_behind_first_contact() -> None:
-    tree = cached_sphere_tree(load_object("cube").mesh, TreeOptions(level=2))
+    tree = object_tree("cube", 2)
     shallow, deep = (place_object(TAP.motion, HAND, tree, Wanted("index", depth)) for depth in (0.006, 0.012))
     tips = forward_kinematics(HAND, *HandConfiguration.of(TAP.motion)).joints[:, 1, 3]
     main = np.linalg.svd(tips - tips.mean(axis=0))[2][0]

@@ -1,7 +1,6 @@
 """The catalogue, and every script of it on every object of the other one."""
 
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +8,7 @@ import pytest
 from joint_samples import joint_sample, openxr_csv
 from recording_samples import smooth_recording
 from sampled import sampled
-from sphere_scenes import record_clearance
+from sphere_scenes import object_tree, record_clearance
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError, UnknownNameError
@@ -18,7 +17,7 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.kinematics import PALM_BODY
-from hhsim.mesh.catalogue import load_object, object_names
+from hhsim.mesh.catalogue import object_names
 from hhsim.motion.file import save_trajectory
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import UNCHECKED, Trajectory
@@ -35,8 +34,6 @@ from hhsim.scene.motion_catalogue import (
 )
 from hhsim.scene.script import Script
 from hhsim.scene.synthesis import synthesize
-from hhsim.trees.cache import cached_sphere_tree
-from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 
 NAMES = ["touch", "pinch", "grasp", "whole-hand", "slide", "carry", "sequence", "never"]
@@ -141,12 +138,6 @@ def test_what_is_no_trajectory_is_refused(tmp_path: Path) -> None:
     other.touch()
     with pytest.raises(TrajectoryError, match=r"not a trajectory by its suffix; expected .toml, .h5"):
         resolve_trajectory(other)
-
-
-@cache
-def object_tree(name: str) -> SphereTree:
-    item = load_object(name)
-    return cached_sphere_tree(item.mesh, TreeOptions(level=item.level))
 
 
 def look(motion: Trajectory, tree: SphereTree) -> tuple[FloatArray, FloatArray, FloatArray]:

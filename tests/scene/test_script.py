@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sphere_scenes import object_tree
 
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.fingers import FINGERS
@@ -17,8 +18,6 @@ from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.script import Placement, PlacementTable, Script, ScriptPhase, parse_script, read_script
 from hhsim.scene.synthesis import synthesize
 from hhsim.system.settings_file import typed
-from hhsim.trees.cache import cached_sphere_tree
-from hhsim.trees.options import TreeOptions
 
 SMALL = """
 [[phase]]
@@ -158,8 +157,7 @@ def test_a_script_file_is_read_by_its_stem_and_named_in_errors(tmp_path: Path) -
 
 
 HAND = HandModel.default()
-BALL = cached_sphere_tree(load_object("sphere").mesh, TreeOptions(level=2))
-CUP = cached_sphere_tree(load_object("cup").mesh, TreeOptions(level=3))
+BALL, CUP = object_tree("sphere", 2), object_tree("cup", 3)
 
 PLACE = {"object": "cup", "position": [0.1, 0.0, 0.05], "orientation": [1.0, 0.0, 0.0, 0.0], "back": [0.0, 0.6, 0.8]}
 
