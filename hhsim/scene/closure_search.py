@@ -16,7 +16,6 @@ from typing import NamedTuple
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import DEFAULT_HAND_LENGTH, HandModel
 from hhsim.kernels.hand import finger_closure as kernel
@@ -90,11 +89,7 @@ def plan_finger_closure(script: Script, hand: HandModel, tree: SphereTree) -> Fi
         TrajectoryError: No named finger reaches the object from any side, or the palm cannot touch it.
     """
     closure, bound = _searched(_closing(script), hand, tree)
-    across = f"the object, {2.0 * bound:.3g} m across"
-    if script.contact and not closure.reached:
-        raise TrajectoryError(f"script {script.name}: {', '.join(script.fingers)} cannot reach {across}, from any side")
-    if script.palm_depth > 0.0 and closure.distance[PALM_BODY] >= 0.0:
-        raise TrajectoryError(f"script {script.name}: the palm cannot touch {across}, from any side")
+    closure.require_touch(script, f"the object, {2.0 * bound:.3g} m across, from any side")
     return closure
 
 

@@ -11,7 +11,7 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.hand import finger_closure as kernel
-from hhsim.kernels.hand.kinematics import BODY_COUNT, HandArrays
+from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY, HandArrays
 from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays
 from hhsim.mesh.catalogue import object_description
 from hhsim.scene.script import Placement, Script
@@ -60,6 +60,13 @@ class FingerClosure:
     slide: FloatArray
     touching: FloatArray
     distance: FloatArray
+
+    def require_touch(self, script: Script, target: str) -> None:
+        """Raise TrajectoryError if none of a script's fingers reaches the object, or its palm does not touch it."""
+        if script.contact and not self.reached:
+            raise TrajectoryError(f"script {script.name}: {', '.join(script.fingers)} cannot reach {target}")
+        if script.palm_depth > 0.0 and self.distance[PALM_BODY] >= 0.0:
+            raise TrajectoryError(f"script {script.name}: the palm cannot touch {target}")
 
 
 class Closer:
@@ -175,33 +182,6 @@ def find_placement(script: Script, hand: HandModel, tree: SphereTree) -> Placeme
     return None
 
 
-def close_placed(
-    script: Script,
-    hand: HandModel,
-    tree: SphereTree,
-    placement: Placement,
-    object_position: FloatArray | None = None,
-    object_rotation: FloatArray | None = None,
-) -> FingerClosure:
-    """Close the script's fingers with the palm at a place on an object (`tree`, world frame).
-
-    Args:
-        object_position: [m], shape (3,), world; None: the origin.
-        object_rotation: Object to world, shape (3, 3); None: upright.
-
-    Raises:
-        TrajectoryError: No named finger reaches the object from there, or the palm that is to touch does not.
-    """
-    closure = PlacedCloser(script, hand, tree).close(placement, object_position, object_rotation)
-    if script.contact and not closure.reached:
-        raise TrajectoryError(
-            f"script {script.name}: {', '.join(script.fingers)} cannot reach the object from its place"
-        )
-    if script.palm_depth > 0.0 and closure.distance[-1] >= 0.0:
-        raise TrajectoryError(f"script {script.name}: the palm cannot touch the object from its place")
-    return closure
-
-
 class PlacedCloser(Closer):
     """Closes a script's hand on an object, at any number of placements."""
 
@@ -217,9 +197,12 @@ class PlacedCloser(Closer):
         object_rotation: FloatArray | None = None,
         clear: Callable[[FloatArray, FloatArray, FloatArray], bool] | None = None,
     ) -> FingerClosure:
-        """Close the hand; arguments as for `close_placed`.
+        """Close the fingers with the palm at a place on the object.
 
-        If `clear` refuses position, rotation and open flexion of a place, the fingers stay open.
+        Args:
+            object_position: [m], shape (3,), world; None: the origin.
+            object_rotation: Object to world, shape (3, 3); None: upright.
+            clear: If it refuses position, rotation and open flexion of a place, the fingers stay open.
         """
         turn = np.eye(3) if object_rotation is None else object_rotation
         rotation = np.ascontiguousarray(turn @ rotation_matrix(placement.orientation))

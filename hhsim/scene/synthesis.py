@@ -17,7 +17,7 @@ from hhsim.motion.object_motion import ObjectMotion, RigidMotion
 from hhsim.motion.trajectory import Phase, Trajectory
 from hhsim.motion.tremor import Disturbance
 from hhsim.scene.closure_search import level, plan_finger_closure
-from hhsim.scene.finger_closure import FingerClosure, close_placed, find_placement
+from hhsim.scene.finger_closure import FingerClosure, PlacedCloser, find_placement
 from hhsim.scene.script import DEFAULT_FINGERS, TAKE_ALONG, Placement, Script, ScriptPhase
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -179,7 +179,9 @@ def planned(
     if placement is None:
         return plan_finger_closure(script, hand, tree)
     position = np.asarray(object_position, dtype=np.float64)
-    return close_placed(script, hand, tree, placement, position, rotation_matrix(object_orientation))
+    closure = PlacedCloser(script, hand, tree).close(placement, position, rotation_matrix(object_orientation))
+    closure.require_touch(script, "the object from its place")
+    return closure
 
 
 def _source(script: Script, closure: FingerClosure, hand: HandModel, seed: int, noise: Disturbance) -> str:

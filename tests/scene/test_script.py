@@ -13,10 +13,10 @@ from hhsim.hand.quaternion import quaternion_from_matrix
 from hhsim.mesh.catalogue import load_object
 from hhsim.motion.tremor import Disturbance
 from hhsim.scene.closure_search import plan_finger_closure
-from hhsim.scene.finger_closure import close_placed, find_placement
+from hhsim.scene.finger_closure import find_placement
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.script import Placement, PlacementTable, Script, ScriptPhase, parse_script, read_script
-from hhsim.scene.synthesis import synthesize
+from hhsim.scene.synthesis import planned, synthesize
 from hhsim.system.settings_file import typed
 
 SMALL = """
@@ -240,7 +240,7 @@ def test_closing_where_the_search_ended_gives_the_same_hand() -> None:
         motion = load_script(name)
         best = plan_finger_closure(motion, HAND, BALL)
         place = Placement("", best.position, quaternion_from_matrix(best.rotation), best.rotation[:, 2])
-        closure = close_placed(motion, HAND, BALL, place)
+        closure = planned(motion, HAND, BALL, placement=place)
         assert closure.position == pytest.approx(best.position, abs=1e-4)
         assert closure.rotation == pytest.approx(best.rotation, abs=1e-12)
         for key in ("contact", "command"):
@@ -285,6 +285,6 @@ def test_a_script_for_any_object_keeps_its_search_where_it_has_no_place() -> Non
 def test_a_place_out_of_reach_is_refused() -> None:
     far = Placement("", np.array([1.0, 0.0, 0.0]), np.array([1.0, 0, 0, 0]), np.array([1.0, 0.0, 0.0]))
     with pytest.raises(TrajectoryError, match="cannot reach the object from its place"):
-        close_placed(load_script("pinch"), HAND, BALL, far)
+        planned(load_script("pinch"), HAND, BALL, placement=far)
     with pytest.raises(TrajectoryError, match="cannot reach the object from its place"):
-        close_placed(load_script("whole-hand"), HAND, BALL, far)
+        planned(load_script("whole-hand"), HAND, BALL, placement=far)
