@@ -19,6 +19,7 @@ that would start in the object is no candidate. Nothing is random.
 """
 
 from dataclasses import dataclass, replace
+from importlib.resources import as_file
 from importlib.resources.abc import Traversable
 from itertools import product
 from pathlib import Path
@@ -92,7 +93,14 @@ class Demonstration:
 
     def placed(self, hand: HandModel, tree: SphereTree) -> Trajectory:
         """Return the motion beside an object (`tree` at rest, z up); TrajectoryError if the finger cannot reach it."""
-        placed = place_object(self.motion, hand, tree, self.touch)
+        finger = FINGERS.index(self.touch.finger)
+        tips = forward_kinematics(hand, *HandConfiguration.of(self.motion)).joints[:, finger, 3]
+        best = _search(self.motion, hand, tree, finger, *_stroke(tips, self.motion), self.touch.depth)
+        if best is None:
+            name = self.name or "the motion"
+            why = f"nowhere does its {self.touch.finger} finger reach it without the hand beginning in it"
+            raise TrajectoryError(f"{name} cannot be placed at this object: {why}")
+        placed = placed_by(self.motion, best.shift, best.turn)
         how = f"the object placed so that the {self.touch.finger} goes {1e3 * self.touch.depth:g} mm into it"
         return replace(placed, source="; ".join(part for part in (placed.source, how) if part))
 
@@ -109,7 +117,11 @@ def parse_demonstration(text: str, *, name: str, folder: Path | Traversable, whe
         TrajectoryError: Not TOML, an unknown value, or no recording.
     """
     table = parse_settings(text, _DemonstrationTable, where, TrajectoryError)
-    motion = replace(_load(folder, table.recording, where), name=name)
+    entry = folder / table.recording
+    if not entry.is_file():
+        raise TrajectoryError(f"{where}: no recording {table.recording} beside it")
+    with as_file(entry) as path:
+        motion = replace(load_trajectory(path), name=name)
     return Demonstration(motion, table.touch, table.title, table.stresses)
 
 
@@ -122,40 +134,12 @@ class _DemonstrationTable(Settings, frozen=True):
     package: Any = None
 
 
-def _load(folder: Path | Traversable, name: str, where: str) -> Trajectory:
-    from importlib.resources import as_file
-
-    entry = folder / name
-    if not entry.is_file():
-        raise TrajectoryError(f"{where}: no recording {name} beside it")
-    with as_file(entry) as path:
-        return load_trajectory(path)
-
-
 class _Best(NamedTuple):
     """Best placement so far, object's frame: shift of the hand, turn of the object, mean distance of other bodies."""
 
     shift: FloatArray
     turn: float
     score: float
-
-
-def place_object(motion: Trajectory, hand: HandModel, tree: SphereTree, wanted: Wanted) -> Trajectory:
-    """Return the motion with the object (`tree`, its own frame, z up) placed where the finger touches it.
-
-    Raises:
-        TrajectoryError: The finger reaches the object nowhere without the hand starting in it.
-    """
-    finger = FINGERS.index(wanted.finger)
-    placed = forward_kinematics(hand, *HandConfiguration.of(motion))
-    tips = placed.joints[:, finger, 3]
-    stroke, moment = _stroke(tips, motion)
-    best = _search(motion, hand, tree, finger, stroke, moment, wanted.depth)
-    if best is None:
-        name = motion.name or "the motion"
-        why = f"nowhere does its {wanted.finger} finger reach it without the hand beginning in it"
-        raise TrajectoryError(f"{name} cannot be placed at this object: {why}")
-    return placed_by(motion, best.shift, best.turn)
 
 
 def upright_turn(angle: float) -> FloatArray:

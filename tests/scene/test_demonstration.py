@@ -17,7 +17,7 @@ from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.motion.trajectory import Trajectory
-from hhsim.scene.demonstration import Demonstration, Wanted, parse_demonstration, place_object
+from hhsim.scene.demonstration import Demonstration, Wanted, parse_demonstration
 from hhsim.scene.motion_catalogue import describe, load_script, resolve_trajectory, script_names, trajectory_names
 from hhsim.scene.scene import make_scene
 from hhsim.trees.sphere_tree import SphereTree
@@ -49,7 +49,7 @@ def test_the_finger_taps_every_object(name: str) -> None:
 
 def test_the_command_is_as_deep_as_asked_behind_first_contact() -> None:
     tree = object_tree("cube", 2)
-    shallow, deep = (place_object(TAP.motion, HAND, tree, Wanted("index", depth)) for depth in (0.006, 0.012))
+    shallow, deep = (Demonstration(TAP.motion, Wanted("index", depth)).placed(HAND, tree) for depth in (0.006, 0.012))
     tips = forward_kinematics(HAND, *HandConfiguration.of(TAP.motion)).joints[:, 1, 3]
     main = np.linalg.svd(tips - tips.mean(axis=0))[2][0]
     stroke = main if main[2] < 0.0 else -main
@@ -113,4 +113,4 @@ def test_demonstrations_that_are_none(tmp_path: Path, repository: Path, text: st
 def test_where_no_place_is_free_it_says_so() -> None:
     still = Trajectory(TAP.motion.time[:1], *HandConfiguration.of(TAP.motion).part(0, 1))
     with pytest.raises(TrajectoryError, match="cannot be placed at this object"):
-        place_object(still, HAND, object_tree("cube"), Wanted("index", 0.01))
+        Demonstration(still, Wanted("index", 0.01)).placed(HAND, object_tree("cube"))
