@@ -59,8 +59,8 @@ _SHARES = 16
 class _Cover:
     """Spheres and their micro-triangles, while they are improved."""
 
-    def __init__(self, bvh: MeshBvh, micro: MicroTriangles, largest: float, spheres: int, workers: Workers) -> None:
-        self.bvh, self.micro, self.largest, self.spheres, self.workers = bvh, micro, largest, spheres, workers
+    def __init__(self, bvh: MeshBvh, micro: MicroTriangles, spheres: int, workers: Workers) -> None:
+        self.bvh, self.micro, self.spheres, self.workers = bvh, micro, spheres, workers
         self.roots = subtrees(micro.right, _SUBTREES)
         self.center, self.depth, self.step = np.empty((0, 3)), np.empty(0), np.empty(0)
         count = len(micro.corner)
@@ -92,8 +92,9 @@ class _Cover:
             here = len(self.depth)
             center, depth = np.empty((self.spheres, 3)), np.empty(self.spheres)
             center[:here], depth[:here] = self.center, self.depth
+            # In its own frame the mesh has the size 1.
             count = greedy_cover(
-                self.bvh, self.micro, self.largest, _REACH, 2 * _TRIALS, here, center, depth, self.owner, self.cost
+                self.bvh, self.micro, 1.0, _REACH, 2 * _TRIALS, here, center, depth, self.owner, self.cost
             )
             self.center, self.depth = center[:count].copy(), depth[:count].copy()
             self.step = np.concatenate([self.step, np.zeros(count - here)])
@@ -279,20 +280,10 @@ def cover_of(
     Returns:
         Centres [m], shape (n, 3), and radii [m], shape (n,).
     """
-    center, radius = _cover_in_frame(mesh, spheres, progress, workers or Workers())
-    center, radius = mesh.frame.out_of(center), radius * mesh.frame.size
-    size = max(mesh.reach, float(np.abs(center).max()))
-    # A vertex was moved by at most half a step of the grid along each axis.
-    return center, radius + GRID * mesh.frame.size + ROUNDING * (radius + size)
-
-
-def _cover_in_frame(
-    mesh: MeshInFrame, spheres: int, progress: Progress, workers: Workers
-) -> tuple[FloatArray, FloatArray]:
     corner = np.ascontiguousarray(mesh.vertices[mesh.faces]).reshape(-1, 9)
     edge = edges_for(corner, np.ones(len(corner)), COARSE * spheres)
     micro = cut_mesh(corner, face_normals(mesh.vertices, mesh.faces), edge)
-    cover = _Cover(mesh.bvh, micro, 1.0, spheres, workers)
+    cover = _Cover(mesh.bvh, micro, spheres, workers or Workers())
     cover.fill()
     cover.assign()
     least, best = cover.worst, (cover.center.copy(), cover.depth.copy())
@@ -322,7 +313,10 @@ def _cover_in_frame(
     radius = np.empty(len(cover.depth))
     covering_radius(cover.micro, cover.center, cover.owner, radius)
     used = radius >= 0.0
-    return np.ascontiguousarray(cover.center[used]), radius[used]
+    center, radius = mesh.frame.out_of(cover.center[used]), radius[used] * mesh.frame.size
+    size = max(mesh.reach, float(np.abs(center).max()))
+    # A vertex was moved by at most half a step of the grid along each axis.
+    return center, radius + GRID * mesh.frame.size + ROUNDING * (radius + size)
 
 
 def require_inside(corner: FloatArray, extent: float) -> None:
